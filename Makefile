@@ -1,0 +1,38 @@
+# handbench: `make table` runs the main job, `make test` the tests; both set everything up first.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+RUN    ?= runs/table
+
+.PHONY: setup table test bench lint requirements clean
+
+setup: $(VENV)/.ready
+
+$(VENV)/.ready: requirements.txt pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "handbench needs Python 3.11 or newer, but $(PYTHON) is older: try make PYTHON=python3.12"; exit 2; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+table: setup
+	$(BIN)/handbench run paper_table -o $(RUN)
+	$(BIN)/handbench report $(RUN) -o $(RUN)/report
+
+test: setup
+	$(BIN)/python -m pytest
+
+bench: setup
+	$(BIN)/python -m bench.engine_benchmark -o runs/bench.json
+
+lint: setup
+	$(BIN)/ruff check .
+
+# Re-pins every dependency (needs uv on the PATH); the result names no registry.
+requirements:
+	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
+	  --extra dev pyproject.toml -o requirements.txt
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info

@@ -1,0 +1,42 @@
+"""Calibration: transforms between named frames, target detection, registration.
+
+`groundtruth` stands on this package alone, so the foundation (errors, strict configuration, atomic files,
+progress) reaches it through here.
+"""
+
+from radar.config import Config, load, parse, read_toml, suggest
+from radar.errors import HandbenchError
+from radar.files import (
+    atomic_folder,
+    atomic_path,
+    content_hash,
+    inside,
+    read_json,
+    read_npz,
+    require_file,
+    require_folder,
+    write_json,
+    write_npz,
+)
+from radar.progress import say, track
+
+__all__ = [
+    "Config",
+    "HandbenchError",
+    "atomic_folder",
+    "atomic_path",
+    "content_hash",
+    "inside",
+    "load",
+    "parse",
+    "read_json",
+    "read_npz",
+    "read_toml",
+    "require_file",
+    "require_folder",
+    "say",
+    "suggest",
+    "track",
+    "write_json",
+    "write_npz",
+]

@@ -1,0 +1,87 @@
+"""Cameras: COLMAP's models and pixel convention (the first pixel's centre is at 0.5, 0.5)."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibration import Config, parse, read_json, write_json
+
+if TYPE_CHECKING:
+    import pycolmap
+
+
+def load_pycolmap() -> ModuleType:
+    """Import pycolmap without the SIGTERM handler that it installs (it prints a stack trace)."""
+    before = signal.getsignal(signal.SIGTERM)
+    import pycolmap
+
+    if before is not None:
+        signal.signal(signal.SIGTERM, before)
+    return pycolmap
+
+
+class Camera(Config):
+    """One photograph's camera. `R` [3, 3] and `t` [3] (metres) carry world points into the camera frame
+    (x right, y down, z forward); both may be unknown."""
+
+    name: str
+    width: int
+    height: int
+    model: str = "OPENCV"
+    params: tuple[float, ...]
+    R: tuple[tuple[float, float, float], ...] | None = None
+    t: tuple[float, float, float] | None = None
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """R as an array [3, 3]."""
+        return np.array(self.R, dtype=np.float64)
+
+    @property
+    def translation_m(self) -> np.ndarray:
+        """t as an array [3], metres."""
+        return np.array(self.t, dtype=np.float64)
+
+    @property
+    def centre_m(self) -> np.ndarray:
+        """Projection centre [3] in the world frame, metres."""
+        return -self.rotation.T @ self.translation_m
+
+    def colmap(self) -> pycolmap.Camera:
+        """The same intrinsics as a pycolmap camera."""
+        return load_pycolmap().Camera(
+            model=self.model, width=self.width, height=self.height, params=list(self.params)
+        )
+
+    def project(self, points_m: np.ndarray) -> np.ndarray:
+        """World points [n, 3] to pixels [n, 2], lens distortion included."""
+        return np.asarray(self.colmap().img_from_cam(points_m @ self.rotation.T + self.translation_m))
+
+    def ray_directions(self) -> np.ndarray:
+        """World-frame unit directions [height, width, 3] through every pixel's centre (distortion undone)."""
+        u, v = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
+        xy = np.asarray(self.colmap().cam_from_img(np.stack([u.ravel(), v.ravel()], axis=1)))
+        rays = np.concatenate([xy, np.ones((len(xy), 1))], axis=1) @ self.rotation
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        return rays.reshape(self.height, self.width, 3)
+
+
+class CameraFile(Config):
+    """The content of `cameras.json`."""
+
+    cameras: tuple[Camera, ...]
+
+
+def load_cameras(path: str | Path) -> tuple[Camera, ...]:
+    """Read `cameras.json`."""
+    return parse(CameraFile, read_json(path, 'a cameras file {"cameras": [...]}'), str(path)).cameras
+
+
+def save_cameras(path: str | Path, cameras: tuple[Camera, ...]) -> None:
+    """Write `cameras.json`, atomically."""
+    write_json(path, {"cameras": [camera.model_dump(exclude_none=True) for camera in cameras]})

@@ -1,0 +1,1 @@
+"""Radar: arrays, captures, backprojection, FSK depth maps and the forward model."""

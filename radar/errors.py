@@ -1,0 +1,7 @@
+"""The errors a user can mend."""
+
+
+class HandbenchError(Exception):
+    """A known error: its message is one line that names the file or argument, what it got, what was expected
+    and what to do. The command line prints it and exits with code 2; any other exception keeps its traceback.
+    """

@@ -1,0 +1,165 @@
+"""Reading and writing files so that a crash, a full disk or a stranger's file does no harm."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from radar.errors import HandbenchError
+
+
+@contextmanager
+def atomic_path(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary path beside `path` (same suffix); it takes `path`'s place when the block succeeds and is
+    removed when the block fails. An OSError (a full disk, a read-only folder) becomes a HandbenchError."""
+    path = Path(path)
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+        os.close(handle)
+        temporary = Path(name)
+        temporary.chmod(0o666 & ~_umask())  # mkstemp is private; a result is as open as any other file
+        yield temporary
+        os.replace(temporary, path)
+    except OSError as error:
+        raise HandbenchError(
+            f"{path}: cannot be written ({error.strerror or error}); nothing was changed: free the space or "
+            "choose another place"
+        ) from error
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic_folder(path: str | Path) -> Iterator[Path]:
+    """As `atomic_path`, for a whole folder: it appears complete or not at all. Replaces an existing folder."""
+    path = Path(path)
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
+        temporary.chmod(0o777 & ~_umask())
+        yield temporary
+        if path.exists():
+            shutil.rmtree(path)
+        os.replace(temporary, path)
+    except OSError as error:
+        raise HandbenchError(
+            f"{path}: cannot be written ({error.strerror or error}); nothing was changed: free the space or "
+            "choose another place"
+        ) from error
+    finally:
+        if temporary is not None:
+            shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def require_file(path: str | Path, what: str) -> Path:
+    """`path` as a Path if it is a file, else a HandbenchError that says `what` was expected there."""
+    path = Path(path)
+    if not path.is_file():
+        found = "a folder" if path.is_dir() else "nothing"
+        raise HandbenchError(f"{path}: expected {what}, found {found}; check the path")
+    return path
+
+
+def require_folder(path: str | Path, what: str) -> Path:
+    """`path` as a Path if it is a folder, else a HandbenchError that says `what` was expected there."""
+    path = Path(path)
+    if not path.is_dir():
+        found = "a file" if path.is_file() else "nothing"
+        raise HandbenchError(f"{path}: expected a folder with {what}, found {found}; check the path")
+    return path
+
+
+def inside(folder: Path, name: str, where: str) -> Path:
+    """`folder / name`, refused when it would leave `folder` (names in TOML files and reports are untrusted)."""
+    target = (folder / name).resolve()
+    if not target.is_relative_to(folder.resolve()):
+        raise HandbenchError(f"{where}: '{name}' leaves the folder {folder}; use a path inside it")
+    return target
+
+
+def write_json(path: str | Path, content: Any) -> None:
+    """Write `content` as indented JSON, atomically; NaN is refused by the standard and written as null."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(_finite(content), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def read_json(path: str | Path, what: str) -> Any:
+    """Parse a JSON file; a missing or broken one is a HandbenchError naming the line."""
+    path = require_file(path, what)
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, OSError) as error:
+        raise HandbenchError(f"{path}: is not readable as JSON ({error}); expected {what}") from error
+
+
+def write_npz(path: str | Path, **arrays: Any) -> None:
+    """Write named arrays as compressed .npz, atomically and without pickles."""
+    with atomic_path(path) as temporary:
+        np.savez_compressed(temporary, allow_pickle=False, **arrays)
+
+
+def read_npz(path: str | Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Read the arrays `names` from an .npz file; pickled content is refused, never run."""
+    path = require_file(path, "an .npz file")
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            missing = [name for name in names if name not in archive]
+            if missing:
+                raise HandbenchError(f"{path}: lacks {', '.join(missing)}; expected {', '.join(names)}")
+            return {name: archive[name] for name in names}
+    except HandbenchError:
+        raise
+    except Exception as error:  # zip, zlib, header and pickle errors have no common base
+        raise HandbenchError(f"{path}: is not a readable .npz file ({error}); write it again") from error
+
+
+def content_hash(*parts: Any) -> str:
+    """SHA-256 over strings, numbers, JSON-like values, arrays, files and folders (name and content of each file)."""
+    digest = hashlib.sha256()
+    for part in parts:
+        if isinstance(part, Path) and part.is_dir():
+            for file in sorted(p for p in part.rglob("*") if p.is_file()):
+                digest.update(str(file.relative_to(part)).encode())
+                digest.update(content_hash(file).encode())
+        elif isinstance(part, Path):
+            with part.open("rb") as stream:
+                digest.update(hashlib.file_digest(stream, "sha256").digest())
+        elif isinstance(part, np.ndarray):
+            digest.update(str((part.shape, part.dtype)).encode() + np.ascontiguousarray(part).tobytes())
+        else:
+            digest.update(json.dumps(part, sort_keys=True, default=str).encode())
+        digest.update(b"|")
+    return digest.hexdigest()
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return _finite(value.tolist())
+    if isinstance(value, np.generic):
+        return _finite(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
