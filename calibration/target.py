@@ -1,0 +1,58 @@
+"""The calibration target: foam spheres that photographs see, with steel balls inside that radar sees.
+
+After Wirth et al. 2024 (arXiv 2403.10981); sizes are parameters, since theirs are not public. The fifth element breaks
+the square's symmetry.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from pydantic import Field
+
+from radar.config import Config, load
+
+SQUARE_M = 0.12  # side of the default target's square
+
+
+class Element(Config):
+    """One foam sphere with a steel ball at its centre (target frame, metres)."""
+
+    centre_m: tuple[float, float, float]
+    sphere_radius_m: float = Field(gt=0)
+    ball_radius_m: float = Field(gt=0)
+
+
+class Target(Config):
+    """A rigid arrangement of at least three elements."""
+
+    element: tuple[Element, ...] = Field(min_length=3)
+    foam_permittivity: float = Field(default=1.03, ge=1)
+
+    @property
+    def centres_m(self) -> np.ndarray:
+        """Element centres [n, 3], metres."""
+        return np.array([e.centre_m for e in self.element])
+
+    @property
+    def foam_delay_m(self) -> np.ndarray:
+        """Extra one-way optical path [n] of an echo from each ball's surface, (√ε_r − 1)·(R_sphere − r_ball); the
+        sphere is centred on the ball, so that every antenna sees the same delay to first order."""
+        depth = np.array([e.sphere_radius_m - e.ball_radius_m for e in self.element])
+        return (np.sqrt(self.foam_permittivity) - 1) * depth
+
+
+def default_target() -> Target:
+    """Four 50 mm spheres at the corners of a 120 mm square and a fifth, 30 mm, off its symmetry axes; the target's
+    frame has its origin at the square's centre, the square in x and y, and z away from the radar."""
+    half = SQUARE_M / 2
+    square = [(-half, -half), (half, -half), (half, half), (-half, half)]
+    corners = [Element(centre_m=(x, y, 0.0), sphere_radius_m=0.025, ball_radius_m=0.0025) for x, y in square]
+    fifth = Element(centre_m=(0.018, 0.030, -0.010), sphere_radius_m=0.015, ball_radius_m=0.0025)
+    return Target(element=(*corners, fifth))
+
+
+def load_target(path: str | Path) -> Target:
+    """Read a target description (TOML)."""
+    return load(Target, path, "a calibration target description")
