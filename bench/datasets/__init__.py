@@ -1,0 +1,1 @@
+"""Data sets: one adapter each, all of which end in capture folders."""

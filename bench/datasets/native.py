@@ -1,0 +1,58 @@
+"""Capture folders: handbench's own form of one scene's data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import tomlkit
+from pydantic import Field
+
+from radar.capture import RadarCapture, load_capture
+from radar.config import Config, load
+from radar.errors import HandbenchError
+from radar.files import atomic_path, require_folder
+
+ECHOES, TRUTH, MESH, PHOTOS = "echoes.h5", "truth.ply", "mesh.ply", "photos"
+TRANSFORM, TARGET = "radar_from_photo.json", "target.toml"
+
+
+class CaptureFile(Config):
+    """The content of `capture.toml`."""
+
+    version: Literal[1] = 1
+    name: str
+    kind: Literal["hand", "target", "scan", "other"] = "hand"
+    pose: str | None = None
+    distance_m: float | None = None
+    units: Literal["m"] = "m"
+    seed: int | None = None
+    box_m: tuple[float, float, float, float, float, float] | None = Field(
+        default=None, description="xmin, ymin, zmin, xmax, ymax, zmax in the photo frame: what is scored"
+    )
+    contains: tuple[str, ...] = ()
+    source: str | None = None
+    methods: dict[str, dict[str, Any]] = Field(
+        default_factory=dict, description="configuration per method id where this sensor needs another than the default"
+    )
+
+
+def load_capture_file(folder: str | Path) -> CaptureFile:
+    """Read a capture folder's `capture.toml`; every file that it names must exist."""
+    folder = require_folder(folder, "a capture (capture.toml, echoes.h5, …)")
+    description = load(CaptureFile, folder / "capture.toml", "a capture description")
+    for name in description.contains:
+        if not (folder / name).exists():
+            raise HandbenchError(f"{folder}: capture.toml says that it contains {name}, which is missing; copy it again")
+    return description
+
+
+def save_capture_file(folder: Path, description: CaptureFile) -> None:
+    """Write `capture.toml`, atomically."""
+    with atomic_path(folder / "capture.toml") as temporary:
+        temporary.write_text(tomlkit.dumps(description.model_dump(exclude_none=True)), encoding="utf-8")
+
+
+def load_echoes(folder: str | Path) -> RadarCapture:
+    """The echoes of a capture folder."""
+    return load_capture(require_folder(folder, "a capture (capture.toml, echoes.h5, …)") / ECHOES)

@@ -1,0 +1,88 @@
+"""The real 22–26 GHz raster scan of a foam panel by one transceiver, as a capture folder.
+
+The file holds six arrays one after another: data uint16 [Q, I; tone; x; y], first and last frequency, number of tones,
+step and distance. Each tone's mean (what does not move with the scan) is removed, the tone's phase correction is added, and
+E = I − jQ focuses with e^{+jkR}, as everywhere in handbench.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from bench.datasets.native import ECHOES, CaptureFile, save_capture_file
+from radar.arrays import PlanarScan
+from radar.capture import RadarCapture, save_capture
+from radar.errors import HandbenchError
+from radar.files import atomic_folder, require_file, require_folder
+
+
+def import_planar_scan(source: str | Path, folder: str | Path) -> None:
+    """Turn SOURCE/scan.npy and SOURCE/phase.txt into a capture folder."""
+    source = require_folder(source, "scan.npy and phase.txt")
+    data, first_hz, last_hz, count, step_m, _ = _read_arrays(source / "scan.npy")
+    frequencies_hz = np.linspace(float(first_hz), float(last_hz), int(count))
+    if data.ndim != 4 or data.shape[:2] != (2, len(frequencies_hz)):
+        raise HandbenchError(
+            f"{source / 'scan.npy'}: data has shape {data.shape}; expected [2, {len(frequencies_hz)}, x, y]"
+        )
+    echo = data[1].astype(np.float64) - 1j * data[0].astype(np.float64)
+    echo -= echo.mean(axis=(1, 2), keepdims=True)
+    echo *= np.exp(1j * _phase_rad(source / "phase.txt", frequencies_hz))[:, None, None]
+    capture = RadarCapture(
+        echo.reshape(1, len(frequencies_hz), -1).astype(np.complex64),
+        frequencies_hz,
+        PlanarScan(_positions(data.shape[2:], float(step_m))),
+    )
+    with atomic_folder(folder) as temporary:
+        save_capture(temporary / ECHOES, capture)
+        save_capture_file(temporary, _description(frequencies_hz, data.shape[2:], float(step_m)))
+
+
+def _read_arrays(path: Path) -> list[np.ndarray]:
+    with require_file(path, "the scan's six arrays").open("rb") as stream:
+        try:
+            return [np.load(stream, allow_pickle=False) for _ in range(6)]
+        except (ValueError, EOFError, OSError) as error:
+            raise HandbenchError(f"{path}: does not hold six plain numpy arrays ({error}); copy it again") from error
+
+
+def _phase_rad(path: Path, frequencies_hz: np.ndarray) -> np.ndarray:
+    try:
+        table_hz, phase_rad = np.loadtxt(require_file(path, "frequencies and phases, two rows"))
+    except ValueError as error:
+        raise HandbenchError(f"{path}: is not two rows of numbers ({error})") from error
+    return np.interp(frequencies_hz, table_hz, phase_rad)
+
+
+def _positions(shape: tuple[int, ...], step_m: float) -> np.ndarray:
+    """Scan positions [x·y, 3], centred, in the order of the data."""
+    axes = [(np.arange(n) - (n - 1) / 2) * step_m for n in shape]
+    x, y = np.meshgrid(*axes, indexing="ij")
+    return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+
+
+def _description(frequencies_hz: np.ndarray, shape: tuple[int, ...], step_m: float) -> CaptureFile:
+    """Settings that fit this sensor: its tones and its aperture instead of the hand radar's."""
+    half = [(n - 1) / 2 * step_m for n in shape]
+    lateral = {
+        axis: {"start_m": -h, "stop_m": h, "step_m": 2 * step_m} for axis, h in zip("xy", half, strict=True)
+    }
+    low, middle, high = (float(frequencies_hz[i]) for i in (0, -2, -1))
+    tones = {"f1_hz": high, "f2_hz": middle}
+    depth = {"z": {"start_m": 0.05, "stop_m": 0.15, "step_m": 0.0025}}
+    fsk = {**lateral, **tones, "first_depth_m": 0.10}
+    sweep = {"start_hz": low, "stop_hz": high, "count": len(frequencies_hz)}
+    return CaptureFile(
+        name="foam-panel",
+        kind="scan",
+        contains=(ECHOES,),
+        source="22.2–26.2 GHz stepped-CW raster scan of a foam panel with one transceiver",
+        methods={
+            "2fsk": fsk,
+            "3fsk": {**fsk, "f3_hz": low},
+            "broadband": {**lateral, **depth, **sweep},
+            "narrowband": {**lateral, **depth, **tones, "f3_hz": low},
+        },
+    )

@@ -1,0 +1,100 @@
+"""The lines of a result's CSV files."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from radar.errors import HandbenchError
+from radar.files import atomic_path, require_file
+
+Record = TypeVar("Record", "Row", "Task", "Repeat")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of table.csv: a figure, its 95 % interval and the paper's figure; None: there is none."""
+
+    metric: str
+    method: str
+    value: float | None
+    low: float | None
+    high: float | None
+    unit: str
+    paper: float | None
+    reference: str
+
+
+@dataclass(frozen=True)
+class Task:
+    """One line of tasks.csv. method: empty for a stage of no method; cached: the time is an earlier run's."""
+
+    task: str
+    capture: str
+    method: str
+    stage: str
+    seconds: float | None
+    cpu_seconds: float | None
+    peak_memory_mb: float | None
+    cached: bool
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """One line of repeats.csv: depth of the strongest scatterer in one repeat."""
+
+    capture: str
+    method: str
+    repeat: int
+    z_m: float | None
+
+
+def write_csv(path: Path, record: type[Record], records: Iterable[Record]) -> None:
+    """Write `records` with a header line, atomically; None and NaN become an empty cell."""
+    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(field.name for field in fields(record))
+        writer.writerows(map(_cells, records))
+
+
+def _cells(record: Record) -> list[str]:
+    return [_cell(value) for value in astuple(record)]
+
+
+def _cell(value: Any) -> str:
+    if value is None or (isinstance(value, float) and not np.isfinite(value)):
+        return ""
+    return str(int(value)) if isinstance(value, bool) else str(value)
+
+
+def read_csv(path: Path, record: type[Record]) -> tuple[Record, ...]:
+    """Read the lines of a CSV file that `write_csv` wrote; anything else is a HandbenchError."""
+    names = [field.name for field in fields(record)]
+    path = require_file(path, f"a CSV file with the columns {', '.join(names)}")
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            header, *lines = list(csv.reader(stream)) or [[]]
+        if header != names:
+            raise ValueError(f"the columns are {', '.join(header)[:200]!r}; expected {', '.join(names)}")
+        return tuple(_record(record, cells) for cells in lines)
+    except (ValueError, csv.Error) as error:
+        raise HandbenchError(f"{path}: {error}; run the benchmark again") from None
+
+
+def _record(record: type[Record], cells: list[str]) -> Record:
+    return record(*(_value(field, cell) for field, cell in zip(fields(record), cells, strict=True)))
+
+
+def _value(field: Any, cell: str) -> Any:
+    convert = {"str": str, "int": int, "bool": lambda text: bool(int(text))}.get(field.type, float)
+    if convert is float and cell == "":
+        return None
+    value = convert(cell)
+    if convert is float and not np.isfinite(value):
+        raise ValueError(f"'{field.name}' is {cell}; expected a finite number or nothing")
+    return value

@@ -1,0 +1,68 @@
+"""The optical half of a capture folder: photographs, cameras, board, true surface, description."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import tomlkit
+
+from bench.scenes.photographs import Studio
+from bench.scenes.scene import HandTarget, Scene
+from calibration import atomic_path, track
+from calibration.meshes import write_mesh
+from groundtruth.board import save_board
+from groundtruth.cameras import save_cameras
+
+JPEG_QUALITY = 96
+
+
+def write_photos(scene: Scene, folder: str | Path) -> None:
+    """Write everything but the echoes: `photos/` (when the scene has any), `truth.ply` (metres, radar frame),
+    `truth_radar_from_photo.json`, `target.toml` for a calibration target, and `capture.toml`."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_mesh(folder / "truth.ply", scene.target_mesh)
+    scene.radar_from_photo.save(folder / "truth_radar_from_photo.json")
+    if scene.target is not None:
+        _write_toml(folder / "target.toml", scene.target.model_dump())
+    if scene.cameras:
+        _write_photographs(scene, folder / "photos")
+    _write_toml(folder / "capture.toml", description(scene))
+
+
+def description(scene: Scene) -> dict:
+    """The content of `capture.toml`."""
+    target = scene.file.target
+    contains = ["truth.ply", "truth_radar_from_photo.json"]
+    contains += ["photos"] if scene.cameras else []
+    contains += ["target.toml"] if scene.target is not None else []
+    return {
+        "version": 1,
+        "name": scene.file.name,
+        "kind": "target" if scene.target is not None else "hand",
+        "pose": target.pose if isinstance(target, HandTarget) else "",
+        "distance_m": target.distance_m,
+        "units": "m",
+        "seed": scene.file.seed,
+        "box_m": scene.box_m.round(6).tolist(),
+        "contains": contains,
+    }
+
+
+def _write_photographs(scene: Scene, folder: Path) -> None:
+    import cv2
+
+    studio = Studio(scene)
+    for number, camera in enumerate(track(scene.cameras, "photographs")):
+        image = studio.photograph(camera, number)
+        with atomic_path(folder / camera.name) as temporary:
+            if not cv2.imwrite(str(temporary), image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]):
+                raise OSError(f"OpenCV could not write {folder / camera.name}")
+    save_cameras(folder / "cameras.json", tuple(c.model_copy(update={"R": None, "t": None}) for c in scene.cameras))
+    save_cameras(folder / "truth_cameras.json", scene.cameras)
+    save_board(folder / "board.toml", scene.board)
+
+
+def _write_toml(path: Path, content: dict) -> None:
+    with atomic_path(path) as temporary:
+        temporary.write_text(tomlkit.dumps(content), encoding="utf-8")

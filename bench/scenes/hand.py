@@ -1,0 +1,146 @@
+"""A parametric hand: skin as the zero set of round cones laid over a posed skeleton, melted together."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bench.scenes.implicit import Field, round_cone, smooth_minimum, smooth_union, zero_set
+from bench.scenes.poses import Pose
+from bench.scenes.skeleton import FINGERS, HAND_AXES, Bone, skeleton
+from calibration.meshes import mesh
+
+if TYPE_CHECKING:
+    import open3d as o3d
+
+# Flesh radii of each digit, millimetres: at the base of the proximal phalanx, its joints, and the tip.
+RADII_MM = {
+    "index": (9.6, 9.0, 7.9, 6.3),
+    "middle": (9.8, 9.2, 8.1, 6.5),
+    "ring": (9.2, 8.6, 7.6, 6.1),
+    "little": (8.4, 7.6, 6.7, 5.4),
+    "thumb": (11.2, 10.2, 7.4),
+}
+TIP_TISSUE_MM = 3.8  # soft tissue beyond the last bone
+FOREARM_END_MM = -88.0
+WITHIN_FINGER_MM, WITHIN_PALM_MM = 5.0, 16.0
+CONTACT_MM, WEB_MM = 0.8, 11.0  # blend of fingers that merely touch, and of fingers at their webs
+WEB_REACH_MM = {name: (14.0, 34.0) for name in FINGERS} | {"thumb": (6.0, 22.0)}  # the web fades, from the knuckle
+
+
+def hand_mesh(pose: Pose, edge_m: float = 1e-3) -> o3d.geometry.TriangleMesh:
+    """The skin of a right hand in the hand frame (origin at the palm's centre, +y towards the fingertips, palm facing
+    -z), metres: closed, one component, outward-oriented, edges of about `edge_m`."""
+    bones = skeleton(pose)
+    joints = np.array([p for digit in bones.values() for b in digit for p in (b.start_m, b.end_m)])
+    margin_m = 0.032
+    lower_m = np.minimum(joints.min(axis=0) - margin_m, [-0.04, 1e-3 * FOREARM_END_MM - 0.004, -0.03])
+    upper_m = np.maximum(joints.max(axis=0) + margin_m, [0.04, 0.0, 0.03])
+    surface = mesh(*zero_set(hand_field(pose), lower_m, upper_m, edge_m))
+    surface.compute_vertex_normals()
+    return surface
+
+
+def hand_field(pose: Pose) -> Field:
+    """Signed distance (approximately, exact sign) to the posed hand's skin, metres."""
+    bones = skeleton(pose)
+    palm = _palm(bones)
+    digits = {name: _digit(bones[name][1:], np.array(RADII_MM[name]) * 1e-3) for name in (*FINGERS, "thumb")}
+
+    def distance(points: np.ndarray) -> np.ndarray:
+        result = palm(points)
+        for name, digit in digits.items():
+            blend_m = _web_blend_m(points, bones[name][1].start_m, *WEB_REACH_MM[name])
+            result = smooth_minimum(result, digit(points), blend_m)
+        return -smooth_minimum(-result, points[:, 1] - 1e-3 * FOREARM_END_MM, 3e-3)
+
+    return distance
+
+
+def _web_blend_m(points: np.ndarray, knuckle_m: np.ndarray, near_mm: float, far_mm: float) -> np.ndarray:
+    """Blend [n] of a digit with its neighbours: a web around its knuckle, mere contact further out."""
+    t = np.clip((1e3 * np.linalg.norm(points - knuckle_m, axis=1) - near_mm) / (far_mm - near_mm), 0, 1)
+    fade = 1 - t**3 * (t * (6 * t - 15) + 10)
+    return 1e-3 * (CONTACT_MM + (WEB_MM - CONTACT_MM) * fade)
+
+
+def _digit(phalanges: tuple[Bone, ...], radii_m: np.ndarray) -> Field:
+    """Neighbouring phalanges melt; others (a curled tip against its own base) only touch."""
+    parts = [_phalanx(b, r, s) for b, r, s in zip(phalanges[:-1], radii_m, radii_m[1:], strict=False)]
+    parts.append(_fingertip(phalanges[-1], *radii_m[-2:]))
+
+    def distance(points: np.ndarray) -> np.ndarray:
+        values = [part(points) for part in parts]
+        pairs = [smooth_minimum(a, b, 1e-3 * WITHIN_FINGER_MM) for a, b in zip(values, values[1:], strict=False)]
+        result = pairs[0]
+        for pair in pairs[1:]:
+            result = smooth_minimum(result, pair, 1e-3 * CONTACT_MM)
+        return result
+
+    return distance
+
+
+def _phalanx(bone: Bone, base_m: float, end_m: float) -> Field:
+    """A shaft that is waisted between its joints, with a pad on the palm's side."""
+    length = bone.length_m
+    waist = 0.93 * (base_m + end_m) / 2
+    return smooth_union([
+        round_cone(bone.at(0), bone.at(0.55 * length), base_m, waist),
+        round_cone(bone.at(0.5 * length), bone.at(length), waist, end_m),
+        round_cone(bone.at(0.33 * length, 2.2e-3), bone.at(0.72 * length, 2.0e-3), waist, 0.96 * waist),
+    ], 4e-3)
+
+
+def _fingertip(bone: Bone, joint_m: float, tip_m: float) -> Field:
+    """The end phalanx: flat towards the nail, with a full pulp."""
+    reach = bone.length_m + 1e-3 * TIP_TISSUE_MM - tip_m
+    return smooth_union([
+        round_cone(bone.at(0), bone.at(reach, 0.3e-3), joint_m, tip_m),
+        round_cone(bone.at(0.45 * reach, 1.9e-3), bone.at(0.85 * reach, 1.2e-3), 0.97 * joint_m, 1.03 * tip_m),
+    ], 4e-3)
+
+
+def _palm(bones: dict[str, tuple[Bone, ...]]) -> Field:
+    """Metacarpals, the pads at the fingers' roots, the balls of thumb and little finger, wrist and forearm."""
+    knuckles = [1e3 * bones[name][1].start_m @ HAND_AXES for name in FINGERS]
+    parts = [_metacarpal(bones[name][0], 1e-3 * RADII_MM[name][0]) for name in FINGERS]
+    parts += [_cone(a + (0, -5, 3), b + (0, -5, 3), 9.0, 9.0) for a, b in itertools.pairwise(knuckles)]
+    parts += _thenar(bones["thumb"][0], bones["index"][0], bones["middle"][0])
+    parts += [
+        _cone((-24, -36, 5), (-31, -4, 4), 12.5, 10.5),  # ball of the little finger
+        _cone((-31, -4, 4), knuckles[3] + (-1, -6, 2), 10.5, 9.0),
+        _cone((-14, -40, 6), (-20, -14, 5), 12.0, 9.0),
+        _cone((17, -40, 1), (13, -62, 0), 13.5, 15.0),  # wrist
+        _cone((-15, -40, 1), (-13, -62, 0), 13.5, 15.0),
+        _cone((13, -62, 0), (13, -92, 0), 15.0, 17.0),  # radius and ulna
+        _cone((-13, -62, 0), (-14, -92, 0), 15.0, 16.5),
+    ]
+    return smooth_union(parts, 1e-3 * WITHIN_PALM_MM)
+
+
+def _metacarpal(bone: Bone, base_m: float) -> Field:
+    length = bone.length_m
+    return smooth_union([
+        round_cone(bone.at(0, 0.5e-3), bone.at(length, 0), 11e-3, base_m),
+        round_cone(bone.at(0.98 * length, 2.5e-3), bone.at(1.12 * length, 2e-3), base_m, base_m - 0.6e-3),
+    ], 6e-3)
+
+
+def _thenar(thumb: Bone, index: Bone, middle: Bone) -> list[Field]:
+    """The thumb's metacarpal, its muscles and the skin between thumb and index finger."""
+    length = thumb.length_m
+    return [
+        round_cone(thumb.at(0, 0), thumb.at(length, 0), 12.5e-3, 10.5e-3),
+        round_cone(thumb.at(0.05 * length, 6e-3), thumb.at(0.7 * length, 5e-3), 13e-3, 10e-3),
+        round_cone(middle.at(0.15 * middle.length_m, 6e-3), thumb.at(0.7 * length, 5e-3), 10e-3, 8e-3),
+        round_cone(index.at(0.5 * index.length_m, 2e-3), thumb.at(0.82 * length, 3e-3), 9e-3, 7e-3),
+    ]
+
+
+def _cone(start_mm: ArrayLike, end_mm: ArrayLike, start_radius_mm: float, end_radius_mm: float) -> Field:
+    """A round cone from (radial, distal, palmar) coordinates in millimetres."""
+    start_m, end_m = (1e-3 * HAND_AXES @ np.asarray(point, dtype=float) for point in (start_mm, end_mm))
+    return round_cone(start_m, end_m, 1e-3 * start_radius_mm, 1e-3 * end_radius_mm)

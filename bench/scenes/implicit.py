@@ -1,0 +1,120 @@
+"""Implicit surfaces: signed distances, smooth unions, and the zero set as a well-shaped mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+Field = Callable[[np.ndarray], np.ndarray]  # points [n, 3] to signed distances [n], metres, negative inside
+
+CHUNK = 32_768  # points that fit the cache together with the temporaries of one primitive
+NEWTON_STEPS = 6
+DIFFERENCE_M = 2e-6
+
+
+def round_cone(start_m: ArrayLike, end_m: ArrayLike, start_radius_m: float, end_radius_m: float) -> Field:
+    """The convex hull of two spheres; exact distance."""
+    start, axis = np.asarray(start_m), np.asarray(end_m) - np.asarray(start_m)
+    length = np.linalg.norm(axis)
+    unit = axis / length
+    sine = (start_radius_m - end_radius_m) / length
+    cosine = np.sqrt(max(1 - sine**2, 0.0))
+
+    def distance(points: np.ndarray) -> np.ndarray:
+        relative = points - start
+        along = relative @ unit
+        across = np.sqrt(np.maximum(np.einsum("ij,ij->i", relative, relative) - along**2, 0))
+        # The nearest sphere of the hull is the one whose centre the cone's normal through the point meets.
+        centre = np.clip(along + across * sine / max(cosine, 1e-9), 0, length) if cosine else 0.0
+        return np.hypot(along - centre, across) - (start_radius_m - sine * centre)
+
+    return distance
+
+
+def smooth_minimum(a: np.ndarray, b: np.ndarray, blend_m: float | np.ndarray) -> np.ndarray:
+    """Cubic smooth minimum: equals min(a, b) where |a - b| > blend_m and has two continuous derivatives."""
+    h = np.maximum(blend_m - np.abs(a - b), 0) / blend_m
+    return np.minimum(a, b) - h**3 * blend_m / 6
+
+
+def smooth_union(fields: list[Field], blend_m: float) -> Field:
+    """All fields melted into one body."""
+
+    def distance(points: np.ndarray) -> np.ndarray:
+        result = fields[0](points)
+        for field in fields[1:]:
+            result = smooth_minimum(result, field(points), blend_m)
+        return result
+
+    return distance
+
+
+def evaluate(field: Field, points_m: np.ndarray) -> np.ndarray:
+    """The field at points [n, 3], in chunks that stay in the cache."""
+    parts = [field(points_m[i : i + CHUNK]) for i in range(0, len(points_m), CHUNK)]
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def gradient(field: Field, points_m: np.ndarray) -> np.ndarray:
+    """Central differences [n, 3]."""
+    steps = DIFFERENCE_M * np.eye(3)
+    columns = [evaluate(field, points_m + s) - evaluate(field, points_m - s) for s in steps]
+    return np.stack(columns, axis=1) / (2 * DIFFERENCE_M)
+
+
+def project(field: Field, points_m: np.ndarray, steps: int = NEWTON_STEPS) -> np.ndarray:
+    """Points near the zero set, moved onto it along the field's gradient (Newton's method)."""
+    for _ in range(steps):
+        slope = gradient(field, points_m)
+        rate = np.maximum(np.einsum("ij,ij->i", slope, slope), 0.05)  # a flat spot must not throw a point far away
+        points_m = points_m - (evaluate(field, points_m) / rate)[:, None] * slope
+    return points_m
+
+
+def lattice(field: Field, lower_m: np.ndarray, upper_m: np.ndarray, step_m: float) -> np.ndarray:
+    """The field on a lattice, exact within about three steps of the zero set and interpolated elsewhere."""
+    from scipy.ndimage import zoom
+
+    coarse = 3
+    shape = np.ceil((upper_m - lower_m) / (coarse * step_m)).astype(int) + 1
+    rough = evaluate(field, _lattice_points(lower_m, shape, coarse * step_m)).reshape(shape)
+    values = zoom(rough, (coarse * (shape - 1) + 1) / shape, order=1, grid_mode=False)
+    near = np.argwhere(np.abs(values) < 2.5 * coarse * step_m)
+    values[tuple(near.T)] = evaluate(field, lower_m + step_m * near)
+    return values
+
+
+def _lattice_points(lower_m: np.ndarray, shape: np.ndarray, step_m: float) -> np.ndarray:
+    return lower_m + step_m * np.indices(shape).reshape(3, -1).T
+
+
+def zero_set(
+    field: Field, lower_m: np.ndarray, upper_m: np.ndarray, edge_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The outer surface as vertices [n, 3] and triangles [m, 3] with edges of about `edge_m`, outward-oriented.
+
+    Marching cubes, isotropic remeshing, then every vertex onto the zero set.
+    """
+    from skimage.measure import marching_cubes
+
+    step_m = 0.9 * edge_m
+    values = lattice(field, lower_m, upper_m, step_m)
+    vertices, faces, _, _ = marching_cubes(values, 0.0, gradient_direction="descent")
+    vertices, faces = remesh(lower_m + step_m * vertices.astype(np.float64), faces, edge_m)
+    return project(field, vertices), faces
+
+
+def remesh(vertices_m: np.ndarray, faces: np.ndarray, edge_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """The largest component with triangles as equilateral as they can be, edges of about `edge_m`."""
+    import pymeshlab
+
+    meshes = pymeshlab.MeshSet(verbose=False)
+    meshes.add_mesh(pymeshlab.Mesh(vertices_m, faces))
+    meshes.meshing_remove_connected_component_by_face_number(mincomponentsize=len(faces) // 2)
+    meshes.meshing_isotropic_explicit_remeshing(
+        iterations=6, targetlen=pymeshlab.PureValue(edge_m), adaptive=False, checksurfdist=False
+    )
+    result = meshes.current_mesh()
+    return result.vertex_matrix(), result.face_matrix()

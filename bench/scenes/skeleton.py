@@ -1,0 +1,101 @@
+"""The hand's bones: anthropometric lengths and forward kinematics.
+
+Hand frame of a right hand: origin at the palm's centre, +y from the wrist to the fingertips, the palm faces -z, so
+that the thumb lies on the -x side. Metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.scenes.poses import FingerPose, Pose, ThumbPose
+
+RADIAL, DISTAL, PALMAR = np.array([-1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, -1.0])
+HAND_AXES = np.stack([RADIAL, DISTAL, PALMAR], axis=1)  # hand frame from (radial, distal, palmar)
+
+# Mean bone lengths after Buryanov & Kotiuk (2010), millimetres: metacarpal, then the phalanges outwards.
+LENGTHS_MM = {
+    "thumb": (46.2, 31.6, 21.7),
+    "index": (68.1, 39.8, 22.4, 15.8),
+    "middle": (64.6, 44.6, 26.3, 17.4),
+    "ring": (58.0, 41.4, 25.7, 17.3),
+    "little": (53.7, 32.7, 18.1, 16.0),
+}
+# Knuckle centres on the palm's transverse arch (radial, distal, palmar), millimetres; the direction of each metacarpal
+# (towards the thumb) and the roll of each finger's bending plane (fingers converge when they bend), degrees.
+KNUCKLES_MM = {
+    "index": (27.0, 43.0, 0.5),
+    "middle": (6.0, 47.0, -2.0),
+    "ring": (-13.5, 42.0, -1.0),
+    "little": (-31.0, 33.0, 2.5),
+}
+METACARPAL_DEG = {"index": 11.0, "middle": 3.0, "ring": -6.0, "little": -15.0}
+ROLL_DEG = {"index": -6.0, "middle": 0.0, "ring": 5.0, "little": 12.0}
+THUMB_BASE_MM = (21.0, -37.0, 7.0)
+FINGERS = tuple(KNUCKLES_MM)
+
+
+@dataclass(frozen=True)
+class Bone:
+    """A bone from its proximal joint along the unit vector `axis`; `palmar` is the unit direction that it bends to."""
+
+    start_m: np.ndarray
+    axis: np.ndarray
+    palmar: np.ndarray
+    length_m: float
+
+    @property
+    def end_m(self) -> np.ndarray:
+        """The distal joint, or the bone's tip [3]."""
+        return self.start_m + self.length_m * self.axis
+
+    def at(self, along_m: float, palmar_m: float = 0.0, lateral_m: float = 0.0) -> np.ndarray:
+        """The point [3] `along_m` from the proximal joint, moved towards the palm and sideways."""
+        lateral = np.cross(self.axis, self.palmar)
+        return self.start_m + along_m * self.axis + palmar_m * self.palmar + lateral_m * lateral
+
+    def child(self, flexion_deg: float, length_m: float) -> Bone:
+        """The next bone outwards, bent towards the palm."""
+        c, s = np.cos(np.radians(flexion_deg)), np.sin(np.radians(flexion_deg))
+        return Bone(self.end_m, c * self.axis + s * self.palmar, c * self.palmar - s * self.axis, length_m)
+
+
+def skeleton(pose: Pose) -> dict[str, tuple[Bone, ...]]:
+    """Bones of every digit, metacarpal first."""
+    return {"thumb": _thumb(pose.thumb)} | {name: _finger(name, getattr(pose, name)) for name in FINGERS}
+
+
+def _finger(name: str, pose: FingerPose) -> tuple[Bone, ...]:
+    metacarpal_m, *phalanges_m = 1e-3 * np.array(LENGTHS_MM[name])
+    knuckle_m = 1e-3 * HAND_AXES @ np.array(KNUCKLES_MM[name])
+    roll = np.radians(ROLL_DEG[name])
+    palmar = np.cos(roll) * PALMAR + np.sin(roll) * RADIAL
+    along = _towards_thumb(METACARPAL_DEG[name])
+    metacarpal = Bone(knuckle_m - metacarpal_m * along, along, _orthogonal(palmar, along), metacarpal_m)
+    spread = _towards_thumb(pose.spread_deg)
+    bones = [Bone(knuckle_m, spread, _orthogonal(palmar, spread), 0.0)]
+    for flexion_deg, length_m in zip((pose.mcp_deg, pose.pip_deg, pose.dip_deg), phalanges_m, strict=True):
+        bones.append(bones[-1].child(flexion_deg, length_m))
+    return (metacarpal, *bones[1:])
+
+
+def _thumb(pose: ThumbPose) -> tuple[Bone, ...]:
+    metacarpal_m, proximal_m, distal_m = 1e-3 * np.array(LENGTHS_MM["thumb"])
+    out, turn = np.radians(pose.palmar_deg), np.radians(pose.opposition_deg)
+    axis = np.cos(out) * _towards_thumb(pose.radial_deg) + np.sin(out) * PALMAR
+    across = _orthogonal(-RADIAL, axis)
+    palmar = np.cos(turn) * across + np.sin(turn) * np.cross(across, axis)
+    metacarpal = Bone(1e-3 * HAND_AXES @ np.array(THUMB_BASE_MM), axis, palmar, metacarpal_m)
+    proximal = metacarpal.child(pose.mcp_deg, proximal_m)
+    return metacarpal, proximal, proximal.child(pose.ip_deg, distal_m)
+
+
+def _towards_thumb(angle_deg: float) -> np.ndarray:
+    return np.cos(np.radians(angle_deg)) * DISTAL + np.sin(np.radians(angle_deg)) * RADIAL
+
+
+def _orthogonal(vector: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    rest = vector - (vector @ axis) * axis
+    return rest / np.linalg.norm(rest)

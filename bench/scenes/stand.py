@@ -1,0 +1,87 @@
+"""What stands around the target in the photographs: a printed back plate with its ArUco board, and a block.
+
+Photo frame: the board's frame; origin at the plate's centre, the print in x and y, z towards the cameras. Metres.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from groundtruth.board import Board, Marker
+
+PLATE_M = (0.400, 0.300, 0.020)  # width, height, thickness
+MARKER_M = 0.030
+QUIET_M = 0.005  # white margin around each marker
+TEXEL_M = 1e-4
+MARKER_CENTRES_M = (
+    *((x, y) for x in (-0.178, 0.178) for y in (-0.126, -0.063, 0.0, 0.063, 0.126)),
+    *((x, y) for x in (-0.124, 0.124) for y in (-0.096, -0.032, 0.096)),
+    *((x, 0.128) for x in (-0.062, 0.0, 0.062)),
+)
+INK, PAPER = 0.04, 0.82  # reflectances
+
+
+def stand_board() -> Board:
+    """The markers on the plate."""
+    half = MARKER_M / 2
+    corner = np.array([(-half, half, 0.0), (half, half, 0.0), (half, -half, 0.0), (-half, -half, 0.0)])
+    return Board(marker=tuple(
+        Marker(id=i, corners_m=(corner + (x, y, 0.0)).tolist()) for i, (x, y) in enumerate(MARKER_CENTRES_M)
+    ))
+
+
+def plate_print(seed: int) -> np.ndarray:
+    """Reflectance [height, width] of the plate's front, one value per 0.1 mm, first row at the top: a high-contrast
+    pattern of blots from 0.5 to 12 mm, left white around the markers."""
+    import cv2
+
+    shape = tuple(round(side / TEXEL_M) for side in (PLATE_M[1], PLATE_M[0]))
+    random = np.random.default_rng([seed, 1])
+    pattern = sum(_blots(random, shape, scale_m) for scale_m in (12e-3, 5e-3, 2e-3, 0.8e-3))
+    tone = 0.5 + 0.5 * np.tanh(1.6 * pattern / pattern.std())
+    image = (INK + (0.9 * PAPER - INK) * tone).astype(np.float32)
+    dictionary = stand_board().cv_dictionary()
+    for number, centre_m in enumerate(MARKER_CENTRES_M):
+        _patch(image, centre_m, MARKER_M + 2 * QUIET_M)[:] = PAPER
+        bits = cv2.aruco.generateImageMarker(dictionary, number, 6)
+        modules = _patch(image, centre_m, MARKER_M)
+        modules[:] = np.kron(np.where(bits > 0, PAPER, INK), np.ones((modules.shape[0] // 6,) * 2))
+    return image
+
+
+def _blots(random: np.random.Generator, shape: tuple[int, int], scale_m: float) -> np.ndarray:
+    """Smooth noise of unit variance whose blots are about `scale_m` wide."""
+    import cv2
+
+    cells = [max(4, round(side * TEXEL_M / (0.4 * scale_m))) for side in shape]
+    coarse = cv2.GaussianBlur(random.standard_normal(cells).astype(np.float32), (0, 0), 0.8)
+    smooth = cv2.resize(coarse, shape[::-1], interpolation=cv2.INTER_CUBIC)
+    return smooth / smooth.std()
+
+
+def _patch(image: np.ndarray, centre_m: tuple[float, float], side_m: float) -> np.ndarray:
+    """View of the square patch of `side_m` around a point of the plate."""
+    left = round((PLATE_M[0] / 2 + centre_m[0] - side_m / 2) / TEXEL_M)
+    top = round((PLATE_M[1] / 2 - centre_m[1] - side_m / 2) / TEXEL_M)
+    side = round(side_m / TEXEL_M)
+    return image[top : top + side, left : left + side]
+
+
+def cuboid(lower_m: np.ndarray, upper_m: np.ndarray, step_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and outward triangles of a box whose faces are gridded every `step_m` or finer."""
+    vertices, faces, count = [], [], 0
+    for axis in range(3):
+        for side, bound in ((-1, lower_m[axis]), (1, upper_m[axis])):
+            u, v = (axis + 1) % 3, (axis + 2) % 3
+            ticks = [
+                np.linspace(lower_m[k], upper_m[k], int(np.ceil((upper_m[k] - lower_m[k]) / step_m)) + 1) for k in (u, v)
+            ]
+            points = np.empty((len(ticks[0]), len(ticks[1]), 3))
+            points[..., axis], points[..., u], points[..., v] = bound, ticks[0][:, None], ticks[1][None, :]
+            index = count + np.arange(points[..., 0].size).reshape(points.shape[:2])
+            a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]))
+            quads = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+            faces.append(quads if side > 0 else quads[:, ::-1])
+            vertices.append(points.reshape(-1, 3))
+            count += points[..., 0].size
+    return np.concatenate(vertices), np.concatenate(faces)

@@ -1,0 +1,93 @@
+"""Antenna arrays. Radar frame: origin at the aperture's centre, z away from the array, y up, x = y × z."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from radar.errors import HandbenchError
+from radar.files import require_file
+
+SPEED_OF_LIGHT_M_S = 299_792_458.0
+
+
+@dataclass(frozen=True)
+class AntennaArray:
+    """A MIMO array: every transmitter tx_m [t, 3] is heard by every receiver rx_m [r, 3] (metres)."""
+
+    tx_m: np.ndarray
+    rx_m: np.ndarray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tx_m", _positions("tx_m", self.tx_m))
+        object.__setattr__(self, "rx_m", _positions("rx_m", self.rx_m))
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """Shape of one tone's samples: (t, r)."""
+        return len(self.tx_m), len(self.rx_m)
+
+    @property
+    def legs_m(self) -> list[np.ndarray]:
+        """Antenna positions at the ends of a path's two legs."""
+        return [self.tx_m, self.rx_m]
+
+
+@dataclass(frozen=True)
+class PlanarScan:
+    """One transceiver moved over position_m [n, 3] (metres): each position hears only itself."""
+
+    position_m: np.ndarray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position_m", _positions("position_m", self.position_m))
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """Shape of one tone's samples: (n,)."""
+        return (len(self.position_m),)
+
+    @property
+    def legs_m(self) -> list[np.ndarray]:
+        """Antenna positions at the ends of a path's two legs."""
+        return [self.position_m, self.position_m]
+
+
+Aperture = AntennaArray | PlanarScan
+
+
+def qar50() -> AntennaArray:
+    """The 94 + 94 used antennas of the paper's radar: a square frame of 14 cm with 3 mm pitch. Transmitters stand on
+    the two vertical sides (the outermost 1.5 mm further out), receivers lie on the two horizontal ones."""
+    along = np.linspace(-0.069, 0.069, 47)
+    side = 0.0705
+    outward = np.where(np.abs(along) > 0.068, side + 0.0015, side)
+    zero = np.zeros_like(along)
+    tx = [np.stack([sign * outward, along, zero], axis=1) for sign in (-1, 1)]
+    rx = [np.stack([along, sign * side + zero, zero], axis=1) for sign in (-1, 1)]
+    return AntennaArray(np.concatenate(tx), np.concatenate(rx))
+
+
+def load_positions(path: str | Path) -> np.ndarray:
+    """Antenna positions [n, 3] in metres from a CSV file with the header x_m,y_m,z_m."""
+    path = require_file(path, "a CSV file with the columns x_m,y_m,z_m")
+    with path.open(newline="", encoding="utf-8") as stream:
+        rows = list(csv.reader(stream))
+    if not rows or rows[0] != ["x_m", "y_m", "z_m"]:
+        raise HandbenchError(f"{path}: the first line is {rows[:1]}; expected x_m,y_m,z_m")
+    try:
+        return _positions(str(path), np.array(rows[1:], dtype=np.float64))
+    except ValueError as error:
+        raise HandbenchError(f"{path}: holds something that is no number ({error})") from None
+
+
+def _positions(name: str, values: np.ndarray) -> np.ndarray:
+    values = np.ascontiguousarray(values, dtype=np.float64)
+    if values.ndim != 2 or values.shape[1] != 3 or len(values) == 0:
+        raise HandbenchError(f"{name}: has shape {values.shape}; expected [n, 3] antenna positions in metres")
+    if not np.isfinite(values).all():
+        raise HandbenchError(f"{name}: holds NaN or infinity; every antenna needs a position in metres")
+    return values

@@ -1,0 +1,1 @@
+"""Effects that change echoes, one file each."""
