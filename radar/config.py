@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import tomllib
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import pydantic
 
@@ -36,7 +36,7 @@ def read_toml(path: str | Path, what: str) -> dict[str, Any]:
     path = require_file(path, what)
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, OSError) as error:
         raise HandbenchError(f"{path}: is not readable as TOML ({error}); expected {what}") from error
 
 
@@ -46,7 +46,7 @@ def load(model: type[ConfigT], path: str | Path, what: str) -> ConfigT:
 
 
 def suggest(name: str, known: list[str]) -> str:
-    """', did you mean "x"?' for the nearest known name, followed by the whole list when nothing is near."""
+    """"did you mean 'x'?" for the nearest known name, or the list of all when nothing is near."""
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
 
@@ -54,10 +54,11 @@ def suggest(name: str, known: list[str]) -> str:
 def _one_line(model: type[Config], error: pydantic.ValidationError, where: str) -> str:
     problems = error.errors()
     first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
-    location = ".".join(str(part) for part in first["loc"]) or "the file"
+    models, keys = _follow(model, first["loc"])
+    location = ".".join(keys) or "the file"
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
     if first["type"] == "extra_forbidden":
-        known = list(_model_at(model, first["loc"][:-1]).model_fields)
+        known = [name for m in models for name in m.model_fields]
         return f"{where}: unknown key '{location}'; {suggest(str(first['loc'][-1]), known)}{more}"
     if first["type"] == "missing":
         return f"{where}: key '{location}' is missing; add it{more}"
@@ -66,17 +67,27 @@ def _one_line(model: type[Config], error: pydantic.ValidationError, where: str) 
     return f"{where}: '{location}' is {got}; {first['msg'].lower()}{more}"
 
 
-def _model_at(model: type[Config], location: tuple[Any, ...]) -> type[Config]:
-    """The nested model at an error's location, found by following field annotations."""
+def _follow(model: type[Config], location: tuple[int | str, ...]) -> tuple[list[type[Config]], list[str]]:
+    """The models that an error's location leads to, and its keys as the file has them: pydantic adds the tag of a union's
+    member, which is no key."""
+    models, keys = [model], []
     for part in location:
-        field = model.model_fields.get(str(part))
-        if field is None:  # a list index or the tag of a union: the model is already the right one, or a tagged one
+        tagged = [m for m in models if len(models) > 1 and _is_tagged(m, part)]
+        if tagged:
+            models = tagged
             continue
-        model = next((m for m in _models_in(field.annotation)), model)
-    return model
+        keys.append(str(part))
+        fields = [m.model_fields[part] for m in models if part in m.model_fields]
+        models = [inner for field in fields for inner in _models_in(field.annotation)] or models
+    return models, keys
+
+
+def _is_tagged(model: type[Config], part: int | str) -> bool:
+    literals = (f.annotation for f in model.model_fields.values() if get_origin(f.annotation) is Literal)
+    return part == model.__name__ or any(part in get_args(literal) for literal in literals)
 
 
 def _models_in(annotation: Any) -> list[type[Config]]:
     if isinstance(annotation, type) and issubclass(annotation, Config):
         return [annotation]
-    return [m for argument in getattr(annotation, "__args__", ()) for m in _models_in(argument)]
+    return [m for argument in get_args(annotation) for m in _models_in(argument)]

@@ -5,3 +5,7 @@ class HandbenchError(Exception):
     """A known error: its message is one line that names the file or argument, what it got, what was expected
     and what to do. The command line prints it and exits with code 2; any other exception keeps its traceback.
     """
+
+    def __init__(self, message: str) -> None:
+        # Messages quote names and libraries' texts, which may hold line breaks or terminal codes.
+        super().__init__("".join(c if c.isprintable() else "?" for c in " ".join(message.split())))

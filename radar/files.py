@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -43,7 +44,8 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(path: str | Path) -> Iterator[Path]:
-    """As `atomic_path`, for a whole folder: it appears complete or not at all. Replaces an existing folder."""
+    """As `atomic_path`, for a whole folder: it appears complete or not at all. An existing folder is replaced at the
+    very end; a file in its place is refused."""
     path = Path(path)
     temporary = None
     try:
@@ -51,9 +53,7 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
         temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
         temporary.chmod(0o777 & ~_umask())
         yield temporary
-        if path.exists():
-            shutil.rmtree(path)
-        os.replace(temporary, path)
+        _replace_folder(temporary, path)
     except OSError as error:
         raise HandbenchError(
             f"{path}: cannot be written ({error.strerror or error}); nothing was changed: free the space or "
@@ -62,6 +62,23 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
     finally:
         if temporary is not None:
             shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _replace_folder(new: Path, path: Path) -> None:
+    """Rename `new` to `path`; what stood there is moved aside first, and back when the second rename fails."""
+    if not path.exists():
+        os.replace(new, path)
+        return
+    if not path.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, "a file stands in the folder's place")
+    aside = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
+    os.replace(path, aside)  # refuses the current folder and mount points, where deleting first would empty them
+    try:
+        os.replace(new, path)
+    except OSError:
+        os.replace(aside, path)
+        raise
+    shutil.rmtree(aside, ignore_errors=True)
 
 
 def _umask() -> int:
@@ -90,7 +107,7 @@ def require_folder(path: str | Path, what: str) -> Path:
 
 def inside(folder: Path, name: str, where: str) -> Path:
     """`folder / name`, refused when it would leave `folder` (names in TOML files and reports are untrusted)."""
-    target = (folder / name).resolve()
+    target = (folder / name.replace("\0", "/..")).resolve()  # no file name holds a null character
     if not target.is_relative_to(folder.resolve()):
         raise HandbenchError(f"{where}: '{name}' leaves the folder {folder}; use a path inside it")
     return target
@@ -107,14 +124,14 @@ def read_json(path: str | Path, what: str) -> Any:
     path = require_file(path, what)
     try:
         return json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, OSError) as error:
+    except (ValueError, RecursionError, OSError) as error:
         raise HandbenchError(f"{path}: is not readable as JSON ({error}); expected {what}") from error
 
 
 def write_npz(path: str | Path, **arrays: Any) -> None:
     """Write named arrays as compressed .npz, atomically and without pickles."""
-    with atomic_path(path) as temporary:
-        np.savez_compressed(temporary, allow_pickle=False, **arrays)
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:  # given a name, numpy would add a suffix
+        np.savez_compressed(stream, allow_pickle=False, **arrays)
 
 
 def read_npz(path: str | Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -133,7 +150,8 @@ def read_npz(path: str | Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
 
 
 def content_hash(*parts: Any) -> str:
-    """SHA-256 over strings, numbers, JSON-like values, arrays, files and folders (name and content of each file)."""
+    """SHA-256 over strings, numbers, JSON-like values (arrays inside them too), arrays, files and folders (name and
+    content of each file). Anything else is a TypeError: its text need not tell two values apart."""
     digest = hashlib.sha256()
     for part in parts:
         if isinstance(part, Path) and part.is_dir():
@@ -146,9 +164,17 @@ def content_hash(*parts: Any) -> str:
         elif isinstance(part, np.ndarray):
             digest.update(str((part.shape, part.dtype)).encode() + np.ascontiguousarray(part).tobytes())
         else:
-            digest.update(json.dumps(part, sort_keys=True, default=str).encode())
+            digest.update(json.dumps(part, sort_keys=True, default=_json_like).encode())
         digest.update(b"|")
     return digest.hexdigest()
+
+
+def _json_like(value: Any) -> Any:
+    if isinstance(value, (np.ndarray, Path)):
+        return content_hash(value) if isinstance(value, np.ndarray) else str(value)
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"content_hash: cannot tell values of {type(value).__name__} apart; give plain values or arrays")
 
 
 def _finite(value: Any) -> Any:

@@ -10,6 +10,7 @@ separable and reciprocal (exact where transmitter and receiver see the facet und
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numba
 import numpy as np
@@ -17,6 +18,7 @@ import numpy as np
 from radar.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.parallel import for_each
 from radar.steering import cis_turns
+from radar.tones import ToneSkeleton, distances_m
 
 CHUNK = 2048  # scatterers per matrix product
 
@@ -33,34 +35,43 @@ class Scatterers:
 
 
 def simulate(
-    scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArray, spreading: bool = True
+    scatterers: Scatterers,
+    frequencies_hz: np.ndarray,
+    array: AntennaArray,
+    spreading: bool = True,
+    tolerance: float | None = 1e-6,
 ) -> np.ndarray:
-    """Noise-free samples complex64 [f, t, r]. spreading=False leaves out g: the exact adjoint of backprojection."""
-    samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
+    """Noise-free samples complex64 [f, t, r]. spreading=False leaves out g: the exact adjoint of backprojection.
+
+    tolerance: of the tone skeleton over the scatterers' box (see `radar.tones`); None sums every tone.
+    """
     position = np.ascontiguousarray(scatterers.position_m, np.float64)
     delay = np.zeros(len(position)) if scatterers.delay_m is None else np.asarray(scatterers.delay_m, np.float64)
-    gains = [_gain(position, scatterers.normal, legs) if spreading else np.ones((len(legs), len(position)), np.float32)
-             for legs in array.legs_m]
+    gains = [
+        _gain(position, scatterers.normal, legs) if spreading else np.ones((len(legs), len(position)), np.float32)
+        for legs in array.legs_m
+    ]
     gains[0] = gains[0] * np.asarray(scatterers.weight, np.float32)
-    distances = [_distances(position, legs) + delay for legs in array.legs_m]
+    distances = [distances_m(position.T, legs) + delay for legs in array.legs_m]
+    margin = delay.max(initial=0.0)  # a delay makes the box that much deeper
+    corners = np.array(list(product(*zip(position.min(axis=0) - margin, position.max(axis=0) + margin, strict=True))))
+    tones = ToneSkeleton(frequencies_hz, array, corners.T, tolerance)
+    samples = np.zeros((len(tones.frequencies_hz), *array.channels), np.complex64)
 
     def work(f: int) -> None:
-        turns_per_m = frequencies_hz[f] / SPEED_OF_LIGHT_M_S
+        turns_per_m = tones.frequencies_hz[f] / SPEED_OF_LIGHT_M_S
         total = np.zeros(array.channels, np.complex128)
         for start in range(0, len(position), CHUNK):
             chunk = slice(start, start + CHUNK)
-            a, b = (_conjugate_steering(d[:, chunk], g[:, chunk], turns_per_m)
-                    for d, g in zip(distances, gains, strict=True))
+            a, b = (
+                _conjugate_steering(d[:, chunk], g[:, chunk], turns_per_m)
+                for d, g in zip(distances, gains, strict=True)
+            )
             total += a @ b.T
         samples[f] = total
 
-    for_each(work, range(len(frequencies_hz)))
-    return samples
-
-
-def _distances(points_m: np.ndarray, antennas_m: np.ndarray) -> np.ndarray:
-    """Distances [a, p]."""
-    return np.stack([np.linalg.norm(points_m - antenna, axis=1) for antenna in antennas_m])
+    for_each(work, range(len(samples)))
+    return tones.expand(samples)
 
 
 def _gain(points_m: np.ndarray, normal: np.ndarray | None, antennas_m: np.ndarray) -> np.ndarray:

@@ -43,7 +43,7 @@ def load_capture_file(folder: str | Path) -> CaptureFile:
     description = load(CaptureFile, folder / "capture.toml", "a capture description")
     for name in description.contains:
         if not (folder / name).exists():
-            raise HandbenchError(f"{folder}: capture.toml says that it contains {name}, which is missing; copy it again")
+            raise HandbenchError(f"{folder}: {name} is missing, but capture.toml says it is there; copy it again")
     return description
 
 

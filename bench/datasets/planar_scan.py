@@ -1,8 +1,8 @@
 """The real 22–26 GHz raster scan of a foam panel by one transceiver, as a capture folder.
 
 The file holds six arrays one after another: data uint16 [Q, I; tone; x; y], first and last frequency, number of tones,
-step and distance. Each tone's mean (what does not move with the scan) is removed, the tone's phase correction is added, and
-E = I − jQ focuses with e^{+jkR}, as everywhere in handbench.
+step along x and y, and distance. Each tone's mean (what does not move with the scan) is removed, the tone's phase
+correction is added, and E = I − jQ focuses with e^{+jkR}, as everywhere in handbench.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ def import_planar_scan(source: str | Path, folder: str | Path) -> None:
     source = require_folder(source, "scan.npy and phase.txt")
     data, first_hz, last_hz, count, step_m, _ = _read_arrays(source / "scan.npy")
     frequencies_hz = np.linspace(float(first_hz), float(last_hz), int(count))
+    step_m = np.broadcast_to(step_m, 2)
     if data.ndim != 4 or data.shape[:2] != (2, len(frequencies_hz)):
         raise HandbenchError(
             f"{source / 'scan.npy'}: data has shape {data.shape}; expected [2, {len(frequencies_hz)}, x, y]"
@@ -33,11 +34,11 @@ def import_planar_scan(source: str | Path, folder: str | Path) -> None:
     capture = RadarCapture(
         echo.reshape(1, len(frequencies_hz), -1).astype(np.complex64),
         frequencies_hz,
-        PlanarScan(_positions(data.shape[2:], float(step_m))),
+        PlanarScan(_positions(data.shape[2:], step_m)),
     )
     with atomic_folder(folder) as temporary:
         save_capture(temporary / ECHOES, capture)
-        save_capture_file(temporary, _description(frequencies_hz, data.shape[2:], float(step_m)))
+        save_capture_file(temporary, _description(frequencies_hz, data.shape[2:], step_m))
 
 
 def _read_arrays(path: Path) -> list[np.ndarray]:
@@ -56,22 +57,22 @@ def _phase_rad(path: Path, frequencies_hz: np.ndarray) -> np.ndarray:
     return np.interp(frequencies_hz, table_hz, phase_rad)
 
 
-def _positions(shape: tuple[int, ...], step_m: float) -> np.ndarray:
+def _positions(shape: tuple[int, ...], step_m: np.ndarray) -> np.ndarray:
     """Scan positions [x·y, 3], centred, in the order of the data."""
-    axes = [(np.arange(n) - (n - 1) / 2) * step_m for n in shape]
+    axes = [(np.arange(n) - (n - 1) / 2) * step for n, step in zip(shape, step_m, strict=True)]
     x, y = np.meshgrid(*axes, indexing="ij")
     return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
 
 
-def _description(frequencies_hz: np.ndarray, shape: tuple[int, ...], step_m: float) -> CaptureFile:
+def _description(frequencies_hz: np.ndarray, shape: tuple[int, ...], step_m: np.ndarray) -> CaptureFile:
     """Settings that fit this sensor: its tones and its aperture instead of the hand radar's."""
-    half = [(n - 1) / 2 * step_m for n in shape]
     lateral = {
-        axis: {"start_m": -h, "stop_m": h, "step_m": 2 * step_m} for axis, h in zip("xy", half, strict=True)
+        axis: {"start_m": -(n - 1) / 2 * step, "stop_m": (n - 1) / 2 * step, "step_m": 2 * step}
+        for axis, n, step in zip("xy", shape, step_m.tolist(), strict=True)
     }
     low, middle, high = (float(frequencies_hz[i]) for i in (0, -2, -1))
     tones = {"f1_hz": high, "f2_hz": middle}
-    depth = {"z": {"start_m": 0.05, "stop_m": 0.15, "step_m": 0.0025}}
+    depth = {"z": {"start_m": 0.07, "stop_m": 0.13, "step_m": 0.002}}
     fsk = {**lateral, **tones, "first_depth_m": 0.10}
     sweep = {"start_hz": low, "stop_hz": high, "count": len(frequencies_hz)}
     return CaptureFile(
