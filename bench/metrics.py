@@ -26,7 +26,8 @@ class Metric:
 
 METRICS = {metric.key: metric for metric in (
     Metric("mae_mm", "MAE", "mm", "lower", "mean of |z − z_ref| over the observed pixels"),
-    Metric("max_mm", "MAX of AE", "mm", "lower", "largest |z − z_ref| of the observed pixels; its interval ends at the largest error that was seen"),
+    Metric("max_mm", "MAX of AE", "mm", "lower",
+           "largest |z − z_ref| of the observed pixels; its interval ends at the largest error that was seen"),
     Metric("rmse_mm", "RMSE", "mm", "lower",
            "square root of the mean of (z − z_ref)² over the observed pixels"),
     Metric("median_mm", "median of AE", "mm", "lower", "median of |z − z_ref| over the observed pixels"),
@@ -116,12 +117,18 @@ def _accuracy(error_m: np.ndarray, reference_z_m: np.ndarray) -> Values:
     return {key: float(value) for key, value in values.items()}
 
 
-def strongest_z_m(z_m: np.ndarray, amplitude_db: np.ndarray) -> float:
-    """Depth of the strongest pixel that has one; NaN when no pixel has. Both arrays [ny, nx]."""
-    usable = np.isfinite(z_m) & np.isfinite(amplitude_db)
-    if not usable.any():
-        return float("nan")
-    return float(z_m.flat[np.argmax(np.where(usable, amplitude_db, -np.inf))])
+def strongest_scatterer_z_m(z_m: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+    """Depth of the strongest scatterer in each repeat [n], from depths and linear amplitudes [n, ny, nx].
+
+    The scatterer is one and the same in all repeats: the pixel with the largest mean amplitude of those observed in
+    every repeat. (The strongest pixel of each repeat by itself may jump between glints of nearly equal strength, and
+    would measure the distance between them.) NaN when no pixel is observed in every repeat.
+    """
+    steady = np.isfinite(z_m).all(axis=0)
+    if not steady.any():
+        return np.full(len(z_m), np.nan)
+    strongest = np.argmax(np.where(steady, amplitude.mean(axis=0), -np.inf))
+    return z_m.reshape(len(z_m), -1)[:, strongest]
 
 
 def precision(strongest_z_m: Sequence[np.ndarray]) -> Values:

@@ -18,7 +18,7 @@ PAPER = "Bräunig et al., An Efficient yet High-Performance Method for Precise R
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """A depth map and, from volumetric methods, the complex volume [nz, ny, nx] that it was taken from with z_m [nz]."""
+    """A depth map and, from volumetric methods, the complex volume [nz, ny, nx] behind it with volume_z_m [nz]."""
 
     depth: DepthMap
     volume: np.ndarray | None = None

@@ -68,8 +68,8 @@ def _one_line(model: type[Config], error: pydantic.ValidationError, where: str) 
 
 
 def _follow(model: type[Config], location: tuple[int | str, ...]) -> tuple[list[type[Config]], list[str]]:
-    """The models that an error's location leads to, and its keys as the file has them: pydantic adds the tag of a union's
-    member, which is no key."""
+    """The models that an error's location leads to, and its keys as the file has them: pydantic adds the tag of a
+    union's member, which is no key."""
     models, keys = [model], []
     for part in location:
         tagged = [m for m in models if len(models) > 1 and _is_tagged(m, part)]

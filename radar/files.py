@@ -71,7 +71,7 @@ def _replace_folder(new: Path, path: Path) -> None:
         return
     if not path.is_dir():
         raise NotADirectoryError(errno.ENOTDIR, "a file stands in the folder's place")
-    aside = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
+    aside = new.with_name(f"{new.name}-old")
     os.replace(path, aside)  # refuses the current folder and mount points, where deleting first would empty them
     try:
         os.replace(new, path)
@@ -107,8 +107,8 @@ def require_folder(path: str | Path, what: str) -> Path:
 
 def inside(folder: Path, name: str, where: str) -> Path:
     """`folder / name`, refused when it would leave `folder` (names in TOML files and reports are untrusted)."""
-    target = (folder / name.replace("\0", "/..")).resolve()  # no file name holds a null character
-    if not target.is_relative_to(folder.resolve()):
+    target = (folder / name.replace("\0", "")).resolve()
+    if "\0" in name or not target.is_relative_to(folder.resolve()):
         raise HandbenchError(f"{where}: '{name}' leaves the folder {folder}; use a path inside it")
     return target
 
@@ -138,7 +138,7 @@ def read_npz(path: str | Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
     """Read the arrays `names` from an .npz file; pickled content is refused, never run."""
     path = require_file(path, "an .npz file")
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:  # numpy leaks a broken file
             missing = [name for name in names if name not in archive]
             if missing:
                 raise HandbenchError(f"{path}: lacks {', '.join(missing)}; expected {', '.join(names)}")

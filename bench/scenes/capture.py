@@ -44,7 +44,7 @@ def description(scene: Scene) -> dict:
         "distance_m": target.distance_m,
         "units": "m",
         "seed": scene.file.seed,
-        "box_m": scene.box_m.round(6).tolist(),
+        "box_m": scene.box_m.ravel().round(6).tolist(),
         "contains": contains,
     }
 

@@ -22,12 +22,12 @@ RADII_MM = {
     "middle": (9.8, 9.2, 8.1, 6.5),
     "ring": (9.2, 8.6, 7.6, 6.1),
     "little": (8.4, 7.6, 6.7, 5.4),
-    "thumb": (11.2, 10.2, 7.4),
+    "thumb": (11.0, 10.0, 7.8),
 }
 TIP_TISSUE_MM = 3.8  # soft tissue beyond the last bone
 FOREARM_END_MM = -88.0
-WITHIN_FINGER_MM, WITHIN_PALM_MM = 5.0, 16.0
-CONTACT_MM, WEB_MM = 0.8, 11.0  # blend of fingers that merely touch, and of fingers at their webs
+WITHIN_FINGER_MM, WITHIN_PALM_MM = 3.5, 13.0
+CONTACT_MM, WEB_MM = 2.0, 11.0  # blend of fingers that merely touch (a narrow groove), and of fingers at their webs
 WEB_REACH_MM = {name: (14.0, 34.0) for name in FINGERS} | {"thumb": (6.0, 22.0)}  # the web fades, from the knuckle
 
 
@@ -86,7 +86,7 @@ def _digit(phalanges: tuple[Bone, ...], radii_m: np.ndarray) -> Field:
 def _phalanx(bone: Bone, base_m: float, end_m: float) -> Field:
     """A shaft that is waisted between its joints, with a pad on the palm's side."""
     length = bone.length_m
-    waist = 0.93 * (base_m + end_m) / 2
+    waist = 0.97 * (base_m + end_m) / 2
     return smooth_union([
         round_cone(bone.at(0), bone.at(0.55 * length), base_m, waist),
         round_cone(bone.at(0.5 * length), bone.at(length), waist, end_m),
@@ -107,16 +107,15 @@ def _palm(bones: dict[str, tuple[Bone, ...]]) -> Field:
     """Metacarpals, the pads at the fingers' roots, the balls of thumb and little finger, wrist and forearm."""
     knuckles = [1e3 * bones[name][1].start_m @ HAND_AXES for name in FINGERS]
     parts = [_metacarpal(bones[name][0], 1e-3 * RADII_MM[name][0]) for name in FINGERS]
-    parts += [_cone(a + (0, -5, 3), b + (0, -5, 3), 9.0, 9.0) for a, b in itertools.pairwise(knuckles)]
+    parts += [_cone(a + (0, -6, 1.5), b + (0, -6, 1.5), 9.0, 9.0) for a, b in itertools.pairwise(knuckles)]
     parts += _thenar(bones["thumb"][0], bones["index"][0], bones["middle"][0])
     parts += [
-        _cone((-24, -36, 5), (-31, -4, 4), 12.5, 10.5),  # ball of the little finger
-        _cone((-31, -4, 4), knuckles[3] + (-1, -6, 2), 10.5, 9.0),
+        _cone((-21, -42, 4), (-32, 8, 4), 13.0, 10.0),  # ball of the little finger
+        _cone((-30, -10, 3), knuckles[3] + (-1, -2, 2), 10.0, 9.5),
         _cone((-14, -40, 6), (-20, -14, 5), 12.0, 9.0),
-        _cone((17, -40, 1), (13, -62, 0), 13.5, 15.0),  # wrist
-        _cone((-15, -40, 1), (-13, -62, 0), 13.5, 15.0),
-        _cone((13, -62, 0), (13, -92, 0), 15.0, 17.0),  # radius and ulna
-        _cone((-13, -62, 0), (-14, -92, 0), 15.0, 16.5),
+        _cone((2, -16, 1), (0, -94, 0), 11.0, 16.5),  # carpus and wrist
+        _cone((18, -38, 2), (12, -94, 0), 13.0, 17.0),  # radius and ulna
+        _cone((-16, -38, 1), (-14, -94, 0), 13.5, 16.5),
     ]
     return smooth_union(parts, 1e-3 * WITHIN_PALM_MM)
 
@@ -133,8 +132,8 @@ def _thenar(thumb: Bone, index: Bone, middle: Bone) -> list[Field]:
     """The thumb's metacarpal, its muscles and the skin between thumb and index finger."""
     length = thumb.length_m
     return [
-        round_cone(thumb.at(0, 0), thumb.at(length, 0), 12.5e-3, 10.5e-3),
-        round_cone(thumb.at(0.05 * length, 6e-3), thumb.at(0.7 * length, 5e-3), 13e-3, 10e-3),
+        round_cone(thumb.at(0, 0), thumb.at(length, 0), 12e-3, 10e-3),
+        round_cone(thumb.at(0.12 * length, 5.5e-3), thumb.at(0.7 * length, 5e-3), 12e-3, 10e-3),
         round_cone(middle.at(0.15 * middle.length_m, 6e-3), thumb.at(0.7 * length, 5e-3), 10e-3, 8e-3),
         round_cone(index.at(0.5 * index.length_m, 2e-3), thumb.at(0.82 * length, 3e-3), 9e-3, 7e-3),
     ]

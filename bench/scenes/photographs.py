@@ -8,14 +8,16 @@ from functools import partial
 
 import numpy as np
 
-from bench.scenes.scene import CalibrationTarget, Photos, Scene
+from bench.scenes.poses import POSES
+from bench.scenes.scene import CalibrationTarget, HandTarget, Photos, Scene
+from bench.scenes.skin import Skin
 from bench.scenes.stand import PLATE_M, TEXEL_M, cuboid, plate_print
 from bench.scenes.textures import foam, skin, styrodur
 from calibration.meshes import load_open3d, mesh
-from calibration.transforms import Transform, identity
+from calibration.transforms import Transform
 from groundtruth.cameras import Camera
 
-Albedo = Callable[[np.ndarray], np.ndarray]  # points [n, 3] in the body's own frame to reflectance [n, 3]
+Albedo = Callable[[np.ndarray], np.ndarray]  # points [n, 3] in the photo frame to reflectance [n, 3]
 
 # Disc lamps in the photo frame: centre (metres), radius (metres), irradiance at the board's centre.
 LAMPS = (((-0.55, 0.75, 0.85), 0.14, 0.62), ((0.85, 0.15, 0.80), 0.18, 0.34), ((0.05, -0.55, 0.95), 0.18, 0.16))
@@ -25,18 +27,18 @@ SHADOW_OFFSET_M = 2e-4
 ROOM = 0.03  # radiance of the dark room behind the stand
 PRINT_BLUR_TEXELS = 0.8  # the print seen through a pixel's footprint
 EDGE_STEP_M = 1.5e-3  # neighbouring pixels whose distance differs by more see an edge between them
-EDGE_SAMPLES = 4  # sub-pixels per direction at an edge
+EDGE_SAMPLES = 3  # sub-pixels per direction at an edge
+FRONT_M = 1e-5  # the plate's front is told from its rim with this tolerance
 GRID_M = 5e-3  # spacing of the light baked on plate and block
 
 
 @dataclass(frozen=True)
 class Body:
-    """A surface in the photo frame: vertices [n, 3] in metres, faces [m, 3], unit normals [n, 3]."""
+    """A surface in the photo frame: vertices [n, 3] in metres, faces [m, 3], outward unit normals [n, 3]."""
 
     vertices_m: np.ndarray
     faces: np.ndarray
     normals: np.ndarray
-    photo_from_body: Transform
     albedo: Albedo
 
 
@@ -78,8 +80,7 @@ class Studio:
             uv = hits["primitive_uvs"][seen]
             weights = np.concatenate([1 - uv.sum(axis=1, keepdims=True), uv], axis=1)
             irradiance = np.einsum("ij,ij->i", light[body.faces[hits["primitive_ids"][seen]]], weights)
-            albedo = body.albedo(body.photo_from_body.inverse().points(points_m))
-            radiance[seen] = albedo * irradiance[:, None].astype(np.float32)
+            radiance[seen] = body.albedo(points_m) * irradiance[:, None].astype(np.float32)
         return radiance, depth, label
 
     def _supersample(
@@ -135,21 +136,36 @@ def _cast(rays: object, origins_m: np.ndarray, directions: np.ndarray) -> dict[s
 
 def _bodies(scene: Scene) -> list[Body]:
     photo_from_radar = scene.radar_from_photo.inverse()
-    photo_from_target = Transform(
-        "target", "photo", photo_from_radar.matrix @ scene.radar_from_target.matrix
+    target_from_photo = Transform(
+        "photo", "target", scene.radar_from_target.inverse().matrix @ scene.radar_from_photo.matrix
     )
-    contrast, seed = scene.file.photos.texture_contrast, 1000 * (scene.file.seed + 1)
-    texture = foam if isinstance(scene.file.target, CalibrationTarget) else skin
+    texture = _target_texture(scene)
+
+    def target_albedo(points_m: np.ndarray) -> np.ndarray:
+        return texture(target_from_photo.points(points_m))
+
+    plain = partial(styrodur, seed=_texture_seed(scene) + 200)
     vertices_m = photo_from_radar.points(np.asarray(scene.target_mesh.vertices))
-    plain = partial(styrodur, contrast=1.0, seed=seed + 200)
     bodies = [
-        _body(vertices_m, np.asarray(scene.target_mesh.triangles), photo_from_target,
-              partial(texture, contrast=contrast, seed=seed)),
-        _body(*_plate(), identity("photo"), _Plate(scene.file.seed, plain)),
+        _body(vertices_m, np.asarray(scene.target_mesh.triangles), target_albedo),
+        _body(*_plate(), _Plate(scene.file.seed, plain)),
     ]
     if scene.block_m is not None:
-        bodies.append(_body(*cuboid(*scene.block_m, GRID_M), identity("photo"), plain))
+        bodies.append(_body(*cuboid(*scene.block_m, GRID_M), plain))
     return bodies
+
+
+def _target_texture(scene: Scene) -> Albedo:
+    """Reflectance over the target's own frame."""
+    target, contrast, seed = scene.file.target, scene.file.photos.texture_contrast, _texture_seed(scene)
+    if isinstance(target, HandTarget):
+        return Skin(POSES[target.pose], contrast, seed)
+    return partial(foam if isinstance(target, CalibrationTarget) else skin, contrast=contrast, seed=seed)
+
+
+def _texture_seed(scene: Scene) -> int:
+    """Textures take small numbers above their seed: keep those of neighbouring scenes apart."""
+    return 1000 * (scene.file.seed + 1)
 
 
 def _plate() -> tuple[np.ndarray, np.ndarray]:
@@ -157,10 +173,10 @@ def _plate() -> tuple[np.ndarray, np.ndarray]:
     return cuboid(np.array([-width / 2, -height / 2, -thickness]), np.array([width / 2, height / 2, 0.0]), GRID_M)
 
 
-def _body(vertices_m: np.ndarray, faces: np.ndarray, photo_from_body: Transform, albedo: Albedo) -> Body:
+def _body(vertices_m: np.ndarray, faces: np.ndarray, albedo: Albedo) -> Body:
     surface = mesh(vertices_m, faces)
     surface.compute_vertex_normals()
-    return Body(vertices_m, faces, np.asarray(surface.vertex_normals), photo_from_body, albedo)
+    return Body(vertices_m, faces, np.asarray(surface.vertex_normals), albedo)
 
 
 class _Plate:
@@ -185,8 +201,10 @@ class _Plate:
             grey[part] = cv2.remap(
                 self.print, column[part, None], row[part, None], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
             )[:, 0]
-        front = np.abs(points_m[:, 2]) < 1e-5
-        return np.where(front[:, None], grey[:, None], self.plain(points_m))
+        reflectance = np.repeat(grey[:, None], 3, axis=1)
+        rim = np.abs(points_m[:, 2]) > FRONT_M
+        reflectance[rim] = self.plain(points_m[rim])
+        return reflectance
 
 
 def _edges(depth: np.ndarray, label: np.ndarray) -> np.ndarray:

@@ -39,28 +39,26 @@ class Pose(Config):
     little: FingerPose = FingerPose(spread_deg=-10.0)
 
 
-CURLED = {"mcp_deg": 78.0, "pip_deg": 100.0, "dip_deg": 62.0}
-
 POSES = {
     "B": Pose(
-        thumb=ThumbPose(radial_deg=8.0, palmar_deg=38.0, opposition_deg=25.0, mcp_deg=38.0, ip_deg=42.0),
-        index=FingerPose(mcp_deg=2.0, pip_deg=3.0, dip_deg=2.0, spread_deg=-3.0),
-        middle=FingerPose(mcp_deg=2.0, pip_deg=4.0, dip_deg=2.0, spread_deg=-0.5),
-        ring=FingerPose(mcp_deg=2.0, pip_deg=4.0, dip_deg=2.0, spread_deg=1.5),
-        little=FingerPose(mcp_deg=2.0, pip_deg=4.0, dip_deg=3.0, spread_deg=3.0),
+        thumb=ThumbPose(radial_deg=13, palmar_deg=23, opposition_deg=19, mcp_deg=60, ip_deg=34),
+        index=FingerPose(mcp_deg=2, pip_deg=3, dip_deg=2, spread_deg=-3.4),
+        middle=FingerPose(mcp_deg=2, pip_deg=4, dip_deg=2, spread_deg=-0.5),
+        ring=FingerPose(mcp_deg=2, pip_deg=4, dip_deg=2, spread_deg=1.2),
+        little=FingerPose(mcp_deg=2, pip_deg=4, dip_deg=3, spread_deg=2.3),
     ),
     "F": Pose(
-        thumb=ThumbPose(radial_deg=28.0, palmar_deg=42.0, opposition_deg=10.0, mcp_deg=22.0, ip_deg=30.0),
-        index=FingerPose(mcp_deg=52.0, pip_deg=52.0, dip_deg=28.0, spread_deg=4.0),
-        middle=FingerPose(mcp_deg=8.0, pip_deg=8.0, dip_deg=4.0, spread_deg=3.0),
-        ring=FingerPose(mcp_deg=3.0, pip_deg=5.0, dip_deg=3.0, spread_deg=-6.0),
-        little=FingerPose(mcp_deg=1.0, pip_deg=4.0, dip_deg=3.0, spread_deg=-17.0),
+        thumb=ThumbPose(radial_deg=23, palmar_deg=30.5, opposition_deg=30, mcp_deg=28, ip_deg=3),
+        index=FingerPose(mcp_deg=24, pip_deg=93, dip_deg=22, spread_deg=11),
+        middle=FingerPose(mcp_deg=8, pip_deg=8, dip_deg=4, spread_deg=3),
+        ring=FingerPose(mcp_deg=3, pip_deg=5, dip_deg=3, spread_deg=-6),
+        little=FingerPose(mcp_deg=1, pip_deg=4, dip_deg=3, spread_deg=-17),
     ),
     "U": Pose(
-        thumb=ThumbPose(radial_deg=12.0, palmar_deg=44.0, opposition_deg=25.0, mcp_deg=34.0, ip_deg=45.0),
-        index=FingerPose(mcp_deg=2.0, pip_deg=3.0, dip_deg=2.0, spread_deg=-3.0),
-        middle=FingerPose(mcp_deg=2.0, pip_deg=4.0, dip_deg=2.0, spread_deg=1.0),
-        ring=FingerPose(**CURLED, spread_deg=0.0),
-        little=FingerPose(**CURLED, spread_deg=-2.0),
+        thumb=ThumbPose(radial_deg=16, palmar_deg=41, opposition_deg=3, mcp_deg=64, ip_deg=42),
+        index=FingerPose(mcp_deg=2, pip_deg=3, dip_deg=2, spread_deg=-2.6),
+        middle=FingerPose(mcp_deg=2, pip_deg=4, dip_deg=2, spread_deg=0.5),
+        ring=FingerPose(mcp_deg=88, pip_deg=105, dip_deg=56, spread_deg=0),
+        little=FingerPose(mcp_deg=83, pip_deg=99, dip_deg=55, spread_deg=-6),
     ),
 }

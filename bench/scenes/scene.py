@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 CROP_MARGIN_M = 0.004
 BLOCK_GAP_M = 0.003  # the crop box ends this far above the block
-FOREARM_IN_BLOCK_M = 0.008
+FOREARM_IN_BLOCK_M = 0.012
 PHOTO_AXES = np.diag([-1.0, 1.0, -1.0])  # the board faces the radar: its z is the radar's -z
 
 

@@ -32,7 +32,7 @@ KNUCKLES_MM = {
     "little": (-31.0, 33.0, 2.5),
 }
 METACARPAL_DEG = {"index": 11.0, "middle": 3.0, "ring": -6.0, "little": -15.0}
-ROLL_DEG = {"index": -6.0, "middle": 0.0, "ring": 5.0, "little": 12.0}
+ROLL_DEG = {"index": -4.0, "middle": 0.0, "ring": 3.0, "little": 6.0}
 THUMB_BASE_MM = (21.0, -37.0, 7.0)
 FINGERS = tuple(KNUCKLES_MM)
 

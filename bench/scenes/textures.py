@@ -35,10 +35,10 @@ def foam(points_m: np.ndarray, contrast: float, seed: int) -> np.ndarray:
     return np.array(FOAM_RGB, dtype=np.float32) * np.exp(contrast * shade)[:, None].astype(np.float32)
 
 
-def styrodur(points_m: np.ndarray, contrast: float, seed: int) -> np.ndarray:
+def styrodur(points_m: np.ndarray, seed: int) -> np.ndarray:
     """Reflectance [n, 3] of extruded foam board: nearly plain."""
     grain = 0.08 * solid_noise(points_m, 2e-3, seed) + 0.06 * solid_noise(points_m, 0.8e-3, seed + 1)
-    return np.array(STYRODUR_RGB, dtype=np.float32) * np.exp(contrast * grain)[:, None].astype(np.float32)
+    return np.array(STYRODUR_RGB, dtype=np.float32) * np.exp(grain)[:, None].astype(np.float32)
 
 
 def solid_noise(points_m: np.ndarray, wavelength_m: float, seed: int) -> np.ndarray:

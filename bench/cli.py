@@ -1,0 +1,123 @@
+"""The command line: handbench COMMAND. Nothing heavy is imported before a command is chosen."""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import os
+import sys
+from pathlib import Path
+
+from radar.errors import HandbenchError
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command; a known error is one line on stderr and exit code 2, an unknown one keeps its traceback."""
+    options = parser().parse_args(arguments)
+    from bench import commands
+
+    try:
+        getattr(commands, options.command)(options)
+    except HandbenchError as error:
+        print(f"handbench: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("handbench: interrupted; nothing was left half-written, and `run` resumes", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader went away; so do we
+        return 141
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES):
+            raise
+        where = error.filename or os.environ.get("TMPDIR", "/tmp")
+        print(f"handbench: {where}: {error.strerror}; free the space or choose another place", file=sys.stderr)
+        return 2
+    return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """All commands and their options."""
+    purpose = "How well near-field radar sees a human hand, and what that accuracy costs in time."
+    top = argparse.ArgumentParser(prog="handbench", description=purpose)
+    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    run = _add(commands, "run", "every capture × method of a benchmark → result folder; resumes")
+    run.add_argument("bench", metavar="BENCH.toml", help="benchmark file, or the name of an embedded one: paper_table")
+    run.add_argument("-o", "--out", required=True, type=Path, metavar="DIR", help="result folder")
+    run.add_argument("--overwrite", action="store_true", help="replace the results of another configuration in DIR")
+
+    simulate = _add(commands, "simulate", "scene file → capture folder (echoes, photographs, true surface)")
+    simulate.add_argument("scene", type=Path, metavar="SCENE.toml")
+    _out(simulate, "DIR", "capture folder")
+    simulate.add_argument("--frames", type=_positive, default=1, help="frames that differ in their noise (default 1)")
+
+    truth = _add(commands, "groundtruth", "photographs → metric mesh")
+    truth.add_argument("photos", type=Path, metavar="PHOTOS", help="folder of photographs")
+    _out(truth, "MESH.ply", "mesh, metres")
+    truth.add_argument("--cameras", type=Path, metavar="cameras.json", help="known cameras (default: those in PHOTOS)")
+    truth.add_argument("--intrinsics", metavar="fx,fy,cx,cy", help="one known camera for all photographs, pixels")
+    truth.add_argument("--board", type=Path, metavar="board.toml", help="ArUco board: scale and frame")
+    truth.add_argument("--unscaled", action="store_true", help="accept a mesh without metric scale")
+    truth.add_argument("--quality", choices=("draft", "normal", "high"), default="normal")
+    truth.add_argument("--box", metavar="xmin,ymin,zmin,xmax,ymax,zmax", help="region of interest, metres, mesh frame")
+    truth.add_argument("--seed", type=int, default=0)
+    truth.add_argument("--workdir", type=Path, metavar="DIR", help="keep sparse/, dense.ply and summary.json there")
+
+    calibrate = _add(commands, "calibrate", "target capture → radar_from_photo, covariance, residuals")
+    calibrate.add_argument("capture", type=Path, metavar="TARGET_CAPTURE")
+    _out(calibrate, "TRANSFORM.json", "transform")
+    calibrate.add_argument("--quality", choices=("draft", "normal", "high"), default="draft")
+    calibrate.add_argument("--seed", type=int, default=0)
+
+    reconstruct = _add(commands, "reconstruct", "one capture, one method → depth map")
+    reconstruct.add_argument("capture", type=Path, metavar="CAPTURE")
+    reconstruct.add_argument("--method", required=True, metavar="ID", help="see `handbench list`")
+    _out(reconstruct, "DEPTH.npz", "depth map")
+    reconstruct.add_argument("--frame", type=int, default=0)
+    accuracy = reconstruct.add_mutually_exclusive_group()
+    accuracy.add_argument("--tolerance", type=float, metavar="1e-3", help="relative error of a volume's image")
+    accuracy.add_argument("--exact", action="store_true", help="sum every tone")
+    reconstruct.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings",
+                             help="one of the method's parameters, as z.step_m=0.002 (repeatable)")
+    reconstruct.add_argument("--volume", type=Path, metavar="V.npz", help="write the complex volume too")
+
+    evaluate = _add(commands, "evaluate", "depth map against a mesh → metrics as JSON on stdout")
+    evaluate.add_argument("depth", type=Path, metavar="DEPTH.npz")
+    evaluate.add_argument("--mesh", required=True, type=Path, metavar="MESH.ply", help="metres")
+    evaluate.add_argument("--transform", type=Path, metavar="T.json", help="carries the mesh into the radar frame")
+
+    report = _add(commands, "report", "result folder → tables, figures, HTML")
+    report.add_argument("results", type=Path, metavar="DIR")
+    _out(report, "REPORT", "report folder")
+
+    importer = _add(commands, "import", "another data set → capture folder")
+    importer.set_defaults(command="import_dataset")
+    importer.add_argument("dataset", choices=("planar_scan",))
+    importer.add_argument("source", type=Path, metavar="SRC")
+    _out(importer, "DIR", "capture folder")
+
+    _add(commands, "list", "methods, metrics, benchmarks and poses that there are").set_defaults(command="list_all")
+    validate = _add(commands, "validate", "check benchmarks, scenes and captures before hours are spent")
+    validate.add_argument("inputs", nargs="+", metavar="INPUT", help="benchmark or scene file, or capture folder")
+    _add(commands, "doctor", "what this machine has, and what each missing piece costs")
+    return top
+
+
+def _add(commands: argparse._SubParsersAction, name: str, text: str) -> argparse.ArgumentParser:
+    return commands.add_parser(name, help=text, description=text)
+
+
+def _out(command: argparse.ArgumentParser, metavar: str, text: str) -> None:
+    command.add_argument("-o", "--out", required=True, type=Path, metavar=metavar, help=text)
+    command.add_argument("--overwrite", action="store_true", help=f"replace {metavar} if it exists")
+
+
+def _positive(text: str) -> int:
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number ≥ 1")
+    return int(text)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,216 @@
+"""What each command does: open the inputs, call the library, write the output."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from radar.errors import HandbenchError
+from radar.files import require_file, require_folder
+from radar.progress import say
+
+
+def run(options: argparse.Namespace) -> None:
+    """The main job; ends with the table."""
+    from bench.protocol import load_benchmark
+    from bench.runner import run as run_benchmark
+    from reports.tables import show
+
+    bench, base = load_benchmark(options.bench)
+    show(run_benchmark(bench, base, options.out, options.overwrite))
+    say(f"results: {options.out}")
+
+
+def simulate(options: argparse.Namespace) -> None:
+    """Scene → capture folder."""
+    from bench.datasets.simulated import simulate_capture
+    from bench.scenes.scene import load_scene
+
+    _free(options.out, options.overwrite)
+    simulate_capture(load_scene(options.scene), options.out, options.frames)
+    say(f"capture: {options.out}")
+
+
+def groundtruth(options: argparse.Namespace) -> None:
+    """Photographs → mesh."""
+    from calibration.meshes import write_mesh
+    from groundtruth.pipeline import Options, reconstruct
+    from radar.config import parse
+
+    _free(options.out, options.overwrite)
+    values = {
+        "cameras": options.cameras,
+        "intrinsics": _numbers(options.intrinsics, 4, "--intrinsics"),
+        "board": options.board,
+        "unscaled": options.unscaled,
+        "quality": options.quality,
+        "box_m": _numbers(options.box, 6, "--box"),
+        "seed": options.seed,
+    }
+    result = reconstruct(options.photos, parse(Options, values, "groundtruth"), options.workdir)
+    write_mesh(options.out, result.mesh)
+    print(json.dumps(result.summary(), indent=2))
+
+
+def calibrate(options: argparse.Namespace) -> None:
+    """Target capture → transform."""
+    from bench.stages import calibrate_capture
+
+    _free(options.out, options.overwrite)
+    transform = calibrate_capture(options.capture, options.quality, options.seed)
+    transform.save(options.out)
+    residuals = ", ".join(f"{1e3 * r:.2f}" for r in transform.residuals_m)
+    say(f"{options.out}: {len(transform.residuals_m)} elements, residuals {residuals} mm")
+
+
+def reconstruct(options: argparse.Namespace) -> None:
+    """Capture × method → depth map."""
+    from bench.datasets.native import load_echoes
+    from bench.registry import method
+    from bench.stages import resolved_config
+    from radar.backprojection import compile_kernels
+    from radar.files import write_npz
+
+    for file in filter(None, (options.out, options.volume)):
+        _free(file, options.overwrite)
+    chosen = method(options.method)
+    defaults = chosen.configure(resolved_config(options.capture, chosen.id, {}), f"method '{chosen.id}'")
+    settings = chosen.configure(_settings(options, defaults.model_dump(mode="json")), "--set")
+    echoes = load_echoes(options.capture)
+    if not 0 <= options.frame < len(echoes.samples):
+        raise HandbenchError(f"--frame: is {options.frame}; the capture has frames 0 to {len(echoes.samples) - 1}")
+    if options.volume is not None and "z" not in chosen.config.model_fields:
+        raise HandbenchError(f"--volume: '{chosen.id}' makes no volume; choose broadband or narrowband")
+    compile_kernels()
+    result = chosen.run(echoes, settings, options.frame)
+    result.depth.save(options.out)
+    if options.volume is not None:
+        write_npz(options.volume, volume=result.volume, z_m=result.volume_z_m)
+    say(f"{options.out}: {int((result.depth.z_m == result.depth.z_m).sum())} pixels on target")
+
+
+def evaluate(options: argparse.Namespace) -> None:
+    """Depth map × mesh → metrics on stdout."""
+    from bench.metrics import definitions, score
+    from bench.stages import reference_depth
+    from calibration.transforms import identity, load_transform
+    from radar.depthmap import load_depthmap
+    from radar.grid import PixelGrid
+
+    depth = load_depthmap(options.depth)
+    transform = load_transform(options.transform) if options.transform else identity("radar")
+    values = score(depth.z_m, reference_depth(options.mesh, transform, PixelGrid(depth.x_m, depth.y_m)))
+    print(json.dumps({**values, "method": depth.method, "definitions": definitions(list(values))}, indent=2))
+
+
+def report(options: argparse.Namespace) -> None:
+    """Result folder → report."""
+    from reports.html import build
+
+    page = build(options.results, options.out)
+    print(f"report: {page}")
+
+
+def import_dataset(options: argparse.Namespace) -> None:
+    """Foreign data → capture folder."""
+    from bench.datasets.planar_scan import import_planar_scan
+
+    _free(options.out, options.overwrite)
+    import_planar_scan(options.source, options.out)
+    say(f"capture: {options.out}")
+
+
+def list_all(options: argparse.Namespace) -> None:
+    """Everything that has a name."""
+    from bench.listing import show
+
+    show()
+
+
+def validate(options: argparse.Namespace) -> None:
+    """Every problem of every input, one line each; exit code 2 if there is one."""
+    problems = []
+    for name in options.inputs:
+        try:
+            _validate(name)
+            print(f"{name}: fine")
+        except HandbenchError as error:
+            problems.append(str(error))
+    for problem in problems[:-1]:
+        say(f"handbench: {problem}")
+    if problems:
+        raise HandbenchError(problems[-1])
+
+
+def doctor(options: argparse.Namespace) -> None:
+    """The machine, in plain words."""
+    from bench.doctor import show
+
+    show()
+
+
+def _validate(name: str) -> None:
+    from bench.datasets.native import ECHOES, load_capture_file, load_echoes
+    from bench.protocol import load_benchmark
+    from bench.scenes.scene import SceneFile
+    from calibration.meshes import read_mesh
+    from radar.config import load, read_toml
+
+    path = Path(name)
+    if path.is_dir():
+        load_capture_file(path)
+        if (path / ECHOES).exists():
+            load_echoes(path)
+        for mesh in ("truth.ply", "mesh.ply"):
+            if (path / mesh).exists():
+                read_mesh(path / mesh)
+    elif path.is_file() and "target" in read_toml(path, "a benchmark or a scene"):
+        load(SceneFile, path, "a scene description")
+    else:
+        bench, base = load_benchmark(name)
+        for source in filter(None, (*bench.capture, bench.calibration)):
+            if source.scene is not None:
+                require_file(base / source.scene, "a scene description")
+                load(SceneFile, base / source.scene, "a scene description")
+            else:
+                _validate(str(require_folder(base / (source.path or ""), "a capture")))
+
+
+def _free(path: Path, overwrite: bool) -> None:
+    """Refuse to overwrite unless asked to."""
+    if path.exists() and not overwrite:
+        raise HandbenchError(f"{path}: exists already; choose another -o, or --overwrite to replace it")
+
+
+def _numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | None:
+    if text is None:
+        return None
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != count:
+        raise HandbenchError(f"{option}: is '{text}'; expected {count} numbers separated by commas")
+    return values
+
+
+def _settings(options: argparse.Namespace, values: dict[str, Any]) -> dict[str, Any]:
+    """`values` with --set, --tolerance and --exact put in; methods that always image exactly have no tolerance."""
+    for setting in options.settings:
+        key, separator, text = setting.partition("=")
+        *parents, leaf = key.split(".")
+        place: Any = values
+        for parent in parents:
+            place = place.setdefault(parent, {}) if isinstance(place, dict) else None
+        if not separator or not isinstance(place, dict):
+            raise HandbenchError(f"--set: is '{setting}'; expected KEY=VALUE, as z.step_m=0.002")
+        try:
+            place[leaf] = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            place[leaf] = text
+    if "tolerance" in values and (options.exact or options.tolerance is not None):
+        values["tolerance"] = options.tolerance
+    return values

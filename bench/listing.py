@@ -1,0 +1,27 @@
+"""Everything that has a name: methods with their defaults and sources, metrics, benchmarks, poses."""
+
+from __future__ import annotations
+
+import json
+
+from bench.metrics import definitions
+from bench.protocol import EMBEDDED
+from bench.registry import methods
+from bench.scenes.poses import POSES
+
+
+def show() -> None:
+    """Print the lists."""
+    print("methods")
+    for method in methods():
+        print(f"  {method.id:<12} {method.summary}")
+        print(f"  {'':<12} source: {method.source}")
+        for key, value in method.config().model_dump(mode="json").items():
+            print(f"  {'':<12} {key} = {json.dumps(value)}")
+    print("metrics")
+    for key, definition in definitions().items():
+        print(f"  {key:<28} {definition}")
+    print("embedded benchmarks")
+    for path in sorted(EMBEDDED.glob("*_table.toml")):
+        print(f"  {path.stem}")
+    print(f"poses\n  {', '.join(POSES)}")

@@ -1,0 +1,94 @@
+"""Benchmark files: what a run does, and the protocol by which it is scored."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field, model_validator
+
+from bench.registry import method
+from radar.config import Config, load, suggest
+from radar.errors import HandbenchError
+
+EMBEDDED = Path(__file__).parent / "benchmarks"
+
+PROTOCOL = {
+    "id": "paper",
+    "version": 1,
+    "accuracy": "frame 0 of every capture; errors along z on the method's pixels where map and reference exist, "
+    "pooled over the captures",
+    "precision": "standard deviation over the repeats of the z of the strongest scatterer, averaged over the captures; "
+    "the scatterer is the pixel with the largest mean amplitude of those observed in every repeat",
+    "reference": "first surface along +z from the array's plane; the transform radar_from_photo is estimated once, on "
+    "the calibration target, and never refitted",
+}
+
+
+class Source(Config):
+    """A scene file to simulate or a capture folder, relative to the benchmark file."""
+
+    scene: str | None = None
+    path: str | None = None
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Source:
+        if (self.scene is None) == (self.path is None):
+            raise ValueError("give either scene = \"FILE.toml\" or path = \"CAPTURE_FOLDER\"")
+        return self
+
+
+class GroundTruth(Config):
+    """How photographs become a mesh."""
+
+    quality: Literal["draft", "normal", "high"] = "draft"
+
+
+class MethodEntry(Config):
+    """A method with what its configuration changes; precision = true measures its precision too."""
+
+    id: str
+    config: dict[str, Any] = Field(default_factory=dict)
+    precision: bool = False
+
+
+class BenchFile(Config):
+    """The content of a benchmark file."""
+
+    version: Literal[1]
+    name: str = Field(min_length=1, max_length=80, pattern=r"^[\w.-]+$")
+    seed: int = Field(default=0, ge=0)
+    repeats: int = Field(default=10, ge=2, le=1000, description="frames for the precision")
+    phase_noise_rad: float | None = Field(default=None, ge=0, description="replaces the noise of every scene")
+    groundtruth: GroundTruth = GroundTruth()
+    calibration: Source | None = None
+    capture: tuple[Source, ...] = Field(min_length=1)
+    method: tuple[MethodEntry, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _known_methods(self) -> BenchFile:
+        ids = [entry.id for entry in self.method]
+        for entry in self.method:
+            if ids.count(entry.id) > 1:
+                raise ValueError(f"method '{entry.id}' is listed twice; list it once")
+        return self
+
+
+def find_benchmark(name: str) -> Path:
+    """The file of a benchmark given by path, or by the name of an embedded one."""
+    path = Path(name)
+    if path.suffix == ".toml" or path.exists():
+        return path
+    embedded = {p.stem: p for p in EMBEDDED.glob("*_table.toml")}
+    if name not in embedded:
+        raise HandbenchError(f"benchmark: '{name}' is neither a file nor embedded; {suggest(name, list(embedded))}")
+    return embedded[name]
+
+
+def load_benchmark(name: str) -> tuple[BenchFile, Path]:
+    """A benchmark file, checked down to every method's configuration, and the folder that its paths start from."""
+    path = find_benchmark(name)
+    bench = load(BenchFile, path, "a benchmark description")
+    for entry in bench.method:
+        method(entry.id).configure(entry.config, f"{path}: method '{entry.id}'")
+    return bench, path.parent

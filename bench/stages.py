@@ -1,0 +1,99 @@
+"""The stages of a run: each is one function from files to a folder, and nothing here knows about caching."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.datasets.native import PHOTOS, TARGET, load_capture_file, load_echoes
+from bench.metrics import strongest_scatterer_z_m
+from bench.registry import Reconstruction, method
+from calibration.meshes import read_mesh, write_mesh
+from calibration.registration import calibrate
+from calibration.target import load_target
+from calibration.transforms import Transform, load_transform
+from groundtruth.depth import depth_on_grid
+from groundtruth.pipeline import Options, reconstruct
+from radar.backprojection import compile_kernels
+from radar.errors import HandbenchError
+from radar.files import read_npz, write_json, write_npz
+from radar.grid import PixelGrid
+
+MESH, DEPTH, REPEATS, TIMING = "mesh.ply", "depth.npz", "repeats.npz", "timing.json"
+
+
+def make_mesh(capture: Path, quality: str, seed: int, folder: Path) -> None:
+    """Photographs → metric mesh in the photo frame (MESH), with the COLMAP model and the summary beside it."""
+    box_m = load_capture_file(capture).box_m
+    result = reconstruct(capture / PHOTOS, Options(quality=quality, box_m=box_m, seed=seed), folder / "work")
+    write_mesh(folder / MESH, result.mesh)
+
+
+def calibrate_capture(capture: Path, quality: str, seed: int, folder: Path | None = None) -> Transform:
+    """Target capture → radar_from_photo. The photographs' intermediate results go to `folder`, if given."""
+    description = load_capture_file(capture)
+    target = load_target(capture / TARGET)
+    options = Options(quality=quality, box_m=description.box_m, components="all", seed=seed)
+    cloud = reconstruct(capture / PHOTOS, options, folder)
+    return calibrate(cloud.points_m, cloud.normals, load_echoes(capture), target)
+
+
+def image_frames(
+    capture: Path, method_id: str, config: dict[str, Any], frames: int = 1
+) -> Iterator[tuple[Reconstruction, float]]:
+    """The first frames of a capture by one method, each with its seconds from echoes in memory to the depth map."""
+    chosen = method(method_id)
+    settings = chosen.configure(resolved_config(capture, method_id, config), f"method '{method_id}'")
+    echoes = load_echoes(capture)
+    if len(echoes.samples) < frames:
+        raise HandbenchError(f"{capture}: has {len(echoes.samples)} frames; expected {frames} for the precision")
+    compile_kernels()
+    for frame in range(frames):
+        start = time.perf_counter()
+        result = chosen.run(echoes, settings, frame)
+        yield result, time.perf_counter() - start
+
+
+def resolved_config(capture: Path, method_id: str, config: dict[str, Any]) -> dict[str, Any]:
+    """What the capture's sensor asks for, overridden by what the user asks for."""
+    return {**load_capture_file(capture).methods.get(method_id, {}), **config}
+
+
+def make_depth(capture: Path, method_id: str, config: dict[str, Any], folder: Path) -> None:
+    """Frame 0 → DEPTH, and its time → TIMING."""
+    [(result, seconds)] = image_frames(capture, method_id, config)
+    result.depth.save(folder / DEPTH)
+    write_json(folder / TIMING, {"seconds": [seconds]})
+
+
+def make_repeats(capture: Path, method_id: str, config: dict[str, Any], frames: int, folder: Path) -> None:
+    """Depth of the strongest scatterer in each frame → REPEATS, and the frames' times → TIMING."""
+    depths, seconds = [], []
+    for result, elapsed in image_frames(capture, method_id, config, frames):
+        depths.append(result.depth)
+        seconds.append(elapsed)
+    amplitude = np.stack([10 ** (d.amplitude_db / 20) for d in depths])
+    write_npz(folder / REPEATS, z_m=strongest_scatterer_z_m(np.stack([d.z_m for d in depths]), amplitude))
+    write_json(folder / TIMING, {"seconds": seconds})
+
+
+def reference_depth(mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid) -> np.ndarray:
+    """Depth [ny, nx] of a mesh file on a pixel grid of the radar, after carrying it into the radar frame."""
+    surface = read_mesh(mesh_file)
+    surface.transform(radar_from_mesh.matrix)
+    return depth_on_grid(surface, grid.x_m, grid.y_m)
+
+
+def transform_of(capture: Path) -> Transform | None:
+    """The capture's own radar_from_photo, if it has one."""
+    file = capture / "radar_from_photo.json"
+    return load_transform(file) if file.exists() else None
+
+
+def repeats_z_m(folder: Path) -> np.ndarray:
+    """What `make_repeats` wrote."""
+    return read_npz(folder / REPEATS, ("z_m",))["z_m"]
