@@ -1,0 +1,48 @@
+"""A benchmark small enough to run in seconds: a sphere, three tones, few pixels, no photographs."""
+
+from pathlib import Path
+
+import pytest
+
+from calibration.meshes import load_open3d, write_mesh
+
+SCENE = """
+version = 1
+name = "ball"
+seed = 3
+[target]
+kind = "mesh"
+path = "ball.ply"
+distance_m = 0.30
+[sensor]
+sweep = []
+tones_hz = [82e9, 81.8e9, 79.5e9]
+"""
+BENCH = """
+version = 1
+name = "small"
+seed = 1
+repeats = 3
+phase_noise_rad = 0.03
+[[capture]]
+scene = "ball.toml"
+[[method]]
+id = "2fsk"
+precision = true
+config = { x = AXIS, y = AXIS }
+[[method]]
+id = "narrowband"
+config = { x = AXIS, y = AXIS, z = { start_m = 0.27, stop_m = 0.29, step_m = 0.002 } }
+""".replace("AXIS", "{ start_m = -0.02, stop_m = 0.02, step_m = 0.002 }")
+
+
+@pytest.fixture
+def small_bench(tmp_path: Path) -> Path:
+    """A benchmark file with the scene and the mesh that it names."""
+    folder = tmp_path / "bench"
+    folder.mkdir()
+    sphere = load_open3d().geometry.TriangleMesh.create_sphere(0.02, resolution=40)
+    write_mesh(folder / "ball.ply", sphere)
+    (folder / "ball.toml").write_text(SCENE)
+    (folder / "small.toml").write_text(BENCH)
+    return folder / "small.toml"

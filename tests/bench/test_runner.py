@@ -1,0 +1,135 @@
+"""The runner: complete result folders, resumed after a kill, never mixed and never stale."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from bench import results
+from bench.cache import locked
+from bench.protocol import load_benchmark
+from bench.runner import run
+from radar.errors import HandbenchError
+
+
+def execute(bench_file: Path, folder: Path, **options: bool) -> results.Result:
+    bench, base = load_benchmark(str(bench_file))
+    return run(bench, base, folder, **options)
+
+
+def figures(folder: Path) -> list[str]:
+    """The table without its times."""
+    return [line for line in (folder / "table.csv").read_text().splitlines() if not line.startswith("seconds")]
+
+
+def test_result_folder_is_complete_and_plausible(small_bench, tmp_path):
+    result = execute(small_bench, tmp_path / "out")
+    mae = {row.method: row.value for row in result.rows if row.metric == "mae_mm"}
+    assert mae.keys() == {"2fsk", "narrowband"}
+    assert 0 < mae["2fsk"] < 10  # σ_z is 3.6 mm at the strongest pixel and 11 mm at the threshold
+    assert result.row("precision_mm", "2fsk", "truth").value > 0
+    assert result.row("precision_mm", "narrowband", "truth") is None
+    assert len(result.repeats) == 3
+    assert {task.stage for task in result.tasks} == {"simulate", "reconstruct", "repeat"}
+    assert all(task.seconds > 0 and task.peak_memory_mb > 0 and not task.cached for task in result.tasks)
+
+
+def test_second_run_is_cached_and_gives_the_same_table(small_bench, tmp_path):
+    execute(small_bench, tmp_path / "out")
+    before = (tmp_path / "out" / "table.csv").read_text()
+    again = execute(small_bench, tmp_path / "out")
+    assert all(task.cached for task in again.tasks)
+    assert (tmp_path / "out" / "table.csv").read_text() == before
+
+
+def test_a_changed_input_is_never_taken_from_the_cache(small_bench, tmp_path):
+    execute(small_bench, tmp_path / "out")
+    scene = small_bench.parent / "ball.toml"
+    scene.write_text(scene.read_text().replace("seed = 3", "seed = 4"))
+    again = execute(small_bench, tmp_path / "out")
+    assert not any(task.cached for task in again.tasks)
+
+
+def test_another_configuration_is_refused_unless_asked_for(small_bench, tmp_path):
+    execute(small_bench, tmp_path / "out")
+    kept = figures(tmp_path / "out")
+    small_bench.write_text(small_bench.read_text().replace("seed = 1", "seed = 2"))
+    with pytest.raises(HandbenchError, match="another configuration"):
+        execute(small_bench, tmp_path / "out")
+    assert figures(tmp_path / "out") == kept
+    execute(small_bench, tmp_path / "out", overwrite=True)
+
+
+def test_a_stranger_s_folder_is_left_alone(small_bench, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.tex").write_text("mine")
+    with pytest.raises(HandbenchError, match=r"thesis\.tex"):
+        execute(small_bench, tmp_path / "out")
+    assert (tmp_path / "out" / "thesis.tex").read_text() == "mine"
+
+
+def test_two_runs_do_not_share_a_folder(small_bench, tmp_path):
+    with locked(tmp_path / "out" / "work"), pytest.raises(HandbenchError, match="another run"):
+        execute(small_bench, tmp_path / "out")
+
+
+def test_a_killed_run_resumes_to_the_same_table(small_bench, tmp_path):
+    execute(small_bench, tmp_path / "whole")
+    out = tmp_path / "killed"
+    command = [sys.executable, "-m", "bench.cli", "run", str(small_bench), "-o", str(out)]
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    deadline = time.monotonic() + 60
+    while not list((out / "work").glob("simulate-*")) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert not (out / "result.json").exists()
+    (out / "work" / ".reconstruct-abc-half").mkdir()  # what a kill inside a stage leaves behind
+    resumed = execute(small_bench, out)
+    assert next(task for task in resumed.tasks if task.stage == "simulate").cached
+    assert figures(out) == figures(tmp_path / "whole")
+    assert not list((out / "work").glob(".reconstruct*"))
+
+
+def test_captures_as_folders_score_as_simulated_ones(small_bench, tmp_path):
+    execute(small_bench, tmp_path / "out")
+    capture = next((tmp_path / "out" / "work").glob("simulate-*")) / "capture"
+    shutil.copytree(capture, small_bench.parent / "recorded")
+    small_bench.write_text(small_bench.read_text().replace('scene = "ball.toml"', 'path = "recorded"'))
+    execute(small_bench, tmp_path / "recorded")
+    assert figures(tmp_path / "recorded") == figures(tmp_path / "out")
+
+
+def test_a_capture_without_any_reference_is_an_error(small_bench, tmp_path):
+    execute(small_bench, tmp_path / "out")
+    capture = next((tmp_path / "out" / "work").glob("simulate-*")) / "capture"
+    recorded = small_bench.parent / "recorded"
+    shutil.copytree(capture, recorded)
+    (recorded / "truth.ply").unlink()
+    description = (recorded / "capture.toml").read_text()
+    (recorded / "capture.toml").write_text(description.replace('"truth.ply", ', ""))
+    small_bench.write_text(small_bench.read_text().replace('scene = "ball.toml"', 'path = "recorded"'))
+    with pytest.raises(HandbenchError, match="nothing to score against"):
+        execute(small_bench, tmp_path / "recorded")
+
+
+def test_paths_do_not_leave_the_benchmark_s_folder(small_bench, tmp_path):
+    small_bench.write_text(small_bench.read_text().replace('"ball.toml"', '"../../etc/passwd"'))
+    with pytest.raises(HandbenchError, match="leaves the folder"):
+        execute(small_bench, tmp_path / "out")
+
+
+def test_result_json_says_how_it_came_about(small_bench, tmp_path):
+    execute(small_bench, tmp_path / "out")
+    about = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert about["protocol"]["id"] == "paper"
+    assert about["inputs"].keys() == {"ball"}
+    assert "numpy" in about["versions"]
+    assert about["machine"]["cores"] >= 1
+    assert about["metrics"]["mae_mm"]["definition"]

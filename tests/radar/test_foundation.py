@@ -1,0 +1,383 @@
+"""Errors, strict configuration, atomic files and progress: what every package stands on."""
+
+from __future__ import annotations
+
+import errno
+import io
+import json
+import os
+import pickle
+import shutil
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import pytest
+from pydantic import Field
+
+from radar import progress
+from radar.config import Config, load, parse, read_toml, suggest
+from radar.errors import HandbenchError
+from radar.files import (
+    atomic_folder,
+    atomic_path,
+    content_hash,
+    inside,
+    read_json,
+    read_npz,
+    require_file,
+    require_folder,
+    write_json,
+    write_npz,
+)
+
+
+class Hand(Config):
+    kind: Literal["hand"]
+    pose: str = "B"
+
+
+class Mesh(Config):
+    kind: Literal["mesh"]
+    path: str
+
+
+class Part(Config):
+    width_m: float = Field(default=0.1, gt=0)
+
+
+class Scene(Config):
+    name: str
+    part: tuple[Part, ...] = ()
+    target: Annotated[Hand | Mesh, Field(discriminator="kind")] = Hand(kind="hand")
+
+
+def message(action, *arguments) -> str:
+    """The one line of the HandbenchError that the action must raise."""
+    with pytest.raises(HandbenchError) as caught:
+        action(*arguments)
+    assert str(caught.value).isprintable()  # so it is one line
+    return str(caught.value)
+
+
+def full_disk(*_, **__):
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+# --- errors ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_message_is_one_line_whatever_it_quotes():
+    assert str(HandbenchError("a\nb\r\n  c\x1b[31m")) == "a b c?[31m"
+
+
+def test_an_error_survives_the_way_back_from_a_worker_process():
+    assert str(pickle.loads(pickle.dumps(HandbenchError("x: got 1")))) == "x: got 1"
+
+
+# --- configuration --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ({"nmae": "a"}, "unknown key 'nmae'; did you mean 'name'?"),
+        ({"name": "a", "part": [{}, {"widht_m": 1}]}, "unknown key 'part.1.widht_m'; did you mean 'width_m'?"),
+        ({"name": "a", "target": {"kind": "mesh", "pth": "x"}}, "unknown key 'target.pth'; did you mean 'path'?"),
+        ({"name": "a", "target": {"kind": "hand", "pos": "x"}}, "unknown key 'target.pos'; did you mean 'pose'?"),
+        ({"name": "a", "zzzzzz": 1}, "known: name, part, target"),
+        ({}, "key 'name' is missing"),
+        ({"name": "a", "target": {"kind": "mesh"}}, "key 'target.path' is missing"),
+        ({"name": 5}, "'name' is 5; input should be a valid string"),
+        ({"name": "a", "part": [{"width_m": -1}]}, "'part.0.width_m' is -1; input should be greater than 0"),
+        ({"name": "a", "part": [{"width_m": float("nan")}]}, "'part.0.width_m' is nan"),
+        ({"name": "a", "b\nc": 1}, "unknown key 'b c'"),
+    ],
+)
+def test_a_wrong_configuration_is_one_line_that_names_the_key(values, expected):
+    line = message(parse, Scene, values, "scene.toml")
+    assert line.startswith("scene.toml: ")
+    assert expected in line
+
+
+def test_further_problems_are_counted():
+    assert "(and 1 more)" in message(parse, Scene, {"name": 1, "part": 2}, "scene.toml")
+
+
+def test_a_good_configuration_is_immutable_and_complete(tmp_path):
+    (tmp_path / "scene.toml").write_text('name = "a"\n[[part]]\n')
+    scene = load(Scene, tmp_path / "scene.toml", "a scene")
+    assert scene.part == (Part(width_m=0.1),)
+    with pytest.raises(ValueError, match="frozen"):
+        scene.name = "b"
+
+
+@pytest.mark.parametrize("text", ["a = ", "a = " + "[" * 100_000, "a = 1\na = 2"])
+def test_broken_toml_is_one_line(tmp_path, text):
+    (tmp_path / "x.toml").write_text(text)
+    assert "not readable as TOML" in message(read_toml, tmp_path / "x.toml", "a scene")
+
+
+def test_toml_that_is_no_text_is_one_line(tmp_path):
+    (tmp_path / "x.toml").write_bytes(b"\xff\xfe\x00")
+    assert "not readable as TOML" in message(read_toml, tmp_path / "x.toml", "a scene")
+
+
+def test_a_suggestion_is_made_only_when_a_name_is_near():
+    assert suggest("3-fsk", ["3fsk", "broadband"]) == "did you mean '3fsk'?"
+    assert suggest("xyz", ["b", "a"]) == "known: a, b"
+
+
+# --- atomic files ---------------------------------------------------------------------------------------------------
+
+
+def test_an_exception_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "result.json"
+    path.write_text("old")
+    with pytest.raises(ZeroDivisionError), atomic_path(path) as temporary:
+        temporary.write_text("half")
+        raise ZeroDivisionError
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("where", ["radar.files.os.replace", "radar.files.tempfile.mkstemp"])
+def test_a_full_disk_leaves_the_old_file_and_says_so(tmp_path, monkeypatch, where):
+    path = tmp_path / "result.json"
+    path.write_text("old")
+    with monkeypatch.context() as patch:
+        patch.setattr(where, full_disk)
+        line = message(write_json, path, {"a": 1})
+    assert "No space left on device" in line
+    assert str(path) in line
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, a device that is always full")
+def test_a_disk_that_fills_while_writing_is_a_known_error(tmp_path):
+    def fill() -> None:
+        with atomic_path(tmp_path / "a.bin"), Path("/dev/full").open("wb") as stream:
+            stream.write(b"x" * 1_000_000)
+
+    assert "No space left" in message(fill)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_cannot_take_a_folders_place(tmp_path):
+    (tmp_path / "a").mkdir()
+    assert "cannot be written" in message(write_json, tmp_path / "a", {})
+    assert (tmp_path / "a").is_dir()
+
+
+def test_a_written_file_has_ordinary_permissions(tmp_path):
+    before = os.umask(0o022)
+    try:
+        write_json(tmp_path / "deep" / "a.json", {})
+    finally:
+        os.umask(before)
+    assert (tmp_path / "deep" / "a.json").stat().st_mode & 0o777 == 0o644
+
+
+def test_a_folder_appears_complete_and_replaces_the_old_one(tmp_path):
+    path = tmp_path / "run"
+    for name in ("first", "second"):
+        with atomic_folder(path) as temporary:
+            (temporary / name).write_text(name)
+            assert not (path / name).exists()
+    assert [p.name for p in path.iterdir()] == ["second"]
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_failed_folder_leaves_the_old_one(tmp_path, monkeypatch):
+    path = tmp_path / "run"
+    path.mkdir()
+    (path / "old").write_text("old")
+    with pytest.raises(ZeroDivisionError), atomic_folder(path) as temporary:
+        (temporary / "half").write_text("half")
+        raise ZeroDivisionError
+    rename, calls = os.replace, []
+
+    def second_rename_fails(source, target):
+        calls.append(source)
+        full_disk() if len(calls) == 2 else rename(source, target)
+
+    def write() -> None:
+        with atomic_folder(path):
+            pass
+
+    with monkeypatch.context() as patch:
+        patch.setattr("radar.files.os.replace", second_rename_fails)
+        assert "No space left" in message(write)
+    assert (path / "old").read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_takes_neither_a_files_place_nor_the_current_folders(tmp_path, monkeypatch):
+    (tmp_path / "keep").write_text("precious")
+    monkeypatch.chdir(tmp_path)
+
+    def write(path: str) -> None:
+        with atomic_folder(path) as temporary:
+            (temporary / "new").write_text("new")
+
+    for path in ("keep", "."):
+        assert "cannot be written" in message(write, path)
+    assert [p.name for p in tmp_path.iterdir()] == ["keep"]
+    assert (tmp_path / "keep").read_text() == "precious"
+
+
+# --- names from strangers -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["../x", "/etc/passwd", "a/../../x", "link/x", "a\0b"])
+def test_a_name_that_leaves_its_folder_is_refused(tmp_path, name):
+    folder = tmp_path / "capture"
+    folder.mkdir()
+    (folder / "link").symlink_to(tmp_path)
+    assert "leaves the folder" in message(inside, folder, name, "capture.toml")
+
+
+@pytest.mark.parametrize("name", ["x.npy", "a/b", "a/../b", "..x"])
+def test_a_name_inside_its_folder_is_taken(tmp_path, name):
+    assert inside(tmp_path, name, "capture.toml") == (tmp_path / name).resolve()
+
+
+def test_missing_inputs_say_what_was_found(tmp_path):
+    (tmp_path / "file").touch()
+    assert "expected photos, found a folder" in message(require_file, tmp_path, "photos")
+    assert "expected photos, found nothing" in message(require_file, tmp_path / "none", "photos")
+    assert "found a file" in message(require_folder, tmp_path / "file", "photos")
+    assert "found nothing" in message(require_folder, tmp_path / "none", "photos")
+    assert require_file(tmp_path / "file", "photos") == tmp_path / "file"
+    assert require_folder(tmp_path, "photos") == tmp_path
+
+
+# --- JSON and arrays ------------------------------------------------------------------------------------------------
+
+
+def test_json_holds_null_for_what_is_not_finite(tmp_path):
+    content = {"a": float("nan"), "b": [np.inf, np.float32(0.5)], "c": np.array([[1.0, -np.inf]]), 4: np.int64(3)}
+    write_json(tmp_path / "a.json", content)
+    assert read_json(tmp_path / "a.json", "a test") == {"a": None, "b": [None, 0.5], "c": [[1.0, None]], "4": 3}
+
+
+def test_json_that_cannot_be_written_leaves_nothing(tmp_path):
+    with pytest.raises(TypeError):
+        write_json(tmp_path / "a.json", {"a": object()})
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("content", [b"{", b"\xff\xfe", b"", b"[" * 200_000, b'{"a": 1}}', b"9" * 10_000])
+def test_broken_json_is_one_line(tmp_path, content):
+    (tmp_path / "a.json").write_bytes(content)
+    line = message(read_json, tmp_path / "a.json", "a camera file")
+    assert "is not readable as JSON" in line
+    assert line.endswith("expected a camera file")
+
+
+@pytest.mark.parametrize("name", ["a.npz", "errors", "a.depth"])
+def test_arrays_come_back_from_any_name(tmp_path, name):
+    values = {"z_m": np.array([[1.0, np.nan]]), "method": np.array("3fsk"), "volume": np.ones(2, np.complex64)}
+    write_npz(tmp_path / name, **values)
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+    for key, value in read_npz(tmp_path / name, tuple(values)).items():
+        np.testing.assert_array_equal(value, values[key])
+        assert value.dtype == values[key].dtype
+
+
+class Trap:
+    """Unpickling it writes a file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self):
+        return Path.touch, (self.path,)
+
+
+def test_pickled_arrays_are_refused_and_never_run(tmp_path):
+    sprung = tmp_path / "sprung"
+    np.savez(tmp_path / "a.npz", z_m=np.array([Trap(sprung)], dtype=object))
+    (tmp_path / "b.npz").write_bytes(pickle.dumps(Trap(sprung)))
+    for name in ("a.npz", "b.npz"):
+        assert "not a readable .npz file" in message(read_npz, tmp_path / name, ("z_m",))
+    with pytest.raises(ValueError, match="allow_pickle"):
+        write_npz(tmp_path / "c.npz", z_m=np.array([Trap(sprung)], dtype=object))
+    assert not sprung.exists()
+    assert not (tmp_path / "c.npz").exists()
+
+
+def test_broken_arrays_are_one_line(tmp_path):
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, z_m=np.arange(1000.0))
+    whole = buffer.getvalue()
+    np.save(tmp_path / "single.npy", np.zeros(3))
+    single = (tmp_path / "single.npy").read_bytes()
+    for content in (b"", b"PK", whole[:-40], whole[:200] + b"\0" * 50 + whole[250:], single):
+        (tmp_path / "a.npz").write_bytes(content)
+        assert "not a readable .npz file" in message(read_npz, tmp_path / "a.npz", ("z_m",))
+    (tmp_path / "a.npz").write_bytes(whole)
+    assert "lacks x_m; expected z_m, x_m" in message(read_npz, tmp_path / "a.npz", ("z_m", "x_m"))
+
+
+# --- hashes ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_folders_hash_changes_with_content_and_name_and_with_nothing_else(tmp_path):
+    folder = tmp_path / "capture"
+    (folder / "photos").mkdir(parents=True)
+    (folder / "photos" / "a").write_text("1")
+    (folder / "b").write_text("2")
+    before = content_hash(folder)
+    os.utime(folder / "b", (0, 0))
+    shutil.copytree(folder, tmp_path / "copy")
+    assert content_hash(tmp_path / "copy") == before == content_hash(folder)
+    (folder / "b").write_text("3")
+    assert content_hash(folder) != before
+    (folder / "b").write_text("2")
+    assert content_hash(folder) == before
+    (folder / "b").rename(folder / "c")
+    assert content_hash(folder) != before
+
+
+def test_values_that_differ_hash_differently(tmp_path):
+    (tmp_path / "a").write_text("a")
+    long = np.zeros(5000)
+    other = long.copy()
+    other[2500] = 1  # numpy's text of a long array leaves the middle out
+    values = [
+        ("a",), ("b",), ("a", "b"), ("ab",), (1,), ("1",), (1.5,), ({"a": 1},), ({"a": 2},), ([1, 2],), (None,),
+        (tmp_path / "a",), (np.zeros(4),), (np.zeros(4, np.float32),), (np.zeros((2, 2)),), (long,), (other,),
+        ({"a": long},), ({"a": other},),
+    ]
+    hashes = [content_hash(*parts) for parts in values]
+    assert len(set(hashes)) == len(values)
+    assert content_hash({"b": 1, "a": np.float64(2)}) == content_hash({"a": 2.0, "b": 1})
+    assert content_hash(long[::2]) == content_hash(long[::2].copy())
+
+
+def test_what_cannot_be_told_apart_is_not_hashed():
+    with pytest.raises(TypeError, match="cannot tell values of object apart"):
+        content_hash({"a": object()})
+
+
+# --- progress -------------------------------------------------------------------------------------------------------
+
+
+def test_progress_yields_every_item_and_keeps_stdout_clean(capsys, monkeypatch):
+    clock = iter(range(0, 1000, 6))
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    assert list(progress.track([3, 1, 2], "imaging")) == [3, 1, 2]
+    assert list(progress.track(iter([3, 1]), "imaging")) == [3, 1]
+    progress.say("done")
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "imaging: 1/3\n" in err  # 12 s later; the items between are not worth a line
+    assert err.endswith("done\n")
+    assert err.count("imaging") < 5
+
+
+def test_json_numbers_are_plain(tmp_path):
+    write_json(tmp_path / "a.json", {"n": np.uint8(7), "flag": np.bool_(True), "t": (1, 2)})
+    assert json.loads((tmp_path / "a.json").read_text()) == {"n": 7, "flag": True, "t": [1, 2]}

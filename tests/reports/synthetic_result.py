@@ -1,0 +1,108 @@
+"""A small result folder: a bumpy hand-like surface, four methods with known errors, two references."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from bench import results
+from bench.metrics import error_map
+from bench.table import accuracy_rows, metric_facts, precision_rows, time_rows
+
+METHODS = {  # name: title, standard deviation and bias of z in mm, share of pixels seen, seconds per frame
+    "2fsk": ("2-FSK", 6.0, 1.0, 0.7, 0.08),
+    "3fsk": ("3-FSK", 1.5, 0.2, 0.7, 0.21),
+    "broadband": ("Broadband", 0.9, -0.4, 0.9, 42.0),
+    "narrowband": ("Narrowband", 12.0, 3.0, 0.6, 1.1),
+}
+
+
+def hand_m(x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
+    """Depth [ny, nx] of a palm with four fingers and a thumb; NaN beside it."""
+    x, y = np.meshgrid(x_m, y_m)
+    inside = (x / 0.042) ** 2 + ((y + 0.03) / 0.05) ** 2 < 1
+    for centre, top in zip((-0.03, -0.01, 0.01, 0.03), (0.075, 0.095, 0.1, 0.08), strict=True):
+        inside |= (np.abs(x - centre) < 0.008) & (y > -0.02) & (y < top)
+    inside |= (np.abs(x - 0.05 - 0.4 * y) < 0.01) & (np.abs(y + 0.01) < 0.035)
+    z = 0.29 + 0.006 * np.sin(60 * x) * np.cos(45 * y) + 0.08 * y**2 / 0.1
+    return np.where(inside, z, np.nan)
+
+
+def blurred(noise: np.ndarray) -> np.ndarray:
+    """Noise of unit deviation that is correlated over a few pixels, as images are."""
+    for axis in (0, 1):
+        noise = sum(np.roll(noise, shift, axis) for shift in range(-2, 3))
+    return noise / noise.std()
+
+
+def write_synthetic(
+    folder: Path,
+    captures: tuple[str, ...] = ("B", "F", "U"),
+    methods: dict[str, tuple] = METHODS,
+    references: tuple[str, ...] = results.REFERENCES,
+    step_m: float = 2e-3,
+    seed: int = 1,
+) -> Path:
+    """Write a complete result folder."""
+    rng = np.random.default_rng(seed)
+    axis = np.arange(-0.15, 0.15 + step_m / 2, step_m)
+    rows, tasks, repeats = [], [], []
+    truth = {c: hand_m(axis, axis) + 0.002 * i for i, c in enumerate(captures)}
+    surfaces = {
+        "truth": truth,
+        "photogrammetry": {c: z + 5e-5 * rng.normal(size=z.shape) for c, z in truth.items()},
+    }
+    for reference in references:
+        for c in captures:
+            results.write_surface(folder, c, reference, results.Surface(axis, axis, surfaces[reference][c]))
+    for method, (_, deviation_mm, bias_mm, share, seconds) in methods.items():
+        maps = {reference: [] for reference in references}
+        for c in captures:
+            z = truth[c] + 1e-3 * (bias_mm + deviation_mm * blurred(rng.normal(size=truth[c].shape)))
+            z[blurred(rng.normal(size=z.shape)) > 2.5 * share - 1] = np.nan
+            results.write_surface(folder, c, method, results.Surface(axis, axis, z))
+            tasks.append(results.Task(f"{c}-{method}", c, method, "image", seconds, 2 * seconds, 300.0, False))
+            for reference in references:
+                errors = error_map(axis, axis, z, surfaces[reference][c])
+                results.write_errors(folder, c, method, reference, errors)
+                maps[reference].append(errors)
+        strongest = [0.29 + 6e-4 * deviation_mm * rng.normal(size=10) for _ in range(3)]
+        repeats += [
+            results.Repeat(f"hand{h}", method, i, z) for h, hand in enumerate(strongest) for i, z in enumerate(hand)
+        ]
+        for reference in references:
+            rows += accuracy_rows(method, reference, maps[reference])
+            rows += precision_rows(method, reference, strongest)
+            rows += time_rows(method, reference, seconds * rng.uniform(0.9, 1.2, 30))
+    photo = (255 * rng.random((400, 500, 3)) * np.linspace(0.2, 1, 500)[:, None]).astype(np.uint8)
+    Image.fromarray(photo).save(folder / "photo.png")
+    for c in captures:
+        results.write_photo(folder, c, folder / "photo.png")
+    (folder / "photo.png").unlink()
+    results.write_table(folder, rows)
+    results.write_tasks(folder, tasks)
+    results.write_repeats(folder, repeats)
+    results.write_config(folder, 'name = "synthetic"\n')
+    results.write_about(folder, about(captures, methods, references))
+    return folder
+
+
+def about(captures: tuple[str, ...], methods: dict[str, tuple], references: tuple[str, ...]) -> results.About:
+    """Facts of the synthetic result."""
+    scored = [
+        results.CaptureFacts(name=c, pose=c, distance_m=0.29, references=references) for c in captures
+    ]
+    repeated = [results.CaptureFacts(name=f"hand{h}", kind="precision", distance_m=0.29) for h in range(3)]
+    return results.About(
+        name="synthetic",
+        protocol={"poses": list(captures), "repeats": 10, "threshold_db": {"fsk": -10, "broadband": -13}},
+        metrics=metric_facts(),
+        inputs={"bench.toml": "0" * 64},
+        versions={"handbench": "0.1.0", "numpy": np.__version__},
+        machine={"cpu": "test", "cores": 2, "memory_gb": 8},
+        captures=(*scored, *repeated),
+        methods=tuple(results.MethodFacts(name=m, title=facts[0]) for m, facts in methods.items()),
+        facts={"noise": {"sigma_phi_rad": 0.03}, "groundtruth": {"median_error_mm": 0.05}},
+    )

@@ -1,0 +1,124 @@
+"""Tables: ours beside the paper's in every format, strangers' names escaped."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from dataclasses import replace
+
+import pytest
+from synthetic_result import METHODS, write_synthetic
+
+from bench import results
+from reports import tables
+
+EVIL = '<b>50%_of$x & {y} \\ #^~|[z]"</b>'
+
+
+@pytest.fixture(scope="module")
+def result(result_folder):
+    return results.load(result_folder)
+
+
+@pytest.fixture(scope="module")
+def evil(result):
+    """The synthetic result with a stranger's method title and benchmark name."""
+    methods = tuple(method.model_copy(update={"title": EVIL}) for method in result.about.methods)
+    return replace(result, about=result.about.model_copy(update={"methods": methods, "name": EVIL}))
+
+
+def cells(block: tables.Block, metric: str, source: str) -> tuple[str, ...]:
+    (line,) = (line for line in block.lines if (line.metric, line.source) == (metric, source))
+    return line.cells
+
+
+def test_two_blocks_with_the_papers_figures(result):
+    blocks = tables.blocks(result)
+    assert [block.reference for block in blocks] == ["photogrammetry", "truth"]
+    for block in blocks:
+        assert block.methods == ("2-FSK", "3-FSK", "Broadband", "Narrowband")
+        assert cells(block, "mae_mm", "paper") == ("6.6", "1.7", "1.0", "13.4")
+        assert cells(block, "max_mm", "paper") == ("39.2", "28.8", "32.0", "64.9")
+        assert cells(block, "precision_mm", "paper") == ("3.6", "0.3", "–", "–")
+
+
+def test_ours_ratio_and_time_are_the_results(result):
+    row = result.row("mae_mm", "2fsk", "truth")
+    block = tables.blocks(result)[1]
+    ours = cells(block, "mae_mm", "ours")[0]
+    assert [float(number) for number in re.findall(r"[\d.]+", ours)] == pytest.approx(
+        [row.value, row.low, row.high], abs=0.006
+    )
+    assert float(cells(block, "mae_mm", "ours / paper")[0]) == pytest.approx(row.value / 6.6, abs=0.006)
+    assert all(cell != "–" for cell in cells(block, "seconds", "ours"))
+
+
+def test_what_was_not_measured_is_a_dash(result):
+    rows = tuple(replace(row, value=None, low=None, high=None) for row in result.rows)
+    block = tables.blocks(replace(result, rows=rows))[0]
+    assert set(cells(block, "mae_mm", "ours")) == {"–"}
+    assert set(cells(block, "mae_mm", "ours / paper")) == {"–"}
+
+
+@pytest.mark.parametrize(("value", "unit", "text"), [
+    (4.931, "mm", "4.93"), (0.08191, "s", "0.0819"), (43.36, "s", "43.4"), (1234.5, "s", "1234"),
+    (-0.4, "mm", "−0.400"), (99.987, "%", "99.99"), (28771, "pixels", "28771"), (0.0, "mm", "0"),
+])
+def test_figures_have_three_digits(value, unit, text):
+    row = results.Row("any", "m", value, None, None, unit, None, "truth")
+    assert tables._ours(row) == text
+
+
+def test_markdown_is_a_table_and_escapes(result, evil):
+    text = tables.markdown(result)
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    assert len({line.count("|") for line in lines}) == 1
+    assert "| MAE (mm) | ours |" in text and "| paper | 6.6 | 1.7 | 1.0 | 13.4 |" in text
+    assert "<b>" not in tables.markdown(evil)
+    columns = {len(re.findall(r"(?<!\\)\|", line)) for line in tables.markdown(evil).splitlines() if line[:1] == "|"}
+    assert columns == {7}
+
+
+def test_latex_uses_booktabs_and_escapes(evil):
+    text = tables.latex(evil)
+    for word in (r"\toprule", r"\midrule", r"\bottomrule", r"\begin{tabular}{llrrrr}"):
+        assert text.count(word) == 2
+    assert r"50\%\_of\$x \& \{y\} \textbackslash{} \#\textasciicircum{}\textasciitilde{}" in text
+    body = re.sub(r"%.*needs.*", "", text)
+    bare = re.sub(r"\\textbackslash\{\}|\\[%_$&{}#]", "", body)
+    assert bare.count("{") == bare.count("}")
+    assert not re.search(r"[%#_^~<>|]", bare)
+    assert {line.count("&") for line in bare.splitlines() if line.endswith(r"\\")} == {5}
+
+
+def test_csv_carries_ratio_and_time(result):
+    lines = list(csv.DictReader(io.StringIO(tables.csv_text(result))))
+    assert len(lines) == len(result.rows)
+    line = next(i for i in lines if (i["metric"], i["method"], i["reference"]) == ("mae_mm", "3fsk", "truth"))
+    assert float(line["ratio"]) == pytest.approx(float(line["value"]) / 1.7)
+    assert float(line["seconds"]) == result.row("seconds", "3fsk", "truth").value
+    assert all(i["seconds"] for i in lines)
+
+
+def test_stages_are_medians_of_the_tasks(result):
+    tasks = [results.Task(f"t{i}", "B", "3fsk", "image", s, s, None, i == 0) for i, s in enumerate((1.0, 2.0, 9.0))]
+    tasks.append(results.Task("sim", "B", "", "simulate", None, None, None, False))
+    image, simulate = tables.stages(replace(result, tasks=tuple(tasks)))
+    assert (image.method, image.tasks, image.cached, image.seconds) == ("3-FSK", 3, 1, "2.00")
+    assert (simulate.method, simulate.seconds, simulate.peak_memory_mb) == ("every method", "–", "–")
+
+
+def test_terminal_table_prints_names_as_they_are(evil, capsys):
+    """rich would read [z] as markup; every headline metric and both blocks are there."""
+    tables.show(evil)
+    text = capsys.readouterr().out
+    assert "[z]" in text and text.count("MAE (mm)") == 2 and text.count("time per frame (s)") == 2
+    assert "RMSE" not in text
+
+
+def test_one_reference_makes_one_block(tmp_path):
+    methods = {"3fsk": METHODS["3fsk"]}
+    result = results.load(write_synthetic(tmp_path, captures=("B",), methods=methods, references=("truth",)))
+    (block,) = tables.blocks(result)
+    assert block.reference == "truth" and block.methods == ("3-FSK",)
