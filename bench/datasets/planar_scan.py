@@ -72,7 +72,8 @@ def _description(frequencies_hz: np.ndarray, shape: tuple[int, ...], step_m: np.
     }
     low, middle, high = (float(frequencies_hz[i]) for i in (0, -2, -1))
     tones = {"f1_hz": high, "f2_hz": middle}
-    depth = {"z": {"start_m": 0.07, "stop_m": 0.13, "step_m": 0.002}}
+    depth = {"z": {"start_m": 0.08, "stop_m": 0.13, "step_m": 0.001}}
+    unambiguous = {"z": {"start_m": 0.082, "stop_m": 0.118, "step_m": 0.001}}  # c / (2 · 4 GHz) is 37.5 mm
     fsk = {**lateral, **tones, "first_depth_m": 0.10}
     sweep = {"start_hz": low, "stop_hz": high, "count": len(frequencies_hz)}
     return CaptureFile(
@@ -84,6 +85,6 @@ def _description(frequencies_hz: np.ndarray, shape: tuple[int, ...], step_m: np.
             "2fsk": fsk,
             "3fsk": {**fsk, "f3_hz": low},
             "broadband": {**lateral, **depth, **sweep},
-            "narrowband": {**lateral, **depth, **tones, "f3_hz": low},
+            "narrowband": {**lateral, **unambiguous, **tones, "f3_hz": low},
         },
     )

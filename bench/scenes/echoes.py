@@ -1,4 +1,4 @@
-"""The radar half of a scene: physical optics over the surface that the array's centre sees."""
+"""The radar half of a scene: physical optics over the surface that the array's centre sees, Mie's series for balls."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from radar.arrays import AntennaArray, load_positions, qar50
 from radar.capture import RadarCapture
 from radar.effects.noise import strongest_amplitude, thermal_noise
 from radar.forward import Scatterers, simulate
+from radar.sphere import sphere_echo
 
 SHADOW_BIAS_M = 2e-4  # a facet does not shadow itself
-BALL_POINTS = 3000  # per calibration ball of a few millimetres: about 0.15 mm apart
 PEAK_POINTS = 20_000  # surface points on which the strongest pixel is looked for
 
 
@@ -20,12 +20,15 @@ def echoes(scene: Scene, frames: int = 1) -> RadarCapture:
     """The scene's echoes; the frames differ in their noise alone, which comes from (scene seed, frame)."""
     array = _array(scene.file.sensor.array)
     frequencies_hz = np.unique(scene.file.sensor.frequencies_hz)
-    scatterers = _balls(scene) if scene.target is not None else visible_surface(scene)
-    clean = simulate(scatterers, frequencies_hz, array)
+    if scene.target is not None:
+        clean, surface_m = _balls(scene, frequencies_hz, array), scene.balls_m
+    else:
+        scatterers = visible_surface(scene)
+        clean = simulate(scatterers, frequencies_hz, array)
+        surface_m = scatterers.position_m[:: max(1, len(scatterers.position_m) // PEAK_POINTS)]
     phase_noise_rad = scene.file.noise.phase_noise_rad
     if phase_noise_rad == 0:
         return RadarCapture(np.repeat(clean[None], frames, axis=0), frequencies_hz, array)
-    surface_m = scatterers.position_m[:: max(1, len(scatterers.position_m) // PEAK_POINTS)]
     strongest = strongest_amplitude(clean[-1], frequencies_hz[-1], array, surface_m)
     seeds = (np.random.SeedSequence([scene.file.seed, frame]) for frame in range(frames))
     noisy = np.stack([thermal_noise(clean, phase_noise_rad, strongest, seed) for seed in seeds])
@@ -56,20 +59,13 @@ def _in_sight(scene: Scene, points_m: np.ndarray) -> np.ndarray:
     return hit > distance[:, 0] - SHADOW_BIAS_M
 
 
-def _balls(scene: Scene) -> Scatterers:
-    """The near half of each steel ball's surface, delayed by the foam around it."""
-    index = np.arange(BALL_POINTS) + 0.5
-    z = 1 - 2 * index / BALL_POINTS  # a Fibonacci lattice: equal areas
-    azimuth = np.pi * (1 + np.sqrt(5)) * index
-    ring = np.sqrt(1 - z**2)
-    normal = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), z], axis=1)
-    parts = []
-    for centre, element, delay in zip(scene.balls_m, scene.target.element, scene.target.foam_delay_m, strict=True):
-        near = normal[normal @ centre < 0]
-        area = 4 * np.pi * element.ball_radius_m**2 / BALL_POINTS
-        position = centre + element.ball_radius_m * near
-        parts.append((position, np.full(len(near), area), near, np.full(len(near), delay)))
-    return Scatterers(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+def _balls(scene: Scene, frequencies_hz: np.ndarray, array: AntennaArray) -> np.ndarray:
+    """Echoes of the calibration target's steel balls in their foam."""
+    elements, delays_m = scene.target.element, scene.target.foam_delay_m
+    return sum(
+        sphere_echo(centre, element.ball_radius_m, delay, frequencies_hz, array)
+        for centre, element, delay in zip(scene.balls_m, elements, delays_m, strict=True)
+    )
 
 
 def _array(name: str) -> AntennaArray:
