@@ -6,6 +6,7 @@ import argparse
 import errno
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from radar.errors import HandbenchError
@@ -14,10 +15,8 @@ from radar.errors import HandbenchError
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; a known error is one line on stderr and exit code 2, an unknown one keeps its traceback."""
     options = parser().parse_args(arguments)
-    from bench import commands
-
     try:
-        getattr(commands, options.command)(options)
+        _command(options.command)(options)
     except HandbenchError as error:
         print(f"handbench: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
@@ -34,6 +33,30 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"handbench: {where}: {error.strerror}; free the space or choose another place", file=sys.stderr)
         return 2
     return 0
+
+
+def _command(name: str) -> Callable[[argparse.Namespace], None]:
+    from bench import commands
+
+    return {"run": _run, "report": _report}.get(name) or getattr(commands, name)
+
+
+def _run(options: argparse.Namespace) -> None:
+    """The main job; ends with the table."""
+    from bench.protocol import load_benchmark
+    from bench.runner import run
+    from reports.tables import show
+
+    bench, base = load_benchmark(options.bench)
+    show(run(bench, base, options.out, options.overwrite))
+    print(f"results: {options.out}")
+
+
+def _report(options: argparse.Namespace) -> None:
+    """Result folder → report."""
+    from reports.html import build
+
+    print(f"report: {build(options.results, options.out)}")
 
 
 def parser() -> argparse.ArgumentParser:

@@ -13,17 +13,6 @@ from radar.files import require_file, require_folder
 from radar.progress import say
 
 
-def run(options: argparse.Namespace) -> None:
-    """The main job; ends with the table."""
-    from bench.protocol import load_benchmark
-    from bench.runner import run as run_benchmark
-    from reports.tables import show
-
-    bench, base = load_benchmark(options.bench)
-    show(run_benchmark(bench, base, options.out, options.overwrite))
-    say(f"results: {options.out}")
-
-
 def simulate(options: argparse.Namespace) -> None:
     """Scene → capture folder."""
     from bench.datasets.simulated import simulate_capture
@@ -104,14 +93,6 @@ def evaluate(options: argparse.Namespace) -> None:
     transform = load_transform(options.transform) if options.transform else identity("radar")
     values = score(depth.z_m, reference_depth(options.mesh, transform, PixelGrid(depth.x_m, depth.y_m)))
     print(json.dumps({**values, "method": depth.method, "definitions": definitions(list(values))}, indent=2))
-
-
-def report(options: argparse.Namespace) -> None:
-    """Result folder → report."""
-    from reports.html import build
-
-    page = build(options.results, options.out)
-    print(f"report: {page}")
 
 
 def import_dataset(options: argparse.Namespace) -> None:

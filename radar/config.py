@@ -64,7 +64,8 @@ def _one_line(model: type[Config], error: pydantic.ValidationError, where: str) 
         return f"{where}: key '{location}' is missing; add it{more}"
     got = repr(first["input"])
     got = got if len(got) < 80 else got[:77] + "..."
-    return f"{where}: '{location}' is {got}; {first['msg'].lower()}{more}"
+    message = first["msg"].removeprefix("Value error, ")
+    return f"{where}: '{location}' is {got}; {message[0].lower()}{message[1:]}{more}"
 
 
 def _follow(model: type[Config], location: tuple[int | str, ...]) -> tuple[list[type[Config]], list[str]]:

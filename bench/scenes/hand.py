@@ -27,7 +27,7 @@ RADII_MM = {
 TIP_TISSUE_MM = 3.8  # soft tissue beyond the last bone
 FOREARM_END_MM = -88.0
 WITHIN_FINGER_MM, WITHIN_PALM_MM = 3.5, 13.0
-CONTACT_MM, WEB_MM = 2.0, 11.0  # blend of fingers that merely touch (a narrow groove), and of fingers at their webs
+CONTACT_MM, WEB_MM = 2.5, 11.0  # blend of fingers that merely touch (a narrow groove), and of fingers at their webs
 WEB_REACH_MM = {name: (14.0, 34.0) for name in FINGERS} | {"thumb": (6.0, 22.0)}  # the web fades, from the knuckle
 
 
@@ -74,7 +74,7 @@ def _digit(phalanges: tuple[Bone, ...], radii_m: np.ndarray) -> Field:
 
     def distance(points: np.ndarray) -> np.ndarray:
         values = [part(points) for part in parts]
-        pairs = [smooth_minimum(a, b, 1e-3 * WITHIN_FINGER_MM) for a, b in zip(values, values[1:], strict=False)]
+        pairs = [smooth_minimum(a, b, 1e-3 * WITHIN_FINGER_MM) for a, b in itertools.pairwise(values)]
         result = pairs[0]
         for pair in pairs[1:]:
             result = smooth_minimum(result, pair, 1e-3 * CONTACT_MM)

@@ -11,7 +11,8 @@ Field = Callable[[np.ndarray], np.ndarray]  # points [n, 3] to signed distances 
 
 CHUNK = 32_768  # points that fit the cache together with the temporaries of one primitive
 NEWTON_STEPS = 20  # three suffice but at the groove between touching bodies
-RELAXATIONS = 2
+RELAXATIONS = 12  # two suffice but for a few folds
+SLIVER = 0.3
 ON_SURFACE_M = 1e-7
 DIFFERENCE_M = 2e-6
 
@@ -31,7 +32,7 @@ def round_cone(start_m: ArrayLike, end_m: ArrayLike, start_radius_m: float, end_
         along = relative @ unit
         across = np.sqrt(np.maximum(np.einsum("ij,ij->i", relative, relative) - along**2, 0))
         # The nearest sphere of the hull is the one whose centre the cone's normal through the point meets.
-        centre = np.clip(along + across * slope, 0, length)
+        centre = np.clip(along - across * slope, 0, length)
         return np.hypot(along - centre, across) - (start_radius_m - sine * centre)
 
     return distance
@@ -103,8 +104,8 @@ def zero_set(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The outer surface as vertices [n, 3] and triangles [m, 3] with edges of about `edge_m`, outward-oriented.
 
-    Marching cubes, isotropic remeshing, then every vertex onto the zero set; relaxing undoes the few folds that this
-    makes in narrow grooves.
+    Marching cubes, isotropic remeshing, then every vertex onto the zero set; relaxing evens the triangles and
+    undoes the few folds that this makes in narrow grooves.
     """
     from skimage.measure import marching_cubes
 
@@ -115,7 +116,16 @@ def zero_set(
     vertices = project(field, vertices)
     for _ in range(RELAXATIONS):
         vertices = project(field, neighbour_mean(vertices, faces))
+        if triangle_quality(vertices[faces]).min() > SLIVER:
+            break
     return vertices, faces
+
+
+def triangle_quality(triangles_m: np.ndarray) -> np.ndarray:
+    """4·√3·area / sum of squared edges [n] of triangles [n, 3, 3]: 1 equilateral, 0 degenerate."""
+    edges_m = np.roll(triangles_m, -1, axis=1) - triangles_m
+    twice_area = np.linalg.norm(np.cross(edges_m[:, 0], edges_m[:, 1]), axis=1)
+    return 2 * np.sqrt(3) * twice_area / (edges_m**2).sum(axis=(1, 2))
 
 
 def neighbour_mean(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -25,7 +25,7 @@ AMBIENT = 0.30
 LAMP_SAMPLES, SKY_SAMPLES = 24, 128
 SHADOW_OFFSET_M = 2e-4
 ROOM = 0.03  # radiance of the dark room behind the stand
-PRINT_BLUR_TEXELS = 0.8  # the print seen through a pixel's footprint
+PRINT_BLUR_PX = 0.4  # the print seen through a pixel's footprint
 EDGE_STEP_M = 1.5e-3  # neighbouring pixels whose distance differs by more see an edge between them
 EDGE_SAMPLES = 3  # sub-pixels per direction at an edge
 FRONT_M = 1e-5  # the plate's front is told from its rim with this tolerance
@@ -60,7 +60,7 @@ class Studio:
         import cv2
 
         directions = camera.ray_directions()
-        radiance, depth, label = self._shoot(camera.centre_m, directions)
+        radiance, depth, label = self.shoot(camera.centre_m, directions)
         rows, columns = np.nonzero(_edges(depth, label))
         radiance[rows, columns] = self._supersample(camera.centre_m, directions, rows, columns)
         if self.photos.blur_px > 0:
@@ -68,7 +68,7 @@ class Studio:
         random = np.random.default_rng([self.seed, 3, number])
         return _develop(_expose(radiance, self.photos, random))[..., ::-1]
 
-    def _shoot(self, centre_m: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def shoot(self, centre_m: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Radiance [..., 3], distance [...] and the body's number [...] (-1: none) seen along `directions` [..., 3]."""
         hits = _cast(self.rays, np.broadcast_to(centre_m, directions.shape), directions)
         depth, label = hits["t_hit"], hits["geometry_ids"].astype(np.int64)
@@ -95,7 +95,7 @@ class Studio:
         total = np.zeros((len(rows), 3), dtype=np.float32)
         for u in offsets:
             for v in offsets:
-                total += self._shoot(centre_m, directions[rows, columns] + u * right + v * down)[0]
+                total += self.shoot(centre_m, directions[rows, columns] + u * right + v * down)[0]
         return total / EDGE_SAMPLES**2
 
 
@@ -145,10 +145,11 @@ def _bodies(scene: Scene) -> list[Body]:
         return texture(target_from_photo.points(points_m))
 
     plain = partial(styrodur, seed=_texture_seed(scene) + 200)
+    pixel_m = np.median([np.linalg.norm(camera.centre_m) / camera.params[0] for camera in scene.cameras])
     vertices_m = photo_from_radar.points(np.asarray(scene.target_mesh.vertices))
     bodies = [
         _body(vertices_m, np.asarray(scene.target_mesh.triangles), target_albedo),
-        _body(*_plate(), _Plate(scene.file.seed, plain)),
+        _body(*_plate(), _Plate(scene.file.seed, pixel_m, plain)),
     ]
     if scene.block_m is not None:
         bodies.append(_body(*cuboid(*scene.block_m, GRID_M), plain))
@@ -182,10 +183,10 @@ def _body(vertices_m: np.ndarray, faces: np.ndarray, albedo: Albedo) -> Body:
 class _Plate:
     """Reflectance of the back plate: print on its front, plain foam elsewhere."""
 
-    def __init__(self, seed: int, plain: Albedo) -> None:
+    def __init__(self, seed: int, pixel_m: float, plain: Albedo) -> None:
         import cv2
 
-        self.print = cv2.GaussianBlur(plate_print(seed), (0, 0), PRINT_BLUR_TEXELS)
+        self.print = cv2.GaussianBlur(plate_print(seed), (0, 0), PRINT_BLUR_PX * pixel_m / TEXEL_M)
         self.plain = plain
 
     def __call__(self, points_m: np.ndarray) -> np.ndarray:

@@ -47,6 +47,7 @@ class HandTarget(_Placed):
 
     kind: Literal["hand"]
     pose: str
+    distance_m: float = Field(default=0.31, gt=0)
     offset_m: tuple[float, float] = (0.0, -0.030)
     edge_m: float = Field(default=1e-3, ge=5e-4, le=5e-3)
 
@@ -115,7 +116,7 @@ class Photos(Config):
 class Mount(Config):
     """The stand: pose of the board's frame in the radar frame, before which the board faces the radar squarely."""
 
-    offset_m: tuple[float, float, float] = (0.004, -0.006, 0.385)
+    offset_m: tuple[float, float, float] = (0.004, -0.006, 0.400)
     rotation_deg: tuple[float, float, float] = (3.0, -4.0, 2.0)
 
     def radar_from_photo(self) -> Transform:

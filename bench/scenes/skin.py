@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,7 +91,7 @@ def _palm_lines(points_m: np.ndarray, wobble_m: np.ndarray) -> np.ndarray:
     flat_mm = radial_distal_palmar[on_palm, :2] + 1.5e3 * wobble_m[on_palm, None]
     distance_mm = np.full(len(flat_mm), np.inf)
     for line in PALM_LINES_MM:
-        for start, end in zip(line[:-1], line[1:], strict=True):
+        for start, end in itertools.pairwise(line):
             distance_mm = np.minimum(distance_mm, _to_segment(flat_mm, np.array(start), np.array(end)))
     fold = np.zeros(len(points_m))
     fold[on_palm] = np.exp(-((1e-3 * distance_mm / (1.3 * CREASE_WIDTH_M)) ** 2))

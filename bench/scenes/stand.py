@@ -69,19 +69,18 @@ def _patch(image: np.ndarray, centre_m: tuple[float, float], side_m: float) -> n
 
 def cuboid(lower_m: np.ndarray, upper_m: np.ndarray, step_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and outward triangles of a box whose faces are gridded every `step_m` or finer."""
-    vertices, faces, count = [], [], 0
+    vertices, faces, total = [], [], 0
     for axis in range(3):
         for side, bound in ((-1, lower_m[axis]), (1, upper_m[axis])):
             u, v = (axis + 1) % 3, (axis + 2) % 3
-            ticks = [
-                np.linspace(lower_m[k], upper_m[k], int(np.ceil((upper_m[k] - lower_m[k]) / step_m)) + 1) for k in (u, v)
-            ]
+            counts = {k: int(np.ceil((upper_m[k] - lower_m[k]) / step_m)) + 1 for k in (u, v)}
+            ticks = [np.linspace(lower_m[k], upper_m[k], count) for k, count in counts.items()]
             points = np.empty((len(ticks[0]), len(ticks[1]), 3))
             points[..., axis], points[..., u], points[..., v] = bound, ticks[0][:, None], ticks[1][None, :]
-            index = count + np.arange(points[..., 0].size).reshape(points.shape[:2])
+            index = total + np.arange(points[..., 0].size).reshape(points.shape[:2])
             a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]))
             quads = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
             faces.append(quads if side > 0 else quads[:, ::-1])
             vertices.append(points.reshape(-1, 3))
-            count += points[..., 0].size
+            total += points[..., 0].size
     return np.concatenate(vertices), np.concatenate(faces)

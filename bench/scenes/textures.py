@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numba
 import numpy as np
+
+from radar.parallel import for_each
 
 SKIN_RGB = (0.62, 0.36, 0.25)  # linear reflectances
 FOAM_RGB = (0.78, 0.78, 0.76)
@@ -13,6 +17,7 @@ STYRODUR_RGB = (0.30, 0.42, 0.48)
 SKIN_OCTAVES = ((9e-3, 0.030), (4e-3, 0.030), (1.8e-3, 0.035), (0.9e-3, 0.045), (0.5e-3, 0.045))
 CREASES = ((2.6e-3, 0.10), (1.2e-3, 0.07))  # fine dark lines where a smooth noise crosses zero
 BEAD_M = 2.2e-3  # foam beads
+BLOCK = 50_000  # points per task
 
 
 def skin(points_m: np.ndarray, contrast: float, seed: int) -> np.ndarray:
@@ -43,13 +48,25 @@ def styrodur(points_m: np.ndarray, seed: int) -> np.ndarray:
 
 def solid_noise(points_m: np.ndarray, wavelength_m: float, seed: int) -> np.ndarray:
     """Band-limited gradient noise [n] (about ±1) whose typical period is `wavelength_m`, at points [n, 3]."""
-    return _gradient_noise(np.asarray(points_m, dtype=np.float64) / wavelength_m + 1000.0, np.uint32(seed))
+    return _at_points(_gradient_noise, points_m / wavelength_m, seed, 1)[0]
 
 
 def cells(points_m: np.ndarray, size_m: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Random cells of about `size_m`: distance to the nearest wall [n], metres, and the cell's tone [n] in ±1."""
-    seam, tone = _cells(np.asarray(points_m, dtype=np.float64) / size_m + 1000.0, np.uint32(seed))
+    seam, tone = _at_points(_cells, points_m / size_m, seed, 2)
     return size_m * seam, tone
+
+
+def _at_points(kernel: Callable[..., None], points: np.ndarray, seed: int, count: int) -> np.ndarray:
+    """`count` values [count, n] of a kernel at points [n, 3] in lattice units, on all cores."""
+    result = np.empty((count, len(points)), dtype=np.float32)
+
+    def work(first: int) -> None:
+        part = slice(first, first + BLOCK)
+        kernel(points[part], np.uint32(seed), result[:, part])
+
+    for_each(work, range(0, len(points), BLOCK))
+    return result
 
 
 @numba.njit(inline="always")
@@ -67,36 +84,37 @@ def _fraction(h, shift):
     return ((h >> np.uint32(shift)) & np.uint32(255)) / 127.5 - 1.0
 
 
-@numba.njit(parallel=True, cache=True)
-def _gradient_noise(points, seed):
-    result = np.empty(len(points), dtype=np.float32)
-    for n in numba.prange(len(points)):
+@numba.njit(inline="always")
+def _fade(offset):
+    """Quintic weight: 1 at a lattice point, 0 at its neighbours, smooth at both."""
+    f = 1 - abs(offset)
+    return f**3 * (10 - 15 * f + 6 * f * f)
+
+
+@numba.njit(nogil=True, cache=True)
+def _gradient_noise(points, seed, result):
+    """Perlin's noise with hashed gradients and quintic weights."""
+    for n in range(len(points)):
         x, y, z = points[n]
         i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
-        u, v, w = x - i, y - j, z - k
         total = 0.0
         for di in range(2):
             for dj in range(2):
                 for dk in range(2):
                     h = _hash(i + di, j + dj, k + dk, seed)
-                    a, b, c = u - di, v - dj, w - dk
+                    a, b, c = x - i - di, y - j - dj, z - k - dk
                     slope = _fraction(h, 0) * a + _fraction(h, 8) * b + _fraction(h, 16) * c
-                    fa, fb, fc = 1 - abs(a), 1 - abs(b), 1 - abs(c)
-                    weight = fa**3 * (10 - 15 * fa + 6 * fa * fa)
-                    weight *= fb**3 * (10 - 15 * fb + 6 * fb * fb)
-                    weight *= fc**3 * (10 - 15 * fc + 6 * fc * fc)
-                    total += weight * slope
-        result[n] = 1.6 * total
-    return result
+                    total += _fade(a) * _fade(b) * _fade(c) * slope
+        result[0, n] = 1.6 * total
 
 
-@numba.njit(parallel=True, cache=True)
-def _cells(points, seed):
-    seam, tone = np.empty(len(points), dtype=np.float32), np.empty(len(points), dtype=np.float32)
-    for n in numba.prange(len(points)):
+@numba.njit(nogil=True, cache=True)
+def _cells(points, seed, result):
+    """Worley's cells: one jittered centre per lattice cube."""
+    for n in range(len(points)):
         x, y, z = points[n]
         i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
-        first, second, shade = 1e9, 1e9, 0.0
+        first, second, tone = 1e9, 1e9, 0.0
         for di in range(-1, 2):
             for dj in range(-1, 2):
                 for dk in range(-1, 2):
@@ -106,8 +124,7 @@ def _cells(points, seed):
                     c = k + dk + 0.5 + 0.45 * _fraction(h, 16) - z
                     distance = np.sqrt(a * a + b * b + c * c)
                     if distance < first:
-                        first, second, shade = distance, first, _fraction(h, 24)
+                        first, second, tone = distance, first, _fraction(h, 24)
                     elif distance < second:
                         second = distance
-        seam[n], tone[n] = 0.5 * (second - first), shade
-    return seam, tone
+        result[0, n], result[1, n] = 0.5 * (second - first), tone

@@ -1,0 +1,115 @@
+"""Data flows one way: no package imports another against the table of the design."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+MAY_IMPORT = {
+    "radar": (),
+    "calibration": ("radar",),
+    "groundtruth": ("calibration",),
+    "bench": ("radar", "calibration", "groundtruth"),
+    "reports": ("bench.results",),
+}
+FRONT_DOOR = "bench/cli.py"  # may import reports, lazily
+ONE_DOOR = {  # heavy imports that need preparation happen in one place
+    "open3d": "calibration/meshes.py",
+    "pycolmap": "groundtruth/cameras.py",
+}
+FILES = sorted(path.relative_to(ROOT) for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))
+
+
+def imported(tree: ast.AST, module: tuple[str, ...]) -> Iterator[tuple[str, bool, bool]]:
+    """Every imported module's full name; whether it is imported lazily, inside a function; whether for types alone.
+    `module` names the importing package, to resolve relative imports."""
+
+    def walk(node: ast.AST, lazy: bool, types: bool) -> Iterator[tuple[str, bool, bool]]:
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, lazy, types) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            parents = module[: len(module) - node.level + 1] if node.level else ()
+            base = ".".join([*parents, *filter(None, [node.module])])
+            yield from ((f"{base}.{alias.name}", lazy, types) for alias in node.names)
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("import_module", "__import__")):
+            yield from ((name.value, lazy, types) for name in node.args[:1] if isinstance(name, ast.Constant))
+        lazy = lazy or isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        guarded = isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING")
+        for child in ast.iter_child_nodes(node):
+            yield from walk(child, lazy, types or guarded)
+
+    yield from walk(tree, False, False)
+
+
+def violations(source: str, file: Path) -> list[str]:
+    """What the file (a path below the root) imports and may not."""
+    package = file.parts[0]
+    wrong = []
+    for name, lazy, types in imported(ast.parse(source), file.parent.parts):
+        top = name.split(".")[0]
+        if top in ONE_DOOR and not types and file.as_posix() != ONE_DOOR[top]:
+            wrong.append(f"{file} imports {top}; only {ONE_DOOR[top]} may")
+        if top not in MAY_IMPORT or top == package:
+            continue
+        allowed = any(f"{name}.".startswith(f"{prefix}.") for prefix in MAY_IMPORT[package])
+        if file.as_posix() == FRONT_DOOR and top == "reports":
+            allowed = lazy
+        if not allowed:
+            wrong.append(f"{file} imports {name} against the table")
+    return wrong
+
+
+@pytest.mark.parametrize("file", FILES, ids=str)
+def test_imports_follow_the_table(file):
+    assert violations((ROOT / file).read_text(encoding="utf-8"), file) == []
+
+
+def test_every_package_is_walked():
+    assert {file.parts[0] for file in FILES} == set(MAY_IMPORT)
+
+
+@pytest.mark.parametrize(
+    ("file", "source"),
+    [
+        ("radar/a.py", "import calibration"),
+        ("radar/a.py", "def f():\n    from bench import runner"),
+        ("radar/effects/a.py", "from ...bench import runner"),
+        ("radar/a.py", "import importlib\nimportlib.import_module('reports.html')"),
+        ("calibration/a.py", "from groundtruth import mesh"),
+        ("groundtruth/a.py", "from radar.errors import HandbenchError"),
+        ("groundtruth/a.py", "import numpy, bench"),
+        ("bench/runner.py", "def f():\n    import reports"),
+        ("bench/cli.py", "import reports"),
+        ("reports/a.py", "from bench import runner"),
+        ("reports/a.py", "from bench import results, runner"),
+        ("reports/a.py", "import bench"),
+        ("reports/a.py", "import radar"),
+        ("reports/a.py", "from bench.results_extra import x"),
+        ("bench/a.py", "import open3d as o3d"),
+        ("calibration/a.py", "def f():\n    import open3d"),
+        ("groundtruth/a.py", "import pycolmap"),
+    ],
+)
+def test_a_forbidden_import_is_noticed(file, source):
+    assert len(violations(source, Path(file))) == 1
+
+
+@pytest.mark.parametrize(
+    ("file", "source"),
+    [
+        ("radar/a.py", "import numpy\nfrom radar.errors import HandbenchError\nfrom .files import inside"),
+        ("calibration/a.py", "from radar.arrays import qar50"),
+        ("groundtruth/a.py", "from calibration import HandbenchError"),
+        ("bench/scenes/a.py", "import radar, calibration.meshes\nfrom groundtruth import board\nfrom . import hand"),
+        ("bench/cli.py", "def report():\n    from reports import html"),
+        ("reports/a.py", "from bench.results import load\nfrom bench import results\nimport bench.results"),
+        ("groundtruth/a.py", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import pycolmap"),
+        ("calibration/meshes.py", "import open3d"),
+    ],
+)
+def test_an_allowed_import_passes(file, source):
+    assert violations(source, Path(file)) == []
