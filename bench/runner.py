@@ -29,9 +29,12 @@ from radar.files import content_hash, inside, read_json
 from radar.grid import PixelGrid
 
 OURS = ("result.json", "table.csv", "tasks.csv", "repeats.csv", "config.toml", "errors", "depth", "photos")
-SIMULATION = ("radar", "calibration", "groundtruth/board.py", "groundtruth/cameras.py", "bench/scenes",
-              "bench/datasets")
-PHOTOGRAMMETRY = ("groundtruth", "calibration/meshes.py", "calibration/transforms.py")
+MESHES = ("calibration/meshes.py", "calibration/transforms.py")
+SIMULATION = (
+    "radar", "bench/scenes", "bench/datasets", "calibration/target.py", *MESHES,
+    "groundtruth/board.py", "groundtruth/cameras.py",
+)
+PHOTOGRAMMETRY = ("groundtruth", *MESHES)
 IMAGING = ("radar", "bench/methods.py", "bench/registry.py", "bench/stages.py")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -17,10 +18,14 @@ if TYPE_CHECKING:
 
 
 def load_open3d() -> ModuleType:
-    """Import open3d, giving it the libusb that its wheel needs and a bare machine lacks."""
+    """Import open3d, giving it the libusb that its wheel needs and a bare machine lacks, and keeping numba away from
+    the TBB that it brings (too old: numba would warn)."""
     import libusb_package
+    import numba
 
     ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+    os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp workqueue tbb")
+    numba.config.reload_config()
     import open3d
 
     open3d.utility.set_verbosity_level(open3d.utility.VerbosityLevel.Error)

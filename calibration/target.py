@@ -6,6 +6,7 @@ the square's symmetry.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -43,13 +44,23 @@ class Target(Config):
         return (np.sqrt(self.foam_permittivity) - 1) * depth
 
 
+@dataclass(frozen=True)
+class Candidate:
+    """Where a sensor believes an element's centre to be. centre_m: [3]; covariance_m2: [3, 3]; elements: indices of
+    the elements that it can be, by its size."""
+
+    centre_m: np.ndarray
+    covariance_m2: np.ndarray
+    elements: tuple[int, ...]
+
+
 def default_target() -> Target:
     """Four 50 mm spheres at the corners of a 120 mm square and a fifth, 30 mm, off its symmetry axes; the target's
     frame has its origin at the square's centre, the square in x and y, and z away from the radar."""
     half = SQUARE_M / 2
     square = [(-half, -half), (half, -half), (half, half), (-half, half)]
-    corners = [Element(centre_m=(x, y, 0.0), sphere_radius_m=0.025, ball_radius_m=0.0025) for x, y in square]
-    fifth = Element(centre_m=(0.018, 0.030, -0.010), sphere_radius_m=0.015, ball_radius_m=0.0025)
+    corners = [Element(centre_m=(x, y, 0.0), sphere_radius_m=0.025, ball_radius_m=0.005) for x, y in square]
+    fifth = Element(centre_m=(0.018, 0.030, -0.010), sphere_radius_m=0.015, ball_radius_m=0.005)
     return Target(element=(*corners, fifth))
 
 
