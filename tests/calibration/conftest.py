@@ -1,0 +1,24 @@
+"""The target of the calibration tests."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration.target import Target, default_target
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(20240607)
+
+
+@pytest.fixture(scope="session")
+def target() -> Target:
+    return default_target()
+
+
+@pytest.fixture(scope="session")
+def square() -> Target:
+    """The default target without the element that breaks its symmetry."""
+    return Target(element=default_target().element[:4])

@@ -1,0 +1,31 @@
+"""A calibration target as photographs and radar would see it, made by formulas of their own."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from calibration.target import Candidate
+
+ANY = tuple(range(5))
+
+
+def pose(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Any rotation [3, 3] and a translation [3] of up to 0.5 m."""
+    return Rotation.random(rng=rng).as_matrix(), rng.uniform(-0.5, 0.5, 3)
+
+
+def candidates(
+    centres_m: np.ndarray, elements: tuple[int, ...] = ANY, covariance_m2: np.ndarray | None = None
+) -> list[Candidate]:
+    """Bare centres [n, 3] as candidates; by default each can be any element, ± 0.1 mm per axis."""
+    covariance_m2 = 1e-8 * np.eye(3) if covariance_m2 is None else covariance_m2
+    return [Candidate(c, covariance_m2, elements) for c in np.asarray(centres_m)]
+
+
+def cap(rng: np.random.Generator, radius_m: float, part: float, density_m2: float) -> np.ndarray:
+    """Outward unit vectors [n, 3], even on the part of a sphere that is nearest to −z."""
+    n = int(part * 4 * np.pi * radius_m**2 * density_m2)
+    z = 2 * part * rng.random(n) - 1
+    azimuth = 2 * np.pi * rng.random(n)
+    return np.stack([np.sqrt(1 - z**2) * np.cos(azimuth), np.sqrt(1 - z**2) * np.sin(azimuth), z], axis=1)
