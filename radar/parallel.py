@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from typing import TypeVar
 
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 Item = TypeVar("Item")
 
@@ -22,9 +23,15 @@ def for_each(function: Callable[[Item], None], items: Iterable[Item]) -> None:
     cost 2.5–3 times the CPU time. The first exception stops the work that has not begun and is raised. A single item is
     done in place, without the threads' overhead."""
     items = list(items)
-    if len(items) == 1:
-        return function(items[0])
-    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(workers()) as pool:
+    with _blas().limit(limits=1, user_api="blas"):
+        if len(items) == 1:
+            function(items[0])
+            return
+        _spread(function, items)
+
+
+def _spread(function: Callable[[Item], None], items: list[Item]) -> None:
+    with ThreadPoolExecutor(workers()) as pool:
         futures = [pool.submit(function, item) for item in items]
         try:
             for future in futures:
@@ -32,3 +39,9 @@ def for_each(function: Callable[[Item], None], items: Iterable[Item]) -> None:
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    """The process's BLAS, found once: looking for it takes milliseconds."""
+    return ThreadpoolController()

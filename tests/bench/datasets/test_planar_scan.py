@@ -1,0 +1,49 @@
+"""The real scan of a foam panel: it focuses, and where it should."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.datasets.native import load_capture_file, load_echoes
+from bench.datasets.planar_scan import import_planar_scan
+from bench.registry import method
+from radar.errors import HandbenchError
+
+SCAN = Path(__file__).parents[3].parent / "shared" / "data" / "planar-scan-24ghz"
+needs_scan = pytest.mark.skipif(not SCAN.is_dir(), reason=f"the recorded scan is not at {SCAN}")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    out = tmp_path_factory.mktemp("scan") / "capture"
+    import_planar_scan(SCAN, out)
+    return out
+
+
+@needs_scan
+def test_the_capture_holds_the_scan(folder):
+    capture = load_echoes(folder)
+    assert capture.samples.shape == (1, 11, 187 * 144)
+    assert capture.frequencies_hz[[0, -1]].tolist() == [22.2e9, 26.2e9]
+    assert np.abs(capture.samples[0].mean(axis=1)).max() < 1e-3 * np.abs(capture.samples).max()
+    assert np.ptp(capture.aperture.position_m, axis=0) == pytest.approx([186 * 0.003, 143 * 0.003, 0])
+
+
+@needs_scan
+@pytest.mark.parametrize("name", ["2fsk", "3fsk", "broadband", "narrowband"])
+def test_every_method_finds_the_panel(folder, name):
+    # Every eighth pixel: this shows that the echoes focus on the panel, docs/planar_scan.md how well.
+    coarse = {axis: {"start_m": -0.15, "stop_m": 0.15, "step_m": 0.025} for axis in "xy"}
+    config = load_capture_file(folder).methods[name] | coarse
+    depth = method(name).run(load_echoes(folder), method(name).configure(config, name), 0).depth
+    assert 0.09 <= np.nanmedian(depth.z_m) <= 0.11
+    assert np.isfinite(depth.z_m).mean() > 0.6
+
+
+def test_a_file_that_is_not_a_scan_is_refused(tmp_path):
+    (tmp_path / "scan.npy").write_bytes(b"\x80\x04}.")  # a pickle
+    (tmp_path / "phase.txt").write_text("1 2\n3 4\n")
+    with pytest.raises(HandbenchError, match="six plain numpy arrays"):
+        import_planar_scan(tmp_path, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
