@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -16,11 +17,12 @@ if TYPE_CHECKING:
 
 
 def load_pycolmap() -> ModuleType:
-    """Import pycolmap without the SIGTERM handler that it installs (it prints a stack trace)."""
-    before = signal.getsignal(signal.SIGTERM)
+    """Import pycolmap without the SIGTERM handler that it installs (it prints a stack trace); Python lets only the main
+    thread put the old one back, so import it there first."""
+    first, before = "pycolmap" not in sys.modules, signal.getsignal(signal.SIGTERM)
     import pycolmap
 
-    if before is not None:
+    if first and before is not None:
         signal.signal(signal.SIGTERM, before)
     return pycolmap
 

@@ -8,10 +8,11 @@ import tomlkit
 
 from bench.scenes.photographs import Studio
 from bench.scenes.scene import HandTarget, Scene
-from calibration import atomic_path, track
+from calibration import atomic_path
 from calibration.meshes import write_mesh
 from groundtruth.board import save_board
-from groundtruth.cameras import save_cameras
+from groundtruth.cameras import load_pycolmap, save_cameras
+from radar.parallel import for_each
 
 JPEG_QUALITY = 96
 
@@ -53,11 +54,16 @@ def _write_photographs(scene: Scene, folder: Path) -> None:
     import cv2
 
     studio = Studio(scene)
-    for number, camera in enumerate(track(scene.cameras, "photographs")):
+    load_pycolmap()  # here, not in a thread
+
+    def take(number: int) -> None:
+        camera = scene.cameras[number]
         image = studio.photograph(camera, number)
         with atomic_path(folder / camera.name) as temporary:
             if not cv2.imwrite(str(temporary), image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]):
                 raise OSError(f"OpenCV could not write {folder / camera.name}")
+
+    for_each(take, range(len(scene.cameras)))
     save_cameras(folder / "cameras.json", tuple(c.model_copy(update={"R": None, "t": None}) for c in scene.cameras))
     save_cameras(folder / "truth_cameras.json", scene.cameras)
     save_board(folder / "board.toml", scene.board)

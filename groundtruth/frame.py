@@ -1,0 +1,151 @@
+"""The metric frame of a reconstruction: from an ArUco board, or from known camera poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from calibration import HandbenchError
+from calibration.transforms import umeyama
+from groundtruth.board import Board
+from groundtruth.cameras import Camera, load_pycolmap
+from groundtruth.photos import Photo
+
+if TYPE_CHECKING:
+    import pycolmap
+
+TRIM = 4.0  # times the median residual: what lies beyond is no part of the fit
+COLLINEAR = 0.02  # ratio of the second to the first extent below which points count as a line
+CORNER_ERROR_PX = 2.0  # of a marker's corner in one photograph, against those in the others
+
+Corners = dict[tuple[int, int], np.ndarray]  # (marker, corner) → pixel [2], COLMAP's convention
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Where the metres come from. features: marker corners or camera centres; used: those left after trimming;
+    residual_m: root mean square distance of the used ones after the fit (None without a scale)."""
+
+    source: Literal["board", "poses", "none"]
+    features: int = 0
+    used: int = 0
+    residual_m: float | None = None
+
+
+def detect_corners(photo: Photo, board: Board) -> Corners:
+    """Sub-pixel corners of the board's markers in a photograph."""
+    import cv2
+
+    gray = (photo.gray() * 255).round().astype(np.uint8)
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    found, ids, _ = cv2.aruco.ArucoDetector(board.cv_dictionary(), parameters).detectMarkers(gray)
+    known = board.corners_m()
+    names = [] if ids is None else ids.ravel().tolist()
+    return {  # OpenCV's first pixel is centred at 0, COLMAP's at 0.5; a marker seen twice is a mistake
+        (name, k): corner.astype(np.float64) + 0.5
+        for name, quad in zip(names, found, strict=True)
+        if name in known and names.count(name) == 1
+        for k, corner in enumerate(quad.reshape(4, 2))
+    }
+
+
+def require_board(seen: dict[str, Corners], board: Board) -> dict[str, Corners]:
+    """`seen` (photograph → corners), or a HandbenchError when no marker is in two photographs."""
+    corners = [corner for found in seen.values() for corner in found]
+    if len(corners) == len(set(corners)):
+        count = sum(bool(found) for found in seen.values())
+        raise HandbenchError(
+            f"board: its markers ({board.dictionary}, ids {sorted(board.corners_m())}) were found in {count} of "
+            f"{len(seen)} photographs, each marker at most once; at least one must be in two: check dictionary, ids, focus"
+        )
+    return seen
+
+
+def board_from_model(
+    model: pycolmap.Reconstruction, seen: dict[str, Corners], board: Board
+) -> tuple[np.ndarray, Scale]:
+    """4×4 similarity from the reconstruction's frame to the board's, by one fit to all triangulated corners."""
+    observed: dict[tuple[int, int], list[tuple[np.ndarray, pycolmap.Image]]] = {}
+    for image in registered(model):
+        for corner, pixel in seen.get(image.name, {}).items():
+            observed.setdefault(corner, []).append((pixel, image))
+    points = {corner: _triangulate(rays) for corner, rays in sorted(observed.items()) if len(rays) > 1}
+    points = {corner: point for corner, point in points.items() if point is not None}
+    known = board.corners_m()
+    target_m = np.array([known[marker][k] for marker, k in points]).reshape(-1, 3)
+    matrix, kept, residuals_m = trimmed_similarity(np.array(list(points.values())).reshape(-1, 3), target_m, "board corners")
+    return matrix, Scale("board", len(kept), int(kept.sum()), _rms(residuals_m[kept]))
+
+
+def poses_from_model(model: pycolmap.Reconstruction, cameras: tuple[Camera, ...]) -> tuple[np.ndarray, Scale]:
+    """4×4 similarity from the reconstruction's frame to that of the known camera poses, by the cameras' centres."""
+    known = {camera.name: camera.centre_m for camera in cameras if camera.R is not None and camera.t is not None}
+    pairs = [(image.projection_center(), known[image.name]) for image in registered(model) if image.name in known]
+    source, target_m = (np.array(side).reshape(-1, 3) for side in (zip(*pairs, strict=True) if pairs else ((), ())))
+    matrix, kept, residuals_m = trimmed_similarity(source, target_m, "registered cameras with known poses")
+    return matrix, Scale("poses", len(kept), int(kept.sum()), _rms(residuals_m[kept]))
+
+
+def trimmed_similarity(
+    source: np.ndarray, target_m: np.ndarray, what: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Similarity (4×4) from points [n, 3] to points [n, 3] in metres, refitted without what lies far off.
+
+    Returns the matrix, which
+    points were used [n] and every point's residual [n].
+    """
+    if len(source) < 3 or _collinear(target_m):
+        raise HandbenchError(
+            f"scale: {len(source)} {what}; at least three that are not on a line are needed: photograph the board from "
+            "more sides, or give --unscaled"
+        )
+    kept = np.ones(len(source), dtype=bool)
+    floor_m = 1e-9 * np.ptp(target_m, axis=0).max()
+    for _ in range(20):
+        matrix = umeyama(source[kept], target_m[kept], with_scale=True)
+        residuals_m = np.linalg.norm(source @ matrix[:3, :3].T + matrix[:3, 3] - target_m, axis=1)
+        inside = residuals_m <= TRIM * np.median(residuals_m) + floor_m
+        if (inside == kept).all() or inside.sum() < 3 or _collinear(target_m[inside]):
+            break
+        kept = inside
+    return matrix, kept, residuals_m
+
+
+def apply(model: pycolmap.Reconstruction, matrix: np.ndarray) -> None:
+    """Carry a reconstruction into the frame that `matrix` (4×4 similarity) leads to, in place."""
+    colmap = load_pycolmap()
+    scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
+    model.transform(colmap.Sim3d(scale, colmap.Rotation3d(matrix[:3, :3] / scale), matrix[:3, 3]))
+
+
+def registered(model: pycolmap.Reconstruction) -> list[pycolmap.Image]:
+    """The registered photographs, by name."""
+    return sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
+
+
+def _triangulate(observed: list[tuple[np.ndarray, pycolmap.Image]]) -> np.ndarray | None:
+    """Point [3] that projects to the pixels in their photographs; a photograph that disagrees is left out."""
+    colmap = load_pycolmap()
+    options = colmap.EstimateTriangulationOptions()
+    options.residual_type = colmap.TriangulationResidualType.REPROJECTION_ERROR
+    options.ransac.max_error = CORNER_ERROR_PX
+    options.ransac.random_seed = 0
+    found = colmap.estimate_triangulation(
+        np.array([pixel for pixel, _ in observed]),
+        [image.cam_from_world() for _, image in observed],
+        [image.camera for _, image in observed],
+        options,
+    )
+    return None if found is None else np.asarray(found["xyz"]).ravel()
+
+
+def _collinear(points_m: np.ndarray) -> bool:
+    extents = np.linalg.svd(points_m - points_m.mean(axis=0), compute_uv=False)
+    return bool(extents[1] < COLLINEAR * extents[0])
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,77 @@
+"""From a cloud of points to a clean surface.
+
+Poisson reconstruction (Kazhdan & Hoppe, TOG 2013) closes holes; what it invents, far from every point, is cut off again.
+Thresholds are in pixels of the depth maps.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from calibration import HandbenchError, say
+from calibration.meshes import load_open3d
+from groundtruth.fusion import Cloud
+
+if TYPE_CHECKING:
+    import open3d as o3d
+
+VOXEL_PX = 1.0
+NEIGHBOURS, OUTLIER_SIGMA = 20, 2.0
+NORMAL_NEIGHBOURS = 24
+FARTHEST_PX = 4.0  # between a vertex of the mesh and the nearest point
+DEEPEST = 11  # Poisson's octree; 2¹¹ cells a side
+FEWEST_POINTS = 500
+SMALLEST_PART = 0.01  # of the largest part's triangles
+
+Components = Literal["largest", "all"]
+
+
+def clean(cloud: Cloud) -> Cloud:
+    """One point per voxel, without outliers, its normal from its neighbours and towards the cameras."""
+    o3d = load_open3d()
+    if len(cloud.points_m) < FEWEST_POINTS:
+        raise HandbenchError(
+            f"dense stage: the views agree on {len(cloud.points_m)} points only, {FEWEST_POINTS} are needed; take sharper "
+            "photographs with more overlap, project a speckle pattern, or check the crop box"
+        )
+    points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points_m))
+    points.normals = o3d.utility.Vector3dVector(cloud.normals)
+    points = points.voxel_down_sample(VOXEL_PX * cloud.pixel_m)
+    points, _ = points.remove_statistical_outlier(NEIGHBOURS, OUTLIER_SIGMA)
+    towards_camera = np.array(points.normals)
+    points.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(NORMAL_NEIGHBOURS))
+    normals = np.array(points.normals)
+    normals[(normals * towards_camera).sum(axis=1) < 0] *= -1
+    return Cloud(np.array(points.points), normals, cloud.pixel_m)
+
+
+def surface(cloud: Cloud, components: Components) -> o3d.geometry.TriangleMesh:
+    """The cloud's surface: Poisson, cut where no point is near, manifold, its largest part (or all that are not tiny)."""
+    o3d = load_open3d()
+    say(f"surface of {len(cloud.points_m)} points")
+    points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points_m))
+    points.normals = o3d.utility.Vector3dVector(cloud.normals)
+    extent = np.ptp(cloud.points_m, axis=0).max() * 1.1  # Poisson's cube is 1.1 times the points' box
+    depth = int(np.clip(np.round(np.log2(extent / (1.5 * cloud.pixel_m))), 6, DEEPEST))
+    mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(points, depth=depth, n_threads=1)
+    mesh.remove_vertices_by_mask(_distance(mesh, points) > FARTHEST_PX * cloud.pixel_m)
+    for repair in ("degenerate_triangles", "duplicated_triangles", "non_manifold_edges"):
+        getattr(mesh, f"remove_{repair}")()
+    _keep_components(mesh, components)
+    mesh.remove_unreferenced_vertices()
+    mesh.compute_vertex_normals()
+    return mesh
+
+
+def _distance(mesh: o3d.geometry.TriangleMesh, points: o3d.geometry.PointCloud) -> np.ndarray:
+    from scipy.spatial import KDTree
+
+    return KDTree(np.asarray(points.points)).query(np.asarray(mesh.vertices))[0]
+
+
+def _keep_components(mesh: o3d.geometry.TriangleMesh, components: Components) -> None:
+    label, triangles, _ = (np.asarray(part) for part in mesh.cluster_connected_triangles())
+    fewest = triangles.max() * (1 if components == "largest" else SMALLEST_PART)
+    mesh.remove_triangles_by_mask(triangles[label] < fewest)
