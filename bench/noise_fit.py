@@ -2,26 +2,29 @@
 
     python -m bench.noise_fit paper_table --precision-mm 3.6
 
-The depth of a pixel is proportional to its phase, so that the precision is proportional to the noise as long as it is
-small: one measurement over many repeats gives the factor. The closed form, σ_z = c/(4πΔf)·σ_φ, is printed beside it.
+The precision is that of the benchmark's own repeats, draw for draw, so that its table shows the fitted value;
+--repeats takes more draws than the benchmark does and shows how far its few are from many. The closed form for a point
+scatterer, σ_z = c/(4πΔf)·σ_φ, is printed beside it.
 """
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from bench.metrics import precision, strongest_scatterer_z_m
 from bench.protocol import load_benchmark
 from bench.scenes.echoes import echoes
-from bench.scenes.scene import Noise, SceneFile, Sensor, build
+from bench.scenes.scene import Noise, Scene, SceneFile, Sensor, build
 from radar.arrays import SPEED_OF_LIGHT_M_S
 from radar.config import load
 from radar.fsk import TwoToneConfig, two_tone
 from radar.progress import track
 
-TRIAL_RAD = 0.03
+STEPS = 3  # of the fixed-point iteration: precision is nearly proportional to the noise
 
 
 def main() -> None:
@@ -29,23 +32,38 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("benchmark")
     parser.add_argument("--precision-mm", type=float, default=3.6)
-    parser.add_argument("--repeats", type=int, default=100, help="the fit is good to 1/√(2 · hands · repeats)")
+    parser.add_argument("--repeats", type=int, help="default: the benchmark's")
     options = parser.parse_args()
     config = TwoToneConfig()
     bench, base = load_benchmark(options.benchmark)
+    scenes = [_two_tone_scene(base / str(source.scene), base, config) for source in bench.capture]
+    closed_rad = 4 * np.pi * abs(config.f1_hz - config.f2_hz) / SPEED_OF_LIGHT_M_S * 1e-3 * options.precision_mm
+    print(f"closed form: {closed_rad:.4f} rad")
+    phase_noise_rad = closed_rad
+    for _ in track(range(STEPS), "noise fit"):
+        measured_mm = precision_mm(scenes, config, phase_noise_rad, options.repeats or bench.repeats)
+        print(f"phase_noise_rad = {phase_noise_rad:.5f}: {measured_mm:.3f} mm")
+        phase_noise_rad *= options.precision_mm / measured_mm
+    print(f"phase_noise_rad = {phase_noise_rad:.5f} (fitted)")
+
+
+def precision_mm(scenes: list[Scene], config: TwoToneConfig, phase_noise_rad: float, repeats: int) -> float:
+    """Precision of 2-FSK over the scenes at this noise, mm."""
     hands = []
-    for source in track(bench.capture, "noise fit"):
-        scene = load(SceneFile, base / source.scene, "a scene description")
-        tones = Sensor(array=scene.sensor.array, sweep=(), tones_hz=(config.f1_hz, config.f2_hz))
-        update = {"noise": Noise(phase_noise_rad=TRIAL_RAD), "sensor": tones, "photos": None}
-        capture = echoes(build(scene.model_copy(update=update), base), options.repeats)
-        depths = [two_tone(capture, config, frame) for frame in range(options.repeats)]
+    for scene in scenes:
+        file = scene.file.model_copy(update={"noise": Noise(phase_noise_rad=phase_noise_rad)})
+        capture = echoes(replace(scene, file=file), repeats)
+        depths = [two_tone(capture, config, frame) for frame in range(repeats)]
         amplitude = np.stack([10 ** (d.amplitude_db / 20) for d in depths])
         hands.append(strongest_scatterer_z_m(np.stack([d.z_m for d in depths]), amplitude))
-    measured_mm = precision(hands)["precision_mm"]
-    closed_rad = 4 * np.pi * abs(config.f1_hz - config.f2_hz) / SPEED_OF_LIGHT_M_S * 1e-3 * options.precision_mm
-    print(f"at {TRIAL_RAD} rad: {measured_mm:.3f} mm; per hand {[round(1e3 * np.std(z, ddof=1), 3) for z in hands]}")
-    print(f"phase_noise_rad = {TRIAL_RAD * options.precision_mm / measured_mm:.4f} (closed form: {closed_rad:.4f})")
+    return float(precision(hands)["precision_mm"])
+
+
+def _two_tone_scene(path: Path, folder: Path, config: TwoToneConfig) -> Scene:
+    """A scene with the two tones alone and without photographs."""
+    file = load(SceneFile, path, "a scene description")
+    sensor = Sensor(array=file.sensor.array, sweep=(), tones_hz=(config.f1_hz, config.f2_hz))
+    return build(file.model_copy(update={"sensor": sensor, "photos": None}), folder)
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ SIMULATION = (
     "radar", "bench/scenes", "bench/datasets", "calibration/target.py", *MESHES,
     "groundtruth/board.py", "groundtruth/cameras.py",
 )
-PHOTOGRAMMETRY = ("groundtruth", *MESHES)
+PHOTOGRAMMETRY = ("groundtruth", "bench/stages.py", *MESHES)
 IMAGING = ("radar", "bench/methods.py", "bench/registry.py", "bench/stages.py")
 
 
@@ -58,6 +58,7 @@ class Run:
     config: str
     rows: list[Row] = field(default_factory=list)
     repeats: list[Repeat] = field(default_factory=list)
+    views: dict[str, Path] = field(default_factory=dict)
     facts: dict[str, Any] = field(default_factory=dict)
 
     def execute(self) -> None:
@@ -110,7 +111,7 @@ class Run:
             transform.save(folder / "radar_from_photo.json")
 
         depends_on = [target.key, quality, self.bench.seed]
-        sources = (*PHOTOGRAMMETRY, "calibration", "radar", "bench/stages.py")
+        sources = (*PHOTOGRAMMETRY, "calibration", "radar")
         stage = self.cache.stage("calibrate", target.about.name, "", depends_on, sources, make)
         transform = load_transform(stage.folder / "radar_from_photo.json")
         self.facts["registration_residuals_mm"] = (1e3 * transform.residuals_m).tolist()
@@ -130,7 +131,9 @@ class Run:
         if transform is not None and (capture.folder / MESH).exists():
             found["photogrammetry"] = capture.folder / MESH, transform
         elif transform is not None and (capture.folder / PHOTOS).is_dir():
-            found["photogrammetry"] = self.mesh(capture).folder / stages.MESH, transform
+            made = self.mesh(capture).folder
+            found["photogrammetry"] = made / stages.MESH, transform
+            self.views[capture.about.name] = made / stages.VIEW
         if (capture.folder / TRUTH).exists():
             found["truth"] = capture.folder / TRUTH, identity("radar")
         if not found:
@@ -223,10 +226,8 @@ class Run:
         """The result folder; result.json comes last and makes it complete."""
         for (name, method_id, reference), error in errors.items():
             results.write_errors(self.folder, name, method_id, reference, error)
-        for capture in captures:
-            photos = sorted((capture.folder / PHOTOS).glob("*.jpg"))
-            if photos:
-                results.write_photo(self.folder, capture.about.name, photos[0])
+        for name, view in self.views.items():
+            results.write_photo(self.folder, name, view)
         results.write_config(self.folder, self.config)
         results.write_table(self.folder, self.rows)
         results.write_tasks(self.folder, self.cache.tasks)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -16,21 +17,43 @@ from calibration.meshes import read_mesh, write_mesh
 from calibration.registration import calibrate
 from calibration.target import load_target
 from calibration.transforms import Transform, load_transform
+from groundtruth.cameras import Camera
 from groundtruth.depth import depth_on_grid
+from groundtruth.photos import Photo, find_photos
 from groundtruth.pipeline import Options, reconstruct
 from radar.backprojection import compile_kernels
 from radar.errors import HandbenchError
 from radar.files import read_npz, write_json, write_npz
 from radar.grid import PixelGrid
 
-MESH, DEPTH, REPEATS, TIMING = "mesh.ply", "depth.npz", "repeats.npz", "timing.json"
+MESH, VIEW = "mesh.ply", "view.jpg"
+DEPTH, REPEATS, TIMING = "depth.npz", "repeats.npz", "timing.json"
 
 
 def make_mesh(capture: Path, quality: str, seed: int, folder: Path) -> None:
-    """Photographs → metric mesh in the photo frame (MESH), with the COLMAP model and the summary beside it."""
+    """Photographs → metric mesh in the photo frame (MESH), a photograph cut to the box (VIEW), and what led there.
+
+    All parts of the surface are kept: a hand's own shadow may cut it in two, and the box holds nothing else.
+    """
     box_m = load_capture_file(capture).box_m
-    result = reconstruct(capture / PHOTOS, Options(quality=quality, box_m=box_m, seed=seed), folder / "work")
+    options = Options(quality=quality, box_m=box_m, components="all", seed=seed)
+    result = reconstruct(capture / PHOTOS, options, folder / "work")
     write_mesh(folder / MESH, result.mesh)
+    camera = result.cameras[0]
+    _write_view(find_photos(capture / PHOTOS), camera, options.box(), folder / VIEW)
+
+
+def _write_view(photos: tuple[Photo, ...], camera: Camera, box_m: np.ndarray | None, file: Path) -> None:
+    """The camera's photograph, cut to the box [2, 3] in the photo frame."""
+    from PIL import Image
+
+    path = next(photo.path for photo in photos if photo.name == camera.name)
+    with Image.open(path) as image:
+        if box_m is not None:
+            corners = camera.project(np.array(list(product(*box_m.T))))
+            (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
+            image = image.crop((max(0, left), max(0, top), min(image.width, right), min(image.height, bottom)))
+        image.convert("RGB").save(file, quality=90)
 
 
 def calibrate_capture(capture: Path, quality: str, seed: int, folder: Path | None = None) -> Transform:

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize, SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
+from matplotlib.ticker import MaxNLocator
 
 from bench.results import CaptureFacts, Result, Surface
 from reports.style import AGAINST, Picture, methods, time_text
@@ -139,7 +140,8 @@ def _draw(axis: Axes, surface: Surface, colours: str, norm: Normalize, box: Box)
     extent = (*_edges_mm(surface.x_m), *_edges_mm(surface.y_m))
     image = axis.imshow(values_mm, colour_map, norm, interpolation="nearest", origin="lower", extent=extent)
     axis.set(xlim=box[:2], ylim=box[2:], aspect="equal")
-    axis.locator_params(nbins=5)
+    axis.yaxis.set_major_locator(MaxNLocator(5))
+    axis.xaxis.set_major_locator(MaxNLocator(4, prune="both"))  # numbers at the edges would meet the next panel's
     axis.tick_params(labelbottom=False, labelleft=False, length=2.5, width=0.6)
     return image
 

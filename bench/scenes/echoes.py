@@ -30,8 +30,8 @@ def echoes(scene: Scene, frames: int = 1) -> RadarCapture:
     if phase_noise_rad == 0:
         return RadarCapture(np.repeat(clean[None], frames, axis=0), frequencies_hz, array)
     strongest = strongest_amplitude(clean[-1], frequencies_hz[-1], array, surface_m)
-    seeds = (np.random.SeedSequence([scene.file.seed, frame]) for frame in range(frames))
-    noisy = np.stack([thermal_noise(clean, phase_noise_rad, strongest, seed) for seed in seeds])
+    seeds = [(scene.file.seed, frame) for frame in range(frames)]
+    noisy = np.stack([thermal_noise(clean, frequencies_hz, phase_noise_rad, strongest, seed) for seed in seeds])
     return RadarCapture(noisy, frequencies_hz, array)
 
 

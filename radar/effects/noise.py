@@ -16,15 +16,20 @@ def strongest_amplitude(
 
 
 def thermal_noise(
-    samples: np.ndarray, phase_noise_rad: float, strongest: float, seed: np.random.SeedSequence
+    samples: np.ndarray, frequencies_hz: np.ndarray, phase_noise_rad: float, strongest: float, seed: tuple[int, ...]
 ) -> np.ndarray:
     """Samples [f, t, r] with white circular Gaussian noise of the same level in every channel and tone.
 
     phase_noise_rad: standard deviation of the phase *between two tones* at the strongest pixel. An image sums N = t·r
     channels, so that its noise is √N σ; of it one quadrature turns the phase, σ_φ = √N σ / (√2 A) per tone, and
     √N σ / A between two tones of equal amplitude A: σ = phase_noise_rad · A / √N.
+
+    Each tone draws from (seed, its frequency): its noise does not depend on which other tones there are.
     """
-    generator = np.random.default_rng(seed)
     sigma = phase_noise_rad * strongest / np.sqrt(samples[0].size)
-    noise = generator.standard_normal((*samples.shape, 2), dtype=np.float32) * np.float32(sigma / np.sqrt(2))
-    return samples + noise.view(np.complex64)[..., 0]
+    noisy = np.empty_like(samples)
+    for f, frequency_hz in enumerate(frequencies_hz):
+        generator = np.random.default_rng(np.random.SeedSequence([*seed, round(float(frequency_hz))]))
+        noise = generator.standard_normal((*samples[f].shape, 2), dtype=np.float32) * np.float32(sigma / np.sqrt(2))
+        noisy[f] = samples[f] + noise.view(np.complex64)[..., 0]
+    return noisy

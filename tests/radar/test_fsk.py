@@ -92,10 +92,10 @@ def test_two_tone_precision_follows_the_phase_noise():
     point_m = (0.0, 0.0, 0.29)
     clean = point_capture(point_m).samples[0]
     strongest = strongest_amplitude(clean[0], TONES_HZ[0], qar50(), np.array([point_m]))
-    config = TwoToneConfig(**around(point_m, half_m=0.0), settled_m=1.0)
+    config = TwoToneConfig(**around(point_m, half_m=0.0), first_depth_m=0.29)  # in focus from the start
     depths = []
     for repeat in range(60):
-        samples = thermal_noise(clean, 0.030, strongest, np.random.SeedSequence([1, repeat]))
+        samples = thermal_noise(clean, TONES_HZ, 0.030, strongest, (1, repeat))
         depths.append(two_tone(RadarCapture(samples[None], TONES_HZ, qar50()), config).strongest_z_m)
     expected = SPEED_OF_LIGHT_M_S / (4 * np.pi * 200e6) * 0.030
     assert np.std(depths, ddof=1) == pytest.approx(expected, rel=0.3)
@@ -104,9 +104,11 @@ def test_two_tone_precision_follows_the_phase_noise():
 
 def test_noise_repeats_with_its_seed_and_differs_without():
     clean = np.ones((2, 94, 94), np.complex64)
-    draws = [thermal_noise(clean, 0.1, 1e4, np.random.SeedSequence([3, frame])) for frame in (0, 0, 1)]
+    draws = [thermal_noise(clean, TONES_HZ[:2], 0.1, 1e4, (3, frame)) for frame in (0, 0, 1)]
     assert np.array_equal(draws[0], draws[1])
     assert not np.array_equal(draws[0], draws[2])
+    assert not np.array_equal(draws[0][0], draws[0][1])
+    assert np.array_equal(thermal_noise(clean[1:], TONES_HZ[1:2], 0.1, 1e4, (3, 0))[0], draws[0][1])
     assert (draws[0] - clean).std() == pytest.approx(0.1 * 1e4 / 94, rel=0.02)  # 17 672 draws: 0.4 % (1σ)
 
 
