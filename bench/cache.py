@@ -14,13 +14,13 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bench.measure import Cost, measured
+from bench.measure import Cost, measured, versions
 from bench.results import Task
 from radar.errors import HandbenchError
 from radar.files import atomic_folder, content_hash, read_json, write_json
 from radar.progress import say
 
-STAMP = "stage.json"
+STAMP, MARKER = "stage.json", ".handbench-run"
 PACKAGES = Path(__file__).parent.parent
 
 
@@ -53,7 +53,7 @@ class Cache:
 
         depends_on: values, paths and keys of earlier stages; sources: packages or modules whose code it runs.
         """
-        key = content_hash(name, capture, method, *depends_on, source_hash(sources))
+        key = content_hash(name, capture, method, *depends_on, source_hash(sources), versions())
         label = "-".join(part for part in (name, capture, method) if part)
         folder = self.root / f"{label}-{key[:16]}"
         cached = (folder / STAMP).is_file()
@@ -81,15 +81,23 @@ def source_hash(sources: tuple[str, ...]) -> str:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Hold the folder for this run alone (the lock falls with the process, however it ends), and clear away what
-    killed runs left half-written."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / ".lock").open("w") as stream:
+def claimed(folder: Path) -> Iterator[Path]:
+    """Hold a result folder for this run alone and yield its `work` folder, cleared of what killed runs left.
+
+    A marker says that a run made the folder: one without it that holds anything is a stranger's and is left alone.
+    The lock falls with the process, however it ends.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise HandbenchError(f"{folder}: is a file; expected a folder for the results: choose another -o")
+    if folder.is_dir() and not (folder / MARKER).exists() and any(folder.iterdir()):
+        raise HandbenchError(f"{folder}: holds files that no run wrote; choose an empty or new folder for -o")
+    work = folder / "work"
+    work.mkdir(parents=True, exist_ok=True)
+    with (folder / MARKER).open("w") as stream:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise HandbenchError(f"{folder}: another run is writing here; wait for it or choose another -o") from None
-        for leftover in folder.glob(".*-*"):
+        for leftover in work.glob(".*-*"):
             shutil.rmtree(leftover) if leftover.is_dir() else leftover.unlink()
-        yield
+        yield work

@@ -56,6 +56,8 @@ def _report(options: argparse.Namespace) -> None:
     """Result folder → report."""
     from reports.html import build
 
+    if options.out.exists() and any(options.out.iterdir()) and not (options.out / "index.html").exists():
+        raise HandbenchError(f"{options.out}: holds files but no index.html, so it is no report; choose another -o")
     print(f"report: {build(options.results, options.out)}")
 
 
@@ -112,7 +114,7 @@ def parser() -> argparse.ArgumentParser:
 
     report = _add(commands, "report", "result folder → tables, figures, HTML")
     report.add_argument("results", type=Path, metavar="DIR")
-    _out(report, "REPORT", "report folder")
+    report.add_argument("-o", "--out", required=True, type=Path, metavar="REPORT", help="report folder, renewed")
 
     importer = _add(commands, "import", "another data set → capture folder")
     importer.set_defaults(command="import_dataset")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from radar.errors import HandbenchError
-from radar.files import require_file, require_folder
+from radar.files import inside
 from radar.progress import say
 
 
@@ -18,7 +18,7 @@ def simulate(options: argparse.Namespace) -> None:
     from bench.datasets.simulated import simulate_capture
     from bench.scenes.scene import load_scene
 
-    _free(options.out, options.overwrite)
+    _free_folder(options.out, options.overwrite, "capture.toml")
     simulate_capture(load_scene(options.scene), options.out, options.frames)
     say(f"capture: {options.out}")
 
@@ -30,6 +30,8 @@ def groundtruth(options: argparse.Namespace) -> None:
     from radar.config import parse
 
     _free(options.out, options.overwrite)
+    for kept in ("sparse", "dense.ply", "summary.json") if options.workdir else ():
+        _free(options.workdir / kept, options.overwrite)
     values = {
         "cameras": options.cameras,
         "intrinsics": _numbers(options.intrinsics, 4, "--intrinsics"),
@@ -59,15 +61,17 @@ def reconstruct(options: argparse.Namespace) -> None:
     """Capture × method → depth map."""
     from bench.datasets.native import load_echoes
     from bench.registry import method
-    from bench.stages import resolved_config
+    from bench.stages import configuration
     from radar.backprojection import compile_kernels
     from radar.files import write_npz
 
     for file in filter(None, (options.out, options.volume)):
         _free(file, options.overwrite)
+    if options.volume == options.out:
+        raise HandbenchError(f"--volume: is the same file as -o, {options.out}; name two")
     chosen = method(options.method)
-    defaults = chosen.configure(resolved_config(options.capture, chosen.id, {}), f"method '{chosen.id}'")
-    settings = chosen.configure(_settings(options, defaults.model_dump(mode="json")), "--set")
+    defaults = configuration(options.capture, chosen.id, {})
+    settings = chosen.configure(_settings(options, defaults.model_dump(mode="json")), "--set or --tolerance")
     echoes = load_echoes(options.capture)
     if not 0 <= options.frame < len(echoes.samples):
         raise HandbenchError(f"--frame: is {options.frame}; the capture has frames 0 to {len(echoes.samples) - 1}")
@@ -90,7 +94,10 @@ def evaluate(options: argparse.Namespace) -> None:
     from radar.grid import PixelGrid
 
     depth = load_depthmap(options.depth)
-    transform = load_transform(options.transform) if options.transform else identity("radar")
+    transform = identity("radar")
+    if options.transform:
+        transform = load_transform(options.transform)
+        transform.require(transform.source, "radar", options.transform)
     values = score(depth.z_m, reference_depth(options.mesh, transform, PixelGrid(depth.x_m, depth.y_m)))
     print(json.dumps({**values, "method": depth.method, "definitions": definitions(list(values))}, indent=2))
 
@@ -99,7 +106,7 @@ def import_dataset(options: argparse.Namespace) -> None:
     """Foreign data → capture folder."""
     from bench.datasets.planar_scan import import_planar_scan
 
-    _free(options.out, options.overwrite)
+    _free_folder(options.out, options.overwrite, "capture.toml")
     import_planar_scan(options.source, options.out)
     say(f"capture: {options.out}")
 
@@ -136,34 +143,43 @@ def doctor(options: argparse.Namespace) -> None:
 def _validate(name: str) -> None:
     from bench.datasets.native import ECHOES, load_capture_file, load_echoes
     from bench.protocol import load_benchmark
-    from bench.scenes.scene import SceneFile
+    from bench.scenes.scene import SceneFile, named_files
+    from bench.stages import configuration
     from calibration.meshes import read_mesh
     from radar.config import load, read_toml
 
     path = Path(name)
     if path.is_dir():
-        load_capture_file(path)
+        for method_id in load_capture_file(path).methods:
+            configuration(path, method_id, {})
         if (path / ECHOES).exists():
             load_echoes(path)
         for mesh in ("truth.ply", "mesh.ply"):
             if (path / mesh).exists():
                 read_mesh(path / mesh)
     elif path.is_file() and "target" in read_toml(path, "a benchmark or a scene"):
-        load(SceneFile, path, "a scene description")
+        named_files(load(SceneFile, path, "a scene description"), path.parent)
     else:
         bench, base = load_benchmark(name)
         for source in filter(None, (*bench.capture, bench.calibration)):
             if source.scene is not None:
-                require_file(base / source.scene, "a scene description")
-                load(SceneFile, base / source.scene, "a scene description")
+                path = inside(base, source.scene, f"{name}: scene")
+                named_files(load(SceneFile, path, "a scene description"), path.parent)
             else:
-                _validate(str(require_folder(base / (source.path or ""), "a capture")))
+                _validate(str(inside(base, source.path or "", f"{name}: path")))
 
 
 def _free(path: Path, overwrite: bool) -> None:
     """Refuse to overwrite unless asked to."""
     if path.exists() and not overwrite:
         raise HandbenchError(f"{path}: exists already; choose another -o, or --overwrite to replace it")
+
+
+def _free_folder(path: Path, overwrite: bool, mark: str) -> None:
+    """As `_free`, and even then replace only a folder that holds `mark`, which handbench writes."""
+    _free(path, overwrite)
+    if path.exists() and not (path / mark).is_file():
+        raise HandbenchError(f"{path}: holds no {mark}, so handbench did not write it; choose another -o")
 
 
 def _numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | None:

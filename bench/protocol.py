@@ -8,6 +8,7 @@ from typing import Any, Literal
 from pydantic import Field, model_validator
 
 from bench.registry import method
+from bench.results import Name
 from radar.config import Config, load, suggest
 from radar.errors import HandbenchError
 
@@ -56,8 +57,8 @@ class BenchFile(Config):
     """The content of a benchmark file."""
 
     version: Literal[1]
-    name: str = Field(min_length=1, max_length=80, pattern=r"^[\w.-]+$")
-    seed: int = Field(default=0, ge=0)
+    name: Name
+    seed: int = Field(default=0, ge=0, lt=2**31)
     repeats: int = Field(default=10, ge=2, le=1000, description="frames for the precision")
     phase_noise_rad: float | None = Field(default=None, ge=0, description="replaces the noise of every scene")
     groundtruth: GroundTruth = GroundTruth()

@@ -22,6 +22,7 @@ from groundtruth.depth import depth_on_grid
 from groundtruth.photos import Photo, find_photos
 from groundtruth.pipeline import Options, reconstruct
 from radar.backprojection import compile_kernels
+from radar.config import Config, parse
 from radar.errors import HandbenchError
 from radar.files import read_npz, write_json, write_npz
 from radar.grid import PixelGrid
@@ -36,11 +37,15 @@ def make_mesh(capture: Path, quality: str, seed: int, folder: Path) -> None:
     All parts of the surface are kept: a hand's own shadow may cut it in two, and the box holds nothing else.
     """
     box_m = load_capture_file(capture).box_m
-    options = Options(quality=quality, box_m=box_m, components="all", seed=seed)
+    options = _options(box_m, quality, seed)
     result = reconstruct(capture / PHOTOS, options, folder / "work")
     write_mesh(folder / MESH, result.mesh)
     camera = result.cameras[0]
     _write_view(find_photos(capture / PHOTOS), camera, options.box(), folder / VIEW)
+
+
+def _options(box_m: tuple[float, ...] | None, quality: str, seed: int) -> Options:
+    return parse(Options, {"quality": quality, "box_m": box_m, "components": "all", "seed": seed}, "groundtruth")
 
 
 def _write_view(photos: tuple[Photo, ...], camera: Camera, box_m: np.ndarray | None, file: Path) -> None:
@@ -51,8 +56,10 @@ def _write_view(photos: tuple[Photo, ...], camera: Camera, box_m: np.ndarray | N
     with Image.open(path) as image:
         if box_m is not None:
             corners = camera.project(np.array(list(product(*box_m.T))))
-            (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
-            image = image.crop((max(0, left), max(0, top), min(image.width, right), min(image.height, bottom)))
+            left, top = np.maximum(corners.min(axis=0), 0)
+            right, bottom = np.minimum(corners.max(axis=0), image.size)
+            if right - left >= 1 and bottom - top >= 1:
+                image = image.crop((left, top, right, bottom))
         image.convert("RGB").save(file, quality=90)
 
 
@@ -60,7 +67,7 @@ def calibrate_capture(capture: Path, quality: str, seed: int, folder: Path | Non
     """Target capture → radar_from_photo. The photographs' intermediate results go to `folder`, if given."""
     description = load_capture_file(capture)
     target = load_target(capture / TARGET)
-    options = Options(quality=quality, box_m=description.box_m, components="all", seed=seed)
+    options = _options(description.box_m, quality, seed)
     cloud = reconstruct(capture / PHOTOS, options, folder)
     return calibrate(cloud.points_m, cloud.normals, load_echoes(capture), target)
 
@@ -69,8 +76,7 @@ def image_frames(
     capture: Path, method_id: str, config: dict[str, Any], frames: int = 1
 ) -> Iterator[tuple[Reconstruction, float]]:
     """The first frames of a capture by one method, each with its seconds from echoes in memory to the depth map."""
-    chosen = method(method_id)
-    settings = chosen.configure(resolved_config(capture, method_id, config), f"method '{method_id}'")
+    chosen, settings = method(method_id), configuration(capture, method_id, config)
     echoes = load_echoes(capture)
     if len(echoes.samples) < frames:
         raise HandbenchError(f"{capture}: has {len(echoes.samples)} frames; expected {frames} for the precision")
@@ -81,9 +87,12 @@ def image_frames(
         yield result, time.perf_counter() - start
 
 
-def resolved_config(capture: Path, method_id: str, config: dict[str, Any]) -> dict[str, Any]:
-    """What the capture's sensor asks for, overridden by what the user asks for."""
-    return {**load_capture_file(capture).methods.get(method_id, {}), **config}
+def configuration(capture: Path, method_id: str, config: dict[str, Any]) -> Config:
+    """The method's configuration for this capture: defaults, then what its sensor asks for, then what the user does."""
+    of_sensor = load_capture_file(capture).methods
+    for known in of_sensor:
+        method(known)  # a typing error in capture.toml is not passed over
+    return method(method_id).configure({**of_sensor.get(method_id, {}), **config}, f"method '{method_id}'")
 
 
 def make_depth(capture: Path, method_id: str, config: dict[str, Any], folder: Path) -> None:
@@ -107,14 +116,14 @@ def make_repeats(capture: Path, method_id: str, config: dict[str, Any], frames: 
 def reference_depth(mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid) -> np.ndarray:
     """Depth [ny, nx] of a mesh file on a pixel grid of the radar, after carrying it into the radar frame."""
     surface = read_mesh(mesh_file)
-    surface.transform(radar_from_mesh.matrix)
+    surface.transform(radar_from_mesh.require(radar_from_mesh.source, "radar", "transform").matrix)
     return depth_on_grid(surface, grid.x_m, grid.y_m)
 
 
 def transform_of(capture: Path) -> Transform | None:
     """The capture's own radar_from_photo, if it has one."""
     file = capture / "radar_from_photo.json"
-    return load_transform(file) if file.exists() else None
+    return load_transform(file).require("photo", "radar", file) if file.exists() else None
 
 
 def repeats_z_m(folder: Path) -> np.ndarray:

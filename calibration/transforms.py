@@ -50,6 +50,14 @@ class Transform:
         jacobian = perturbation_jacobian(points_m)[..., : len(self.covariance)]
         return jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2)
 
+    def require(self, source: str, target: str, where: object) -> Transform:
+        """The transform itself if it leads from `source` to `target`; `where` (its file) opens the error otherwise."""
+        if (self.source, self.target) != (source, target):
+            raise HandbenchError(
+                f"{where}: leads from '{self.source}' to '{self.target}'; expected one from '{source}' to '{target}'"
+            )
+        return self
+
     def inverse(self) -> Transform:
         """The transform the other way; it carries no covariance."""
         return Transform(self.target, self.source, np.linalg.inv(self.matrix), residuals_m=self.residuals_m)

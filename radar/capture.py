@@ -23,6 +23,8 @@ class RadarCapture:
     aperture: Aperture
 
     def __post_init__(self) -> None:
+        if self.frequencies_hz.ndim != 1:
+            raise HandbenchError(f"frequencies_hz: has shape {self.frequencies_hz.shape}; expected [f] hertz")
         expected = (len(self.frequencies_hz), *self.aperture.channels)
         if self.samples.ndim != 1 + len(expected) or self.samples.shape[1:] != expected or len(self.samples) == 0:
             raise HandbenchError(

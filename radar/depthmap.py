@@ -24,12 +24,6 @@ class DepthMap:
     method: str
     config: dict[str, Any] = field(default_factory=dict)
 
-    @property
-    def strongest_z_m(self) -> float:
-        """Depth of the strongest pixel on target, metres (the paper's precision is its spread over repeats)."""
-        amplitude = np.where(np.isfinite(self.z_m), self.amplitude_db, -np.inf)
-        return float(self.z_m.flat[int(amplitude.argmax())])
-
     def save(self, path: str | Path) -> None:
         """Write the depth map's .npz, atomically."""
         write_npz(
@@ -46,17 +40,22 @@ class DepthMap:
 def load_depthmap(path: str | Path) -> DepthMap:
     """Read a depth map; refuses axes that do not fit the map."""
     content = read_npz(path, ("x_m", "y_m", "z_m", "amplitude_db", "method", "config"))
-    expected = (len(np.atleast_1d(content["y_m"])), len(np.atleast_1d(content["x_m"])))
-    for name in ("z_m", "amplitude_db"):
-        if content[name].shape != expected:
-            raise HandbenchError(f"{path}: {name} has shape {content[name].shape}; expected {expected} from y_m, x_m")
+    shape = content["y_m"].size, content["x_m"].size
+    for name, expected in {"x_m": shape[1:], "y_m": shape[:1], "z_m": shape, "amplitude_db": shape}.items():
+        if content[name].shape != expected or content[name].dtype.kind != "f":
+            found = f"{content[name].dtype} {content[name].shape}"
+            raise HandbenchError(f"{path}: {name} is {found}; expected real numbers {expected} from y_m, x_m")
+    try:
+        config = json.loads(str(content["config"]))
+    except ValueError as error:
+        raise HandbenchError(f"{path}: config is not JSON ({error}); expected the method's configuration") from None
     return DepthMap(
         content["x_m"],
         content["y_m"],
         content["z_m"],
         content["amplitude_db"],
         str(content["method"]),
-        json.loads(str(content["config"])),
+        config,
     )
 
 

@@ -155,7 +155,8 @@ def content_hash(*parts: Any) -> str:
     digest = hashlib.sha256()
     for part in parts:
         if isinstance(part, Path) and part.is_dir():
-            for file in sorted(p for p in part.rglob("*") if p.is_file()):
+            walked = (Path(folder) / name for folder, _, names in os.walk(part, followlinks=True) for name in names)
+            for file in sorted(walked):
                 digest.update(str(file.relative_to(part)).encode())
                 digest.update(content_hash(file).encode())
         elif isinstance(part, Path):

@@ -7,8 +7,10 @@ axis, is smaller off it; the paper leaves that out and `off_axis` puts it in.
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 from scipy.ndimage import uniform_filter
 
 from radar.arrays import SPEED_OF_LIGHT_M_S, Aperture
@@ -21,6 +23,16 @@ from radar.grid import Axis, PixelGrid
 PAPER_LATERAL = Axis(start_m=-0.15, stop_m=0.15, step_m=0.001)
 
 MAX_IMAGES = 6  # passes of the coarse stage; the paper's two suffice for a hand
+
+
+
+def _odd(size_px: int) -> int:
+    if size_px < 1 or size_px % 2 == 0:
+        raise ValueError("expected an odd number ≥ 1: an even window would shift the map by half a pixel")
+    return size_px
+
+
+OddPixels = Annotated[int, AfterValidator(_odd)]
 
 
 class TwoToneConfig(Config):
@@ -40,8 +52,8 @@ class ThreeToneConfig(TwoToneConfig):
     """3-FSK with the paper's parameters; the paper does not give its filters' sizes."""
 
     f3_hz: float = Field(default=79.5e9, gt=0, description="third tone, far from the other two")
-    coarse_filter_px: int = Field(default=5, ge=1, description="averaging filter of the coarse depth, pixels")
-    fine_filter_px: int = Field(default=5, ge=1, description="averaging filter of the result, pixels")
+    coarse_filter_px: OddPixels = Field(default=5, description="averaging filter of the coarse depth, pixels")
+    fine_filter_px: OddPixels = Field(default=5, description="averaging filter of the result, pixels")
     fine_refinements: int = Field(default=1, ge=1, description="times the third tone corrects each pixel (paper: once)")
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from radar.config import Config
-from radar.errors import HandbenchError
 
 
 class Axis(Config):
@@ -18,10 +17,14 @@ class Axis(Config):
     stop_m: float
     step_m: float = Field(gt=0)
 
+    @model_validator(mode="after")
+    def _ascending(self) -> Axis:
+        if self.stop_m < self.start_m:
+            raise ValueError("stop_m lies before start_m; swap them")
+        return self
+
     def values_m(self) -> np.ndarray:
         """Samples from start to stop, both included when the step divides the range."""
-        if self.stop_m < self.start_m:
-            raise HandbenchError(f"axis: stop_m {self.stop_m} lies before start_m {self.start_m}; swap them")
         count = int(np.floor((self.stop_m - self.start_m) / self.step_m + 1e-6)) + 1
         return np.round(self.start_m + self.step_m * np.arange(count), 12)  # −0.098, not −0.09799999999999999
 

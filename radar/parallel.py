@@ -10,12 +10,17 @@ from typing import TypeVar
 
 from threadpoolctl import ThreadpoolController
 
+from radar.errors import HandbenchError
+
 Item = TypeVar("Item")
 
 
 def workers() -> int:
     """Threads to use: HANDBENCH_WORKERS if set, else the cores this process may run on."""
-    return int(os.environ.get("HANDBENCH_WORKERS", 0)) or len(os.sched_getaffinity(0))
+    wanted = os.environ.get("HANDBENCH_WORKERS", "")
+    if wanted and not (wanted.isdigit() and int(wanted)):
+        raise HandbenchError(f"HANDBENCH_WORKERS: is '{wanted}'; expected a whole number of threads, or nothing")
+    return int(wanted) if wanted else len(os.sched_getaffinity(0))
 
 
 def for_each(function: Callable[[Item], None], items: Iterable[Item]) -> None:

@@ -8,10 +8,11 @@ from typing import Any, Literal
 import tomlkit
 from pydantic import Field
 
+from bench.results import Name
 from radar.capture import RadarCapture, load_capture
 from radar.config import Config, load
 from radar.errors import HandbenchError
-from radar.files import atomic_path, require_folder
+from radar.files import atomic_path, inside, require_folder
 
 ECHOES, TRUTH, MESH, PHOTOS = "echoes.h5", "truth.ply", "mesh.ply", "photos"
 TRANSFORM, TARGET = "radar_from_photo.json", "target.toml"
@@ -21,7 +22,7 @@ class CaptureFile(Config):
     """The content of `capture.toml`."""
 
     version: Literal[1] = 1
-    name: str
+    name: Name
     kind: Literal["hand", "target", "scan", "other"] = "hand"
     pose: str | None = None
     distance_m: float | None = None
@@ -42,7 +43,7 @@ def load_capture_file(folder: str | Path) -> CaptureFile:
     folder = require_folder(folder, "a capture (capture.toml, echoes.h5, …)")
     description = load(CaptureFile, folder / "capture.toml", "a capture description")
     for name in description.contains:
-        if not (folder / name).exists():
+        if not inside(folder, name, "capture.toml").exists():
             raise HandbenchError(f"{folder}: {name} is missing, but capture.toml says it is there; copy it again")
     return description
 

@@ -2,28 +2,36 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from bench.scenes.scene import Scene
+from bench.scenes.scene import BUILT_IN_ARRAY, Scene
 from calibration.meshes import load_open3d, raycasting_scene
-from radar.arrays import AntennaArray, load_positions, qar50
+from radar.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, load_positions, qar50
 from radar.capture import RadarCapture
 from radar.effects.noise import strongest_amplitude, thermal_noise
+from radar.errors import HandbenchError
+from radar.files import inside
 from radar.forward import Scatterers, simulate
 from radar.sphere import sphere_echo
 
+if TYPE_CHECKING:
+    import open3d as o3d
+
 SHADOW_BIAS_M = 2e-4  # a facet does not shadow itself
+MOST_FACETS = 4_000_000
 PEAK_POINTS = 20_000  # surface points on which the strongest pixel is looked for
 
 
 def echoes(scene: Scene, frames: int = 1) -> RadarCapture:
     """The scene's echoes; the frames differ in their noise alone, which comes from (scene seed, frame)."""
-    array = _array(scene.file.sensor.array)
+    array = antenna_array(scene)
     frequencies_hz = np.unique(scene.file.sensor.frequencies_hz)
     if scene.target is not None:
         clean, surface_m = _balls(scene, frequencies_hz, array), scene.balls_m
     else:
-        scatterers = visible_surface(scene)
+        scatterers = visible_surface(scene, SPEED_OF_LIGHT_M_S / frequencies_hz[-1])
         clean = simulate(scatterers, frequencies_hz, array)
         surface_m = scatterers.position_m[:: max(1, len(scatterers.position_m) // PEAK_POINTS)]
     phase_noise_rad = scene.file.noise.phase_noise_rad
@@ -35,11 +43,19 @@ def echoes(scene: Scene, frames: int = 1) -> RadarCapture:
     return RadarCapture(noisy, frequencies_hz, array)
 
 
-def visible_surface(scene: Scene) -> Scatterers:
-    """Facets of the target (each split in four) that face the aperture's centre and are not in another's shadow."""
+def visible_surface(scene: Scene, wavelength_m: float) -> Scatterers:
+    """Facets of the target that face the aperture's centre and are not in another's shadow, split until no edge is
+    longer than a quarter of the wavelength (coarser ones would echo as a grating)."""
     surface = load_open3d().geometry.TriangleMesh(scene.target_mesh)
     surface.compute_vertex_normals()
-    surface = surface.subdivide_midpoint(1)
+    longest_m = longest_edge_m(surface)
+    splits = max(0, int(np.ceil(np.log2(longest_m / (wavelength_m / 4)))))
+    if len(surface.triangles) * 4**splits > MOST_FACETS:
+        raise HandbenchError(
+            f"target: its longest edge, {1e3 * longest_m:.1f} mm, would have to be split {splits} times to sample the "
+            f"wavelength, {1e3 * wavelength_m:.1f} mm, which makes more than {MOST_FACETS} facets; remesh it evenly"
+        )
+    surface = surface.subdivide_midpoint(splits)
     vertices, faces = np.asarray(surface.vertices), np.asarray(surface.triangles)
     centroid = vertices[faces].mean(axis=1)
     normal = np.asarray(surface.vertex_normals)[faces].mean(axis=1)
@@ -47,7 +63,15 @@ def visible_surface(scene: Scene) -> Scatterers:
     edges = vertices[faces[:, 1:]] - vertices[faces[:, :1]]
     area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
     seen = ((normal * centroid).sum(axis=1) < 0) & _in_sight(scene, centroid)
+    if not seen.any():
+        raise HandbenchError("target: no facet faces the array; check the mesh's orientation (normals point outwards)")
     return Scatterers(centroid[seen], area[seen], normal[seen])
+
+
+def longest_edge_m(surface: o3d.geometry.TriangleMesh) -> float:
+    """The longest edge of a mesh, metres."""
+    corners = np.asarray(surface.vertices)[np.asarray(surface.triangles)]
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
 
 
 def _in_sight(scene: Scene, points_m: np.ndarray) -> np.ndarray:
@@ -68,7 +92,9 @@ def _balls(scene: Scene, frequencies_hz: np.ndarray, array: AntennaArray) -> np.
     )
 
 
-def _array(name: str) -> AntennaArray:
-    if name == "qar50":
+def antenna_array(scene: Scene) -> AntennaArray:
+    """The scene's array: built in, or a folder beside the scene file with tx_m.csv and rx_m.csv."""
+    if scene.file.sensor.array == BUILT_IN_ARRAY:
         return qar50()
-    return AntennaArray(load_positions(f"{name}/tx_m.csv"), load_positions(f"{name}/rx_m.csv"))
+    folder = inside(scene.folder, scene.file.sensor.array, f"sensor.array (built in: {BUILT_IN_ARRAY})")
+    return AntennaArray(load_positions(folder / "tx_m.csv"), load_positions(folder / "rx_m.csv"))

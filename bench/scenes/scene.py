@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
+from bench.results import Name
 from bench.scenes.hand import hand_mesh
 from bench.scenes.poses import POSES
 from bench.scenes.rig import rig
@@ -24,6 +25,7 @@ from groundtruth.cameras import Camera
 if TYPE_CHECKING:
     import open3d as o3d
 
+BUILT_IN_ARRAY = "qar50"
 CROP_MARGIN_M = 0.004
 BLOCK_GAP_M = 0.003  # the crop box ends this far above the block
 FOREARM_IN_BLOCK_M = 0.012
@@ -85,7 +87,7 @@ class Sweep(Config):
 class Sensor(Config):
     """The radar: a built-in array or an array file, and its frequencies (sweeps, then tones)."""
 
-    array: str = "qar50"
+    array: str = BUILT_IN_ARRAY
     sweep: tuple[Sweep, ...] = (Sweep(start_hz=72e9, stop_hz=82e9, count=128),)
     tones_hz: tuple[Annotated[float, Field(gt=0)], ...] = ()
 
@@ -128,7 +130,7 @@ class SceneFile(Config):
     """The content of a scene file."""
 
     version: Literal[1]
-    name: str = Field(min_length=1, max_length=80, pattern=r"^[\w.-]+$")
+    name: Name
     seed: int = Field(default=0, ge=0)
     target: Annotated[HandTarget | CalibrationTarget | MeshTarget, Field(discriminator="kind")]
     sensor: Sensor = Sensor()
@@ -150,6 +152,7 @@ class Scene:
     board: Board
     cameras: tuple[Camera, ...]
     box_m: np.ndarray
+    folder: Path
     block_m: np.ndarray | None = None
     target: Target | None = None
 
@@ -187,8 +190,20 @@ def build(file: SceneFile, folder: str | Path = ".") -> Scene:
     photos = file.photos
     cameras = rig(photos.cameras, photos.width, photos.height, aim_m, radar_from_photo, file.seed) if photos else ()
     return Scene(
-        file, surface, radar_from_target, radar_from_photo, stand_board(), cameras, box_m, block_m, target
+        file, surface, radar_from_target, radar_from_photo, stand_board(), cameras, box_m, Path(folder), block_m, target
     )
+
+
+def named_files(file: SceneFile, folder: str | Path) -> list[Path]:
+    """Files and folders beside the scene file that it names: their content belongs to the scene."""
+    folder = Path(folder)
+    names = [getattr(file.target, key, None) for key in ("file", "path")]
+    names += [] if file.sensor.array == BUILT_IN_ARRAY else [file.sensor.array]
+    paths = [inside(folder, name, f"scene '{file.name}'") for name in names if name]
+    for path in paths:
+        if not path.exists():
+            raise HandbenchError(f"{path}: is missing, but scene '{file.name}' names it; check the path")
+    return paths
 
 
 def _calibration_target(spec: Config, folder: Path) -> Target | None:

@@ -17,7 +17,7 @@ from bench.metrics import (
     pool,
     precision,
     score,
-    strongest_z_m,
+    strongest_scatterer_z_m,
 )
 from bench.paper import PAPER, TITLES
 from radar.errors import HandbenchError
@@ -112,11 +112,11 @@ def test_refuses_different_grids():
         error_map(np.arange(3), np.arange(2), np.zeros((2, 3)), np.zeros((3, 2)))
 
 
-def test_strongest_scatterer_is_one_with_a_depth():
-    z_m = np.array([[0.30, 0.31], [NAN, 0.33]])
-    amplitude_db = np.array([[-3.0, NAN], [0.0, -1.0]])
-    assert strongest_z_m(z_m, amplitude_db) == 0.33
-    assert np.isnan(strongest_z_m(np.full((2, 2), NAN), amplitude_db))
+def test_strongest_scatterer_is_one_pixel_observed_in_every_repeat():
+    z_m = np.array([[[0.30, 0.31, 0.33]], [[0.40, NAN, 0.34]]])
+    amplitude = np.array([[[0.5, 1.0, 0.9]], [[0.95, 1.0, 0.8]]])  # means 0.725, 1 (once unobserved), 0.85
+    assert strongest_scatterer_z_m(z_m, amplitude).tolist() == [0.33, 0.34]
+    assert np.isnan(strongest_scatterer_z_m(np.full((2, 1, 3), NAN), amplitude)).all()
 
 
 def test_precision_is_the_mean_of_the_hands_deviations():

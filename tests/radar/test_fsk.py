@@ -30,6 +30,11 @@ def around(point_m, half_m=0.012, step_m=0.001) -> dict[str, Axis]:
     }
 
 
+def strongest_z_m(depth) -> float:
+    """Depth of the strongest pixel on target."""
+    return float(depth.z_m.flat[np.argmax(np.where(np.isfinite(depth.z_m), depth.amplitude_db, -np.inf))])
+
+
 def anywhere(edge_m=0.15):
     lateral = st.integers(-round(1000 * edge_m), round(1000 * edge_m)).map(lambda mm: mm / 1000)
     return st.tuples(lateral, lateral, st.floats(0.245, 0.325))
@@ -40,7 +45,7 @@ def anywhere(edge_m=0.15):
 def test_3fsk_with_the_off_axis_term_finds_a_point_anywhere_within_a_tenth_of_a_millimetre(point_m):
     config = ThreeToneConfig(off_axis=True, fine_filter_px=1)
     depth = three_tone(point_capture(point_m), config)
-    assert abs(depth.strongest_z_m - point_m[2]) < 1e-4
+    assert abs(strongest_z_m(depth) - point_m[2]) < 1e-4
 
 
 @settings(max_examples=8, deadline=None)
@@ -48,7 +53,7 @@ def test_3fsk_with_the_off_axis_term_finds_a_point_anywhere_within_a_tenth_of_a_
 def test_3fsk_as_in_the_paper_finds_a_point_near_the_axis_within_a_tenth_of_a_millimetre(point_m):
     # Off the axis the paper's factor 2 leaves a few per cent of each correction; its filters average what is left.
     depth = three_tone(point_capture(point_m), ThreeToneConfig())
-    assert abs(depth.strongest_z_m - point_m[2]) < 1e-4
+    assert abs(strongest_z_m(depth) - point_m[2]) < 1e-4
 
 
 @settings(max_examples=4, deadline=None)
@@ -57,7 +62,7 @@ def test_broadband_finds_a_point_anywhere_within_half_a_voxel(point_m):
     config = BroadbandConfig(**around(point_m, half_m=0.004))
     capture = point_capture(point_m, config.tones_hz())
     depth = maximum_projection(volume(capture, config), config, "broadband")
-    assert abs(depth.strongest_z_m - point_m[2]) <= 0.5e-3 + 1e-9
+    assert abs(strongest_z_m(depth) - point_m[2]) <= 0.5e-3 + 1e-9
 
 
 def test_narrowband_repeats_at_the_ambiguity_of_its_tones():
@@ -96,7 +101,7 @@ def test_two_tone_precision_follows_the_phase_noise():
     depths = []
     for repeat in range(60):
         samples = thermal_noise(clean, TONES_HZ, 0.030, strongest, (1, repeat))
-        depths.append(two_tone(RadarCapture(samples[None], TONES_HZ, qar50()), config).strongest_z_m)
+        depths.append(two_tone(RadarCapture(samples[None], TONES_HZ, qar50()), config).z_m[0, 0])
     expected = SPEED_OF_LIGHT_M_S / (4 * np.pi * 200e6) * 0.030
     assert np.std(depths, ddof=1) == pytest.approx(expected, rel=0.3)
     assert np.mean(depths) == pytest.approx(0.29, abs=4 * expected / np.sqrt(60))

@@ -1,0 +1,169 @@
+"""What a run found, scored and written as a result folder."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench import results
+from bench.datasets.native import CaptureFile
+from bench.measure import machine, versions
+from bench.metrics import ErrorMap, error_map
+from bench.paper import TITLES
+from bench.protocol import PROTOCOL, BenchFile
+from bench.results import REFERENCES, About, CaptureFacts, MethodFacts, Repeat, Row, Surface, Task
+from bench.stages import reference_depth
+from bench.table import accuracy_rows, metric_facts, precision_rows, time_rows
+from calibration.transforms import Transform
+from radar.depthmap import DepthMap
+from radar.errors import HandbenchError
+from radar.grid import PixelGrid
+
+FILES = ("result.json", "table.csv", "tasks.csv", "repeats.csv", "config.toml", "errors", "depth", "photos")
+Errors = dict[tuple[str, str, str], ErrorMap]
+Surfaces = dict[tuple[str, str], Surface]
+
+
+@dataclass
+class Capture:
+    """A capture of the run: its folder, the hash that stands for its content, its description."""
+
+    folder: Path
+    key: str
+    about: CaptureFile
+
+    @property
+    def name(self) -> str:
+        """The name of its files and of its rows."""
+        return self.about.name
+
+
+@dataclass
+class Outcome:
+    """What the stages of a run have found. Keys are names of captures and ids of methods."""
+
+    bench: BenchFile
+    captures: list[Capture]
+    tasks: list[Task]
+    references: dict[str, dict[str, tuple[Path, Transform]]] = field(default_factory=dict)
+    configs: dict[tuple[str, str], dict[str, Any]] = field(default_factory=dict)
+    maps: dict[tuple[str, str], DepthMap] = field(default_factory=dict)
+    seconds: dict[str, list[float]] = field(default_factory=dict)
+    repeats: list[Repeat] = field(default_factory=list)
+    views: dict[str, Path] = field(default_factory=dict)
+    inputs: dict[str, str] = field(default_factory=dict)
+    facts: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        names = [capture.name for capture in self.captures]
+        for capture in self.captures:
+            if names.count(capture.name) > 1:
+                raise HandbenchError(f"capture: two captures are named '{capture.name}'; give each its own name")
+            self.inputs[capture.name] = capture.key
+
+
+def write(folder: Path, outcome: Outcome, config: str) -> None:
+    """Score everything, then write the result folder; earlier results give way only when the new ones stand, and
+    result.json, which says that the folder is complete, comes last."""
+    errors, surfaces = score(outcome)
+    rows = tabulate(outcome, errors)
+    _drop_results(folder)
+    for (name, method_id), depth in outcome.maps.items():
+        depth.save(results.depth_path(folder, name, method_id))
+    for (name, reference), surface in surfaces.items():
+        results.write_surface(folder, name, reference, surface)
+    for (name, method_id, reference), error in errors.items():
+        results.write_errors(folder, name, method_id, reference, error)
+    for name, view in outcome.views.items():
+        results.write_photo(folder, name, view)
+    results.write_config(folder, config)
+    results.write_table(folder, rows)
+    results.write_tasks(folder, outcome.tasks)
+    results.write_repeats(folder, outcome.repeats)
+    results.write_about(folder, about(outcome))
+
+
+def score(outcome: Outcome) -> tuple[Errors, Surfaces]:
+    """Errors of every depth map against every reference, and the references' depth to draw (on the first method's
+    grid)."""
+    errors: Errors = {}
+    surfaces: Surfaces = {}
+    for name, files in outcome.references.items():
+        for reference, (file, transform) in files.items():
+            cast: dict[bytes, np.ndarray] = {}  # methods that share a grid share the reference's depth
+            for entry in outcome.bench.method:
+                depth = outcome.maps[name, entry.id]
+                grid = depth.x_m.tobytes() + b"|" + depth.y_m.tobytes()
+                if grid not in cast:
+                    cast[grid] = reference_depth(file, transform, PixelGrid(depth.x_m, depth.y_m))
+                errors[name, entry.id, reference] = error_map(depth.x_m, depth.y_m, depth.z_m, cast[grid])
+                surfaces.setdefault((name, reference), Surface(depth.x_m, depth.y_m, cast[grid]))
+    return errors, surfaces
+
+
+def tabulate(outcome: Outcome, errors: Errors) -> list[Row]:
+    """The table's rows, one block per reference."""
+    rows: list[Row] = []
+    seed = outcome.bench.seed
+    for reference in REFERENCES:
+        for entry in outcome.bench.method:
+            maps = [e for (_, m, r), e in errors.items() if (m, r) == (entry.id, reference)]
+            if not maps:
+                continue
+            rows += accuracy_rows(entry.id, reference, maps, seed)
+            if entry.precision:
+                rows += precision_rows(entry.id, reference, _strongest(outcome, entry.id))
+            rows += time_rows(entry.id, reference, outcome.seconds[entry.id], seed)
+    return rows
+
+
+def about(outcome: Outcome) -> About:
+    """What result.json says."""
+    return About(
+        name=outcome.bench.name,
+        protocol={**PROTOCOL, "repeats": outcome.bench.repeats, "seed": outcome.bench.seed},
+        metrics=metric_facts(),
+        inputs=outcome.inputs,
+        versions=versions(),
+        machine=machine(),
+        captures=tuple(
+            CaptureFacts(
+                name=capture.name,
+                pose=capture.about.pose,
+                distance_m=capture.about.distance_m,
+                references=tuple(outcome.references[capture.name]),
+            )
+            for capture in outcome.captures
+        ),
+        methods=tuple(
+            MethodFacts(
+                name=entry.id,
+                title=TITLES.get(entry.id, entry.id),
+                config={c.name: outcome.configs[c.name, entry.id] for c in outcome.captures},
+            )
+            for entry in outcome.bench.method
+        ),
+        facts={**outcome.facts, "phase_noise_rad": outcome.bench.phase_noise_rad},
+    )
+
+
+def _strongest(outcome: Outcome, method_id: str) -> list[np.ndarray]:
+    """Each capture's depths of the strongest scatterer [repeats]."""
+    return [
+        np.array([r.z_m for r in outcome.repeats if (r.capture, r.method) == (capture.name, method_id)])
+        for capture in outcome.captures
+    ]
+
+
+def _drop_results(folder: Path) -> None:
+    """Remove what is about to be written anew (result.json first) and what a killed run left half-written of it."""
+    half_written = [p for p in folder.iterdir() if any(p.name.startswith(f".{Path(name).stem}-") for name in FILES)]
+    for path in [folder / name for name in FILES] + half_written:
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
