@@ -22,6 +22,7 @@ from radar.capture import RadarCapture
 from radar.config import Config
 from radar.errors import HandbenchError
 from radar.grid import Axis, VoxelGrid
+from radar.steering import phasor
 from radar.tones import ToneSkeleton
 from radar.volume import image_volume
 
@@ -173,8 +174,7 @@ def fit_echo(
             if np.linalg.norm(step_m) < 0.01 * spacing_m:
                 break
     centre_m = ball_centre(position_m, frequencies_hz, array, radius_m, 0.0)
-    wavenumber = 2 * np.pi * tones.frequencies_hz[:, None, None] / SPEED_OF_LIGHT_M_S
-    phase = np.exp(-1j * wavenumber * ball_path(centre_m, array, radius_m, 0.0))
+    phase = phasor(ball_path(centre_m, array, radius_m, 0.0), tones.frequencies_hz[:, None, None], -1)
     echo = tones.expand((phase * _amplitudes(centre_m, array)).astype(np.complex64))
     return position_m, echo * (np.vdot(echo, samples) / np.vdot(echo, echo))
 

@@ -7,6 +7,7 @@ from scipy.special import spherical_jn, spherical_yn
 
 from radar.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.backprojection import path_lengths
+from radar.steering import phasor
 
 
 def mie_backscatter(ka: np.ndarray) -> np.ndarray:
@@ -42,5 +43,5 @@ def sphere_echo(
     wavenumbers = 2 * np.pi * np.asarray(frequencies_hz) / SPEED_OF_LIGHT_M_S
     for f, (k, echo) in enumerate(zip(wavenumbers, mie_backscatter(wavenumbers * radius_m), strict=True)):
         turned_m = path_m - 2 * radius_m * (cos_beta - 1)
-        samples[f] = np.pi * radius_m / (1j * k) * echo * np.exp(-1j * k * turned_m) / spreading
+        samples[f] = np.pi * radius_m / (1j * k) * echo * phasor(turned_m, frequencies_hz[f], -1) / spreading
     return samples

@@ -1,4 +1,4 @@
-"""Steering phases: the one place where exp(±j 2π f R / c) is formed.
+"""Steering phases: the one place where exp(±j 2π f R / c) is formed (but for the reference that checks it).
 
 Convention: time e^{+jωt}; an echo over the path R carries exp(−j2πfR/c), and backprojection multiplies by the
 conjugate. Phases are counted in turns (f R / c) and reduced in float64 before the float32 sine, which keeps them good
@@ -50,6 +50,11 @@ def _steer(antennas_m, points_m, wavenumber_turns_m, sign, out):  # type: ignore
             cosine, sine = cis_turns(wavenumber_turns_m * np.sqrt(dx * dx + dy * dy + dz * dz))
             out[a, p] = cosine
             out[n_antennas + a, p] = sign * sine
+
+
+def phasor(path_m: np.ndarray, frequency_hz: np.ndarray | float, sign: int) -> np.ndarray:
+    """exp(sign · j2πfR/c) of whole paths in float64: complex128; path_m and frequency_hz are broadcast."""
+    return np.exp(sign * 2j * np.pi * np.asarray(frequency_hz) * path_m / SPEED_OF_LIGHT_M_S)
 
 
 def steering(antennas_m: np.ndarray, points_m: np.ndarray, frequency_hz: float, sign: int, out: np.ndarray) -> None:

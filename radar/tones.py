@@ -14,6 +14,7 @@ import numpy as np
 
 from radar.arrays import SPEED_OF_LIGHT_M_S, Aperture
 from radar.skeleton import skeleton
+from radar.steering import phasor
 
 
 class ToneSkeleton:
@@ -39,7 +40,7 @@ class ToneSkeleton:
         chosen, weights = skeleton(np.sinc(reach_m * (wavenumber[:, None] - wavenumber) / np.pi), tolerance)
         self.frequencies_hz = frequencies_hz[chosen]
         self.weights = weights.astype(np.float32)
-        self._all = [np.exp(1j * np.outer(wavenumber, leg)).astype(np.complex64) for leg in legs]
+        self._all = [phasor(leg, frequencies_hz[:, None], +1).astype(np.complex64) for leg in legs]
         self._kept = [phase[chosen] for phase in self._all]
 
     def compress(self, samples: np.ndarray) -> np.ndarray:

@@ -9,12 +9,16 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bench import results
 from bench.cache import claimed
 from bench.protocol import load_benchmark
 from bench.runner import run
+from calibration.meshes import read_mesh, write_mesh
+from calibration.transforms import Transform
 from radar.errors import HandbenchError
 
 
@@ -74,6 +78,14 @@ def test_a_stranger_s_folder_is_left_alone(small_bench, tmp_path):
     assert (tmp_path / "out" / "thesis.tex").read_text() == "mine"
 
 
+def test_a_folder_of_photographs_is_not_taken_for_a_result(small_bench, tmp_path):
+    (tmp_path / "session" / "photos").mkdir(parents=True)
+    (tmp_path / "session" / "photos" / "hand.jpg").write_text("mine")
+    with pytest.raises(HandbenchError, match="no run wrote"):
+        execute(small_bench, tmp_path / "session")
+    assert [p.name for p in (tmp_path / "session").rglob("*")] == ["photos", "hand.jpg"]
+
+
 def test_two_runs_do_not_share_a_folder(small_bench, tmp_path):
     with claimed(tmp_path / "out"), pytest.raises(HandbenchError, match="another run"):
         execute(small_bench, tmp_path / "out")
@@ -104,6 +116,26 @@ def test_captures_as_folders_score_as_simulated_ones(small_bench, tmp_path):
     small_bench.write_text(small_bench.read_text().replace('scene = "ball.toml"', 'path = "recorded"'))
     execute(small_bench, tmp_path / "recorded")
     assert figures(tmp_path / "recorded") == figures(tmp_path / "out")
+
+
+def test_a_mesh_in_the_photo_frame_scores_as_the_truth_does(small_bench, tmp_path):
+    execute(small_bench, tmp_path / "out")
+    recorded = small_bench.parent / "recorded"
+    shutil.copytree(next((tmp_path / "out" / "work").glob("simulate-*")) / "capture", recorded)
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix(), (0.1, 0.2, 0.5)
+    radar_from_photo = Transform("photo", "radar", matrix)
+    surface = read_mesh(recorded / "truth.ply")
+    write_mesh(recorded / "mesh.ply", surface.transform(radar_from_photo.inverse().matrix))
+    radar_from_photo.save(recorded / "radar_from_photo.json")
+    small_bench.write_text(small_bench.read_text().replace('scene = "ball.toml"', 'path = "recorded"'))
+    result = execute(small_bench, tmp_path / "recorded")
+    for method in ("2fsk", "narrowband"):
+        values = [result.row("mae_mm", method, r).value for r in ("photogrammetry", "truth")]
+        assert values[0] == pytest.approx(values[1], abs=1e-3)  # the mesh is stored in float32: 1e-7 of 0.5 m
+    radar_from_photo.inverse().save(recorded / "radar_from_photo.json")
+    with pytest.raises(HandbenchError, match="leads from 'radar' to 'photo'"):
+        execute(small_bench, tmp_path / "inverted")
 
 
 def test_a_capture_without_any_reference_is_an_error(small_bench, tmp_path):

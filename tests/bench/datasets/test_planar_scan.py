@@ -8,6 +8,7 @@ import pytest
 from bench.datasets.native import load_capture_file, load_echoes
 from bench.datasets.planar_scan import import_planar_scan
 from bench.registry import method
+from radar.backprojection import backproject
 from radar.errors import HandbenchError
 
 SCAN = Path(__file__).parents[3].parent / "shared" / "data" / "planar-scan-24ghz"
@@ -28,6 +29,20 @@ def test_the_capture_holds_the_scan(folder):
     assert capture.frequencies_hz[[0, -1]].tolist() == [22.2e9, 26.2e9]
     assert np.abs(capture.samples[0].mean(axis=1)).max() < 1e-3 * np.abs(capture.samples).max()
     assert np.ptp(capture.aperture.position_m, axis=0) == pytest.approx([186 * 0.003, 143 * 0.003, 0])
+
+
+@needs_scan
+def test_the_scan_focuses_with_our_sign_and_its_phase_correction(folder):
+    # Where the panel is strong, the sharpest image over all depths beats that of the conjugated echoes by far.
+    capture = load_echoes(folder)
+    depths = np.arange(0.05, 0.2, 0.002)
+    points = np.stack([np.full_like(depths, -0.2), np.full_like(depths, 0.15), depths], axis=1)
+    images = [
+        np.abs(backproject(samples, capture.frequencies_hz, capture.aperture, points))
+        for samples in (capture.samples[0], capture.samples[0].conj())
+    ]
+    assert images[0].max() > 2 * images[1].max()
+    assert 0.09 <= depths[images[0].argmax()] <= 0.12
 
 
 @needs_scan
