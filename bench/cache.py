@@ -11,6 +11,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +72,7 @@ class Cache:
         return Stage(folder, key, cost)
 
 
+@cache  # of the code as it was when the run began, which is the code that runs
 def source_hash(sources: tuple[str, ...]) -> str:
     """Hash of the Python files of packages and modules, given as paths under the installation: radar, bench/x.py."""
     files = []

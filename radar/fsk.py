@@ -57,22 +57,23 @@ class ThreeToneConfig(TwoToneConfig):
     fine_refinements: int = Field(default=1, ge=1, description="times the third tone corrects each pixel (paper: once)")
 
 
-def depth_step_m(
-    image_b: np.ndarray, image_a: np.ndarray, difference_hz: float, path_derivative: np.ndarray | float = 2.0
-) -> np.ndarray:
-    """Δz = −cφ / (2π·path_derivative·(f_b − f_a)) with φ = arg(O_b conj(O_a)) and difference_hz = f_b − f_a; metres."""
+def depth_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float) -> np.ndarray:
+    """Δz = −cφ / (4π(f_b − f_a)) with φ = arg(O_b conj(O_a)) and difference_hz = f_b − f_a; metres."""
     phase = np.angle(image_b.astype(np.complex128) * np.conj(image_a))
-    return -SPEED_OF_LIGHT_M_S * phase / (2 * np.pi * path_derivative * difference_hz)
+    return -SPEED_OF_LIGHT_M_S * phase / (4 * np.pi * difference_hz)
 
 
-def path_derivative(points_m: np.ndarray, aperture: Aperture) -> np.ndarray:
-    """d(|p − t| + |p − r|)/dz at points [..., 3], averaged over the antennas: 2 on the axis far away, less off it."""
+def stretch(points_m: np.ndarray, aperture: Aperture, off_axis: bool) -> np.ndarray | float:
+    """What Δz is multiplied by at points [..., 3]: 1 in the paper; else 2 over d(|p − t| + |p − r|)/dz, averaged
+    over the antennas: 1 on the axis far away, 1.3 at the corner of the paper's image."""
+    if not off_axis:
+        return 1.0
     derivative = np.zeros(points_m.shape[:-1])
     for leg in aperture.legs_m:
         for antenna in leg:
             towards = points_m - antenna
             derivative += towards[..., 2] / np.linalg.norm(towards, axis=-1) / len(leg)
-    return derivative
+    return 2 / derivative
 
 
 def two_tone(capture: RadarCapture, config: TwoToneConfig, frame: int = 0) -> DepthMap:
@@ -85,12 +86,16 @@ def two_tone(capture: RadarCapture, config: TwoToneConfig, frame: int = 0) -> De
     z_e, correction_m = config.first_depth_m, 0.0
     for images in range(MAX_IMAGES):
         z_e += correction_m
-        amplitude, step_m = _image_pair(samples, frequencies_hz, capture.aperture, grid.points_m(z_e), config.off_axis)
-        correction_m = float(step_m.flat[amplitude.argmax()])
+        points = grid.points_m(z_e)
+        amplitude, step_m = _image_pair(samples, frequencies_hz, capture.aperture, points)
+        strongest = np.unravel_index(amplitude.argmax(), grid.shape)
+        correction_m = float(step_m[strongest] * stretch(points[strongest], capture.aperture, config.off_axis))
         if images > 0 and abs(correction_m) < config.settled_m:
             break
     db = amplitude_db(amplitude)
-    z_m = np.where(db >= config.threshold_db, z_e + step_m, np.nan)
+    on_target = db >= config.threshold_db
+    z_m = np.full(grid.shape, np.nan)
+    z_m[on_target] = z_e + step_m[on_target] * stretch(points[on_target], capture.aperture, config.off_axis)
     return DepthMap(grid.x_m, grid.y_m, z_m, db, "2fsk", config.model_dump())
 
 
@@ -105,7 +110,8 @@ def three_tone(capture: RadarCapture, config: ThreeToneConfig, frame: int = 0) -
     for _ in range(config.fine_refinements):
         points = grid.points_m(z_m)[on_target]
         images = tone_images(samples, frequencies_hz, capture.aperture, points)
-        z_m[on_target] += _third_tone_step_m(images, frequencies_hz, capture.aperture, points, config.off_axis)
+        step_m = _third_tone_step_m(images, frequencies_hz)
+        z_m[on_target] += step_m * stretch(points, capture.aperture, config.off_axis)
 
     amplitude = np.zeros(grid.shape)
     amplitude[on_target] = np.abs(images).mean(axis=0)
@@ -114,22 +120,18 @@ def three_tone(capture: RadarCapture, config: ThreeToneConfig, frame: int = 0) -
 
 
 def _image_pair(
-    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray, off_axis: bool
+    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Amplitude and Δz of the images of two tones at points [ny, nx, 3]."""
     shape = points_m.shape[:-1]
     o1, o2 = tone_images(samples, frequencies_hz, aperture, points_m.reshape(-1, 3)).reshape(2, *shape)
-    derivative = path_derivative(points_m, aperture) if off_axis else 2.0
-    return (np.abs(o1) + np.abs(o2)) / 2, depth_step_m(o1, o2, frequencies_hz[0] - frequencies_hz[1], derivative)
+    return (np.abs(o1) + np.abs(o2)) / 2, depth_step_m(o1, o2, frequencies_hz[0] - frequencies_hz[1])
 
 
-def _third_tone_step_m(
-    images: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray, off_axis: bool
-) -> np.ndarray:
-    """Mean of Δz from (f3, f1) and (f3, f2) for images [3, n] at points [n, 3]."""
+def _third_tone_step_m(images: np.ndarray, frequencies_hz: np.ndarray) -> np.ndarray:
+    """Mean of Δz from (f3, f1) and (f3, f2) for images [3, n]."""
     (o1, o2, o3), (f1, f2, f3) = images, frequencies_hz
-    derivative = path_derivative(points_m, aperture) if off_axis else 2.0
-    return (depth_step_m(o1, o3, f1 - f3, derivative) + depth_step_m(o2, o3, f2 - f3, derivative)) / 2
+    return (depth_step_m(o1, o3, f1 - f3) + depth_step_m(o2, o3, f2 - f3)) / 2
 
 
 def masked_mean(values: np.ndarray, size_px: int) -> np.ndarray:
