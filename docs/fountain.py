@@ -1,0 +1,65 @@
+"""The figures of docs/fountain.md: python docs/fountain.py WORKDIR SURVEYED_CAMERAS MESH.ply OUT.png
+
+WORKDIR and MESH.ply come from `handbench groundtruth … --workdir WORKDIR`.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from calibration.meshes import load_open3d, raycasting_scene, read_mesh
+from calibration.transforms import umeyama
+from groundtruth.cameras import load_pycolmap
+
+
+def surveyed_centres_m(folder: Path) -> dict[str, np.ndarray]:
+    """Projection centres by photograph from Strecha's *.camera files: K, distortion, R (rows), centre, size."""
+    files = sorted(folder.glob("*.camera"))
+    return {f.name.removesuffix(".camera"): np.array(f.read_text().split(), float)[21:24] for f in files}
+
+
+def centre_errors_m(model_folder: Path, surveyed: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Distance [n] of each registered camera's centre from the surveyed one after one similarity, and its matrix."""
+    model = load_pycolmap().Reconstruction(str(model_folder))
+    images = [image for image in model.images.values() if image.has_pose]
+    ours = np.array([image.projection_center() for image in images])
+    theirs = np.array([surveyed[image.name] for image in images])
+    matrix = umeyama(ours, theirs, with_scale=True)
+    return np.linalg.norm(ours @ matrix[:3, :3].T + matrix[:3, 3] - theirs, axis=1), matrix
+
+
+def render(mesh_file: Path, model_folder: Path, out: Path, width: int = 768) -> None:
+    """Shaded mesh as the middle camera sees it."""
+    model = load_pycolmap().Reconstruction(str(model_folder))
+    images = sorted((i for i in model.images.values() if i.has_pose), key=lambda i: i.name)
+    image = images[len(images) // 2]
+    camera, pose = image.camera, image.cam_from_world().matrix()
+    step = camera.width / width
+    u, v = np.meshgrid(np.arange(0, camera.width, step) + 0.5, np.arange(0, camera.height, step) + 0.5)
+    xy = np.asarray(camera.cam_from_img(np.stack([u.ravel(), v.ravel()], axis=1)))
+    rays = np.concatenate([xy, np.ones((len(xy), 1))], axis=1) @ pose[:, :3]
+    origin = np.broadcast_to(-pose[:, :3].T @ pose[:, 3], rays.shape)
+    o3d = load_open3d()
+    beams = o3d.core.Tensor(np.hstack([origin, rays]).astype(np.float32))
+    cast = raycasting_scene(read_mesh(mesh_file)).cast_rays(beams)
+    normals, hit = cast["primitive_normals"].numpy(), np.isfinite(cast["t_hit"].numpy())
+    directions = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    lit = np.abs((normals * directions).sum(axis=1))
+    shade = np.where(hit, 40 + 200 * lit, 255).reshape(u.shape).astype(np.uint8)
+    Image.fromarray(shade).save(out, optimize=True)
+
+
+def main(workdir: Path, surveyed: Path, mesh_file: Path, out: Path) -> None:
+    """Print the figures and draw the mesh."""
+    errors_m, _ = centre_errors_m(workdir / "sparse", surveyed_centres_m(surveyed))
+    print(f"registered {len(errors_m)}; camera centres: mean {1e3 * errors_m.mean():.2f} mm, "
+          f"max {1e3 * errors_m.max():.2f} mm")
+    render(mesh_file, workdir / "sparse", out)
+
+
+if __name__ == "__main__":
+    main(*map(Path, sys.argv[1:]))
