@@ -18,7 +18,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         _command(options.command)(options)
     except HandbenchError as error:
-        print(f"handbench: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"handbench: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("handbench: interrupted; nothing was left half-written, and `run` resumes", file=sys.stderr)

@@ -15,10 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.metrics import precision, strongest_scatterer_z_m
+from bench.metrics import precision
 from bench.protocol import load_benchmark
 from bench.scenes.echoes import echoes
 from bench.scenes.scene import Noise, Scene, SceneFile, Sensor, build
+from bench.stages import strongest_z_m
 from radar.arrays import SPEED_OF_LIGHT_M_S
 from radar.config import load
 from radar.fsk import TwoToneConfig, two_tone
@@ -53,9 +54,7 @@ def precision_mm(scenes: list[Scene], config: TwoToneConfig, phase_noise_rad: fl
     for scene in scenes:
         file = scene.file.model_copy(update={"noise": Noise(phase_noise_rad=phase_noise_rad)})
         capture = echoes(replace(scene, file=file), repeats)
-        depths = [two_tone(capture, config, frame) for frame in range(repeats)]
-        amplitude = np.stack([10 ** (d.amplitude_db / 20) for d in depths])
-        hands.append(strongest_scatterer_z_m(np.stack([d.z_m for d in depths]), amplitude))
+        hands.append(strongest_z_m([two_tone(capture, config, frame) for frame in range(repeats)]))
     return float(precision(hands)["precision_mm"])
 
 

@@ -23,6 +23,7 @@ from groundtruth.photos import Photo, find_photos
 from groundtruth.pipeline import Options, reconstruct
 from radar.backprojection import compile_kernels
 from radar.config import Config, parse
+from radar.depthmap import DepthMap
 from radar.errors import HandbenchError
 from radar.files import read_npz, write_json, write_npz
 from radar.grid import PixelGrid
@@ -108,9 +109,14 @@ def make_repeats(capture: Path, method_id: str, config: dict[str, Any], frames: 
     for result, elapsed in image_frames(capture, method_id, config, frames):
         depths.append(result.depth)
         seconds.append(elapsed)
-    amplitude = np.stack([10 ** (d.amplitude_db / 20) for d in depths])
-    write_npz(folder / REPEATS, z_m=strongest_scatterer_z_m(np.stack([d.z_m for d in depths]), amplitude))
+    write_npz(folder / REPEATS, z_m=strongest_z_m(depths))
     write_json(folder / TIMING, {"seconds": seconds})
+
+
+def strongest_z_m(depths: list[DepthMap]) -> np.ndarray:
+    """Depth of the strongest scatterer in each of a capture's repeats: [n]."""
+    amplitude = np.stack([10 ** (d.amplitude_db / 20) for d in depths])
+    return strongest_scatterer_z_m(np.stack([d.z_m for d in depths]), amplitude)
 
 
 def reference_depth(mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid) -> np.ndarray:

@@ -16,29 +16,30 @@ BORDER_M = 0.03  # the scan's edge sees half an aperture
 FLAW_M = ((-0.125, -0.055), (-0.015, 0.070))  # corners of a box around the flaw
 
 
-def plane_rms_m(depth: DepthMap) -> tuple[float, float, int]:
-    """Median depth, RMS about the fitted plane (after leaving out what lies further than 3 robust standard deviations
-    from it) and the number of pixels left out, over the unflawed part of the panel."""
+def about_plane_m(depth: DepthMap) -> tuple[np.ndarray, np.ndarray]:
+    """Depths [n] over the unflawed part of the panel and their residuals about the fitted plane, metres."""
     x, y = np.meshgrid(depth.x_m, depth.y_m)
     (x0, y0), (x1, y1) = FLAW_M
     inner = (np.abs(x) < depth.x_m.max() - BORDER_M) & (np.abs(y) < depth.y_m.max() - BORDER_M)
     use = inner & ~((x > x0) & (x < x1) & (y > y0) & (y < y1)) & np.isfinite(depth.z_m)
-    a, z = np.stack([x[use], y[use], np.ones(use.sum())], axis=1), depth.z_m[use]
-    residual = z - a @ np.linalg.lstsq(a, z, rcond=None)[0]
-    spread = 1.4826 * np.median(np.abs(residual - np.median(residual)))
-    keep = np.abs(residual - np.median(residual)) <= 3 * max(spread, 1e-6)
-    residual = z[keep] - a[keep] @ np.linalg.lstsq(a[keep], z[keep], rcond=None)[0]
-    return float(np.median(z)), float(np.sqrt(np.mean(residual**2))), int((~keep).sum())
+    return depth.z_m[use], _residual_m(x[use], y[use], depth.z_m[use])
 
 
-def plane_rms_all_m(depth: DepthMap) -> float:
-    """RMS about the fitted plane with every pixel of the unflawed part."""
-    x, y = np.meshgrid(depth.x_m, depth.y_m)
-    (x0, y0), (x1, y1) = FLAW_M
-    inner = (np.abs(x) < depth.x_m.max() - BORDER_M) & (np.abs(y) < depth.y_m.max() - BORDER_M)
-    use = inner & ~((x > x0) & (x < x1) & (y > y0) & (y < y1)) & np.isfinite(depth.z_m)
-    a, z = np.stack([x[use], y[use], np.ones(use.sum())], axis=1), depth.z_m[use]
-    return float(np.sqrt(np.mean((z - a @ np.linalg.lstsq(a, z, rcond=None)[0]) ** 2)))
+def without_outliers_m(depth: DepthMap) -> np.ndarray:
+    """The residuals within three robust standard deviations."""
+    _, residual_m = about_plane_m(depth)
+    centred = residual_m - np.median(residual_m)
+    return residual_m[np.abs(centred) <= 3 * max(1.4826 * np.median(np.abs(centred)), 1e-6)]
+
+
+def rms_mm(residual_m: np.ndarray) -> float:
+    """Standard deviation, mm."""
+    return 1e3 * float(residual_m.std())
+
+
+def _residual_m(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
+    plane = np.stack([x_m, y_m, np.ones_like(x_m)], axis=1)
+    return z_m - plane @ np.linalg.lstsq(plane, z_m, rcond=None)[0]
 
 
 def main(capture: Path, picture: Path) -> None:
@@ -49,8 +50,9 @@ def main(capture: Path, picture: Path) -> None:
     for column, method in zip(axes.T, methods(), strict=True):
         settings = method.configure(description.methods[method.id], str(capture))
         depth = method.run(echoes, settings, 0).depth
-        median, rms, out = plane_rms_m(depth)
-        print(f"{method.id} | {1e3 * median:.1f} | {1e3 * plane_rms_all_m(depth):.2f} | {1e3 * rms:.2f} | {out}")
+        (z_m, residual_m), kept_m = about_plane_m(depth), without_outliers_m(depth)
+        figures = f"{1e3 * np.median(z_m):.1f} | {rms_mm(residual_m):.2f} | {rms_mm(kept_m):.2f}"
+        print(f"{method.id} | {figures} | {len(residual_m) - len(kept_m)}")
         extent = [1e3 * v for v in (depth.x_m[0], depth.x_m[-1], depth.y_m[0], depth.y_m[-1])]
         shown = column[0].imshow(1e3 * depth.z_m, origin="lower", extent=extent, vmin=70, vmax=130, cmap="viridis")
         loud = column[1].imshow(depth.amplitude_db, origin="lower", extent=extent, vmin=-20, vmax=0, cmap="gray")

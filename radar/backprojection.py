@@ -51,12 +51,21 @@ def backproject(
 
     def work(start: int) -> None:
         block = slice(start, start + BLOCK)
-        points = np.ascontiguousarray(points_m[block].T, dtype=np.float64)
-        image[block] = sum(
-            block_image(s, f, aperture, points) for s, f in zip(stacked, frequencies_hz, strict=True)
-        )
+        image[block] = coherent_sum(stacked, frequencies_hz, aperture, points_m[block])
 
     for_each(work, range(0, len(points_m), BLOCK))
+    return image
+
+
+def coherent_sum(
+    stacked: list[np.ndarray], frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
+) -> np.ndarray:
+    """Sum of all tones' images at points_m [n, 3], block by block: complex64 [n]. `stacked`: from `stack`, per tone."""
+    image = np.zeros(len(points_m), np.complex64)
+    for start in range(0, len(image), BLOCK):
+        points = np.ascontiguousarray(points_m[start : start + BLOCK].T, dtype=np.float64)
+        for s, frequency_hz in zip(stacked, frequencies_hz, strict=True):
+            image[start : start + BLOCK] += block_image(s, frequency_hz, aperture, points)
     return image
 
 

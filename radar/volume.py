@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from radar.arrays import Aperture
-from radar.backprojection import block_image, check_samples, stack
+from radar.backprojection import check_samples, coherent_sum, stack
 from radar.grid import VoxelGrid
 from radar.parallel import for_each
 from radar.progress import track
@@ -15,7 +15,6 @@ from radar.tones import ToneSkeleton
 
 SUPERTILE = (96, 72, 72)  # voxels along z, y, x: tones are compressed once for many tiles ...
 TILE = (24, 20, 20)  # ... and then again, for each tile from its supertile's few
-BLOCK = 256
 
 Box = tuple[slice, ...]
 
@@ -41,24 +40,12 @@ def image_volume(
         def work(box: Box, shared: ToneSkeleton = shared, samples: np.ndarray = shared_samples) -> None:
             tones = ToneSkeleton(shared.frequencies_hz, aperture, _corners(grid, box), tolerance)
             part = _part(grid, box)
-            points = np.ascontiguousarray(part.points_m().reshape(-1, 3).T)
-            image = _image_tile(tones.compress(samples), tones.frequencies_hz, aperture, points)
+            stacked = [stack(s) for s in tones.compress(samples)]
+            image = coherent_sum(stacked, tones.frequencies_hz, aperture, part.points_m().reshape(-1, 3))
             volume[box] = image.reshape(part.shape)
 
         for_each(work, _boxes(super_box, TILE))
     return volume
-
-
-def _image_tile(
-    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points: np.ndarray
-) -> np.ndarray:
-    image = np.zeros(points.shape[1], np.complex64)
-    stacked = [stack(s) for s in samples]
-    for start in range(0, len(image), BLOCK):
-        block = np.ascontiguousarray(points[:, start : start + BLOCK])
-        for s, f in zip(stacked, frequencies_hz, strict=True):
-            image[start : start + BLOCK] += block_image(s, f, aperture, block)
-    return image
 
 
 def _boxes(box: Box, size: tuple[int, ...]) -> list[Box]:
