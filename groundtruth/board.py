@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import tomlkit
+from pydantic import Field, field_validator
 
 from calibration import Config, HandbenchError, atomic_path, load
 
@@ -14,15 +15,22 @@ from calibration import Config, HandbenchError, atomic_path, load
 class Marker(Config):
     """One marker: its id and its four corners [4][x, y, z] in metres, OpenCV's order (clockwise from top left)."""
 
-    id: int
-    corners_m: tuple[tuple[float, float, float], ...]
+    id: int = Field(ge=0)
+    corners_m: tuple[tuple[float, float, float], ...] = Field(min_length=4, max_length=4)
 
 
 class Board(Config):
     """A rigid set of ArUco markers; its frame is the photographs' world frame."""
 
     dictionary: str = "DICT_4X4_50"
-    marker: tuple[Marker, ...]
+    marker: tuple[Marker, ...] = Field(min_length=1)
+
+    @field_validator("marker")
+    @classmethod
+    def _ids_differ(cls, markers: tuple[Marker, ...]) -> tuple[Marker, ...]:
+        if len({marker.id for marker in markers}) < len(markers):
+            raise ValueError("two markers have the same id")
+        return markers
 
     def corners_m(self) -> dict[int, np.ndarray]:
         """Marker id → corners [4, 3], metres."""

@@ -9,8 +9,9 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
+from pydantic import Field, field_validator
 
-from calibration import Config, parse, read_json, write_json
+from calibration import Config, HandbenchError, parse, read_json, write_json
 
 if TYPE_CHECKING:
     import pycolmap
@@ -32,12 +33,23 @@ class Camera(Config):
     (x right, y down, z forward); both may be unknown."""
 
     name: str
-    width: int
-    height: int
+    width: int = Field(gt=0)
+    height: int = Field(gt=0)
     model: str = "OPENCV"
     params: tuple[float, ...]
     R: tuple[tuple[float, float, float], ...] | None = None
     t: tuple[float, float, float] | None = None
+
+    @field_validator("R")
+    @classmethod
+    def _is_rotation(
+        cls, rows: tuple[tuple[float, float, float], ...] | None
+    ) -> tuple[tuple[float, float, float], ...] | None:
+        if rows is not None:
+            R = np.array(rows)
+            if R.shape != (3, 3) or np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
+                raise ValueError("not a rotation matrix (3×3, orthonormal, no reflection)")
+        return rows
 
     @property
     def rotation(self) -> np.ndarray:
@@ -55,10 +67,19 @@ class Camera(Config):
         return -self.rotation.T @ self.translation_m
 
     def colmap(self) -> pycolmap.Camera:
-        """The same intrinsics as a pycolmap camera."""
-        return load_pycolmap().Camera(
-            model=self.model, width=self.width, height=self.height, params=list(self.params)
-        )
+        """The same intrinsics as a pycolmap camera; HandbenchError for a model or parameters COLMAP does not know."""
+        try:
+            camera = load_pycolmap().Camera(
+                model=self.model, width=self.width, height=self.height, params=list(self.params)
+            )
+        except (ValueError, RuntimeError, KeyError):
+            camera = None
+        if camera is None or not camera.verify_params():
+            raise HandbenchError(
+                f"camera {self.name}: COLMAP has no model '{self.model}' with {len(self.params)} parameters; use one "
+                "of its models, as OPENCV with fx, fy, cx, cy, k1, k2, p1, p2"
+            )
+        return camera
 
     def project(self, points_m: np.ndarray) -> np.ndarray:
         """World points [n, 3] to pixels [n, 2], lens distortion included."""
@@ -77,6 +98,13 @@ class CameraFile(Config):
     """The content of `cameras.json`."""
 
     cameras: tuple[Camera, ...]
+
+    @field_validator("cameras")
+    @classmethod
+    def _names_differ(cls, cameras: tuple[Camera, ...]) -> tuple[Camera, ...]:
+        if len({camera.name for camera in cameras}) < len(cameras):
+            raise ValueError("two cameras have the same name")
+        return cameras
 
 
 def load_cameras(path: str | Path) -> tuple[Camera, ...]:

@@ -53,27 +53,31 @@ def open_views(
     tracks = np.zeros((len(points), len(images)), dtype=bool)
     for row, point in zip(tracks, points, strict=True):
         row[[column[element.image_id] for element in point.track.elements]] = True
-    views = [
-        open_view(by_name[image.name], image.camera, image.cam_from_world(), shrink, _depths(image, points_m[seen]), box_m)
-        for image, seen in zip(track(images, "undistorting"), tracks.T, strict=True)
-    ]
+    views = []
+    for image, seen in zip(track(images, "undistorting"), tracks.T, strict=True):
+        depths_m = _depths(image, points_m[seen])
+        views.append(
+            open_view(by_name[image.name], image.camera, image.cam_from_world(), shrink, depths_m, box_m)
+        )
     showing = [i for i, view in enumerate(views) if view is not None]
     if len(showing) < FEWEST_VIEWS:
         raise HandbenchError(
-            f"box_m: {len(showing)} of the {len(views)} registered photographs show the box, {FEWEST_VIEWS} are needed; "
-            "it is in metres in the frame of the board (or of the camera poses): check its numbers"
+            f"box_m: {len(showing)} of the {len(views)} registered photographs show the box, {FEWEST_VIEWS} are "
+            "needed; it is in metres in the frame of the board (or of the camera poses): check its numbers"
         )
     return [view for view in views if view is not None], tracks[:, showing], points_m
 
 
 def _depths(image: pycolmap.Image, points_m: np.ndarray) -> tuple[float, float]:
     """Nearest and farthest depth where a photograph may see a surface."""
-    depths = (points_m @ image.cam_from_world().rotation.matrix().T + image.cam_from_world().translation)[:, 2]
+    depths = (image.cam_from_world() * points_m)[:, 2]
     near, far = np.quantile(depths, DEPTH_QUANTILES)
     return float(near * (1 - DEPTH_MARGIN)), float(far * (1 + DEPTH_MARGIN))
 
 
-def depth_maps(views: list[View], tracks: np.ndarray, points_m: np.ndarray, iterations: int, seed: int) -> list[DepthMap]:
+def depth_maps(
+    views: list[View], tracks: np.ndarray, points_m: np.ndarray, iterations: int, seed: int
+) -> list[DepthMap]:
     """Depth of every view from its best sources.
 
     tracks [n, views]: which view saw which of the sparse points_m [n, 3].
@@ -86,7 +90,7 @@ def depth_maps(views: list[View], tracks: np.ndarray, points_m: np.ndarray, iter
 
 
 def _choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) -> list[list[int]]:
-    """For each view, the others that share most sparse points under a useful angle (Yao et al., "MVSNet", ECCV 2018)."""
+    """For each view, the others that share most sparse points under a useful angle (Yao et al., ECCV 2018)."""
     rays = np.stack([points_m - view.centre_m for view in views])
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     chosen = []

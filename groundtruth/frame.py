@@ -11,7 +11,7 @@ from calibration import HandbenchError
 from calibration.transforms import umeyama
 from groundtruth.board import Board
 from groundtruth.cameras import Camera, load_pycolmap
-from groundtruth.photos import Photo
+from groundtruth.markers import Corners
 
 if TYPE_CHECKING:
     import pycolmap
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 TRIM = 4.0  # times the median residual: what lies beyond is no part of the fit
 COLLINEAR = 0.02  # ratio of the second to the first extent below which points count as a line
 CORNER_ERROR_PX = 2.0  # of a marker's corner in one photograph, against those in the others
-
-Corners = dict[tuple[int, int], np.ndarray]  # (marker, corner) → pixel [2], COLMAP's convention
 
 
 @dataclass(frozen=True)
@@ -32,36 +30,6 @@ class Scale:
     features: int = 0
     used: int = 0
     residual_m: float | None = None
-
-
-def detect_corners(photo: Photo, board: Board) -> Corners:
-    """Sub-pixel corners of the board's markers in a photograph."""
-    import cv2
-
-    gray = (photo.gray() * 255).round().astype(np.uint8)
-    parameters = cv2.aruco.DetectorParameters()
-    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    found, ids, _ = cv2.aruco.ArucoDetector(board.cv_dictionary(), parameters).detectMarkers(gray)
-    known = board.corners_m()
-    names = [] if ids is None else ids.ravel().tolist()
-    return {  # OpenCV's first pixel is centred at 0, COLMAP's at 0.5; a marker seen twice is a mistake
-        (name, k): corner.astype(np.float64) + 0.5
-        for name, quad in zip(names, found, strict=True)
-        if name in known and names.count(name) == 1
-        for k, corner in enumerate(quad.reshape(4, 2))
-    }
-
-
-def require_board(seen: dict[str, Corners], board: Board) -> dict[str, Corners]:
-    """`seen` (photograph → corners), or a HandbenchError when no marker is in two photographs."""
-    corners = [corner for found in seen.values() for corner in found]
-    if len(corners) == len(set(corners)):
-        count = sum(bool(found) for found in seen.values())
-        raise HandbenchError(
-            f"board: its markers ({board.dictionary}, ids {sorted(board.corners_m())}) were found in {count} of "
-            f"{len(seen)} photographs, each marker at most once; at least one must be in two: check dictionary, ids, focus"
-        )
-    return seen
 
 
 def board_from_model(
@@ -76,7 +44,8 @@ def board_from_model(
     points = {corner: point for corner, point in points.items() if point is not None}
     known = board.corners_m()
     target_m = np.array([known[marker][k] for marker, k in points]).reshape(-1, 3)
-    matrix, kept, residuals_m = trimmed_similarity(np.array(list(points.values())).reshape(-1, 3), target_m, "board corners")
+    source = np.array(list(points.values())).reshape(-1, 3)
+    matrix, kept, residuals_m = trimmed_similarity(source, target_m, "board corners")
     return matrix, Scale("board", len(kept), int(kept.sum()), _rms(residuals_m[kept]))
 
 
@@ -94,13 +63,13 @@ def trimmed_similarity(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Similarity (4×4) from points [n, 3] to points [n, 3] in metres, refitted without what lies far off.
 
-    Returns the matrix, which
-    points were used [n] and every point's residual [n].
+    Returns the matrix, which points were used [n] and every point's residual [n]. HandbenchError for fewer than three
+    points or points on a line.
     """
     if len(source) < 3 or _collinear(target_m):
         raise HandbenchError(
-            f"scale: {len(source)} {what}; at least three that are not on a line are needed: photograph the board from "
-            "more sides, or give --unscaled"
+            f"scale: {len(source)} {what}; at least three that are not on a line are needed: add photographs that show "
+            "the board, or give --unscaled"
         )
     kept = np.ones(len(source), dtype=bool)
     floor_m = 1e-9 * np.ptp(target_m, axis=0).max()

@@ -16,8 +16,8 @@ WIDEST_COSINE = 0.5  # normals that agree
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points [n, 3] and outward normals [n, 3] (not quite unit vectors) in the mesh's frame; pixel_m: what one pixel of the depth maps
-    measures on the surface (median over points)."""
+    """Points [n, 3] and outward normals [n, 3] (not quite unit vectors) in the mesh's frame; pixel_m: what one pixel of
+    the depth maps measures on the surface (median over points)."""
 
     points_m: np.ndarray
     normals: np.ndarray

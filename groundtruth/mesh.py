@@ -1,7 +1,7 @@
 """From a cloud of points to a clean surface.
 
-Poisson reconstruction (Kazhdan & Hoppe, TOG 2013) closes holes; what it invents, far from every point, is cut off again.
-Thresholds are in pixels of the depth maps.
+Poisson reconstruction (Kazhdan & Hoppe, TOG 2013) closes holes; what it invents, far from every point, is cut off
+again. Thresholds are in pixels of the depth maps.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ def clean(cloud: Cloud) -> Cloud:
     o3d = load_open3d()
     if len(cloud.points_m) < FEWEST_POINTS:
         raise HandbenchError(
-            f"dense stage: the views agree on {len(cloud.points_m)} points only, {FEWEST_POINTS} are needed; take sharper "
-            "photographs with more overlap, project a speckle pattern, or check the crop box"
+            f"dense stage: the views agree on {len(cloud.points_m)} points only, {FEWEST_POINTS} are needed; take "
+            "sharper photographs with more overlap, project a speckle pattern, or check the crop box"
         )
     points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points_m))
     points.normals = o3d.utility.Vector3dVector(cloud.normals)
@@ -47,8 +47,11 @@ def clean(cloud: Cloud) -> Cloud:
     return Cloud(np.array(points.points), normals, cloud.pixel_m)
 
 
-def surface(cloud: Cloud, components: Components) -> o3d.geometry.TriangleMesh:
-    """The cloud's surface: Poisson, cut where no point is near, manifold, its largest part (or all that are not tiny)."""
+def surface(
+    cloud: Cloud, components: Components, box_m: np.ndarray | None = None
+) -> o3d.geometry.TriangleMesh:
+    """The cloud's surface: Poisson, cut where no point is near and at the box [2, 3], manifold, its largest part (or
+    all but tiny ones)."""
     o3d = load_open3d()
     say(f"surface of {len(cloud.points_m)} points")
     points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points_m))
@@ -57,6 +60,8 @@ def surface(cloud: Cloud, components: Components) -> o3d.geometry.TriangleMesh:
     depth = int(np.clip(np.round(np.log2(extent / (1.5 * cloud.pixel_m))), 6, DEEPEST))
     mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(points, depth=depth, n_threads=1)
     mesh.remove_vertices_by_mask(_distance(mesh, points) > FARTHEST_PX * cloud.pixel_m)
+    if box_m is not None:
+        mesh = mesh.crop(o3d.geometry.AxisAlignedBoundingBox(*box_m))
     for repair in ("degenerate_triangles", "duplicated_triangles", "non_manifold_edges"):
         getattr(mesh, f"remove_{repair}")()
     _keep_components(mesh, components)

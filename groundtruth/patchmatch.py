@@ -1,12 +1,12 @@
 """PatchMatch multi-view stereo with slanted windows.
 
-Bleyer, Rhemann & Rother, "PatchMatch Stereo", BMVC 2011; red-black order after Galliani, Lasinger & Schindler, "Massively
-parallel multiview stereopsis by surface normal diffusion", ICCV 2015; bilaterally weighted NCC after Schönberger et al.,
-"Pixelwise view selection for unstructured multi-view stereo", ECCV 2016.
+Bleyer, Rhemann & Rother, "PatchMatch Stereo", BMVC 2011; red-black order after Galliani, Lasinger & Schindler,
+"Massively parallel multiview stereopsis by surface normal diffusion", ICCV 2015; bilaterally weighted NCC after
+Schönberger et al., "Pixelwise view selection for unstructured multi-view stereo", ECCV 2016.
 
-A hypothesis is a plane: disparity δ (inverse depth in steps of about one source pixel) and its slope per column and row.
-Pixels of one colour of the chessboard read only those of the other, and randomness is a hash of the pixel, so that the
-result does not depend on the number of threads.
+A hypothesis is a plane: disparity δ (inverse depth in steps of about one source pixel) and its slope per column and
+row. Pixels of one colour of the chessboard read only those of the other, and randomness is a hash of the pixel, so that
+the result does not depend on the number of threads.
 """
 
 from __future__ import annotations

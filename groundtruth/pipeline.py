@@ -16,17 +16,9 @@ from pydantic import Field
 from calibration import Config, HandbenchError, atomic_folder, atomic_path, say, track, write_json
 from groundtruth.board import Board, load_board
 from groundtruth.cameras import Camera, load_cameras
-from groundtruth.frame import (
-    Corners,
-    Scale,
-    apply,
-    board_from_model,
-    detect_corners,
-    poses_from_model,
-    registered,
-    require_board,
-)
+from groundtruth.frame import Scale, apply, board_from_model, poses_from_model, registered
 from groundtruth.fusion import Cloud
+from groundtruth.markers import Corners, detect_corners, focal_length_px, require_board
 from groundtruth.photos import Photo, find_photos
 from groundtruth.sfm import structure_from_motion
 
@@ -50,10 +42,10 @@ EFFORT = {"draft": Effort(4, 2), "normal": Effort(2, 3), "high": Effort(1, 4)}
 class Options(Config):
     """How to reconstruct.
 
-    cameras: a cameras.json (default: the one in the photographs' folder, if any). intrinsics: fx, fy, cx, cy in pixels of
-    the one camera that took all photographs. board: a board.toml (default as cameras). unscaled: go on without a
-    metric scale. box_m: xmin, ymin, zmin, xmax, ymax, zmax of the region of interest in the mesh's frame; it cuts away the
-    surroundings and saves most of the time.
+    cameras: a cameras.json (default: the one in the photographs' folder, if any). intrinsics: fx, fy, cx, cy in pixels
+    of the one camera that took all photographs. board: a board.toml (default as cameras). unscaled: go on without a
+    metric scale. box_m: xmin, ymin, zmin, xmax, ymax, zmax of the region of interest in the mesh's frame; it cuts away
+    the surroundings and saves most of the time. components: parts of the surface that are kept.
     """
 
     cameras: Path | None = None
@@ -109,8 +101,8 @@ def reconstruct(photos: str | Path, options: Options, workdir: str | Path | None
     """Photographs in a folder to a mesh.
 
     workdir receives `sparse/` (COLMAP model in the mesh's frame and scale), `dense.ply` (the fused cloud) and
-    `summary.json` (resolved options, figures, seconds). Raises HandbenchError when photographs are missing or broken, do
-    not register, carry no scale, or show too little surface.
+    `summary.json` (resolved options, figures, seconds). Raises HandbenchError when photographs are missing or broken,
+    do not register, carry no scale, or show too little surface.
     """
     clock = Clock()
     with clock("inputs"):
@@ -119,7 +111,12 @@ def reconstruct(photos: str | Path, options: Options, workdir: str | Path | None
         corners = _find_board(pictures, board)
     with clock("sfm"), tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         model = structure_from_motion(
-            pictures, Path(scratch), cameras=cameras, intrinsics=options.intrinsics, seed=options.seed
+            pictures,
+            Path(scratch),
+            cameras=cameras,
+            intrinsics=options.intrinsics,
+            focal_px=_focal_lengths(pictures, corners, board),
+            seed=options.seed,
         )
     with clock("frame"):
         scale = _to_metric_frame(model, corners, board, cameras, options)
@@ -192,6 +189,7 @@ def _cameras_of(pictures: tuple[Photo, ...], path: Path) -> tuple[Camera, ...]:
                 f"{path}: {photo.name} is {camera.width} × {camera.height} there, the photograph has {photo.width} × "
                 f"{photo.height} pixels; calibrate at the size of the stored pixels (EXIF orientation is ignored)"
             )
+        camera.colmap()
     return tuple(known[photo.name] for photo in pictures)
 
 
@@ -199,6 +197,17 @@ def _find_board(pictures: tuple[Photo, ...], board: Board | None) -> dict[str, C
     if board is None:
         return {}
     return require_board({p.name: detect_corners(p, board) for p in track(pictures, "markers")}, board)
+
+
+def _focal_lengths(
+    pictures: tuple[Photo, ...], corners: dict[str, Corners], board: Board | None
+) -> dict[str, float]:
+    """A focal length for each photograph, from the board or, where it shows too little of it, from the others."""
+    if board is None:
+        return {}
+    found = {photo.name: focal_length_px(photo, corners[photo.name], board) for photo in pictures}
+    known = [focal for focal in found.values() if focal is not None]
+    return {name: focal or float(np.median(known)) for name, focal in found.items()} if known else {}
 
 
 def _to_metric_frame(
@@ -232,7 +241,7 @@ def _dense_cloud(pictures: tuple[Photo, ...], model: pycolmap.Reconstruction, op
 def _surface(cloud: Cloud, options: Options) -> o3d.geometry.TriangleMesh:
     from groundtruth.mesh import surface
 
-    return surface(cloud, options.components)
+    return surface(cloud, options.components, options.box())
 
 
 def _camera(image: pycolmap.Image) -> Camera:

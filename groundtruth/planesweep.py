@@ -1,9 +1,9 @@
 """Plane sweep with normalised cross-correlation, and semi-global smoothing: a first depth for every pixel.
 
-Collins, "A space-sweep approach to true multi-image matching", CVPR 1996; Hirschmüller, "Stereo processing by semiglobal
-matching and mutual information", TPAMI 2008. Disparity here is inverse depth in steps that move a pixel by one pixel
-in the source that sees it move most. Each pass is one parallel region whose iterations write to places of their own,
-so that the result does not depend on the number of threads.
+Collins, "A space-sweep approach to true multi-image matching", CVPR 1996; Hirschmüller, "Stereo processing by
+semiglobal matching and mutual information", TPAMI 2008. Disparity here is inverse depth in steps that move a pixel by
+one pixel in the source that sees it move most. Each pass is one parallel region whose iterations write to places of
+their own, so that the result does not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -20,7 +20,13 @@ PATHS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1))
 
 
 def swept_disparity(
-    reference: np.ndarray, sources: np.ndarray, sizes: np.ndarray, A: np.ndarray, b: np.ndarray, first: float, planes: int
+    reference: np.ndarray,
+    sources: np.ndarray,
+    sizes: np.ndarray,
+    A: np.ndarray,
+    b: np.ndarray,
+    first: float,
+    planes: int,
 ) -> np.ndarray:
     """Disparity [h, w] float32 of the smoothed cost's minimum, to a fraction of a plane.
 

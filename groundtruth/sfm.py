@@ -9,6 +9,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from calibration import HandbenchError, say
 from groundtruth.cameras import Camera, load_pycolmap
 from groundtruth.photos import Photo
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
 LONGEST_SIDE_PX = 3200  # features are found on photographs no larger than this
 MOST_FEATURES = 4096  # of a photograph
 FEWEST_REGISTERED = 3
+ATTEMPTS = 4  # with another seed each, while less than half of the photographs register
 
 
 def structure_from_motion(
@@ -27,21 +30,28 @@ def structure_from_motion(
     *,
     cameras: tuple[Camera, ...] | None = None,
     intrinsics: tuple[float, float, float, float] | None = None,
+    focal_px: dict[str, float] | None = None,
     seed: int = 0,
 ) -> pycolmap.Reconstruction:
     """Register the photographs; `folder` (empty) receives COLMAP's database.
 
     cameras: one for each photograph, held fixed. intrinsics: fx, fy, cx, cy in pixels of one camera that took all
-    photographs, held fixed while its distortion is estimated. With neither, everything is estimated from EXIF data or
-    a guess. A HandbenchError when fewer than three photographs register.
+    photographs, held fixed while its distortion is estimated. focal_px: a focal length for every name, where
+    nothing else is known; held fixed likewise, since a plane and free focal lengths do not determine each other. With
+    none of these, all but the principal point is estimated, from EXIF data or a guess. A HandbenchError when fewer than
+    three photographs register.
     """
     colmap = load_pycolmap()
     colmap.logging.minloglevel = int(colmap.logging.ERROR)
     colmap.set_random_seed(seed)
     database = folder / "database.db"
     _extract(photos, database, cameras, intrinsics)
+    if cameras is not None:
+        _write_known_cameras(database, {camera.name: camera for camera in cameras})
+    elif intrinsics is None:
+        _write_focal_lengths(database, focal_px or {})
     _match(database, seed)
-    return _map(photos, database, folder, seed, fixed=cameras is not None, known=intrinsics is not None)
+    return _map(photos, database, folder, seed, fixed=cameras is not None, known=bool(intrinsics or focal_px))
 
 
 def _extract(
@@ -55,15 +65,13 @@ def _extract(
     options = colmap.FeatureExtractionOptions(max_image_size=LONGEST_SIDE_PX)
     options.sift.max_num_features = MOST_FEATURES
     options.sift.first_octave = 0  # not doubled in size: a quarter of the time, poses as good
-    reader = colmap.ImageReaderOptions(camera_model="OPENCV")
+    reader = colmap.ImageReaderOptions(camera_model="RADIAL" if intrinsics is None else "OPENCV")
     if intrinsics is not None:
         reader.camera_params = ",".join(map(str, (*intrinsics, 0, 0, 0, 0)))
     for names, mode in _camera_groups(photos, cameras is not None, intrinsics is not None):
         colmap.extract_features(
             database, photos[0].path.parent, names, mode, reader, options, device=colmap.Device.cpu
         )
-    if cameras is not None:
-        _write_known_cameras(database, {camera.name: camera for camera in cameras})
 
 
 def _camera_groups(photos: tuple[Photo, ...], fixed: bool, known: bool) -> list[tuple[list[str], object]]:
@@ -91,20 +99,51 @@ def _write_known_cameras(database: Path, cameras: dict[str, Camera]) -> None:
             stored.update_camera(known)
 
 
+def _write_focal_lengths(database: Path, focal_px: dict[str, float]) -> None:
+    """Give every camera the median focal length of its photographs."""
+    with load_pycolmap().Database.open(database) as stored:
+        images = stored.read_all_images()
+        for camera in stored.read_all_cameras():
+            known = [focal_px[i.name] for i in images if i.camera_id == camera.camera_id and i.name in focal_px]
+            if known:
+                camera.params = [float(np.median(known)), *camera.params[1:]]
+                camera.has_prior_focal_length = True
+                stored.update_camera(camera)
+
+
 def _match(database: Path, seed: int) -> None:
     say("matching every pair")
     colmap = load_pycolmap()
+    matching = colmap.FeatureMatchingOptions(num_threads=1)  # with more, the index of descriptors does not repeat
     verification = colmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = seed
-    colmap.match_exhaustive(database, verification_options=verification, device=colmap.Device.cpu)
+    colmap.match_exhaustive(database, matching, verification_options=verification, device=colmap.Device.cpu)
 
 
 def _map(
     photos: tuple[Photo, ...], database: Path, folder: Path, seed: int, fixed: bool, known: bool
 ) -> pycolmap.Reconstruction:
     say("registering")
-    colmap = load_pycolmap()
-    options = colmap.IncrementalPipelineOptions(
+    best = None
+    for attempt in range(ATTEMPTS):
+        models = load_pycolmap().incremental_mapping(
+            database, photos[0].path.parent, folder, _mapping_options(seed + attempt, fixed, known)
+        )
+        best = max([*models.values(), best], key=_registered)
+        if 2 * _registered(best) >= len(photos):
+            break
+    if _registered(best) < FEWEST_REGISTERED:
+        raise HandbenchError(
+            f"{photos[0].path.parent}: only {_registered(best)} of {len(photos)} photographs could be registered, "
+            f"{FEWEST_REGISTERED} are needed; take more photographs with more overlap and a textured surrounding, or "
+            "give the cameras' intrinsics"
+        )
+    say(f"registered {_registered(best)} of {len(photos)} photographs")
+    return best
+
+
+def _mapping_options(seed: int, fixed: bool, known: bool) -> pycolmap.IncrementalPipelineOptions:
+    options = load_pycolmap().IncrementalPipelineOptions(
         random_seed=seed, min_model_size=FEWEST_REGISTERED, multiple_models=False, extract_colors=False
     )
     options.num_threads = 1  # sums over threads would not repeat bit for bit
@@ -113,12 +152,8 @@ def _map(
     options.triangulation.ignore_two_view_tracks = False
     options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = not (fixed or known)
     options.ba_refine_extra_params = options.mapper.abs_pose_refine_extra_params = not fixed
-    models = colmap.incremental_mapping(database, photos[0].path.parent, folder, options)
-    best = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
-    registered = best.num_reg_images() if best else 0
-    if registered < FEWEST_REGISTERED:
-        raise HandbenchError(
-            f"{photos[0].path.parent}: only {registered} of {len(photos)} photographs could be registered, "
-            f"{FEWEST_REGISTERED} are needed; take more photographs with more overlap and a textured surrounding"
-        )
-    return best
+    return options
+
+
+def _registered(model: pycolmap.Reconstruction | None) -> int:
+    return 0 if model is None else model.num_reg_images()

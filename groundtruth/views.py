@@ -1,8 +1,8 @@
 """Undistorted, cropped and shrunk photographs: what the dense stage works on.
 
-Depth is measured along the camera's z axis. Both the sweep and PatchMatch think in inverse depth ω = 1/z, because a plane
-in space is exactly an affine function of the pixel in ω, and because a source view sees a pixel x move along a line
-with ω: x_source ~ A x + b ω (Hartley & Zisserman, section 13.1).
+Depth is measured along the camera's z axis. Both the sweep and PatchMatch think in inverse depth ω = 1/z, because a
+plane in space is exactly an affine function of the pixel in ω, and because a source view sees a pixel x move along a
+line with ω: x_source ~ A x + b ω (Hartley & Zisserman, section 13.1).
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ BORDER_PX = 8  # kept around the region of interest, so that a matching window n
 class View:
     """A pinhole picture of a part of the scene.
 
-    gray [h, w] float32. K [3, 3] carries camera coordinates to *indices* (column, row): the first pixel's centre is at 0.
-    R, t (metres): camera from world. near_m, far_m [h, w] float32: depths between which the surface may lie at a pixel,
-    NaN where it is of no interest.
+    gray [h, w] float32. K [3, 3] carries camera coordinates to *indices* (column, row): the first pixel's centre is at
+    0. R, t (metres): camera from world. near_m, far_m [h, w] float32: depths between which the surface may lie at a
+    pixel, NaN where it is of no interest.
     """
 
     name: str
@@ -76,8 +76,8 @@ def open_view(
 ) -> View | None:
     """Read a photograph, shrink it by a whole number and undo its distortion.
 
-    depth_range_m: where the surface may lie. box_m [2, 3]: lowest and highest corner, in the world frame, of the region of
-    interest; it crops the picture and replaces the depth range. None when the picture shows nothing of it.
+    depth_range_m: where the surface may lie. box_m [2, 3]: lowest and highest corner, in the world frame, of the region
+    of interest; it crops the picture and replaces the depth range. None when the picture shows nothing of it.
     """
     import cv2
 
@@ -97,7 +97,10 @@ def open_view(
         _shrink(photo.gray(), shrink), *np.moveaxis(seen.astype(np.float32), -1, 0), cv2.INTER_CUBIC,
         borderMode=cv2.BORDER_REPLICATE,
     )
-    near, far = (np.full(gray.shape, z) for z in depth_range_m) if box_m is None else _box_depths(box_m, rays, R, t)
+    near, far = (np.full(gray.shape, z) for z in depth_range_m)
+    if box_m is not None:
+        near, far = _box_depths(box_m, rays, R, t)
+        near = np.maximum(near, depth_range_m[0] / 4)  # for a camera that stands in the box
     outside = ((seen < 0) | (seen > (width - 1, height - 1))).any(axis=2) | ~(near < far)
     near[outside] = far[outside] = np.nan
     if outside.all():
@@ -135,8 +138,7 @@ def _extent(
 
 
 def _box_depths(box_m: np.ndarray, rays: np.ndarray, R: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Depths [h, w] at which each ray enters and leaves the box (slab method, Kay & Kajiya 1986); near ≥ far: a miss."""
+    """Depths [h, w] at which each ray enters and leaves the box (slab method); near ≥ far: a miss."""
     with np.errstate(divide="ignore", invalid="ignore"):
         crossings = (box_m[:, None, None] + R.T @ t) / (rays @ R)
-    near = np.maximum(crossings.min(axis=0).max(axis=-1), 1e-9)
-    return near, crossings.max(axis=0).min(axis=-1)
+    return crossings.min(axis=0).max(axis=-1), crossings.max(axis=0).min(axis=-1)

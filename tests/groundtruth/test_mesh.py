@@ -1,0 +1,60 @@
+"""From points to a surface."""
+
+import numpy as np
+import pytest
+
+from calibration import HandbenchError
+from groundtruth.fusion import Cloud
+from groundtruth.mesh import clean, surface
+
+RADIUS_M = 0.05
+PIXEL_M = 1e-3
+
+
+def cap(count, centre=(0.0, 0.0, 0.0), lowest=-0.3):
+    """Points on the part of a sphere with z above `lowest` radii, a Fibonacci lattice."""
+    k = np.arange(count) + 0.5
+    z, turn = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
+    ring = np.sqrt(1 - z**2)
+    normals = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)[z > lowest]
+    return RADIUS_M * normals + centre, normals
+
+
+@pytest.fixture
+def cloud():
+    points_m, normals = cap(60_000)
+    noise = np.random.default_rng(0).normal(scale=0.1 * PIXEL_M, size=points_m.shape)
+    return Cloud(points_m + noise, normals, PIXEL_M)
+
+
+def test_cleaning_thins_and_drops_what_stands_alone(cloud):
+    stray = Cloud(
+        np.r_[cloud.points_m, [[0, 0, 0.2], [0.2, 0, 0]]], np.r_[cloud.normals, np.eye(3)[[2, 0]]], PIXEL_M
+    )
+    cleaned = clean(stray)
+    radius = np.linalg.norm(cleaned.points_m, axis=1)
+    assert 10_000 < len(cleaned.points_m) < 40_000  # about one a voxel that the surface crosses
+    assert np.abs(radius - RADIUS_M).max() < PIXEL_M
+    assert (cleaned.normals * cleaned.points_m).sum(axis=1).min() > 0.9 * RADIUS_M
+
+
+def test_the_surface_follows_the_points_and_keeps_its_opening(cloud):
+    mesh = surface(clean(cloud), "largest")
+    vertices = np.asarray(mesh.vertices)
+    radius = np.linalg.norm(vertices, axis=1)
+    assert np.median(np.abs(radius - RADIUS_M)) < 0.1 * PIXEL_M
+    assert np.abs(radius - RADIUS_M).max() < PIXEL_M
+    assert vertices[:, 2].min() > -0.3 * RADIUS_M - 5 * PIXEL_M  # Poisson alone would close the sphere
+    assert mesh.is_edge_manifold() and not mesh.is_watertight()
+
+
+def test_all_components_or_the_largest(cloud):
+    other_m, normals = cap(30_000, centre=(0.0, 0.0, 0.15), lowest=0.2)
+    both = Cloud(np.r_[cloud.points_m, other_m], np.r_[cloud.normals, normals], PIXEL_M)
+    assert np.asarray(surface(clean(both), "largest").vertices)[:, 2].max() < 0.06
+    assert np.asarray(surface(clean(both), "all").vertices)[:, 2].max() > 0.19
+
+
+def test_next_to_no_points_are_refused():
+    with pytest.raises(HandbenchError, match="agree on 5 points only"):
+        clean(Cloud(np.eye(5, 3), np.eye(5, 3), PIXEL_M))
