@@ -28,15 +28,12 @@ def write_photos(scene: Scene, folder: str | Path) -> None:
         _write_toml(folder / "target.toml", scene.target.model_dump())
     if scene.cameras:
         _write_photographs(scene, folder / "photos")
-    _write_toml(folder / "capture.toml", description(scene))
+    _write_toml(folder / "capture.toml", description(scene, sorted(path.name for path in folder.iterdir())))
 
 
-def description(scene: Scene) -> dict:
-    """The content of `capture.toml`."""
+def description(scene: Scene, contains: list[str]) -> dict:
+    """The content of `capture.toml`; contains: what lies beside it."""
     target = scene.file.target
-    contains = ["truth.ply", "truth_radar_from_photo.json"]
-    contains += ["photos"] if scene.cameras else []
-    contains += ["target.toml"] if scene.target is not None else []
     return {
         "version": 1,
         "name": scene.file.name,
