@@ -68,10 +68,11 @@ def _extract(
     reader = colmap.ImageReaderOptions(camera_model="RADIAL" if intrinsics is None else "OPENCV")
     if intrinsics is not None:
         reader.camera_params = ",".join(map(str, (*intrinsics, 0, 0, 0, 0)))
+    folder = photos[0].path.parent
+    colmap.Database.open(database).close()
     for names, mode in _camera_groups(photos, cameras is not None, intrinsics is not None):
-        colmap.extract_features(
-            database, photos[0].path.parent, names, mode, reader, options, device=colmap.Device.cpu
-        )
+        colmap.import_images(database, folder, mode, names, reader)  # in this order, whichever thread is done first
+        colmap.extract_features(database, folder, names, mode, reader, options, device=colmap.Device.cpu)
 
 
 def _camera_groups(photos: tuple[Photo, ...], fixed: bool, known: bool) -> list[tuple[list[str], object]]:

@@ -1,0 +1,1 @@
+"""Embedded benchmarks and their scenes."""

@@ -1,0 +1,1 @@
+"""Scenes: the parametric hand, the stand, photographs and echoes."""
