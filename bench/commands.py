@@ -81,7 +81,7 @@ def reconstruct(options: argparse.Namespace) -> None:
     result = chosen.run(echoes, settings, options.frame)
     result.depth.save(options.out)
     if options.volume is not None:
-        write_npz(options.volume, volume=result.volume, z_m=result.volume_z_m)
+        write_npz(options.volume, volume=result.volume(), z_m=result.volume_z_m)
     say(f"{options.out}: {int((result.depth.z_m == result.depth.z_m).sum())} pixels on target")
 
 

@@ -1,35 +1,83 @@
-"""The paper's four methods."""
+"""The paper's four methods and what improves on them: presets of the same functions."""
 
 from __future__ import annotations
 
-from bench.registry import Reconstruction, register
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from bench.registry import PAPER, Reconstruction, register
 from radar.capture import RadarCapture
-from radar.fsk import ThreeToneConfig, TwoToneConfig, three_tone, two_tone
-from radar.surface import BroadbandConfig, NarrowbandConfig, maximum_projection, volume
+from radar.config import Config
+from radar.depthmap import DepthMap
+from radar.fsk import n_tone, three_tone, two_tone
+from radar.fsk_config import LadderConfig, RefinedConfig, ThreeToneConfig, TwoToneConfig
+from radar.surface import BroadbandConfig, NarrowbandConfig, project, volume
+
+OURS = f"docs/methods.md, after {PAPER}"
 
 
-@register("2fsk", TwoToneConfig, "depth from the phase between images at two tones")
-def _two_tone(capture: RadarCapture, config: TwoToneConfig, frame: int) -> Reconstruction:
-    return Reconstruction(two_tone(capture, config, frame))
+class OffAxisConfig(ThreeToneConfig):
+    """3-FSK with the path's true derivative."""
+
+    off_axis: bool = True
 
 
-@register("3fsk", ThreeToneConfig, "2-FSK, then a third tone far away corrects every pixel")
-def _three_tone(capture: RadarCapture, config: ThreeToneConfig, frame: int) -> Reconstruction:
-    return Reconstruction(three_tone(capture, config, frame))
+class WeightedConfig(ThreeToneConfig):
+    """3-FSK whose filters trust strong pixels more."""
+
+    weighted: bool = True
 
 
-@register("broadband", BroadbandConfig, "backprojected volume of 128 tones, maximum intensity projection")
-def _broadband(capture: RadarCapture, config: BroadbandConfig, frame: int) -> Reconstruction:
-    return _project(capture, config, frame, "broadband")
+class _Plus(RefinedConfig):
+    """Every improvement: the second refinement settles what the first one, out of focus, leaves."""
+
+    off_axis: bool = True
+    weighted: bool = True
+    fine_refinements: int = 2
+    drop_wrapped: bool = True
 
 
-@register("narrowband", NarrowbandConfig, "backprojected volume of the three 3-FSK tones, maximum intensity projection")
-def _narrowband(capture: RadarCapture, config: NarrowbandConfig, frame: int) -> Reconstruction:
-    return _project(capture, config, frame, "narrowband")
+class ThreeTonePlusConfig(_Plus, ThreeToneConfig):
+    """3-FSK with every improvement."""
 
 
-def _project(
-    capture: RadarCapture, config: BroadbandConfig | NarrowbandConfig, frame: int, method: str
-) -> Reconstruction:
-    image = volume(capture, config, frame)
-    return Reconstruction(maximum_projection(image, config, method), image, config.grid().z_m)
+class LadderPlusConfig(_Plus, LadderConfig):
+    """The ladder with every improvement."""
+
+
+class SubvoxelConfig(BroadbandConfig):
+    """Broadband with depths between voxels."""
+
+    subvoxel: bool = True
+
+
+def _fsk(
+    id: str, config: type[Config], solve: Callable[[RadarCapture, Any, int], DepthMap], summary: str, source: str = OURS
+) -> None:
+    @register(id, config, summary, source)
+    def run(capture: RadarCapture, config: Config, frame: int) -> Reconstruction:
+        return Reconstruction(replace(solve(capture, config, frame), method=id))
+
+
+def _projection(
+    id: str, config: type[BroadbandConfig | NarrowbandConfig], summary: str, source: str = OURS
+) -> None:
+    @register(id, config, summary, source)
+    def run(capture: RadarCapture, config: BroadbandConfig | NarrowbandConfig, frame: int) -> Reconstruction:
+        return Reconstruction(
+            project(capture, config, id, frame), lambda: volume(capture, config, frame), config.grid().z_m
+        )
+
+
+_fsk("2fsk", TwoToneConfig, two_tone, "depth from the phase between images at two tones", PAPER)
+_fsk("3fsk", ThreeToneConfig, three_tone, "2-FSK, then a third tone far away corrects every pixel", PAPER)
+_projection("broadband", BroadbandConfig, "backprojected volume of 128 tones, maximum intensity projection", PAPER)
+_projection("narrowband", NarrowbandConfig, "the same with the three 3-FSK tones", PAPER)
+
+_fsk("3fsk-offaxis", OffAxisConfig, three_tone, "3-FSK with the path's true derivative along z instead of 2")
+_fsk("3fsk-weighted", WeightedConfig, three_tone, "3-FSK with averaging filters that weigh pixels with their power")
+_fsk("3fsk-plus", ThreeTonePlusConfig, three_tone, "both, refined twice, without pixels that may have wrapped")
+_fsk("nfsk", LadderConfig, n_tone, "a ladder of tones, each further away, corrects every pixel in turn")
+_fsk("nfsk-plus", LadderPlusConfig, n_tone, "the ladder with all that 3fsk-plus has")
+_projection("broadband-subvoxel", SubvoxelConfig, "broadband with depths between voxels, by a parabola")

@@ -18,10 +18,11 @@ PAPER = "Bräunig et al., An Efficient yet High-Performance Method for Precise R
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """A depth map and, from volumetric methods, the complex volume [nz, ny, nx] behind it with volume_z_m [nz]."""
+    """A depth map and, from volumetric methods, how to image the complex volume [nz, ny, nx] behind it, and its
+    volume_z_m [nz]."""
 
     depth: DepthMap
-    volume: np.ndarray | None = None
+    volume: Callable[[], np.ndarray] | None = None
     volume_z_m: np.ndarray | None = None
 
 

@@ -22,12 +22,11 @@ from radar.capture import RadarCapture
 from radar.config import Config
 from radar.errors import HandbenchError
 from radar.grid import Axis, VoxelGrid
+from radar.imaging import image_volume
 from radar.steering import phasor
 from radar.tones import ToneSkeleton
-from radar.volume import image_volume
 
 REACH_M = 0.006  # a seed is at most this far from its peak, per axis
-CUBE = np.array(list(product((-1.0, 1.0), repeat=3)))
 STENCIL_STEPS_M = (5e-4, 1e-4)  # the wide one walks to the summit, the narrow one is not misled by its skew
 MAX_STEPS = 20
 STENCIL = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
@@ -162,8 +161,7 @@ def fit_echo(
 
     Newton's method on log|O|, whose gradient and curvature come from a quadratic through a 3×3×3 stencil.
     """
-    corners_m = seed_m[:, None] + REACH_M * CUBE.T
-    tones = ToneSkeleton(frequencies_hz, array, corners_m, tolerance=1e-6)
+    tones = ToneSkeleton(frequencies_hz, array, seed_m - REACH_M, seed_m + REACH_M, tolerance=1e-6)
     few = tones.compress(samples)
     position_m = np.asarray(seed_m, np.float64)
     for spacing_m in STENCIL_STEPS_M:
@@ -225,7 +223,7 @@ def _directions(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
 
 def _amplitudes(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
     """An echo's amplitudes [t, r], 1/(|p − t||p − r|), scaled to sum 1."""
-    to, back = (np.linalg.norm(point_m - antennas, axis=1) for antennas in array.legs_m)
+    to, back = (leg.lengths_m(point_m) for leg in array.legs)
     amplitude = 1 / np.outer(to, back)
     return amplitude / amplitude.sum()
 

@@ -15,6 +15,18 @@ SPEED_OF_LIGHT_M_S = 299_792_458.0
 
 
 @dataclass(frozen=True)
+class Leg:
+    """One end of every path: antennas at position_m [n, 3] that the wave meets `passes` times."""
+
+    position_m: np.ndarray
+    passes: int
+
+    def lengths_m(self, point_m: np.ndarray) -> np.ndarray:
+        """What the leg adds to the path over a point [3]: [n]."""
+        return self.passes * np.linalg.norm(point_m - self.position_m, axis=1)
+
+
+@dataclass(frozen=True)
 class AntennaArray:
     """A MIMO array: every transmitter tx_m [t, 3] is heard by every receiver rx_m [r, 3] (metres)."""
 
@@ -31,9 +43,9 @@ class AntennaArray:
         return len(self.tx_m), len(self.rx_m)
 
     @property
-    def legs_m(self) -> list[np.ndarray]:
-        """Antenna positions at the ends of a path's two legs."""
-        return [self.tx_m, self.rx_m]
+    def legs(self) -> tuple[Leg, Leg]:
+        """From the transmitters, to the receivers."""
+        return Leg(self.tx_m, 1), Leg(self.rx_m, 1)
 
 
 @dataclass(frozen=True)
@@ -51,9 +63,10 @@ class PlanarScan:
         return (len(self.position_m),)
 
     @property
-    def legs_m(self) -> list[np.ndarray]:
-        """Antenna positions at the ends of a path's two legs."""
-        return [self.position_m, self.position_m]
+    def legs(self) -> tuple[Leg, Leg]:
+        """There and back from the same antenna; the second leg is there only so that a scan looks like an array of
+        one receiver."""
+        return Leg(self.position_m, 2), Leg(self.position_m[:1], 0)
 
 
 Aperture = AntennaArray | PlanarScan

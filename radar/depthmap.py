@@ -12,10 +12,16 @@ import numpy as np
 from radar.errors import HandbenchError
 from radar.files import read_npz, write_npz
 
+OPTIONAL = {"sigma_m": "f", "wrapped": "b"}  # arrays that not every method knows, with their kinds of number
+
 
 @dataclass(frozen=True)
 class DepthMap:
-    """x_m [nx], y_m [ny]; z_m [ny, nx], NaN off target; amplitude_db [ny, nx], 0 at the maximum."""
+    """x_m [nx], y_m [ny]; z_m [ny, nx], NaN off target; amplitude_db [ny, nx], 0 at the maximum.
+
+    Methods that know it add, [ny, nx]: sigma_m, predicted 1σ of z_m where no phase wrapped, NaN off target; and
+    wrapped (bool), pixels whose phase may have wrapped, which would put z_m off by a whole period.
+    """
 
     x_m: np.ndarray
     y_m: np.ndarray
@@ -23,9 +29,12 @@ class DepthMap:
     amplitude_db: np.ndarray
     method: str
     config: dict[str, Any] = field(default_factory=dict)
+    sigma_m: np.ndarray | None = None
+    wrapped: np.ndarray | None = None
 
     def save(self, path: str | Path) -> None:
         """Write the depth map's .npz, atomically."""
+        known = {name: getattr(self, name) for name in OPTIONAL if getattr(self, name) is not None}
         write_npz(
             path,
             x_m=self.x_m,
@@ -34,29 +43,29 @@ class DepthMap:
             amplitude_db=self.amplitude_db,
             method=self.method,
             config=json.dumps(self.config),
+            **known,
         )
 
 
 def load_depthmap(path: str | Path) -> DepthMap:
     """Read a depth map; refuses axes that do not fit the map."""
     content = read_npz(path, ("x_m", "y_m", "z_m", "amplitude_db", "method", "config"))
+    with np.load(path, allow_pickle=False) as archive:  # readable, as the line before has shown
+        known = [name for name in OPTIONAL if name in archive]
+    content |= read_npz(path, tuple(known))
     shape = content["y_m"].size, content["x_m"].size
-    for name, expected in {"x_m": shape[1:], "y_m": shape[:1], "z_m": shape, "amplitude_db": shape}.items():
-        if content[name].shape != expected or content[name].dtype.kind != "f":
+    shapes = {"x_m": shape[1:], "y_m": shape[:1], "z_m": shape, "amplitude_db": shape} | dict.fromkeys(known, shape)
+    for name, expected in shapes.items():
+        kind = OPTIONAL.get(name, "f")
+        if content[name].shape != expected or content[name].dtype.kind != kind:
             found = f"{content[name].dtype} {content[name].shape}"
-            raise HandbenchError(f"{path}: {name} is {found}; expected real numbers {expected} from y_m, x_m")
+            numbers = "real numbers" if kind == "f" else "bool"
+            raise HandbenchError(f"{path}: {name} is {found}; expected {numbers} {expected} from y_m, x_m")
     try:
-        config = json.loads(str(content["config"]))
+        content["config"] = json.loads(str(content["config"]))
     except ValueError as error:
         raise HandbenchError(f"{path}: config is not JSON ({error}); expected the method's configuration") from None
-    return DepthMap(
-        content["x_m"],
-        content["y_m"],
-        content["z_m"],
-        content["amplitude_db"],
-        str(content["method"]),
-        config,
-    )
+    return DepthMap(**content | {"method": str(content["method"])})
 
 
 def amplitude_db(amplitude: np.ndarray) -> np.ndarray:

@@ -10,17 +10,20 @@ separable and reciprocal (exact where transmitter and receiver see the facet und
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 
 import numba
 import numpy as np
 
-from radar.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from radar.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
+from radar.backprojection import path_lengths
+from radar.imaging import points_engine
+from radar.leaf import Source
 from radar.parallel import for_each
 from radar.steering import cis_turns
-from radar.tones import ToneSkeleton, distances_m
+from radar.tree import Box, Family
 
 CHUNK = 2048  # scatterers per matrix product
+GRAZING = 0.05  # cosine below which √(n·û) bends too sharply across the array
 
 
 @dataclass(frozen=True)
@@ -39,27 +42,74 @@ def simulate(
     frequencies_hz: np.ndarray,
     array: AntennaArray,
     spreading: bool = True,
-    tolerance: float | None = 1e-6,
+    tolerance: float | None = 1e-5,
 ) -> np.ndarray:
     """Noise-free samples complex64 [f, t, r]. spreading=False leaves out g: the exact adjoint of backprojection.
 
-    tolerance: of the tone skeleton over the scatterers' box (see `radar.tones`); None sums every tone.
+    tolerance: relative L2 error of the fast chain (see `radar.imaging`); None sums every tone of every scatterer.
     """
     position = np.ascontiguousarray(scatterers.position_m, np.float64)
     delay = np.zeros(len(position)) if scatterers.delay_m is None else np.asarray(scatterers.delay_m, np.float64)
+    if tolerance is None:
+        return _simulate_exactly(scatterers, position, delay, frequencies_hz, array, spreading)
+    family = Family(tolerance, apart=False, delay_m=2 * delay.max(initial=0.0))
+    grazing = _grazing(scatterers, array) if spreading else np.zeros(len(position), bool)
+    samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
+    for whole in (False, True):  # an obliquity with a kink is not smooth enough to be carried by few antennas
+        chosen = np.flatnonzero(grazing == whole)
+        if len(chosen):
+            engine = points_engine(frequencies_hz, array, position[chosen], family._replace(whole=whole))
+            where = engine.sort(position[chosen])
+            chosen = chosen[where.order]
+            normal = np.zeros((3, 0)) if scatterers.normal is None else scatterers.normal[chosen].T
+            weight = np.asarray(scatterers.weight, np.complex64)[chosen]
+            source = Source(where.points_m, weight, delay[chosen], np.ascontiguousarray(normal, np.float64), spreading)
+            samples += engine.echoes(source, where)
+    return samples
+
+
+def _grazing(scatterers: Scatterers, array: AntennaArray) -> np.ndarray:
+    """Which facets [p] some antenna sees at grazing incidence or from behind, from the corners of the array's box."""
+    if scatterers.normal is None:
+        return np.zeros(len(scatterers.position_m), bool)
+    antennas = np.concatenate([array.tx_m, array.rx_m])
+    towards = Box(antennas.min(axis=0), antennas.max(axis=0)).corners_m - scatterers.position_m[:, None]
+    cosine = np.einsum("pci,pi->pc", towards, scatterers.normal) / np.linalg.norm(towards, axis=2)
+    return (cosine.min(axis=1) < GRAZING) & (cosine.max(axis=1) > 0)
+
+
+def direct_echoes(
+    position_m: np.ndarray, weight: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture
+) -> np.ndarray:
+    """Echoes without spreading by the formula as it stands, in float64: complex128 [f, t, r] or [f, n]. The adjoint of
+    `direct_sum`, and the reference of every faster path."""
+    samples = np.zeros((len(frequencies_hz), *aperture.channels), np.complex128)
+    for point, w in zip(np.asarray(position_m, np.float64), weight, strict=True):
+        path_m = path_lengths(aperture, point)
+        for sample, f in zip(samples, frequencies_hz, strict=True):
+            sample += w * np.exp(-2j * np.pi * f * path_m / SPEED_OF_LIGHT_M_S)
+    return samples
+
+
+def _simulate_exactly(
+    scatterers: Scatterers,
+    position: np.ndarray,
+    delay: np.ndarray,
+    frequencies_hz: np.ndarray,
+    array: AntennaArray,
+    spreading: bool,
+) -> np.ndarray:
+    antennas = [leg.position_m for leg in array.legs]
     gains = [
         _gain(position, scatterers.normal, legs) if spreading else np.ones((len(legs), len(position)), np.float32)
-        for legs in array.legs_m
+        for legs in antennas
     ]
     gains[0] = gains[0] * np.asarray(scatterers.weight, np.float32)
-    distances = [distances_m(position.T, legs) + delay for legs in array.legs_m]
-    margin = delay.max(initial=0.0)  # a delay makes the box that much deeper
-    corners = np.array(list(product(*zip(position.min(axis=0) - margin, position.max(axis=0) + margin, strict=True))))
-    tones = ToneSkeleton(frequencies_hz, array, corners.T, tolerance)
-    samples = np.zeros((len(tones.frequencies_hz), *array.channels), np.complex64)
+    distances = [np.linalg.norm(position[None] - legs[:, None], axis=2) + delay for legs in antennas]
+    samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
 
     def work(f: int) -> None:
-        turns_per_m = tones.frequencies_hz[f] / SPEED_OF_LIGHT_M_S
+        turns_per_m = frequencies_hz[f] / SPEED_OF_LIGHT_M_S
         total = np.zeros(array.channels, np.complex128)
         for start in range(0, len(position), CHUNK):
             chunk = slice(start, start + CHUNK)
@@ -71,7 +121,7 @@ def simulate(
         samples[f] = total
 
     for_each(work, range(len(samples)))
-    return tones.expand(samples)
+    return samples
 
 
 def _gain(points_m: np.ndarray, normal: np.ndarray | None, antennas_m: np.ndarray) -> np.ndarray:

@@ -1,64 +1,36 @@
-"""Frequency-shift keying: depth from the phase between images at two or three tones (the paper's iterations).
+"""Frequency-shift keying: depth from the phase between images at a few tones (the paper's iterations).
 
 Under time e^{+jωt} an image formed at z_e of a scatterer at z has φ = arg(O_b · conj(O_a)) = 4π(f_b − f_a)(z_e − z)/c,
 so z = z_e − cφ / (4π(f_b − f_a)), unambiguous within ±c/(4(f_b − f_a)). The path's derivative along z, 2 on the
 axis, is smaller off it; the paper leaves that out and `off_axis` puts it in.
+
+Two close tones find the depth far and wide, but roughly. Each further tone is a rung of a ladder: it lies further from
+the first two, measures more finely, and holds where the rungs before it have found the depth to within its ambiguity.
 """
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
-from pydantic import AfterValidator, Field
-from scipy.ndimage import uniform_filter
 
 from radar.arrays import SPEED_OF_LIGHT_M_S, Aperture
-from radar.backprojection import tone_images
 from radar.capture import RadarCapture
-from radar.config import Config
+from radar.confidence import quadrature_step_m, spread_m, wrap_probability
 from radar.depthmap import DepthMap, amplitude_db
-from radar.grid import Axis, PixelGrid
-
-PAPER_LATERAL = Axis(start_m=-0.15, stop_m=0.15, step_m=0.001)
+from radar.fsk_config import FskConfig, LadderConfig, RefinedConfig, ThreeToneConfig, TwoToneConfig, reach_hz
+from radar.grid import PixelGrid, VoxelGrid
+from radar.imaging import image_points, image_volume
+from radar.smoothing import masked_mean
 
 MAX_IMAGES = 6  # passes of the coarse stage; the paper's two suffice for a hand
 
-
-
-def _odd(size_px: int) -> int:
-    if size_px < 1 or size_px % 2 == 0:
-        raise ValueError("expected an odd number ≥ 1: an even window would shift the map by half a pixel")
-    return size_px
-
-
-OddPixels = Annotated[int, AfterValidator(_odd)]
-
-
-class TwoToneConfig(Config):
-    """2-FSK with the paper's parameters."""
-
-    f1_hz: float = Field(default=82.0e9, gt=0, description="first tone")
-    f2_hz: float = Field(default=81.8e9, gt=0, description="second tone; |f1 − f2| sets the unambiguous range")
-    x: Axis = PAPER_LATERAL
-    y: Axis = PAPER_LATERAL
-    first_depth_m: float = Field(default=0.45, gt=0, description="z_e of the first images")
-    threshold_db: float = Field(default=-10.0, lt=0, description="pixels weaker than this are off target")
-    settled_m: float = Field(default=0.005, gt=0, description="z_e is corrected again while it moves by more than this")
-    off_axis: bool = Field(default=False, description="use the path's true derivative along z instead of 2")
-
-
-class ThreeToneConfig(TwoToneConfig):
-    """3-FSK with the paper's parameters; the paper does not give its filters' sizes."""
-
-    f3_hz: float = Field(default=79.5e9, gt=0, description="third tone, far from the other two")
-    coarse_filter_px: OddPixels = Field(default=5, description="averaging filter of the coarse depth, pixels")
-    fine_filter_px: OddPixels = Field(default=5, description="averaging filter of the result, pixels")
-    fine_refinements: int = Field(default=1, ge=1, description="times the third tone corrects each pixel (paper: once)")
+Step = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 
 
 def depth_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float) -> np.ndarray:
-    """Δz = −cφ / (4π(f_b − f_a)) with φ = arg(O_b conj(O_a)) and difference_hz = f_b − f_a; metres."""
+    """Δz = −cφ / (4πΔf) with φ = arg(O_b conj(O_a)) and difference_hz = Δf = f_b − f_a; metres."""
     phase = np.angle(image_b.astype(np.complex128) * np.conj(image_a))
     return -SPEED_OF_LIGHT_M_S * phase / (4 * np.pi * difference_hz)
 
@@ -69,10 +41,10 @@ def stretch(points_m: np.ndarray, aperture: Aperture, off_axis: bool) -> np.ndar
     if not off_axis:
         return 1.0
     derivative = np.zeros(points_m.shape[:-1])
-    for leg in aperture.legs_m:
-        for antenna in leg:
+    for leg in aperture.legs:
+        for antenna in leg.position_m:
             towards = points_m - antenna
-            derivative += towards[..., 2] / np.linalg.norm(towards, axis=-1) / len(leg)
+            derivative += leg.passes * towards[..., 2] / np.linalg.norm(towards, axis=-1) / len(leg.position_m)
     return 2 / derivative
 
 
@@ -81,67 +53,146 @@ def two_tone(capture: RadarCapture, config: TwoToneConfig, frame: int = 0) -> De
 
     The paper corrects z_e once, which settles a target near the axis; a target far off it takes a pass or two more.
     """
-    samples, frequencies_hz = capture.tones([config.f1_hz, config.f2_hz], frame)
-    grid = PixelGrid(config.x.values_m(), config.y.values_m())
-    z_e, correction_m = config.first_depth_m, 0.0
-    for images in range(MAX_IMAGES):
-        z_e += correction_m
-        points = grid.points_m(z_e)
-        amplitude, step_m = _image_pair(samples, frequencies_hz, capture.aperture, points)
-        strongest = np.unravel_index(amplitude.argmax(), grid.shape)
-        correction_m = float(step_m[strongest] * stretch(points[strongest], capture.aperture, config.off_axis))
-        if images > 0 and abs(correction_m) < config.settled_m:
-            break
-    db = amplitude_db(amplitude)
-    on_target = db >= config.threshold_db
-    z_m = np.full(grid.shape, np.nan)
-    z_m[on_target] = z_e + step_m[on_target] * stretch(points[on_target], capture.aperture, config.off_axis)
-    return DepthMap(grid.x_m, grid.y_m, z_m, db, "2fsk", config.model_dump())
+    return _depth_map(_coarse(_ladder(capture, config, frame), config), config)
 
 
 def three_tone(capture: RadarCapture, config: ThreeToneConfig, frame: int = 0) -> DepthMap:
     """The paper's 3-FSK: the smoothed 2-FSK depth becomes a point cloud, imaged at all three tones; the mean of Δz from
     (f3, f1) and (f3, f2) corrects it; an averaging filter comes last."""
-    coarse = two_tone(capture, TwoToneConfig(**config.model_dump(include=set(TwoToneConfig.model_fields))), frame)
-    samples, frequencies_hz = capture.tones([config.f1_hz, config.f2_hz, config.f3_hz], frame)
-    grid = PixelGrid(coarse.x_m, coarse.y_m)
-    z_m = masked_mean(coarse.z_m, config.coarse_filter_px)
-    on_target = np.isfinite(z_m)
-    for _ in range(config.fine_refinements):
-        points = grid.points_m(z_m)[on_target]
-        images = tone_images(samples, frequencies_hz, capture.aperture, points)
-        step_m = _third_tone_step_m(images, frequencies_hz)
-        z_m[on_target] += step_m * stretch(points, capture.aperture, config.off_axis)
-
-    amplitude = np.zeros(grid.shape)
-    amplitude[on_target] = np.abs(images).mean(axis=0)
-    fine = masked_mean(z_m, config.fine_filter_px)
-    return DepthMap(grid.x_m, grid.y_m, fine, amplitude_db(amplitude), "3fsk", config.model_dump())
+    return n_tone(capture, config, frame)
 
 
-def _image_pair(
-    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Amplitude and Δz of the images of two tones at points [ny, nx, 3]."""
-    shape = points_m.shape[:-1]
-    o1, o2 = tone_images(samples, frequencies_hz, aperture, points_m.reshape(-1, 3)).reshape(2, *shape)
-    return (np.abs(o1) + np.abs(o2)) / 2, depth_step_m(o1, o2, frequencies_hz[0] - frequencies_hz[1])
+def n_tone(capture: RadarCapture, config: ThreeToneConfig | LadderConfig, frame: int = 0) -> DepthMap:
+    """3-FSK with any number of further tones: each corrects the smoothed depth that the tones before it have found."""
+    ladder = _ladder(capture, config, frame)
+    estimate = _coarse(ladder.first(2), config)
+    for count in range(3, len(config.ladder_hz) + 1):
+        estimate = estimate.smoothed(config.coarse_filter_px, config.weighted)
+        for _ in range(config.fine_refinements):
+            estimate = _refined(ladder.first(count), estimate, config)
+    return _depth_map(estimate.smoothed(config.fine_filter_px, config.weighted), config)
 
 
-def _third_tone_step_m(images: np.ndarray, frequencies_hz: np.ndarray) -> np.ndarray:
-    """Mean of Δz from (f3, f1) and (f3, f2) for images [3, n]."""
-    (o1, o2, o3), (f1, f2, f3) = images, frequencies_hz
-    return (depth_step_m(o1, o3, f1 - f3) + depth_step_m(o2, o3, f2 - f3)) / 2
+@dataclass(frozen=True)
+class _Estimate:
+    """What is known, all [ny, nx]: depth (or its step) and its quadrature (see `radar.confidence`), NaN off target; the
+    images' amplitude; and where a phase may have wrapped."""
+
+    z_m: np.ndarray
+    quadrature_m: np.ndarray
+    amplitude: np.ndarray
+    wrapped: np.ndarray
+
+    def smoothed(self, size_px: int, weighted: bool) -> _Estimate:
+        weight = self.amplitude**2 if weighted else None
+        z_m, quadrature_m = (masked_mean(values, size_px, weight) for values in (self.z_m, self.quadrature_m))
+        return replace(self, z_m=z_m, quadrature_m=quadrature_m)
+
+    def without(self, dropped: np.ndarray) -> _Estimate:
+        z_m, quadrature_m = (np.where(dropped, np.nan, values) for values in (self.z_m, self.quadrature_m))
+        return replace(self, z_m=z_m, quadrature_m=quadrature_m)
+
+    def sigma_m(self, config: FskConfig) -> np.ndarray:
+        return spread_m(self.quadrature_m, self.amplitude, config.spread_px)
 
 
-def masked_mean(values: np.ndarray, size_px: int) -> np.ndarray:
-    """Averaging filter over the finite neighbours in a size × size window; NaN stays NaN (normalised convolution)."""
-    known = np.isfinite(values)
-    if size_px == 1 or not known.any():
-        return values.copy()
-    offset = values[known].mean()  # keeps the running sums small, so that they lose no digits
-    total = uniform_filter(np.where(known, values - offset, 0.0), size_px, mode="constant")
-    count = uniform_filter(known.astype(np.float64), size_px, mode="constant")
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(known, offset + total / count, np.nan)
+@dataclass(frozen=True)
+class _Ladder:
+    """samples [f, …] and frequencies_hz [f] of a ladder's tones, before an aperture."""
 
+    samples: np.ndarray
+    frequencies_hz: np.ndarray
+    aperture: Aperture
+    tolerance: float | None
+
+    def first(self, count: int) -> _Ladder:
+        return replace(self, samples=self.samples[:count], frequencies_hz=self.frequencies_hz[:count])
+
+    def images(self, points_m: np.ndarray) -> np.ndarray:
+        """Every tone at points [n, 3]: complex64 [f, n]."""
+        return image_points(self.samples, self.frequencies_hz, self.aperture, points_m, self.tolerance, apart=True)
+
+    def plane(self, grid: PixelGrid, z_m: float) -> np.ndarray:
+        """Every tone at the pixels of a plane: complex64 [f, ny · nx]."""
+        plane = VoxelGrid(grid.x_m, grid.y_m, np.array([z_m]))
+        images = image_volume(self.samples, self.frequencies_hz, self.aperture, plane, self.tolerance, apart=True)
+        return images.reshape(len(images), -1)
+
+    def mean_step_m(self, images: np.ndarray, step: Step = depth_step_m) -> np.ndarray:
+        """Mean of the last tone's steps from the first two (of two tones, from the other), for images [f, n]."""
+        last, f = len(images) - 1, self.frequencies_hz
+        steps = [step(images[i], images[last], f[i] - f[last]) for i in range(min(2, last))]
+        return sum(steps) / len(steps)
+
+    def steps(self, images: np.ndarray, factor: np.ndarray | float, on_target: np.ndarray) -> _Estimate:
+        """What images [f, n] of the n pixels on target say about the error of the depths that they were formed at."""
+        return _Estimate(
+            z_m=_on_map(on_target, self.mean_step_m(images) * factor),
+            quadrature_m=_on_map(on_target, self.mean_step_m(images, quadrature_step_m) * factor),
+            amplitude=_on_map(on_target, np.abs(images).mean(axis=0), elsewhere=0.0),
+            wrapped=np.zeros(on_target.shape, bool),
+        )
+
+
+def _ladder(capture: RadarCapture, config: TwoToneConfig | RefinedConfig, frame: int) -> _Ladder:
+    return _Ladder(*capture.tones(config.ladder_hz, frame), capture.aperture, config.tolerance)
+
+
+def _coarse(pair: _Ladder, config: FskConfig) -> _Estimate:
+    """2-FSK."""
+    grid, z_e, correction_m = config.grid(), config.first_depth_m, 0.0
+    for passes in range(MAX_IMAGES):
+        z_e += correction_m
+        points = grid.points_m(z_e).reshape(-1, 3)
+        images = pair.plane(grid, z_e)
+        amplitude = np.abs(images).mean(axis=0)
+        strongest = [amplitude.argmax()]
+        factor = stretch(points[strongest], pair.aperture, config.off_axis)
+        [correction_m] = pair.mean_step_m(images[:, strongest]) * factor
+        if passes > 0 and abs(correction_m) < config.settled_m:
+            break
+    seen = amplitude_db(amplitude) >= config.threshold_db
+    factor = stretch(points[seen], pair.aperture, config.off_axis)
+    step = pair.steps(images[:, seen], factor, seen.reshape(grid.shape))
+    return replace(step, z_m=z_e + step.z_m, amplitude=amplitude.reshape(grid.shape))
+
+
+def _refined(ladder: _Ladder, before: _Estimate, config: RefinedConfig) -> _Estimate:
+    """One rung: the ladder's last tone corrects every point of the estimate before it."""
+    on_target = np.isfinite(before.z_m)
+    if not on_target.any():
+        return before
+    points = config.grid().points_m(before.z_m)[on_target]
+    images, factor = ladder.images(points), stretch(points, ladder.aperture, config.off_axis)
+    step = ladder.steps(images, factor, on_target)
+    # The rung below, seen from the same points, tells where these are wrong themselves: where a filter crossed an edge.
+    below = ladder.first(len(images) - 1).steps(images[:-1], factor, on_target)
+    ambiguity_m = _on_map(on_target, SPEED_OF_LIGHT_M_S / (4 * reach_hz(ladder.frequencies_hz)) * factor)
+    probability = np.maximum(
+        wrap_probability(step.z_m, before.sigma_m(config), ambiguity_m),
+        wrap_probability(step.z_m - below.z_m, below.sigma_m(config), ambiguity_m),
+    )
+    wrapped = before.wrapped | (probability > config.wrap_probability)
+    refined = replace(step, z_m=before.z_m + step.z_m, wrapped=wrapped)
+    return refined.without(wrapped) if config.drop_wrapped else refined
+
+
+def _on_map(on_target: np.ndarray, values: np.ndarray | float, elsewhere: float = np.nan) -> np.ndarray:
+    """Values [n] of the pixels on target as a map [ny, nx]."""
+    whole = np.full(on_target.shape, elsewhere)
+    whole[on_target] = values
+    return whole
+
+
+def _depth_map(estimate: _Estimate, config: TwoToneConfig | RefinedConfig) -> DepthMap:
+    """The estimate with its axes, named after the number of its tones."""
+    return DepthMap(
+        x_m=config.x.values_m(),
+        y_m=config.y.values_m(),
+        z_m=estimate.z_m,
+        amplitude_db=amplitude_db(estimate.amplitude),
+        method=f"{len(config.ladder_hz)}fsk",
+        config=config.model_dump(),
+        sigma_m=estimate.sigma_m(config),
+        wrapped=estimate.wrapped,
+    )

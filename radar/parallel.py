@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from functools import cache
 from typing import TypeVar
 
@@ -25,14 +26,20 @@ def workers() -> int:
 
 def for_each(function: Callable[[Item], None], items: Iterable[Item]) -> None:
     """Call function(item) for all items on all cores. BLAS keeps to one thread inside, since nested threads would
-    cost 2.5–3 times the CPU time. The first exception stops the work that has not begun and is raised. A single item is
-    done in place, without the threads' overhead."""
+    cost 2.5–3 times the CPU time. The first exception stops the work that has not begun and is raised. A single item
+    or a single worker works in place, without the threads' overhead."""
     items = list(items)
-    with _blas().limit(limits=1, user_api="blas"):
-        if len(items) == 1:
-            function(items[0])
+    with one_blas_thread():
+        if len(items) == 1 or workers() == 1:
+            for item in items:
+                function(item)
             return
         _spread(function, items)
+
+
+def one_blas_thread() -> AbstractContextManager[None]:
+    """A context in which BLAS keeps to one thread, for small products outside `for_each`."""
+    return _blas().limit(limits=1, user_api="blas")
 
 
 def _spread(function: Callable[[Item], None], items: list[Item]) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.special import j0
 
 
 def skeleton(gram: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
@@ -12,17 +14,46 @@ def skeleton(gram: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray
 
     Returns indices s [k] and real weights X [k, n] with member_i ≈ Σ_m X[m, i] · member_s[m].
     """
+    index, factor = _pivoted_cholesky(np.ascontiguousarray(gram, np.float64), tolerance**2)
+    return index, solve_triangular(factor[:, index], factor)  # G_ss⁻¹ G_s,all with G = factorᵀ factor
+
+
+def band_skeleton(position: np.ndarray, half_band: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Skeleton of functions sampled at position [n, d] whose spectrum lies within ±half_band [d] (rad per unit).
+
+    The kernel Π J₀(w Δ) stands for a spectrum that crowds at the band's edges; sinc, which stands for an even one,
+    leaves errors there that are three to four times larger for the same number of members.
+    """
+    return skeleton(band_kernel(position, position, half_band), tolerance)
+
+
+def band_kernel(a: np.ndarray, b: np.ndarray, half_band: np.ndarray) -> np.ndarray:
+    """Π J₀(w (a − b)): [n, m] for positions a [n, d], b [m, d] and half_band [d]."""
+    gram = np.ones((len(a), len(b)))
+    for x, y, w in zip(a.T, b.T, half_band, strict=True):
+        if w > 0 and (np.ptp(x) > 0 or np.ptp(y) > 0):
+            gram *= j0(w * (x[:, None] - y))
+    return gram
+
+
+@numba.njit(nogil=True, cache=True)
+def _pivoted_cholesky(gram, least):  # type: ignore[no-untyped-def]
     n = len(gram)
-    residual = np.diag(gram).astype(np.float64).copy()
-    factor = np.zeros((0, n))
-    chosen: list[int] = []
-    while len(chosen) < n and residual.max() > tolerance**2:
-        pivot = int(np.argmax(residual))
-        row = (gram[pivot] - factor[:, pivot] @ factor) / np.sqrt(residual[pivot])
-        factor = np.vstack([factor, row])
-        residual -= row**2
+    residual = np.diag(gram).copy()
+    factor = np.zeros((n, n))
+    index = np.zeros(n, np.int64)
+    k = 0
+    while k < n:
+        pivot = np.argmax(residual)
+        if residual[pivot] <= least:
+            break
+        row = gram[pivot].copy()
+        for i in range(k):
+            row -= factor[i, pivot] * factor[i]
+        row /= np.sqrt(residual[pivot])
+        factor[k] = row
+        residual -= row * row
         residual[pivot] = 0.0
-        chosen.append(pivot)
-    index = np.array(chosen)
-    weights = solve_triangular(factor[:, index], factor)  # G_ss⁻¹ G_s,all with G = factorᵀ factor
-    return index, weights
+        index[k] = pivot
+        k += 1
+    return index[:k], factor[:k]

@@ -34,7 +34,7 @@ def sphere_echo(
 
     Scale and phase are those of `radar.forward`, whose surface integral tends to πa/(jk)·e^{2jka} here.
     """
-    towards = [leg - centre_m for leg in array.legs_m]
+    towards = [leg.position_m - centre_m for leg in array.legs]
     unit_t, unit_r = (d / np.linalg.norm(d, axis=1, keepdims=True) for d in towards)
     cos_beta = np.linalg.norm(unit_t[:, None] + unit_r[None], axis=2) / 2
     spreading = np.prod(np.meshgrid(*(np.linalg.norm(d, axis=1) for d in towards), indexing="ij"), axis=0)

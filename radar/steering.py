@@ -32,8 +32,21 @@ C0, C1, C2, C3, C4, C5 = _minimax(np.cos, 5, 0)
 def cis_turns(turns):  # type: ignore[no-untyped-def]
     """(cos 2πt, sin 2πt) in float32 of a phase in turns given in float64."""
     half = np.rint(2.0 * turns)
-    t = np.float32(turns - 0.5 * half)  # |t| ≤ 1/4
-    sign = np.float32(1.0) - np.float32(2.0) * np.float32(np.int64(half) & 1)
+    odd = half - 2.0 * np.rint(0.5 * half)  # 0 or ±1
+    return _half_turn(np.float32(turns - 0.5 * half), np.float32(1.0 - 2.0 * odd * odd))
+
+
+@numba.njit(inline="always")
+def cis_small(turns):  # type: ignore[no-untyped-def]
+    """The same of a float32 phase of a few turns, where float32 is exact enough (3e-7 rad per turn)."""
+    half = np.rint(np.float32(2.0) * turns)
+    odd = half - np.float32(2.0) * np.rint(np.float32(0.5) * half)
+    return _half_turn(turns - np.float32(0.5) * half, np.float32(1.0) - np.float32(2.0) * odd * odd)
+
+
+@numba.njit(inline="always")
+def _half_turn(t, sign):  # type: ignore[no-untyped-def]
+    """sign · (cos 2πt, sin 2πt) for |t| ≤ 1/4."""
     u = t * t
     cosine = C0 + u * (C1 + u * (C2 + u * (C3 + u * (C4 + u * C5))))
     sine = t * (S0 + u * (S1 + u * (S2 + u * (S3 + u * (S4 + u * S5)))))
@@ -61,3 +74,22 @@ def steering(antennas_m: np.ndarray, points_m: np.ndarray, frequency_hz: float, 
     """Fill out [2a, p] (float32: real parts above imaginary parts) with exp(sign · j2πf|p − a|/c) for antennas
     [a, 3] and points [3, p] in metres (float64)."""
     _steer(antennas_m, points_m, frequency_hz / SPEED_OF_LIGHT_M_S, np.float32(sign), out)
+
+
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+def steered_differences(antennas_m, turns_per_m, points_m, centre_m):  # type: ignore[no-untyped-def]
+    """exp(j2πf(|p − a| − |c − a|)/c) [2p, a] (real parts above imaginary parts) of points [p, 3] with f/c [p] each, for
+    antennas [a, 3] about the centre c [3]."""
+    n_points, n_antennas = len(points_m), len(antennas_m)
+    out = np.empty((2 * n_points, n_antennas), np.float32)
+    at_centre = np.empty(n_antennas)
+    for a in range(n_antennas):
+        dx, dy, dz = centre_m[0] - antennas_m[a, 0], centre_m[1] - antennas_m[a, 1], centre_m[2] - antennas_m[a, 2]
+        at_centre[a] = np.sqrt(dx * dx + dy * dy + dz * dz)
+    for p in range(n_points):
+        for a in range(n_antennas):
+            dx, dy = points_m[p, 0] - antennas_m[a, 0], points_m[p, 1] - antennas_m[a, 1]
+            dz = points_m[p, 2] - antennas_m[a, 2]
+            length = np.sqrt(dx * dx + dy * dy + dz * dz) - at_centre[a]
+            out[p, a], out[n_points + p, a] = cis_turns(turns_per_m[p] * length)
+    return out

@@ -1,6 +1,12 @@
-"""Surfaces from volumes: the state of the art that FSK is compared with."""
+"""Surfaces from volumes by maximum intensity projection: the state of the art that FSK is compared with.
+
+A projection needs little of a volume: the strongest voxel of each pixel and, between voxels, its neighbours along z.
+An engine that never holds a whole volume hands over its `Peaks`.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from pydantic import Field
@@ -8,9 +14,10 @@ from pydantic import Field
 from radar.capture import RadarCapture
 from radar.config import Config
 from radar.depthmap import DepthMap, amplitude_db
-from radar.fsk import PAPER_LATERAL
+from radar.fsk_config import PAPER_LATERAL
 from radar.grid import Axis, VoxelGrid
-from radar.volume import image_volume
+from radar.imaging import image_volume, project_volume
+from radar.volume import strongest_voxels
 
 
 class _VolumeConfig(Config):
@@ -18,7 +25,8 @@ class _VolumeConfig(Config):
     y: Axis = PAPER_LATERAL
     z: Axis = Axis(start_m=0.245, stop_m=0.325, step_m=0.001)
     threshold_db: float = Field(default=-13.0, lt=0, description="pixels weaker than this are off target")
-    tolerance: float | None = Field(default=1e-6, gt=0, lt=1, description="of the tone skeleton; null sums all tones")
+    subvoxel: bool = Field(default=False, description="depth between voxels, by a parabola (paper: whole voxels)")
+    tolerance: float | None = Field(default=1e-5, gt=0, lt=1, description="relative error of the image; null: exact")
 
     def grid(self) -> VoxelGrid:
         """The voxels."""
@@ -55,14 +63,49 @@ def volume(capture: RadarCapture, config: BroadbandConfig | NarrowbandConfig, fr
     return image_volume(samples, frequencies_hz, capture.aperture, config.grid(), config.tolerance)
 
 
-def maximum_projection(
-    image: np.ndarray, config: BroadbandConfig | NarrowbandConfig, method: str
-) -> DepthMap:
-    """Maximum intensity projection along z: each pixel takes the depth of its strongest voxel, whole voxels as in the
-    paper; pixels below the threshold are NaN."""
+def project(capture: RadarCapture, config: BroadbandConfig | NarrowbandConfig, method: str, frame: int = 0) -> DepthMap:
+    """`maximum_projection` of the configured voxels, which are never held all at once."""
+    samples, frequencies_hz = capture.tones(config.tones_hz(), frame)
+    peaks = project_volume(samples, frequencies_hz, capture.aperture, config.grid(), config.tolerance)
+    return maximum_projection(Peaks(*peaks), config, method)
+
+
+@dataclass(frozen=True)
+class Peaks:
+    """The strongest voxel along z of each pixel: its index [ny, nx], and the magnitudes [3, ny, nx] of the voxel before
+    it, of itself and of the one behind it (NaN beyond the volume)."""
+
+    index: np.ndarray
+    magnitude: np.ndarray
+
+
+def peaks_of(image: np.ndarray) -> Peaks:
+    """The peaks of a complex volume [nz, ny, nx]."""
+    return Peaks(*strongest_voxels(image))
+
+
+def maximum_projection(image: np.ndarray | Peaks, config: BroadbandConfig | NarrowbandConfig, method: str) -> DepthMap:
+    """Maximum intensity projection along z of a volume [nz, ny, nx] or its peaks: each pixel takes the depth of its
+    strongest voxel, whole voxels as in the paper or between them; pixels below the threshold are NaN."""
     grid = config.grid()
-    magnitude = np.abs(image)
-    strongest = magnitude.argmax(axis=0)
-    db = amplitude_db(magnitude.max(axis=0))
-    z_m = np.where(db >= config.threshold_db, grid.z_m[strongest], np.nan)
-    return DepthMap(grid.x_m, grid.y_m, z_m, db, method, config.model_dump())
+    peaks = image if isinstance(image, Peaks) else peaks_of(image)
+    db = amplitude_db(peaks.magnitude[1])
+    z_m = grid.z_m[peaks.index]
+    if config.subvoxel:
+        z_m = z_m + config.z.step_m * peak_offset(peaks.magnitude)
+    return DepthMap(
+        grid.x_m, grid.y_m, np.where(db >= config.threshold_db, z_m, np.nan), db, method, config.model_dump()
+    )
+
+
+def peak_offset(magnitude: np.ndarray) -> np.ndarray:
+    """Where the maximum lies between three voxels [3, ...], in voxels about the middle one, within ±½; 0 where one of
+    them is NaN, since the maximum may lie beyond the volume.
+
+    The vertex of the parabola through their decibels: the logarithm of a band-limited main lobe is closer to a parabola
+    than the lobe itself (the quartic term of sinc x over the quadratic is π²/20, that of its logarithm π²/30).
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        before, middle, behind = np.log(magnitude.astype(np.float64))
+        offset = 0.5 * (before - behind) / (before - 2 * middle + behind)
+    return np.where(np.isfinite(offset), offset, 0.0)  # not for NaN, and three equal voxels have no vertex

@@ -9,21 +9,11 @@ from radar.arrays import AntennaArray, PlanarScan, qar50
 from radar.backprojection import backproject, direct_sum, tone_images
 from radar.errors import HandbenchError
 from radar.forward import Scatterers, simulate
-from radar.grid import VoxelGrid
-from radar.volume import image_volume
+from tests.radar.samples import noise, relative_error
 
 PAPER_HZ = np.linspace(72e9, 82e9, 128)
 # A float32 sum of N terms of random sign loses about √N · 6e-8 of its size; 1e-5 is the project's bar.
 RELATIVE = 1e-5
-
-
-def noise(shape: tuple[int, ...], seed: int = 0) -> np.ndarray:
-    generator = np.random.default_rng(seed)
-    return (generator.standard_normal(shape) + 1j * generator.standard_normal(shape)).astype(np.complex64)
-
-
-def relative_error(image: np.ndarray, reference: np.ndarray) -> float:
-    return float(np.linalg.norm(image - reference) / np.linalg.norm(reference))
 
 
 def paper_points(count: int, seed: int = 1) -> np.ndarray:
@@ -43,27 +33,6 @@ def test_each_fsk_tone_at_random_points_agrees_with_the_direct_sum():
     for i in range(3):
         reference = direct_sum(samples[i : i + 1], tones_hz[i : i + 1], qar50(), points)
         assert relative_error(images[i], reference) < RELATIVE
-
-
-@pytest.mark.parametrize("tolerance", [1e-6, None])
-def test_volume_on_white_noise_agrees_with_the_direct_sum(tolerance):
-    # White noise is the hardest input of the tone skeleton: nothing is concentrated where it is accurate.
-    grid = VoxelGrid(np.linspace(0.11, 0.15, 23), np.linspace(-0.15, -0.11, 21), np.linspace(0.245, 0.325, 27))
-    samples = noise((128, 94, 94))
-    volume = image_volume(samples, PAPER_HZ, qar50(), grid, tolerance)
-    chosen = np.random.default_rng(2).integers(0, volume.size, 40)
-    reference = direct_sum(samples, PAPER_HZ, qar50(), grid.points_m().reshape(-1, 3)[chosen])
-    assert relative_error(volume.ravel()[chosen], reference) < RELATIVE
-
-
-def test_volume_tolerance_is_met_and_not_wasted():
-    grid = VoxelGrid(np.linspace(-0.02, 0.02, 12), np.linspace(-0.02, 0.02, 12), np.linspace(0.25, 0.30, 12))
-    samples = noise((128, 94, 94))
-    exact = image_volume(samples, PAPER_HZ, qar50(), grid, None)
-    errors = [relative_error(image_volume(samples, PAPER_HZ, qar50(), grid, t), exact) for t in (1e-2, 1e-4)]
-    assert errors[0] < 1e-2
-    assert errors[1] < 1e-4
-    assert errors[0] > 10 * errors[1]
 
 
 def test_planar_scan_agrees_with_the_direct_sum():
@@ -102,24 +71,6 @@ def test_a_point_echo_focuses_where_it_came_from_with_phase_zero():
     assert abs(np.angle(focus)) < 1e-5
     beside = backproject(samples, PAPER_HZ, qar50(), point + [[0.02, 0.0, 0.0]])[0]
     assert abs(beside) < 0.1 * abs(focus)
-
-
-def test_forward_model_is_the_adjoint_of_backprojection():
-    generator = np.random.default_rng(4)
-    points, tones_hz = paper_points(300), PAPER_HZ[::8]
-    weights = generator.standard_normal(300)
-    samples = noise((16, 94, 94))
-    forward = simulate(Scatterers(points, weights), tones_hz, qar50(), spreading=False, tolerance=None)
-    image = backproject(samples, tones_hz, qar50(), points)
-    left, right = np.vdot(forward.astype(complex), samples), np.sum(weights * image)
-    assert abs(left - right) < 1e-5 * np.linalg.norm(forward) * np.linalg.norm(samples)
-
-
-def test_simulation_by_tone_skeleton_equals_all_tones():
-    generator = np.random.default_rng(5)
-    delays = Scatterers(paper_points(200), generator.uniform(size=200), None, generator.uniform(0, 1e-3, 200))
-    exact = simulate(delays, PAPER_HZ, qar50(), tolerance=None)
-    assert relative_error(simulate(delays, PAPER_HZ, qar50()), exact) < RELATIVE
 
 
 def test_results_do_not_depend_on_the_number_of_workers(monkeypatch):

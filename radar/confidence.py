@@ -1,0 +1,47 @@
+"""How far a depth may be trusted, from the images that gave it.
+
+White noise and speckle have no preferred phase: one quadrature of what they add to O_b·conj(O_a) turns its phase, which
+moves the depth; the other, of equal size, changes its amplitude, which ought to be the same at neighbouring tones. The
+amplitudes thus show what the phases suffered. With ρ = (|O_b| − |O_a|) / ½(|O_b| + |O_a|) as large as the error of φ,
+
+    σ_z = c / (4πΔf) · σ_φ,   σ_φ = rms(ρ·A) / A   (σ_φ ∝ 1/A: noise is as strong where the echo is weak),
+
+the mean square taken half over a window of a few resolution cells, since speckle is local, and half over the whole
+target, since a window holds few independent values. Nothing is assumed about the noise, and nothing is fitted.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from radar.arrays import SPEED_OF_LIGHT_M_S
+from radar.smoothing import masked_mean
+
+
+def quadrature_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float) -> np.ndarray:
+    """cρ / (4πΔf): Δz of `radar.fsk.depth_step_m` with the amplitudes' relative difference ρ in place of φ; metres."""
+    b, a = np.abs(image_b).astype(np.float64), np.abs(image_a).astype(np.float64)
+    with np.errstate(invalid="ignore"):  # an image of zeros has no confidence
+        ratio = 2 * (b - a) / (b + a)
+    return SPEED_OF_LIGHT_M_S * ratio / (4 * np.pi * difference_hz)
+
+
+def spread_m(quadrature_m: np.ndarray, amplitude: np.ndarray, window_px: int) -> np.ndarray:
+    """Predicted 1σ of the depth [ny, nx], metres, from its quadrature step and amplitude [ny, nx]; NaN off target.
+
+    The median is taken out first: the tones may differ in gain.
+    """
+    if not np.isfinite(quadrature_m).any():
+        return quadrature_m
+    power = ((quadrature_m - np.nanmedian(quadrature_m)) * amplitude) ** 2
+    local = np.maximum(masked_mean(power, window_px), 0.0)  # the filter's running sums may end just below zero
+    return np.sqrt((local + np.nanmean(power)) / 2) / amplitude
+
+
+def wrap_probability(step_m: np.ndarray, sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarray:
+    """Probability that a phase step, known within ±ambiguity only, belongs one period 2a further on.
+
+    The point's error before the step is N(0, σ): the odds of |Δz| against 2a − |Δz| are exp(−2a(a − |Δz|)/σ²).
+    """
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return 1 / (1 + np.exp(2 * ambiguity_m * (ambiguity_m - np.abs(step_m)) / sigma_m**2))

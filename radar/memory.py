@@ -1,0 +1,33 @@
+"""The memory that imaging may take: a quarter of the machine's, or what HANDBENCH_MEMORY_GB says."""
+
+from __future__ import annotations
+
+import os
+
+import psutil
+
+from radar.errors import HandbenchError
+
+
+def limit_bytes() -> float:
+    """The limit in bytes."""
+    wanted = os.environ.get("HANDBENCH_MEMORY_GB", "")
+    try:
+        limit = float(wanted) * 1e9 if wanted else psutil.virtual_memory().total / 4
+    except ValueError:
+        limit = 0.0
+    if not limit > 0:
+        raise HandbenchError(f"HANDBENCH_MEMORY_GB: is '{wanted}'; expected a positive number of gigabytes, or nothing")
+    return limit
+
+
+def require_memory(needed_bytes: float, what: str) -> None:
+    """Refuse what does not fit, with its size and what would."""
+    limit = limit_bytes()
+    if needed_bytes > limit:
+        coarser = (needed_bytes / limit) ** (1 / 3)
+        raise HandbenchError(
+            f"{what}: needs {needed_bytes / 1e9:.3g} GB, more than the limit of {limit / 1e9:.3g} GB; steps "
+            f"{coarser:.2g} times larger would fit, a depth map without --volume needs no volume at all, or raise "
+            "HANDBENCH_MEMORY_GB"
+        )

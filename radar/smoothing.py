@@ -1,0 +1,33 @@
+"""Averaging filters for maps with holes."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import uniform_filter
+
+
+def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = None) -> np.ndarray:
+    """Averaging filter over the finite neighbours in a size × size window (normalised convolution), with a weight for
+    each pixel if given; NaN stays NaN. values, weight: [ny, nx]."""
+    known = np.isfinite(values)
+    if size_px == 1 or not known.any():
+        return values.copy()
+    box = _bounding_box(known)
+    mean = np.full(values.shape, np.nan)
+    mean[box] = _masked_mean(values[box], known[box], size_px, None if weight is None else weight[box])
+    return mean
+
+
+def _masked_mean(values: np.ndarray, known: np.ndarray, size_px: int, weight: np.ndarray | None) -> np.ndarray:
+    offset = values[known].mean()  # keeps the running sums small, so that they lose no digits
+    weight = known.astype(np.float64) if weight is None else np.where(known, weight / weight[known].max(), 0.0)
+    total = uniform_filter(weight * np.where(known, values - offset, 0.0), size_px, mode="constant")
+    count = uniform_filter(weight, size_px, mode="constant")
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(known, offset + total / count, np.nan)
+
+
+def _bounding_box(mask: np.ndarray) -> tuple[slice, slice]:
+    """The smallest rectangle that holds every true pixel: targets fill a small part of the image."""
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
