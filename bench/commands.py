@@ -62,8 +62,8 @@ def reconstruct(options: argparse.Namespace) -> None:
     from bench.datasets.native import load_echoes
     from bench.registry import method
     from bench.stages import configuration
-    from radar.backprojection import compile_kernels
     from radar.files import write_npz
+    from radar.warmup import compile_kernels
 
     for file in filter(None, (options.out, options.volume)):
         _free(file, options.overwrite)

@@ -21,12 +21,12 @@ from groundtruth.cameras import Camera
 from groundtruth.depth import depth_on_grid
 from groundtruth.photos import Photo, find_photos
 from groundtruth.pipeline import Options, reconstruct
-from radar.backprojection import compile_kernels
 from radar.config import Config, parse
 from radar.depthmap import DepthMap
 from radar.errors import HandbenchError
 from radar.files import read_npz, write_json, write_npz
 from radar.grid import PixelGrid
+from radar.warmup import compile_kernels
 
 MESH, VIEW = "mesh.ply", "view.jpg"
 DEPTH, REPEATS, TIMING = "depth.npz", "repeats.npz", "timing.json"

@@ -47,7 +47,7 @@ def main(capture: Path, picture: Path) -> None:
     description, echoes = load_capture_file(capture), load_echoes(capture)
     figure, axes = plt.subplots(2, 4, figsize=(13, 5.4), sharex=True, sharey=True, layout="constrained")
     print("method | median depth mm | RMS about a plane mm (all) | RMS mm (3σ) | left out")
-    for column, method in zip(axes.T, methods(), strict=True):
+    for column, method in zip(axes.T, (m for m in methods() if m.id in description.methods), strict=True):
         settings = method.configure(description.methods[method.id], str(capture))
         depth = method.run(echoes, settings, 0).depth
         (z_m, residual_m), kept_m = about_plane_m(depth), without_outliers_m(depth)

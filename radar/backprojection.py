@@ -11,7 +11,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from radar.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, PlanarScan
+from radar.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
 from radar.errors import HandbenchError
 from radar.parallel import for_each
 from radar.steering import cis_turns, steering
@@ -80,13 +80,6 @@ def direct_sum(
         for s, f in zip(samples, frequencies_hz, strict=True):
             image[i] += np.sum(s * np.exp(2j * np.pi * f * path_m / SPEED_OF_LIGHT_M_S))
     return image
-
-
-def compile_kernels() -> None:
-    """Compile the kernels (seconds, once per machine: they are cached), so that no measured time holds it."""
-    one, tone = np.zeros((1, 3)), np.array([1e9])
-    backproject(np.ones((1, 1, 1), np.complex64), tone, AntennaArray(one, one), one + 1)
-    backproject(np.ones((1, 1), np.complex64), tone, PlanarScan(one), one + 1)
 
 
 def path_lengths(aperture: Aperture, point_m: np.ndarray) -> np.ndarray:

@@ -31,11 +31,14 @@ def spread_m(quadrature_m: np.ndarray, amplitude: np.ndarray, window_px: int) ->
 
     The median is taken out first: the tones may differ in gain.
     """
-    if not np.isfinite(quadrature_m).any():
+    known = np.isfinite(quadrature_m)
+    if not known.any():
         return quadrature_m
-    power = ((quadrature_m - np.nanmedian(quadrature_m)) * amplitude) ** 2
-    local = np.maximum(masked_mean(power, window_px), 0.0)  # the filter's running sums may end just below zero
-    return np.sqrt((local + np.nanmean(power)) / 2) / amplitude
+    power, sigma_m = np.full(known.shape, np.nan), np.full(known.shape, np.nan)
+    power[known] = ((quadrature_m[known] - np.median(quadrature_m[known])) * amplitude[known]) ** 2
+    local = np.maximum(masked_mean(power, window_px)[known], 0.0)  # the running sums may end just below zero
+    sigma_m[known] = np.sqrt((local + power[known].mean()) / 2) / amplitude[known]
+    return sigma_m
 
 
 def wrap_probability(step_m: np.ndarray, sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarray:

@@ -67,10 +67,9 @@ class Engine:
         def work(limb: int) -> None:
             node, leaves = self._limb(limb)
             begin = starts[limb * per_limb : (limb + 1) * per_limb + 1]
-            here = slice(begin[0], begin[-1])
-            gather(
-                _down(root, self._root, node), node.turns_per_m, leaves, self.passes, self.reference_m,
-                points[:, here], begin - begin[0], images[:, here],
+            below = _down(root, self._root, node)
+            images[:, begin[0] : begin[-1]] = gather(
+                below, node.turns_per_m, leaves, self.passes, self.reference_m, points, begin, len(images)
             )
 
         for_each(work, [i for i in range(len(self._boxes)) if starts[(i + 1) * per_limb] > starts[i * per_limb]])
@@ -87,10 +86,8 @@ class Engine:
         def work(i: int) -> None:
             node, leaves = self._limb(touched[i])
             begin = where.starts[touched[i] * per_limb : (touched[i] + 1) * per_limb + 1]
-            here = slice(begin[0], begin[-1])
-            part = Source(*(array[..., here] for array in source[:4]), source.spreading)
             shape = (len(node.turns_per_m), 2, *(len(leg.length_m) for leg in node.legs))
-            limb = scatter(part, node.turns_per_m, leaves, self.passes, self.reference_m, begin - begin[0], shape)
+            limb = scatter(source, node.turns_per_m, leaves, self.passes, self.reference_m, begin, shape)
             parts[i] = _up(limb, self._root, node)
 
         for_each(work, range(len(touched)))

@@ -113,9 +113,10 @@ class _Ladder:
         return image_points(self.samples, self.frequencies_hz, self.aperture, points_m, self.tolerance, apart=True)
 
     def plane(self, grid: PixelGrid, z_m: float) -> np.ndarray:
-        """Every tone at the pixels of a plane: complex64 [f, ny · nx]."""
+        """Every tone at the pixels of a plane, but for a common phase: complex64 [f, ny · nx]."""
         plane = VoxelGrid(grid.x_m, grid.y_m, np.array([z_m]))
-        images = image_volume(self.samples, self.frequencies_hz, self.aperture, plane, self.tolerance, apart=True)
+        tones = self.samples, self.frequencies_hz, self.aperture
+        images = image_volume(*tones, plane, self.tolerance, apart=True, carrier=False)
         return images.reshape(len(images), -1)
 
     def mean_step_m(self, images: np.ndarray, step: Step = depth_step_m) -> np.ndarray:
@@ -143,16 +144,15 @@ def _coarse(pair: _Ladder, config: FskConfig) -> _Estimate:
     grid, z_e, correction_m = config.grid(), config.first_depth_m, 0.0
     for passes in range(MAX_IMAGES):
         z_e += correction_m
-        points = grid.points_m(z_e).reshape(-1, 3)
         images = pair.plane(grid, z_e)
         amplitude = np.abs(images).mean(axis=0)
         strongest = [amplitude.argmax()]
-        factor = stretch(points[strongest], pair.aperture, config.off_axis)
+        factor = stretch(grid.points_at_m(strongest, z_e), pair.aperture, config.off_axis)
         [correction_m] = pair.mean_step_m(images[:, strongest]) * factor
         if passes > 0 and abs(correction_m) < config.settled_m:
             break
     seen = amplitude_db(amplitude) >= config.threshold_db
-    factor = stretch(points[seen], pair.aperture, config.off_axis)
+    factor = stretch(grid.points_at_m(np.flatnonzero(seen), z_e), pair.aperture, config.off_axis)
     step = pair.steps(images[:, seen], factor, seen.reshape(grid.shape))
     return replace(step, z_m=z_e + step.z_m, amplitude=amplitude.reshape(grid.shape))
 

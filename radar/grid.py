@@ -41,6 +41,11 @@ class PixelGrid:
         """(ny, nx)."""
         return len(self.y_m), len(self.x_m)
 
+    def points_at_m(self, index: np.ndarray, z_m: np.ndarray | float) -> np.ndarray:
+        """Points [n, 3] of the pixels with the flat indices [n], at one depth or one each."""
+        y, x = np.unravel_index(index, self.shape)
+        return np.stack([self.x_m[x], self.y_m[y], np.broadcast_to(z_m, len(x))], axis=1)
+
     def points_m(self, z_m: np.ndarray | float) -> np.ndarray:
         """Points [ny, nx, 3] with one depth for all pixels or one each [ny, nx]."""
         x, y = np.meshgrid(self.x_m, self.y_m)

@@ -66,25 +66,26 @@ def _leaf(leaves, i, shape):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(**FAST)
-def gather(samples, turns_per_m, leaves, passes, reference_m, points_m, starts, images):  # type: ignore[no-untyped-def]
-    """Images [k or 1, n] of a node's samples [k, 2, a, b] at points_m [3, n], sorted by its leaves, leaf i holding
-    starts[i]:starts[i + 1]."""
+def gather(samples, turns_per_m, leaves, passes, reference_m, points_m, starts, count):  # type: ignore[no-untyped-def]
+    """Images [count, n], of each of the k tones or of their sum, from a node's samples [k, 2, a, b] at its part of all
+    points_m [3, …], sorted by leaves: leaf i holds starts[i]:starts[i + 1]."""
+    images = np.empty((count, starts[-1] - starts[0]), np.complex64)
     for i in range(len(starts) - 1):
         if starts[i + 1] > starts[i]:
             (tones, w_a, w_b), (shift_a, shift_b), turns, (centre, length_a, position_a, length_b, position_b) = _leaf(
                 leaves, i, samples.shape
             )
             below = descend(samples, turns_per_m, shift_a, shift_b, tones, w_a, w_b)
-            here = slice(starts[i], starts[i + 1])
             evaluate(
-                below, points_m[:, here], centre, turns, position_a, length_a, position_b, length_b,
-                passes, reference_m, images[:, here],
+                below, points_m[:, starts[i] : starts[i + 1]], centre, turns, position_a, length_a, position_b, length_b,
+                passes, reference_m, images[:, starts[i] - starts[0] : starts[i + 1] - starts[0]],
             )
+    return images
 
 
 @numba.njit(**FAST)
 def scatter(source, turns_per_m, leaves, passes, reference_m, starts, shape):  # type: ignore[no-untyped-def]
-    """The adjoint of `gather`: samples [k, 2, a, b] (shape) of a node from the scatterers in its leaves."""
+    """The adjoint of `gather`: samples [k, 2, a, b] (shape) of a node from its part of all scatterers."""
     samples = np.zeros(shape, np.float32)
     for i in range(len(starts) - 1):
         if starts[i + 1] > starts[i]:

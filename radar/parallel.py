@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager
 from functools import cache
+from threading import Event, local
 from typing import TypeVar
 
 from threadpoolctl import ThreadpoolController
@@ -30,7 +31,7 @@ def for_each(function: Callable[[Item], None], items: Iterable[Item]) -> None:
     or a single worker works in place, without the threads' overhead."""
     items = list(items)
     with one_blas_thread():
-        if len(items) == 1 or workers() == 1:
+        if len(items) == 1 or workers() == 1 or getattr(_inside, "worker", False):
             for item in items:
                 function(item)
             return
@@ -43,14 +44,34 @@ def one_blas_thread() -> AbstractContextManager[None]:
 
 
 def _spread(function: Callable[[Item], None], items: list[Item]) -> None:
-    with ThreadPoolExecutor(workers()) as pool:
-        futures = [pool.submit(function, item) for item in items]
-        try:
-            for future in futures:
-                future.result()
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    """One task per worker, each taking the next item until none is left: cheaper than a task per item."""
+    remaining = iter(items)  # a list's iterator hands every item to one thread only
+    stop = Event()
+
+    def drain() -> None:
+        _inside.worker = True
+        for item in remaining:
+            if stop.is_set():
+                return
+            function(item)
+
+    futures = [_pool(workers()).submit(drain) for _ in range(min(workers(), len(items)))]
+    try:
+        for future in futures:
+            future.result()
+    except BaseException:
+        stop.set()
+        wait(futures)
+        raise
+
+
+_inside = local()  # work within a worker stays there: waiting for the pool's other threads could wait for ever
+
+
+@cache
+def _pool(count: int) -> ThreadPoolExecutor:
+    """Threads are kept: starting them takes longer than imaging a plane's leaf."""
+    return ThreadPoolExecutor(count)
 
 
 @cache

@@ -36,24 +36,30 @@ def band_kernel(a: np.ndarray, b: np.ndarray, half_band: np.ndarray) -> np.ndarr
     return gram
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"})
 def _pivoted_cholesky(gram, least):  # type: ignore[no-untyped-def]
     n = len(gram)
-    residual = np.diag(gram).copy()
-    factor = np.zeros((n, n))
-    index = np.zeros(n, np.int64)
-    k = 0
-    while k < n:
-        pivot = np.argmax(residual)
+    residual, factor, index = np.empty(n), np.empty((n, n)), np.empty(n, np.int64)
+    for j in range(n):
+        residual[j] = gram[j, j]
+    for k in range(n):
+        pivot = 0
+        for j in range(1, n):
+            if residual[j] > residual[pivot]:
+                pivot = j
         if residual[pivot] <= least:
-            break
-        row = gram[pivot].copy()
+            return index[:k], factor[:k]
+        row = factor[k]
+        for j in range(n):
+            row[j] = gram[pivot, j]
         for i in range(k):
-            row -= factor[i, pivot] * factor[i]
-        row /= np.sqrt(residual[pivot])
-        factor[k] = row
-        residual -= row * row
+            weight = factor[i, pivot]
+            for j in range(n):
+                row[j] -= weight * factor[i, j]
+        scale = 1 / np.sqrt(residual[pivot])
+        for j in range(n):
+            row[j] *= scale
+            residual[j] -= row[j] * row[j]
         residual[pivot] = 0.0
         index[k] = pivot
-        k += 1
-    return index[:k], factor[:k]
+    return index, factor

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from itertools import product
 
 import numba
 import numpy as np
@@ -24,7 +25,7 @@ from radar.resample import GUARD, Resampler, resampler
 from radar.steering import cis_turns
 from radar.tree import Box, Family, crowded
 
-COLUMNS = 1024  # pixels upsampled along z at once: their voxels stay in the second-level cache
+VOXELS = 1 << 16  # upsampled along z at once: they stay in the second-level cache
 ROWS = 16  # pixels along y of one piece of work
 UPSAMPLING = 0.6  # its share of the tolerance
 
@@ -59,31 +60,31 @@ class VolumePlan:
         passes, reference_m = carriers(aperture)
         self.carrier = middle, passes, reference_m, (low + high) / (4 * np.pi)
 
-    def volumes(self, samples: np.ndarray, z_m: np.ndarray) -> np.ndarray:
-        """Complex images [k or 1, nz, ny, nx]; z_m: the grid's, or the depth [1] of a plane."""
+    def volumes(self, samples: np.ndarray, z_m: np.ndarray, carrier: bool) -> np.ndarray:
+        """Complex images [k or 1, nz, ny, nx], with their carrier or without; z_m: the grid's, or a plane's depth [1]."""
         nodes, images = self._nodes(samples, z_m)
         volumes = np.empty((len(images), len(z_m), *self.grid.shape[1:]), np.complex64)
-        for image, volume in zip(images, volumes, strict=True):
 
-            def keep(rows: slice, start: int, re: np.ndarray, im: np.ndarray, volume: np.ndarray = volume) -> None:
-                _restore(re, im, self.grid.x_m, self.grid.y_m, z_m, rows.start, start, *self.carrier, volume)
+        def keep(image: int, rows: slice, re: np.ndarray, im: np.ndarray) -> None:
+            if carrier:
+                volumes[image, :, rows] = _restore(re, im, self.grid.x_m, self.grid.y_m[rows], z_m, *self.carrier)
+            else:
+                volumes[image, :, rows].real, volumes[image, :, rows].imag = re, im
 
-            self._upsample(nodes, image, keep)
+        self._upsample(nodes, images, keep)
         return volumes
 
     def peaks(self, samples: np.ndarray, z_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As `strongest_voxels` of the volume, which is never held."""
         nodes, images = self._nodes(samples, z_m)
-        ny, nx = self.grid.shape[1:]
-        index = np.empty(ny * nx, np.int64)
-        magnitude = np.empty((3, ny * nx), np.float32)
+        index = np.empty(self.grid.shape[1:], np.int64)
+        magnitude = np.empty((3, *index.shape), np.float32)
 
-        def keep(rows: slice, start: int, re: np.ndarray, im: np.ndarray) -> None:
-            here = slice(rows.start * nx + start, rows.start * nx + start + re.shape[1])
-            _strongest(re, im, index[here], magnitude[:, here])
+        def keep(_: int, rows: slice, re: np.ndarray, im: np.ndarray) -> None:
+            index[rows], magnitude[:, rows] = _strongest(re, im)
 
-        self._upsample(nodes, images[0], keep)
-        return index.reshape(ny, nx), magnitude.reshape(3, ny, nx)
+        self._upsample(nodes, images, keep)
+        return index, magnitude
 
     def _nodes(self, samples: np.ndarray, z_m: np.ndarray) -> tuple[VoxelGrid, np.ndarray]:
         """The coarse nodes and their images [k or 1, nz, ny, nx]."""
@@ -96,43 +97,44 @@ class VolumePlan:
         return nodes, images.reshape(-1, *nodes.shape)
 
     def _upsample(
-        self, nodes: VoxelGrid, image: np.ndarray, keep: Callable[[slice, int, np.ndarray, np.ndarray], None]
+        self, nodes: VoxelGrid, images: np.ndarray, keep: Callable[[int, slice, np.ndarray, np.ndarray], None]
     ) -> None:
-        """Envelope of all voxels from the nodes' image [nz, ny, nx], handed to keep(rows, start, re, im) in pieces
-        [nz, columns] of the rows' pixels from `start` on."""
-        nz, ny, _ = nodes.shape
-        along_x = np.empty((2, nz, ny, len(self.grid.x_m)), np.float32)
+        """Envelopes of all voxels from the nodes' images [k, nz, ny, nx], handed to keep(image, rows, re, im) in pieces
+        [nz, rows, nx]."""
+        count, nz, ny, _ = images.shape
+        at_once = max(VOXELS // (len(self.grid.x_m) * (len(self.grid.z_m) if self.z.windows else nz)), 1)
+        along_x = np.empty((count, 2, nz, ny, len(self.grid.x_m)), np.float32)
 
-        def widen(z: int) -> None:
-            envelope = np.empty((2, *image.shape[1:]), np.float32)
-            _take_out(image[z], nodes.x_m, nodes.y_m, nodes.z_m[z], *self.carrier, envelope)
-            self.x.apply(envelope, along_x[:, z])
+        def widen(part: tuple[int, int, slice]) -> None:
+            image, z, rows = part
+            piece = images[image, z, rows]
+            envelope = np.empty((2, *piece.shape), np.float32)
+            _take_out(piece, nodes.x_m, nodes.y_m[rows], nodes.z_m[z], *self.carrier, envelope)
+            self.x.apply(envelope, along_x[image, :, z, rows])
 
-        def heighten(window: tuple[slice, slice, np.ndarray | None]) -> None:
-            rows, of, weights = window
-            block = along_x[:, :, of] if weights is None else np.matmul(weights, along_x[:, :, of])
-            block = block.reshape(2, nz, -1)
-            for start in range(0, block.shape[2], COLUMNS):
-                re, im = (self.z.along_first(plane[:, start : start + COLUMNS]) for plane in block)
-                keep(rows, start, re, im)
+        def heighten(part: tuple[int, tuple[slice, slice, np.ndarray | None]]) -> None:
+            image, (rows, of, weights) = part
+            block = along_x[image, :, :, of] if weights is None else np.matmul(weights, along_x[image, :, :, of])
+            for start in range(0, block.shape[2], at_once):
+                piece = block[:, :, start : start + at_once]
+                re, im = (self.z.along_first(plane.reshape(nz, -1)).reshape(-1, *plane.shape[1:]) for plane in piece)
+                keep(image, slice(rows.start + start, rows.start + start + piece.shape[2]), re, im)
 
-        for_each(widen, range(nz))
-        for_each(heighten, self.y.rows(ROWS))
+        halves = [slice(0, (ny + 1) // 2), slice((ny + 1) // 2, ny)]
+        for_each(widen, list(product(range(count), range(nz), halves)))
+        for_each(heighten, list(product(range(count), self.y.rows(max(ROWS, at_once)))))
 
 
 def strongest_voxels(volume: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Each pixel's strongest voxel of a volume [nz, ny, nx]: index along z [ny, nx], and magnitude [3, ny, nx] of the
     voxel before it, itself and the one behind it (NaN beyond the volume)."""
-    nz, ny, nx = volume.shape
-    index = np.empty(ny * nx, np.int64)
-    magnitude = np.empty((3, ny * nx), np.float32)
-    flat = volume.reshape(nz, -1)
-    for start in range(0, ny * nx, COLUMNS):
-        here = slice(start, start + COLUMNS)
-        columns = flat[:, here]
-        re, im = np.ascontiguousarray(columns.real), np.ascontiguousarray(columns.imag)
-        _strongest(re, im, index[here], magnitude[:, here])
-    return index.reshape(ny, nx), magnitude.reshape(3, ny, nx)
+    index = np.empty(volume.shape[1:], np.int64)
+    magnitude = np.empty((3, *index.shape), np.float32)
+    for row in range(len(index)):
+        here = slice(row, row + 1)
+        re, im = (np.ascontiguousarray(part, np.float32) for part in (volume[:, here].real, volume[:, here].imag))
+        index[here], magnitude[:, here] = _strongest(re, im)
+    return index, magnitude
 
 
 @numba.njit(**FAST)
@@ -156,33 +158,44 @@ def _take_out(image, x_m, y_m, z_m, turns_per_m, passes, reference_m, ramp, plan
 
 
 @numba.njit(**FAST)
-def _restore(re, im, x_m, y_m, z_m, row, column, turns_per_m, passes, reference_m, ramp, volume):  # type: ignore[no-untyped-def]
-    """volume[z, y, x] = (re + j·im)[z, pixel] · carrier, for pixels from `column` on of the rows from `row` on."""
+def _restore(re, im, x_m, y_m, z_m, turns_per_m, passes, reference_m, ramp):  # type: ignore[no-untyped-def]
+    """(re + j·im) · carrier: complex64 [nz, ny, nx]."""
     nx = len(x_m)
+    volume = np.empty(re.shape, np.complex64)
+    cosine, sine = np.empty(nx, np.float32), np.empty(nx, np.float32)
     for k in range(len(z_m)):
-        for p in range(re.shape[1]):
-            j, i = row + (column + p) // nx, (column + p) % nx
-            cosine, sine = cis_turns(_carrier_turns(x_m[i], y_m[j], z_m[k], turns_per_m, passes, reference_m, ramp))
-            volume[k, j, i] = complex(re[k, p] * cosine - im[k, p] * sine, im[k, p] * cosine + re[k, p] * sine)
+        for j in range(len(y_m)):
+            for i in range(nx):
+                turns = _carrier_turns(x_m[i], y_m[j], z_m[k], turns_per_m, passes, reference_m, ramp)
+                cosine[i], sine[i] = cis_turns(turns)
+            for i in range(nx):
+                value_re, value_im = re[k, j, i], im[k, j, i]
+                volume[k, j, i] = complex(
+                    value_re * cosine[i] - value_im * sine[i], value_im * cosine[i] + value_re * sine[i]
+                )
+    return volume
 
 
 @numba.njit(**FAST)
-def _strongest(re, im, index, magnitude):  # type: ignore[no-untyped-def]
-    nz, n = re.shape
-    best = np.full(n, np.float32(-1))
-    where = np.zeros(n, np.int32)
-    for k in range(nz):
-        for p in range(n):
-            power = re[k, p] * re[k, p] + im[k, p] * im[k, p]
-            larger = power > best[p]
-            where[p] = np.int32(k) if larger else where[p]
-            best[p] = power if larger else best[p]
-    for p in range(n):
-        index[p] = where[p]
-        magnitude[1, p] = np.sqrt(best[p])
-        for side in (0, 2):
-            k = where[p] + side - 1
-            if 0 <= k < nz:
-                magnitude[side, p] = np.sqrt(re[k, p] * re[k, p] + im[k, p] * im[k, p])
-            else:
-                magnitude[side, p] = np.nan
+def _strongest(re, im):  # type: ignore[no-untyped-def]
+    nz, ny, nx = re.shape
+    index, magnitude = np.empty((ny, nx), np.int64), np.empty((3, ny, nx), np.float32)
+    for j in range(ny):
+        best = np.full(nx, np.float32(-1))
+        where = np.zeros(nx, np.int32)
+        for k in range(nz):
+            for i in range(nx):
+                power = re[k, j, i] * re[k, j, i] + im[k, j, i] * im[k, j, i]
+                larger = power > best[i]
+                where[i] = np.int32(k) if larger else where[i]
+                best[i] = power if larger else best[i]
+        for i in range(nx):
+            index[j, i] = where[i]
+            magnitude[1, j, i] = np.sqrt(best[i])
+            for side in (0, 2):
+                k = where[i] + side - 1
+                if 0 <= k < nz:
+                    magnitude[side, j, i] = np.sqrt(re[k, j, i] * re[k, j, i] + im[k, j, i] * im[k, j, i])
+                else:
+                    magnitude[side, j, i] = np.nan
+    return index, magnitude

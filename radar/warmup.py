@@ -1,0 +1,42 @@
+"""Compiling the kernels before anything is timed: some twenty seconds, once per machine; afterwards they are cached."""
+
+from __future__ import annotations
+
+from threading import Timer
+
+import numpy as np
+
+from radar.arrays import AntennaArray, PlanarScan
+from radar.backprojection import backproject
+from radar.forward import Scatterers, simulate
+from radar.grid import VoxelGrid
+from radar.imaging import image_points, image_volume, project_volume
+from radar.progress import say
+
+NOTED_S = 1.0  # what takes no longer needs no line
+
+
+def compile_kernels() -> None:
+    """Run every kernel on next to nothing, so that no measured time holds its compilation."""
+    note = Timer(NOTED_S, say, ("compiling the kernels (once on this machine, then cached) ...",))
+    note.daemon = True
+    note.start()
+    try:
+        _run_every_kernel()
+    finally:
+        note.cancel()
+
+
+def _run_every_kernel() -> None:
+    three = np.array([[-0.05, 0.0, 0.0], [0.0, 0.03, 0.0], [0.05, 0.0, 0.0]])
+    array, scan, tones_hz = AntennaArray(three, three), PlanarScan(three), np.linspace(72e9, 82e9, 4)
+    axis_m = 1e-3 * np.arange(40)
+    grid = VoxelGrid(axis_m, axis_m, 0.3 + 1e-4 * np.arange(3))
+    echoes = np.ones((4, 3, 3), np.complex64)
+    backproject(echoes[:, :, 0], tones_hz, scan, three + [0, 0, 1])
+    image_volume(echoes, tones_hz, array, grid, 1e-2)
+    image_points(echoes, tones_hz, array, three + [0, 0, 1], None)
+    project_volume(echoes, tones_hz, array, grid, 1e-2)
+    facets = Scatterers(three + [0, 0, 1], np.ones(3), np.array([[0.0, 0.0, -1.0]] * 3))
+    for tolerance in (1e-2, None):
+        simulate(facets, tones_hz, array, tolerance=tolerance)
