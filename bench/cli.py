@@ -7,6 +7,7 @@ import errno
 import os
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 from radar.errors import HandbenchError
@@ -16,7 +17,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one command; a known error is one line on stderr and exit code 2, an unknown one keeps its traceback."""
     options = parser().parse_args(arguments)
     try:
-        _command(options.command)(options)
+        with _device(options):
+            _command(options.command)(options)
     except HandbenchError as error:
         print(f"handbench: {error}", file=sys.stderr)
         return 2
@@ -33,6 +35,15 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"handbench: {where}: {error.strerror}; free the space or choose another place", file=sys.stderr)
         return 2
     return 0
+
+
+def _device(options: argparse.Namespace) -> AbstractContextManager[None]:
+    """The device that the command images on, if it images."""
+    if "device" not in options:
+        return nullcontext()
+    from radar.device import use_device
+
+    return use_device(options.device)
 
 
 def _command(name: str) -> Callable[[argparse.Namespace], None]:
@@ -71,6 +82,7 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("bench", metavar="BENCH.toml", help="benchmark file, or the name of an embedded one: paper_table")
     run.add_argument("-o", "--out", required=True, type=Path, metavar="DIR", help="result folder")
     run.add_argument("--overwrite", action="store_true", help="replace the results of another configuration in DIR")
+    _add_device(run)
 
     simulate = _add(commands, "simulate", "scene file → capture folder (echoes, photographs, true surface)")
     simulate.add_argument("scene", type=Path, metavar="SCENE.toml")
@@ -101,11 +113,14 @@ def parser() -> argparse.ArgumentParser:
     _out(reconstruct, "DEPTH.npz", "depth map")
     reconstruct.add_argument("--frame", type=int, default=0)
     accuracy = reconstruct.add_mutually_exclusive_group()
-    accuracy.add_argument("--tolerance", type=float, metavar="1e-3", help="relative error of a volume's image")
-    accuracy.add_argument("--exact", action="store_true", help="sum every tone")
+    accuracy.add_argument("--tolerance", type=float, metavar="1e-3", help="largest relative error of the images")
+    accuracy.add_argument("--exact", action="store_true", help="sum every tone of every antenna pair")
     reconstruct.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings",
                              help="one of the method's parameters, as z.step_m=0.002 (repeatable)")
     reconstruct.add_argument("--volume", type=Path, metavar="V.npz", help="write the complex volume too")
+    _add_device(reconstruct)
+    reconstruct.add_argument("--check", type=int, default=0, metavar="N",
+                             help="compare the volume at N random voxels with the exact sum")
 
     evaluate = _add(commands, "evaluate", "depth map against a mesh → metrics as JSON on stdout")
     evaluate.add_argument("depth", type=Path, metavar="DEPTH.npz")
@@ -136,6 +151,10 @@ def _add(commands: argparse._SubParsersAction, name: str, text: str) -> argparse
 def _out(command: argparse.ArgumentParser, metavar: str, text: str) -> None:
     command.add_argument("-o", "--out", required=True, type=Path, metavar=metavar, help=text)
     command.add_argument("--overwrite", action="store_true", help=f"replace {metavar} if it exists")
+
+
+def _add_device(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--device", choices=("cpu", "cuda"), help="image on (default: HANDBENCH_DEVICE, or cpu)")
 
 
 def _positive(text: str) -> int:

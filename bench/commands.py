@@ -6,11 +6,18 @@ import argparse
 import json
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from radar.errors import HandbenchError
 from radar.files import inside
 from radar.progress import say
+
+if TYPE_CHECKING:  # --help answers without them
+    import numpy as np
+
+    from radar.capture import RadarCapture
+
+EXACT = 1e-5  # what the exact sum is good to, in single precision
 
 
 def simulate(options: argparse.Namespace) -> None:
@@ -62,6 +69,7 @@ def reconstruct(options: argparse.Namespace) -> None:
     from bench.datasets.native import load_echoes
     from bench.registry import method
     from bench.stages import configuration
+    from radar.device import describe
     from radar.files import write_npz
     from radar.warmup import compile_kernels
 
@@ -75,14 +83,33 @@ def reconstruct(options: argparse.Namespace) -> None:
     echoes = load_echoes(options.capture)
     if not 0 <= options.frame < len(echoes.samples):
         raise HandbenchError(f"--frame: is {options.frame}; the capture has frames 0 to {len(echoes.samples) - 1}")
-    if options.volume is not None and "z" not in chosen.config.model_fields:
-        raise HandbenchError(f"--volume: '{chosen.id}' makes no volume; choose broadband or narrowband")
+    if (options.volume is not None or options.check) and "z" not in chosen.config.model_fields:
+        raise HandbenchError(f"--volume, --check: '{chosen.id}' makes no volume; choose broadband or narrowband")
     compile_kernels()
     result = chosen.run(echoes, settings, options.frame)
     result.depth.save(options.out)
-    if options.volume is not None:
-        write_npz(options.volume, volume=result.volume(), z_m=result.volume_z_m)
-    say(f"{options.out}: {int((result.depth.z_m == result.depth.z_m).sum())} pixels on target")
+    if options.volume is not None or options.check:
+        volume = result.volume()
+        if options.volume is not None:
+            write_npz(options.volume, volume=volume, z_m=result.volume_z_m)
+        if options.check:
+            _check(volume, echoes, settings, options)
+    on_target = int((result.depth.z_m == result.depth.z_m).sum())
+    say(f"{options.out}: {on_target} pixels on target, imaged on {describe()}")
+
+
+def _check(volume: np.ndarray, echoes: RadarCapture, settings: Any, options: argparse.Namespace) -> None:
+    """Say how far the volume is from the exact sum, and refuse one that is further than was asked."""
+    from radar.imaging import imaging_error
+
+    samples, frequencies_hz = echoes.tones(settings.tones_hz(), options.frame)
+    error = imaging_error(volume, samples, frequencies_hz, echoes.aperture, settings.grid(), options.check)
+    say(f"checked at {options.check} random voxels against the exact sum: relative error {error:.1e}")
+    if error > (settings.tolerance or EXACT):
+        raise HandbenchError(
+            f"--check: the volume's relative error is {error:.1e}; expected at most {settings.tolerance or EXACT:g}; "
+            "please report the capture, and use --exact meanwhile"
+        )
 
 
 def evaluate(options: argparse.Namespace) -> None:

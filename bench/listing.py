@@ -14,10 +14,10 @@ def show() -> None:
     """Print the lists."""
     print("methods")
     for method in methods():
-        print(f"  {method.id:<12} {method.summary}")
-        print(f"  {'':<12} source: {method.source}")
+        print(f"  {method.id:<18} {method.summary}")
+        print(f"  {'':<18} source: {method.source}")
         for key, value in method.config().model_dump(mode="json").items():
-            print(f"  {'':<12} {key} = {json.dumps(value)}")
+            print(f"  {'':<18} {key} = {json.dumps(value)}")
     print("metrics")
     for key, definition in definitions().items():
         print(f"  {key:<28} {definition}")

@@ -53,17 +53,26 @@ class SubvoxelConfig(BroadbandConfig):
 
 
 def _fsk(
-    id: str, config: type[Config], solve: Callable[[RadarCapture, Any, int], DepthMap], summary: str, source: str = OURS
+    id: str,
+    config: type[Config],
+    solve: Callable[[RadarCapture, Any, int], DepthMap],
+    summary: str,
+    source: str = OURS,
+    base: str | None = None,
 ) -> None:
-    @register(id, config, summary, source)
+    @register(id, config, summary, source, base)
     def run(capture: RadarCapture, config: Config, frame: int) -> Reconstruction:
         return Reconstruction(replace(solve(capture, config, frame), method=id))
 
 
 def _projection(
-    id: str, config: type[BroadbandConfig | NarrowbandConfig], summary: str, source: str = OURS
+    id: str,
+    config: type[BroadbandConfig | NarrowbandConfig],
+    summary: str,
+    source: str = OURS,
+    base: str | None = None,
 ) -> None:
-    @register(id, config, summary, source)
+    @register(id, config, summary, source, base)
     def run(capture: RadarCapture, config: BroadbandConfig | NarrowbandConfig, frame: int) -> Reconstruction:
         return Reconstruction(
             project(capture, config, id, frame), lambda: volume(capture, config, frame), config.grid().z_m
@@ -75,9 +84,9 @@ _fsk("3fsk", ThreeToneConfig, three_tone, "2-FSK, then a third tone far away cor
 _projection("broadband", BroadbandConfig, "backprojected volume of 128 tones, maximum intensity projection", PAPER)
 _projection("narrowband", NarrowbandConfig, "the same with the three 3-FSK tones", PAPER)
 
-_fsk("3fsk-offaxis", OffAxisConfig, three_tone, "3-FSK with the path's true derivative along z instead of 2")
-_fsk("3fsk-weighted", WeightedConfig, three_tone, "3-FSK with averaging filters that weigh pixels with their power")
-_fsk("3fsk-plus", ThreeTonePlusConfig, three_tone, "both, refined twice, without pixels that may have wrapped")
+_fsk("3fsk-offaxis", OffAxisConfig, three_tone, "3-FSK with the path's true derivative instead of 2", base="3fsk")
+_fsk("3fsk-weighted", WeightedConfig, three_tone, "3-FSK with filters that weigh pixels with their power", base="3fsk")
+_fsk("3fsk-plus", ThreeTonePlusConfig, three_tone, "both, refined twice, without what may have wrapped", base="3fsk")
 _fsk("nfsk", LadderConfig, n_tone, "a ladder of tones, each further away, corrects every pixel in turn")
-_fsk("nfsk-plus", LadderPlusConfig, n_tone, "the ladder with all that 3fsk-plus has")
-_projection("broadband-subvoxel", SubvoxelConfig, "broadband with depths between voxels, by a parabola")
+_fsk("nfsk-plus", LadderPlusConfig, n_tone, "the ladder with all that 3fsk-plus has", base="nfsk")
+_projection("broadband-subvoxel", SubvoxelConfig, "broadband with depths between voxels", base="broadband")

@@ -28,13 +28,15 @@ class Reconstruction:
 
 @dataclass(frozen=True)
 class Method:
-    """A method: run(capture, config, frame) → Reconstruction, with a declared configuration."""
+    """A method: run(capture, config, frame) → Reconstruction, with a declared configuration; a variant of the method
+    `base` takes what a sensor asks of that."""
 
     id: str
     config: type[Config]
     run: Callable[[RadarCapture, Any, int], Reconstruction]
     summary: str
     source: str
+    base: str | None = None
 
     def configure(self, values: dict[str, Any], where: str) -> Config:
         """The configuration from plain values; unknown keys are errors."""
@@ -45,7 +47,7 @@ METHODS: dict[str, Method] = {}
 
 
 def register(
-    id: str, config: type[Config], summary: str, source: str = PAPER
+    id: str, config: type[Config], summary: str, source: str = PAPER, base: str | None = None
 ) -> Callable[[Callable[[RadarCapture, Any, int], Reconstruction]], Callable[[RadarCapture, Any, int], Reconstruction]]:
     """Decorator that adds a function run(capture, config, frame) → Reconstruction to the registry."""
 
@@ -54,7 +56,7 @@ def register(
     ) -> Callable[[RadarCapture, Any, int], Reconstruction]:
         if id in METHODS:
             raise HandbenchError(f"method '{id}' is registered twice; choose another id")
-        METHODS[id] = Method(id, config, run, summary, source)
+        METHODS[id] = Method(id, config, run, summary, source, base)
         return run
 
     return add

@@ -89,11 +89,14 @@ def image_frames(
 
 
 def configuration(capture: Path, method_id: str, config: dict[str, Any]) -> Config:
-    """The method's configuration for this capture: defaults, then what its sensor asks for, then what the user does."""
+    """The method's configuration for this capture: defaults, then what its sensor asks for, of the method that it is a
+    variant of or of itself, then what the user does."""
     of_sensor = load_capture_file(capture).methods
     for known in of_sensor:
         method(known)  # a typing error in capture.toml is not passed over
-    return method(method_id).configure({**of_sensor.get(method_id, {}), **config}, f"method '{method_id}'")
+    chosen = method(method_id)
+    asked = {**of_sensor.get(chosen.base, {}), **of_sensor.get(method_id, {})}
+    return chosen.configure({**asked, **config}, f"method '{method_id}'")
 
 
 def make_depth(capture: Path, method_id: str, config: dict[str, Any], folder: Path) -> None:

@@ -8,13 +8,15 @@ t·r exponentials per point.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numba
 import numpy as np
 
 from radar.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
 from radar.errors import HandbenchError
 from radar.parallel import for_each
-from radar.steering import cis_turns, steering
+from radar.steering import cis_turns, distances_m, steering
 
 BLOCK = 256  # points per matrix product: both factors stay in the second-level cache
 
@@ -28,16 +30,14 @@ def tone_images(
     """
     check_samples(samples, frequencies_hz, aperture)
     images = np.empty((len(frequencies_hz), len(points_m)), np.complex64)
-    starts = range(0, len(points_m), BLOCK)
-    stacked = [stack(s) for s in samples]
+    stacked = [_stack(s) for s in samples]
 
     def work(start: int) -> None:
         block = slice(start, start + BLOCK)
-        points = np.ascontiguousarray(points_m[block].T, dtype=np.float64)
-        for f, frequency_hz in enumerate(frequencies_hz):
-            images[f, block] = block_image(stacked[f], frequency_hz, aperture, points)
+        for f, image in enumerate(_block_images(stacked, frequencies_hz, aperture, points_m[block])):
+            images[f, block] = image
 
-    for_each(work, starts)
+    for_each(work, range(0, len(points_m), BLOCK))
     return images
 
 
@@ -46,26 +46,15 @@ def backproject(
 ) -> np.ndarray:
     """The coherent sum of all tones' images: complex64 [n] at points_m [n, 3]. Exact: every tone is summed."""
     check_samples(samples, frequencies_hz, aperture)
-    image = np.empty(len(points_m), np.complex64)
-    stacked = [stack(s) for s in samples]
+    image = np.zeros(len(points_m), np.complex64)
+    stacked = [_stack(s) for s in samples]
 
     def work(start: int) -> None:
         block = slice(start, start + BLOCK)
-        image[block] = coherent_sum(stacked, frequencies_hz, aperture, points_m[block])
+        for tone in _block_images(stacked, frequencies_hz, aperture, points_m[block]):
+            image[block] += tone
 
     for_each(work, range(0, len(points_m), BLOCK))
-    return image
-
-
-def coherent_sum(
-    stacked: list[np.ndarray], frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
-) -> np.ndarray:
-    """Sum of all tones' images at points_m [n, 3], block by block: complex64 [n]. `stacked`: from `stack`, per tone."""
-    image = np.zeros(len(points_m), np.complex64)
-    for start in range(0, len(image), BLOCK):
-        points = np.ascontiguousarray(points_m[start : start + BLOCK].T, dtype=np.float64)
-        for s, frequency_hz in zip(stacked, frequencies_hz, strict=True):
-            image[start : start + BLOCK] += block_image(s, frequency_hz, aperture, points)
     return image
 
 
@@ -91,19 +80,25 @@ def path_lengths(aperture: Aperture, point_m: np.ndarray) -> np.ndarray:
     return 2 * np.linalg.norm(point_m - aperture.position_m, axis=1)
 
 
-def block_image(stacked: np.ndarray, frequency_hz: float, aperture: Aperture, points_m: np.ndarray) -> np.ndarray:
-    """One tone at one block of points [3, p] (float64): complex64 [p]. `stacked` comes from `stack`."""
+def _block_images(
+    stacked: list[np.ndarray], frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
+) -> Iterator[np.ndarray]:
+    """Every tone's image complex64 [n] at one block of points_m [n, 3]; `stacked` comes from `_stack`."""
+    points = np.ascontiguousarray(np.asarray(points_m, np.float64).T)
     if not isinstance(aperture, AntennaArray):
-        return _scan_image(stacked, aperture.position_m, points_m, 2 * frequency_hz / SPEED_OF_LIGHT_M_S)
-    t, r = aperture.channels
-    a = np.empty((2 * t, points_m.shape[1]), np.float32)
-    b = np.empty((2 * r, points_m.shape[1]), np.float32)
-    steering(aperture.tx_m, points_m, frequency_hz, +1, a)
-    steering(aperture.rx_m, points_m, frequency_hz, +1, b)
-    return _contract(a, stacked @ b)  # Σ_t a[t] (S b)[t]
+        for s, frequency_hz in zip(stacked, frequencies_hz, strict=True):
+            yield _scan_image(s, aperture.position_m, points, 2 * frequency_hz / SPEED_OF_LIGHT_M_S)
+        return
+    to, back = (distances_m(leg.position_m, points) for leg in aperture.legs)  # once for all tones
+    a, u = (np.empty((2 * len(to), len(points_m)), np.float32) for _ in range(2))
+    b = np.empty((2 * len(back), len(points_m)), np.float32)
+    for s, frequency_hz in zip(stacked, frequencies_hz, strict=True):
+        steering(to, frequency_hz / SPEED_OF_LIGHT_M_S, a)
+        steering(back, frequency_hz / SPEED_OF_LIGHT_M_S, b)
+        yield _contract(a, np.matmul(s, b, out=u))  # Σ_t a[t] (S b)[t]
 
 
-def stack(samples: np.ndarray) -> np.ndarray:
+def _stack(samples: np.ndarray) -> np.ndarray:
     """Complex S [t, r] as the real matrix [[Re, −Im], [Im, Re]] (real products are faster than complex ones here);
     a scan's samples stay complex."""
     if samples.ndim == 1:

@@ -22,7 +22,7 @@ from radar.depthmap import DepthMap, amplitude_db
 from radar.fsk_config import FskConfig, LadderConfig, RefinedConfig, ThreeToneConfig, TwoToneConfig, reach_hz
 from radar.grid import PixelGrid, VoxelGrid
 from radar.imaging import image_points, image_volume
-from radar.smoothing import masked_mean
+from radar.smoothing import bounding_box, masked_mean
 
 MAX_IMAGES = 6  # passes of the coarse stage; the paper's two suffice for a hand
 
@@ -64,13 +64,16 @@ def three_tone(capture: RadarCapture, config: ThreeToneConfig, frame: int = 0) -
 
 def n_tone(capture: RadarCapture, config: ThreeToneConfig | LadderConfig, frame: int = 0) -> DepthMap:
     """3-FSK with any number of further tones: each corrects the smoothed depth that the tones before it have found."""
-    ladder = _ladder(capture, config, frame)
+    ladder, whole = _ladder(capture, config, frame), config.grid()
     estimate = _coarse(ladder.first(2), config)
+    box = bounding_box(np.isfinite(estimate.z_m))  # a target fills a small part of the image
+    estimate, grid = estimate.cropped(box), PixelGrid(whole.x_m[box[1]], whole.y_m[box[0]])
     for count in range(3, len(config.ladder_hz) + 1):
         estimate = estimate.smoothed(config.coarse_filter_px, config.weighted)
         for _ in range(config.fine_refinements):
-            estimate = _refined(ladder.first(count), estimate, config)
-    return _depth_map(estimate.smoothed(config.fine_filter_px, config.weighted), config)
+            estimate = _refined(ladder.first(count), estimate, grid, config)
+    estimate = estimate.smoothed(config.fine_filter_px, config.weighted)
+    return _depth_map(estimate.padded(whole.shape, box), config)
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,15 @@ class _Estimate:
         weight = self.amplitude**2 if weighted else None
         z_m, quadrature_m = (masked_mean(values, size_px, weight) for values in (self.z_m, self.quadrature_m))
         return replace(self, z_m=z_m, quadrature_m=quadrature_m)
+
+    def cropped(self, box: tuple[slice, slice]) -> _Estimate:
+        return _Estimate(self.z_m[box], self.quadrature_m[box], self.amplitude[box], self.wrapped[box])
+
+    def padded(self, shape: tuple[int, int], box: tuple[slice, slice]) -> _Estimate:
+        whole = _Estimate(np.full(shape, np.nan), np.full(shape, np.nan), np.zeros(shape), np.zeros(shape, bool))
+        for name, values in vars(self).items():
+            getattr(whole, name)[box] = values
+        return whole
 
     def without(self, dropped: np.ndarray) -> _Estimate:
         z_m, quadrature_m = (np.where(dropped, np.nan, values) for values in (self.z_m, self.quadrature_m))
@@ -157,12 +169,12 @@ def _coarse(pair: _Ladder, config: FskConfig) -> _Estimate:
     return replace(step, z_m=z_e + step.z_m, amplitude=amplitude.reshape(grid.shape))
 
 
-def _refined(ladder: _Ladder, before: _Estimate, config: RefinedConfig) -> _Estimate:
+def _refined(ladder: _Ladder, before: _Estimate, grid: PixelGrid, config: RefinedConfig) -> _Estimate:
     """One rung: the ladder's last tone corrects every point of the estimate before it."""
     on_target = np.isfinite(before.z_m)
     if not on_target.any():
         return before
-    points = config.grid().points_m(before.z_m)[on_target]
+    points = grid.points_at_m(np.flatnonzero(on_target), before.z_m[on_target])
     images, factor = ladder.images(points), stretch(points, ladder.aperture, config.off_axis)
     step = ladder.steps(images, factor, on_target)
     # The rung below, seen from the same points, tells where these are wrong themselves: where a filter crossed an edge.

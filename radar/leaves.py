@@ -76,9 +76,10 @@ def gather(samples, turns_per_m, leaves, passes, reference_m, points_m, starts, 
                 leaves, i, samples.shape
             )
             below = descend(samples, turns_per_m, shift_a, shift_b, tones, w_a, w_b)
+            first, last = starts[i], starts[i + 1]
             evaluate(
-                below, points_m[:, starts[i] : starts[i + 1]], centre, turns, position_a, length_a, position_b, length_b,
-                passes, reference_m, images[:, starts[i] - starts[0] : starts[i + 1] - starts[0]],
+                below, points_m[:, first:last], centre, turns, position_a, length_a, position_b, length_b,
+                passes, reference_m, images[:, first - starts[0] : last - starts[0]],
             )
     return images
 

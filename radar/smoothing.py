@@ -12,7 +12,7 @@ def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = No
     known = np.isfinite(values)
     if size_px == 1 or not known.any():
         return values.copy()
-    box = _bounding_box(known)
+    box = bounding_box(known)
     mean = np.full(values.shape, np.nan)
     mean[box] = _masked_mean(values[box], known[box], size_px, None if weight is None else weight[box])
     return mean
@@ -27,7 +27,7 @@ def _masked_mean(values: np.ndarray, known: np.ndarray, size_px: int, weight: np
         return np.where(known, offset + total / count, np.nan)
 
 
-def _bounding_box(mask: np.ndarray) -> tuple[slice, slice]:
+def bounding_box(mask: np.ndarray) -> tuple[slice, slice]:
     """The smallest rectangle that holds every true pixel: targets fill a small part of the image."""
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)

@@ -54,26 +54,30 @@ def _half_turn(t, sign):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
-def _steer(antennas_m, points_m, wavenumber_turns_m, sign, out):  # type: ignore[no-untyped-def]
-    n_antennas, n_points = len(antennas_m), points_m.shape[1]
-    for a in range(n_antennas):
+def distances_m(antennas_m, points_m):  # type: ignore[no-untyped-def]
+    """Distances [a, p] (float64) of antennas [a, 3] to points [3, p], metres."""
+    out = np.empty((len(antennas_m), points_m.shape[1]))
+    for a in range(len(antennas_m)):
         ax, ay, az = antennas_m[a, 0], antennas_m[a, 1], antennas_m[a, 2]
-        for p in range(n_points):
+        for p in range(points_m.shape[1]):
             dx, dy, dz = points_m[0, p] - ax, points_m[1, p] - ay, points_m[2, p] - az
-            cosine, sine = cis_turns(wavenumber_turns_m * np.sqrt(dx * dx + dy * dy + dz * dz))
-            out[a, p] = cosine
-            out[n_antennas + a, p] = sign * sine
+            out[a, p] = np.sqrt(dx * dx + dy * dy + dz * dz)
+    return out
+
+
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+def steering(distance_m, turns_per_m, out):  # type: ignore[no-untyped-def]
+    """Fill out [2a, p] (float32: real parts above imaginary parts) with exp(j2πfR/c) of distances R [a, p], f/c being
+    turns_per_m."""
+    n_antennas, n_points = distance_m.shape
+    for a in range(n_antennas):
+        for p in range(n_points):
+            out[a, p], out[n_antennas + a, p] = cis_turns(turns_per_m * distance_m[a, p])
 
 
 def phasor(path_m: np.ndarray, frequency_hz: np.ndarray | float, sign: int) -> np.ndarray:
     """exp(sign · j2πfR/c) of whole paths in float64: complex128; path_m and frequency_hz are broadcast."""
     return np.exp(sign * 2j * np.pi * np.asarray(frequency_hz) * path_m / SPEED_OF_LIGHT_M_S)
-
-
-def steering(antennas_m: np.ndarray, points_m: np.ndarray, frequency_hz: float, sign: int, out: np.ndarray) -> None:
-    """Fill out [2a, p] (float32: real parts above imaginary parts) with exp(sign · j2πf|p − a|/c) for antennas
-    [a, 3] and points [3, p] in metres (float64)."""
-    _steer(antennas_m, points_m, frequency_hz / SPEED_OF_LIGHT_M_S, np.float32(sign), out)
 
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")

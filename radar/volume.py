@@ -18,7 +18,7 @@ from radar.arrays import SPEED_OF_LIGHT_M_S, Aperture
 from radar.backprojection import backproject, tone_images
 from radar.bands import bands, carriers
 from radar.chain import FAST
-from radar.engine import Engine
+from radar.engine import Engine, Sorted
 from radar.grid import VoxelGrid
 from radar.parallel import for_each
 from radar.resample import GUARD, Resampler, resampler
@@ -52,8 +52,7 @@ class VolumePlan:
         box = Box(*(np.array([axis[i] for axis in nodes]) for i in (0, -1)))
         self._engine = None if crowded(aperture) else Engine(frequencies_hz, aperture, box, family)
         self._planes = planes
-        fixed = self._engine is not None and not planes
-        self._where = self._engine.sort(self.nodes.points_m().reshape(-1, 3)) if fixed else None
+        self._where: Sorted | None = None
         exact = tone_images if family.apart else backproject
         self._exact = partial(exact, frequencies_hz=frequencies_hz, aperture=aperture)
         middle = (np.min(frequencies_hz) + np.max(frequencies_hz)) / 2 / SPEED_OF_LIGHT_M_S
@@ -61,7 +60,7 @@ class VolumePlan:
         self.carrier = middle, passes, reference_m, (low + high) / (4 * np.pi)
 
     def volumes(self, samples: np.ndarray, z_m: np.ndarray, carrier: bool) -> np.ndarray:
-        """Complex images [k or 1, nz, ny, nx], with their carrier or without; z_m: the grid's, or a plane's depth [1]."""
+        """Complex images [k or 1, nz, ny, nx], with carrier or without; z_m: the grid's, or a plane's depth [1]."""
         nodes, images = self._nodes(samples, z_m)
         volumes = np.empty((len(images), len(z_m), *self.grid.shape[1:]), np.complex64)
 
@@ -89,12 +88,23 @@ class VolumePlan:
     def _nodes(self, samples: np.ndarray, z_m: np.ndarray) -> tuple[VoxelGrid, np.ndarray]:
         """The coarse nodes and their images [k or 1, nz, ny, nx]."""
         nodes = VoxelGrid(self.nodes.x_m, self.nodes.y_m, z_m) if self._planes else self.nodes
-        points_m = nodes.points_m().reshape(-1, 3) if self._where is None else None
         if self._engine is None:
-            images = self._exact(samples, points_m=points_m)
+            images = self._exact(samples, points_m=nodes.points_m().reshape(-1, 3))
         else:
-            images = self._engine.image(samples, self._where or self._engine.sort(points_m))
+            images = self._engine.image(samples, self._sorted(nodes))
         return nodes, images.reshape(-1, *nodes.shape)
+
+    def _sorted(self, nodes: VoxelGrid) -> Sorted:
+        """The nodes in the engine's order, which no plane's depth changes as long as the leaves are one layer."""
+        if self._planes and self._engine.limbs[2] * self._engine.leaves[2] > 1:
+            return self._engine.sort(nodes.points_m().reshape(-1, 3))
+        if self._where is None:
+            self._where = self._engine.sort(nodes.points_m().reshape(-1, 3))
+        if not self._planes:
+            return self._where
+        points_m = self._where.points_m.copy()
+        points_m[2] = nodes.z_m
+        return self._where._replace(points_m=points_m)
 
     def _upsample(
         self, nodes: VoxelGrid, images: np.ndarray, keep: Callable[[int, slice, np.ndarray, np.ndarray], None]

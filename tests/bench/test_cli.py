@@ -54,6 +54,17 @@ def test_volume_is_written_on_request(capture, tmp_path):
         assert content["z_m"][0] == 0.275
 
 
+def test_a_volume_is_checked_against_the_exact_sum_on_request(capture, tmp_path, capsys, monkeypatch):
+    out = tmp_path / "depth.npz"
+    command = ["reconstruct", str(capture), "--method", "narrowband", "-o", str(out), *LATERAL, "--check", "50"]
+    assert main([*command, "--tolerance", "1e-3"]) == 0
+    assert "checked at 50 random voxels" in capsys.readouterr().err
+    monkeypatch.setattr("radar.imaging.imaging_error", lambda *_: 0.01)
+    fails(capsys, [*command, "--tolerance", "1e-3", "--overwrite"], "relative error is 1.0e-02", "at most 0.001")
+    flat = ["reconstruct", str(capture), "--method", "2fsk", "-o", str(tmp_path / "flat.npz"), "--check", "5"]
+    fails(capsys, flat, "makes no volume")
+
+
 def test_outputs_are_not_overwritten_silently(capture, tmp_path, capsys):
     out = tmp_path / "depth.npz"
     out.write_text("mine")
