@@ -20,7 +20,7 @@ from radar.imaging import points_engine
 from radar.leaf import Source
 from radar.parallel import for_each
 from radar.steering import cis_turns
-from radar.tree import Box, Family
+from radar.tree import Box, Family, clusters
 
 CHUNK = 2048  # scatterers per matrix product
 GRAZING = 0.05  # cosine below which √(n·û) bends too sharply across the array
@@ -56,8 +56,9 @@ def simulate(
     grazing = _grazing(scatterers, array) if spreading else np.zeros(len(position), bool)
     samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
     for whole in (False, True):  # an obliquity with a kink is not smooth enough to be carried by few antennas
-        chosen = np.flatnonzero(grazing == whole)
-        if len(chosen):
+        alike = np.flatnonzero(grazing == whole)
+        for near in clusters(position[alike], frequencies_hz) if len(alike) else []:
+            chosen = alike[near]
             engine = points_engine(frequencies_hz, array, position[chosen], family._replace(whole=whole))
             where = engine.sort(position[chosen])
             chosen = chosen[where.order]

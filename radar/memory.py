@@ -28,6 +28,6 @@ def require_memory(needed_bytes: float, what: str) -> None:
         coarser = (needed_bytes / limit) ** (1 / 3)
         raise HandbenchError(
             f"{what}: needs {needed_bytes / 1e9:.3g} GB, more than the limit of {limit / 1e9:.3g} GB; steps "
-            f"{coarser:.2g} times larger would fit, a depth map without --volume needs no volume at all, or raise "
+            f"{coarser:.2g} times larger would fit, a depth map without --volume needs less, or raise "
             "HANDBENCH_MEMORY_GB"
         )

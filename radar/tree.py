@@ -24,6 +24,7 @@ from radar.steering import steered_differences
 SHARE = 1.0
 PROBES = 4  # points at which a family of antennas is sampled, per antenna
 DIRECT = 512  # antennas that are decomposed at once
+SPARSE = 1e9  # half-wavelengths cubed in a box: 2 m by 2 m by 2 m at 77 GHz
 CROWDED = 1024  # antennas of a leg above which skeletons would outgrow what they save
 
 
@@ -118,6 +119,23 @@ def split(box: Box, parts: np.ndarray) -> list[Box]:
         for j in range(parts[1])
         for k in range(parts[2])
     ]
+
+
+def clusters(points_m: np.ndarray, frequencies_hz: np.ndarray) -> list[np.ndarray]:
+    """Indices of points [n, 3] that lie near enough together for one tree: halves of halves, until the half-wavelengths
+    in their box are few enough to be counted out."""
+    half_wavelength_m = SPEED_OF_LIGHT_M_S / np.max(frequencies_hz) / 2
+    parts, near = [np.arange(len(points_m))], []
+    while parts:
+        part = parts.pop()
+        extent = np.ptp(points_m[part], axis=0)
+        if np.prod(1 + extent / half_wavelength_m) <= SPARSE or len(part) == 1:
+            near.append(part)
+            continue
+        axis = int(extent.argmax())
+        beyond = points_m[part, axis] > points_m[part, axis].min() + extent[axis] / 2
+        parts += [part[beyond], part[~beyond]]
+    return near
 
 
 def _tones(parent: Node, box: Box, lengths: list[np.ndarray], family: Family) -> tuple[np.ndarray, np.ndarray]:

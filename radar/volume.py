@@ -20,6 +20,7 @@ from radar.bands import bands, carriers
 from radar.chain import FAST
 from radar.engine import Engine, Sorted
 from radar.grid import VoxelGrid
+from radar.memory import require_memory
 from radar.parallel import for_each
 from radar.resample import GUARD, Resampler, resampler
 from radar.steering import cis_turns
@@ -27,6 +28,7 @@ from radar.tree import Box, Family, crowded
 
 VOXELS = 1 << 16  # upsampled along z at once: they stay in the second-level cache
 ROWS = 16  # pixels along y of one piece of work
+NODE_BYTES = 100  # a node's position, order and images
 UPSAMPLING = 0.6  # its share of the tolerance
 
 
@@ -50,6 +52,10 @@ class VolumePlan:
         self.nodes = VoxelGrid(self.x.nodes_m, self.y.nodes_m, self.z.nodes_m)
         nodes = (self.nodes.x_m, self.nodes.y_m, self.nodes.z_m)
         box = Box(*(np.array([axis[i] for axis in nodes]) for i in (0, -1)))
+        along_x = self.nodes.shape[0] * self.nodes.shape[1] * len(grid.x_m)
+        images = len(frequencies_hz) if family.apart else 1
+        needed = images * (NODE_BYTES * int(np.prod(self.nodes.shape)) + 8 * along_x)
+        require_memory(needed, f"grid of {grid.shape} voxels [nz, ny, nx]")
         self._engine = None if crowded(aperture) else Engine(frequencies_hz, aperture, box, family)
         self._planes = planes
         self._where: Sorted | None = None

@@ -165,20 +165,31 @@ def test_images_do_not_depend_on_the_number_of_workers(monkeypatch):
 
 
 def test_volumes_beyond_the_memory_limit_are_refused_and_projected_all_the_same(monkeypatch):
-    monkeypatch.setenv("HANDBENCH_MEMORY_GB", "0.0001")
-    grid, samples = cut(), noise((16, 94, 94))
-    with pytest.raises(HandbenchError, match=r"needs 0\.000465 GB.*limit of 0\.0001 GB.*steps 1\.7 times larger"):
-        image_volume(samples, FEW_HZ, qar50(), grid, 1e-3)
-    assert project_volume(samples, FEW_HZ, qar50(), grid, 1e-3)[0].shape == grid.shape[1:]
+    monkeypatch.setenv("HANDBENCH_MEMORY_GB", "0.005")
+    fine = VoxelGrid(2e-4 * np.arange(200), 2e-4 * np.arange(150), 0.25 + 2e-4 * np.arange(100))
+    samples = noise((16, 94, 94))
+    with pytest.raises(HandbenchError, match=r"needs 0\.024 GB.*limit of 0\.005 GB.*steps 1\.7 times larger"):
+        image_volume(samples, FEW_HZ, qar50(), fine, 1e-3)
+    assert project_volume(samples, FEW_HZ, qar50(), fine, 1e-3)[0].shape == fine.shape[1:]
+    monkeypatch.setenv("HANDBENCH_MEMORY_GB", "0.00001")
+    with pytest.raises(HandbenchError, match=r"grid of \(100, 150, 200\) voxels.*limit of 1e-05 GB"):
+        project_volume(samples, FEW_HZ + 1, qar50(), fine, 1e-3)
     monkeypatch.setenv("HANDBENCH_MEMORY_GB", "much")
     with pytest.raises(HandbenchError, match="HANDBENCH_MEMORY_GB: is 'much'"):
-        image_volume(samples, FEW_HZ, qar50(), grid, 1e-3)
+        image_volume(samples, FEW_HZ, qar50(), fine, 1e-3)
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 1e-9, 0.5, float("nan")])
 def test_a_tolerance_that_cannot_be_met_is_refused(tolerance):
     with pytest.raises(HandbenchError, match=r"expected 1e-06 to 0\.1"):
         image_points(noise((16, 94, 94)), FEW_HZ, qar50(), np.zeros((1, 3)) + 0.3, tolerance)
+
+
+def test_points_metres_apart_do_not_plan_what_lies_between_them():
+    samples = noise((16, 94, 94))
+    points = np.array([[0.0, 0.0, 0.3], [3.0, 0.1, 0.4], [0.01, 0.0, 0.31], [-2.0, 9.0, 30.0]])
+    reference = direct_sum(samples, FEW_HZ, qar50(), points)
+    assert relative_error(image_points(samples, FEW_HZ, qar50(), points, 1e-3), reference) < 2e-3  # four points only
 
 
 def test_no_points_make_no_image():
