@@ -8,6 +8,7 @@ import shutil
 from importlib.util import find_spec
 
 from bench.measure import machine, versions
+from radar.errors import HandbenchError
 
 WANTED_DISK_GB, WANTED_MEMORY_GB = 5, 8
 
@@ -68,5 +69,10 @@ def _colmap_cuda() -> str:
 
 def _cupy() -> str:
     if find_spec("cupy") is None:
-        return "absent: imaging runs on the CPU, about a minute for a broadband volume"
-    return "present; imaging still runs on the CPU"
+        return "absent: imaging runs on the CPU; with an NVIDIA card, pip install 'handbench[gpu]'"
+    from radar.device import describe
+
+    try:
+        return f"ok: --device cuda images on {describe('cuda').removeprefix('cuda: ')}"
+    except HandbenchError as error:
+        return f"present, but {error}"

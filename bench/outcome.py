@@ -20,6 +20,7 @@ from bench.stages import reference_depth
 from bench.table import accuracy_rows, metric_facts, precision_rows, time_rows
 from calibration.transforms import Transform
 from radar.depthmap import DepthMap
+from radar.device import describe
 from radar.errors import HandbenchError
 from radar.grid import PixelGrid
 
@@ -129,7 +130,7 @@ def about(outcome: Outcome) -> About:
         metrics=metric_facts(),
         inputs=outcome.inputs,
         versions=versions(),
-        machine=machine(),
+        machine={**machine(), "imaging_device": describe()},
         captures=tuple(
             CaptureFacts(
                 name=capture.name,

@@ -23,6 +23,7 @@ from bench.scenes.scene import Noise, SceneFile, build, named_files
 from calibration.transforms import Transform, identity, load_transform
 from radar.config import load
 from radar.depthmap import load_depthmap
+from radar.device import chosen
 from radar.errors import HandbenchError
 from radar.files import content_hash, inside, read_json
 
@@ -173,12 +174,13 @@ class Run:
         make: Callable[[Path], None],
         found: Outcome,
     ) -> Stage:
-        """A stage that images, cached by the method's own source too; its times are kept."""
+        """A stage that images, cached by the method's own source and by the device too; its times are kept."""
         code = Path(inspect.getsourcefile(method(entry.id).run) or "")
         sources = (*IMAGING, "bench/metrics.py")
         sources += (str(code.relative_to(PACKAGES)),) if code.is_relative_to(PACKAGES) else ()
         elsewhere = [] if code.is_relative_to(PACKAGES) else [code]
-        stage = self.cache.stage(name, capture.name, entry.id, [capture.key, *depends_on, *elsewhere], sources, make)
+        depends_on = [capture.key, *depends_on, *elsewhere, chosen()]
+        stage = self.cache.stage(name, capture.name, entry.id, depends_on, sources, make)
         times = read_json(stage.folder / stages.TIMING, "a stage's times")["seconds"]
         found.seconds.setdefault(entry.id, []).extend(times)
         return stage

@@ -30,6 +30,7 @@ from radar.warmup import compile_kernels
 
 MESH, VIEW = "mesh.ply", "view.jpg"
 DEPTH, REPEATS, TIMING = "depth.npz", "repeats.npz", "timing.json"
+PLANNED_S = 20.0  # what takes longer than any plan is not imaged twice
 
 
 def make_mesh(capture: Path, quality: str, seed: int, folder: Path) -> None:
@@ -76,7 +77,11 @@ def calibrate_capture(capture: Path, quality: str, seed: int, folder: Path | Non
 def image_frames(
     capture: Path, method_id: str, config: dict[str, Any], frames: int = 1
 ) -> Iterator[tuple[Reconstruction, float]]:
-    """The first frames of a capture by one method, each with its seconds from echoes in memory to the depth map."""
+    """The first frames of a capture by one method, each with its seconds from echoes in memory to the depth map.
+
+    The first image of a geometry plans the engine's skeletons, which a radar does once: where that may matter, the
+    first frame is imaged again and its second time counts.
+    """
     chosen, settings = method(method_id), configuration(capture, method_id, config)
     echoes = load_echoes(capture)
     if len(echoes.samples) < frames:
@@ -85,6 +90,9 @@ def image_frames(
     for frame in range(frames):
         start = time.perf_counter()
         result = chosen.run(echoes, settings, frame)
+        if frame == 0 and time.perf_counter() - start < PLANNED_S:
+            start = time.perf_counter()
+            result = chosen.run(echoes, settings, frame)
         yield result, time.perf_counter() - start
 
 

@@ -1,8 +1,8 @@
-"""Where imaging runs: on the processor's cores (`cpu`), or by array code on a CUDA device (`cuda`: CuPy) or, to test that
-code anywhere, in numpy (`numpy`).
+"""Where imaging runs: on the processor's cores (cpu), or as array code on a CUDA device (cuda, by CuPy) or in numpy
+(numpy, which tests that code where there is no such device).
 
-The choice holds for the whole process and is kept in HANDBENCH_DEVICE, so that every worker thread sees it and every
-child process inherits it. The command line sets it from --device.
+The choice holds for the whole process. It is kept in HANDBENCH_DEVICE, so that every worker thread sees it and every
+child process inherits it; the command line sets it from --device.
 """
 
 from __future__ import annotations
@@ -34,24 +34,25 @@ def chosen() -> str:
 
 @contextmanager
 def use_device(name: str | None) -> Iterator[None]:
-    """Image on this device (None: the one already chosen) until the block ends. A device that is not there, or whose
-    memory runs out, is a HandbenchError. The setting is the process's: two threads cannot choose two devices."""
+    """Image on this device (None: on the one already chosen) until the block ends; two threads cannot choose two.
+
+    A device that cannot compute, or whose memory runs out, is a HandbenchError.
+    """
     before = os.environ.get(SETTING)
     try:
         os.environ[SETTING] = name or chosen()
         if chosen() != "cpu":
-            array_module()
+            _try(array_module())
         yield
     except MemoryError as error:
         if chosen() == "cpu":
             raise
         raise HandbenchError(
-            f"--device {chosen()}: out of memory ({error}); close what else uses it, or leave the option out"
+            f"--device {chosen()}: its memory is full ({error}); close what else uses it, or leave the option out"
         ) from error
     finally:
-        if before is None:
-            os.environ.pop(SETTING, None)
-        else:
+        os.environ.pop(SETTING, None)
+        if before is not None:
             os.environ[SETTING] = before
 
 
@@ -65,15 +66,28 @@ def array_module(device: str | None = None) -> ModuleType:
     try:
         import cupy
     except ImportError as error:
-        hint = "pip install 'handbench[gpu]'" if isinstance(error, ModuleNotFoundError) else f"it does not load: {error}"
-        raise HandbenchError(f"--device cuda: CuPy is not installed; {hint}, or leave the option out") from None
+        found = "is not installed" if error.name == "cupy" else f"does not load ({error})"
+        raise HandbenchError(
+            f"--device cuda: CuPy {found}; pip install 'handbench[gpu]', or leave the option out"
+        ) from error
     try:
-        if cupy.cuda.runtime.getDeviceCount() > 0:
-            return cupy
-        reason = "it counts none"
-    except RuntimeError as error:  # the base of CuPy's errors: no driver, one that is too old, no device
-        reason = str(error)
-    raise HandbenchError(f"--device cuda: no CUDA device found ({reason}); leave the option out to use the processor")
+        count, reason = cupy.cuda.runtime.getDeviceCount(), "the driver counts none"
+    except RuntimeError as error:  # the base of CuPy's errors: no driver, too old a driver, no device
+        count, reason = 0, str(error)
+    if count == 0:
+        raise HandbenchError(f"--device cuda: no CUDA device found ({reason}); leave the option out")
+    return cupy
+
+
+def _try(xp: ModuleType) -> None:
+    """A first sine and a first product: a missing compiler or cuBLAS shows here, not in the middle of a run."""
+    try:
+        to_host(xp.matmul(xp.cos(xp.zeros((2, 2), np.float32)), xp.ones((2, 2), np.float32)))
+    except Exception as error:
+        raise HandbenchError(
+            f"--device cuda: CuPy finds a device but cannot compute ({error}); pip install 'handbench[gpu]' brings the "
+            "libraries that it needs, or leave the option out"
+        ) from error
 
 
 def to_host(array: Array) -> np.ndarray:

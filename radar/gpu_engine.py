@@ -6,9 +6,9 @@ tone, as in `radar.leaf`: ΔR in float64 against a reference point, what is left
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from threading import Lock
-from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
@@ -48,7 +48,7 @@ class Placed:
 
 
 class DeviceEngine:
-    """As `radar.engine.Engine`, on the chosen device; plans limbs when points first touch them, and keeps them there."""
+    """As `radar.engine.Engine`, on the chosen device, where the limbs that points have touched stay."""
 
     def __init__(self, frequencies_hz: np.ndarray, aperture: Aperture, box: Box, family: Family) -> None:
         self._xp = array_module()
@@ -69,12 +69,9 @@ class DeviceEngine:
         touched = np.flatnonzero(np.diff(where.starts))  # leaves, counted over all limbs
         limbs, leaves, limb_rows = self._require(np.unique(touched // per_limb))
         rows = limb_rows[touched // per_limb] * per_limb + touched % per_limb
-        point_bytes = _point_bytes(leaves)
-        batches = [
-            Batch(*(self._xp.asarray(part) for part in (piece.leaf, rows[piece.leaf], piece.points_m, piece.target)))
-            for piece in _batches(where, touched, point_bytes)
-        ]
-        return Placed(len(points_m), limbs, leaves, self._xp.asarray(rows), batches)
+        batches = _batches(where, touched, rows, _point_bytes(leaves))
+        on_device = [Batch(*map(self._xp.asarray, batch)) for batch in batches]
+        return Placed(len(points_m), limbs, leaves, self._xp.asarray(rows), on_device)
 
     def image(self, samples: np.ndarray, placed: Placed) -> np.ndarray:
         """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n] at placed points."""
@@ -137,21 +134,18 @@ def _point_bytes(leaves: Level) -> int:
     return antennas * (WAVE_BYTES * leaves.turns_per_m.shape[1] + PATH_BYTES)
 
 
-def _batches(where: Sorted, touched: np.ndarray, point_bytes: int) -> list[Batch]:
-    """The points of all touched leaves in batches, still in numpy: even pieces, the largest first, so that little is
-    padded. Padding repeats a point of the piece."""
+def _batches(where: Sorted, touched: np.ndarray, rows: np.ndarray, point_bytes: int) -> Iterator[Batch]:
+    """The points of the touched leaves, whose rows in the level are `rows`, still in numpy: even pieces, the largest
+    first, so that little is padded. Padding repeats a piece's last point."""
     starts, counts = where.starts[touched], np.diff(where.starts)[touched]
     pieces = -(-counts // PIECE)
     leaf = np.repeat(np.arange(len(touched)), pieces)
-    turn = np.arange(len(leaf)) - np.repeat(np.cumsum(pieces) - pieces, pieces)  # a piece's place among its leaf's
-    begin, end = (starts[leaf] + counts[leaf] * (turn + i) // pieces[leaf] for i in (0, 1))
-    order = np.argsort(begin - end, kind="stable")
-    batches = []
+    place = np.arange(len(leaf)) - np.repeat(np.cumsum(pieces) - pieces, pieces)  # among the pieces of its leaf
+    first, end = (starts[leaf] + counts[leaf] * (place + i) // pieces[leaf] for i in (0, 1))
+    order = np.argsort(first - end, kind="stable")
     while len(order):
-        widest = int(end[order[0]] - begin[order[0]])
-        now, order = np.split(order, [max(BLOCK_BYTES // (point_bytes * widest), 1)])
-        index = begin[now, None] + np.arange(widest)
-        target = np.where(index < end[now, None], where.order[np.minimum(index, end[now, None] - 1)], len(where.order))
-        points_m = where.points_m[:, np.minimum(index, end[now, None] - 1)]
-        batches.append(Batch(leaf[now], leaf[now], points_m, target))
-    return batches
+        widest = end[order[0]] - first[order[0]]
+        now, order = np.split(order, [max(BLOCK_BYTES // int(point_bytes * widest), 1)])
+        index, last = first[now, None] + np.arange(widest), end[now, None] - 1
+        target = np.where(index <= last, where.order[np.minimum(index, last)], len(where.order))
+        yield Batch(leaf[now], rows[leaf[now]], where.points_m[:, np.minimum(index, last)], target)

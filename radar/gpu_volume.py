@@ -45,7 +45,7 @@ class DeviceVolumePlan:
         ]
 
     def volumes(self, samples: np.ndarray, z_m: np.ndarray, carrier: bool) -> np.ndarray:
-        """Complex images [k or 1, nz, ny, nx], with their carrier or without; z_m: the grid's, or a plane's depth [1]."""
+        """Complex images [k or 1, nz, ny, nx], with or without carrier; z_m: the grid's, or a plane's depth [1]."""
         grid = self._plan.grid
         nodes, images = self._nodes(samples, z_m)
         volumes = np.empty((len(images), len(z_m), *grid.shape[1:]), np.complex64)

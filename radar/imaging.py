@@ -2,7 +2,8 @@
 
 With a tolerance, images come from the tree of skeletons (`radar.tree`) and, on grids, from band-limited upsampling
 (`radar.volume`); the relative L2 error stays below it on any samples, white noise included. With None every tone and
-antenna is summed (`radar.backprojection`). Plans are kept per geometry and grid.
+antenna is summed (`radar.backprojection`). Plans are kept per geometry and grid. On a device other than the processor
+(`radar.device`) the same plans run as array code.
 """
 
 from __future__ import annotations
@@ -15,14 +16,18 @@ from typing import Any
 
 import numpy as np
 
+from radar import gpu_exact
 from radar.arrays import Aperture
 from radar.backprojection import backproject, check_samples, tone_images
+from radar.device import chosen
 from radar.engine import Engine
 from radar.errors import HandbenchError
+from radar.gpu_engine import DeviceEngine
+from radar.gpu_volume import DeviceVolumePlan
 from radar.grid import VoxelGrid
 from radar.memory import require_memory
 from radar.progress import track
-from radar.tree import Box, Family, crowded
+from radar.tree import Box, Family, clusters, crowded
 from radar.volume import VolumePlan, strongest_voxels
 
 TOLERANCES = (1e-6, 0.1)  # float32 ends before the one, the bounds' derivation before the other
@@ -51,10 +56,13 @@ def image_points(
     if len(points) == 0:
         return np.zeros(shape, np.complex64)
     if tolerance is None or crowded(aperture):
-        exact = tone_images if apart else backproject
-        return exact(samples, frequencies_hz, aperture, points).reshape(shape)
-    engine = points_engine(frequencies_hz, aperture, points, Family(tolerance, apart))
-    return engine.image(samples, engine.sort(points)).reshape(shape)
+        return _exact(apart)(samples, frequencies_hz, aperture, points).reshape(shape)
+    kind = Engine if chosen() == "cpu" else DeviceEngine
+    images = np.empty((len(samples) if apart else 1, len(points)), np.complex64)
+    for near in clusters(points, frequencies_hz):
+        engine = points_engine(frequencies_hz, aperture, points[near], Family(tolerance, apart), kind)
+        images[:, near] = engine.image(samples, engine.sort(points[near]))
+    return images.reshape(shape)
 
 
 def image_volume(
@@ -92,11 +100,13 @@ def project_volume(
     return _volume_plan(frequencies_hz, aperture, grid, Family(tolerance, False)).peaks(samples, grid.z_m)
 
 
-def points_engine(frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray, family: Family) -> Engine:
-    """The engine that images, or simulates, points_m [n, 3] and others nearby."""
+def points_engine(
+    frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray, family: Family, kind: type = Engine
+) -> Any:
+    """The engine, or another `kind` that is made alike, that images or simulates points_m [n, 3] and others nearby."""
     box = _roomy(points_m.min(axis=0), points_m.max(axis=0))
     return _plan(
-        ("points", *box), frequencies_hz, aperture, family, lambda: Engine(frequencies_hz, aperture, box, family)
+        (kind.__name__, *box), frequencies_hz, aperture, family, lambda: kind(frequencies_hz, aperture, box, family)
     )
 
 
@@ -111,12 +121,12 @@ def imaging_error(
 ) -> float:
     """A-posteriori check: relative L2 error of a volume [nz, ny, nx] at `count` random voxels against the exact sum,
     relative to the whole volume's own size there."""
-    chosen = np.random.default_rng(seed).integers(0, image.size, count)
-    z, y, x = np.unravel_index(chosen, grid.shape)
+    picked = np.random.default_rng(seed).integers(0, image.size, count)
+    z, y, x = np.unravel_index(picked, grid.shape)
     points = np.stack([grid.x_m[x], grid.y_m[y], grid.z_m[z]], axis=1)
     exact = backproject(samples, frequencies_hz, aperture, points)
     mean_square = np.mean(np.abs(image) ** 2, dtype=np.float64)
-    return float(np.sqrt(np.mean(np.abs(image.ravel()[chosen] - exact) ** 2) / mean_square))
+    return float(np.sqrt(np.mean(np.abs(image.ravel()[picked] - exact) ** 2) / mean_square))
 
 
 def check(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, tolerance: float | None) -> None:
@@ -128,7 +138,8 @@ def check(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, t
         )
 
 
-def _volume_plan(frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, family: Family) -> VolumePlan:
+def _volume_plan(frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, family: Family) -> Any:
+    kind = VolumePlan if chosen() == "cpu" else DeviceVolumePlan
     low, high = (np.array([a[i] for a in (grid.x_m, grid.y_m, grid.z_m)]) for i in (0, -1))
     depth = grid.z_m
     if len(depth) == 1:  # planes come at any depth: one plan serves all that are near
@@ -137,15 +148,15 @@ def _volume_plan(frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid
     key = ("volume", len(grid.z_m) == 1, grid.x_m, grid.y_m, depth)
     return _plan(
         key, frequencies_hz, aperture, family,
-        lambda: VolumePlan(frequencies_hz, aperture, VoxelGrid(grid.x_m, grid.y_m, depth), family, len(grid.z_m) == 1),
+        lambda: kind(frequencies_hz, aperture, VoxelGrid(grid.x_m, grid.y_m, depth), family, len(grid.z_m) == 1),
     )
 
 
 def _plan(
     what: tuple, frequencies_hz: np.ndarray, aperture: Aperture, family: Family, build: Callable[[], Any]
 ) -> Any:
-    """The plan of this geometry, built once."""
-    digest = hashlib.blake2b(repr((type(aperture).__name__, tuple(family))).encode())
+    """The plan of this geometry on the chosen device, built once."""
+    digest = hashlib.blake2b(repr((chosen(), type(aperture).__name__, tuple(family))).encode())
     positions = [leg.position_m for leg in aperture.legs]
     for part in [*what, frequencies_hz, *positions]:
         digest.update(_bytes(part))
@@ -171,11 +182,18 @@ def _roomy(low_m: np.ndarray, high_m: np.ndarray) -> Box:
     return Box(np.floor(low_m / cell) * cell, np.ceil(high_m / cell) * cell)
 
 
+def _exact(apart: bool) -> Callable[..., np.ndarray]:
+    """The exact sum on the chosen device."""
+    if chosen() == "cpu":
+        return tone_images if apart else backproject
+    return gpu_exact.tone_images if apart else gpu_exact.backproject
+
+
 def _exact_volume(
     samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, apart: bool
 ) -> np.ndarray:
     volume = np.empty((len(samples) if apart else 1, int(np.prod(grid.shape))), np.complex64)
-    image = tone_images if apart else backproject
+    image = _exact(apart)
     flat = np.arange(volume.shape[1])
     for start in track(range(0, volume.shape[1], CHUNK), "exact volume"):
         z, y, x = np.unravel_index(flat[start : start + CHUNK], grid.shape)

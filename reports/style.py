@@ -17,8 +17,10 @@ STYLE = {
     "text.parse_math": False,  # names are text, whatever dollars they hold
 }
 ORDER = ("broadband", "2fsk", "3fsk", "narrowband")  # as the paper's Fig. 3
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")  # Okabe and Ito
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+COLOURS = (  # Okabe and Ito, then Tol's muted ones
+    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#882255", "#44AA99", "#999933",
+)
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")
 AGAINST = {"photogrammetry": "against photogrammetry", "truth": "against the true surface"}
 
 
@@ -40,7 +42,7 @@ def methods(result: Result) -> list[MethodFacts]:
 
 def looks(result: Result) -> dict[str, tuple[str, str]]:
     """Method → colour and marker, the same in every picture."""
-    return {m.name: (COLOURS[i % 7], MARKERS[i % 7]) for i, m in enumerate(methods(result))}
+    return {m.name: (COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]) for i, m in enumerate(methods(result))}
 
 
 def time_text(result: Result, method: MethodFacts) -> str:

@@ -164,4 +164,5 @@ def test_result_json_says_how_it_came_about(small_bench, tmp_path):
     assert about["inputs"].keys() == {"ball"}
     assert "numpy" in about["versions"]
     assert about["machine"]["cores"] >= 1
+    assert about["machine"]["imaging_device"] == "cpu"
     assert about["metrics"]["mae_mm"]["definition"]
