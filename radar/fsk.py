@@ -23,6 +23,7 @@ from radar.fsk_config import FskConfig, LadderConfig, RefinedConfig, ThreeToneCo
 from radar.grid import PixelGrid, VoxelGrid
 from radar.imaging import image_points, image_volume
 from radar.smoothing import bounding_box, masked_mean
+from radar.steering import mean_rise
 
 MAX_IMAGES = 6  # passes of the coarse stage; the paper's two suffice for a hand
 
@@ -36,15 +37,12 @@ def depth_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float)
 
 
 def stretch(points_m: np.ndarray, aperture: Aperture, off_axis: bool) -> np.ndarray | float:
-    """What Δz is multiplied by at points [..., 3]: 1 in the paper; else 2 over d(|p − t| + |p − r|)/dz, averaged
+    """What Δz is multiplied by at points [n, 3]: 1 in the paper; else 2 over d(|p − t| + |p − r|)/dz, averaged
     over the antennas: 1 on the axis far away, 1.3 at the corner of the paper's image."""
     if not off_axis:
         return 1.0
-    derivative = np.zeros(points_m.shape[:-1])
-    for leg in aperture.legs:
-        for antenna in leg.position_m:
-            towards = points_m - antenna
-            derivative += leg.passes * towards[..., 2] / np.linalg.norm(towards, axis=-1) / len(leg.position_m)
+    points = np.ascontiguousarray(points_m, np.float64)
+    derivative = sum(leg.passes * mean_rise(leg.position_m, points) for leg in aperture.legs)
     return 2 / derivative
 
 

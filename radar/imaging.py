@@ -31,7 +31,7 @@ from radar.tree import Box, Family, clusters, crowded
 from radar.volume import VolumePlan, strongest_voxels
 
 TOLERANCES = (1e-6, 0.1)  # float32 ends before the one, the bounds' derivation before the other
-PLANS = 8  # kept; the oldest goes first
+PLANS = 24  # kept; the oldest goes first
 CHUNK = 1 << 18  # voxels that the exact path images at once
 
 _plans: OrderedDict[bytes, Any] = OrderedDict()
@@ -175,10 +175,10 @@ def _bytes(part: Any) -> bytes:
 
 
 def _roomy(low_m: np.ndarray, high_m: np.ndarray) -> Box:
-    """The box from low_m to high_m, widened to a lattice of about a sixth of its size, so that the points of one frame
-    and the next share a plan."""
+    """The box from low_m to high_m, widened to a lattice of about its size, so that the points of one frame and the
+    next share a plan; what they do not touch is never planned."""
     extent = high_m - low_m
-    cell = 2.0 ** np.floor(np.log2(np.maximum(np.maximum(extent, extent.max() / 8), 1e-4) / 4))
+    cell = 2.0 ** np.ceil(np.log2(np.maximum(np.maximum(extent, extent.max() / 16), 1e-4) / 2))
     return Box(np.floor(low_m / cell) * cell, np.ceil(high_m / cell) * cell)
 
 

@@ -75,6 +75,18 @@ def steering(distance_m, turns_per_m, out):  # type: ignore[no-untyped-def]
             out[a, p], out[n_antennas + a, p] = cis_turns(turns_per_m * distance_m[a, p])
 
 
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+def mean_rise(antennas_m, points_m):  # type: ignore[no-untyped-def]
+    """d|p − a|/dz [p] at points [p, 3], averaged over antennas [a, 3]."""
+    out = np.zeros(len(points_m))
+    for p in range(len(points_m)):
+        for a in range(len(antennas_m)):
+            dx, dy = points_m[p, 0] - antennas_m[a, 0], points_m[p, 1] - antennas_m[a, 1]
+            dz = points_m[p, 2] - antennas_m[a, 2]
+            out[p] += dz / np.sqrt(dx * dx + dy * dy + dz * dz)
+    return out / len(antennas_m)
+
+
 def phasor(path_m: np.ndarray, frequency_hz: np.ndarray | float, sign: int) -> np.ndarray:
     """exp(sign · j2πfR/c) of whole paths in float64: complex128; path_m and frequency_hz are broadcast."""
     return np.exp(sign * 2j * np.pi * np.asarray(frequency_hz) * path_m / SPEED_OF_LIGHT_M_S)

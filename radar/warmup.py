@@ -12,6 +12,7 @@ from radar.forward import Scatterers, simulate
 from radar.grid import VoxelGrid
 from radar.imaging import image_points, image_volume, project_volume
 from radar.progress import say
+from radar.steering import mean_rise
 
 NOTED_S = 1.0  # what takes no longer needs no line
 
@@ -37,6 +38,7 @@ def _run_every_kernel() -> None:
     image_volume(echoes, tones_hz, array, grid, 1e-2)
     image_points(echoes, tones_hz, array, three + [0, 0, 1], None)
     project_volume(echoes, tones_hz, array, grid, 1e-2)
+    mean_rise(three, three + 1)
     facets = Scatterers(three + [0, 0, 1], np.ones(3), np.array([[0.0, 0.0, -1.0]] * 3))
     for tolerance in (1e-2, None):
         simulate(facets, tones_hz, array, tolerance=tolerance)
