@@ -19,6 +19,7 @@ from reports.style import AGAINST, Picture, methods, time_text
 DEPTH_COLOURS, ERROR_COLOURS, EMPTY = "viridis_r", "RdBu_r", "#d9d9d9"
 ERROR_TICKS_MM = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
 X_LABEL = "x in mm, growing to the left (as seen from the array)"
+ABREAST = 6  # depth maps in a row, at most
 PANEL, GAP, LEFT, RIGHT, TOP, BOTTOM = 1.9, 0.14, 0.8, 0.75, 0.45, 0.55  # inches
 
 Box = tuple[float, float, float, float]  # left, right, bottom, top in mm; left > right
@@ -35,11 +36,14 @@ def depth_maps(result: Result, capture: CaptureFacts) -> Picture:
         panels.insert(0, (f"ground truth\n({name})", result.surface(capture.name, truth)))
     photo = result.photo(capture.name)
     box, norm = _box([surface for _, surface in panels]), _depth_scale(panels[0][1])
-    figure, axes, bar_axis = _panels(1, len(panels), box, photo)
-    for axis, (title, surface) in zip(axes[0], panels, strict=True):
+    rows = math.ceil(len(panels) / ABREAST)
+    figure, axes, bar_axis = _panels(rows, math.ceil(len(panels) / rows), box, photo)
+    for axis, (title, surface) in zip((axis for row in axes for axis in row), panels, strict=False):
         image = _draw(axis, surface, DEPTH_COLOURS, norm, box)
         axis.set_title(title)
-    _label(axes, ["y in mm"])
+    _label(axes, ["y in mm"] * rows)
+    for axis in axes[-1][len(axes[0]) - (rows * len(axes[0]) - len(panels)) :]:
+        axis.set_axis_off()
     figure.colorbar(image, cax=bar_axis, label="z in mm", extend="both")
     names = ", ".join(title.replace("\n", " ") for title, _ in panels)
     return Picture(
@@ -97,7 +101,7 @@ def _panels(rows: int, columns: int, box: Box, photo: Path | None = None) -> tup
         return figure.add_axes((x / width, y / height, w / width, h / height))
 
     if photo:
-        axis = place(0.1, BOTTOM, photo_wide, high)
+        axis = place(0.1, BOTTOM + (rows - 1) * (high + TOP), photo_wide, high)
         axis.imshow(picture)
         axis.set(title="photograph", anchor="N")
         axis.set_axis_off()
