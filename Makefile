@@ -24,7 +24,7 @@ test: setup
 	$(BIN)/python -m pytest
 
 bench: setup
-	$(BIN)/python -m bench.engine_benchmark -o runs/bench.json
+	$(BIN)/python -m bench.engine -o runs/bench.json
 
 lint: setup
 	$(BIN)/ruff check .

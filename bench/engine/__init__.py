@@ -1,0 +1,1 @@
+"""The engine's benchmark: what imaging and simulation cost, measured in one run (`python -m bench.engine -o FILE`)."""
