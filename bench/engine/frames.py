@@ -15,6 +15,7 @@ from radar.fsk import three_tone
 from radar.imaging import image_points
 
 TOLERANCES = (None, 1e-3, 1e-5)
+FRAMES = 10  # timed together: a radar images frame after frame
 
 
 def frame_rows(inputs: Inputs) -> list[Row]:
@@ -23,9 +24,12 @@ def frame_rows(inputs: Inputs) -> list[Row]:
     capture, config = inputs.frame, inputs.scope.frame
     configs = {tolerance: config.model_copy(update={"tolerance": tolerance}) for tolerance in TOLERANCES}
     cases = {
-        tolerance: Case(_name(tolerance), partial(three_tone, capture, each), everything, repeats=inputs.scope.repeats)
+        tolerance: Case(
+            _name(tolerance), partial(three_tone, capture, each), everything,
+            repeats=inputs.scope.repeats, calls=FRAMES,
+        )
         for tolerance, each in configs.items()
-    }
+    }  # fmt: skip
     measured = interleaved("3-FSK frame", list(cases.values()))
     exact = measured[_name(None)]
     depth: DepthMap = exact.first.kept

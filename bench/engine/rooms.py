@@ -27,7 +27,7 @@ Work = Callable[[], Any]
 class Case:
     """Something to time: `work`, and `keep` to take from its result, untimed, what is to come back. Where work does
     only a fraction of the whole, `fixed` is what it would do for none of it. repeats: timings after the first one;
-    without any the first one counts."""
+    without any the first one counts; each is the mean of `calls`, one after the other."""
 
     method: str
     work: Work
@@ -35,6 +35,7 @@ class Case:
     fraction: float = 1.0
     fixed: Work | None = None
     repeats: int = 5
+    calls: int = 1
 
 
 @dataclass(frozen=True)
@@ -87,9 +88,9 @@ class Room:
     def __exit__(self, *_: object) -> None:
         self._pool.shutdown()
 
-    def time(self, work: Work, keep: Callable[[Any], Any] | None = None) -> Timing:
-        """Time one call of `work`, which like `keep` must be picklable."""
-        return self._pool.submit(_timed, work, keep).result()
+    def time(self, work: Work, keep: Callable[[Any], Any] | None = None, calls: int = 1) -> Timing:
+        """Time calls of `work`, which like `keep` must be picklable."""
+        return self._pool.submit(_timed, work, keep, calls).result()
 
 
 def interleaved(title: str, cases: Sequence[Case], apart: bool = True) -> dict[str, Measured]:
@@ -109,7 +110,7 @@ def interleaved(title: str, cases: Sequence[Case], apart: bool = True) -> dict[s
             say(f"{title}: repeat {i + 1} of {rounds}")
             for room, case, times in zip(rooms, cases, repeats, strict=True):
                 if i < case.repeats:
-                    times.append(room.time(case.work).seconds)
+                    times.append(room.time(case.work, calls=case.calls).seconds)
     return {
         case.method: Measured(case, *timings)
         for case, *timings in zip(cases, first, map(tuple, repeats), fixed_s, strict=True)
@@ -128,13 +129,14 @@ def _enter(environment: dict[str, str]) -> None:
     compile_kernels()
 
 
-def _timed(work: Work, keep: Callable[[Any], Any] | None) -> Timing:
+def _timed(work: Work, keep: Callable[[Any], Any] | None, calls: int) -> Timing:
     with contextlib.suppress(OSError):  # lets the peak start from here; a kernel that refuses remembers an older one
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     before_mb = _status_mb("VmRSS")
     start = time.perf_counter()
-    result = work()
-    seconds = time.perf_counter() - start
+    for _ in range(calls):
+        result = work()
+    seconds = (time.perf_counter() - start) / calls
     peak_mb = _status_mb("VmHWM")
     known = before_mb is not None and peak_mb is not None
     return Timing(seconds, peak_mb - before_mb if known else None, keep(result) if keep else None)

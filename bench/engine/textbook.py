@@ -61,9 +61,13 @@ def range_compressed(
     samples: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, points_m: np.ndarray
 ) -> np.ndarray:
     """Range profiles of all channels by a zero-padded FFT over equidistant tones, then linear interpolation per voxel
-    and channel."""
+    and channel. ValueError where paths are longer than the tones' ambiguity."""
     tones = len(frequencies_hz)
     step_hz = (frequencies_hz[-1] - frequencies_hz[0]) / (tones - 1)
+    everything_m = np.concatenate([points_m, array.tx_m, array.rx_m])
+    longest_m, unambiguous_m = 2 * np.linalg.norm(np.ptp(everything_m, axis=0)), SPEED_OF_LIGHT_M_S / step_hz
+    if longest_m > unambiguous_m * (BINS - 1) / BINS:
+        raise ValueError(f"paths of up to {longest_m:.2f} m; {tones} tones are unambiguous to {unambiguous_m:.2f} m")
     middle = np.exp(-1j * np.pi * (tones - 1) * np.arange(BINS) / BINS)  # about the band's centre they vary least
     profiles = np.empty((*array.channels, BINS), np.complex64)
     for t in range(len(array.tx_m)):
