@@ -26,6 +26,7 @@ from radar.gpu_engine import DeviceEngine
 from radar.gpu_volume import DeviceVolumePlan
 from radar.grid import VoxelGrid
 from radar.memory import require_memory
+from radar.parallel import one_blas_thread
 from radar.progress import track
 from radar.tree import Box, Family, clusters, crowded
 from radar.volume import VolumePlan, strongest_voxels
@@ -163,7 +164,8 @@ def _plan(
     key = digest.digest()
     with _lock:
         if key not in _plans:
-            _plans[key] = build()
+            with one_blas_thread():  # rounding, and with it the plan, must not depend on the number of threads
+                _plans[key] = build()
             if len(_plans) > PLANS:
                 _plans.popitem(last=False)
         _plans.move_to_end(key)

@@ -7,6 +7,8 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import j0
 
+TIE = 1e-6  # relative difference below which two members are as good
+
 
 def skeleton(gram: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
     """Pivoted Cholesky of a positive semi-definite kernel [n, n] with unit diagonal until no member is further than
@@ -44,8 +46,8 @@ def _pivoted_cholesky(gram, least):  # type: ignore[no-untyped-def]
         residual[j] = gram[j, j]
     for k in range(n):
         pivot = 0
-        for j in range(1, n):
-            if residual[j] > residual[pivot]:
+        for j in range(1, n):  # symmetric arrays have ties, which rounding must not decide: the first one counts
+            if residual[j] > (1 + TIE) * residual[pivot]:
                 pivot = j
         if residual[pivot] <= least:
             return index[:k], factor[:k]
