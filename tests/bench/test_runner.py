@@ -32,6 +32,18 @@ def figures(folder: Path) -> list[str]:
     return [line for line in (folder / "table.csv").read_text().splitlines() if not line.startswith("seconds")]
 
 
+def numbers(folder: Path) -> list[float]:
+    """The table's values and intervals, one after another."""
+    rows = [line.split(",")[2:5] for line in figures(folder)[1:]]
+    return [float(cell) for row in rows for cell in row if cell]
+
+
+def names(folder: Path) -> list[list[str]]:
+    """What the table's rows are about, and which cells are empty."""
+    rows = [line.split(",") for line in figures(folder)]
+    return [[*row[:2], *row[5:], *(str(bool(cell)) for cell in row[2:5])] for row in rows]
+
+
 def test_result_folder_is_complete_and_plausible(small_bench, tmp_path):
     result = execute(small_bench, tmp_path / "out")
     mae = {row.method: row.value for row in result.rows if row.metric == "mae_mm"}
@@ -105,7 +117,9 @@ def test_a_killed_run_resumes_to_the_same_table(small_bench, tmp_path):
     (out / "work" / ".reconstruct-abc-half").mkdir()  # what a kill inside a stage leaves behind
     resumed = execute(small_bench, out)
     assert next(task for task in resumed.tasks if task.stage == "simulate").cached
-    assert figures(out) == figures(tmp_path / "whole")
+    # Kernels just compiled and the same ones from numba's cache differ in rounding, 1e-7 of an echo: 1e-5 mm of 2-FSK.
+    assert numbers(out) == pytest.approx(numbers(tmp_path / "whole"), abs=1e-4)
+    assert names(out) == names(tmp_path / "whole")
     assert not list((out / "work").glob(".reconstruct*"))
 
 
