@@ -86,7 +86,8 @@ def parser() -> argparse.ArgumentParser:
 
     simulate = _add(commands, "simulate", "scene file → capture folder (echoes, photographs, true surface)")
     simulate.add_argument("scene", type=Path, metavar="SCENE.toml")
-    _out(simulate, "DIR", "capture folder")
+    _out(simulate, "DIR", "capture folder", required=False)
+    simulate.add_argument("--explain", action="store_true", help="print which effects the scene calls for, and stop")
     simulate.add_argument("--frames", type=_positive, default=1, help="frames that differ in their noise (default 1)")
 
     truth = _add(commands, "groundtruth", "photographs → metric mesh")
@@ -148,8 +149,8 @@ def _add(commands: argparse._SubParsersAction, name: str, text: str) -> argparse
     return commands.add_parser(name, help=text, description=text)
 
 
-def _out(command: argparse.ArgumentParser, metavar: str, text: str) -> None:
-    command.add_argument("-o", "--out", required=True, type=Path, metavar=metavar, help=text)
+def _out(command: argparse.ArgumentParser, metavar: str, text: str, required: bool = True) -> None:
+    command.add_argument("-o", "--out", required=required, type=Path, metavar=metavar, help=text)
     command.add_argument("--overwrite", action="store_true", help=f"replace {metavar} if it exists")
 
 

@@ -21,12 +21,19 @@ EXACT = 1e-5  # what the exact sum is good to, in single precision
 
 
 def simulate(options: argparse.Namespace) -> None:
-    """Scene → capture folder."""
+    """Scene → capture folder; or what its echoes would show, and why."""
     from bench.datasets.simulated import simulate_capture
+    from bench.explain import show
+    from bench.scenes.echoes import choices
     from bench.scenes.scene import load_scene
 
+    if options.explain:
+        show(choices(load_scene(options.scene), explain=True))
+        return
+    if options.out is None:
+        raise HandbenchError("-o: is missing; name a capture folder, or ask for --explain alone")
     _free_folder(options.out, options.overwrite, "capture.toml")
-    simulate_capture(load_scene(options.scene), options.out, options.frames)
+    show(simulate_capture(load_scene(options.scene), options.out, options.frames))
     say(f"capture: {options.out}")
 
 
@@ -170,7 +177,8 @@ def doctor(options: argparse.Namespace) -> None:
 def _validate(name: str) -> None:
     from bench.datasets.native import ECHOES, load_capture_file, load_echoes
     from bench.protocol import load_benchmark
-    from bench.scenes.scene import SceneFile, named_files
+    from bench.scenes.file import SceneFile
+    from bench.scenes.scene import named_files
     from bench.stages import configuration
     from calibration.meshes import read_mesh
     from radar.config import load, read_toml

@@ -37,7 +37,7 @@ def _hardware() -> list[tuple[str, str]]:
 
 
 def _libraries() -> list[tuple[str, str]]:
-    loaders = {"open3d": "calibration.meshes:load_open3d", "pycolmap": "groundtruth.cameras:load_pycolmap"}
+    loaders = {"open3d": "radar.rays:load_open3d", "pycolmap": "groundtruth.cameras:load_pycolmap"}
     found = [(f"{name} {version}", "ok") for name, version in versions().items() if name not in loaders]
     for name, loader in loaders.items():
         module, function = loader.split(":")

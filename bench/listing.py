@@ -1,4 +1,4 @@
-"""Everything that has a name: methods with their defaults and sources, metrics, benchmarks, poses."""
+"""Everything that has a name: methods with their defaults and sources, metrics, benchmarks, effects, poses."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from bench.metrics import definitions
 from bench.protocol import EMBEDDED
 from bench.registry import methods
 from bench.scenes.poses import POSES
+from radar.effects.catalogue import EFFECTS
 
 
 def show() -> None:
@@ -24,4 +25,8 @@ def show() -> None:
     print("embedded benchmarks")
     for path in sorted(EMBEDDED.glob("*_table.toml")):
         print(f"  {path.stem}")
+    print("effects of simulated echoes")
+    for effect in EFFECTS:
+        print(f"  {effect.id:<18} {effect.does}")
+        print(f"  {'':<18} source: {effect.source}")
     print(f"poses\n  {', '.join(POSES)}")

@@ -18,10 +18,12 @@ import numpy as np
 from bench.metrics import precision
 from bench.protocol import load_benchmark
 from bench.scenes.echoes import echoes
-from bench.scenes.scene import Noise, Scene, SceneFile, Sensor, build
+from bench.scenes.file import SceneFile, Sensor
+from bench.scenes.scene import Scene, build
 from bench.stages import strongest_z_m
 from radar.arrays import SPEED_OF_LIGHT_M_S
 from radar.config import load
+from radar.effects.causes import Noise
 from radar.fsk import TwoToneConfig, two_tone
 from radar.progress import track
 
@@ -53,7 +55,7 @@ def precision_mm(scenes: list[Scene], config: TwoToneConfig, phase_noise_rad: fl
     hands = []
     for scene in scenes:
         file = scene.file.model_copy(update={"noise": Noise(phase_noise_rad=phase_noise_rad)})
-        capture = echoes(replace(scene, file=file), repeats)
+        capture = echoes(replace(scene, file=file), repeats).capture
         hands.append(strongest_z_m([two_tone(capture, config, frame) for frame in range(repeats)]))
     return float(precision(hands)["precision_mm"])
 

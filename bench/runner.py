@@ -19,11 +19,13 @@ from bench.outcome import Capture, Outcome
 from bench.protocol import BenchFile, MethodEntry, Source
 from bench.registry import method
 from bench.results import REFERENCES, Repeat
-from bench.scenes.scene import Noise, SceneFile, build, named_files
+from bench.scenes.file import SceneFile
+from bench.scenes.scene import build, named_files
 from calibration.transforms import Transform, identity, load_transform
 from radar.config import load
 from radar.depthmap import load_depthmap
 from radar.device import chosen
+from radar.effects.causes import Noise
 from radar.errors import HandbenchError
 from radar.files import content_hash, inside, read_json
 

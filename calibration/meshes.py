@@ -1,35 +1,18 @@
-"""Triangle meshes on disk: the one place that imports open3d and that reads mesh files of strangers."""
+"""Triangle meshes on disk: the one place that reads mesh files of strangers."""
 
 from __future__ import annotations
 
-import ctypes
-import os
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from radar.errors import HandbenchError
 from radar.files import atomic_path, require_file
+from radar.rays import embree, load_open3d
 
 if TYPE_CHECKING:
     import open3d as o3d
-
-
-def load_open3d() -> ModuleType:
-    """Import open3d, giving it the libusb that its wheel needs and a bare machine lacks, and keeping numba away from
-    the TBB that it brings (too old: numba would warn)."""
-    import libusb_package
-    import numba
-
-    ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
-    os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp workqueue tbb")
-    numba.config.reload_config()
-    import open3d
-
-    open3d.utility.set_verbosity_level(open3d.utility.VerbosityLevel.Error)
-    return open3d
 
 
 def mesh(vertices_m: np.ndarray, faces: np.ndarray) -> o3d.geometry.TriangleMesh:
@@ -65,7 +48,4 @@ def write_mesh(path: str | Path, surface: o3d.geometry.TriangleMesh) -> None:
 
 def raycasting_scene(surface: o3d.geometry.TriangleMesh) -> o3d.t.geometry.RaycastingScene:
     """An Embree scene of one mesh, for `cast_rays` (rows [ox, oy, oz, dx, dy, dz], float32, metres)."""
-    o3d = load_open3d()
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(surface))
-    return scene
+    return embree(np.asarray(surface.vertices), np.asarray(surface.triangles))

@@ -92,13 +92,18 @@ def evaluate(samples, points_m, centre_m, turns_per_m, position_a, length_a, pos
 
 
 class Source(NamedTuple):
-    """Scatterers sorted by leaf: point_m [3, n], weight [n] complex64, delay_m [n] one-way, normal [3, n] or [3, 0]."""
+    """Scatterers sorted by leaf: point_m [3, n], weight [n] complex64, delay_m [n] one-way, normal [3, n] or [3, 0];
+    spreading: whether legs have gains; pattern: exponent of cos θ in them; seen_a [a, n], seen_b [b, n]: which antennas
+    see each point, or [0, 0] where all do (masks need a leaf that keeps all antennas)."""
 
     point_m: np.ndarray
     weight: np.ndarray
     delay_m: np.ndarray
     normal: np.ndarray
     spreading: bool
+    pattern: float
+    seen_a: np.ndarray
+    seen_b: np.ndarray
 
 
 @numba.njit(**FAST)
@@ -115,8 +120,8 @@ def radiate(source, centre_m, turns_per_m, position_a, length_a, position_b, len
         delta_a, delta_b = np.empty((n_a, n), np.float32), np.empty((n_b, n), np.float32)
         _differences(points, position_a, passes[0], length_a, centre_m, reference_m[0], delta_a, common)
         _differences(points, position_b, passes[1], length_b, centre_m, reference_m[1], delta_b, common)
-        gain_a = _gains(source, start, stop, points, position_a)
-        gain_b = _gains(source, start, stop, points, position_b)
+        gain_a = _gains(source, start, points, position_a, source.seen_a)
+        gain_b = _gains(source, start, points, position_b, source.seen_b)
         a, b = np.empty((2 * n_a, n), np.float32), np.empty((2 * n_b, n), np.float32)
         for m in range(tones):
             _steer(delta_a, -turns_per_m[m], a)
@@ -145,21 +150,26 @@ def radiate(source, centre_m, turns_per_m, position_a, length_a, position_b, len
 
 
 @numba.njit(**FAST)
-def _gains(source, start, stop, points_m, position_m):  # type: ignore[no-untyped-def]
-    """g [a, p]: 1/R, times √(n·û) where the scatterers have normals; 1 if nothing spreads."""
-    gain = np.ones((len(position_m), stop - start), np.float32)
-    if not source.spreading:
-        return gain
-    for a in range(len(position_m)):
-        for p in range(stop - start):
-            dx = position_m[a, 0] - points_m[0, p]
-            dy = position_m[a, 1] - points_m[1, p]
-            dz = position_m[a, 2] - points_m[2, p]
-            distance = np.sqrt(dx * dx + dy * dy + dz * dz)
-            obliquity = 1.0
-            if source.normal.shape[1] > 0:
-                i = start + p
-                along = source.normal[0, i] * dx + source.normal[1, i] * dy + source.normal[2, i] * dz
-                obliquity = max(along / distance, 0.0)
-            gain[a, p] = np.sqrt(obliquity) / distance
+def _gains(source, start, points_m, position_m, seen):  # type: ignore[no-untyped-def]
+    """g [a, p]: 1/R, times √(n·û) where the scatterers have normals and the antennas' cosᵠθ; 1 if nothing spreads; 0
+    where an antenna sees nothing of a point."""
+    n = points_m.shape[1]
+    gain = np.ones((len(position_m), n), np.float32)
+    if source.spreading:
+        for a in range(len(position_m)):
+            for p in range(n):
+                dx = position_m[a, 0] - points_m[0, p]
+                dy = position_m[a, 1] - points_m[1, p]
+                dz = position_m[a, 2] - points_m[2, p]
+                distance = np.sqrt(dx * dx + dy * dy + dz * dz)
+                obliquity = 1.0
+                if source.normal.shape[1] > 0:
+                    i = start + p
+                    along = source.normal[0, i] * dx + source.normal[1, i] * dy + source.normal[2, i] * dz
+                    obliquity = max(along / distance, 0.0)
+                gain[a, p] = np.sqrt(obliquity) / distance
+                if source.pattern != 0.0:
+                    gain[a, p] *= max(-dz / distance, 0.0) ** source.pattern
+    if seen.size != 0:
+        gain *= seen[:, start : start + n]
     return gain

@@ -93,9 +93,20 @@ def scatter(source, turns_per_m, leaves, passes, reference_m, starts, shape):  #
             (tones, w_a, w_b), (shift_a, shift_b), turns, (centre, length_a, position_a, length_b, position_b) = _leaf(
                 leaves, i, samples.shape
             )
-            here = slice(starts[i], starts[i + 1])
-            normal = source.normal if source.normal.shape[1] == 0 else source.normal[:, here]
-            part = Source(source.point_m[:, here], source.weight[here], source.delay_m[here], normal, source.spreading)
+            part = _part(source, starts[i], starts[i + 1])
             leaf = radiate(part, centre, turns, position_a, length_a, position_b, length_b, passes, reference_m)
             samples += ascend(leaf, turns_per_m, shift_a, shift_b, tones, w_a, w_b)
     return samples
+
+
+@numba.njit(**FAST)
+def _part(source, start, stop):  # type: ignore[no-untyped-def]
+    """The scatterers start:stop; empty arrays stay empty."""
+    here = slice(start, stop)
+    normal = source.normal if source.normal.shape[1] == 0 else source.normal[:, here]
+    seen_a = source.seen_a if source.seen_a.size == 0 else source.seen_a[:, here]
+    seen_b = source.seen_b if source.seen_b.size == 0 else source.seen_b[:, here]
+    return Source(
+        source.point_m[:, here], source.weight[here], source.delay_m[here], normal, source.spreading, source.pattern,
+        seen_a, seen_b,
+    )

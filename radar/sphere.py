@@ -34,10 +34,8 @@ def sphere_echo(
 
     Scale and phase are those of `radar.forward`, whose surface integral tends to πa/(jk)·e^{2jka} here.
     """
-    towards = [leg.position_m - centre_m for leg in array.legs]
-    unit_t, unit_r = (d / np.linalg.norm(d, axis=1, keepdims=True) for d in towards)
-    cos_beta = np.linalg.norm(unit_t[:, None] + unit_r[None], axis=2) / 2
-    spreading = np.prod(np.meshgrid(*(np.linalg.norm(d, axis=1) for d in towards), indexing="ij"), axis=0)
+    cos_beta = half_angle_cosine(centre_m, array)
+    spreading = np.multiply.outer(*(leg.lengths_m(centre_m) for leg in array.legs))
     path_m = path_lengths(array, centre_m) + 2 * delay_m
     samples = np.empty((len(frequencies_hz), *array.channels), np.complex64)
     wavenumbers = 2 * np.pi * np.asarray(frequencies_hz) / SPEED_OF_LIGHT_M_S
@@ -45,3 +43,9 @@ def sphere_echo(
         turned_m = path_m - 2 * radius_m * (cos_beta - 1)
         samples[f] = np.pi * radius_m / (1j * k) * echo * phasor(turned_m, frequencies_hz[f], -1) / spreading
     return samples
+
+
+def half_angle_cosine(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
+    """cos β of each channel [t, r], 2β the angle between transmitter and receiver as the point [3] sees them."""
+    unit_t, unit_r = ((leg.position_m - point_m) / leg.lengths_m(point_m)[:, None] for leg in array.legs)
+    return np.linalg.norm(unit_t[:, None] + unit_r[None], axis=2) / 2

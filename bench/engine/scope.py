@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from bench.scenes.echoes import visible_surface
-from bench.scenes.scene import SceneFile, build
-from radar.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
+from bench.scenes.file import SceneFile
+from bench.scenes.scene import build
+from radar.arrays import AntennaArray, qar50
 from radar.capture import RadarCapture
 from radar.forward import Scatterers, simulate
 from radar.fsk_config import PAPER_LATERAL, ThreeToneConfig
@@ -68,7 +69,7 @@ class Inputs:
         """The hand's facets that the array sees."""
         target = {"kind": "hand", "pose": "F", "edge_m": self.scope.edge_m}
         scene = build(SceneFile(version=1, name="F", target=target))
-        return visible_surface(scene, SPEED_OF_LIGHT_M_S / self.tones_hz[-1])
+        return visible_surface(scene)
 
     @property
     def grid(self) -> VoxelGrid:

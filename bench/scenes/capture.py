@@ -6,20 +6,22 @@ from pathlib import Path
 
 import tomlkit
 
+from bench.scenes.file import HandTarget, MeshTarget
 from bench.scenes.photographs import Studio
-from bench.scenes.scene import HandTarget, Scene
+from bench.scenes.scene import Scene
 from calibration import atomic_path
 from calibration.meshes import write_mesh
 from groundtruth.board import save_board
 from groundtruth.cameras import load_pycolmap, save_cameras
+from radar.effects.plan import Choice
 from radar.parallel import for_each
 
 JPEG_QUALITY = 96
 
 
-def write_photos(scene: Scene, folder: str | Path) -> None:
+def write_photos(scene: Scene, folder: str | Path, rows: tuple[Choice, ...] = ()) -> None:
     """Write everything but the echoes: `photos/` (when the scene has any), `truth.ply` (metres, radar frame),
-    `truth_radar_from_photo.json`, `target.toml` for a calibration target, and `capture.toml`."""
+    `truth_radar_from_photo.json`, `target.toml` for a calibration target, and `capture.toml`; rows: of the effects."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_mesh(folder / "truth.ply", scene.target_mesh)
@@ -28,23 +30,37 @@ def write_photos(scene: Scene, folder: str | Path) -> None:
         _write_toml(folder / "target.toml", scene.target.model_dump())
     if scene.cameras:
         _write_photographs(scene, folder / "photos")
-    _write_toml(folder / "capture.toml", description(scene, sorted(path.name for path in folder.iterdir())))
+    _write_toml(folder / "capture.toml", description(scene, sorted(path.name for path in folder.iterdir()), rows))
 
 
-def description(scene: Scene, contains: list[str]) -> dict:
-    """The content of `capture.toml`; contains: what lies beside it."""
+def description(scene: Scene, contains: list[str], rows: tuple[Choice, ...]) -> dict:
+    """The content of `capture.toml`; contains: what lies beside it; rows: the effects'."""
     target = scene.file.target
     return {
         "version": 1,
         "name": scene.file.name,
-        "kind": "target" if scene.target is not None else "hand",
-        "pose": target.pose if isinstance(target, HandTarget) else "",
+        "kind": _kind(scene),
+        "pose": _pose(scene),
         "distance_m": target.distance_m,
         "units": "m",
         "seed": scene.file.seed,
         "box_m": scene.box_m.ravel().round(6).tolist(),
         "contains": contains,
+        "effects": [row.row() for row in rows],
     }
+
+
+def _kind(scene: Scene) -> str:
+    if scene.target is not None:
+        return "target"
+    return "hand" if isinstance(scene.file.target, HandTarget | MeshTarget) else "other"
+
+
+def _pose(scene: Scene) -> str:
+    target = scene.file.target
+    if not isinstance(target, HandTarget):
+        return ""
+    return target.pose if isinstance(target.pose, str) else "free"
 
 
 def _write_photographs(scene: Scene, folder: Path) -> None:

@@ -9,8 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bench.scenes.implicit import Field, round_cone, smooth_minimum, smooth_union, zero_set
-from bench.scenes.poses import Pose
-from bench.scenes.skeleton import FINGERS, HAND_AXES, Bone, skeleton
+from bench.scenes.poses import Pose, WristPose
+from bench.scenes.skeleton import (
+    DISTAL,
+    FINGERS,
+    HAND_AXES,
+    WRIST_MM,
+    Bone,
+    forearm_from_palm,
+    hand_from_palm,
+    skeleton_of_palm,
+)
 from calibration.meshes import mesh
 
 if TYPE_CHECKING:
@@ -26,38 +35,61 @@ RADII_MM = {
 }
 TIP_TISSUE_MM = 3.8  # soft tissue beyond the last bone
 FOREARM_END_MM = -88.0
+MARGIN_M = 0.032  # of the box around all joints
 WITHIN_FINGER_MM, WITHIN_PALM_MM = 3.5, 13.0
 CONTACT_MM, WEB_MM = 2.5, 11.0  # blend of fingers that merely touch (a narrow groove), and of fingers at their webs
 WEB_REACH_MM = {name: (14.0, 34.0) for name in FINGERS} | {"thumb": (6.0, 22.0)}  # the web fades, from the knuckle
 
 
 def hand_mesh(pose: Pose, edge_m: float = 1e-3) -> o3d.geometry.TriangleMesh:
-    """The skin of a right hand in the hand frame (origin at the palm's centre, +y towards the fingertips, palm facing
-    -z), metres: closed, one component, outward-oriented, edges of about `edge_m`."""
-    bones = skeleton(pose)
-    joints = np.array([p for digit in bones.values() for b in digit for p in (b.start_m, b.end_m)])
-    margin_m = 0.032
-    lower_m = np.minimum(joints.min(axis=0) - margin_m, [-0.04, 1e-3 * FOREARM_END_MM - 0.004, -0.03])
-    upper_m = np.maximum(joints.max(axis=0) + margin_m, [0.04, 0.0, 0.03])
-    surface = mesh(*zero_set(hand_field(pose), lower_m, upper_m, edge_m))
+    """The skin of a right hand in the hand frame (origin at the palm's centre; without a turn +y towards the
+    fingertips, palm facing -z), metres: closed, one component, outward-oriented, edges of about `edge_m`."""
+    lower_m, upper_m = _bounds_m(pose)
+    vertices_m, faces = zero_set(_field_in_palm_frame(pose), lower_m, upper_m, edge_m)
+    surface = mesh(vertices_m @ hand_from_palm(pose).T, faces)
     surface.compute_vertex_normals()
     return surface
 
 
+def _bounds_m(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper corner [3] of a box around the hand in the palm frame."""
+    joints_m = np.array([p for digit in skeleton_of_palm(pose).values() for b in digit for p in (b.start_m, b.end_m)])
+    corners_mm = itertools.product((-40.0, 40.0), (FOREARM_END_MM - 4, FOREARM_END_MM + 58), (-30.0, 30.0))
+    arm_m = 1e-3 * np.array([_bent(pose.wrist, corner) for corner in corners_mm]) @ HAND_AXES.T
+    lower_m, upper_m = joints_m.min(axis=0) - MARGIN_M, joints_m.max(axis=0) + MARGIN_M
+    return np.minimum(lower_m, arm_m.min(axis=0)), np.maximum(upper_m, arm_m.max(axis=0))
+
+
 def hand_field(pose: Pose) -> Field:
-    """Signed distance (approximately, exact sign) to the posed hand's skin, metres."""
-    bones = skeleton(pose)
-    palm = _palm(bones)
+    """Signed distance (approximately, exact sign) to the posed hand's skin, metres, in the hand frame."""
+    field, turn = _field_in_palm_frame(pose), hand_from_palm(pose)
+    return lambda points: field(points @ turn)
+
+
+def _field_in_palm_frame(pose: Pose) -> Field:
+    bones = skeleton_of_palm(pose)
+    palm = _palm(bones, pose.wrist)
     digits = {name: _digit(bones[name][1:], np.array(RADII_MM[name]) * 1e-3) for name in (*FINGERS, "thumb")}
+    arm = HAND_AXES @ forearm_from_palm(pose.wrist) @ HAND_AXES.T @ DISTAL  # from the forearm to the wrist
+    end_m = arm @ (1e-3 * HAND_AXES @ _forearm_end_mm(pose.wrist))
 
     def distance(points: np.ndarray) -> np.ndarray:
         result = palm(points)
         for name, digit in digits.items():
             blend_m = _web_blend_m(points, bones[name][1].start_m, *WEB_REACH_MM[name])
             result = smooth_minimum(result, digit(points), blend_m)
-        return -smooth_minimum(-result, points[:, 1] - 1e-3 * FOREARM_END_MM, 3e-3)
+        return -smooth_minimum(-result, points @ arm - end_m, 3e-3)
 
     return distance
+
+
+def _forearm_end_mm(wrist: WristPose) -> np.ndarray:
+    return _bent(wrist, (0.0, FOREARM_END_MM, 0.0))
+
+
+def _bent(wrist: WristPose, point_mm: ArrayLike) -> np.ndarray:
+    """A point of the straight forearm, (radial, distal, palmar) in millimetres, moved with the bent wrist."""
+    return forearm_from_palm(wrist) @ (np.asarray(point_mm) - WRIST_MM) + WRIST_MM
 
 
 def _web_blend_m(points: np.ndarray, knuckle_m: np.ndarray, near_mm: float, far_mm: float) -> np.ndarray:
@@ -103,7 +135,7 @@ def _fingertip(bone: Bone, joint_m: float, tip_m: float) -> Field:
     ], 4e-3)
 
 
-def _palm(bones: dict[str, tuple[Bone, ...]]) -> Field:
+def _palm(bones: dict[str, tuple[Bone, ...]], wrist: WristPose) -> Field:
     """Metacarpals, the pads at the fingers' roots, the balls of thumb and little finger, wrist and forearm."""
     knuckles = [1e3 * bones[name][1].start_m @ HAND_AXES for name in FINGERS]
     parts = [_metacarpal(bones[name][0], 1e-3 * RADII_MM[name][0]) for name in FINGERS]
@@ -113,10 +145,12 @@ def _palm(bones: dict[str, tuple[Bone, ...]]) -> Field:
         _cone((-21, -42, 4), (-32, 8, 4), 13.0, 10.0),  # ball of the little finger
         _cone((-30, -10, 3), knuckles[3] + (-1, -2, 2), 10.0, 9.5),
         _cone((-14, -40, 6), (-20, -14, 5), 12.0, 9.0),
-        _cone((2, -16, 1), (0, -94, 0), 11.0, 16.5),  # carpus and wrist
-        _cone((18, -38, 2), (12, -94, 0), 13.0, 17.0),  # radius and ulna
-        _cone((-16, -38, 1), (-14, -94, 0), 13.5, 16.5),
+        _cone((2, -16, 1), _bent(wrist, (0, -94, 0)), 11.0, 16.5),  # carpus and wrist
+        _cone((18, -38, 2), _bent(wrist, (12, -94, 0)), 13.0, 17.0),  # radius and ulna
+        _cone((-16, -38, 1), _bent(wrist, (-14, -94, 0)), 13.5, 16.5),
     ]
+    if wrist != WristPose():
+        parts.append(_cone((2, -16, 1), WRIST_MM, 11.0, 13.0))  # the straight carpus ends where the bent wrist begins
     return smooth_union(parts, 1e-3 * WITHIN_PALM_MM)
 
 

@@ -7,6 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
+from radar.parallel import for_each
+
 Field = Callable[[np.ndarray], np.ndarray]  # points [n, 3] to signed distances [n], metres, negative inside
 
 CHUNK = 32_768  # points that fit the cache together with the temporaries of one primitive
@@ -57,9 +59,14 @@ def smooth_union(fields: list[Field], blend_m: float) -> Field:
 
 
 def evaluate(field: Field, points_m: np.ndarray) -> np.ndarray:
-    """The field at points [n, 3], in chunks that stay in the cache."""
-    parts = [field(points_m[i : i + CHUNK]) for i in range(0, len(points_m), CHUNK)]
-    return np.concatenate(parts) if parts else np.zeros(0)
+    """The field at points [n, 3], in chunks that stay in the cache, on all cores."""
+    values = np.empty(len(points_m))
+
+    def work(start: int) -> None:
+        values[start : start + CHUNK] = field(points_m[start : start + CHUNK])
+
+    for_each(work, range(0, len(points_m), CHUNK))
+    return values
 
 
 def gradient(field: Field, points_m: np.ndarray) -> np.ndarray:

@@ -8,8 +8,8 @@ from functools import partial
 
 import numpy as np
 
-from bench.scenes.poses import POSES
-from bench.scenes.scene import CalibrationTarget, HandTarget, Photos, Scene
+from bench.scenes.file import CalibrationTarget, HandTarget, Photos
+from bench.scenes.scene import Scene
 from bench.scenes.skin import Skin
 from bench.scenes.stand import PLATE_M, TEXEL_M, cuboid, plate_print
 from bench.scenes.textures import foam, skin, styrodur
@@ -160,7 +160,7 @@ def _target_texture(scene: Scene) -> Albedo:
     """Reflectance over the target's own frame."""
     target, contrast, seed = scene.file.target, scene.file.photos.texture_contrast, _texture_seed(scene)
     if isinstance(target, HandTarget):
-        return Skin(POSES[target.pose], contrast, seed)
+        return Skin(target.angles, contrast, seed)
     return partial(foam if isinstance(target, CalibrationTarget) else skin, contrast=contrast, seed=seed)
 
 

@@ -1,7 +1,8 @@
 """The hand's bones: anthropometric lengths and forward kinematics.
 
-Hand frame of a right hand: origin at the palm's centre, +y from the wrist to the fingertips, the palm faces -z, so
-that the thumb lies on the -x side. Metres.
+Palm frame of a right hand: origin at the palm's centre, +y from the wrist to the fingertips, the palm faces -z, so that
+the thumb lies on the -x side. The hand frame has the same origin; the pose's turn carries palm into hand coordinates
+(without a turn both are one). Metres.
 """
 
 from __future__ import annotations
@@ -9,11 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from bench.scenes.poses import FingerPose, Pose, ThumbPose
+from bench.scenes.poses import FingerPose, Pose, ThumbPose, WristPose
 
 RADIAL, DISTAL, PALMAR = np.array([-1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, -1.0])
-HAND_AXES = np.stack([RADIAL, DISTAL, PALMAR], axis=1)  # hand frame from (radial, distal, palmar)
+HAND_AXES = np.stack([RADIAL, DISTAL, PALMAR], axis=1)  # palm frame from (radial, distal, palmar)
 
 # Mean bone lengths after Buryanov & Kotiuk (2010), millimetres: metacarpal, then the phalanges outwards.
 LENGTHS_MM = {
@@ -34,6 +36,7 @@ KNUCKLES_MM = {
 METACARPAL_DEG = {"index": 11.0, "middle": 3.0, "ring": -6.0, "little": -15.0}
 ROLL_DEG = {"index": -4.0, "middle": 0.0, "ring": 3.0, "little": 6.0}
 THUMB_BASE_MM = (21.0, -37.0, 7.0)
+WRIST_MM = (0.0, -42.0, 1.0)
 FINGERS = tuple(KNUCKLES_MM)
 
 
@@ -61,10 +64,41 @@ class Bone:
         c, s = np.cos(np.radians(flexion_deg)), np.sin(np.radians(flexion_deg))
         return Bone(self.end_m, c * self.axis + s * self.palmar, c * self.palmar - s * self.axis, length_m)
 
+    def turned(self, rotation: np.ndarray) -> Bone:
+        """The bone after a rotation [3, 3] about the origin."""
+        return Bone(rotation @ self.start_m, rotation @ self.axis, rotation @ self.palmar, self.length_m)
+
 
 def skeleton(pose: Pose) -> dict[str, tuple[Bone, ...]]:
-    """Bones of every digit, metacarpal first."""
+    """Bones of every digit, metacarpal first, in the hand frame."""
+    turn = hand_from_palm(pose)
+    return {name: tuple(bone.turned(turn) for bone in digit) for name, digit in skeleton_of_palm(pose).items()}
+
+
+def skeleton_of_palm(pose: Pose) -> dict[str, tuple[Bone, ...]]:
+    """Bones of every digit, metacarpal first, in the palm frame: as if the pose had no turn."""
     return {"thumb": _thumb(pose.thumb)} | {name: _finger(name, getattr(pose, name)) for name in FINGERS}
+
+
+def hand_from_palm(pose: Pose) -> np.ndarray:
+    """The rotation [3, 3] that carries points of the palm frame into the hand frame."""
+    return Rotation.from_euler("xyz", pose.turn_deg, degrees=True).as_matrix()
+
+
+def forearm_from_palm(wrist: WristPose) -> np.ndarray:
+    """The rotation [3, 3] that bends the forearm about the wrist, in (radial, distal, palmar) coordinates: it moves
+    against the hand, so that a flexed wrist brings the forearm to the palm's side."""
+    flexion, deviation = np.radians(wrist.flexion_deg), np.radians(wrist.deviation_deg)
+    c, s = np.cos(deviation), np.sin(deviation)
+    deviated = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    c, s = np.cos(flexion), np.sin(flexion)
+    flexed = np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
+    return flexed @ deviated
+
+
+def forearm_direction(pose: Pose) -> np.ndarray:
+    """Unit vector [3] from the wrist along the forearm, in the hand frame."""
+    return -hand_from_palm(pose) @ HAND_AXES @ forearm_from_palm(pose.wrist)[:, 1]
 
 
 def _finger(name: str, pose: FingerPose) -> tuple[Bone, ...]:

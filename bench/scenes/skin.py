@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.scenes.hand import RADII_MM
 from bench.scenes.poses import Pose
-from bench.scenes.skeleton import FINGERS, HAND_AXES, Bone, skeleton
+from bench.scenes.skeleton import FINGERS, HAND_AXES, Bone, hand_from_palm, skeleton
 from bench.scenes.textures import skin, solid_noise
 
 CREASE_WIDTH_M, CREASE_DEPTH = 0.3e-3, 0.28
@@ -40,6 +40,7 @@ class Skin:
 
     def __init__(self, pose: Pose, contrast: float, seed: int) -> None:
         self.contrast, self.seed = contrast, seed
+        self.hand_from_palm = hand_from_palm(pose)
         bones = skeleton(pose)
         self.creases = [crease for name, digit in bones.items() for crease in _creases(name, digit)]
         self.nails = [(digit[-1], 1e-3 * RADII_MM[name][-1]) for name, digit in bones.items()]
@@ -48,7 +49,8 @@ class Skin:
         """Reflectance [n, 3] at points [n, 3] in the hand frame."""
         reflectance = skin(points_m, self.contrast, self.seed)
         wobble_m = WOBBLE_M * solid_noise(points_m, WOBBLE_WAVELENGTH_M, self.seed + 70)
-        fold = np.maximum(_palm_lines(points_m, wobble_m), _folds(self.creases, points_m, wobble_m))
+        lines = _palm_lines(points_m @ self.hand_from_palm, wobble_m)
+        fold = np.maximum(lines, _folds(self.creases, points_m, wobble_m))
         reflectance *= (1 - CREASE_DEPTH * self.contrast * fold)[:, None].astype(np.float32)
         for bone, radius_m in self.nails:
             near = np.nonzero(np.linalg.norm(points_m - bone.end_m, axis=1) < bone.length_m)[0]
@@ -83,7 +85,7 @@ def _folds(creases: list[Crease], points_m: np.ndarray, wobble_m: np.ndarray) ->
 
 
 def _palm_lines(points_m: np.ndarray, wobble_m: np.ndarray) -> np.ndarray:
-    """How much of a palm line there is at each point [n], 0 to 1."""
+    """How much of a palm line there is at each point [n] of the palm frame, 0 to 1."""
     radial_distal_palmar = 1e3 * points_m @ HAND_AXES
     low, high = PALM_HEIGHT_MM
     on_palm = (radial_distal_palmar[:, 2] > low) & (radial_distal_palmar[:, 2] < high)

@@ -1,11 +1,58 @@
-"""Thermal noise, given as the phase noise that it causes at the strongest pixel."""
+"""Thermal noise, given by the phase noise that it causes at the strongest pixel, or by the signal-to-noise ratio."""
 
 from __future__ import annotations
+
+import zlib
 
 import numpy as np
 
 from radar.arrays import AntennaArray
 from radar.backprojection import tone_images
+from radar.effects.effect import Effect, Estimate
+from radar.effects.pilot import pilot
+from radar.effects.scene import EchoScene
+from radar.effects.shot import Shot
+
+PEAK_POINTS = 20_000  # surface points on which the strongest pixel is looked for
+
+
+class ThermalNoise(Effect):
+    """White circular Gaussian noise in every channel, tone and frame."""
+
+    id = "noise"
+    does = "thermal noise of the receivers"
+    source = "σ_z = c/(4πΔf)·σ_φ·A_max/A, its mean magnitude √(2/π)·σ_z"
+
+    def missing(self, scene: EchoScene) -> str:
+        return "" if scene.causes.noise.between_tones_rad else "[noise] with phase_noise_rad or snr_db"
+
+    def estimate(self, scene: EchoScene) -> Estimate:
+        sigma_rad, known = scene.causes.noise.between_tones_rad, pilot(scene)
+        weaker = float((known.strongest / np.abs(known.images[0])).mean())
+        depth_m = scene.depth_m_per_rad * np.sqrt(2 / np.pi) * sigma_rad * weaker
+        why = f"{sigma_rad:.3g} rad at the strongest pixel, {weaker:.2g} times as much on average"
+        # Mean power of the noise over that of the samples, from σ = σ_φ·A/√N.
+        noise = sigma_rad * known.strongest / np.sqrt(known.samples[0].size)
+        return Estimate(1e3 * depth_m, 20 * np.log10(noise / known.channel_rms), why)
+
+    def apply(self, shot: Shot) -> None:
+        scene = shot.scene
+        strongest, sigma_rad = shot.level(self.id, lambda: _strongest(shot)), scene.causes.noise.between_tones_rad
+        seed = (scene.seed, zlib.crc32(self.id.encode()), 0 if shot.with_target else 1)
+        shot.samples = np.stack([
+            thermal_noise(samples, scene.frequencies_hz, sigma_rad, strongest, (*seed, frame))
+            for frame, samples in enumerate(shot.samples)
+        ])
+
+
+def _strongest(shot: Shot) -> float:
+    """The strongest pixel of the first frame's highest tone on the target's surface."""
+    points = [] if shot.surface is None else [shot.surface.facets.position_m]
+    points += [ball.centre_m[None] for ball in shot.scene.balls]
+    surface_m = np.concatenate(points)
+    surface_m = surface_m[:: max(1, len(surface_m) // PEAK_POINTS)]
+    top = int(shot.scene.frequencies_hz.argmax())
+    return strongest_amplitude(shot.samples[0, top], shot.scene.frequencies_hz[top], shot.scene.array, surface_m)
 
 
 def strongest_amplitude(

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from bench.cli import main
+from bench.datasets.native import load_capture_file
 from radar.arrays import qar50
 from radar.capture import RadarCapture, save_capture
+from radar.effects.catalogue import IDS
 
 LATERAL = ["--set", "x.start_m=-0.01", "--set", "x.stop_m=0.01", "--set", "y.start_m=-0.01", "--set", "y.stop_m=0.01"]
 
@@ -41,6 +43,24 @@ def test_capture_to_metrics(capture, tmp_path, capsys):
     assert metrics["definitions"]["mae_mm"]
     with np.load(depth, allow_pickle=False) as content:
         assert content["z_m"].shape == (21, 21)
+
+
+def test_explaining_simulates_nothing(small_bench, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("bench.datasets.simulated.echoes", lambda *_: 1 / 0)
+    scene = small_bench.parent / "ball.toml"
+    assert main(["simulate", str(scene), "--explain"]) == 0
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines() if line.strip()}
+    assert set(IDS) < set(lines)
+    assert "on" in lines["obliquity"].split() and "needs [noise]" in lines["noise"]
+    assert not list(tmp_path.glob("out*"))
+    fails(capsys, ["simulate", str(scene)], "-o", "--explain")
+
+
+def test_a_simulated_capture_says_what_its_echoes_show(capture):
+    rows = {row.effect: row for row in load_capture_file(capture).effects}
+    assert set(rows) == {*IDS, "echoes"}
+    assert rows["obliquity"].on and rows["obliquity"].depth_mm > 0.05 and rows["obliquity"].seconds >= 0
+    assert not rows["noise"].on and rows["noise"].seconds is None and "needs [noise]" in rows["noise"].why
 
 
 def test_volume_is_written_on_request(capture, tmp_path):

@@ -1,5 +1,7 @@
 """The forward model: the adjoint of imaging, with and without the fast chain."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -77,3 +79,50 @@ def test_exact_simulation_agrees_with_the_formula():
         expected += weight * np.outer(*gains) * np.exp(-2j * np.pi * turns)
     # 20 float32 terms: 1e-6 of their size.
     assert relative_error(simulate(scatterers, TONES_HZ, array, tolerance=None), expected) < 1e-6
+
+
+def half_seen(scatterers: Scatterers) -> Scatterers:
+    """Of its points, a third seen by all antennas, a third by those beyond some antenna of each leg, a third by few."""
+    generator = np.random.default_rng(6)
+    count = len(scatterers.position_m)
+    first = np.array([[0] * count, generator.integers(0, 94, count), generator.integers(90, 100, count)])
+    first = first[np.arange(count) % 3, np.arange(count)]
+    return replace(scatterers, seen=tuple(np.arange(94)[:, None] >= start for start in (first, first[::-1])))
+
+
+@pytest.mark.parametrize("pattern", [0.0, 2.4, 40.0])  # none, 60° wide at half power, and 15°
+@pytest.mark.parametrize("oblique", [False, True])
+def test_fast_simulation_of_hidden_points_and_patterns_meets_the_tolerance(pattern, oblique):
+    scatterers = half_seen(surface(400))
+    scatterers = scatterers if oblique else replace(scatterers, normal=None)
+    exact = simulate(scatterers, TONES_HZ, qar50(), tolerance=None, pattern=pattern)
+    assert relative_error(simulate(scatterers, TONES_HZ, qar50(), pattern=pattern), exact) < 1e-5
+
+
+def test_hidden_points_and_patterns_are_factors_of_each_leg():
+    scatterers = half_seen(surface(3))
+    whole = [simulate(replace(scatterers, seen=None).where([i]), TONES_HZ, qar50(), tolerance=None) for i in range(3)]
+    legs = [(leg[None] - scatterers.position_m[:, None]) for leg in (qar50().tx_m, qar50().rx_m)]
+    cosines = [-leg[:, :, 2] / np.linalg.norm(leg, axis=2) for leg in legs]
+    tx, rx = (seen.T * cosine**2 for seen, cosine in zip(scatterers.seen, cosines, strict=True))
+    expected = sum(echo * np.outer(a, b) for echo, a, b in zip(whole, tx, rx, strict=True))
+    # float32 factors: 1e-6 of their size.
+    assert relative_error(simulate(scatterers, TONES_HZ, qar50(), tolerance=None, pattern=2), expected) < 1e-6
+
+
+def test_points_that_nothing_sees_echo_nothing():
+    scatterers = surface(10)
+    blind = replace(scatterers, seen=(np.zeros((94, 10), bool), np.ones((94, 10), bool)))
+    for tolerance in (None, 1e-5):
+        assert not simulate(blind, TONES_HZ, qar50(), tolerance=tolerance).any()
+    # Where all antennas see everything, a mask changes nothing at all.
+    clear = replace(scatterers, seen=(np.ones((94, 10), bool), np.ones((94, 10), bool)))
+    assert np.array_equal(simulate(clear, TONES_HZ, qar50()), simulate(scatterers, TONES_HZ, qar50()))
+
+
+@pytest.mark.parametrize("spread_m", [0.0, 1e-4, 2e-3, 1e-2])
+def test_lone_points_meet_the_tolerance_too(spread_m):
+    where = np.array([0.01, 0.02, 0.3]) + spread_m * np.random.default_rng(2).uniform(-1, 1, (20, 3))
+    lone = Scatterers(where, np.ones(20))
+    fast, exact = (simulate(lone, TONES_HZ, qar50(), tolerance=tolerance) for tolerance in (1e-5, None))
+    assert relative_error(fast, exact) < 1e-5

@@ -1,23 +1,41 @@
-"""The parametric hand: a sound mesh on the true surface, of a hand's size and in the pose asked for."""
+"""The parametric hand: a sound mesh on the true surface, a hand's size, in the pose asked for, not inside itself."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from bench.scenes.hand import hand_field, hand_mesh
 from bench.scenes.implicit import triangle_quality
-from bench.scenes.poses import POSES, FingerPose, Pose
-from bench.scenes.skeleton import DISTAL, FINGERS, HAND_AXES, LENGTHS_MM, PALMAR, skeleton
+from bench.scenes.poses import POSES, FingerPose, Pose, ThumbPose, WristPose
+from bench.scenes.skeleton import HAND_AXES, LENGTHS_MM, PALMAR, RADIAL, hand_from_palm, skeleton
+from bench.scenes.skin import Skin
+from bench.scenes.smoothness import crossing_facets
+from bench.scenes.textures import skin
+from calibration.meshes import load_open3d, raycasting_scene
 
 if TYPE_CHECKING:
     import open3d as o3d
 
 COARSE_M = 2e-3
+COARSER_M = 3e-3  # enough for shape and topology
+PALM_M = np.array([0.0, -0.030, 0.310])  # in the scenes
 WRIST_M = -0.050  # the wrist's crease, where anthropometry starts to measure
+
+
+def seen_from_the_array(surface: o3d.geometry.TriangleMesh) -> np.ndarray:
+    """Vertices [n, 3] that the array's centre sees when the palm is where scenes put it, radar frame."""
+    placed = load_open3d().geometry.TriangleMesh(surface).translate(PALM_M)
+    vertices = np.asarray(placed.vertices)
+    distance = np.linalg.norm(vertices, axis=1)
+    rays = np.hstack([np.zeros_like(vertices), vertices / distance[:, None]]).astype(np.float32)
+    hit = raycasting_scene(placed).cast_rays(load_open3d().core.Tensor(rays))["t_hit"].numpy()
+    return vertices[hit > distance - 5e-4]
 
 
 @pytest.fixture(scope="module")
@@ -27,23 +45,16 @@ def fine() -> o3d.geometry.TriangleMesh:
 
 @pytest.fixture(scope="module")
 def coarse() -> dict[str, o3d.geometry.TriangleMesh]:
-    return {name: hand_mesh(pose, COARSE_M) for name, pose in POSES.items()} | {"open": hand_mesh(Pose(), COARSE_M)}
-
-
-def self_intersections(surface: o3d.geometry.TriangleMesh) -> int:
-    """Triangles that cut another one (open3d's own test compares all with all)."""
-    import pymeshlab
-
-    meshes = pymeshlab.MeshSet(verbose=False)
-    meshes.add_mesh(pymeshlab.Mesh(np.asarray(surface.vertices), np.asarray(surface.triangles)))
-    meshes.compute_selection_by_self_intersections_per_face()
-    return meshes.current_mesh().selected_face_number()
+    edges_m = {name: COARSE_M if name in "BFU" else COARSER_M for name in POSES}
+    return {name: hand_mesh(POSES[name], edge_m) for name, edge_m in edges_m.items()} | {
+        "open": hand_mesh(Pose(), COARSE_M)
+    }
 
 
 def test_mesh_is_sound(fine: o3d.geometry.TriangleMesh) -> None:
     assert fine.is_edge_manifold(allow_boundary_edges=False)
     assert fine.is_vertex_manifold()
-    assert self_intersections(fine) == 0
+    assert crossing_facets(fine) == 0
     assert len(fine.cluster_connected_triangles()[1]) == 1
     triangles = np.asarray(fine.vertices)[np.asarray(fine.triangles)]
     volume = np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6
@@ -88,16 +99,64 @@ def test_letters_are_one_body_that_fits_the_scene(name: str, coarse: dict[str, o
     assert surface.is_edge_manifold(allow_boundary_edges=False)
     assert len(surface.cluster_connected_triangles()[1]) == 1
     assert np.abs(hand_field(POSES[name])(np.asarray(surface.vertices))).max() < 1e-5
-    assert surface.get_max_bound()[2] - surface.get_min_bound()[2] < 0.080  # depth of the radar's volume
+    # A groove where digits touch is narrower than these facets; at the 1 mm of scenes none cross (docs/hand.md).
+    assert crossing_facets(surface) < 2e-3 * len(surface.triangles)
+    assert np.ptp(seen_from_the_array(surface)[:, 2]) < 0.080  # depth of the radar's volume
 
 
-def test_letters_raise_the_right_fingers() -> None:
-    raised = {"B": FINGERS, "F": ("middle", "ring", "little"), "U": ("index", "middle")}
-    for letter, fingers in raised.items():
-        bones = skeleton(POSES[letter])
-        for name in FINGERS:
-            straight = bones[name][-1].axis @ bones[name][1].axis > 0.9 and bones[name][1].axis @ DISTAL > 0.9
-            assert straight == (name in fingers), (letter, name)
+@pytest.mark.parametrize("name", POSES)
+def test_bones_are_inside_the_skin(name: str) -> None:
+    joints = np.array([p for digit in skeleton(POSES[name]).values() for b in digit for p in (b.start_m, b.end_m)])
+    assert hand_field(POSES[name])(joints).max() < -1e-3
+
+
+def test_turn_and_wrist() -> None:
+    still = Pose(index=POSES["G"].index)
+    turned = still.model_copy(update={"turn_deg": (0.0, 0.0, 90.0)})
+    tip_m = skeleton(still)["index"][-1].end_m
+    assert skeleton(turned)["index"][-1].end_m == pytest.approx(hand_from_palm(turned) @ tip_m)
+    assert skeleton(turned)["middle"][0].axis @ RADIAL > 0.99  # from up to the viewer's right
+    arm = np.array([[0.0, -0.080, 0.0], [0.0, -0.070, -0.025], [0.025, -0.070, 0.0], [-0.025, -0.070, 0.0]])
+    inside = {flexion: hand_field(Pose(wrist=WristPose(flexion_deg=flexion)))(arm) < 0 for flexion in (0, 60)}
+    assert list(inside[0]) == [True, False, True, True]
+    assert list(inside[60][:2]) == [False, True]  # a flexed wrist has its forearm on the palm's side
+    towards_thumb = hand_field(Pose(wrist=WristPose(deviation_deg=25)))(arm)
+    assert towards_thumb[3] < 0 < towards_thumb[2]  # and the hand leans to the thumb where the forearm leaves that way
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        lambda: FingerPose(pip_deg=-30),
+        lambda: FingerPose(mcp_deg=120),
+        lambda: FingerPose(dip_deg=110),
+        lambda: FingerPose(spread_deg=50),
+        lambda: ThumbPose(ip_deg=120),
+        lambda: ThumbPose(radial_deg=120),
+        lambda: ThumbPose(palmar_deg=-40),
+        lambda: WristPose(deviation_deg=45),
+        lambda: WristPose(flexion_deg=100),
+        lambda: Pose(turn_deg=(0, 0, 270)),
+        lambda: Pose(turn_deg=(0, 0)),
+        lambda: Pose(index=FingerPose(mcp_deg=float("nan"))),
+        lambda: Pose(pinky=FingerPose()),
+    ],
+)
+def test_what_no_hand_can_do_is_refused(bad: Callable[[], object]) -> None:
+    with pytest.raises(ValidationError):
+        bad()
+
+
+@pytest.mark.parametrize("name", POSES)
+def test_skin_marks_follow_every_pose(name: str, coarse: dict[str, o3d.geometry.TriangleMesh]) -> None:
+    points_m, palm = np.asarray(coarse[name].vertices), POSES[name].model_copy(update={"turn_deg": (0.0, 0.0, 0.0)})
+    marks = Skin(POSES[name], 1.0, 3)(points_m) / skin(points_m, 1.0, 3)
+    still_m = points_m @ hand_from_palm(POSES[name])
+    still = Skin(palm, 1.0, 3)(still_m) / skin(still_m, 1.0, 3)
+    assert np.isfinite(marks).all() and marks.min() > 0.4
+    assert (marks < 0.9).sum() > 20
+    # The marks wobble by a fraction of a millimetre with a noise that is fixed in space, not in the hand.
+    assert (marks < 0.9).sum() == pytest.approx((still < 0.9).sum(), rel=0.35)
 
 
 def test_f_closes_a_ring(coarse: dict[str, o3d.geometry.TriangleMesh]) -> None:
@@ -119,7 +178,7 @@ def test_bones_keep_their_lengths_and_bend_to_the_palm() -> None:
 
 
 def test_poses_differ(coarse: dict[str, o3d.geometry.TriangleMesh]) -> None:
-    boxes = [np.r_[m.get_min_bound(), m.get_max_bound()] for m in coarse.values()]
+    boxes = [np.r_[coarse[name].get_min_bound(), coarse[name].get_max_bound()] for name in ("B", "F", "U", "open")]
     for i, box in enumerate(boxes):
         for other in boxes[:i]:
             assert np.abs(box - other).max() > 5e-3

@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
+from bench.scenes.file import SceneFile
 from bench.scenes.photographs import Studio
 from bench.scenes.poses import POSES
-from bench.scenes.scene import Scene, SceneFile, build
+from bench.scenes.scene import Scene, build
 from bench.scenes.skin import Skin
 from bench.scenes.textures import cells, foam, skin, solid_noise
 from calibration import parse

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.scenes.capture import write_photos
-from bench.scenes.scene import Photos, SceneFile, Sensor, Sweep, build, load_scene, spheres
+from bench.scenes.capture import description, write_photos
+from bench.scenes.file import Photos, SceneFile, Sensor, Sweep
+from bench.scenes.scene import build, load_scene, spheres
 from bench.scenes.stand import PLATE_M, cuboid, plate_print, stand_board
 from calibration import HandbenchError, parse
 from calibration.meshes import read_mesh, write_mesh
@@ -29,7 +30,7 @@ def scene_file(values: dict) -> SceneFile:
 @pytest.mark.parametrize(("change", "message"), [
     ({"sed": 1}, "unknown key 'sed'; did you mean 'seed'"),
     ({"target": {"kind": "hand", "pos": "B"}}, "did you mean 'pose'"),
-    ({"target": {"kind": "hand", "pose": "Q"}}, "unknown pose"),
+    ({"target": {"kind": "hand", "pose": "J"}}, "unknown pose"),
     ({"target": {"kind": "foot"}}, "'foot'"),
     ({"target": {"kind": "mesh", "pth": "a.ply"}}, "did you mean 'path'"),
     ({"target": {"kind": "hand", "pose": "B", "distance_m": 0}}, "greater than 0"),
@@ -38,6 +39,16 @@ def scene_file(values: dict) -> SceneFile:
     ({"version": 2}, "'version' is 2"),
     ({"name": "../b"}, "'name'"),
     ({"noise": {"phase_noise_rad": float("nan")}}, "finite"),
+    ({"noise": {"phase_noise_rad": 0.1, "snr_db": 20.0}}, "either"),
+    ({"effects": "all"}, "\"auto\" or a list"),
+    ({"effects": ["noise", "shadow"]}, "'shadow' is not an effect"),
+    ({"effects": ["noise", "noise"]}, "twice"),
+    ({"tolerance_mm": 0}, "greater than 0"),
+    ({"sensor": {"converter": {"bit": 12}}}, "did you mean 'bits'"),
+    ({"target": {"kind": "hand", "pose": {"index": {"mcp": 3}}}}, "did you mean 'mcp_deg'"),
+    ({"target": {"kind": "hand", "pose": {"index": {"mcp_deg": 300}}}}, "less than or equal to"),
+    ({"target": {"kind": "hand", "pose": "B", "material": {"kind": "gold"}}}, "'gold'"),
+    ({"target": {"kind": "sphere", "radius_m": -1}}, "greater than 0"),
 ])
 def test_mistakes_are_named(change: dict, message: str) -> None:
     with pytest.raises(HandbenchError, match=r"scene\.toml") as error:
@@ -127,6 +138,32 @@ def test_files_of_a_scene_stay_in_its_folder(tmp_path: Path) -> None:
 def test_a_target_in_the_plate_is_refused() -> None:
     with pytest.raises(HandbenchError, match="back plate"):
         build(scene_file(HAND | {"mount": {"offset_m": [0, 0, 0.32]}}))
+
+
+@pytest.mark.parametrize(("target", "size_m"), [
+    ({"kind": "sphere", "radius_m": 0.02}, (0.04, 0.04, 0.04)),
+    ({"kind": "plate", "width_m": 0.1, "height_m": 0.06}, (0.1, 0.06, 0.002)),
+    ({"kind": "dihedral", "side_m": 0.05}, (0.05 * 2**0.5, 0.05, 0.05 / 2**0.5 + 0.005)),
+])
+def test_shapes_are_closed_and_have_their_size(target: dict, size_m: tuple) -> None:
+    scene = build(scene_file({"version": 1, "name": "s", "target": {**target, "edge_m": 2e-3, "distance_m": 0.3}}))
+    assert np.asarray(scene.target_mesh.vertices).mean(axis=0)[:2] == pytest.approx([0, 0], abs=1e-3)
+    assert scene.target_mesh.get_max_bound() - scene.target_mesh.get_min_bound() == pytest.approx(size_m, rel=0.01)
+    triangles = np.asarray(scene.target_mesh.vertices)[np.asarray(scene.target_mesh.triangles)] - [0, 0, 0.3]
+    flux = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]).sum(axis=0)
+    assert np.abs(flux).max() < 1e-12  # closed
+    volume = np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6
+    assert volume > 0  # outwards
+
+
+def test_joint_angles_may_be_free() -> None:
+    free = {"kind": "hand", "edge_m": 4e-3, "pose": {"index": {"mcp_deg": 80, "pip_deg": 90}}}
+    scene = build(scene_file(HAND | {"target": free}))
+    straight = build(scene_file(HAND | {"target": {**free, "pose": {}}}))
+    index = [np.asarray(s.target_mesh.vertices) for s in (scene, straight)]
+    index = [v[np.abs(v[:, 0] + 0.03) < 0.012] for v in index]  # where the straight index finger is
+    assert index[1][:, 1].max() - index[0][:, 1].max() > 0.03
+    assert description(scene, [], ())["pose"] == "free"
 
 
 def test_plate_carries_its_markers() -> None:

@@ -1,0 +1,60 @@
+"""The cases: one hand scene with a plausible cause for every effect, and what is switched in each case."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from bench.scenes.file import SceneFile
+from radar.config import parse
+from radar.effects.catalogue import IDS
+
+# What a radar like the paper's may suffer from. The noise is the paper table's; all else is a guess at a good sensor,
+# a hand held still and a stand without absorber: change them for yours.
+CAUSES: dict[str, Any] = {
+    "noise": {"phase_noise_rad": 0.0264},
+    "stand": {"reflectivity_db": -20.0},
+    "sensor": {
+        "tones_hz": [81.8e9, 79.5e9],
+        "sweep": [{"start_hz": 72e9, "stop_hz": 82e9, "count": 128}],
+        "oscillator": {"level_dbc_hz": -90.0},
+        "pattern": {"beamwidth_deg": 60.0},
+        "coupling": {"level_db": 0.0},
+        "positions": {"sigma_m": 2e-5},
+        "channels": {"gain_db": 0.5, "phase_rad": 0.09, "delay_m": 1e-4},
+        "dead": {"tx": [17, 60], "rx": [33]},
+        "converter": {"bits": 12},
+    },
+}
+TREMOR = {"amplitude_m": 5e-5, "frequency_hz": 9.0}
+SKIN, PRINTED = {"kind": "skin"}, {"kind": "plastic", "permittivity": 2.7, "loss_tangent": 0.01}
+REFERENCE = ("obliquity", "shadow_centre", "noise")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One row: the effects that are on, besides which `switched` is told apart from the reference."""
+
+    name: str
+    effects: tuple[str, ...]
+    material: dict[str, Any]
+
+
+def cases() -> list[Case]:
+    """The reference, each of its effects left out, and each other effect added; per-antenna shadows replace the
+    centre's."""
+    rows = [Case("reference", REFERENCE, SKIN)]
+    rows += [Case(f"without {name}", tuple(e for e in REFERENCE if e != name), SKIN) for name in REFERENCE]
+    for name in IDS:
+        if name in REFERENCE:
+            continue
+        kept = tuple(e for e in REFERENCE if (name, e) != ("shadow_antennas", "shadow_centre"))
+        rows.append(Case(name, (*kept, name), PRINTED if name == "dielectric" else SKIN))
+    return rows
+
+
+def scene_file(pose: str, case: Case, seed: int = 1) -> SceneFile:
+    """The case's scene file."""
+    target = {"kind": "hand", "pose": pose, "material": case.material, "motion": TREMOR}
+    values = {"version": 1, "name": pose, "seed": seed, "target": target, "effects": list(case.effects), **CAUSES}
+    return parse(SceneFile, values, f"case '{case.name}'")

@@ -1,0 +1,56 @@
+"""Targets with a closed form: sphere, plate and dihedral, as closed meshes in the target's frame, metres."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bench.scenes.stand import cuboid
+from calibration.meshes import mesh
+from radar.rays import load_open3d
+
+if TYPE_CHECKING:
+    import open3d as o3d
+
+BACK_M = 5e-3  # thickness of a dihedral behind its fold
+
+
+def sphere_mesh(radius_m: float, edge_m: float) -> o3d.geometry.TriangleMesh:
+    """A sphere about the origin."""
+    resolution = max(8, int(np.ceil(np.pi * radius_m / edge_m)))
+    return load_open3d().geometry.TriangleMesh.create_sphere(radius_m, resolution=resolution)
+
+
+def plate_mesh(width_m: float, height_m: float, thickness_m: float, edge_m: float) -> o3d.geometry.TriangleMesh:
+    """A plate whose front is z = 0, facing -z."""
+    half = np.array([width_m, height_m]) / 2
+    return mesh(*cuboid(np.append(-half, 0.0), np.append(half, thickness_m), edge_m))
+
+
+def dihedral_mesh(side_m: float, edge_m: float) -> o3d.geometry.TriangleMesh:
+    """A block with a notch of 90° that opens towards -z; its fold is the y axis, its flanks are side_m × side_m."""
+    reach, half = side_m / np.sqrt(2), side_m / 2
+    outline = np.array([(-reach, -reach), (0, 0), (reach, -reach), (reach, BACK_M), (0, BACK_M), (-reach, BACK_M)])
+    parts = []
+    for start, end in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+        a, b = (np.array([x, -half, z]) for x, z in (start, end))
+        parts.append(_quad(a, b, np.array([0, side_m, 0]), edge_m))
+    for y, order in ((-half, -1), (half, 1)):  # each side is two trapezoids
+        for corners in ((0, 1, 4, 5), (1, 2, 3, 4)):
+            points = np.array([(outline[k][0], y, outline[k][1]) for k in corners])
+            parts.append((points, np.array([(0, 1, 2), (0, 2, 3)])[:, ::order]))
+    counts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
+    faces = np.concatenate([f + n for (_, f), n in zip(parts, counts[:-1], strict=True)])
+    return mesh(np.concatenate([vertices for vertices, _ in parts]), faces)
+
+
+def _quad(a: np.ndarray, b: np.ndarray, side: np.ndarray, step_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Grid of the rectangle a, b, b + side, a + side."""
+    nu, nv = (int(np.ceil(np.linalg.norm(length) / step_m)) + 1 for length in (b - a, side))
+    u, v = np.meshgrid(np.linspace(0, 1, nu), np.linspace(0, 1, nv), indexing="ij")
+    index = np.arange(nu * nv).reshape(nu, nv)
+    corners = (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
+    p, q, r, s = (c.ravel() for c in corners)
+    faces = np.concatenate([np.stack([p, r, q], 1), np.stack([p, s, r], 1)])
+    return a + u.reshape(-1, 1) * (b - a) + v.reshape(-1, 1) * side, faces

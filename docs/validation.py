@@ -1,0 +1,171 @@
+"""The figure and the tables of docs/validation.md: python -m docs.validation OUT.png (from the repository's root)."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+
+from bench.registry import method
+from bench.scenes.echoes import echo_scene
+from bench.scenes.scene import load_scene
+from bench.scenes.stand import PLATE_M, cuboid
+from radar.capture import RadarCapture
+from radar.effects.catalogue import EFFECTS, IDS
+from radar.effects.causes import Causes, Pattern
+from radar.effects.material import Material
+from radar.effects.plan import choose
+from radar.effects.scene import Body, EchoScene
+from radar.effects.simulate import shoot
+from tests.radar.effects.closed_forms import (
+    phase_errors_rad,
+    plate_over_angle,
+    power_over_range,
+    refined,
+    sphere_over_ka,
+)
+
+EXACT, OURS, OTHER = "black", "tab:blue", "tab:orange"
+TONES_HZ = np.array([79.5e9, 81.8e9, 82.0e9])
+BASE = ("obliquity", "shadow_centre")
+
+
+def db(ratio: np.ndarray) -> np.ndarray:
+    """Decibels of a ratio of powers."""
+    return 10 * np.log10(ratio)
+
+
+def most_db(ratio: np.ndarray) -> float:
+    """The largest deviation from 1, decibels."""
+    return float(np.abs(db(ratio)).max())
+
+
+def draw_sphere(axes: Axes) -> None:
+    """RCS of a metal sphere."""
+    ka = np.concatenate([np.linspace(0.2, 10, 200), np.linspace(10, 60, 400)])
+    facets, closed, mie = sphere_over_ka(ka)
+    axes.plot(ka, db(mie), color=EXACT, label="Mie's series")
+    axes.plot(ka, db(closed), color=OTHER, label="physical optics, closed form")
+    axes.plot(ka[::8], db(facets)[::8], ".", color=OURS, label="physical optics, facets")
+    axes.set(xscale="log", ylim=(-12, 6), xlabel="ka", ylabel="σ / πa² in dB", title="Metal sphere")
+    large = ka >= 25
+    print(f"sphere, ka ≥ 25: facets within {most_db(facets[large]):.2f} dB of πa², Mie {most_db(mie[large]):.2f} dB; "
+          f"facets within {most_db(facets / closed):.3f} dB of their integral everywhere")
+    for low, high in ((1, 2), (2, 5), (5, 10), (10, 20), (20, 30), (30, 60)):
+        within = (ka >= low) & (ka <= high)
+        print(f"  ka {low} to {high}: physical optics within {most_db((facets / mie)[within]):.2f} dB of Mie")
+
+
+def draw_plate(axes: Axes) -> None:
+    """Pattern of a metal plate."""
+    degrees = np.linspace(0, 60, 481)
+    (facets, exact), (even, _) = plate_over_angle(degrees), plate_over_angle(degrees, oblique=False)
+    peak = exact.max()
+    axes.plot(degrees, db(exact / peak), color=EXACT, label="closed form")
+    axes.plot(degrees, db(even / peak), color=OTHER, label="facets that scatter evenly")
+    axes.plot(degrees[::3], db(facets / peak)[::3], ".", color=OURS, label="facets")
+    axes.set(ylim=(-60, 3), xlabel="angle from the normal in degrees", ylabel="σ against its peak in dB")
+    axes.set_title("Metal plate of ten wavelengths")
+    lobes = exact > 1e-3 * peak
+    print(f"plate: peak {most_db(facets[:1] / exact[:1]):.1e} dB from 4πA²/λ²; to 30 dB below it, that is up to "
+          f"{degrees[lobes].max():.0f}°: {most_db((facets / exact)[lobes]):.2f} dB, without obliquity "
+          f"{most_db((even / exact)[lobes]):.2f} dB")
+
+
+def draw_refinement(axes: Axes) -> None:
+    """Convergence over the facets' size."""
+    per_wavelength = np.array([2, 4, 8, 16])
+    errors = refined(tuple(per_wavelength))
+    axes.loglog(1 / per_wavelength, errors, "o-", color=OURS, label="curved sheet")
+    axes.loglog(1 / per_wavelength, 0.36 / per_wavelength**2, "--", color=EXACT, label="second order")
+    axes.set(xlabel="edges", ylabel="relative error of the samples", title="Refinement, against λ/32")
+    axes.set_xticks([], minor=True)
+    axes.set_xticks(1 / per_wavelength, [f"λ/{n}" for n in per_wavelength])
+    print("refinement: errors", errors.round(4), "orders", np.log2(errors[:-1] / errors[1:]).round(2))
+
+
+def draw_range(axes: Axes) -> None:
+    """Power over range."""
+    range_m = np.geomspace(0.15, 9.6, 13)
+    powers = power_over_range(range_m)
+    for power, name, style in zip(powers, ("point", "facets of a ball", "Mie's ball"), ("-", ".", "x"), strict=True):
+        level = db(power * range_m**4 / (power * range_m**4)[-1])
+        axes.semilogx(range_m, level, style, color={"-": EXACT, ".": OURS, "x": OTHER}[style], label=name)
+    axes.set(xlabel="range in m", ylabel="power · R⁴ in dB", title="Falling with R⁻⁴: a point, a ball of 5 mm")
+    orders = -np.diff(np.log2(powers), axis=1) / np.diff(np.log2(range_m))
+    print("range: exponents of a point", orders[0].round(5)[[0, -1]], "of a ball", orders[1].round(3)[[0, -1]])
+
+
+def stand(scene: object, reflectivity_db: float) -> tuple[Body, ...]:
+    """The benchmark's back plate in the radar frame."""
+    half = np.array(PLATE_M[:2]) / 2
+    vertices_m, faces = cuboid(np.array([*-half, -PLATE_M[2]]), np.array([*half, 0.0]), 5e-3)
+    material = Material(reflectivity_db=reflectivity_db)
+    return (Body(scene.radar_from_photo.points(vertices_m), faces, material),)
+
+
+def cases(letter: str) -> Iterator[tuple[str, str, EchoScene]]:
+    """(name, effect, scene) of what is measured on one hand."""
+    scene = load_scene(f"bench/benchmarks/hand_{letter}.toml")
+    causes = Causes(pattern=Pattern(beamwidth_deg=60.0))
+    hand = replace(echo_scene(scene), frequencies_hz=TONES_HZ, time_s=np.zeros(3), causes=causes, room=(), _kept={})
+
+    def of(material: Material, **changes: object) -> EchoScene:
+        return replace(hand, target=replace(hand.target, material=material), _kept={}, **changes)
+
+    yield "obliquity", "obliquity", hand
+    yield "pattern of 60°", "pattern", hand
+    yield "skin, palm 15 µm", "skin", of(Material(kind="skin", palm_thickness_m=15e-6))
+    yield "skin, palm 140 µm", "skin", of(Material(kind="skin"))
+    yield "skin, palm 430 µm", "skin", of(Material(kind="skin", palm_thickness_m=430e-6))
+    yield "plastic", "dielectric", of(Material(kind="plastic", loss_tangent=0.015))
+    yield "foam hand", "dielectric", of(Material(kind="foam"))
+    for level_db in (-10.0, -30.0):
+        yield f"back plate of {level_db:g} dB", "clutter", of(Material(), room=stand(scene, level_db))
+
+
+def calibration_target() -> tuple[str, str, EchoScene]:
+    """The same of the benchmark's balls in foam."""
+    scene = echo_scene(load_scene("bench/benchmarks/target.toml"))
+    scene = replace(scene, frequencies_hz=TONES_HZ, time_s=np.zeros(3), room=(), _kept={})
+    return "foam of the balls", "dielectric", scene
+
+
+def measured_mm(scene: EchoScene, effect: str) -> tuple[float, float]:
+    """Mean and median |change| of the 3-FSK depth map by the effect, over pixels on target with and without it."""
+    fsk = method("3fsk")
+    config, depths = fsk.configure({}, "docs/validation.py"), []
+    base = BASE if scene.target is not None else ()
+    changed = tuple(name for name in base if name != effect) if effect in base else (*base, effect)
+    for effects in (base, changed):
+        capture = shoot(scene, choose(scene, effects, 0.1)).capture
+        depths.append(fsk.run(RadarCapture(capture.samples, TONES_HZ, scene.array), config, 0).depth.z_m)
+    change_mm = 1e3 * np.abs(depths[1] - depths[0])
+    return float(np.nanmean(change_mm)), float(np.nanmedian(change_mm))
+
+
+def main(picture: Path) -> None:
+    """Draw the figure and print the tables."""
+    figure, axes = plt.subplots(2, 2, figsize=(11, 8), layout="constrained")
+    for panel, draw in zip(axes.flat, (draw_sphere, draw_plate, draw_refinement, draw_range), strict=True):
+        draw(panel)
+        panel.legend()
+        panel.grid(alpha=0.3)
+    figure.savefig(picture, dpi=90)
+    for tolerance, spreading in ((None, True), (1e-5, False)):
+        print(f"phase, tolerance {tolerance}: {phase_errors_rad(tolerance, spreading).max():.1e} rad at most")
+    print("hand | case | estimate mm | measured mm (median)")
+    every = [(letter, case) for letter in "fb" for case in cases(letter)]
+    for letter, (name, effect, scene) in (*every, ("target", calibration_target())):
+        estimate = EFFECTS[IDS.index(effect)].estimate(scene)
+        mean_mm, median_mm = measured_mm(scene, effect)
+        print(f"{letter} | {name} | {estimate.depth_mm:.3f} | {mean_mm:.3f} ({median_mm:.3f})", flush=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,88 @@
+"""Which effects a scene calls for.
+
+`auto` leaves out the smallest effects as long as the sum of their estimates, doubled since estimates may be wrong by
+a factor of two (docs/effects.md), stays within the tolerance: estimates are means of magnitudes, whose sum bounds the
+mean of the whole change. Every effect above the tolerance is on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from radar.effects.catalogue import EFFECTS, check_names
+from radar.effects.effect import Estimate
+from radar.effects.scene import EchoScene
+from radar.errors import HandbenchError
+
+Wanted = tuple[str, ...] | Literal["auto"]
+SAFETY = 2.0
+CONTAINED = {"shadow_centre": "shadow_antennas"}  # the one is done by the other, where that is on
+
+STRENGTHS = ("skin", "dielectric")  # how strongly the target echoes: it matters where clutter has a strength of its own
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One effect's row: whether it is on and why; depth_mm and level_db, its estimate (None: not asked for, or the
+    scene has no cause); cost_s, what it was expected to take; seconds, what it took (None: off or not simulated)."""
+
+    effect: str
+    on: bool
+    why: str
+    depth_mm: float | None = None
+    level_db: float | None = None
+    cost_s: float | None = None
+    seconds: float | None = None
+
+    def row(self) -> dict[str, Any]:
+        """Plain values for a file, without those that are None or infinite."""
+        values = {k: round(float(v), 6) if isinstance(v, float) else v for k, v in asdict(self).items()}
+        return {k: v for k, v in values.items() if v is not None and not (isinstance(v, float) and abs(v) == np.inf)}
+
+
+def choose(scene: EchoScene, wanted: Wanted, tolerance_mm: float, explain: bool = False) -> tuple[Choice, ...]:
+    """The row of every effect in the order of the catalogue. explain: give estimates for a list too."""
+    missing = {effect.id: effect.missing(scene) for effect in EFFECTS}
+    if wanted != "auto":
+        check_names(wanted)
+        for name in wanted:
+            if missing[name]:
+                raise HandbenchError(f"effects: '{name}' needs {missing[name]}; add it or leave the effect out")
+    asked = wanted == "auto" or explain
+    estimates = {effect.id: effect.estimate(scene) for effect in EFFECTS if asked and not missing[effect.id]}
+    reasons = _budget(estimates, tolerance_mm) if wanted == "auto" else {}
+    return tuple(_choice(effect.id, wanted, missing[effect.id], estimates, reasons) for effect in EFFECTS)
+
+
+def _budget(estimates: dict[str, Estimate], tolerance_mm: float) -> dict[str, str]:
+    """Effects that may be left out, and why."""
+    left_out: dict[str, str] = {}
+    spent_mm = 0.0
+    for name, estimate in sorted(estimates.items(), key=lambda item: item[1].depth_mm):
+        spent_mm += SAFETY * estimate.depth_mm
+        if spent_mm > tolerance_mm:
+            break
+        left_out[name] = f"with all that is smaller, twice its size is {spent_mm:.3f} of {tolerance_mm:g} mm"
+    for name in STRENGTHS if "clutter" in estimates and "clutter" not in left_out else ():
+        left_out.pop(name, None)
+    for name, container in CONTAINED.items():
+        if container in estimates and container not in left_out:
+            left_out[name] = f"contained in {container}"
+    return left_out
+
+
+def _choice(
+    name: str, wanted: Wanted, missing: str, estimates: dict[str, Estimate], left_out: dict[str, str]
+) -> Choice:
+    if missing:
+        return Choice(name, False, f"needs {missing}")
+    estimate = estimates.get(name)
+    size = (estimate.depth_mm, estimate.level_db, estimate.cost_s) if estimate else (None, None, None)
+    bound = f" ({estimate.why})" if estimate else ""
+    if wanted == "auto":
+        on = name not in left_out
+        return Choice(name, on, ("called for" if on else left_out[name]) + bound, *size)
+    return Choice(name, name in wanted, ("listed" if name in wanted else "not listed") + bound, *size)

@@ -1,0 +1,108 @@
+"""Which effects are on: the tolerance is a budget, a list is a list, and what a scene lacks is said."""
+
+import pytest
+
+from radar.effects import plan
+from radar.effects.catalogue import EFFECTS, IDS
+from radar.effects.effect import Effect, Estimate
+from radar.errors import HandbenchError
+from tests.radar.effects.small_scenes import bead_scene
+
+
+def effect(name, depth_mm, lacks=""):
+    class Known(Effect):
+        id = name
+        does = source = "a test"
+
+        def missing(self, scene):
+            return lacks
+
+        def estimate(self, scene):
+            return Estimate(depth_mm, -20.0, "as the test says")
+
+        def apply(self, shot):
+            raise AssertionError("planning applies nothing")
+
+    return Known()
+
+
+@pytest.fixture
+def catalogue(monkeypatch):
+    def install(*effects):
+        monkeypatch.setattr(plan, "EFFECTS", effects)
+
+    return install
+
+
+def on(choices):
+    return [choice.effect for choice in choices if choice.on]
+
+
+def test_what_is_left_out_stays_below_the_tolerance_together(catalogue):
+    sizes = {"a": 0.02, "b": 0.025, "c": 0.015, "d": 0.5, "e": 0.03}
+    catalogue(*(effect(name, size) for name, size in sizes.items()))
+    choices = plan.choose(bead_scene(), "auto", 0.1)
+    # Twice 0.015 + 0.020 fit into 0.1; with 0.025 they would not, though each of them is small enough.
+    assert on(choices) == ["b", "d", "e"]
+    assert sum(plan.SAFETY * sizes[c.effect] for c in choices if not c.on) <= 0.1
+    assert all("0.070 of 0.1 mm" in c.why for c in choices if c.effect == "a")
+
+
+def test_everything_above_the_tolerance_is_on_and_nothing_is_asked_twice(catalogue):
+    catalogue(effect("a", 0.101), effect("b", 0.0), effect("c", 3.0))
+    assert on(plan.choose(bead_scene(), "auto", 0.1)) == ["a", "c"]
+    assert on(plan.choose(bead_scene(), "auto", 1e-9)) == ["a", "c"]
+    assert on(plan.choose(bead_scene(), "auto", 7.0)) == []
+
+
+def test_what_the_scene_lacks_is_off_and_said(catalogue):
+    catalogue(effect("a", 9.0, lacks="[noise] in the scene"), effect("b", 9.0))
+    first, second = plan.choose(bead_scene(), "auto", 0.1)
+    assert not first.on and first.why == "needs [noise] in the scene" and first.depth_mm is None
+    assert second.on
+
+
+def test_a_list_asks_for_no_estimate_unless_explained(monkeypatch):
+    monkeypatch.setattr(plan, "EFFECTS", (refusing := effect("noise", 0.0),))
+    monkeypatch.setattr(type(refusing), "estimate", lambda self, scene: 1 / 0)
+    [row] = plan.choose(bead_scene(), ("noise",), 0.1)
+    assert row.on and row.depth_mm is None
+    with pytest.raises(ZeroDivisionError):
+        plan.choose(bead_scene(), ("noise",), 0.1, explain=True)
+
+
+def test_a_listed_effect_without_its_cause_is_an_error():
+    with pytest.raises(HandbenchError, match=r"'noise' needs \[noise\]"):
+        plan.choose(bead_scene(), ("noise",), 0.1)
+
+
+@pytest.mark.parametrize(("names", "message"), [(("nois",), "did you mean 'noise'"), (("noise", "noise"), "twice")])
+def test_names_are_checked(names, message):
+    with pytest.raises(HandbenchError, match=message):
+        plan.choose(bead_scene({"noise": {"phase_noise_rad": 0.1}}), names, 0.1)
+
+
+def test_per_antenna_shadows_contain_those_from_the_centre(catalogue):
+    catalogue(effect("shadow_centre", 5.0), effect("shadow_antennas", 2.0))
+    choices = plan.choose(bead_scene(), "auto", 0.1)
+    assert on(choices) == ["shadow_antennas"] and "contained" in choices[0].why
+    catalogue(effect("shadow_centre", 5.0), effect("shadow_antennas", 0.01))
+    assert on(plan.choose(bead_scene(), "auto", 0.1)) == ["shadow_centre"]
+
+
+def test_how_strongly_a_target_echoes_matters_before_clutter(catalogue):
+    catalogue(effect("skin", 0.001), effect("dielectric", 0.001), effect("clutter", 2.0))
+    assert on(plan.choose(bead_scene(), "auto", 0.1)) == ["skin", "dielectric", "clutter"]
+    catalogue(effect("skin", 0.001), effect("clutter", 0.001))
+    assert on(plan.choose(bead_scene(), "auto", 0.1)) == []
+
+
+def test_every_effect_says_what_it_is():
+    assert len(set(IDS)) == len(EFFECTS) == 16
+    for known in EFFECTS:
+        assert known.does and known.source
+
+
+def test_rows_hold_plain_finite_values():
+    row = plan.Choice("a", True, "why", 0.1, float("-inf"), None, 1.23456789).row()
+    assert row == {"effect": "a", "on": True, "why": "why", "depth_mm": 0.1, "seconds": 1.234568}
