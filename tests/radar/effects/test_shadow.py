@@ -97,7 +97,7 @@ def test_a_target_of_which_nothing_is_seen_is_refused():
     inverted = joined(Body(SHEET.vertices_m, SHEET.faces[:, ::-1]), behind)
     for effect in (ShadowCentre(), ShadowAntennas()):
         with pytest.raises(HandbenchError, match="no facet"):
-            shot(inverted, effect)
+            np.asarray(shot(inverted, effect).samples)
 
 
 def test_lines_are_runs_of_neighbours():
