@@ -3,6 +3,7 @@
 A target that moves by δ along e is a target at rest before an array that has moved by −δe. Echoes are computed at few
 displacements; between them each channel is turned by the path to the target's middle, and what is left, the small
 difference between the target's parts, is interpolated linearly.
+Extra echoes (two bounces, foam) are computed once and turned alone: they are weak, and what is left of them is less.
 """
 
 from __future__ import annotations
@@ -32,13 +33,12 @@ class TargetMotion(Effect):
 
     def estimate(self, scene: EchoScene) -> Estimate:
         motion = scene.causes.motion
-        top = int(scene.frequencies_hz.argmax())
-        other = int(np.abs(scene.frequencies_hz - scene.frequencies_hz[top] + scene.depth_step_hz).argmin())
+        top, other = scene.pair
         apart_s = float(abs(scene.time_s[top] - scene.time_s[other]))
         # A sine's mean |δ(t + T) − δ(t)| over its phase: 2a|sin πfT| · 2/π.
         sine_m = motion.amplitude_m * 4 / np.pi * abs(np.sin(np.pi * motion.frequency_hz * apart_s))
         moved_m = sine_m + abs(motion.velocity_m_s) * apart_s
-        gain = scene.frequencies_hz[top] / scene.depth_step_hz
+        gain = 4 * np.pi * scene.frequencies_hz[top] / SPEED_OF_LIGHT_M_S * scene.depth_m_per_rad  # f/Δf
         towards = abs(motion.direction[2]) / np.linalg.norm(motion.direction)
         why = f"(f/Δf)·Δδ = {gain:.0f} · {1e3 * moved_m:.3f} mm in {1e3 * apart_s:.0f} ms between the tones"
         turned_rad = 2 * np.pi * scene.frequencies_hz[top] / SPEED_OF_LIGHT_M_S * 2 * moved_m
@@ -78,7 +78,8 @@ def echoes_of_moving(
     nodes_m = np.linspace(low, high, 2 + int(residual_rad / RESIDUAL_RAD))
     slope = _slope(shot, along, middle_m)
     # Turned by −slope·δ, the echoes of all displacements look alike.
-    still = [_turned(shot.echo(shot.moved(node * along)), -node * slope, frequencies_hz) for node in nodes_m]
+    extra = shot.extra_echoes()
+    still = [_turned(shot.echo(shot.moved(node * along)), -node * slope, frequencies_hz) + extra for node in nodes_m]
     place = np.clip((offset_m - low) / max(high - low, 1e-12) * (len(nodes_m) - 1), 0, len(nodes_m) - 1)
     below = np.minimum(place.astype(int), len(nodes_m) - 2)
     samples = np.empty((*offset_m.shape, *shot.array.channels), np.complex64)

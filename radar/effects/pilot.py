@@ -64,9 +64,8 @@ def pilot(scene: EchoScene) -> Pilot:
 
 
 def _pilot(scene: EchoScene) -> Pilot:
-    top_hz = scene.frequencies_hz.max()
-    lower_hz = scene.frequencies_hz[np.abs(scene.frequencies_hz - (top_hz - scene.depth_step_hz)).argmin()]
-    tones_hz = np.array([top_hz, lower_hz, top_hz - COARSE * scene.depth_step_hz])
+    high_hz, low_hz = scene.frequencies_hz[list(scene.pair)]
+    tones_hz = np.array([high_hz, low_hz, high_hz - COARSE * scene.depth_step_hz])
     samples = echoes_of(scene, tones_hz, scene.array)
     points_m = _pixels(scene, samples[[0, 2]], tones_hz[[0, 2]])
     return Pilot(tones_hz[:2], samples[:2], points_m, _images(scene, tones_hz[:2], samples[:2], points_m))
@@ -143,8 +142,7 @@ def change_mm(scene: EchoScene, samples: np.ndarray) -> float:
     known = pilot(scene)
     images = _images(scene, known.tones_hz, samples, known.points_m)
     turned = (images[0] * images[1].conj()) * (known.images[0] * known.images[1].conj()).conj()
-    step = min(scene.depth_step_hz / max(abs(known.tones_hz[0] - known.tones_hz[1]), 1.0), 1.0)
-    return 1e3 * scene.depth_m_per_rad * step * float(np.abs(np.angle(turned)).mean())
+    return 1e3 * scene.depth_m_per_rad * float(np.abs(np.angle(turned)).mean())
 
 
 def change_db(scene: EchoScene, samples: np.ndarray) -> float:

@@ -21,7 +21,9 @@ Wanted = tuple[str, ...] | Literal["auto"]
 SAFETY = 2.0
 CONTAINED = {"shadow_centre": "shadow_antennas"}  # the one is done by the other, where that is on
 
-STRENGTHS = ("skin", "dielectric")  # how strongly the target echoes: it matters where clutter has a strength of its own
+# How strongly the target reflects hardly moves its depths, but it matters beside echoes that do not share that strength:
+# clutter has its own, and two bounces have its square.
+STRENGTHS, ABSOLUTE = ("skin", "dielectric"), ("clutter", "multipath")
 
 
 @dataclass(frozen=True)
@@ -66,8 +68,8 @@ def _budget(estimates: dict[str, Estimate], tolerance_mm: float) -> dict[str, st
         if spent_mm > tolerance_mm:
             break
         left_out[name] = f"with all that is smaller, twice its size is {spent_mm:.3f} of {tolerance_mm:g} mm"
-    for name in STRENGTHS if "clutter" in estimates and "clutter" not in left_out else ():
-        left_out.pop(name, None)
+    if any(name in estimates and name not in left_out for name in ABSOLUTE):
+        left_out = {name: why for name, why in left_out.items() if name not in STRENGTHS}
     for name, container in CONTAINED.items():
         if container in estimates and container not in left_out:
             left_out[name] = f"contained in {container}"

@@ -66,9 +66,17 @@ class EchoScene:
         return SPEED_OF_LIGHT_M_S / float(self.frequencies_hz.max())
 
     @property
+    def pair(self) -> tuple[int, int]:
+        """The tones between which depths are told, by index: the highest, and the one nearest to a depth step below."""
+        top = int(self.frequencies_hz.argmax())
+        below_hz = self.frequencies_hz[top] - self.depth_step_hz
+        return top, int(np.abs(self.frequencies_hz - below_hz).argmin())
+
+    @property
     def depth_m_per_rad(self) -> float:
-        """Depth per phase between two tones `depth_step_hz` apart: c / (4πΔf)."""
-        return SPEED_OF_LIGHT_M_S / (4 * np.pi * self.depth_step_hz)
+        """Depth per phase between the tones of the pair: c / (4πΔf); at the depth step where there is one tone only."""
+        high_hz, low_hz = self.frequencies_hz[list(self.pair)]
+        return SPEED_OF_LIGHT_M_S / (4 * np.pi * (high_hz - low_hz or self.depth_step_hz))
 
     def kept(self, key: Hashable, make: Any) -> Any:
         """make(), computed once per scene: estimates share what they look at."""

@@ -82,7 +82,7 @@ class Shot:
         return AntennaArray(self.array.tx_m - offset_m, self.array.rx_m - offset_m)
 
     def echo(self, array: AntennaArray) -> np.ndarray:
-        """The target's samples complex64 [f, t, r] at antennas that are where `array` says."""
+        """The target's samples complex64 [f, t, r] at antennas that are where `array` says, without the extra echoes."""
         samples = np.zeros((len(self.scene.frequencies_hz), *array.channels), np.complex64)
         if self.surface is not None:
             if len(self.surface.facets) == 0:
@@ -92,15 +92,17 @@ class Shot:
             samples += surface_echo(self.surface, self, array)
         if self.with_target:
             samples += ball_echoes(self.scene.balls, self.scene.frequencies_hz, array, self.ball_delay_m, self.pattern)
-        for extra in self.extra if self.with_target else ():
-            samples += extra(array)
         return samples
+
+    def extra_echoes(self) -> np.ndarray | float:
+        """The sum of the extra echoes, complex64 [f, t, r]; 0 where there are none."""
+        return sum(extra(self.array) for extra in self.extra) if self.with_target else 0.0
 
     @property
     def samples(self) -> np.ndarray:
         """Samples complex64 [frame, f, t, r]; the target's echoes, the same in every frame, until an effect differs."""
         if self._samples is None:
-            self._samples = np.repeat(self.echo(self.array)[None], self.frames, axis=0)
+            self._samples = np.repeat((self.echo(self.array) + self.extra_echoes())[None], self.frames, axis=0)
         return self._samples
 
     @samples.setter
