@@ -21,8 +21,8 @@ Wanted = tuple[str, ...] | Literal["auto"]
 SAFETY = 2.0
 CONTAINED = {"shadow_centre": "shadow_antennas"}  # the one is done by the other, where that is on
 
-# How strongly the target reflects hardly moves its depths, but it matters beside echoes that do not share that strength:
-# clutter has its own, and two bounces have its square.
+# How strongly the target reflects hardly moves its depths, but it matters beside echoes that do not share that
+# strength: clutter has its own, and two bounces have its square.
 STRENGTHS, ABSOLUTE = ("skin", "dielectric"), ("clutter", "multipath")
 
 

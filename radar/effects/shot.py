@@ -82,7 +82,7 @@ class Shot:
         return AntennaArray(self.array.tx_m - offset_m, self.array.rx_m - offset_m)
 
     def echo(self, array: AntennaArray) -> np.ndarray:
-        """The target's samples complex64 [f, t, r] at antennas that are where `array` says, without the extra echoes."""
+        """The target's samples complex64 [f, t, r] at antennas that are where `array` says, without extra echoes."""
         samples = np.zeros((len(self.scene.frequencies_hz), *array.channels), np.complex64)
         if self.surface is not None:
             if len(self.surface.facets) == 0:
