@@ -4,53 +4,62 @@ from __future__ import annotations
 
 import argparse
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from bench.ablation.measure import image
-from bench.scenes.echoes import choices, echo_scene
+from bench.scenes.echoes import echo_scene, echoes
 from bench.scenes.scene import Scene, load_scene
 from radar.capture import RadarCapture
 from radar.effects.catalogue import EFFECTS
-from radar.effects.plan import CONTAINED, Choice, choose
-from radar.effects.simulate import shoot
+from radar.effects.plan import CONTAINED, Choice
+from radar.effects.simulate import Shots
 from radar.files import atomic_path
 from radar.progress import track
 from radar.warmup import compile_kernels
 
 SCENES = Path(__file__).parent / "scenes"
 METHODS = ("3fsk", "2fsk", "broadband-subvoxel")
+REPEATS = 3
 
 
 @dataclass(frozen=True)
 class Compared:
-    """A scene: what auto chose and left out, the seconds of both simulations (auto's with its estimates), and the mean
-    |difference| of the depth maps by method, over the pixels that both have on target."""
+    """A scene at a tolerance: what auto chose and left out, the seconds of both simulations (auto's with its
+    estimates), and the mean |difference| of the depth maps by method, over the pixels that both have on target."""
 
     name: str
+    tolerance_mm: float
     rows: tuple[Choice, ...]
     auto_s: float
     all_s: float
     difference_mm: dict[str, float]
 
 
-def compare(scene: Scene) -> Compared:
-    """Auto against everything that the scene has a cause for, one frame each."""
+def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Compared]:
+    """Auto against everything that the scene has a cause for, one frame each; medians of REPEATS interleaved runs."""
     radar_scene = echo_scene(scene)
     everything = tuple(e.id for e in EFFECTS if e.id not in CONTAINED and not e.missing(radar_scene))
-    shoot(radar_scene, choose(radar_scene, everything, 1.0))  # plans and compiled kernels, which both use again
-    start = time.perf_counter()
-    fresh = echo_scene(scene)  # with nothing kept
-    rows = choices(scene, fresh)
-    found = shoot(fresh, rows)
-    auto_s = time.perf_counter() - start
-    start = time.perf_counter()
-    whole = shoot(echo_scene(scene), choose(radar_scene, everything, 1.0))
-    all_s = time.perf_counter() - start
-    difference = {name: difference_mm(name, found.capture, whole.capture) for name in METHODS}
-    return Compared(scene.file.name, rows, auto_s, all_s, difference)
+    files = {mm: scene.file.model_copy(update={"effects": "auto", "tolerance_mm": mm}) for mm in tolerances_mm}
+    listed = {None: scene.file.model_copy(update={"effects": everything}), **files}
+    seconds: dict[float | None, list[float]] = {mm: [] for mm in listed}
+    made: dict[float | None, Shots] = {}
+    for _ in range(1 + REPEATS):  # the first makes plans and compiles kernels, which all use again
+        for mm, file in listed.items():
+            start = time.perf_counter()
+            made[mm] = echoes(replace(scene, file=file))
+            seconds[mm].append(time.perf_counter() - start)
+    median = {mm: float(np.median(values[1:])) for mm, values in seconds.items()}
+    whole = made[None].capture
+    return [
+        Compared(
+            scene.file.name, mm, made[mm].rows[1:], median[mm], median[None],
+            {name: difference_mm(name, made[mm].capture, whole) for name in METHODS},
+        )
+        for mm in tolerances_mm
+    ]
 
 
 def difference_mm(method: str, one: RadarCapture, other: RadarCapture) -> float:
@@ -61,14 +70,19 @@ def difference_mm(method: str, one: RadarCapture, other: RadarCapture) -> float:
 
 def markdown(found: list[Compared]) -> str:
     """The table for the documentation."""
-    head = ["scene", "on", "left out (estimates, mm)", "auto s", "all s", "ratio", *(f"{m} mm" for m in METHODS)]
-    lines = [head, ["---"] * 3 + ["--:"] * (len(head) - 3)]
+    head = ["scene", "tolerance mm", "on", "left out (estimates, mm)", "auto s", "all s", "ratio"]
+    head += [f"{m} mm" for m in METHODS]
+    lines = [head, ["---", "--:", "---", "---"] + ["--:"] * (len(head) - 4)]
     for c in found:
-        out = ", ".join(f"{r.effect} {r.depth_mm:.3f}" for r in c.rows if not r.on and r.depth_mm is not None)
+        out = ", ".join(f"{r.effect} {r.depth_mm:.3f}" for r in c.rows if _left_out(r))
         figures = [f"{c.auto_s:.1f}", f"{c.all_s:.1f}", f"{c.all_s / c.auto_s:.1f}"]
         figures += [f"{c.difference_mm[m]:.3f}" for m in METHODS]
-        lines.append([c.name, ", ".join(r.effect for r in c.rows if r.on), out, *figures])
+        lines.append([c.name, f"{c.tolerance_mm:g}", ", ".join(r.effect for r in c.rows if r.on), out, *figures])
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines) + "\n"
+
+
+def _left_out(row: Choice) -> bool:
+    return not row.on and row.depth_mm is not None and row.effect not in CONTAINED
 
 
 def main() -> None:
@@ -76,10 +90,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m bench.ablation.auto", description=__doc__)
     parser.add_argument("scenes", nargs="*", type=Path, metavar="SCENE.toml")
     parser.add_argument("-o", "--out", type=Path, default=Path("runs/ablation"), metavar="DIR")
+    parser.add_argument("--tolerances", default="0.1,1", help="of auto, mm, separated by commas (default 0.1,1)")
     options = parser.parse_args()
     compile_kernels()
     files = options.scenes or sorted(SCENES.glob("*.toml"))
-    found = [compare(load_scene(path)) for path in track(files, "scenes")]
+    tolerances_mm = tuple(float(text) for text in options.tolerances.split(","))
+    found = [row for path in track(files, "scenes") for row in compare(load_scene(path), tolerances_mm)]
     options.out.mkdir(parents=True, exist_ok=True)
     with atomic_path(options.out / "auto_table.md") as temporary:
         temporary.write_text(markdown(found), encoding="utf-8")

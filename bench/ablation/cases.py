@@ -12,7 +12,7 @@ from radar.effects.catalogue import IDS
 # What a radar like the paper's may suffer from. The noise is the paper table's; all else is a guess at a good sensor,
 # a hand held still and a stand without absorber: change them for yours.
 CAUSES: dict[str, Any] = {
-    "noise": {"phase_noise_rad": 0.0264},
+    "noise": {"phase_noise_rad": 0.0366},
     "stand": {"reflectivity_db": -20.0},
     "sensor": {
         "tones_hz": [81.8e9, 79.5e9],
@@ -28,29 +28,31 @@ CAUSES: dict[str, Any] = {
 }
 TREMOR = {"amplitude_m": 5e-5, "frequency_hz": 9.0}
 SKIN, PRINTED = {"kind": "skin"}, {"kind": "plastic", "permittivity": 2.7, "loss_tangent": 0.01}
-REFERENCE = ("obliquity", "shadow_centre", "noise")
+REFERENCE = ("obliquity", "shadow_antennas", "skin", "multipath", "noise")  # what a hand before absorber calls for
 
 
 @dataclass(frozen=True)
 class Case:
-    """One row: the effects that are on, besides which `switched` is told apart from the reference."""
+    """One row: the effects that are on, and the one that it tells apart from the reference."""
 
     name: str
+    effect: str
     effects: tuple[str, ...]
     material: dict[str, Any]
 
 
 def cases() -> list[Case]:
-    """The reference, each of its effects left out, and each other effect added; per-antenna shadows replace the
-    centre's."""
-    rows = [Case("reference", REFERENCE, SKIN)]
-    rows += [Case(f"without {name}", tuple(e for e in REFERENCE if e != name), SKIN) for name in REFERENCE]
-    for name in IDS:
-        if name in REFERENCE:
-            continue
-        kept = tuple(e for e in REFERENCE if (name, e) != ("shadow_antennas", "shadow_centre"))
-        rows.append(Case(name, (*kept, name), PRINTED if name == "dielectric" else SKIN))
-    return rows
+    """The reference, each of its effects left out, coarser shadows, and each other effect added."""
+    rows = [Case("reference", "", REFERENCE, SKIN)]
+    rows += [Case(f"without {name}", name, _without(name), SKIN) for name in REFERENCE]
+    rows.append(Case("shadow_centre instead", "shadow_centre", (*_without("shadow_antennas"), "shadow_centre"), SKIN))
+    rows.append(Case("dielectric instead of skin", "dielectric", (*_without("skin"), "dielectric"), PRINTED))
+    known = {case.effect for case in rows} | set(REFERENCE)
+    return rows + [Case(name, name, (*REFERENCE, name), SKIN) for name in IDS if name not in known]
+
+
+def _without(name: str) -> tuple[str, ...]:
+    return tuple(effect for effect in REFERENCE if effect != name)
 
 
 def scene_file(pose: str, case: Case, seed: int = 1) -> SceneFile:

@@ -72,14 +72,13 @@ def show(pose: str, case: Case, scene: Scene, frames: int) -> Shown:
     elapsed_s = time.perf_counter() - start
     depths = {name: image(name, shots.capture, frames if name in REPEATED else 1) for name in METHODS}
     truth = {name: depth_on_grid(scene.target_mesh, d[0].x_m, d[0].y_m) for name, d in depths.items()}
-    effect = case.name.removeprefix("without ")
     estimates = {row.effect: row.depth_mm for row in choose(radar_scene, "auto", 1.0)}
     return Shown(
         {name: error_map(d[0].x_m, d[0].y_m, d[0].z_m, truth[name]) for name, d in depths.items()},
         depths[CHANGED][0].z_m,
         {name: strongest_z_m(depths[name]) for name in REPEATED},
-        estimates.get(effect),
-        sum(row.seconds or 0.0 for row in shots.rows if row.effect == effect),
+        estimates.get(case.effect),
+        sum(row.seconds or 0.0 for row in shots.rows if row.effect == case.effect),
         elapsed_s,
     )
 
