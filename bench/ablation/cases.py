@@ -12,7 +12,7 @@ from radar.effects.catalogue import IDS
 # What a radar like the paper's may suffer from. The noise is the paper table's; all else is a guess at a good sensor,
 # a hand held still and a stand without absorber: change them for yours.
 CAUSES: dict[str, Any] = {
-    "noise": {"phase_noise_rad": 0.0366},
+    "noise": {"phase_noise_rad": 0.0281},
     "stand": {"reflectivity_db": -20.0},
     "sensor": {
         "tones_hz": [81.8e9, 79.5e9],

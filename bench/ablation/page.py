@@ -49,10 +49,16 @@ def _cells(row: Row) -> list[str]:
 
 
 def markdown(rows: list[Row]) -> str:
-    """The table for the documentation."""
+    """Two tables for the documentation: size and cost of each case, and what the methods make of it."""
     head, *lines = table(rows)
-    out = [head, ["---", *["--:"] * (len(head) - 1)], *lines]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in out) + "\n"
+    sizes = [[line[0], *line[1:5]] for line in (head, *lines)]
+    figures = [[line[0], *line[5:]] for line in (head, *lines)]
+    return _lines(sizes) + "\n" + _lines(figures)
+
+
+def _lines(cells: list[list[str]]) -> str:
+    rule = ["---", *["--:"] * (len(cells[0]) - 1)]
+    return "".join("| " + " | ".join(line) + " |\n" for line in (cells[0], rule, *cells[1:]))
 
 
 def draw(rows: list[Row], figure: Figure) -> None:

@@ -11,25 +11,13 @@ from pydantic import Field
 from bench.results import Name
 from radar.capture import RadarCapture, load_capture
 from radar.config import Config, load
+from radar.effects.plan import Choice
 from radar.errors import HandbenchError
 from radar.files import atomic_path, inside, require_folder
 
 ECHOES, TRUTH, MESH, PHOTOS = "echoes.h5", "truth.ply", "mesh.ply", "photos"
 EMPTY = "empty.h5"  # the room without the target
 TRANSFORM, TARGET = "radar_from_photo.json", "target.toml"
-
-
-class EffectRow(Config):
-    """What a simulated capture says about one effect: whether it is on and why, its estimated size (mean change of the
-    depth map; level against the target's echo), what it was expected to take and took."""
-
-    effect: str
-    on: bool
-    why: str
-    depth_mm: float | None = None
-    level_db: float | None = None
-    cost_s: float | None = None
-    seconds: float | None = None
 
 
 class CaptureFile(Config):
@@ -47,7 +35,7 @@ class CaptureFile(Config):
     )
     contains: tuple[str, ...] = ()
     source: str | None = None
-    effects: tuple[EffectRow, ...] = Field(default=(), description="of a simulated capture: what its echoes show")
+    effects: tuple[Choice, ...] = Field(default=(), description="of a simulated capture: what its echoes show")
     methods: dict[str, dict[str, Any]] = Field(
         default_factory=dict, description="configuration per method id where this sensor needs another than the default"
     )

@@ -46,7 +46,7 @@ def description(scene: Scene, contains: list[str], rows: tuple[Choice, ...]) -> 
         "seed": scene.file.seed,
         "box_m": scene.box_m.ravel().round(6).tolist(),
         "contains": contains,
-        "effects": [row.row() for row in rows],
+        "effects": [row.model_dump(exclude_none=True) for row in rows],
     }
 
 

@@ -13,18 +13,7 @@ from bench.scenes.poses import POSES, Pose
 from calibration import Config, suggest
 from calibration.transforms import Transform
 from radar.effects.catalogue import check_names
-from radar.effects.causes import (
-    Causes,
-    Channels,
-    Converter,
-    Coupling,
-    Dead,
-    Motion,
-    Noise,
-    Oscillator,
-    Pattern,
-    Positions,
-)
+from radar.effects.causes import Causes, Motion, Noise, SensorFaults
 from radar.effects.material import Material
 from radar.effects.scene import DEPTH_STEP_HZ
 from radar.errors import HandbenchError
@@ -127,7 +116,7 @@ class Sweep(Config):
     count: int = Field(ge=1, le=100_000)
 
 
-class Sensor(Config):
+class Sensor(SensorFaults):
     """The radar: a built-in array or an array file; its frequencies (sweeps, then tones), measured in this order, one
     every `step_time_s`; and what is imperfect about it."""
 
@@ -135,13 +124,6 @@ class Sensor(Config):
     sweep: tuple[Sweep, ...] = (Sweep(start_hz=72e9, stop_hz=82e9, count=128),)
     tones_hz: tuple[Annotated[float, Field(gt=0)], ...] = ()
     step_time_s: float = Field(default=1e-3, ge=0)
-    oscillator: Oscillator = Oscillator()
-    pattern: Pattern = Pattern()
-    coupling: Coupling = Coupling()
-    positions: Positions = Positions()
-    channels: Channels = Channels()
-    dead: Dead = Dead()
-    converter: Converter = Converter()
 
     @property
     def frequencies_hz(self) -> np.ndarray:
@@ -213,8 +195,8 @@ class SceneFile(Config):
     @property
     def causes(self) -> Causes:
         """Everything that effects may come from."""
-        sensor = {name: getattr(self.sensor, name) for name in Causes.model_fields if hasattr(self.sensor, name)}
-        return Causes(noise=self.noise, motion=self.target.motion, **sensor)
+        faults = {name: getattr(self.sensor, name) for name in SensorFaults.model_fields}
+        return Causes(noise=self.noise, motion=self.target.motion, **faults)
 
 
 def rigid(source: str, to: str, turn: np.ndarray, offset_m: tuple[float, ...]) -> Transform:

@@ -86,15 +86,20 @@ class Converter(Config):
     headroom_db: float = 6.0
 
 
-class Causes(Config):
-    """All of them."""
+class SensorFaults(Config):
+    """What is imperfect about a sensor."""
 
-    noise: Noise = Noise()
     oscillator: Oscillator = Oscillator()
-    motion: Motion = Motion()
     pattern: Pattern = Pattern()
     coupling: Coupling = Coupling()
     positions: Positions = Positions()
     channels: Channels = Channels()
     dead: Dead = Dead()
     converter: Converter = Converter()
+
+
+class Causes(SensorFaults):
+    """All causes of a scene."""
+
+    noise: Noise = Noise()
+    motion: Motion = Motion()

@@ -30,7 +30,7 @@ class Multipath(Effect):
     source = "shooting and bouncing rays: Ling, Chou & Lee 1989; the bound: the energy that geometrical optics returns"
 
     def missing(self, scene: EchoScene) -> str:
-        return "" if scene.target is not None and not scene.target.transparent else "a target with an opaque surface"
+        return scene.lacks_surface
 
     def estimate(self, scene: EchoScene) -> Estimate:
         caught, count = glints(visible_surface(scene), scene.array, CENTRE_M)

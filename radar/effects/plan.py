@@ -7,11 +7,11 @@ mean of the whole change. Every effect above the tolerance is on.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
+from radar.config import Config
 from radar.effects.catalogue import EFFECTS, check_names
 from radar.effects.effect import Estimate
 from radar.effects.scene import EchoScene
@@ -26,8 +26,7 @@ CONTAINED = {"shadow_centre": "shadow_antennas"}  # the one is done by the other
 STRENGTHS, ABSOLUTE = ("skin", "dielectric"), ("clutter", "multipath")
 
 
-@dataclass(frozen=True)
-class Choice:
+class Choice(Config):
     """One effect's row: whether it is on and why; depth_mm and level_db, its estimate (None: not asked for, or the
     scene has no cause); cost_s, what it was expected to take; seconds, what it took (None: off or not simulated)."""
 
@@ -38,11 +37,6 @@ class Choice:
     level_db: float | None = None
     cost_s: float | None = None
     seconds: float | None = None
-
-    def row(self) -> dict[str, Any]:
-        """Plain values for a file, without those that are None or infinite."""
-        values = {k: round(float(v), 6) if isinstance(v, float) else v for k, v in asdict(self).items()}
-        return {k: v for k, v in values.items() if v is not None and not (isinstance(v, float) and abs(v) == np.inf)}
 
 
 def choose(scene: EchoScene, wanted: Wanted, tolerance_mm: float, explain: bool = False) -> tuple[Choice, ...]:
@@ -80,11 +74,16 @@ def _choice(
     name: str, wanted: Wanted, missing: str, estimates: dict[str, Estimate], left_out: dict[str, str]
 ) -> Choice:
     if missing:
-        return Choice(name, False, f"needs {missing}")
-    estimate = estimates.get(name)
-    size = (estimate.depth_mm, estimate.level_db, estimate.cost_s) if estimate else (None, None, None)
-    bound = f" ({estimate.why})" if estimate else ""
+        return Choice(effect=name, on=False, why=f"needs {missing}")
     if wanted == "auto":
-        on = name not in left_out
-        return Choice(name, on, ("called for" if on else left_out[name]) + bound, *size)
-    return Choice(name, name in wanted, ("listed" if name in wanted else "not listed") + bound, *size)
+        on, why = name not in left_out, left_out.get(name, "called for")
+    else:
+        on, why = name in wanted, "listed" if name in wanted else "not listed"
+    estimate = estimates.get(name)
+    if estimate is None:
+        return Choice(effect=name, on=on, why=why)
+    level_db = estimate.level_db if np.isfinite(estimate.level_db) else None
+    return Choice(
+        effect=name, on=on, why=f"{why} ({estimate.why})",
+        depth_mm=estimate.depth_mm, level_db=level_db, cost_s=estimate.cost_s,
+    )  # fmt: skip

@@ -78,6 +78,11 @@ class EchoScene:
         high_hz, low_hz = self.frequencies_hz[list(self.pair)]
         return SPEED_OF_LIGHT_M_S / (4 * np.pi * (high_hz - low_hz or self.depth_step_hz))
 
+    @property
+    def lacks_surface(self) -> str:
+        """What effects of opaque surfaces miss here, as a phrase; "" if nothing."""
+        return "" if self.target is not None and not self.target.transparent else "a target with an opaque surface"
+
     def kept(self, key: Hashable, make: Any) -> Any:
         """make(), computed once per scene: estimates share what they look at."""
         if key not in self._kept:

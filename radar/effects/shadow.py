@@ -34,7 +34,7 @@ class ShadowCentre(Effect):
     source = "geometry, one ray per facet; the bound from a buffer of depths"
 
     def missing(self, scene: EchoScene) -> str:
-        return "" if scene.target is not None and not scene.target.transparent else "a target with an opaque surface"
+        return scene.lacks_surface
 
     def estimate(self, scene: EchoScene) -> Estimate:
         facets, visible = coarse_surface(scene, scene.target), seen_from_centre(scene)
@@ -60,7 +60,7 @@ class ShadowAntennas(Effect):
     source = "geometry, rays from every antenna; the bound from buffers of depths at the array's corners"
 
     def missing(self, scene: EchoScene) -> str:
-        return "" if scene.target is not None and not scene.target.transparent else "a target with an opaque surface"
+        return scene.lacks_surface
 
     def estimate(self, scene: EchoScene) -> Estimate:
         """Of what it changes beyond `shadow_centre`."""

@@ -66,8 +66,10 @@ def shoot(
     watch = Stopwatch()
     shot = Shot(scene, frames, tolerance)
     _apply(shot, choices, watch)
-    rows = tuple(replace(row, seconds=watch.seconds.get(row.effect, 0.0)) if row.on else row for row in choices)
-    base = Choice(ECHOES, True, "the target's echoes, with what shapes them", seconds=watch.seconds[ECHOES])
+    seconds = {row.effect: watch.seconds.get(row.effect, 0.0) for row in choices if row.on}
+    rows = tuple(row.model_copy(update={"seconds": seconds.get(row.effect)}) for row in choices)
+    why = "the target's echoes, with what shapes them"
+    base = Choice(effect=ECHOES, on=True, why=why, seconds=watch.seconds[ECHOES])
     room = None
     if empty:
         room = Shot(scene, 1, tolerance, levels=shot.levels)

@@ -4,7 +4,7 @@ import pytest
 
 from radar.effects import plan
 from radar.effects.catalogue import EFFECTS, IDS
-from radar.effects.effect import Effect, Estimate
+from radar.effects.effect import NOTHING, Effect, Estimate
 from radar.errors import HandbenchError
 from tests.radar.effects.small_scenes import bead_scene
 
@@ -82,6 +82,14 @@ def test_names_are_checked(names, message):
         plan.choose(bead_scene({"noise": {"phase_noise_rad": 0.1}}), names, 0.1)
 
 
+def test_a_level_of_nothing_is_left_out_of_the_row(catalogue):
+    nothing = effect("a", 0.0)
+    type(nothing).estimate = lambda self, scene: Estimate(0.0, NOTHING, "nothing")
+    catalogue(nothing)
+    [row] = plan.choose(bead_scene(), "auto", 0.1)
+    assert row.level_db is None and row.depth_mm == 0 and not row.on
+
+
 def test_per_antenna_shadows_contain_those_from_the_centre(catalogue):
     catalogue(effect("shadow_centre", 5.0), effect("shadow_antennas", 2.0))
     choices = plan.choose(bead_scene(), "auto", 0.1)
@@ -101,8 +109,3 @@ def test_every_effect_says_what_it_is():
     assert len(set(IDS)) == len(EFFECTS) == 16
     for known in EFFECTS:
         assert known.does and known.source
-
-
-def test_rows_hold_plain_finite_values():
-    row = plan.Choice("a", True, "why", 0.1, float("-inf"), None, 1.23456789).row()
-    assert row == {"effect": "a", "on": True, "why": "why", "depth_mm": 0.1, "seconds": 1.234568}
