@@ -105,18 +105,17 @@ def stand(scene: object, reflectivity_db: float) -> tuple[Body, ...]:
     """The benchmark's back plate in the radar frame."""
     half = np.array(PLATE_M[:2]) / 2
     vertices_m, faces = cuboid(np.array([*-half, -PLATE_M[2]]), np.array([*half, 0.0]), 5e-3)
-    material = Material(reflectivity_db=reflectivity_db)
-    return (Body(scene.radar_from_photo.points(vertices_m), faces, material),)
+    return (Body(scene.radar_from_photo.points(vertices_m), faces, reflectivity_db=reflectivity_db),)
 
 
 def cases(letter: str) -> Iterator[tuple[str, str, EchoScene]]:
     """(name, effect, scene) of what is measured on one hand."""
     scene = load_scene(f"bench/benchmarks/hand_{letter}.toml")
     causes = Causes(pattern=Pattern(beamwidth_deg=60.0))
-    hand = replace(echo_scene(scene), frequencies_hz=TONES_HZ, time_s=np.zeros(3), causes=causes, room=(), _kept={})
+    hand = replace(echo_scene(scene), frequencies_hz=TONES_HZ, time_s=np.zeros(3), causes=causes, room=())
 
     def of(material: Material, **changes: object) -> EchoScene:
-        return replace(hand, target=replace(hand.target, material=material), _kept={}, **changes)
+        return replace(hand, target=replace(hand.target, material=material), **changes)
 
     yield "obliquity", "obliquity", hand
     yield "pattern of 60°", "pattern", hand
@@ -132,7 +131,7 @@ def cases(letter: str) -> Iterator[tuple[str, str, EchoScene]]:
 def calibration_target() -> tuple[str, str, EchoScene]:
     """The same of the benchmark's balls in foam."""
     scene = echo_scene(load_scene("bench/benchmarks/target.toml"))
-    scene = replace(scene, frequencies_hz=TONES_HZ, time_s=np.zeros(3), room=(), _kept={})
+    scene = replace(scene, frequencies_hz=TONES_HZ, time_s=np.zeros(3), room=())
     return "foam of the balls", "dielectric", scene
 
 

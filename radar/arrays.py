@@ -87,8 +87,11 @@ def qar50() -> AntennaArray:
 def load_positions(path: str | Path) -> np.ndarray:
     """Antenna positions [n, 3] in metres from a CSV file with the header x_m,y_m,z_m."""
     path = require_file(path, "a CSV file with the columns x_m,y_m,z_m")
-    with path.open(newline="", encoding="utf-8") as stream:
-        rows = list(csv.reader(stream))
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.reader(stream))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise HandbenchError(f"{path}: is no CSV file ({error}); expected the columns x_m,y_m,z_m") from None
     if not rows or rows[0] != ["x_m", "y_m", "z_m"]:
         raise HandbenchError(f"{path}: the first line is {rows[:1]}; expected x_m,y_m,z_m")
     try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -44,10 +44,9 @@ def ablate(poses: tuple[str, ...], frames: int) -> list[Row]:
     compile_kernels()
     found: dict[str, list[Shown]] = {}
     jobs = [(case, pose) for pose in poses for case in cases()]
-    scenes: dict[str, Scene] = {}
+    scenes = {pose: build(scene_file(pose, jobs[0][0])) for pose in poses}
     for case, pose in track(jobs, "ablation"):
-        scene = scenes.setdefault(pose, build(scene_file(pose, case)))
-        found.setdefault(case.name, []).append(show(pose, case, scene, frames))
+        found.setdefault(case.name, []).append(show(pose, case, scenes[pose], frames))
     return [_row(name, shown, found["reference"]) for name, shown in found.items()]
 
 
@@ -65,7 +64,7 @@ class Shown:
 
 def show(pose: str, case: Case, scene: Scene, frames: int) -> Shown:
     """Simulate, image and score one case; the mesh of `scene` is used again."""
-    scene = Scene(**{**vars(scene), "file": scene_file(pose, case)})
+    scene = replace(scene, file=scene_file(pose, case))
     radar_scene = echo_scene(scene)
     start = time.perf_counter()
     shots = shoot(radar_scene, choices(scene, radar_scene), frames)

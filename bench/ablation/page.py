@@ -19,7 +19,7 @@ SMALLEST_MM = 1e-4  # what is smaller stands at the axis
 
 
 def write(rows: list[Row], folder: Path) -> None:
-    """Write effects.md, effects.csv and effects.png into the folder."""
+    """Write effects_table.md, effects.csv and effects.png into the folder."""
     folder.mkdir(parents=True, exist_ok=True)
     with atomic_path(folder / "effects_table.md") as temporary:
         temporary.write_text(markdown(rows), encoding="utf-8")

@@ -10,7 +10,6 @@ from bench.scenes.scene import Scene
 from bench.scenes.stand import PLATE_M, cuboid
 from calibration.transforms import Transform
 from radar.arrays import AntennaArray, load_positions, qar50
-from radar.effects.material import Material
 from radar.effects.plan import Choice, choose
 from radar.effects.scene import Ball, Body, EchoScene
 from radar.effects.shadow import ShadowCentre
@@ -56,7 +55,7 @@ def visible_surface(scene: Scene) -> Scatterers:
     """Facets of the target that face the aperture's centre and are not in another's shadow."""
     shot = Shot(echo_scene(scene), 1)
     ShadowCentre().apply(shot)
-    return Scatterers(shot.surface.facets.position_m, shot.surface.facets.area_m2, shot.surface.facets.normal)
+    return shot.surface.facets.optics
 
 
 def _target(scene: Scene) -> Body | None:
@@ -89,13 +88,12 @@ def _room(scene: Scene) -> tuple[Body, ...]:
     half = np.array(PLATE_M[:2]) / 2
     boxes = [np.array([[*-half, -PLATE_M[2]], [*half, 0.0]])]
     boxes += [] if scene.block_m is None else [scene.block_m]
-    material = Material(reflectivity_db=reflectivity_db)
-    return tuple(_body(box_m, scene.radar_from_photo, material) for box_m in boxes)
+    return tuple(_body(box_m, scene.radar_from_photo, reflectivity_db) for box_m in boxes)
 
 
-def _body(box_m: np.ndarray, radar_from_photo: Transform, material: Material) -> Body:
+def _body(box_m: np.ndarray, radar_from_photo: Transform, reflectivity_db: float) -> Body:
     vertices_m, faces = cuboid(box_m[0], box_m[1], ROOM_STEP_M)
-    return Body(radar_from_photo.points(vertices_m), faces, material)
+    return Body(radar_from_photo.points(vertices_m), faces, reflectivity_db=reflectivity_db)
 
 
 def antenna_array(scene: Scene) -> AntennaArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag, field_validator
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 from scipy.spatial.transform import Rotation
 
 from bench.results import Name
@@ -22,13 +22,15 @@ BUILT_IN_ARRAY = "qar50"
 PHOTO_AXES = np.diag([-1.0, 1.0, -1.0])  # the board faces the radar: its z is the radar's -z
 
 
-class _Placed(Config):
-    """Where the target's own frame stands in the radar frame, what it is made of and how it moves."""
+Offset = Annotated[float, Field(ge=-100, le=100)]
 
-    distance_m: float = Field(default=0.30, gt=0)
-    offset_m: tuple[float, float] = (0.0, 0.0)
+
+class _Placed(Config):
+    """Where the target's own frame stands in the radar frame, and how it moves."""
+
+    distance_m: float = Field(default=0.30, gt=0, le=100)
+    offset_m: tuple[Offset, Offset] = (0.0, 0.0)
     rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # about the fixed x, y, z axes, in this order
-    material: Material = Material()
     motion: Motion = Motion()
 
     def radar_from_target(self) -> Transform:
@@ -36,18 +38,24 @@ class _Placed(Config):
         return rigid("target", "radar", rotation(self.rotation_deg), (*self.offset_m, self.distance_m))
 
 
+class _Solid(_Placed):
+    """A target of one material."""
+
+    material: Material = Material()
+
+
 def _pose_kind(pose: Any) -> str:
     return "letter" if isinstance(pose, str) else "Pose"
 
 
-class HandTarget(_Placed):
+class HandTarget(_Solid):
     """A parametric hand, in the pose of a letter or with joint angles of its own ([target.pose]); `distance_m` is the
     range of its palm's mid-plane."""
 
     kind: Literal["hand"]
     pose: Annotated[Annotated[str, Tag("letter")] | Annotated[Pose, Tag("Pose")], Discriminator(_pose_kind)]
-    distance_m: float = Field(default=0.31, gt=0)
-    offset_m: tuple[float, float] = (0.0, -0.030)
+    distance_m: float = Field(default=0.31, gt=0, le=100)
+    offset_m: tuple[Offset, Offset] = (0.0, -0.030)
     edge_m: float = Field(default=1e-3, ge=5e-4, le=5e-3)
 
     @field_validator("pose")
@@ -71,7 +79,7 @@ class CalibrationTarget(_Placed):
     rotation_deg: tuple[float, float, float] = (4.0, -6.0, 8.0)
 
 
-class MeshTarget(_Placed):
+class MeshTarget(_Solid):
     """Any closed mesh from a file beside the scene file."""
 
     kind: Literal["mesh"]
@@ -79,7 +87,7 @@ class MeshTarget(_Placed):
     unit: Literal["m", "mm"] = "m"
 
 
-class SphereTarget(_Placed):
+class SphereTarget(_Solid):
     """A sphere about the target's origin."""
 
     kind: Literal["sphere"]
@@ -87,7 +95,7 @@ class SphereTarget(_Placed):
     edge_m: float = Field(default=1e-3, ge=1e-4, le=5e-3)
 
 
-class PlateTarget(_Placed):
+class PlateTarget(_Solid):
     """A flat plate; its front, which faces the radar squarely, lies in the target's x and y."""
 
     kind: Literal["plate"]
@@ -97,7 +105,7 @@ class PlateTarget(_Placed):
     edge_m: float = Field(default=1e-3, ge=1e-4, le=5e-3)
 
 
-class DihedralTarget(_Placed):
+class DihedralTarget(_Solid):
     """Two square plates at a right angle that opens towards the radar; they meet along the target's y axis."""
 
     kind: Literal["dihedral"]
@@ -123,7 +131,13 @@ class Sensor(SensorFaults):
     array: str = BUILT_IN_ARRAY
     sweep: tuple[Sweep, ...] = (Sweep(start_hz=72e9, stop_hz=82e9, count=128),)
     tones_hz: tuple[Annotated[float, Field(gt=0)], ...] = ()
-    step_time_s: float = Field(default=1e-3, ge=0)
+    step_time_s: float = Field(default=1e-3, ge=0, le=100)
+
+    @model_validator(mode="after")
+    def _some_tone(self) -> Sensor:
+        if not self.sweep and not self.tones_hz:
+            raise ValueError("expected a sweep or tones_hz; the radar measures nothing")
+        return self
 
     @property
     def frequencies_hz(self) -> np.ndarray:
@@ -191,6 +205,15 @@ class SceneFile(Config):
             except HandbenchError as error:
                 raise ValueError(str(error).removeprefix("effects: ")) from None
         return effects
+
+    @model_validator(mode="after")
+    def _step_below_the_tones(self) -> SceneFile:
+        highest_hz = self.sensor.frequencies_hz.max()
+        if self.depth_step_hz >= highest_hz:
+            raise ValueError(
+                f"depth_step_hz is {self.depth_step_hz:g}; expected less than the highest tone, {highest_hz:g} Hz"
+            )
+        return self
 
     @property
     def causes(self) -> Causes:

@@ -74,6 +74,12 @@ def build(file: SceneFile, folder: str | Path = ".") -> Scene:
     surface = _surface(file.target, target, Path(folder))
     radar_from_target = file.target.radar_from_target()
     surface.transform(radar_from_target.matrix)
+    nearest_m = float(np.asarray(surface.vertices)[:, 2].min())
+    if nearest_m <= 0:
+        raise HandbenchError(
+            f"scene '{file.name}': the target reaches {-1e3 * nearest_m:.0f} mm behind the array's plane; enlarge "
+            "target.distance_m"
+        )
     radar_from_photo = file.mount.radar_from_photo()
     in_photo_m = radar_from_photo.inverse().points(np.asarray(surface.vertices))
     lower_m, upper_m = in_photo_m.min(axis=0), in_photo_m.max(axis=0)

@@ -8,6 +8,8 @@ import numpy as np
 
 from bench.scenes.stand import cuboid
 from calibration.meshes import mesh
+from radar.effects.facets import MOST_FACETS
+from radar.errors import HandbenchError
 from radar.rays import load_open3d
 
 if TYPE_CHECKING:
@@ -18,18 +20,21 @@ BACK_M = 5e-3  # thickness of a dihedral behind its fold
 
 def sphere_mesh(radius_m: float, edge_m: float) -> o3d.geometry.TriangleMesh:
     """A sphere about the origin."""
+    _check_faces(4 * np.pi * radius_m**2, edge_m)
     resolution = max(8, int(np.ceil(np.pi * radius_m / edge_m)))
     return load_open3d().geometry.TriangleMesh.create_sphere(radius_m, resolution=resolution)
 
 
 def plate_mesh(width_m: float, height_m: float, thickness_m: float, edge_m: float) -> o3d.geometry.TriangleMesh:
     """A plate whose front is z = 0, facing -z."""
+    _check_faces(2 * width_m * height_m, edge_m)
     half = np.array([width_m, height_m]) / 2
     return mesh(*cuboid(np.append(-half, 0.0), np.append(half, thickness_m), edge_m))
 
 
 def dihedral_mesh(side_m: float, edge_m: float) -> o3d.geometry.TriangleMesh:
     """A block with a notch of 90° that opens towards -z; its fold is the y axis, its flanks are side_m × side_m."""
+    _check_faces(4 * side_m**2, edge_m)
     reach, half = side_m / np.sqrt(2), side_m / 2
     outline = np.array([(-reach, -reach), (0, 0), (reach, -reach), (reach, BACK_M), (0, BACK_M), (-reach, BACK_M)])
     parts = []
@@ -43,6 +48,15 @@ def dihedral_mesh(side_m: float, edge_m: float) -> o3d.geometry.TriangleMesh:
     counts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
     faces = np.concatenate([f + n for (_, f), n in zip(parts, counts[:-1], strict=True)])
     return mesh(np.concatenate([vertices for vertices, _ in parts]), faces)
+
+
+def _check_faces(area_m2: float, edge_m: float) -> None:
+    count = 2 * area_m2 / edge_m**2
+    if count > MOST_FACETS:
+        raise HandbenchError(
+            f"target.edge_m: is {1e3 * edge_m:g} mm, which would make {count:.0e} triangles; expected at most "
+            f"{MOST_FACETS:.0e}: enlarge it"
+        )
 
 
 def _quad(a: np.ndarray, b: np.ndarray, side: np.ndarray, step_m: float) -> tuple[np.ndarray, np.ndarray]:

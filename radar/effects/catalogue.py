@@ -31,13 +31,13 @@ EFFECTS: tuple[Effect, ...] = (
     Dielectric(),
     Multipath(),
     TargetMotion(),
-    Clutter(),
     AntennaCoupling(),
+    Clutter(),
     ChannelErrors(),
-    DeadElements(),
     OscillatorNoise(),
     ThermalNoise(),
     Quantisation(),
+    DeadElements(),
 )
 IDS = tuple(effect.id for effect in EFFECTS)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from radar.config import Config
 
@@ -12,7 +12,7 @@ class Noise(Config):
     snr_db, the strongest pixel's power against the noise in the image of one tone. Nothing: no noise."""
 
     phase_noise_rad: float = Field(default=0.0, ge=0)
-    snr_db: float | None = None
+    snr_db: float | None = Field(default=None, ge=-200, le=200)
 
     @model_validator(mode="after")
     def _one_of_both(self) -> Noise:
@@ -31,7 +31,7 @@ class Oscillator(Config):
     """Phase noise of the common oscillator: level_dbc_hz at 1 MHz from the carrier, falling with 1/f²; bandwidth_hz of
     the receiver's filter. Transmitter and receiver share it, so that the target's short delay cancels most of it."""
 
-    level_dbc_hz: float | None = Field(default=None, lt=0)
+    level_dbc_hz: float | None = Field(default=None, ge=-300, lt=0)
     bandwidth_hz: float = Field(default=1e6, gt=0)
 
 
@@ -41,8 +41,15 @@ class Motion(Config):
 
     amplitude_m: float = Field(default=0.0, ge=0, le=0.01)
     frequency_hz: float = Field(default=9.0, gt=0)
-    velocity_m_s: float = 0.0
+    velocity_m_s: float = Field(default=0.0, ge=-100, le=100)
     direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+    @field_validator("direction")
+    @classmethod
+    def _somewhere(cls, direction: tuple[float, float, float]) -> tuple[float, float, float]:
+        if not 1e-6 < sum(part**2 for part in direction) < 1e6:
+            raise ValueError("expected a direction as [0, 0, 1]")
+        return direction
 
 
 class Pattern(Config):
@@ -54,7 +61,7 @@ class Pattern(Config):
 class Coupling(Config):
     """What leaks from transmitters to receivers: level_db, its mean power over the channels against the target's."""
 
-    level_db: float | None = None
+    level_db: float | None = Field(default=None, ge=-200, le=200)
 
 
 class Positions(Config):
@@ -66,9 +73,9 @@ class Positions(Config):
 class Channels(Config):
     """Standard deviations of each antenna's gain (dB), phase (rad, the same at all tones) and delay (as a length)."""
 
-    gain_db: float = Field(default=0.0, ge=0)
-    phase_rad: float = Field(default=0.0, ge=0)
-    delay_m: float = Field(default=0.0, ge=0)
+    gain_db: float = Field(default=0.0, ge=0, le=100)
+    phase_rad: float = Field(default=0.0, ge=0, le=100)
+    delay_m: float = Field(default=0.0, ge=0, le=10)
 
 
 class Dead(Config):
@@ -83,7 +90,7 @@ class Converter(Config):
     (negative: the largest are clipped)."""
 
     bits: int | None = Field(default=None, ge=1, le=32)
-    headroom_db: float = 6.0
+    headroom_db: float = Field(default=6.0, ge=-100, le=200)
 
 
 class SensorFaults(Config):

@@ -35,7 +35,7 @@ class ChannelErrors(Effect):
 
     def apply(self, shot: Shot) -> None:
         def draw(leg: int, count: int) -> np.ndarray:
-            return shot.random(self.id, leg).standard_normal((3, count))
+            return shot.random(shot.seed(self.id, leg)).standard_normal((3, count))
 
         scene = shot.scene
         factor = _factor(scene.causes.channels, scene.frequencies_hz, scene.array.channels, draw)

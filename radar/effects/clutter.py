@@ -55,7 +55,7 @@ def _beside_target(scene: EchoScene, facets: Facets) -> np.ndarray:
     """Which of the room's facets the target does not hide from the aperture's centre, without rays: bool [p]."""
     target = [coarse_surface(scene, body) for body in _opaque_target(scene, True)]
     columns = zip(*(vars(part).values() for part in (*target, facets)), strict=True)
-    return visible_from(Facets(*map(np.concatenate, columns)), CENTRE_M)[-len(facets) :]
+    return visible_from(Facets(*map(np.concatenate, columns)), CENTRE_M)[sum(map(len, target)) :]
 
 
 def _rays(bodies: list[Body]) -> Rays:

@@ -44,7 +44,6 @@ def quantised(samples: np.ndarray, converter: Converter, scale: float) -> np.nda
     if scale == 0:
         return samples
     step = 2 * scale / 2**converter.bits
-    parts = samples.view(np.float32).astype(np.float64) if samples.flags.c_contiguous else None
-    parts = np.ascontiguousarray(samples).view(np.float32).astype(np.float64) if parts is None else parts
+    parts = np.ascontiguousarray(samples).view(np.float32).astype(np.float64)
     middle = (np.floor(parts / step) + 0.5) * step
     return np.clip(middle, -scale + step / 2, scale - step / 2).astype(np.float32).view(np.complex64)

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from radar.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from radar.arrays import SPEED_OF_LIGHT_M_S
 from radar.effects.balls import foam_delays_m, foam_echoes, has_foam
 from radar.effects.effect import Effect, Estimate
 from radar.effects.facets import Facets, face_vectors
-from radar.effects.pilot import TOLERANCE, change_db, change_mm, pilot
+from radar.effects.pilot import CENTRE_M, TOLERANCE, change_db, change_mm, pilot
 from radar.effects.reflection import dielectric_permittivity, echo_reflection
 from radar.effects.scene import Body, EchoScene
 from radar.effects.shot import Shot, facing
@@ -52,7 +52,7 @@ class Dielectric(Effect):
     def apply(self, shot: Shot) -> None:
         if shot.with_target and any(map(has_foam, shot.scene.balls)):
             shot.ball_delay_m = foam_delays_m(shot.scene.balls)
-            shot.extra.append(lambda array: _foam_of_balls(shot, array))
+            shot.extra.append(lambda: _foam_of_balls(shot))
         if shot.surface is None or not _of_dielectric(shot.scene):
             return
         front = echo_reflection(shot.scene.target.material, shot.scene.frequencies_hz)
@@ -66,8 +66,8 @@ def _of_dielectric(scene: EchoScene) -> bool:
     return scene.target is not None and scene.target.material.kind in ("foam", "plastic")
 
 
-def _foam_of_balls(shot: Shot, array: AntennaArray) -> np.ndarray:
-    return foam_echoes(shot.scene.balls, shot.scene.frequencies_hz, array, shot.pattern)
+def _foam_of_balls(shot: Shot) -> np.ndarray:
+    return foam_echoes(shot.scene.balls, shot.scene.frequencies_hz, shot.array, shot.pattern)
 
 
 def _make_transparent(shot: Shot, front: np.ndarray) -> None:
@@ -75,14 +75,13 @@ def _make_transparent(shot: Shot, front: np.ndarray) -> None:
     body = shot.scene.target
     parts = facing(shot.scene, body), turned_away(shot.scene, body)
     columns = zip(*(vars(part).values() for part in parts), strict=True)
-    centre_m = np.concatenate([shot.scene.array.tx_m, shot.scene.array.rx_m]).mean(axis=0)
     index = np.sqrt(body.material.real_permittivity)
     surface = shot.surface
     surface.facets = facets = Facets(*map(np.concatenate, columns))
     surface.seen = None
     surface.layer = np.repeat([0, 1], [len(part) for part in parts])
     surface.reflection = np.stack([front, -front * (1 - front**2)])
-    surface.delay_m = (index - 1) * inside_m(Rays(body.vertices_m, body.faces), facets.position_m, centre_m)
+    surface.delay_m = (index - 1) * inside_m(Rays(body.vertices_m, body.faces), facets.position_m, CENTRE_M)
 
 
 def turned_away(scene: EchoScene, body: Body) -> Facets:

@@ -22,7 +22,6 @@ class Material(Config):
     loss_tangent: float = Field(default=0.0, ge=0, le=1)
     palm_thickness_m: float = Field(default=140e-6, ge=0, le=2e-3)
     wet: bool = False
-    reflectivity_db: float | None = Field(default=None, le=0)
 
     @model_validator(mode="after")
     def _light_foam(self) -> Material:

@@ -14,9 +14,11 @@ from radar.arrays import SPEED_OF_LIGHT_M_S
 from radar.effects.causes import Motion
 from radar.effects.effect import Effect, Estimate
 from radar.effects.scene import EchoScene
-from radar.effects.shot import Shot
+from radar.effects.shot import Shot, require_facets
+from radar.errors import HandbenchError
 from radar.steering import phasor
 
+MOST_NODES = 30  # displacements, each a simulation of its own
 RESIDUAL_RAD = 0.06  # between two displacements: linear interpolation then errs by (0.06)²/8 = 5e-4 at the target's rim
 
 
@@ -39,7 +41,7 @@ class TargetMotion(Effect):
         sine_m = motion.amplitude_m * 4 / np.pi * abs(np.sin(np.pi * motion.frequency_hz * apart_s))
         moved_m = sine_m + abs(motion.velocity_m_s) * apart_s
         gain = 4 * np.pi * scene.frequencies_hz[top] / SPEED_OF_LIGHT_M_S * scene.depth_m_per_rad  # f/Δf
-        towards = abs(motion.direction[2]) / np.linalg.norm(motion.direction)
+        towards = abs(_cosine(np.array(motion.direction), scene.middle_m))
         why = f"(f/Δf)·Δδ = {gain:.0f} · {1e3 * moved_m:.3f} mm in {1e3 * apart_s:.0f} ms between the tones"
         turned_rad = 2 * np.pi * scene.frequencies_hz[top] / SPEED_OF_LIGHT_M_S * 2 * moved_m
         return Estimate(1e3 * towards * gain * moved_m, 20 * np.log10(turned_rad + 1e-12), why, cost_s=2.0)
@@ -49,9 +51,13 @@ class TargetMotion(Effect):
             return
         motion = shot.scene.causes.motion
         along = np.array(motion.direction) / np.linalg.norm(motion.direction)
-        phases = [shot.frame_random(self.id, frame).uniform(0, 2 * np.pi) for frame in range(shot.frames)]
+        phases = [shot.random(shot.frame_seed(self.id, frame)).uniform(0, 2 * np.pi) for frame in range(shot.frames)]
         offset_m = np.stack([displacement_m(motion, shot.scene.time_s, phase) for phase in phases])
         shot.samples = echoes_of_moving(shot, along, offset_m, reach_m(motion, shot.scene.time_s))
+
+
+def _cosine(a: np.ndarray, b: np.ndarray) -> float:
+    return float(a @ b / np.linalg.norm(a) / np.linalg.norm(b))
 
 
 def displacement_m(motion: Motion, time_s: np.ndarray, phase_rad: float) -> np.ndarray:
@@ -75,6 +81,11 @@ def echoes_of_moving(
     middle_m, spread = _middle(shot, along)
     low, high = reach
     residual_rad = 4 * np.pi * frequencies_hz.max() / SPEED_OF_LIGHT_M_S * spread * (high - low)
+    if residual_rad > MOST_NODES * RESIDUAL_RAD:
+        raise HandbenchError(
+            f"target.motion: moves the target by {1e3 * (high - low):.0f} mm within a frame; expected a motion of "
+            "millimetres: lower velocity_m_s, or shorten the frame by fewer tones or a smaller sensor.step_time_s"
+        )
     nodes_m = np.linspace(low, high, 2 + int(residual_rad / RESIDUAL_RAD))
     slope = _slope(shot, along, middle_m)
     # Turned by −slope·δ, the echoes of all displacements look alike.
@@ -92,7 +103,7 @@ def echoes_of_moving(
 
 def _middle(shot: Shot, along: np.ndarray) -> tuple[np.ndarray, float]:
     """The target's middle [3], and how far its parts' direction cosines to `along` differ from the middle's."""
-    parts = [] if shot.surface is None else [shot.surface.facets.position_m]
+    parts = [] if shot.surface is None else [require_facets(shot.surface.facets).position_m]
     parts += [ball.centre_m[None] for ball in shot.scene.balls]
     points_m = np.concatenate(parts)
     middle_m = points_m.mean(axis=0)

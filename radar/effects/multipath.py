@@ -56,8 +56,8 @@ class Multipath(Effect):
             return
         bundles = Bundles(traced, _layers(surface), at)
 
-        def echo(array: AntennaArray) -> np.ndarray:
-            return bundles.echo(shot.scene.frequencies_hz, array, surface.reflection, shot.pattern)
+        def echo() -> np.ndarray:
+            return bundles.echo(shot.scene.frequencies_hz, shot.array, surface.reflection, shot.pattern)
 
         shot.extra.append(echo)
 

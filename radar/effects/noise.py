@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
-
 import numpy as np
 
 from radar.arrays import AntennaArray
@@ -38,9 +36,8 @@ class ThermalNoise(Effect):
     def apply(self, shot: Shot) -> None:
         scene = shot.scene
         strongest, sigma_rad = shot.level(self.id, lambda: _strongest(shot)), scene.causes.noise.between_tones_rad
-        seed = (scene.seed, zlib.crc32(self.id.encode()), 0 if shot.with_target else 1)
         shot.samples = np.stack([
-            thermal_noise(samples, scene.frequencies_hz, sigma_rad, strongest, (*seed, frame))
+            thermal_noise(samples, scene.frequencies_hz, sigma_rad, strongest, shot.frame_seed(self.id, frame))
             for frame, samples in enumerate(shot.samples)
         ])
 

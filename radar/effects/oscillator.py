@@ -43,7 +43,7 @@ class OscillatorNoise(Effect):
         sigma_rad = phase_rad(shot.scene.causes.oscillator, _delay_s(shot.scene))
         shape = (len(shot.scene.frequencies_hz), len(shot.scene.array.tx_m), 1)
         turns = [
-            np.exp(1j * sigma_rad * shot.frame_random(self.id, frame).standard_normal(shape))
+            np.exp(1j * sigma_rad * shot.random(shot.frame_seed(self.id, frame)).standard_normal(shape))
             for frame in range(shot.frames)
         ]
         shot.samples = (shot.samples * np.stack(turns)).astype(np.complex64)
@@ -59,6 +59,4 @@ def phase_rad(oscillator: Oscillator, delay_s: float) -> float:
 
 def _delay_s(scene: EchoScene) -> float:
     """To the target's middle and back."""
-    middles = [ball.centre_m for ball in scene.balls]
-    middles += [] if scene.target is None else [scene.target.vertices_m.mean(axis=0)]
-    return 2 * float(np.linalg.norm(np.mean(middles, axis=0))) / SPEED_OF_LIGHT_M_S
+    return 2 * float(np.linalg.norm(scene.middle_m)) / SPEED_OF_LIGHT_M_S

@@ -16,9 +16,9 @@ from radar.capture import RadarCapture
 from radar.effects.balls import ball_echoes
 from radar.effects.facets import Facets
 from radar.effects.hiding import visible_from
-from radar.effects.reflection import echo_reflection
+from radar.effects.reflection import body_reflection
 from radar.effects.scene import Body, EchoScene
-from radar.effects.shot import facing
+from radar.effects.shot import facing, require_facets
 from radar.forward import Scatterers, simulate
 from radar.fsk import two_tone
 from radar.fsk_config import TwoToneConfig
@@ -39,8 +39,8 @@ CENTRE_M = np.zeros(3)  # of the aperture, in the radar frame
 @dataclass(frozen=True, eq=False)
 class Pilot:
     """Echoes complex64 [2, t, r] of the target at two tones, a depth step apart, as the aperture's centre sees it:
-    obliquity and its material's mean reflection are in, nothing else. points_m [n, 3]: the pixels on target of a coarse
-    2-FSK map at its depths; images [2, n] there."""
+    obliquity, that shadow and the material's mean reflection are in, nothing else. points_m [n, 3]: the pixels on
+    target of a coarse 2-FSK map at its depths; images [2, n] there."""
 
     tones_hz: np.ndarray
     samples: np.ndarray
@@ -64,7 +64,7 @@ def pilot(scene: EchoScene) -> Pilot:
 
 
 def _pilot(scene: EchoScene) -> Pilot:
-    high_hz, low_hz = scene.frequencies_hz[list(scene.pair)]
+    high_hz, low_hz = scene.pair_hz
     tones_hz = np.array([high_hz, low_hz, high_hz - COARSE * scene.depth_step_hz])
     samples = echoes_of(scene, tones_hz, scene.array)
     points_m = _pixels(scene, samples[[0, 2]], tones_hz[[0, 2]])
@@ -102,7 +102,7 @@ def coarse_surface(scene: EchoScene, body: Body) -> Facets:
 
 def visible_surface(scene: EchoScene) -> Facets:
     """The target's coarse facets that the aperture's centre sees; all, if the target lets waves through."""
-    facets = coarse_surface(scene, scene.target)
+    facets = require_facets(coarse_surface(scene, scene.target))
     return facets if scene.target.transparent else facets.where(seen_from_centre(scene))
 
 
@@ -134,7 +134,7 @@ def body_echoes(
 ) -> np.ndarray:
     """Samples complex64 [f, t, r] of some of a body's facets, times its mean reflection."""
     echoes = simulate(optics, frequencies_hz, array, tolerance=tolerance, pattern=pattern)
-    return echoes * echo_reflection(body.material, frequencies_hz).astype(np.complex64)[:, None, None]
+    return echoes * body_reflection(body, frequencies_hz).astype(np.complex64)[:, None, None]
 
 
 def change_mm(scene: EchoScene, samples: np.ndarray) -> float:
@@ -142,7 +142,8 @@ def change_mm(scene: EchoScene, samples: np.ndarray) -> float:
     known = pilot(scene)
     images = _images(scene, known.tones_hz, samples, known.points_m)
     turned = (images[0] * images[1].conj()) * (known.images[0] * known.images[1].conj()).conj()
-    return 1e3 * scene.depth_m_per_rad * float(np.abs(np.angle(turned)).mean())
+    turned_rad = np.where(turned == 0, np.pi / 2, np.abs(np.angle(turned)))  # a lost image's phase is any
+    return 1e3 * scene.depth_m_per_rad * float(turned_rad.mean())
 
 
 def change_db(scene: EchoScene, samples: np.ndarray) -> float:

@@ -30,7 +30,7 @@ class PositionErrors(Effect):
 
     def apply(self, shot: Shot) -> None:
         shapes = [leg.position_m.shape for leg in shot.array.legs]
-        errors = [shot.random(self.id, i).standard_normal(shape) for i, shape in enumerate(shapes)]
+        errors = [shot.random(shot.seed(self.id, i)).standard_normal(shape) for i, shape in enumerate(shapes)]
         shot.array = _off(shot.array, shot.scene.causes.positions.sigma_m, errors)
 
 

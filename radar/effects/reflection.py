@@ -6,19 +6,25 @@ import numpy as np
 
 from radar.arrays import SPEED_OF_LIGHT_M_S
 from radar.effects.material import Material
+from radar.effects.scene import Body
 from radar.effects.tissue import HORNY, THIN_M, skin_permittivity
 
 
 def echo_reflection(material: Material, frequencies_hz: np.ndarray) -> np.ndarray:
     """Echo amplitude of a body's surface over that of metal: complex [f]; of skin, where it is thin. It is −Γ: the
     forward model's amplitudes are metal's, whose Γ is −1."""
-    if material.reflectivity_db is not None:
-        return np.full(len(frequencies_hz), 10 ** (material.reflectivity_db / 20), complex)
     if material.kind == "metal":
         return np.ones(len(frequencies_hz), complex)
     if material.kind == "skin":
         return skin_reflection(material, frequencies_hz, THIN_M)
     return -fresnel(np.full(len(frequencies_hz), dielectric_permittivity(material)))
+
+
+def body_reflection(body: Body, frequencies_hz: np.ndarray) -> np.ndarray:
+    """The same of a body, whose reflectivity may be known: complex [f]."""
+    if body.reflectivity_db is None:
+        return echo_reflection(body.material, frequencies_hz)
+    return np.full(len(frequencies_hz), 10 ** (body.reflectivity_db / 20), complex)
 
 
 def skin_reflection(material: Material, frequencies_hz: np.ndarray, horny_m: float) -> np.ndarray:

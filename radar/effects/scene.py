@@ -18,12 +18,14 @@ DEPTH_STEP_HZ = 2.5e9  # f1 − f3 of the paper's 3-FSK: the step that its depth
 @dataclass(frozen=True, eq=False)
 class Body:
     """Closed triangle mesh in the radar frame, counter-clockwise seen from outside: vertices_m [n, 3], faces [m, 3].
-    palm [m]: which faces carry the palm's thick horny layer (None: none does)."""
+    palm [m]: which faces carry the palm's thick horny layer (None: none does); reflectivity_db: its echo against
+    metal's where that is known instead of the material."""
 
     vertices_m: np.ndarray
     faces: np.ndarray
     material: Material = field(default_factory=Material)
     palm: np.ndarray | None = None
+    reflectivity_db: float | None = None
 
     @property
     def transparent(self) -> bool:
@@ -58,7 +60,7 @@ class EchoScene:
     causes: Causes = field(default_factory=Causes)
     seed: int = 0
     depth_step_hz: float = DEPTH_STEP_HZ
-    _kept: dict[Hashable, Any] = field(default_factory=dict, repr=False)
+    _kept: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def wavelength_m(self) -> float:
@@ -67,16 +69,33 @@ class EchoScene:
 
     @property
     def pair(self) -> tuple[int, int]:
-        """The tones between which depths are told, by index: the highest, and the one nearest to a depth step below."""
-        top = int(self.frequencies_hz.argmax())
+        """The tones between which depths are told, by index: the highest, and of the others the one nearest to a depth
+        step below it; twice the same where there is one tone only."""
+        descending = np.argsort(-self.frequencies_hz, kind="stable")
+        if len(descending) == 1:
+            return 0, 0
+        top, others = int(descending[0]), descending[1:]
         below_hz = self.frequencies_hz[top] - self.depth_step_hz
-        return top, int(np.abs(self.frequencies_hz - below_hz).argmin())
+        return top, int(others[np.abs(self.frequencies_hz[others] - below_hz).argmin()])
+
+    @property
+    def pair_hz(self) -> tuple[float, float]:
+        """Their frequencies; a lone tone has a partner that is not measured, a depth step below it."""
+        high_hz, low_hz = (float(self.frequencies_hz[tone]) for tone in self.pair)
+        return high_hz, low_hz if low_hz < high_hz else high_hz - self.depth_step_hz
 
     @property
     def depth_m_per_rad(self) -> float:
-        """Depth per phase between the tones of the pair: c / (4πΔf); at the depth step where there is one tone only."""
-        high_hz, low_hz = self.frequencies_hz[list(self.pair)]
-        return SPEED_OF_LIGHT_M_S / (4 * np.pi * (high_hz - low_hz or self.depth_step_hz))
+        """Depth per phase between the tones of the pair: c / (4πΔf)."""
+        high_hz, low_hz = self.pair_hz
+        return SPEED_OF_LIGHT_M_S / (4 * np.pi * (high_hz - low_hz))
+
+    @property
+    def middle_m(self) -> np.ndarray:
+        """The middle [3] of the target and its balls."""
+        middles = [ball.centre_m for ball in self.balls]
+        middles += [] if self.target is None else [self.target.vertices_m.mean(axis=0)]
+        return np.mean(middles, axis=0)
 
     @property
     def lacks_surface(self) -> str:

@@ -15,8 +15,6 @@ from radar.effects.scene import Body, EchoScene
 from radar.errors import HandbenchError
 from radar.forward import Scatterers, simulate
 
-Echo = Callable[[AntennaArray], np.ndarray]  # antennas where they are → samples [f, t, r]
-
 
 @dataclass
 class Surface:
@@ -60,16 +58,21 @@ class Shot:
         has_surface = with_target and scene.target is not None
         self.surface = Surface(scene.target, facing(scene, scene.target)) if has_surface else None
         self.ball_delay_m = np.zeros(len(scene.balls))  # extra one-way path of each ball's echo
-        self.extra: list[Echo] = []  # what else of the target echoes
+        self.extra: list[Callable[[], np.ndarray]] = []  # what else of the target echoes: samples [f, t, r]
         self._samples: np.ndarray | None = None
 
-    def random(self, effect: str, *keys: int) -> np.random.Generator:
-        """Random numbers of one effect alone, so that no other's draws depend on whether it is on."""
-        return np.random.default_rng(np.random.SeedSequence([self.scene.seed, zlib.crc32(effect.encode()), *keys]))
+    def seed(self, effect: str, *keys: int) -> tuple[int, ...]:
+        """What one effect alone draws from, so that no other's draws depend on whether it is on."""
+        return (self.scene.seed, zlib.crc32(effect.encode()), *keys)
 
-    def frame_random(self, effect: str, frame: int, *keys: int) -> np.random.Generator:
-        """Random numbers of one frame, others in the empty room."""
-        return self.random(effect, 0 if self.with_target else 1, frame, *keys)
+    def frame_seed(self, effect: str, frame: int) -> tuple[int, ...]:
+        """The same for one frame; the empty room has its own."""
+        return self.seed(effect, 0 if self.with_target else 1, frame)
+
+    @staticmethod
+    def random(seed: tuple[int, ...]) -> np.random.Generator:
+        """Random numbers from such a seed."""
+        return np.random.default_rng(np.random.SeedSequence(seed))
 
     def level(self, name: str, measure: Callable[[], float]) -> float:
         """A level that is measured with the target and kept for the room without it."""
@@ -85,18 +88,15 @@ class Shot:
         """The target's samples complex64 [f, t, r] at antennas that are where `array` says, without extra echoes."""
         samples = np.zeros((len(self.scene.frequencies_hz), *array.channels), np.complex64)
         if self.surface is not None:
-            if len(self.surface.facets) == 0:
-                raise HandbenchError(
-                    "target: no facet faces the array; check the mesh's orientation (normals point outwards) and place"
-                )
+            require_facets(self.surface.facets)
             samples += surface_echo(self.surface, self, array)
         if self.with_target:
             samples += ball_echoes(self.scene.balls, self.scene.frequencies_hz, array, self.ball_delay_m, self.pattern)
         return samples
 
-    def extra_echoes(self) -> np.ndarray | float:
+    def extra_echoes(self) -> np.ndarray | int:
         """The sum of the extra echoes, complex64 [f, t, r]; 0 where there are none."""
-        return sum(extra(self.array) for extra in self.extra) if self.with_target else 0.0
+        return sum(extra() for extra in self.extra)
 
     @property
     def samples(self) -> np.ndarray:
@@ -108,6 +108,15 @@ class Shot:
     @samples.setter
     def samples(self, samples: np.ndarray) -> None:
         self._samples = samples
+
+
+def require_facets(facets: Facets) -> Facets:
+    """The facets, if there are any."""
+    if len(facets) == 0:
+        raise HandbenchError(
+            "target: no facet faces the array; check the mesh's orientation (normals point outwards) and place"
+        )
+    return facets
 
 
 def facing(scene: EchoScene, body: Body, longest: float = 0.25) -> Facets:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from radar.arrays import AntennaArray
 from radar.capture import RadarCapture
 from radar.effects.catalogue import EFFECTS
 from radar.effects.plan import Choice
 from radar.effects.scene import EchoScene
-from radar.effects.shot import Echo, Shot
+from radar.effects.shot import Shot
 
 ECHOES = "echoes"  # the row of the base simulation in the table of times
 
@@ -94,9 +95,9 @@ def _apply(shot: Shot, choices: tuple[Choice, ...], watch: Stopwatch) -> None:
     np.asarray(shot.samples)  # computes them where no effect has asked
 
 
-def _timed(echo: Echo, name: str, watch: Stopwatch) -> Echo:
-    def timed(array):  # type: ignore[no-untyped-def]
+def _timed(echo: Callable[..., np.ndarray], name: str, watch: Stopwatch) -> Callable[..., np.ndarray]:
+    def timed(*arguments: AntennaArray) -> np.ndarray:
         with watch.timed(name):
-            return echo(array)
+            return echo(*arguments)
 
     return timed

@@ -209,3 +209,27 @@ def test_photos_can_be_absent(tmp_path: Path) -> None:
     assert not (tmp_path / "photos").exists()
     assert "photos" not in tomllib.loads((tmp_path / "capture.toml").read_text())["contains"]
     assert Photos().cameras == 8
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    ({"sensor": {"sweep": []}}, "the radar measures nothing"),
+    ({"depth_step_hz": 90e9}, "expected less than the highest tone"),
+    ({"target": {"kind": "sphere", "motion": {"direction": [0, 0, 0]}}}, "expected a direction"),
+    ({"target": {"kind": "calibration_target", "material": {"kind": "skin"}}}, "unknown key"),
+    ({"noise": {"snr_db": -1e4}}, "greater than or equal to -200"),
+    ({"target": {"kind": "sphere", "offset_m": [1e300, 0]}}, "less than or equal to 100"),
+])
+def test_what_cannot_be_simulated_is_refused(change: dict, message: str) -> None:
+    with pytest.raises(HandbenchError, match=r"scene\.toml") as error:
+        scene_file({"version": 1, "name": "s", "target": {"kind": "sphere"}} | change)
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize(("target", "message"), [
+    ({"kind": "sphere", "radius_m": 0.25, "distance_m": 0.1}, "behind the array's plane"),
+    ({"kind": "sphere", "radius_m": 0.5, "edge_m": 1e-4, "distance_m": 1}, "triangles"),
+    ({"kind": "plate", "width_m": 1, "height_m": 1, "edge_m": 1e-4, "distance_m": 1}, "triangles"),
+])
+def test_targets_that_no_scene_can_have_are_refused(target: dict, message: str) -> None:
+    with pytest.raises(HandbenchError, match=message):
+        build(scene_file({"version": 1, "name": "s", "target": target, "mount": {"offset_m": [0, 0, 3]}}))

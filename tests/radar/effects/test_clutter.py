@@ -19,7 +19,7 @@ HERE = AntennaArray(np.zeros((1, 3)), np.zeros((1, 3)))
 
 
 def plate(side_m=0.1, z_m=0.4, reflectivity_db=-10.0, step_m=5e-3):
-    return replace(sheet_body(side_m, side_m, step_m, z_m=z_m), material=Material(reflectivity_db=reflectivity_db))
+    return replace(sheet_body(side_m, side_m, step_m, z_m=z_m), reflectivity_db=reflectivity_db)
 
 
 def clutter(scene, **options):

@@ -12,7 +12,7 @@ from radar.effects.dielectric import Dielectric, inside_m, mean_thickness_m
 from radar.effects.material import Material
 from radar.effects.obliquity import Obliquity
 from radar.effects.pilot import change_mm
-from radar.effects.reflection import echo_reflection, fresnel, layered
+from radar.effects.reflection import body_reflection, fresnel, layered
 from radar.effects.scene import Ball, Body, EchoScene
 from radar.effects.shadow import ShadowCentre
 from radar.effects.shot import Shot
@@ -140,4 +140,5 @@ def test_what_is_missing_and_what_foam_cannot_be():
     assert not Dielectric().missing(bead_scene(target=None, balls=(foam_ball(),)))
     with pytest.raises(HandbenchError, match=r"target: .*1\.5 at most"):
         parse(Material, {"kind": "foam", "permittivity": 1.6}, "target")
-    assert echo_reflection(Material(reflectivity_db=-20), TONES_HZ) == pytest.approx(np.full(3, 0.1))
+    known = Body(np.zeros((0, 3)), np.zeros((0, 3), int), reflectivity_db=-20.0)
+    assert body_reflection(known, TONES_HZ) == pytest.approx(np.full(3, 0.1))

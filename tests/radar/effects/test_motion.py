@@ -7,8 +7,9 @@ from radar.arrays import SPEED_OF_LIGHT_M_S
 from radar.effects.causes import Causes, Motion
 from radar.effects.motion import TargetMotion, displacement_m, echoes_of_moving
 from radar.effects.shot import Shot
+from radar.errors import HandbenchError
 from radar.imaging import image_points
-from tests.radar.effects.small_scenes import TONES_HZ, bead_scene, shots
+from tests.radar.effects.small_scenes import TONES_HZ, bead_scene, shots, sphere_body
 
 NEAR_SIDE_M = np.array([[0.01, -0.005, 0.296]])
 
@@ -73,3 +74,16 @@ def test_the_estimate_is_the_mean_error_of_tremor():
     between = [displacement_m(causes.motion, scene.time_s, phase)[[0, 2]] for phase in phases]
     mean_m = np.abs(np.diff(between, axis=1)).mean() * 82e9 / 2.5e9
     assert TargetMotion().estimate(scene).depth_mm == pytest.approx(1e3 * mean_m, rel=1e-3)
+
+
+def test_motion_across_the_line_of_sight_counts_by_its_share():
+    motion = {"velocity_m_s": 0.05, "direction": (1.0, 0.0, 0.0)}
+    beside = bead_scene({"motion": motion}, target=sphere_body(4e-3, (0.08, 0.0, 0.3)))
+    along = bead_scene({"motion": motion | {"direction": (0.0, 0.0, 1.0)}}, target=sphere_body(4e-3, (0.08, 0.0, 0.3)))
+    share = TargetMotion().estimate(beside).depth_mm / TargetMotion().estimate(along).depth_mm
+    assert share == pytest.approx(0.08 / 0.3, rel=1e-3)
+
+
+def test_a_target_that_flies_is_refused():
+    with pytest.raises(HandbenchError, match=r"target\.motion: moves the target by 100 mm"):
+        shots(bead_scene({"motion": {"velocity_m_s": 50.0}}, target=sphere_body(0.08, (0.0, 0.0, 0.3), 16)), "motion")

@@ -1,9 +1,13 @@
 """Which effects are on: the tolerance is a budget, a list is a list, and what a scene lacks is said."""
 
+import dataclasses
+
+import numpy as np
 import pytest
 
 from radar.effects import plan
 from radar.effects.catalogue import EFFECTS, IDS
+from radar.effects.causes import Causes
 from radar.effects.effect import NOTHING, Effect, Estimate
 from radar.errors import HandbenchError
 from tests.radar.effects.small_scenes import bead_scene
@@ -109,3 +113,18 @@ def test_every_effect_says_what_it_is():
     assert len(set(IDS)) == len(EFFECTS) == 16
     for known in EFFECTS:
         assert known.does and known.source
+
+
+def test_what_takes_the_image_away_is_no_small_change():
+    silent = bead_scene({"dead": {"tx": tuple(range(94))}})
+    row = next(row for row in plan.choose(silent, "auto", 0.1) if row.effect == "dead")
+    assert row.on and row.depth_mm == pytest.approx(1e3 * silent.depth_m_per_rad * 3.14159 / 2, rel=1e-3)
+
+
+@pytest.mark.parametrize("tones_hz", [[79.5e9, 82e9], [82e9]])
+def test_depths_are_told_between_two_tones_whatever_there_are(tones_hz):
+    causes = Causes(positions={"sigma_m": 1e-3})
+    tones = {"frequencies_hz": np.array(tones_hz), "time_s": np.zeros(len(tones_hz)), "depth_step_hz": 200e6}
+    few = dataclasses.replace(bead_scene(), causes=causes, **tones)
+    row = next(row for row in plan.choose(few, "auto", 0.1) if row.effect == "positions")
+    assert row.on and row.depth_mm > 0.1

@@ -11,6 +11,7 @@ from radar.effects.causes import Converter, Oscillator
 from radar.effects.converter import quantised
 from radar.effects.coupling import direct_wave, rms
 from radar.effects.oscillator import phase_rad
+from radar.effects.scene import Body
 from radar.errors import HandbenchError
 from tests.radar.effects.small_scenes import TONES_HZ, bead_scene, shots
 
@@ -121,3 +122,13 @@ def test_the_empty_room_has_the_same_sensor_and_other_noise():
     noise = [a.samples - b.samples for a, b in ((found.capture, quiet.capture), (found.empty, quiet.empty))]
     assert rms(noise[0]) == pytest.approx(rms(noise[1]), rel=0.05)
     assert abs(np.vdot(*noise)) < 0.05 * np.linalg.norm(noise[0]) * np.linalg.norm(noise[1])
+
+
+def test_coupling_is_told_against_the_target_whatever_stands_around():
+    causes = {"coupling": {"level_db": 0.0}}
+    corners_m = np.array([[-0.1, -0.1, 0.4], [0.1, -0.1, 0.4], [0.0, 0.1, 0.4]])
+    wall = Body(corners_m, np.array([[0, 2, 1]]), reflectivity_db=0.0)
+    scene = bead_scene(causes, room=(wall,))
+    with_wall = shots(scene, "coupling", "clutter").capture.samples - shots(scene, "clutter").capture.samples
+    without = shots(scene, "coupling").capture.samples - shots(scene).capture.samples
+    assert rms(with_wall) == pytest.approx(rms(without), rel=1e-3)

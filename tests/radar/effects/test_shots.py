@@ -88,7 +88,7 @@ def test_a_shot_is_the_same_for_any_number_of_workers(monkeypatch):
 
 def test_rows_say_what_each_effect_took():
     rows = shots(bead_scene(EVERYTHING), "noise", "dead").rows
-    assert [row.effect for row in rows if row.on] == [simulate.ECHOES, "dead", "noise"]
+    assert [row.effect for row in rows if row.on] == [simulate.ECHOES, "noise", "dead"]
     assert all((row.seconds is not None) == row.on for row in rows)
 
 

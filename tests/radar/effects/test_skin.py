@@ -92,7 +92,7 @@ def test_each_face_has_its_own_layer():
     assert np.array_equal(shot.surface.layer == 1, left[shot.surface.facets.face])
     halves = []
     for part in (left, ~left):
-        half = Shot(replace(scene, _kept={}), 1)
+        half = Shot(scene, 1)
         half.surface.keep(part[half.surface.facets.face])
         halves.append(half.echo(scene.array))
     expected = sum(half * r[:, None, None] for half, r in zip(halves, shot.surface.reflection[::-1], strict=True))
