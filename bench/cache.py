@@ -11,18 +11,17 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-from bench.measure import Cost, measured, versions
+from bench.measure import Cost, measured
 from bench.results import Task
 from radar.errors import HandbenchError
-from radar.files import atomic_folder, content_hash, read_json, write_json
+from radar.files import read_json, write_json
+from radar.kept import keep, key_of
 from radar.progress import say
 
 STAMP, MARKER = "stage.json", ".handbench-run"
-PACKAGES = Path(__file__).parent.parent
 
 
 @dataclass(frozen=True)
@@ -54,32 +53,21 @@ class Cache:
 
         depends_on: values, paths and keys of earlier stages; sources: packages or modules whose code it runs.
         """
-        key = content_hash(name, capture, method, *depends_on, source_hash(sources), versions())
+        key = key_of(sources, name, capture, method, *depends_on)
         label = "-".join(part for part in (name, capture, method) if part)
         folder = self.root / f"{label}-{key[:16]}"
-        cached = (folder / STAMP).is_file()
-        if cached:
-            say(f"{label}: cached")
-        else:
+
+        def timed(temporary: Path) -> None:
             say(f"{label} ...")
-            with atomic_folder(folder) as temporary:
-                with measured() as cost:
-                    make(temporary)
-                write_json(temporary / STAMP, asdict(cost))
-            say(f"{label}: {cost.seconds:.1f} s")
+            with measured() as cost:
+                make(temporary)
+            write_json(temporary / STAMP, asdict(cost))
+
+        cached = keep(folder, timed)
         cost = Cost(**read_json(folder / STAMP, "a stage's stamp"))
+        say(f"{label}: cached" if cached else f"{label}: {cost.seconds:.1f} s")
         self.tasks.append(Task(label, capture, method, name, **asdict(cost), cached=cached))
         return Stage(folder, key, cost)
-
-
-@cache  # of the code as it was when the run began, which is the code that runs
-def source_hash(sources: tuple[str, ...]) -> str:
-    """Hash of the Python files of packages and modules, given as paths under the installation: radar, bench/x.py."""
-    files = []
-    for source in sources:
-        path = PACKAGES / source
-        files += [path] if path.is_file() else sorted(path.rglob("*.py"))
-    return content_hash(*(part for file in files for part in (str(file.relative_to(PACKAGES)), file)))
 
 
 @contextmanager

@@ -40,7 +40,8 @@ def simulate(options: argparse.Namespace) -> None:
 def groundtruth(options: argparse.Namespace) -> None:
     """Photographs → mesh."""
     from calibration.meshes import write_mesh
-    from groundtruth.pipeline import Options, reconstruct
+    from groundtruth.options import Options
+    from groundtruth.pipeline import reconstruct
     from radar.config import parse
 
     _free(options.out, options.overwrite)

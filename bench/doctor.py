@@ -7,8 +7,9 @@ import os
 import shutil
 from importlib.util import find_spec
 
-from bench.measure import machine, versions
+from bench.measure import machine
 from radar.errors import HandbenchError
+from radar.kept import versions
 
 WANTED_DISK_GB, WANTED_MEMORY_GB = 5, 8
 

@@ -9,12 +9,10 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib import metadata
 
 import psutil
 
 SAMPLE_S = 0.05
-LIBRARIES = ("handbench", "numpy", "scipy", "numba", "open3d", "pycolmap", "opencv-contrib-python-headless", "h5py")
 
 
 @dataclass
@@ -57,11 +55,6 @@ def machine() -> dict[str, str | int | float]:
         "system": platform.platform(),
         "python": platform.python_version(),
     }
-
-
-def versions() -> dict[str, str]:
-    """Versions of the libraries that a result depends on."""
-    return {name: metadata.version(name) for name in LIBRARIES}
 
 
 def _processor() -> str:

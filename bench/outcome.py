@@ -11,7 +11,7 @@ import numpy as np
 
 from bench import results
 from bench.datasets.native import CaptureFile
-from bench.measure import machine, versions
+from bench.measure import machine
 from bench.metrics import ErrorMap, error_map
 from bench.paper import TITLES
 from bench.protocol import PROTOCOL, BenchFile
@@ -23,6 +23,7 @@ from radar.depthmap import DepthMap
 from radar.device import describe
 from radar.errors import HandbenchError
 from radar.grid import PixelGrid
+from radar.kept import versions
 
 FILES = ("result.json", "table.csv", "tasks.csv", "repeats.csv", "config.toml", "errors", "depth", "photos")
 Errors = dict[tuple[str, str, str], ErrorMap]

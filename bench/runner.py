@@ -12,7 +12,7 @@ import numpy as np
 import tomlkit
 
 from bench import outcome, results, stages
-from bench.cache import PACKAGES, Cache, Stage, claimed
+from bench.cache import Cache, Stage, claimed
 from bench.datasets.native import MESH, PHOTOS, TRUTH, load_capture_file
 from bench.datasets.simulated import simulate_capture
 from bench.outcome import Capture, Outcome
@@ -28,6 +28,7 @@ from radar.device import chosen
 from radar.effects.causes import Noise
 from radar.errors import HandbenchError
 from radar.files import content_hash, inside, read_json
+from radar.kept import PACKAGES
 
 # The code that each kind of stage runs: a change of it makes the stage anew.
 MESHES = ("calibration/meshes.py", "calibration/transforms.py")

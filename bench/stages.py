@@ -19,8 +19,9 @@ from calibration.target import load_target
 from calibration.transforms import Transform, load_transform
 from groundtruth.cameras import Camera
 from groundtruth.depth import depth_on_grid
+from groundtruth.options import Options
 from groundtruth.photos import Photo, find_photos
-from groundtruth.pipeline import Options, reconstruct
+from groundtruth.pipeline import reconstruct
 from radar.config import Config, parse
 from radar.depthmap import DepthMap
 from radar.errors import HandbenchError
@@ -70,7 +71,7 @@ def calibrate_capture(capture: Path, quality: str, seed: int, folder: Path | Non
     description = load_capture_file(capture)
     target = load_target(capture / TARGET)
     options = _options(description.box_m, quality, seed)
-    cloud = reconstruct(capture / PHOTOS, options, folder)
+    cloud = reconstruct(capture / PHOTOS, options, folder).cloud
     return calibrate(cloud.points_m, cloud.normals, load_echoes(capture), target)
 
 

@@ -18,6 +18,7 @@ from radar.files import (
     write_json,
     write_npz,
 )
+from radar.kept import keep, key_of
 from radar.progress import say, track
 
 __all__ = [
@@ -27,6 +28,8 @@ __all__ = [
     "atomic_path",
     "content_hash",
     "inside",
+    "keep",
+    "key_of",
     "load",
     "parse",
     "read_json",

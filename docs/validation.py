@@ -139,7 +139,7 @@ def measured_mm(scene: EchoScene, effect: str) -> tuple[float, float]:
     """Mean and median |change| of the 3-FSK depth map by the effect, over pixels on target with and without it."""
     fsk = method("3fsk")
     config, depths = fsk.configure({}, "docs/validation.py"), []
-    base = BASE if scene.target is not None else ()
+    base = tuple(name for name in BASE if not EFFECTS[IDS.index(name)].missing(scene))  # foam is not opaque
     changed = tuple(name for name in base if name != effect) if effect in base else (*base, effect)
     for effects in (base, changed):
         capture = shoot(scene, choose(scene, effects, 0.1)).capture

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 
 import numpy as np
 from numba import njit, prange
 
+from calibration import read_npz, write_npz
 from groundtruth.dense import DepthMap
 
 CONFIRMATIONS = 2  # other views that must agree; 1 where there are three views only
@@ -22,6 +24,16 @@ class Cloud:
     points_m: np.ndarray
     normals: np.ndarray
     pixel_m: float
+
+    def save(self, file: Path) -> None:
+        """Write the cloud as .npz."""
+        write_npz(file, **asdict(self))
+
+    @classmethod
+    def load(cls, file: Path) -> Cloud:
+        """Read what `save` wrote."""
+        found = read_npz(file, tuple(field.name for field in fields(cls)))
+        return cls(**{**found, "pixel_m": float(found["pixel_m"])})
 
 
 def fuse(maps: list[DepthMap], box_m: np.ndarray | None) -> Cloud:

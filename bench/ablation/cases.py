@@ -33,12 +33,13 @@ REFERENCE = ("obliquity", "shadow_antennas", "skin", "multipath", "noise")  # wh
 
 @dataclass(frozen=True)
 class Case:
-    """One row: the effects that are on, and the one that it tells apart from the reference."""
+    """One row: the effects that are on, and the one by which it differs from the case `against`."""
 
     name: str
     effect: str
     effects: tuple[str, ...]
     material: dict[str, Any]
+    against: str = "reference"
 
 
 def cases() -> list[Case]:
@@ -46,7 +47,8 @@ def cases() -> list[Case]:
     rows = [Case("reference", "", REFERENCE, SKIN)]
     rows += [Case(f"without {name}", name, _without(name), SKIN) for name in REFERENCE]
     rows.append(Case("shadow_centre instead", "shadow_centre", (*_without("shadow_antennas"), "shadow_centre"), SKIN))
-    rows.append(Case("dielectric instead of skin", "dielectric", (*_without("skin"), "dielectric"), PRINTED))
+    printed = (*_without("skin"), "dielectric")
+    rows.append(Case("dielectric instead of metal", "dielectric", printed, PRINTED, against="without skin"))
     known = {case.effect for case in rows} | set(REFERENCE)
     return rows + [Case(name, name, (*REFERENCE, name), SKIN) for name in IDS if name not in known]
 

@@ -28,8 +28,9 @@ CHANGED = "3fsk"  # the method whose depth map is compared with the reference's
 
 @dataclass
 class Row:
-    """A case's figures over all poses. change_mm: mean |z − z of the reference case| of CHANGED; estimate_mm: what the
-    effect's bound said; effect_s, simulate_s: seconds of the effect and of the whole simulation, per pose."""
+    """A case's figures over all poses. change_mm: mean |z − z of the case it is held against| of CHANGED; estimate_mm:
+    what the effect's bound said; effect_s: seconds of the effect, of one left out those in the other case;
+    simulate_s: seconds of the whole simulation. Seconds are per pose."""
 
     name: str
     values: dict[str, dict[str, float | int | None]] = field(default_factory=dict)  # method → metric → value
@@ -47,7 +48,7 @@ def ablate(poses: tuple[str, ...], frames: int) -> list[Row]:
     scenes = {pose: build(scene_file(pose, jobs[0][0])) for pose in poses}
     for case, pose in track(jobs, "ablation"):
         found.setdefault(case.name, []).append(show(pose, case, scenes[pose], frames))
-    return [_row(name, shown, found["reference"]) for name, shown in found.items()]
+    return [_row(case, found[case.name], found[case.against]) for case in cases()]
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class Shown:
     depth_m: np.ndarray  # of CHANGED
     repeats_z_m: dict[str, np.ndarray]
     estimate_mm: float | None
-    effect_s: float
+    seconds: dict[str, float]  # of each effect that was on
     simulate_s: float
 
 
@@ -77,7 +78,7 @@ def show(pose: str, case: Case, scene: Scene, frames: int) -> Shown:
         depths[CHANGED][0].z_m,
         {name: strongest_z_m(depths[name]) for name in REPEATED},
         estimates.get(case.effect),
-        sum(row.seconds or 0.0 for row in shots.rows if row.effect == case.effect),
+        {row.effect: row.seconds for row in shots.rows if row.seconds is not None},
         elapsed_s,
     )
 
@@ -89,13 +90,14 @@ def image(name: str, capture: RadarCapture, frames: int) -> list[DepthMap]:
     return [chosen.run(capture, config, frame).depth for frame in range(frames)]
 
 
-def _row(name: str, shown: list[Shown], reference: list[Shown]) -> Row:
+def _row(case: Case, shown: list[Shown], reference: list[Shown]) -> Row:
     values = {m: pool([s.maps[m] for s in shown]) for m in METHODS}
     for m in REPEATED:
         values[m] |= precision([s.repeats_z_m[m] for s in shown])
     change_m = np.concatenate([np.abs(s.depth_m - r.depth_m).ravel() for s, r in zip(shown, reference, strict=True)])
     estimates = [s.estimate_mm for s in shown if s.estimate_mm is not None]
+    effect_s = [{**r.seconds, **s.seconds}.get(case.effect, 0.0) for s, r in zip(shown, reference, strict=True)]
     return Row(
-        name, values, 1e3 * float(np.nanmean(change_m)), float(np.mean(estimates)) if estimates else None,
-        float(np.mean([s.effect_s for s in shown])), float(np.mean([s.simulate_s for s in shown])),
+        case.name, values, 1e3 * float(np.nanmean(change_m)), float(np.mean(estimates)) if estimates else None,
+        float(np.mean(effect_s)), float(np.mean([s.simulate_s for s in shown])),
     )

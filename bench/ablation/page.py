@@ -70,7 +70,7 @@ def draw(rows: list[Row], figure: Figure) -> None:
     right.barh(places, [row.simulate_s for row in effects], color="0.85", label="whole simulation")
     right.barh(places, [row.effect_s for row in effects], color=BLUE, label="the effect")
     right.set(xlabel="seconds per pose, 130 tones", title="what it costs")
-    right.legend(loc="lower right", frameon=False)
+    figure.legend(loc="outside lower center", ncols=4, frameon=False)
 
 
 def _sizes(axes: Axes, effects: list[Row], places: np.ndarray) -> None:
@@ -83,4 +83,3 @@ def _sizes(axes: Axes, effects: list[Row], places: np.ndarray) -> None:
     axes.annotate("0.1 mm", (0.1, len(effects) - 0.4), color=GREY, ha="center", va="bottom", annotation_clip=False)
     axes.set_yticks(places, [row.name for row in effects])
     axes.set(xscale="log", xlabel="change of the depth map, mm", xlim=(SMALLEST_MM, 20))
-    axes.legend(loc="lower right", frameon=False)

@@ -41,7 +41,8 @@ def measure(scope) -> dict:  # type: ignore[no-untyped-def]
     from bench.engine.growth import growth
     from bench.engine.scope import Inputs
     from bench.engine.volume import volume_rows
-    from bench.measure import machine, versions
+    from bench.measure import machine
+    from radar.kept import versions
     from radar.progress import say
     from radar.warmup import compile_kernels
 

@@ -11,8 +11,9 @@ from calibration import HandbenchError
 from calibration.meshes import raycasting_scene
 from calibration.transforms import umeyama
 from groundtruth.cameras import Camera, load_pycolmap, save_cameras
+from groundtruth.options import Options
 from groundtruth.photos import find_photos
-from groundtruth.pipeline import Options, reconstruct
+from groundtruth.pipeline import reconstruct
 from groundtruth.sfm import structure_from_motion
 
 FOUNTAIN = Path(__file__).parents[2].parent / "shared" / "data" / "fountain-P11"
@@ -123,4 +124,4 @@ def test_fountain_becomes_a_mesh_in_the_surveys_metres(tmp_path):
     points_m = points_m[((points_m > np.array(box_m[:3]) + 0.1) & (points_m < np.array(box_m[3:]) - 0.1)).all(axis=1)]
     distance_m = raycasting_scene(result.mesh).compute_distance(points_m.astype(np.float32)).numpy()
     # two independent ways to the same surface: features triangulated, and depth maps of a quarter of the resolution
-    assert len(points_m) > 100 and np.median(distance_m) < 0.5 * result.pixel_m
+    assert len(points_m) > 100 and np.median(distance_m) < 0.5 * result.cloud.pixel_m

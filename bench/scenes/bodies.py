@@ -1,0 +1,112 @@
+"""What the cameras see: the target, the printed plate and the block, with their reflectances, in the photo frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from bench.scenes.file import CalibrationTarget, HandTarget
+from bench.scenes.scene import Scene
+from bench.scenes.skin import Skin
+from bench.scenes.stand import PLATE_M, TEXEL_M, cuboid, plate_print
+from bench.scenes.textures import foam, skin, styrodur
+from calibration.meshes import mesh
+from calibration.transforms import Transform
+
+Albedo = Callable[[np.ndarray], np.ndarray]  # points [n, 3] in the photo frame to reflectance [n, 3]
+
+PRINT_BLUR_PX = 0.4  # the print seen through a pixel's footprint
+FRONT_M = 1e-5  # the plate's front is told from its rim with this tolerance
+GRID_M = 5e-3  # spacing of the light baked on plate and block
+
+
+@dataclass(frozen=True)
+class Body:
+    """A surface in the photo frame: vertices [n, 3] in metres, faces [m, 3], outward unit normals [n, 3], reflectance;
+    whether it is skin, which shines, and whether it carries the board's markers."""
+
+    vertices_m: np.ndarray
+    faces: np.ndarray
+    normals: np.ndarray
+    albedo: Albedo
+    skin: bool = False
+    board: bool = False
+
+
+def bodies(scene: Scene) -> list[Body]:
+    """Target, plate and, if the scene has one, block."""
+    photo_from_radar = scene.radar_from_photo.inverse()
+    target_from_photo = Transform(
+        "photo", "target", scene.radar_from_target.inverse().matrix @ scene.radar_from_photo.matrix
+    )
+    texture = _target_texture(scene)
+
+    def target_albedo(points_m: np.ndarray) -> np.ndarray:
+        return texture(target_from_photo.points(points_m))
+
+    plain = partial(styrodur, seed=texture_seed(scene) + 200)
+    pixel_m = np.median([np.linalg.norm(camera.centre_m) / camera.params[0] for camera in scene.cameras])
+    vertices_m = photo_from_radar.points(np.asarray(scene.target_mesh.vertices))
+    is_skin = not isinstance(scene.file.target, CalibrationTarget)
+    result = [
+        _body(vertices_m, np.asarray(scene.target_mesh.triangles), target_albedo, skin=is_skin),
+        _body(*_plate(), _Plate(scene.file.seed, pixel_m, plain), board=True),
+    ]
+    if scene.block_m is not None:
+        result.append(_body(*cuboid(*scene.block_m, GRID_M), plain))
+    return result
+
+
+def texture_seed(scene: Scene) -> int:
+    """Textures take small numbers above their seed: keep those of neighbouring scenes apart."""
+    return 1000 * (scene.file.seed + 1)
+
+
+def _target_texture(scene: Scene) -> Albedo:
+    """Reflectance over the target's own frame."""
+    target, contrast, seed = scene.file.target, scene.file.photos.texture_contrast, texture_seed(scene)
+    if isinstance(target, HandTarget):
+        return Skin(target.angles, contrast, seed)
+    return partial(foam if isinstance(target, CalibrationTarget) else skin, contrast=contrast, seed=seed)
+
+
+def _plate() -> tuple[np.ndarray, np.ndarray]:
+    width, height, thickness = PLATE_M
+    return cuboid(np.array([-width / 2, -height / 2, -thickness]), np.array([width / 2, height / 2, 0.0]), GRID_M)
+
+
+def _body(vertices_m: np.ndarray, faces: np.ndarray, albedo: Albedo, **kind: bool) -> Body:
+    surface = mesh(vertices_m, faces)
+    surface.compute_vertex_normals()
+    return Body(vertices_m, faces, np.asarray(surface.vertex_normals), albedo, **kind)
+
+
+class _Plate:
+    """Reflectance of the back plate: print on its front, plain foam elsewhere."""
+
+    def __init__(self, seed: int, pixel_m: float, plain: Albedo) -> None:
+        import cv2
+
+        self.print = cv2.GaussianBlur(plate_print(seed), (0, 0), PRINT_BLUR_PX * pixel_m / TEXEL_M)
+        self.plain = plain
+
+    def __call__(self, points_m: np.ndarray) -> np.ndarray:
+        import cv2
+
+        # A texel's centre lies half a texel inside its edge.
+        column = ((points_m[:, 0] + PLATE_M[0] / 2) / TEXEL_M - 0.5).astype(np.float32)
+        row = ((PLATE_M[1] / 2 - points_m[:, 1]) / TEXEL_M - 0.5).astype(np.float32)
+        grey = np.empty(len(points_m), dtype=np.float32)
+        rows = 16_384  # cv2.remap refuses maps longer than 2^15
+        for i in range(0, len(grey), rows):
+            part = slice(i, i + rows)
+            grey[part] = cv2.remap(
+                self.print, column[part, None], row[part, None], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            )[:, 0]
+        reflectance = np.repeat(grey[:, None], 3, axis=1)
+        rim = np.abs(points_m[:, 2]) > FRONT_M
+        reflectance[rim] = self.plain(points_m[rim])
+        return reflectance

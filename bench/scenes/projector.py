@@ -1,0 +1,55 @@
+"""A projector of speckle: random bright dots that stand still in space, so that every camera sees the same ones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.scenes.lamps import FACING, SHADOW_OFFSET_M, clear
+from bench.scenes.textures import solid_noise
+from calibration import HandbenchError
+
+SHARPNESS = 6.0  # of the dots' borders
+NEAREST_M = 0.05  # from the target's origin
+
+
+class Projector:
+    """A point at position_m [3] that lights the target's origin aim_m [3] (photo frame).
+
+    contrast: share of the light there, (max - min) / (max + min), that the dots carry: the lamps are dimmed to the rest,
+    so that the mean brightness stays. dot_m: size of dots at the target's origin.
+    """
+
+    def __init__(self, position_m: np.ndarray, aim_m: np.ndarray, contrast: float, dot_m: float, seed: int) -> None:
+        self.position_m, self.contrast, self.dot_m, self.seed = position_m, contrast, dot_m, seed
+        self.throw_m = float(np.linalg.norm(aim_m - position_m))
+        if self.throw_m < NEAREST_M:
+            raise HandbenchError(
+                f"photos.speckle_from_m: lies {1e3 * self.throw_m:.0f} mm from the target's origin; expected at least "
+                f"{1e3 * NEAREST_M:.0f} mm"
+            )
+        self.axis = (aim_m - position_m) / self.throw_m
+        right = np.cross(self.axis, np.eye(3)[np.abs(self.axis).argmin()])
+        self.right = right / np.linalg.norm(right)
+        self.down = np.cross(self.axis, self.right)
+
+    def pattern(self, points_m: np.ndarray) -> np.ndarray:
+        """Brightness [n] of the picture that is projected onto points [n, 3]: 0 to 1, 1/2 in the mean. It depends on
+        the direction from the projector alone; what lies behind the projector stays dark."""
+        relative_m = points_m - self.position_m
+        along = relative_m @ self.axis / self.throw_m
+        before = along > 0
+        flat_m = relative_m[before] @ np.stack([self.right, self.down], axis=1) / along[before, None]
+        slide_m = np.column_stack([flat_m, np.full(len(flat_m), self.dot_m)])
+        result = np.zeros(len(points_m), dtype=np.float32)
+        result[before] = 0.5 + 0.5 * np.tanh(SHARPNESS * solid_noise(slide_m, 2 * self.dot_m, self.seed))
+        return result
+
+    def light(self, rays: object, points_m: np.ndarray, normals: np.ndarray, even: bool) -> tuple[np.ndarray, np.ndarray]:
+        """What the projector gives to points [n, 3] with normals [n, 3]: irradiance over π of a surface that faces it
+        [n], shadows included, and the cosine of incidence [n]; even: without the dots."""
+        towards = self.position_m - points_m
+        distance_m = np.linalg.norm(towards, axis=1)
+        cosine = np.maximum(np.einsum("ij,ij->i", towards, normals) / distance_m, 0)
+        picture = 0.5 if even else self.pattern(points_m)
+        unshadowed = clear(rays, points_m + SHADOW_OFFSET_M * normals, towards, cosine > 0)
+        return 2 * self.contrast * FACING * picture * (self.throw_m / distance_m) ** 2 * unshadowed, cosine

@@ -1,0 +1,54 @@
+"""How to reconstruct: the options of `handbench groundtruth`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from calibration import Config, HandbenchError
+
+
+class Effort(NamedTuple):
+    """Depth maps have 1 / shrink of the photographs' resolution; iterations of PatchMatch."""
+
+    shrink: int
+    iterations: int
+
+
+EFFORT = {"draft": Effort(4, 2), "normal": Effort(2, 3), "high": Effort(1, 4)}
+
+
+class Options(Config):
+    """How to reconstruct.
+
+    cameras: a cameras.json (default: the one in the photographs' folder, if any). intrinsics: fx, fy, cx, cy in pixels
+    of the one camera that took all photographs. board: a board.toml (default as cameras). unscaled: go on without a
+    metric scale. box_m: xmin, ymin, zmin, xmax, ymax, zmax of the region of interest in the mesh's frame; it cuts away
+    the surroundings and saves most of the time. components: parts of the surface that are kept.
+    """
+
+    cameras: Path | None = None
+    intrinsics: tuple[float, float, float, float] | None = None
+    board: Path | None = None
+    unscaled: bool = False
+    quality: Literal["draft", "normal", "high"] = "normal"
+    box_m: tuple[float, float, float, float, float, float] | None = None
+    components: Literal["largest", "all"] = "largest"
+    seed: int = Field(default=0, ge=0, lt=2**31)
+
+    def box(self) -> np.ndarray | None:
+        """The box's lowest and highest corner [2, 3]."""
+        if self.box_m is None:
+            return None
+        box = np.array(self.box_m).reshape(2, 3)
+        if not (box[0] < box[1]).all():
+            raise HandbenchError(f"box_m: is {self.box_m}; expected xmin, ymin, zmin, xmax, ymax, zmax with min < max")
+        return box
+
+    @property
+    def effort(self) -> Effort:
+        """What the quality means."""
+        return EFFORT[self.quality]
