@@ -155,6 +155,18 @@ class Photos(Config):
     read_noise_e: float = Field(default=6.0, ge=0)
     blur_px: float = Field(default=0.5, ge=0)  # Gaussian, standard deviation
     texture_contrast: float = Field(default=1.0, ge=0)  # 1 = natural skin or foam
+    highlights: float = Field(default=0.0, ge=0, le=20)  # lamps mirrored by the skin; 1 = refractive index 1.4
+    roughness: float = Field(default=0.3, ge=0.1, le=1)  # of the skin that mirrors: GGX's alpha; 0.15 = oily
+    f_number: float | None = Field(default=None, ge=0.5, le=1000)  # None: all depths are in focus
+    sensor_width_mm: float = Field(default=36.0, ge=1, le=100)
+    focus_m: float | None = Field(default=None, gt=0, le=100)  # along the optical axis; None: the target's origin
+    exposure_spread: float = Field(default=0.0, ge=0, le=3)  # standard deviation between photographs, stops
+    white_balance_spread: float = Field(default=0.0, ge=0, le=2)  # of red and blue against green, stops
+    motion_px: float = Field(default=0.0, ge=0, le=100)  # path of the moving camera, in a direction of its own
+    speckle: float = Field(default=0.0, ge=0, le=1)  # contrast of dots from a projector
+    speckle_dot_m: float = Field(default=1.5e-3, ge=1e-4, le=0.1)  # size at the target
+    speckle_from_m: tuple[float, float, float] = (0.0, 0.22, 0.0)  # the projector, radar frame
+    speckle_on_board: bool = False  # else the board is lit evenly
 
 
 class Mount(Config):

@@ -9,7 +9,7 @@ import numpy as np
 from groundtruth.cameras import Camera
 
 LEVEL_STEP = np.sqrt(2)  # ratio of neighbouring diameters in the stack of blurred pictures
-KERNEL_SAMPLES = 16  # per pixel and direction
+KERNEL_SAMPLES = 8  # per pixel and direction, at least
 
 
 @dataclass(frozen=True)
@@ -88,17 +88,22 @@ def blur_along(image: np.ndarray, length_px: float, angle_rad: float) -> np.ndar
 
 def disc_kernel(diameter_px: float) -> np.ndarray:
     """Weights [n, n] of pixels under a disc, of sum 1."""
-    ticks = (np.arange(KERNEL_SAMPLES * np.ceil(diameter_px + 1)) + 0.5) / KERNEL_SAMPLES - np.ceil(diameter_px + 1) / 2
-    x, y = np.meshgrid(ticks, ticks)
+    along = _along(diameter_px)
+    x, y = np.meshgrid(along, along)
     inside = x**2 + y**2 <= (diameter_px / 2) ** 2
     return _kernel(x[inside], y[inside])
 
 
 def line_kernel(length_px: float, angle_rad: float) -> np.ndarray:
     """Weights [n, n] of pixels along a line through the middle pixel, of sum 1; angle from the image's x to its y."""
-    count = max(1, round(KERNEL_SAMPLES * length_px))
-    along = ((np.arange(count) + 0.5) / count - 0.5) * length_px
+    along = _along(length_px)
     return _kernel(along * np.cos(angle_rad), along * np.sin(angle_rad))
+
+
+def _along(length_px: float) -> np.ndarray:
+    """Points [n] spread evenly over a length about zero."""
+    count = max(64, int(KERNEL_SAMPLES * length_px))
+    return ((np.arange(count) + 0.5) / count - 0.5) * length_px
 
 
 def _kernel(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -22,6 +22,7 @@ ROOM = 0.03  # radiance of the dark room behind the stand
 EDGE_STEP_M = 1.5e-3  # neighbouring pixels whose distance differs by more see an edge between them
 EDGE_SAMPLES = 3  # sub-pixels per direction at an edge
 LENS_SAMPLES = 64  # points of the aperture at an edge out of focus
+R2_SEQUENCE = np.array([0.7548776662466927, 0.5698402909980532])  # Roberts 2018: fills the pixel evenly
 
 
 class Studio:
@@ -31,9 +32,8 @@ class Studio:
         self.photos: Photos = scene.file.photos
         self.seed = scene.file.seed
         self.bodies = bodies(scene)
-        photo_from_radar = scene.radar_from_photo.inverse()
-        self.aim_m = photo_from_radar.points(scene.radar_from_target.translation_m[None])[0]
-        self.projector = _projector(scene, photo_from_radar.points(np.array([self.photos.speckle_from_m]))[0], self.aim_m)
+        self.aim_m = scene.radar_from_photo.inverse().points(scene.radar_from_target.matrix[None, :3, 3])[0]
+        self.projector = _projector(scene, self.aim_m)
         o3d = load_open3d()
         self.rays = o3d.t.geometry.RaycastingScene()
         for body in self.bodies:
@@ -69,7 +69,7 @@ class Studio:
         return radiance
 
     def lens(self, camera: Camera) -> ThinLens:
-        """The camera's lens when the photographs have a depth of field; it focuses on the target's origin unless told."""
+        """The camera's lens where f_number gives it an aperture; it focuses on the target's origin unless told."""
         focus_m = self.photos.focus_m or float((self.aim_m - camera.centre_m) @ camera.rotation[2])
         return ThinLens.of(camera, self.photos.f_number, 1e-3 * self.photos.sensor_width_mm, focus_m)
 
@@ -94,23 +94,83 @@ class Studio:
     ) -> np.ndarray:
         """Radiance [n, 3] of a body's points [n, 3] towards `eyes` [n, 3]; `corners` and `weights` [n, 3] interpolate
         between the body's vertices."""
-        shines, projector = body.skin and self.photos.highlights > 0, self.projector
+        photos, projector = self.photos, self.projector
+        shines = body.skin and photos.highlights > 0
         irradiance = np.einsum("ij,ij->i", light.irradiance[corners], weights)
-        mirror = np.zeros((len(points_m), 1), dtype=np.float32)
+        mirror = np.zeros(len(points_m), dtype=np.float32)
         if shines or projector:
             normals = np.einsum("ijk,ij->ik", body.normals[corners], weights)
             normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         if shines:
-            for number, lamp in enumerate(LAMPS):
-                unshadowed = np.einsum("ij,ij->i", light.open[:, number][corners], weights)
-                shine = mirrored(points_m, normals, eyes, lamp.samples_m(), lamp.reach_m, self.photos.roughness)
-                mirror[:, 0] += lamp.irradiance * unshadowed * shine
+            unshadowed = np.einsum("ijk,ij->ik", light.open[corners], weights)
+            for lamp, share in zip(LAMPS, unshadowed.T, strict=True):
+                gleam = mirrored(points_m, normals, eyes, lamp.samples_m(), lamp.reach_m, photos.roughness)
+                mirror += lamp.irradiance * share * gleam
         if projector:
-            even = body.board and not self.photos.speckle_on_board
-            arriving, cosine = projector.light(self.rays, points_m, normals, even)
-            irradiance = (1 - projector.contrast) * irradiance + arriving * cosine
+            even = body.board and not photos.speckle_on_board
+            beam = projector.beam(self.rays, points_m, normals, even)
+            irradiance = (1 - projector.contrast) * irradiance + beam * projector.incidence(points_m, normals)
             mirror *= 1 - projector.contrast
             if shines:
                 at_m = projector.position_m[None]
-                mirror[:, 0] += arriving * mirrored(points_m, normals, eyes, at_m, ..., self.photos.roughness)
-        return body.albedo(points_m) * irradiance[:, None].astype(np.float32) + self.photos.highlights * mirror
+                mirror += beam * mirrored(points_m, normals, eyes, at_m, projector.throw_m, photos.roughness)
+        diffuse = body.albedo(points_m) * irradiance[:, None].astype(np.float32)
+        return diffuse + photos.highlights * mirror[:, None]
+
+    def _supersample(self, centre_m: np.ndarray, directions: np.ndarray, edge: np.ndarray) -> np.ndarray:
+        """Mean radiance [n, 3] over the area of the pixels `edge` [height, width]."""
+        right, down = _pixel_steps(directions, edge)
+        offsets = (np.arange(EDGE_SAMPLES) + 0.5) / EDGE_SAMPLES - 0.5
+        total = np.zeros((len(right), 3), dtype=np.float32)
+        for u in offsets:
+            for v in offsets:
+                total += self.shoot(centre_m, directions[edge] + u * right + v * down)[0]
+        return total / EDGE_SAMPLES**2
+
+    def _through_lens(
+        self, camera: Camera, lens: ThinLens, directions: np.ndarray, pixels: np.ndarray
+    ) -> np.ndarray:
+        """Mean radiance [n, 3] over the area of the `pixels` [height, width] and over the aperture."""
+        right, down = _pixel_steps(directions, pixels)
+        total = np.zeros((len(right), 3), dtype=np.float32)
+        for k, (u, v) in enumerate(zip(*sunflower(1.0, LENS_SAMPLES), strict=True)):
+            x, y = (k + 0.5) * R2_SEQUENCE % 1 - 0.5
+            total += self.shoot(*lens.rays(camera, directions[pixels] + x * right + y * down, u, v))[0]
+        return total / LENS_SAMPLES
+
+
+def _projector(scene: Scene, aim_m: np.ndarray) -> Projector | None:
+    photos = scene.file.photos
+    if photos.speckle == 0:
+        return None
+    position_m = scene.radar_from_photo.inverse().points(np.array([photos.speckle_from_m]))[0]
+    return Projector(position_m, aim_m, photos.speckle, photos.speckle_dot_m, texture_seed(scene) + 300)
+
+
+def _pixel_steps(directions: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How the rays `directions` [height, width, 3] of `pixels` [height, width] change to the right and downwards:
+    [n, 3] each, per pixel."""
+    height, width = pixels.shape
+    rows, columns = np.nonzero(pixels)
+    r, c = np.clip(rows, 1, height - 2), np.clip(columns, 1, width - 2)
+    return (directions[r, c + 1] - directions[r, c - 1]) / 2, (directions[r + 1, c] - directions[r - 1, c]) / 2
+
+
+def _cast(rays: object, origins_m: np.ndarray, directions: np.ndarray) -> dict[str, np.ndarray]:
+    query = np.concatenate([origins_m, directions], axis=-1, dtype=np.float32)
+    hits = rays.cast_rays(load_open3d().core.Tensor(query))
+    return {key: hits[key].numpy() for key in ("t_hit", "geometry_ids", "primitive_ids", "primitive_uvs")}
+
+
+def _edges(distance_m: np.ndarray, label: np.ndarray) -> np.ndarray:
+    """Pixels [height, width] that see an edge between themselves and a neighbour."""
+    import cv2
+
+    filled = np.where(np.isfinite(distance_m), distance_m, 10.0).astype(np.float32)
+    edge = np.zeros(distance_m.shape, dtype=bool)
+    for axis in (0, 1):
+        jump = (np.abs(np.diff(filled, axis=axis)) > EDGE_STEP_M) | (np.diff(label, axis=axis) != 0)
+        first, second = (slice(None, -1), slice(None)), (slice(1, None), slice(None))
+        edge[first if axis == 0 else first[::-1]] |= jump
+        edge[second if axis == 0 else second[::-1]] |= jump
+    return cv2.dilate(edge.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0

@@ -8,15 +8,17 @@ from bench.scenes.lamps import FACING, SHADOW_OFFSET_M, clear
 from bench.scenes.textures import solid_noise
 from calibration import HandbenchError
 
-SHARPNESS = 6.0  # of the dots' borders
+SHARPNESS = 10.0  # of the dots' borders
+NOISE_PER_DOT = 0.85  # the noise's wavelength over the dots' mean size along a line
+OBLIQUE = np.array([[2, -2, 1], [1, 2, 2]]) / 3  # cuts the noise across its lattice, which would show
 NEAREST_M = 0.05  # from the target's origin
 
 
 class Projector:
     """A point at position_m [3] that lights the target's origin aim_m [3] (photo frame).
 
-    contrast: share of the light there, (max - min) / (max + min), that the dots carry: the lamps are dimmed to the rest,
-    so that the mean brightness stays. dot_m: size of dots at the target's origin.
+    contrast: of the dots there, (max - min) / (max + min); it is the projector's share of the light, and the lamps are
+    dimmed to the rest, so that the mean brightness stays. dot_m: size of dots at the target's origin.
     """
 
     def __init__(self, position_m: np.ndarray, aim_m: np.ndarray, contrast: float, dot_m: float, seed: int) -> None:
@@ -39,17 +41,22 @@ class Projector:
         along = relative_m @ self.axis / self.throw_m
         before = along > 0
         flat_m = relative_m[before] @ np.stack([self.right, self.down], axis=1) / along[before, None]
-        slide_m = np.column_stack([flat_m, np.full(len(flat_m), self.dot_m)])
+        noise = solid_noise(flat_m @ OBLIQUE, NOISE_PER_DOT * self.dot_m, self.seed)
         result = np.zeros(len(points_m), dtype=np.float32)
-        result[before] = 0.5 + 0.5 * np.tanh(SHARPNESS * solid_noise(slide_m, 2 * self.dot_m, self.seed))
+        result[before] = 0.5 + 0.5 * np.tanh(SHARPNESS * noise)
         return result
 
-    def light(self, rays: object, points_m: np.ndarray, normals: np.ndarray, even: bool) -> tuple[np.ndarray, np.ndarray]:
-        """What the projector gives to points [n, 3] with normals [n, 3]: irradiance over π of a surface that faces it
-        [n], shadows included, and the cosine of incidence [n]; even: without the dots."""
+    def incidence(self, points_m: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """Cosine of incidence times (throw / distance)² at points [n, 3] with normals [n, 3]."""
         towards = self.position_m - points_m
         distance_m = np.linalg.norm(towards, axis=1)
         cosine = np.maximum(np.einsum("ij,ij->i", towards, normals) / distance_m, 0)
+        return cosine * (self.throw_m / distance_m) ** 2
+
+    def beam(self, rays: object, points_m: np.ndarray, normals: np.ndarray, even: bool) -> np.ndarray:
+        """Light [n] on its way to points [n, 3] with normals [n, 3], zero in shadows: the irradiance over π that it
+        would give a surface that faces it at the throw's distance; even: without dots."""
         picture = 0.5 if even else self.pattern(points_m)
-        unshadowed = clear(rays, points_m + SHADOW_OFFSET_M * normals, towards, cosine > 0)
-        return 2 * self.contrast * FACING * picture * (self.throw_m / distance_m) ** 2 * unshadowed, cosine
+        lit = self.incidence(points_m, normals) > 0
+        unshadowed = clear(rays, points_m + SHADOW_OFFSET_M * normals, self.position_m - points_m, lit)
+        return 2 * self.contrast * FACING * picture * unshadowed

@@ -28,8 +28,8 @@ def exposure(spread: float, random: np.random.Generator) -> float:
 
 
 def white_balance(spread: float, random: np.random.Generator) -> np.ndarray:
-    """Gains [3] of red, green and blue; spread: standard deviation of red and blue against green, in stops. The smallest
-    is 1, as in raw converters: what is clipped stays white."""
+    """Gains [3] of red, green and blue; spread: standard deviation of red and blue against green, in stops. The
+    smallest is 1, as in raw converters: what is clipped stays white."""
     red, blue = spread * random.standard_normal(2)
     gains = 2 ** np.array([red, 0.0, blue])
     return (gains / gains.min()).astype(np.float32)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 import pytest
@@ -77,6 +79,22 @@ def test_same_seed_same_photograph(image: np.ndarray, scene: Scene) -> None:
     again = Studio(make_scene())
     assert np.array_equal(again.photograph(scene.cameras[0], 0), image)
     assert not np.array_equal(again.photograph(scene.cameras[0], 1), image)  # another camera, other noise
+
+
+def test_effects_are_off_unless_told(ball: Callable[..., Studio]) -> None:
+    off = {
+        "highlights": 0.0, "exposure_spread": 0.0, "white_balance_spread": 0.0, "motion_px": 0.0, "speckle": 0.0,
+        "speckle_on_board": True, "roughness": 0.2, "focus_m": 0.1,  # nothing is left for these to change
+    }
+    camera = ball.scene().cameras[0]
+    plain = ball().photograph(camera, 0)
+    assert np.array_equal(ball(**off).photograph(camera, 0), plain)
+    for effect in ({"highlights": 1.0}, {"f_number": 4.0}, {"exposure_spread": 0.3}, {"white_balance_spread": 0.2},
+                   {"motion_px": 2.0}, {"speckle": 0.5}):
+        studio = ball(**effect)
+        image = studio.photograph(camera, 0)
+        assert (image != plain).mean() > 0.02, effect
+        assert np.array_equal(studio.photograph(camera, 0), image)
 
 
 def test_noise_has_the_stated_level() -> None:

@@ -1,0 +1,45 @@
+"""A ball of skin before the board, small enough to be photographed in a fraction of a second."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import pytest
+
+from bench.scenes.bodies import Body
+from bench.scenes.file import SceneFile
+from bench.scenes.lamps import Light, bake
+from bench.scenes.photographs import Studio
+from bench.scenes.scene import Scene, build
+from bench.scenes.stand import plate_print
+from calibration import parse
+
+
+def ball_scene(**photos: object) -> Scene:
+    return build(parse(SceneFile, {
+        "version": 1, "name": "ball", "seed": 5, "target": {"kind": "sphere", "edge_m": 2e-3},
+        "photos": {"cameras": 3, "width": 150, "height": 100} | photos,
+    }, "test"))
+
+
+@pytest.fixture(scope="session")
+def ball() -> Callable[..., Studio]:
+    """Makes a studio with the ball from the keys of [photos]; `ball.scene` makes the scene alone. The lamps' light
+    and the plate's print, the same for all, are made once."""
+    baked: dict[int, Light] = {}
+    printed = cache(plate_print)
+
+    def remembered(rays: object, body: Body) -> Light:
+        if len(body.faces) not in baked:
+            baked[len(body.faces)] = bake(rays, body)
+        return baked[len(body.faces)]
+
+    def make(**photos: object) -> Studio:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("bench.scenes.photographs.bake", remembered)
+            patch.setattr("bench.scenes.bodies.plate_print", printed)
+            return Studio(ball_scene(**photos))
+
+    make.scene = ball_scene
+    return make
