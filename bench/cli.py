@@ -10,6 +10,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
+from bench import groundtruth_command
 from radar.errors import HandbenchError
 
 
@@ -49,7 +50,7 @@ def _device(options: argparse.Namespace) -> AbstractContextManager[None]:
 def _command(name: str) -> Callable[[argparse.Namespace], None]:
     from bench import commands
 
-    return {"run": _run, "report": _report}.get(name) or getattr(commands, name)
+    return {"run": _run, "report": _report, "groundtruth": groundtruth_command.run}.get(name) or getattr(commands, name)
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -90,17 +91,9 @@ def parser() -> argparse.ArgumentParser:
     simulate.add_argument("--explain", action="store_true", help="print which effects the scene calls for, and stop")
     simulate.add_argument("--frames", type=_positive, default=1, help="frames that differ in their noise (default 1)")
 
-    truth = _add(commands, "groundtruth", "photographs → metric mesh")
-    truth.add_argument("photos", type=Path, metavar="PHOTOS", help="folder of photographs")
+    truth = _add(commands, "groundtruth", "photographs, or a mesh in another unit → metric mesh")
+    groundtruth_command.add_arguments(truth)
     _out(truth, "MESH.ply", "mesh, metres")
-    truth.add_argument("--cameras", type=Path, metavar="cameras.json", help="known cameras (default: those in PHOTOS)")
-    truth.add_argument("--intrinsics", metavar="fx,fy,cx,cy", help="one known camera for all photographs, pixels")
-    truth.add_argument("--board", type=Path, metavar="board.toml", help="ArUco board: scale and frame")
-    truth.add_argument("--unscaled", action="store_true", help="accept a mesh without metric scale")
-    truth.add_argument("--quality", choices=("draft", "normal", "high"), default="normal")
-    truth.add_argument("--box", metavar="xmin,ymin,zmin,xmax,ymax,zmax", help="region of interest, metres, mesh frame")
-    truth.add_argument("--seed", type=int, default=0)
-    truth.add_argument("--workdir", type=Path, metavar="DIR", help="keep sparse/, dense.ply and summary.json there")
 
     calibrate = _add(commands, "calibrate", "target capture → radar_from_photo, covariance, residuals")
     calibrate.add_argument("capture", type=Path, metavar="TARGET_CAPTURE")

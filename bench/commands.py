@@ -37,35 +37,11 @@ def simulate(options: argparse.Namespace) -> None:
     say(f"capture: {options.out}")
 
 
-def groundtruth(options: argparse.Namespace) -> None:
-    """Photographs → mesh."""
-    from calibration.meshes import write_mesh
-    from groundtruth.options import Options
-    from groundtruth.pipeline import reconstruct
-    from radar.config import parse
-
-    _free(options.out, options.overwrite)
-    for kept in ("sparse", "dense.ply", "summary.json") if options.workdir else ():
-        _free(options.workdir / kept, options.overwrite)
-    values = {
-        "cameras": options.cameras,
-        "intrinsics": _numbers(options.intrinsics, 4, "--intrinsics"),
-        "board": options.board,
-        "unscaled": options.unscaled,
-        "quality": options.quality,
-        "box_m": _numbers(options.box, 6, "--box"),
-        "seed": options.seed,
-    }
-    result = reconstruct(options.photos, parse(Options, values, "groundtruth"), options.workdir)
-    write_mesh(options.out, result.mesh)
-    print(json.dumps(result.summary(), indent=2))
-
-
 def calibrate(options: argparse.Namespace) -> None:
     """Target capture → transform."""
     from bench.stages import calibrate_capture
 
-    _free(options.out, options.overwrite)
+    free(options.out, options.overwrite)
     transform = calibrate_capture(options.capture, options.quality, options.seed)
     transform.save(options.out)
     residuals = ", ".join(f"{1e3 * r:.2f}" for r in transform.residuals_m)
@@ -82,7 +58,7 @@ def reconstruct(options: argparse.Namespace) -> None:
     from radar.warmup import compile_kernels
 
     for file in filter(None, (options.out, options.volume)):
-        _free(file, options.overwrite)
+        free(file, options.overwrite)
     if options.volume == options.out:
         raise HandbenchError(f"--volume: is the same file as -o, {options.out}; name two")
     chosen = method(options.method)
@@ -205,20 +181,21 @@ def _validate(name: str) -> None:
                 _validate(str(inside(base, source.path or "", f"{name}: path")))
 
 
-def _free(path: Path, overwrite: bool) -> None:
+def free(path: Path, overwrite: bool) -> None:
     """Refuse to overwrite unless asked to."""
     if path.exists() and not overwrite:
         raise HandbenchError(f"{path}: exists already; choose another -o, or --overwrite to replace it")
 
 
 def _free_folder(path: Path, overwrite: bool, mark: str) -> None:
-    """As `_free`, and even then replace only a folder that holds `mark`, which handbench writes."""
-    _free(path, overwrite)
+    """As `free`, and even then replace only a folder that holds `mark`, which handbench writes."""
+    free(path, overwrite)
     if path.exists() and not (path / mark).is_file():
         raise HandbenchError(f"{path}: holds no {mark}, so handbench did not write it; choose another -o")
 
 
-def _numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | None:
+def numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | None:
+    """The numbers of an option's text; None without one."""
     if text is None:
         return None
     try:

@@ -13,7 +13,7 @@ import numpy as np
 from bench.datasets.native import PHOTOS, TARGET, load_capture_file, load_echoes
 from bench.metrics import strongest_scatterer_z_m
 from bench.registry import Reconstruction, method
-from calibration.meshes import read_mesh, write_mesh
+from calibration.meshes import read_mesh
 from calibration.registration import calibrate
 from calibration.target import load_target
 from calibration.transforms import Transform, load_transform
@@ -42,7 +42,7 @@ def make_mesh(capture: Path, quality: str, seed: int, folder: Path) -> None:
     box_m = load_capture_file(capture).box_m
     options = _options(box_m, quality, seed)
     result = reconstruct(capture / PHOTOS, options, folder / "work")
-    write_mesh(folder / MESH, result.mesh)
+    result.surface.save(folder / MESH)
     camera = result.cameras[0]
     _write_view(find_photos(capture / PHOTOS), camera, options.box(), folder / VIEW)
 

@@ -14,6 +14,7 @@ import numpy as np
 from calibration import HandbenchError, track
 from groundtruth import patchmatch, planesweep
 from groundtruth.frame import registered
+from groundtruth.masks import Masks
 from groundtruth.photos import Photo
 from groundtruth.views import View, open_view
 
@@ -41,7 +42,7 @@ class DepthMap:
 
 
 def open_views(
-    photos: tuple[Photo, ...], model: pycolmap.Reconstruction, shrink: int, box_m: np.ndarray | None
+    photos: tuple[Photo, ...], model: pycolmap.Reconstruction, shrink: int, box_m: np.ndarray | None, masks: Masks
 ) -> tuple[list[View], np.ndarray, np.ndarray]:
     """The registered photographs as views of the region of interest; which of them [n, views] saw which of the sparse
     points [n, 3] (metres)."""
@@ -55,10 +56,9 @@ def open_views(
         row[[column[element.image_id] for element in point.track.elements]] = True
     views = []
     for image, seen in zip(track(images, "undistorting"), tracks.T, strict=True):
-        depths_m = _depths(image, points_m[seen])
-        views.append(
-            open_view(by_name[image.name], image.camera, image.cam_from_world(), shrink, depths_m, box_m)
-        )
+        photo, camera, pose = by_name[image.name], image.camera, image.cam_from_world()
+        mask = masks.of(photo, camera, pose, box_m)
+        views.append(open_view(photo, camera, pose, shrink, _depths(image, points_m[seen]), box_m, mask))
     showing = [i for i, view in enumerate(views) if view is not None]
     if len(showing) < FEWEST_VIEWS:
         raise HandbenchError(

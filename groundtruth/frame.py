@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 TRIM = 4.0  # times the median residual: what lies beyond is no part of the fit
 COLLINEAR = 0.02  # ratio of the second to the first extent below which points count as a line
+LARGEST_MISFIT = 0.03  # root mean square distance after the fit, over the extent of what is fitted
 CORNER_ERROR_PX = 2.0  # of a marker's corner in one photograph, against those in the others
 
 
@@ -26,7 +27,7 @@ class Scale:
     """Where the metres come from. features: marker corners or camera centres; used: those left after trimming;
     residual_m: root mean square distance of the used ones after the fit (None without a scale)."""
 
-    source: Literal["board", "poses", "none"]
+    source: Literal["board", "distances", "poses", "model", "none"]
     features: int = 0
     used: int = 0
     residual_m: float | None = None
@@ -80,7 +81,19 @@ def trimmed_similarity(
         if (inside == kept).all() or inside.sum() < 3 or _collinear(target_m[inside]):
             break
         kept = inside
+    check_fit(_rms(residuals_m[kept]), float(np.ptp(target_m[kept], axis=0).max()), what)
     return matrix, kept, residuals_m
+
+
+def check_fit(residual_m: float, extent_m: float, what: str) -> None:
+    """A HandbenchError when what gives the scale misses its own numbers by more than 3 % of their extent; what: board
+    corners, or the like."""
+    if residual_m > LARGEST_MISFIT * extent_m:
+        raise HandbenchError(
+            f"scale: {what} are {1e3 * residual_m:.1f} mm off after the best fit, {residual_m / extent_m:.0%} of their "
+            f"extent; expected at most {LARGEST_MISFIT:.0%}: check that the numbers belong to these photographs, are "
+            "metres, and that R, t carry world to camera"
+        )
 
 
 def apply(model: pycolmap.Reconstruction, matrix: np.ndarray) -> None:

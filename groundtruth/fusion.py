@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +18,23 @@ WIDEST_COSINE = 0.5  # normals that agree
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points [n, 3] and outward normals [n, 3] (not quite unit vectors) in the mesh's frame; pixel_m: what one pixel of
-    the depth maps measures on the surface (median over points)."""
+    """Points [n, 3] and outward normals [n, 3] (not quite unit vectors) in the mesh's frame.
+
+    views [n, views]: which views, by `names`, agree on a point. spread_m [n]: standard deviation, along the normal, of
+    one view's depth from the others'. pixel_m: what one pixel of the depth maps measures on the surface (median).
+    """
 
     points_m: np.ndarray
     normals: np.ndarray
+    views: np.ndarray
+    spread_m: np.ndarray
+    names: tuple[str, ...]
     pixel_m: float
+
+    def at(self, index: np.ndarray) -> Cloud:
+        """The cloud of some of the points."""
+        per_point = ("points_m", "normals", "views", "spread_m")
+        return replace(self, **{name: getattr(self, name)[index] for name in per_point})
 
     def save(self, file: Path) -> None:
         """Write the cloud as .npz."""
@@ -33,7 +44,7 @@ class Cloud:
     def load(cls, file: Path) -> Cloud:
         """Read what `save` wrote."""
         found = read_npz(file, tuple(field.name for field in fields(cls)))
-        return cls(**{**found, "pixel_m": float(found["pixel_m"])})
+        return cls(**{**found, "names": tuple(found["names"].tolist()), "pixel_m": float(found["pixel_m"])})
 
 
 def fuse(maps: list[DepthMap], box_m: np.ndarray | None) -> Cloud:
@@ -48,21 +59,24 @@ def fuse(maps: list[DepthMap], box_m: np.ndarray | None) -> Cloud:
     K, R, t = (np.stack([getattr(m.view, key) for m in maps]) for key in ("K", "R", "t"))
     parts = []
     for i in range(len(maps)):
-        point, normal, votes = _agree(i, depths, normals, K, R, t)
-        kept = votes >= fewest
+        point, normal, agreeing, spread = _agree(i, depths, normals, K, R, t)
+        kept = agreeing.sum(axis=-1) > fewest
         if box_m is not None:
             kept &= ((point >= box_m[0]) & (point <= box_m[1])).all(axis=-1)
-        parts.append((point[kept], normal[kept], depths[i][kept] / K[i, 0, 0]))
-    points_m, normals, pixel_m = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return Cloud(points_m, normals, float(np.median(pixel_m)) if len(pixel_m) else float("nan"))
+        parts.append((point[kept], normal[kept], agreeing[kept], spread[kept], depths[i][kept] / K[i, 0, 0]))
+    points_m, normals, agreeing, spread_m, pixel_m = (np.concatenate(column) for column in zip(*parts, strict=True))
+    names = tuple(m.view.name for m in maps)
+    return Cloud(points_m, normals, agreeing, spread_m, names, float(np.median(pixel_m)) if len(pixel_m) else np.nan)
 
 
 @njit(parallel=True, cache=True)
 def _agree(reference, depths, normals, K, R, t):
-    """Mean point and normal [h, w, 3] of a pixel and the views that agree with it, and their number [h, w]."""
+    """Mean point and normal [h, w, 3] of a pixel and the views that agree with it, which these are [h, w, views],
+    itself among them, and the standard deviation [h, w] of their points along the normal."""
     count, h, w = depths.shape
     point, normal = np.zeros((h, w, 3)), np.zeros((h, w, 3))
-    votes = np.zeros((h, w), dtype=np.int64)
+    agreeing = np.zeros((h, w, count), dtype=np.bool_)
+    spread = np.zeros((h, w))
     for y in prange(h):
         here, seen, there = np.empty(3), np.empty(3), np.empty(3)
         for x in range(w):
@@ -71,6 +85,8 @@ def _agree(reference, depths, normals, K, R, t):
             _world(x, y, depths[reference, y, x], K[reference], R[reference], t[reference], here)
             point[y, x] += here
             normal[y, x] += normals[reference, y, x]
+            agreeing[y, x, reference] = True
+            votes, total, square = 1, 0.0, 0.0  # of the offsets along the reference's normal, whose own is 0
             for s in range(count):
                 _project(here, K[s], R[s], t[s], seen)
                 j, i, depth = int(np.floor(seen[0] + 0.5)), int(np.floor(seen[1] + 0.5)), seen[2]
@@ -84,12 +100,18 @@ def _agree(reference, depths, normals, K, R, t):
                 if cosine < WIDEST_COSINE:
                     continue
                 _world(j, i, depths[s, i, j], K[s], R[s], t[s], there)
+                offset = 0.0
+                for axis in range(3):
+                    offset += (there[axis] - here[axis]) * normals[reference, y, x, axis]
                 point[y, x] += there
                 normal[y, x] += normals[s, i, j]
-                votes[y, x] += 1
-            point[y, x] /= votes[y, x] + 1
-            normal[y, x] /= votes[y, x] + 1
-    return point, normal, votes
+                agreeing[y, x, s] = True
+                votes, total, square = votes + 1, total + offset, square + offset * offset
+            point[y, x] /= votes
+            normal[y, x] /= votes
+            if votes > 1:
+                spread[y, x] = np.sqrt(max(square - total * total / votes, 0.0) / (votes - 1))
+    return point, normal, agreeing, spread
 
 
 @njit(cache=True)

@@ -2,34 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from calibration import HandbenchError, content_hash, track
+from calibration import HandbenchError, content_hash, suggest, track
 from groundtruth.board import Board, load_board
-from groundtruth.cameras import Camera, load_cameras
+from groundtruth.camera_files import cameras_of
+from groundtruth.cameras import Camera
+from groundtruth.checks import usable
 from groundtruth.markers import Corners, detect_corners, focal_length_px, require_board
+from groundtruth.masks import Masks, find_masks
 from groundtruth.options import Options
 from groundtruth.photos import Photo, find_photos
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """The photographs; the known camera of each (None: unknown); the board (None: none) and its corners in each."""
+    """The photographs; the known camera of each (None: unknown); the board (None: none) and its corners in each; a
+    COLMAP model of the photographs to start from (None: they have to be registered); the target's masks."""
 
     photos: tuple[Photo, ...]
     cameras: tuple[Camera, ...] | None
     board: Board | None
     corners: dict[str, Corners]
+    model: Path | None = None
+    masks: Masks = field(default_factory=Masks)
 
     def content(self) -> list[Any]:
-        """Everything in here, as `content_hash` takes it."""
+        """Everything that the cameras' poses depend on, as `content_hash` takes it (the masks have their own)."""
         cameras = None if self.cameras is None else [camera.model_dump() for camera in self.cameras]
         board = None if self.board is None else self.board.model_dump()
-        return [content_hash(*(part for photo in self.photos for part in (photo.name, photo.path))), cameras, board]
+        model = None if self.model is None else content_hash(self.model)
+        photos = content_hash(*(part for photo in self.photos for part in (photo.name, photo.path)))
+        return [photos, cameras, board, model]
 
     def focal_lengths_px(self) -> dict[str, float]:
         """A focal length for each photograph, from the board or, where it shows too little of it, from the others."""
@@ -39,23 +47,23 @@ class Inputs:
         known = [focal for focal in found.values() if focal is not None]
         return {name: focal or float(np.median(known)) for name, focal in found.items()} if known else {}
 
+    def guessed_focal_lengths_px(self) -> dict[str, float]:
+        """The focal lengths that EXIF data tell, by photograph: to start from, not to hold on to."""
+        return {photo.name: photo.focal_px for photo in self.photos if photo.focal_px is not None}
+
 
 def gather(folder: Path, options: Options) -> tuple[Inputs, Options]:
     """The inputs in a folder of photographs, and the options with the files found there filled in."""
     options.box()
     photos = find_photos(folder)
     options = _found_beside(folder, options)
-    if options.cameras is not None and options.intrinsics is not None:
-        raise HandbenchError("cameras and intrinsics: both are given; give the intrinsics in one of them")
-    cameras = None if options.cameras is None else _cameras_of(photos, options.cameras)
+    _require_consistent(photos, options)
+    photos = usable(photos)
+    cameras = None if options.cameras is None else cameras_of(photos, options.cameras, options.metric)
     board = None if options.board is None else load_board(options.board)
-    posed = cameras is not None and sum(c.R is not None and c.t is not None for c in cameras) >= 3
-    if board is None and not posed and not options.unscaled:
-        raise HandbenchError(
-            f"{folder}: nothing gives the scale: no board.toml and no camera poses (R, t in cameras.json); "
-            "add --board or --cameras, or give --unscaled for a mesh of arbitrary size"
-        )
-    return Inputs(photos, cameras, board, _find_board(photos, board)), options
+    _require_scale(folder, photos, options, cameras)
+    masks = Masks({} if options.masks is None else find_masks(options.masks, photos), options.mask == "colour")
+    return Inputs(photos, cameras, board, _find_board(photos, board), options.model, masks), options
 
 
 def _found_beside(folder: Path, options: Options) -> Options:
@@ -63,24 +71,50 @@ def _found_beside(folder: Path, options: Options) -> Options:
     beside = {"cameras": folder / "cameras.json", "board": folder / "board.toml"}
     if options.intrinsics is not None:
         del beside["cameras"]
+    if options.distances:
+        del beside["board"]
     found = {key: path for key, path in beside.items() if getattr(options, key) is None and path.is_file()}
     return options.model_copy(update=found)
 
 
-def _cameras_of(photos: tuple[Photo, ...], path: Path) -> tuple[Camera, ...]:
-    """The file's camera of each photograph."""
-    known = {camera.name: camera for camera in load_cameras(path)}
-    for photo in photos:
-        camera = known.get(photo.name)
-        if camera is None:
-            raise HandbenchError(f"{path}: has no camera for {photo.name}; add one, or remove the photograph")
-        if (camera.width, camera.height) != (photo.width, photo.height):
-            raise HandbenchError(
-                f"{path}: {photo.name} is {camera.width} × {camera.height} there, the photograph has {photo.width} × "
-                f"{photo.height} pixels; calibrate at the size of the stored pixels (EXIF orientation is ignored)"
-            )
-        camera.colmap()
-    return tuple(known[photo.name] for photo in photos)
+def _require_consistent(photos: tuple[Photo, ...], options: Options) -> None:
+    """A HandbenchError for options of which each could stand alone."""
+    for first, second, advice in (
+        ("cameras", "intrinsics", "give the intrinsics in one of them"),
+        ("model", "intrinsics", "the model has its own"),
+        ("board", "distances", "give the one you trust more"),
+        ("masks", "mask", "the masks suffice"),
+    ):
+        if all(getattr(options, name) not in (None, (), "none") for name in (first, second)):
+            raise HandbenchError(f"{first} and {second}: both are given; {advice}")
+    posed_by_colmap = options.model is not None or (options.cameras is not None and options.cameras.is_dir())
+    if options.metric and not posed_by_colmap:
+        raise HandbenchError("metric: there is no COLMAP model; give one with --model or --cameras, or leave it out")
+    sizes = sorted({(photo.width, photo.height) for photo in photos})
+    if options.intrinsics is not None and len(sizes) > 1:
+        listed = ", ".join(f"{width} × {height}" for width, height in sizes)
+        raise HandbenchError(
+            f"intrinsics: the photographs are of different sizes ({listed}), and one camera has one; give --cameras "
+            "with a camera for each"
+        )
+
+
+def _require_scale(
+    folder: Path, photos: tuple[Photo, ...], options: Options, cameras: tuple[Camera, ...] | None
+) -> None:
+    """A HandbenchError when nothing tells how long a metre is."""
+    names = [photo.name for photo in photos]
+    for name in (name for distance in options.distances for name in (distance.first, distance.second)):
+        if name not in names:
+            raise HandbenchError(f"distances: {name} is none of the photographs used; {suggest(name, names)}")
+    posed = cameras is not None and sum(c.R is not None and c.t is not None for c in cameras) >= 3
+    metric = options.model is not None and options.metric
+    if not (options.board or options.distances or posed or metric or options.unscaled):
+        raise HandbenchError(
+            f"{folder}: nothing gives the scale: no board.toml and no camera poses (R, t in cameras.json); add "
+            "--board, --cameras or --distance (--metric, if a COLMAP model is in metres), or give --unscaled for a "
+            "mesh of arbitrary size"
+        )
 
 
 def _find_board(photos: tuple[Photo, ...], board: Board | None) -> dict[str, Corners]:

@@ -1,44 +1,69 @@
-"""The board's markers in photographs."""
+"""The board's corners in photographs."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from calibration import HandbenchError
-from groundtruth.board import Board
+from groundtruth.board import CHESSBOARD, Board
+from groundtruth.corners import refined, to_light
 from groundtruth.photos import Photo
 
 FEWEST_CORNERS = 16  # for a focal length
+PLAUSIBLE = (0.3, 10.0)  # focal length over the picture's longer side
 
-Corners = dict[tuple[int, int], np.ndarray]  # (marker, corner) → pixel [2], COLMAP's convention
+Corners = dict[tuple[int, int], np.ndarray]  # (marker, or CHESSBOARD, and its corner) → pixel [2], COLMAP's convention
 
 
 def detect_corners(photo: Photo, board: Board) -> Corners:
-    """Sub-pixel corners of the board's markers in a photograph."""
+    """Sub-pixel corners of the board in a photograph."""
+    tones = photo.gray()
+    picture = (tones * 255).round().astype(np.uint8)
+    found = _chessboard_corners(picture, board)
+    if board.marker:
+        found |= _marker_corners(picture, to_light(tones), board)
+    return {name: at + 0.5 for name, at in found.items()}  # OpenCV's first pixel is centred at 0, COLMAP's at 0.5
+
+
+def _marker_corners(picture: np.ndarray, light: np.ndarray, board: Board) -> Corners:
+    """Where the markers' edges meet; a marker seen twice is a mistake."""
     import cv2
 
-    gray = (photo.gray() * 255).round().astype(np.uint8)
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    found, ids, _ = cv2.aruco.ArucoDetector(board.cv_dictionary(), parameters).detectMarkers(gray)
+    found, ids, _ = cv2.aruco.ArucoDetector(board.cv_dictionary(), parameters).detectMarkers(picture)
     known = board.corners_m()
     names = [] if ids is None else ids.ravel().tolist()
-    return {  # OpenCV's first pixel is centred at 0, COLMAP's at 0.5; a marker seen twice is a mistake
-        (name, k): corner.astype(np.float64) + 0.5
+    return {
+        (name, k): corner
         for name, quad in zip(names, found, strict=True)
         if name in known and names.count(name) == 1
-        for k, corner in enumerate(quad.reshape(4, 2))
+        for k, corner in enumerate(refined(light, quad.reshape(4, 2).astype(np.float64)))
+        if not np.isnan(corner).any()
     }
 
 
+def _chessboard_corners(picture: np.ndarray, board: Board) -> Corners:
+    """Where four squares meet: blur and tone curve leave that point where it is."""
+    import cv2
+
+    if board.charuco is None:
+        return {}
+    corners, ids, *_ = cv2.aruco.CharucoDetector(board.charuco.cv_board()).detectBoard(picture)
+    if ids is None:
+        return {}
+    pixels = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
+    return {(CHESSBOARD, k): pixel for k, pixel in zip(ids.ravel().tolist(), pixels, strict=True)}
+
+
 def require_board(seen: dict[str, Corners], board: Board) -> dict[str, Corners]:
-    """`seen` (photograph → corners), or a HandbenchError when no marker is in two photographs."""
+    """`seen` (photograph → corners), or a HandbenchError when no corner is in two photographs."""
     corners = [corner for found in seen.values() for corner in found]
     if len(corners) == len(set(corners)):
         count = sum(bool(found) for found in seen.values())
         raise HandbenchError(
-            f"board: its markers ({board.dictionary}, ids {sorted(board.corners_m())}) were found in {count} of "
-            f"{len(seen)} photographs, each marker at most once; one must be in two: check dictionary, ids and focus"
+            f"board: its corners ({board.describe()}) were found in {count} of {len(seen)} photographs, each at most "
+            "once; some must be in two: check dictionary, ids and focus"
         )
     return seen
 
@@ -62,5 +87,5 @@ def focal_length_px(photo: Photo, corners: Corners, board: Board) -> float | Non
     flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_FIX_ASPECT_RATIO
     flags |= cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
     _, K, *_ = cv2.calibrateCamera([points_m], [pixels], size, guess, None, flags=flags)
-    plausible = 0.3 * max(size) < K[0, 0] < 10 * max(size)
-    return float(K[0, 0]) if plausible else None
+    low, high = (share * max(size) for share in PLAUSIBLE)
+    return float(K[0, 0]) if low < K[0, 0] < high else None

@@ -6,6 +6,7 @@ again. Thresholds are in pixels of the depth maps.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -36,15 +37,31 @@ def clean(cloud: Cloud) -> Cloud:
             f"dense stage: the views agree on {len(cloud.points_m)} points only, {FEWEST_POINTS} are needed; take "
             "sharper photographs with more overlap, project a speckle pattern, or check the crop box"
         )
+    cloud = _one_per_voxel(cloud)
     points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points_m))
-    points.normals = o3d.utility.Vector3dVector(cloud.normals)
-    points = points.voxel_down_sample(VOXEL_PX * cloud.pixel_m)
-    points, _ = points.remove_statistical_outlier(NEIGHBOURS, OUTLIER_SIGMA)
-    towards_camera = np.array(points.normals)
+    _, kept = points.remove_statistical_outlier(NEIGHBOURS, OUTLIER_SIGMA)
+    cloud = cloud.at(np.asarray(kept))
+    points = points.select_by_index(kept)
     points.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(NORMAL_NEIGHBOURS))
     normals = np.array(points.normals)
-    normals[(normals * towards_camera).sum(axis=1) < 0] *= -1
-    return Cloud(np.array(points.points), normals, cloud.pixel_m)
+    normals[(normals * cloud.normals).sum(axis=1) < 0] *= -1
+    return replace(cloud, normals=normals)
+
+
+def _one_per_voxel(cloud: Cloud) -> Cloud:
+    """Means over the points of each voxel; a view that agrees on one of them agrees on their mean."""
+    voxel = np.floor((cloud.points_m - cloud.points_m.min(axis=0)) / (VOXEL_PX * cloud.pixel_m)).astype(np.int64)
+    size = voxel.max(axis=0) + 1
+    _, place, count = np.unique(np.ravel_multi_index(voxel.T, size), return_inverse=True, return_counts=True)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        columns = [np.bincount(place, weights=column) / count for column in values.reshape(len(place), -1).T]
+        return np.stack(columns, axis=1).reshape(-1, *values.shape[1:])
+
+    return replace(
+        cloud, points_m=mean(cloud.points_m), normals=mean(cloud.normals), views=mean(cloud.views) > 0,
+        spread_m=np.sqrt(mean(cloud.spread_m**2)),
+    )
 
 
 def surface(

@@ -18,6 +18,9 @@ RADIUS = 3  # a window of 7 × 7 pixels; larger ones flatten what is curved, and
 SAMPLES = (2 * RADIUS + 1) ** 2
 SIGMA_GRAY, SIGMA_PX = 0.08, 3.0  # bilateral weights
 DIRECTIONS = np.array([(-1, 0), (1, 0), (0, -1), (0, 1)])
+POLISHES = 2
+BEND_PX = 3.0  # standard deviation of the slopes' smoothing before they are differentiated
+MOST_BENT = 0.08  # disparities per pixel²: one disparity at the window's rim
 SIDE = 0.25  # pixels from a disparity to the two others of its parabola
 REACH = 5  # neighbours at distances 1, 3, 5 are of the other colour
 PERTURBATIONS = 3
@@ -44,8 +47,27 @@ def refine(
     cost = np.full(reference.shape, WORST, dtype=np.float32)
     for step in range(2 * iterations + 2):  # the first two passes only evaluate what is there
         _pass(reference, sources, sizes, A, b, planes, cost, low, high, step, seed)
-    _polish(reference, sources, sizes, A, b, planes, cost, low, high)
+    for _ in range(POLISHES):
+        _polish(reference, sources, sizes, A, b, planes, cost, low, high, bends(planes, low <= high))
     return cost
+
+
+def bends(planes: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Second derivatives [h, w, 3] of the disparity (per column², column and row, row²), from the slopes of planes
+    [h, w, 3] around each pixel.
+
+    A plane that is matched over a window on a convex surface lies below its middle, by half the curvature times the
+    window's mean square: some hundredths of a millimetre on a finger. A paraboloid does not.
+    """
+    import cv2
+
+    weight = cv2.GaussianBlur(wanted.astype(np.float32), (0, 0), BEND_PX)
+    smooth = [
+        cv2.GaussianBlur(np.where(wanted, slope, 0), (0, 0), BEND_PX) / np.maximum(weight, 1e-6)
+        for slope in np.moveaxis(planes[..., 1:], -1, 0)
+    ]
+    (xy, xx), (yy, yx) = (np.gradient(slope) for slope in smooth)
+    return np.clip(np.stack([xx, (xy + yx) / 2, yy], axis=-1), -MOST_BENT, MOST_BENT).astype(np.float32)
 
 
 @njit(cache=True)
@@ -88,10 +110,11 @@ def _window(reference, y, x, values, weights):
 
 
 @njit(cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
-def _mismatch(values, weights, variance, source, rows, columns, A, b, x, y, plane):
+def _mismatch(values, weights, variance, source, rows, columns, A, b, x, y, plane, bend=None):
     """1 − NCC between the window and the source under the plane, WORST where the source does not see all of it.
 
-    The plane's homography is taken as affine across the window.
+    The plane's homography is taken as affine across the window. bend: second derivatives of the disparity (per column²,
+    column and row, row²), which make a paraboloid of the plane.
     """
     disparity, slope_x, slope_y = plane
     q = A[2, 0] * x + A[2, 1] * y + A[2, 2] + b[2] * disparity
@@ -103,6 +126,9 @@ def _mismatch(values, weights, variance, source, rows, columns, A, b, x, y, plan
     ux, uy = (A[0, 0] + b[0] * slope_x - u * qx) / q, (A[0, 1] + b[0] * slope_y - u * qy) / q
     vx, vy = (A[1, 0] + b[1] * slope_x - v * qx) / q, (A[1, 1] + b[1] * slope_y - v * qy) / q
     reach_u, reach_v = RADIUS * (abs(ux) + abs(uy)), RADIUS * (abs(vx) + abs(vy))
+    if bend is not None:
+        rise = RADIUS * RADIUS * (0.5 * abs(bend[0]) + 0.5 * abs(bend[2]) + abs(bend[1]))
+        reach_u, reach_v = reach_u + rise * abs(b[0] - u * b[2]) / q, reach_v + rise * abs(b[1] - v * b[2]) / q
     if not (u - reach_u >= 0 and u + reach_u < columns - 1 and v - reach_v >= 0 and v + reach_v < rows - 1):
         return WORST
     origin = source[int(v), int(u)]  # sums about a value nearby do not cancel
@@ -111,6 +137,9 @@ def _mismatch(values, weights, variance, source, rows, columns, A, b, x, y, plan
     for dy in range(-RADIUS, RADIUS + 1):
         for dx in range(-RADIUS, RADIUS + 1):
             su, sv = u + dx * ux + dy * uy, v + dx * vx + dy * vy
+            if bend is not None:
+                rise = 0.5 * (bend[0] * dx * dx + bend[2] * dy * dy) + bend[1] * dx * dy
+                su, sv = su + rise * (b[0] - u * b[2]) / q, sv + rise * (b[1] - v * b[2]) / q
             i, j = int(sv), int(su)
             fv, fu = sv - i, su - j
             top = source[i, j] + fu * (source[i, j + 1] - source[i, j])
@@ -128,11 +157,11 @@ def _mismatch(values, weights, variance, source, rows, columns, A, b, x, y, plan
 
 
 @njit(cache=True)
-def _rank_sources(values, weights, variance, sources, sizes, A, b, x, y, plane, chosen, mismatch):
+def _rank_sources(values, weights, variance, sources, sizes, A, b, x, y, plane, chosen, mismatch, bend=None):
     """Order the sources in `chosen`, best first under the plane; returns the better half's mean mismatch."""
     for s in range(len(sources)):
         mismatch[s] = _mismatch(
-            values, weights, variance, sources[s], sizes[s, 0], sizes[s, 1], A[s], b[s], x, y, plane
+            values, weights, variance, sources[s], sizes[s, 0], sizes[s, 1], A[s], b[s], x, y, plane, bend
         )
         place = s
         while place > 0 and mismatch[s] < mismatch[chosen[place - 1]]:
@@ -147,13 +176,15 @@ def _rank_sources(values, weights, variance, sources, sizes, A, b, x, y, plane, 
 
 
 @njit(cache=True)
-def _cost(values, weights, variance, sources, sizes, A, b, x, y, plane, chosen):
+def _cost(values, weights, variance, sources, sizes, A, b, x, y, plane, chosen, bend=None):
     """Mean mismatch of the better half of the ranked sources."""
     used = max(1, len(sources) // 2)
     total = 0.0
     for n in range(used):
         s = chosen[n]
-        total += _mismatch(values, weights, variance, sources[s], sizes[s, 0], sizes[s, 1], A[s], b[s], x, y, plane)
+        total += _mismatch(
+            values, weights, variance, sources[s], sizes[s, 0], sizes[s, 1], A[s], b[s], x, y, plane, bend
+        )
     return total / used
 
 
@@ -213,7 +244,7 @@ def _pass(reference, sources, sizes, A, b, planes, cost, low, high, step, seed):
 
 
 @njit(parallel=True, cache=True)
-def _polish(reference, sources, sizes, A, b, planes, cost, low, high):
+def _polish(reference, sources, sizes, A, b, planes, cost, low, high, bends):
     """Move every disparity to the vertex of the parabola through the costs a quarter of a pixel to either side."""
     h, w = reference.shape
     for y in prange(h):
@@ -224,16 +255,16 @@ def _polish(reference, sources, sizes, A, b, planes, cost, low, high):
                 continue
             variance = _window(reference, y, x, values, weights)
             disparity, slope_x, slope_y = float(planes[y, x, 0]), float(planes[y, x, 1]), float(planes[y, x, 2])
+            bend = (float(bends[y, x, 0]), float(bends[y, x, 1]), float(bends[y, x, 2]))
+            plane = (disparity, slope_x, slope_y)
             here = _rank_sources(
-                values, weights, variance, sources, sizes, A, b, x, y, (disparity, slope_x, slope_y), chosen, mismatch
+                values, weights, variance, sources, sizes, A, b, x, y, plane, chosen, mismatch, bend
             )
-            left = _cost(
-                values, weights, variance, sources, sizes, A, b, x, y, (disparity - SIDE, slope_x, slope_y), chosen
-            )
-            right = _cost(
-                values, weights, variance, sources, sizes, A, b, x, y, (disparity + SIDE, slope_x, slope_y), chosen
-            )
-            bend = left - 2 * here + right
-            if bend > 0:
-                planes[y, x, 0] += SIDE * min(max(0.5 * (left - right) / bend, -1.0), 1.0)
+            plane = (disparity - SIDE, slope_x, slope_y)
+            left = _cost(values, weights, variance, sources, sizes, A, b, x, y, plane, chosen, bend)
+            plane = (disparity + SIDE, slope_x, slope_y)
+            right = _cost(values, weights, variance, sources, sizes, A, b, x, y, plane, chosen, bend)
+            opening = left - 2 * here + right
+            if opening > 0:
+                planes[y, x, 0] += SIDE * min(max(0.5 * (left - right) / opening, -1.0), 1.0)
             cost[y, x] = here

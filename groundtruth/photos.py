@@ -1,39 +1,52 @@
 """Photographs on disk: found, checked and read.
 
-Pixels are taken as the sensor stored them: an EXIF orientation is ignored here as in COLMAP, because intrinsics belong
-to the sensor, and a camera that was turned is nothing but another pose.
+Pixels are taken as the sensor stored them: an EXIF orientation turns nothing here, as in COLMAP, because intrinsics
+belong to the sensor, and a camera that was turned is nothing but another pose. What somebody made for the upright
+picture, a mask or a calibration, is turned instead (`groundtruth.orientation`).
 """
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibration import HandbenchError, require_folder
+from groundtruth.exif import body_of, focal_length_px, orientation_of, read_exif
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 FEWEST = 3
-EXIF_IFD = 0x8769
-BODY_TAGS = (0x010F, 0x0110)  # make, model
-LENS_TAGS = (0xA431, 0x920A)  # serial number of the body, focal length
+MIRRORED = (2, 4, 5, 7)  # EXIF orientations that no camera writes
 
 
 @dataclass(frozen=True)
 class Photo:
-    """One photograph: `name` inside its folder, size in pixels, and `body`, equal for photographs whose EXIF data name
-    the same camera and focal length (None without such data)."""
+    """One photograph: `name` inside its folder, size in pixels, and what its EXIF data say: `body`, equal for
+    photographs of the same camera at the same focal length (None without such data), `orientation`, how a viewer turns
+    it (1, 3, 6 or 8), and `focal_px`, a first guess of the focal length (None without such data)."""
 
     path: Path
     name: str
     width: int
     height: int
     body: tuple[str, ...] | None = None
+    orientation: int = 1
+    focal_px: float | None = None
 
     def gray(self) -> np.ndarray:
         """Intensities [height, width], float32 in 0 … 1."""
         return read_gray(self.path)
+
+    def colours(self) -> np.ndarray:
+        """Colours [height, width, 3], uint8, red first."""
+        return _decode(self.path, lambda image: _colours(image, self.path))
 
 
 def find_photos(folder: str | Path) -> tuple[Photo, ...]:
@@ -50,14 +63,39 @@ def find_photos(folder: str | Path) -> tuple[Photo, ...]:
 
 
 def read_gray(path: Path) -> np.ndarray:
-    """A picture file as intensities [height, width], float32 in 0 … 1 (8 or 16 bits a channel)."""
+    """A picture file as intensities [height, width], float32 in 0 … 1: grey, colours, a palette or CMYK, of 8 or 16
+    bits a channel; transparency is ignored, as in COLMAP."""
+    return _decode(path, lambda image: _gray(image, path))
+
+
+def _gray(image: Image.Image, path: Path) -> np.ndarray:
+    import cv2
+
+    if image.mode in ("I", "F"):
+        raise HandbenchError(f"{path}: has 32 bits a pixel; expected 8 or 16 bits a channel, save it so")
+    if ";16" not in str(image.tile):  # how Pillow tells what it would shorten to 8 bits
+        return np.asarray(image.convert("L"), dtype=np.float32) / 255
+    image.load()  # complains of a truncated file, where OpenCV fills up
+    deep = cv2.imread(str(path), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
+    if deep is None:
+        raise ValueError("OpenCV cannot read its 16 bits")
+    deep = deep.astype(np.float32) / 65535
+    return deep if deep.ndim == 2 else cv2.cvtColor(deep[..., :3], cv2.COLOR_BGR2GRAY)
+
+
+def _colours(image: Image.Image, path: Path) -> np.ndarray:
+    if image.mode.startswith("I"):
+        return np.repeat((_gray(image, path) * 255).round().astype(np.uint8)[..., None], 3, axis=2)
+    return np.asarray(image.convert("RGB"))
+
+
+def _decode(path: Path, convert: Callable[[Image.Image], np.ndarray]) -> np.ndarray:
+    """convert(the opened picture); a HandbenchError for what Pillow cannot read."""
     from PIL import Image
 
     try:
-        with Image.open(path) as image:
-            if image.mode.startswith("I;16"):
-                return np.asarray(image, dtype=np.float32) / 65535
-            return np.asarray(image.convert("L"), dtype=np.float32) / 255
+        with warnings.catch_warnings(action="ignore"), Image.open(path) as image:  # of odd EXIF data, of many pixels
+            return convert(image)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise HandbenchError(f"{path}: is not a readable photograph ({error}); replace or remove it") from error
 
@@ -70,15 +108,12 @@ def _pictures(folder: Path) -> list[Path]:
 
 def _open(path: Path) -> Photo:
     height, width = read_gray(path).shape
-    return Photo(path, path.name, width, height, _body(path, (width, height)))
-
-
-def _body(path: Path, size: tuple[int, int]) -> tuple[str, ...] | None:
-    from PIL import Image
-
-    with Image.open(path) as image:
-        exif = image.getexif()
-        details = exif.get_ifd(EXIF_IFD)
-    if BODY_TAGS[1] not in exif:
-        return None
-    return tuple(str(exif.get(t)) for t in BODY_TAGS) + tuple(str(details.get(t)) for t in LENS_TAGS) + (str(size),)
+    exif = read_exif(path)
+    orientation = orientation_of(exif)
+    if orientation in MIRRORED:
+        raise HandbenchError(
+            f"{path}: its EXIF orientation {orientation} says that it is mirrored, and such a picture has no camera; "
+            "save it as it was taken"
+        )
+    body = body_of(exif, (width, height))
+    return Photo(path, path.name, width, height, body, orientation, focal_length_px(exif, width, height))

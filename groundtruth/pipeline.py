@@ -7,31 +7,31 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from calibration import atomic_folder, atomic_path, keep, key_of, read_json, say, write_json
 from groundtruth.cameras import Camera
-from groundtruth.frame import Scale
+from groundtruth.frame import Scale, registered
 from groundtruth.fusion import Cloud
 from groundtruth.inputs import Inputs, gather
 from groundtruth.options import Options
 from groundtruth.sparse import Sparse, register
-
-if TYPE_CHECKING:
-    import open3d as o3d
+from groundtruth.surface import Surface, read_surface
 
 SUMMARY_VERSION = 1
 SOURCES = ("groundtruth", "calibration/transforms.py", "calibration/meshes.py", "radar/rays.py")
-REGISTRATION = {"intrinsics", "unscaled", "seed"}  # options that the sparse stage depends on
+REGISTRATION = {"intrinsics", "metric", "distances", "unscaled", "seed"}  # options that the sparse stage depends on
 STAMP, CLOUD, MESH = "stage.json", "cloud.npz", "mesh.ply"
 
 
 @dataclass(frozen=True)
 class Result:
-    """A mesh in the photo frame (metres, unless the scale's source is "none"), the fused cloud it was made of, and how
-    well the photographs fit together."""
+    """A surface in the photo frame (metres, unless the scale's source is "none"), the fused cloud it was made of, and
+    how well the photographs fit together."""
 
-    mesh: o3d.geometry.TriangleMesh
+    surface: Surface
     cloud: Cloud
     cameras: tuple[Camera, ...]
     photographs: int
@@ -48,8 +48,10 @@ class Result:
             "scale": asdict(self.scale),
             "pixel_m": self.cloud.pixel_m,
             "points": len(self.cloud.points_m),
-            "vertices": len(self.mesh.vertices),
-            "triangles": len(self.mesh.triangles),
+            "vertices": len(self.surface.vertices_m),
+            "triangles": len(self.surface.faces),
+            "observed": float(self.surface.observed.mean()),
+            "sigma_m": float(np.median(self.surface.sigma_m[self.surface.observed])),
             "seconds": {stage: round(seconds, 2) for stage, seconds in self.seconds.items()},
         }
 
@@ -100,19 +102,18 @@ def _reconstruct(inputs: Inputs, options: Options, stages: Stages) -> tuple[Resu
         _dense_cloud(inputs, sparse, options).save(folder / CLOUD)
 
     def make_surface(folder: Path) -> None:
-        _surface(cloud, options, folder / MESH)
-
-    from calibration.meshes import read_mesh
+        _surface(cloud, sparse, options).save(folder / MESH)
 
     chosen = options.model_dump(mode="json", include=REGISTRATION)
-    registered = stages("sparse", [inputs.content(), chosen], make_sparse)
-    sparse = Sparse.load(registered)
-    fused = stages("dense", [registered.name, options.quality, options.box_m, options.seed], make_dense)
+    solved = stages("sparse", [inputs.content(), chosen], make_sparse)
+    sparse = Sparse.load(solved)
+    chosen_pixels = [options.quality, options.box_m, inputs.masks.content()]
+    fused = stages("dense", [solved.name, *chosen_pixels, options.seed], make_dense)
     cloud = Cloud.load(fused / CLOUD)
-    mesh = read_mesh(stages("mesh", [fused.name, options.components], make_surface) / MESH)
+    surface = read_surface(stages("mesh", [fused.name, options.components], make_surface) / MESH)
+    error_px = sparse.model.compute_mean_reprojection_error()
     result = Result(
-        mesh, cloud, sparse.cameras(), len(inputs.photos), sparse.model.compute_mean_reprojection_error(), sparse.scale,
-        stages.seconds,
+        surface, cloud, sparse.cameras(), len(inputs.photos), error_px, sparse.scale, stages.seconds
     )
     return result, sparse
 
@@ -123,16 +124,21 @@ def _dense_cloud(inputs: Inputs, sparse: Sparse, options: Options) -> Cloud:
     from groundtruth.mesh import clean
 
     effort = options.effort
-    views, tracks, points_m = open_views(inputs.photos, sparse.model, effort.shrink, options.box())
+    views, tracks, points_m = open_views(
+        inputs.photos, sparse.model, effort.shrink, options.box(), inputs.masks
+    )
     maps = depth_maps(views, tracks, points_m, effort.iterations, options.seed)
     return clean(fuse(maps, options.box()))
 
 
-def _surface(cloud: Cloud, options: Options, file: Path) -> None:
-    from calibration.meshes import write_mesh
+def _surface(cloud: Cloud, sparse: Sparse, options: Options) -> Surface:
     from groundtruth.mesh import surface
+    from groundtruth.uncertainty import surface_sigma
 
-    write_mesh(file, surface(cloud, options.components, options.box()))
+    mesh = surface(cloud, options.components, options.box())
+    vertices_m = np.asarray(mesh.vertices)
+    sigma_m, observed = surface_sigma(cloud, vertices_m, registered(sparse.model), sparse.known)
+    return Surface(vertices_m, np.asarray(mesh.triangles), sigma_m, observed)
 
 
 def _write(workdir: Path, result: Result, sparse: Sparse, options: Options) -> None:

@@ -31,6 +31,7 @@ def structure_from_motion(
     cameras: tuple[Camera, ...] | None = None,
     intrinsics: tuple[float, float, float, float] | None = None,
     focal_px: dict[str, float] | None = None,
+    guessed_focal_px: dict[str, float] | None = None,
     seed: int = 0,
 ) -> pycolmap.Reconstruction:
     """Register the photographs; `folder` (empty) receives COLMAP's database.
@@ -38,18 +39,18 @@ def structure_from_motion(
     cameras: one for each photograph, held fixed. intrinsics: fx, fy, cx, cy in pixels of one camera that took all
     photographs, held fixed while its distortion is estimated. focal_px: a focal length for every name, where
     nothing else is known; held fixed likewise, since a plane and free focal lengths do not determine each other. With
-    none of these, all but the principal point is estimated, from EXIF data or a guess. A HandbenchError when fewer than
-    three photographs register.
+    none of these, all but the principal point is estimated, from guessed_focal_px where it knows a photograph. A
+    HandbenchError when fewer than three photographs register.
     """
     colmap = load_pycolmap()
-    colmap.logging.minloglevel = int(colmap.logging.ERROR)
+    colmap.logging.minloglevel = int(colmap.logging.FATAL)
     colmap.set_random_seed(seed)
     database = folder / "database.db"
     _extract(photos, database, cameras, intrinsics)
     if cameras is not None:
         _write_known_cameras(database, {camera.name: camera for camera in cameras})
     elif intrinsics is None:
-        _write_focal_lengths(database, focal_px or {})
+        _write_focal_lengths(database, focal_px or guessed_focal_px or {})
     _match(database, seed)
     return _map(photos, database, folder, seed, fixed=cameras is not None, known=bool(intrinsics or focal_px))
 
@@ -136,8 +137,8 @@ def _map(
     if _registered(best) < FEWEST_REGISTERED:
         raise HandbenchError(
             f"{photos[0].path.parent}: only {_registered(best)} of {len(photos)} photographs could be registered, "
-            f"{FEWEST_REGISTERED} are needed; take more photographs with more overlap and a textured surrounding, or "
-            "give the cameras' intrinsics"
+            f"{FEWEST_REGISTERED} are needed; take more photographs from different places, with more overlap and a "
+            "textured surrounding, or give the cameras' intrinsics"
         )
     say(f"registered {_registered(best)} of {len(photos)} photographs")
     return best

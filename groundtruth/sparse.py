@@ -1,4 +1,4 @@
-"""The sparse stage: registered cameras and points in the metric frame."""
+"""The sparse stage: registered cameras and points in the metric frame, and how well the cameras are known."""
 
 from __future__ import annotations
 
@@ -8,7 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calibration import read_json, write_json
+from groundtruth.adjust import adjust
+from groundtruth.bundle import Bundle
+from groundtruth.camera_files import camera_of, load_model
 from groundtruth.cameras import Camera, load_pycolmap
+from groundtruth.checks import check_geometry, unregistered
+from groundtruth.covariance import CameraCovariance, camera_covariance
+from groundtruth.distances import distances_from_model
 from groundtruth.frame import Scale, apply, board_from_model, poses_from_model, registered
 from groundtruth.inputs import Inputs
 from groundtruth.options import Options
@@ -17,65 +23,89 @@ from groundtruth.sfm import structure_from_motion
 if TYPE_CHECKING:
     import pycolmap
 
-SCALE = "scale.json"
+SCALE, COVARIANCE = "scale.json", "covariance.npz"
+DISTORTION, INTRINSICS = (4, 5, 6, 7), tuple(range(8))  # places among the parameters of COLMAP's camera OPENCV
 
 
 @dataclass(frozen=True)
 class Sparse:
-    """A COLMAP model in the mesh's frame, and where its scale comes from."""
+    """A COLMAP model in the mesh's frame, where its scale comes from, and how well its cameras are known."""
 
     model: pycolmap.Reconstruction
     scale: Scale
+    known: CameraCovariance
 
     def save(self, folder: Path) -> None:
-        """Write the model and the scale into a folder."""
+        """Write everything into a folder."""
         self.model.write_binary(folder)
         write_json(folder / SCALE, asdict(self.scale))
+        self.known.save(folder / COVARIANCE)
 
     @classmethod
     def load(cls, folder: Path) -> Sparse:
         """Read what `save` wrote."""
         model = load_pycolmap().Reconstruction(str(folder))
-        return cls(model, Scale(**read_json(folder / SCALE, "a sparse stage's scale")))
+        scale = Scale(**read_json(folder / SCALE, "a sparse stage's scale"))
+        return cls(model, scale, CameraCovariance.load(folder / COVARIANCE))
 
     def cameras(self) -> tuple[Camera, ...]:
         """The registered photographs' cameras, by name."""
-        return tuple(_camera(image) for image in registered(self.model))
+        return tuple(camera_of(image) for image in registered(self.model))
 
 
 def register(inputs: Inputs, options: Options) -> Sparse:
-    """Structure from motion, carried into the metric frame."""
+    """The photographs' model, found or given, carried into the metric frame and adjusted to the board."""
+    model = load_model(inputs.model, inputs.photos) if inputs.model is not None else _found(inputs, options)
+    unregistered(inputs.photos, model)
+    check_geometry(model)
+    scale = _to_metric_frame(model, inputs, options)
+    free = _free(model, inputs, options)
+    if inputs.board is not None:
+        bundle = adjust(model, inputs.corners, inputs.board.corners_m(), free)
+    else:
+        bundle = Bundle(model, {}, {}, free)
+    return Sparse(model, scale, camera_covariance(bundle, scale))
+
+
+def _found(inputs: Inputs, options: Options) -> pycolmap.Reconstruction:
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
-        model = structure_from_motion(
+        return structure_from_motion(
             inputs.photos,
             Path(scratch),
             cameras=inputs.cameras,
             intrinsics=options.intrinsics,
             focal_px=inputs.focal_lengths_px(),
+            guessed_focal_px=inputs.guessed_focal_lengths_px(),
             seed=options.seed,
         )
-    return Sparse(model, _to_metric_frame(model, inputs, options))
+
+
+def _free(model: pycolmap.Reconstruction, inputs: Inputs, options: Options) -> tuple[int, ...]:
+    """The intrinsics that nobody has given; lenses that COLMAP's camera OPENCV does not describe are held."""
+    if inputs.cameras is not None or inputs.model is not None:
+        return ()
+    _as_opencv(model)
+    return DISTORTION if options.intrinsics is not None else INTRINSICS
+
+
+def _as_opencv(model: pycolmap.Reconstruction) -> None:
+    """Give cameras of one focal length and radial distortion alone the parameters that are still missing."""
+    for camera in model.cameras.values():
+        if camera.model_name == "RADIAL":
+            f, cx, cy, k1, k2 = camera.params
+            camera.model, camera.params = load_pycolmap().CameraModelId.OPENCV, [f, f, cx, cy, k1, k2, 0, 0]
 
 
 def _to_metric_frame(model: pycolmap.Reconstruction, inputs: Inputs, options: Options) -> Scale:
     if inputs.board is not None:
         matrix, scale = board_from_model(model, inputs.corners, inputs.board)
+    elif options.distances:
+        matrix, scale = distances_from_model(model, options.distances)
+    elif inputs.model is not None and options.metric:
+        return Scale("model")
     elif not options.unscaled:
         matrix, scale = poses_from_model(model, inputs.cameras or ())
     else:
         return Scale("none")
     apply(model, matrix)
     return scale
-
-
-def _camera(image: pycolmap.Image) -> Camera:
-    camera, pose = image.camera, image.cam_from_world()
-    return Camera(
-        name=image.name,
-        width=camera.width,
-        height=camera.height,
-        model=camera.model_name,
-        params=tuple(camera.params.tolist()),
-        R=tuple(map(tuple, pose.rotation.matrix().tolist())),
-        t=tuple(pose.translation.tolist()),
-    )

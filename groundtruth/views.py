@@ -73,11 +73,13 @@ def open_view(
     shrink: int,
     depth_range_m: tuple[float, float],
     box_m: np.ndarray | None,
+    mask: np.ndarray | None = None,
 ) -> View | None:
     """Read a photograph, shrink it by a whole number and undo its distortion.
 
     depth_range_m: where the surface may lie. box_m [2, 3]: lowest and highest corner, in the world frame, of the region
-    of interest; it crops the picture and replaces the depth range. None when the picture shows nothing of it.
+    of interest; it crops the picture and replaces the depth range. mask: True at the photograph's pixels
+    [height, width] that are of interest. None when the picture shows nothing of interest.
     """
     import cv2
 
@@ -102,10 +104,18 @@ def open_view(
         near, far = _box_depths(box_m, rays, R, t)
         near = np.maximum(near, depth_range_m[0] / 4)  # for a camera that stands in the box
     outside = ((seen < 0) | (seen > (width - 1, height - 1))).any(axis=2) | ~(near < far)
+    if mask is not None:
+        outside |= ~_at(mask, (seen + 0.5) * shrink)
     near[outside] = far[outside] = np.nan
     if outside.all():
         return None
     return View(photo.name, np.clip(gray, 0, 1), K, R, t, near.astype(np.float32), far.astype(np.float32))
+
+
+def _at(mask: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """The mask [height, width] at pixels [..., 2] (COLMAP's convention); beyond its edges, what is at the edge."""
+    column, row = np.moveaxis(np.floor(pixels).astype(int), -1, 0)
+    return mask[row.clip(0, mask.shape[0] - 1), column.clip(0, mask.shape[1] - 1)]
 
 
 def _rays(K: np.ndarray, height: int, width: int) -> np.ndarray:

@@ -118,10 +118,10 @@ def test_fountain_becomes_a_mesh_in_the_surveys_metres(tmp_path):
     sparse.read(tmp_path / "work" / "sparse")
     assert sparse.num_reg_images() == 11
     assert (tmp_path / "work" / "dense.ply").stat().st_size > 10_000
-    vertices = np.asarray(result.mesh.vertices)
+    vertices = result.surface.vertices_m
     assert ((vertices >= box_m[:3]) & (vertices <= box_m[3:])).all()
     points_m = np.array([p.xyz for p in sparse.points3D.values() if p.track.length() >= 4])
     points_m = points_m[((points_m > np.array(box_m[:3]) + 0.1) & (points_m < np.array(box_m[3:]) - 0.1)).all(axis=1)]
-    distance_m = raycasting_scene(result.mesh).compute_distance(points_m.astype(np.float32)).numpy()
+    distance_m = raycasting_scene(result.surface.mesh).compute_distance(points_m.astype(np.float32)).numpy()
     # two independent ways to the same surface: features triangulated, and depth maps of a quarter of the resolution
     assert len(points_m) > 100 and np.median(distance_m) < 0.5 * result.cloud.pixel_m

@@ -1,0 +1,212 @@
+"""The normal equations of a bundle adjustment with the board in it, everything with a weight of its own.
+
+Triggs et al., "Bundle Adjustment – A Modern Synthesis", 2000; Cauchy's weights for what fits badly. The board's corners
+are points whose places are known, seen some ten times sharper than features, which COLMAP cannot be told. They fix
+frame and scale, and tell what features tell badly: focal lengths and principal points. Features that only two
+photographs show are left out: nothing contradicts a false one, as where two contours seem to cross, and many of them
+bend the cameras. The normal matrix of the cameras, without the points, is the information on all of them together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from groundtruth.cameras import load_pycolmap
+from groundtruth.frame import registered
+from groundtruth.jacobians import POSE, pixel_jacobians, project
+from groundtruth.markers import Corners
+
+if TYPE_CHECKING:
+    import pycolmap
+
+LEAST_NOISE_PX = 0.03  # nothing is located better
+CAUCHY = 2.385  # standard deviations at which a residual weighs half: 95 % efficient where errors are normal
+MAD = 1.4826  # of a normal distribution: standard deviation over median absolute deviation
+# What is known of any lens: standard deviation of principal point (of the width), fx/fy, and distortion k and p.
+CENTRE, SQUARE, RADIAL, TANGENTIAL = 0.01, 1e-3, 0.2, 1e-3
+
+
+FEWEST_VIEWS = 3  # that a feature is seen in
+
+
+class Seen(NamedTuple):
+    """What a photograph shows: pixels [n, 2], their standard deviation, and the points [n]: numbers among those of the
+    model, or, of the board, places [n, 3] that are known."""
+
+    image: pycolmap.Image
+    pixels: np.ndarray
+    noise_px: float
+    numbers: np.ndarray | None
+    places_m: np.ndarray | None
+
+
+class Normal(NamedTuple):
+    """Normal equations of d camera parameters and p points: cameras [d, d] and their right side [d], the points' blocks
+    [p, 3, 3] and right sides [p, 3], what couples both [p, d, 3]; the cost."""
+
+    cameras: np.ndarray
+    right: np.ndarray
+    points: np.ndarray
+    points_right: np.ndarray
+    coupling: np.ndarray
+    cost: float
+
+    def reduced(self, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Normal matrix and right side of the cameras alone, and the inverse of the points' blocks [p, 3, 3]."""
+        diagonal = np.einsum("pii->pi", self.points)
+        inverse = np.linalg.inv(self.points + np.eye(3) * (damping * diagonal + 1e-12)[:, None])
+        eliminated = self.coupling @ inverse
+        matrix = self.cameras - np.tensordot(eliminated, self.coupling, axes=([0, 2], [0, 2]))
+        return matrix, self.right - np.einsum("pdi,pi->d", eliminated, self.points_right), inverse
+
+
+@dataclass
+class Bundle:
+    """A model, what its photographs show, and the intrinsics that are unknown, by their places among the parameters of
+    COLMAP's camera OPENCV (fx, fy, cx, cy, k1, k2, p1, p2); others may be held only as a whole.
+
+    place: photograph → its columns among all unknowns: its pose's six and then its camera's, which others may share.
+    """
+
+    model: pycolmap.Reconstruction
+    corners: dict[str, Corners]
+    corners_m: dict[int, np.ndarray]
+    free: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.images = registered(self.model)
+        cameras = sorted({image.camera_id for image in self.images})
+        first, k = POSE * len(self.images), len(self.free)
+        self.size = first + k * len(cameras)
+        self.intrinsics = {c: first + k * i + np.arange(k) for i, c in enumerate(cameras)}
+        self.place = {
+            image.name: np.concatenate([POSE * i + np.arange(POSE), self.intrinsics[image.camera_id]])
+            for i, image in enumerate(self.images)
+        }
+        self.start = {c: np.array(self.model.cameras[c].params) for c in cameras}
+        fewest = min(FEWEST_VIEWS, len(self.images) - 1)
+        self.points = [p for _, p in sorted(self.model.points3D.items()) if _views(p) >= fewest]
+        self.features, self.known = self._features(), self._known()
+
+    def _features(self) -> list[Seen]:
+        row = {image.image_id: i for i, image in enumerate(self.images)}
+        pairs: list[list[tuple[int, int]]] = [[] for _ in self.images]
+        for number, point in enumerate(self.points):
+            for element in point.track.elements:
+                pairs[row[element.image_id]].append((number, element.point2D_idx))
+        seen = [
+            Seen(image, np.array([image.points2D[k].xy for _, k in at]), 1.0, np.array([n for n, _ in at]), None)
+            for image, at in zip(self.images, pairs, strict=True)
+            if at
+        ]
+        return self._with_noise(seen)
+
+    def _known(self) -> list[Seen]:
+        seen = []
+        for image in self.images:
+            corners = self.corners.get(image.name, {})
+            if corners:
+                places_m = np.array([self.corners_m[name][k] for name, k in corners])
+                seen.append(Seen(image, np.array(list(corners.values())), 1.0, None, places_m))
+        return self._with_noise(seen)
+
+    def _with_noise(self, seen: list[Seen]) -> list[Seen]:
+        """The observations with the noise that what is left of them shows."""
+        off = [np.abs(s.pixels - project(s.image, self._places_m(s))).ravel() for s in seen]
+        noise_px = max(MAD * float(np.median(np.concatenate(off))), LEAST_NOISE_PX) if off else np.nan
+        return [s._replace(noise_px=noise_px) for s in seen]
+
+    def _places_m(self, seen: Seen) -> np.ndarray:
+        if seen.places_m is not None:
+            return seen.places_m
+        return np.array([self.points[n].xyz for n in seen.numbers]).reshape(-1, 3)
+
+    def normal(self, jacobians: bool = True) -> Normal:
+        """The normal equations where the model stands; without jacobians, the cost alone."""
+        d, p = self.size, len(self.points)
+        equations = Normal(*(np.zeros(shape) for shape in ((d, d), d, (p, 3, 3), (p, 3), (p, d, 3))), 0.0)
+        cost = self._add_priors(equations)
+        for seen in (*self.features, *self.known):
+            places_m = self._places_m(seen)
+            off = (seen.pixels - project(seen.image, places_m)) / seen.noise_px
+            cost += CAUCHY**2 * float(np.log1p((off**2).sum(axis=1) / CAUCHY**2).sum())
+            if jacobians:
+                self._add(equations, seen, places_m, off)
+        return equations._replace(cost=cost)
+
+    def _add(self, equations: Normal, seen: Seen, places_m: np.ndarray, off: np.ndarray) -> None:
+        by_point, by_camera = pixel_jacobians(seen.image, places_m, self.free)
+        weight = (1 / (1 + (off**2).sum(axis=1) / CAUCHY**2) / seen.noise_px)[:, None]
+        columns = self.place[seen.image.name]
+        weighted = by_camera * weight[..., None] / seen.noise_px
+        equations.cameras[np.ix_(columns, columns)] += np.einsum("nia,nib->ab", weighted, by_camera)
+        equations.right[columns] += np.einsum("nia,ni->a", by_camera, weight * off)
+        if seen.numbers is not None:
+            at = seen.numbers
+            np.add.at(equations.coupling, (at[:, None], columns), np.einsum("nia,nij->naj", weighted, by_point))
+            by_weight = by_point * weight[..., None] / seen.noise_px
+            np.add.at(equations.points, at, np.einsum("nia,nib->nab", by_weight, by_point))
+            np.add.at(equations.points_right, at, np.einsum("nia,ni->na", by_point, weight * off))
+
+    def _add_priors(self, equations: Normal) -> float:
+        """Add what is known of any lens; returns its cost."""
+        cost = 0.0
+        for camera_id, columns in self.intrinsics.items():
+            camera = self.model.cameras[camera_id]
+            value, start = np.array(camera.params), self.start[camera_id]
+            middle = np.array([0, 0, camera.width / 2, camera.height / 2, 0, 0, 0, 0])
+            sigma = np.array([np.inf, np.inf, *[CENTRE * camera.width] * 2, RADIAL, RADIAL, TANGENTIAL, TANGENTIAL])
+            for column, k in zip(columns, self.free, strict=True):
+                equations.cameras[column, column] += 1 / sigma[k] ** 2
+                equations.right[column] += (middle[k] - value[k]) / sigma[k] ** 2
+                cost += ((middle[k] - value[k]) / sigma[k]) ** 2
+            if {0, 1} <= set(self.free):
+                fx, fy = columns[list(self.free).index(0)], columns[list(self.free).index(1)]
+                slope = np.array([1, -1]) / (SQUARE * start[0])
+                both = [fx, fy]
+                equations.cameras[np.ix_(both, both)] += np.outer(slope, slope)
+                equations.right[both] -= slope * (slope @ value[:2])
+                cost += float(slope @ value[:2]) ** 2
+        return cost
+
+    def move(self, step: np.ndarray, points_step: np.ndarray) -> None:
+        """Add a step of the camera parameters [d] and of the points [p, 3]."""
+        colmap = load_pycolmap()
+        for image in self.images:
+            tau, omega = np.split(step[self.place[image.name][:POSE]], 2)
+            pose, turn = image.cam_from_world(), Rotation.from_rotvec(omega).as_matrix()
+            moved = colmap.Rigid3d(
+                colmap.Rotation3d(turn @ pose.rotation.matrix()), turn @ pose.translation + tau
+            )
+            image.frame.set_cam_from_world(image.camera_id, moved)
+        for camera_id, columns in self.intrinsics.items():
+            camera = self.model.cameras[camera_id]
+            params = np.array(camera.params)
+            params[list(self.free)] += step[columns]
+            camera.params = params
+        for point, by in zip(self.points, points_step, strict=True):
+            point.xyz = point.xyz + by
+
+    def state(self) -> tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]:
+        """Poses, intrinsics and points, to come back to."""
+        poses = [image.cam_from_world() for image in self.images]
+        intrinsics = {c: np.array(self.model.cameras[c].params) for c in self.intrinsics}
+        return poses, intrinsics, np.array([point.xyz for point in self.points])
+
+    def restore(self, state: tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]) -> None:
+        """Come back to a state."""
+        poses, intrinsics, points = state
+        for image, pose in zip(self.images, poses, strict=True):
+            image.frame.set_cam_from_world(image.camera_id, pose)
+        for camera_id, params in intrinsics.items():
+            self.model.cameras[camera_id].params = params
+        for point, xyz in zip(self.points, points, strict=True):
+            point.xyz = xyz
+
+
+def _views(point: pycolmap.Point3D) -> int:
+    return len({element.image_id for element in point.track.elements})

@@ -1,0 +1,57 @@
+"""How the pixels at which a photograph sees points depend on the points and on the camera."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import pycolmap
+
+POSE = 6  # parameters of a pose: translation τ and rotation ω on the camera's side, x → x + τ + ω × x
+STEP = 1e-6  # of differences, relative
+
+
+def project(image: pycolmap.Image, points_m: np.ndarray) -> np.ndarray:
+    """Pixels [n, 2] at which a photograph sees points [n, 3] (COLMAP's convention)."""
+    return _pixels(image.camera, _in_camera(image, points_m))
+
+
+def pixel_jacobians(
+    image: pycolmap.Image, points_m: np.ndarray, free: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of the pixels at which a photograph sees points [n, 3]: by the point [n, 2, 3] and by the camera's
+    pose and its intrinsics at the places `free` [n, 2, 6 + k]; central differences of COLMAP's own projection."""
+    camera, x = image.camera, _in_camera(image, points_m)
+    by_x = np.empty((len(x), 2, 3))
+    for axis in range(3):
+        step = np.zeros_like(x)
+        step[:, axis] = STEP * x[:, 2]
+        by_x[..., axis] = (_pixels(camera, x + step) - _pixels(camera, x - step)) / (2 * step[:, axis, None])
+    by_camera = np.empty((len(x), 2, POSE + len(free)))
+    by_camera[..., :3] = by_x
+    by_camera[..., 3:6] = -np.cross(by_x, x[:, None, :])  # d(ω × x) = −[x]× dω
+    for column, k in enumerate(free, start=POSE):
+        step = STEP * max(abs(camera.params[k]), 1.0)
+        ahead, behind = (_pixels(_moved(camera, k, s), x) for s in (step, -step))
+        by_camera[..., column] = (ahead - behind) / (2 * step)
+    return by_x @ image.cam_from_world().rotation.matrix(), by_camera
+
+
+def _in_camera(image: pycolmap.Image, points_m: np.ndarray) -> np.ndarray:
+    pose = image.cam_from_world()
+    return points_m @ pose.rotation.matrix().T + pose.translation
+
+
+def _pixels(camera: pycolmap.Camera, x: np.ndarray) -> np.ndarray:
+    return np.asarray(camera.img_from_cam(x)).reshape(-1, 2)
+
+
+def _moved(camera: pycolmap.Camera, k: int, step: float) -> pycolmap.Camera:
+    """The camera with its parameter k moved by step."""
+    other = type(camera)(camera.todict())
+    params = np.array(camera.params)
+    params[k] += step
+    other.params = params
+    return other
