@@ -109,7 +109,7 @@ def evaluate(options: argparse.Namespace) -> None:
     if options.transform:
         transform = load_transform(options.transform)
         transform.require(transform.source, "radar", options.transform)
-    values = score(depth.z_m, reference_depth(options.mesh, transform, PixelGrid(depth.x_m, depth.y_m)))
+    values = score(depth.z_m, reference_depth(options.mesh, transform, PixelGrid(depth.x_m, depth.y_m)).z_m)
     print(json.dumps({**values, "method": depth.method, "definitions": definitions(list(values))}, indent=2))
 
 

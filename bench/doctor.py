@@ -61,11 +61,16 @@ def _blas() -> str:
 
 
 def _colmap_cuda() -> str:
-    from groundtruth.cameras import load_pycolmap
+    from groundtruth.cameras import cuda_devices, load_pycolmap
 
+    if cuda_devices():
+        return "ok: depth maps of photographs are made there (--dense cpu: not)"
     if load_pycolmap().has_cuda:
-        return "present; the dense stage still runs on the CPU"
-    return "absent: features and depth are computed on the CPU, about a minute or two per hand"
+        return "present, but there is no device: depth maps are made on the CPU, a minute or two per hand"
+    return (
+        "absent: depth maps are made on the CPU, a minute or two per hand; with an NVIDIA card, "
+        "pip install 'handbench[cuda]'"
+    )
 
 
 def _cupy() -> str:

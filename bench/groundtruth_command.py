@@ -35,6 +35,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     target.add_argument("--mask", choices=("none", "colour"), default="none",
                         help="colour: cut the target out by its colours; give --box too (default none)")
     command.add_argument("--quality", choices=("draft", "normal", "high"), default="normal")
+    command.add_argument("--dense", choices=("auto", "cpu", "cuda"), default="auto",
+                         help="depth maps on (default auto: a CUDA device, if pycolmap finds one)")
     command.add_argument("--seed", type=int, default=0)
     command.add_argument("--workdir", type=Path, metavar="DIR", help="keep sparse/, dense.ply and summary.json there")
 
@@ -74,7 +76,7 @@ def _take_over(options: argparse.Namespace) -> None:
 def _values(options: argparse.Namespace) -> dict[str, Any]:
     from bench.commands import numbers
 
-    same = ("cameras", "model", "metric", "board", "unscaled", "quality", "masks", "mask", "seed")
+    same = ("cameras", "model", "metric", "board", "unscaled", "quality", "dense", "masks", "mask", "seed")
     return {name: getattr(options, name) for name in same} | {
         "intrinsics": numbers(options.intrinsics, 4, "--intrinsics"),
         "box_m": numbers(options.box, 6, "--box"),

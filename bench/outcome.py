@@ -19,6 +19,7 @@ from bench.results import REFERENCES, About, CaptureFacts, MethodFacts, Repeat, 
 from bench.stages import reference_depth
 from bench.table import accuracy_rows, metric_facts, precision_rows, time_rows
 from calibration.transforms import Transform
+from groundtruth.depth import Reference
 from radar.depthmap import DepthMap
 from radar.device import describe
 from radar.errors import HandbenchError
@@ -96,14 +97,14 @@ def score(outcome: Outcome) -> tuple[Errors, Surfaces]:
     surfaces: Surfaces = {}
     for name, files in outcome.references.items():
         for reference, (file, transform) in files.items():
-            cast: dict[bytes, np.ndarray] = {}  # methods that share a grid share the reference's depth
+            cast: dict[bytes, Reference] = {}  # methods that share a grid share the reference's depth
             for entry in outcome.bench.method:
                 depth = outcome.maps[name, entry.id]
                 grid = depth.x_m.tobytes() + b"|" + depth.y_m.tobytes()
                 if grid not in cast:
                     cast[grid] = reference_depth(file, transform, PixelGrid(depth.x_m, depth.y_m))
-                errors[name, entry.id, reference] = error_map(depth.x_m, depth.y_m, depth.z_m, cast[grid])
-                surfaces.setdefault((name, reference), Surface(depth.x_m, depth.y_m, cast[grid]))
+                errors[name, entry.id, reference] = error_map(depth.x_m, depth.y_m, depth.z_m, cast[grid].z_m)
+                surfaces.setdefault((name, reference), Surface(depth.x_m, depth.y_m, *cast[grid]))
     return errors, surfaces
 
 

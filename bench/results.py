@@ -6,7 +6,8 @@ tasks.csv     task, capture, method, stage, seconds, cpu_seconds, peak_memory_mb
 repeats.csv   capture, method, repeat, z_m: the strongest scatterer of each repeat of a precision capture
 config.toml   the resolved configuration
 errors/       CAPTURE__METHOD__REFERENCE.npz: x_m, y_m, error_m, reference_z_m
-depth/        CAPTURE__METHOD.npz (a depth map), CAPTURE__truth.npz, CAPTURE__photogrammetry.npz (x_m, y_m, z_m)
+depth/        CAPTURE__METHOD.npz (a depth map), CAPTURE__truth.npz, CAPTURE__photogrammetry.npz (x_m, y_m, z_m,
+              sigma_m: standard deviation along z)
 photos/       CAPTURE.jpg, at most 600 pixels wide and high
 """
 
@@ -94,11 +95,13 @@ class About(Config):
 
 @dataclass(frozen=True)
 class Surface:
-    """A depth map to draw: z_m [ny, nx] at x_m [nx], y_m [ny], metres; NaN where there is none."""
+    """A depth map to draw: z_m [ny, nx] at x_m [nx], y_m [ny], metres; NaN where there is none. sigma_m [ny, nx]: a
+    reference's own standard deviation along z (None: not told)."""
 
     x_m: np.ndarray
     y_m: np.ndarray
     z_m: np.ndarray
+    sigma_m: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -191,7 +194,8 @@ def write_errors(folder: Path, capture: str, method: str, reference: str, errors
 
 def write_surface(folder: Path, capture: str, reference: str, surface: Surface) -> None:
     """Write a reference's depth map (a method's is written by `radar`, to `depth_path`)."""
-    write_npz(depth_path(folder, capture, reference), **asdict(surface))
+    told = {name: values for name, values in asdict(surface).items() if values is not None}
+    write_npz(depth_path(folder, capture, reference), **told)
 
 
 def write_photo(folder: Path, capture: str, source: str | Path) -> None:

@@ -13,15 +13,15 @@ import numpy as np
 from bench.datasets.native import PHOTOS, TARGET, load_capture_file, load_echoes
 from bench.metrics import strongest_scatterer_z_m
 from bench.registry import Reconstruction, method
-from calibration.meshes import read_mesh
 from calibration.registration import calibrate
 from calibration.target import load_target
 from calibration.transforms import Transform, load_transform
 from groundtruth.cameras import Camera
-from groundtruth.depth import depth_on_grid
+from groundtruth.depth import Reference, reference_on_grid
 from groundtruth.options import Options
 from groundtruth.photos import Photo, find_photos
 from groundtruth.pipeline import reconstruct
+from groundtruth.surface import read_surface
 from radar.config import Config, parse
 from radar.depthmap import DepthMap
 from radar.errors import HandbenchError
@@ -48,7 +48,8 @@ def make_mesh(capture: Path, quality: str, seed: int, folder: Path) -> None:
 
 
 def _options(box_m: tuple[float, ...] | None, quality: str, seed: int) -> Options:
-    return parse(Options, {"quality": quality, "box_m": box_m, "components": "all", "seed": seed}, "groundtruth")
+    values = {"quality": quality, "box_m": box_m, "components": "all", "seed": seed}
+    return parse(Options, {**values, "dense": "cpu"}, "groundtruth")  # a table is the same on every machine
 
 
 def _write_view(photos: tuple[Photo, ...], camera: Camera, box_m: np.ndarray | None, file: Path) -> None:
@@ -131,11 +132,10 @@ def strongest_z_m(depths: list[DepthMap]) -> np.ndarray:
     return strongest_scatterer_z_m(np.stack([d.z_m for d in depths]), amplitude)
 
 
-def reference_depth(mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid) -> np.ndarray:
-    """Depth [ny, nx] of a mesh file on a pixel grid of the radar, after carrying it into the radar frame."""
-    surface = read_mesh(mesh_file)
-    surface.transform(radar_from_mesh.require(radar_from_mesh.source, "radar", "transform").matrix)
-    return depth_on_grid(surface, grid.x_m, grid.y_m)
+def reference_depth(mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid) -> Reference:
+    """Depth of a mesh file on a pixel grid of the radar, after carrying it into the radar frame."""
+    radar_from_mesh.require(radar_from_mesh.source, "radar", "transform")
+    return reference_on_grid(read_surface(mesh_file).moved(radar_from_mesh), grid.x_m, grid.y_m)
 
 
 def transform_of(capture: Path) -> Transform | None:

@@ -19,6 +19,7 @@ from radar.files import (
     write_npz,
 )
 from radar.kept import keep, key_of
+from radar.parallel import one_blas_thread
 from radar.progress import say, track
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "keep",
     "key_of",
     "load",
+    "one_blas_thread",
     "parse",
     "read_json",
     "read_npz",

@@ -2,7 +2,7 @@
 
 Triggs et al., "Bundle Adjustment – A Modern Synthesis", 2000; Cauchy's weights for what fits badly. The board's corners
 are points whose places are known, seen some ten times sharper than features, which COLMAP cannot be told. They fix
-frame and scale, and tell what features tell badly: focal lengths and principal points. Features that only two
+frame and scale, and tell what features tell badly: focal lengths and principal points. Features that only two of many
 photographs show are left out: nothing contradicts a false one, as where two contours seem to cross, and many of them
 bend the cameras. The normal matrix of the cameras, without the points, is the information on all of them together.
 """
@@ -28,9 +28,8 @@ CAUCHY = 2.385  # standard deviations at which a residual weighs half: 95 % effi
 MAD = 1.4826  # of a normal distribution: standard deviation over median absolute deviation
 # What is known of any lens: standard deviation of principal point (of the width), fx/fy, and distortion k and p.
 CENTRE, SQUARE, RADIAL, TANGENTIAL = 0.01, 1e-3, 0.2, 1e-3
-
-
-FEWEST_VIEWS = 3  # that a feature is seen in
+LEAST_SHARE = 0.05  # of the residuals' numbers that must be left, for a noise to be told from them
+FEWEST_SIGHTINGS = 3  # of a feature; 2 where there are three photographs only
 
 
 class Seen(NamedTuple):
@@ -42,6 +41,11 @@ class Seen(NamedTuple):
     noise_px: float
     numbers: np.ndarray | None
     places_m: np.ndarray | None
+
+    def only(self, kept: np.ndarray) -> Seen:
+        """Some [n] of the observations."""
+        numbers, places_m = (None if part is None else part[kept] for part in (self.numbers, self.places_m))
+        return self._replace(pixels=self.pixels[kept], numbers=numbers, places_m=places_m)
 
 
 class Normal(NamedTuple):
@@ -88,9 +92,10 @@ class Bundle:
             for i, image in enumerate(self.images)
         }
         self.start = {c: np.array(self.model.cameras[c].params) for c in cameras}
-        fewest = min(FEWEST_VIEWS, len(self.images) - 1)
+        fewest = min(FEWEST_SIGHTINGS, len(self.images) - 1)
         self.points = [p for _, p in sorted(self.model.points3D.items()) if _views(p) >= fewest]
         self.features, self.known = self._features(), self._known()
+        self._count_unknowns()
 
     def _features(self) -> list[Seen]:
         row = {image.image_id: i for i, image in enumerate(self.images)}
@@ -115,10 +120,27 @@ class Bundle:
         return self._with_noise(seen)
 
     def _with_noise(self, seen: list[Seen]) -> list[Seen]:
-        """The observations with the noise that what is left of them shows."""
-        off = [np.abs(s.pixels - project(s.image, self._places_m(s))).ravel() for s in seen]
-        noise_px = max(MAD * float(np.median(np.concatenate(off))), LEAST_NOISE_PX) if off else np.nan
-        return [s._replace(noise_px=noise_px) for s in seen]
+        """The observations, save of points behind the camera, with the noise that what is left of them shows."""
+        seen = [s.only(np.isfinite(self._off_px(s)).all(axis=1)) for s in seen]
+        off_px = np.concatenate([np.empty(0), *(np.abs(self._off_px(s)).ravel() for s in seen)])
+        noise_px = max(MAD * float(np.median(off_px)), LEAST_NOISE_PX) if len(off_px) else np.nan
+        return [s._replace(noise_px=noise_px) for s in seen if len(s.pixels)]
+
+    def _count_unknowns(self) -> None:
+        """Make the noise larger by what the unknowns have fitted of it, each kind of observation its own share of them
+        (Förstner, "Ein Verfahren zur Schätzung von Varianz- und Kovarianzkomponenten", AVN 1979)."""
+        both, _, _ = self.normal().reduced(0.0)
+        known, self.known = self.known, []
+        features, _, _ = self.normal().reduced(0.0)
+        unit = 1 / np.sqrt(np.maximum(np.diag(both), np.finfo(float).tiny))
+        inverse = np.linalg.pinv(both * np.outer(unit, unit), rcond=1e-12, hermitian=True) * np.outer(unit, unit)
+        by_features = float(np.sum(features * inverse))
+        by_known = float(np.sum((both - features) * inverse))
+        self.features = _with_redundancy(self.features, by_features + 3 * len(self.points))
+        self.known = _with_redundancy(known, by_known)
+
+    def _off_px(self, seen: Seen) -> np.ndarray:
+        return seen.pixels - project(seen.image, self._places_m(seen))
 
     def _places_m(self, seen: Seen) -> np.ndarray:
         if seen.places_m is not None:
@@ -131,15 +153,14 @@ class Bundle:
         equations = Normal(*(np.zeros(shape) for shape in ((d, d), d, (p, 3, 3), (p, 3), (p, d, 3))), 0.0)
         cost = self._add_priors(equations)
         for seen in (*self.features, *self.known):
-            places_m = self._places_m(seen)
-            off = (seen.pixels - project(seen.image, places_m)) / seen.noise_px
+            off = self._off_px(seen) / seen.noise_px
             cost += CAUCHY**2 * float(np.log1p((off**2).sum(axis=1) / CAUCHY**2).sum())
             if jacobians:
-                self._add(equations, seen, places_m, off)
+                self._add(equations, seen, off)
         return equations._replace(cost=cost)
 
-    def _add(self, equations: Normal, seen: Seen, places_m: np.ndarray, off: np.ndarray) -> None:
-        by_point, by_camera = pixel_jacobians(seen.image, places_m, self.free)
+    def _add(self, equations: Normal, seen: Seen, off: np.ndarray) -> None:
+        by_point, by_camera = pixel_jacobians(seen.image, self._places_m(seen), self.free)
         weight = (1 / (1 + (off**2).sum(axis=1) / CAUCHY**2) / seen.noise_px)[:, None]
         columns = self.place[seen.image.name]
         weighted = by_camera * weight[..., None] / seen.noise_px
@@ -210,3 +231,10 @@ class Bundle:
 
 def _views(point: pycolmap.Point3D) -> int:
     return len({element.image_id for element in point.track.elements})
+
+
+def _with_redundancy(seen: list[Seen], unknowns: float) -> list[Seen]:
+    """The observations with the noise of which residuals are what `unknowns` of their numbers have left."""
+    count = 2 * sum(len(s.pixels) for s in seen)
+    share = max(1 - unknowns / count, LEAST_SHARE) if count else 1.0
+    return [s._replace(noise_px=s.noise_px / share**0.5) for s in seen]

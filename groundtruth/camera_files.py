@@ -54,6 +54,8 @@ def load_model(folder: Path, photos: tuple[Photo, ...]) -> pycolmap.Reconstructi
     """
     model = read_model(folder)
     images = registered(model)
+    if any(len(frame.data_ids) > 1 for frame in model.frames.values()):
+        raise HandbenchError(f"{folder}: has rigs of several cameras; expected single ones: export it without rigs")
     photo_of = {image.name: photo for photo, image in _pairs(photos, images, folder) if image is not None}
     for image in images:
         photo = photo_of.get(image.name)

@@ -28,6 +28,12 @@ def load_pycolmap() -> ModuleType:
     return pycolmap
 
 
+def cuda_devices() -> int:
+    """How many CUDA devices pycolmap can use; none where it was built without CUDA."""
+    colmap = load_pycolmap()
+    return int(colmap.get_num_cuda_devices()) if colmap.has_cuda else 0
+
+
 class Camera(Config):
     """One photograph's camera. `R` [3, 3] and `t` [3] (metres) carry world points into the camera frame
     (x right, y down, z forward); both may be unknown."""

@@ -82,14 +82,14 @@ def depth_maps(
 
     tracks [n, views]: which view saw which of the sparse points_m [n, 3].
     """
-    sources = _choose_sources(views, tracks, points_m)
+    sources = choose_sources(views, tracks, points_m)
     coarse = [view.halved() for view in views]
     return [
         _depth_map(views, coarse, i, sources[i], iterations, seed) for i in track(range(len(views)), "depth maps")
     ]
 
 
-def _choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) -> list[list[int]]:
+def choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) -> list[list[int]]:
     """For each view, the others that share most sparse points under a useful angle (Yao et al., ECCV 2018)."""
     rays = np.stack([points_m - view.centre_m for view in views])
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
@@ -105,7 +105,7 @@ def _choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray)
 
 
 @dataclass(frozen=True)
-class _Stereo:
+class Stereo:
     """One reference and its sources as the kernels want them; `unit` is inverse depth per disparity (1/m)."""
 
     sources: np.ndarray
@@ -115,7 +115,7 @@ class _Stereo:
     unit: float
 
     @classmethod
-    def of(cls, view: View, others: list[View]) -> _Stereo:
+    def of(cls, view: View, others: list[View]) -> Stereo:
         sizes = np.array([other.gray.shape for other in others])
         sources = np.zeros((len(others), *sizes.max(axis=0)), dtype=np.float32)
         for padded, other in zip(sources, others, strict=True):
@@ -137,9 +137,17 @@ def _depth_map(
     views: list[View], coarse: list[View], i: int, sources: list[int], iterations: int, seed: int
 ) -> DepthMap:
     view = views[i]
-    stereo = _Stereo.of(view, [views[s] for s in sources])
-    low, high = 1 / (view.far_m * stereo.unit), 1 / (view.near_m * stereo.unit)
+    stereo = Stereo.of(view, [views[s] for s in sources])
     planes = _first_guess(view, coarse[i], [coarse[s] for s in sources], stereo.unit)
+    return refined(view, stereo, planes, iterations, seed)
+
+
+def refined(view: View, stereo: Stereo, planes: np.ndarray, iterations: int, seed: int = 0) -> DepthMap:
+    """The depth map that a guess of the planes [h, w, 3] (changed in place; NaN: none) becomes by PatchMatch, a polish
+    with curved windows, and the filters. No iterations: polish and filters alone."""
+    low, high = (
+        np.where(np.isfinite(planes[..., 0]), 1 / (z * stereo.unit), np.nan) for z in (view.far_m, view.near_m)
+    )
     planes[..., 0] = np.clip(planes[..., 0], low, high)
     cost = patchmatch.refine(
         view.gray, stereo.sources, stereo.sizes, stereo.A, stereo.b, planes, low, high, iterations, seed
@@ -154,7 +162,7 @@ def _first_guess(view: View, half: View, sources: list[View], unit: float) -> np
     """Planes [h, w, 3] float32 in units of the full view, from a sweep at half its resolution."""
     import cv2
 
-    stereo = _Stereo.of(half, sources)
+    stereo = Stereo.of(half, sources)
     first, last = (1 / (z * stereo.unit) for z in (np.nanmax(half.far_m), np.nanmin(half.near_m)))
     count = int(np.clip(np.ceil(last - first), 16, MOST_PLANES))
     step = (last - first) / (count - 1)

@@ -1,17 +1,36 @@
-"""Depth of a mesh on the radar's grid: what the radar's depth maps are compared with."""
+"""Depth of a surface on the radar's grid: what the radar's depth maps are compared with."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from calibration.meshes import raycasting_scene
+from groundtruth.surface import Surface
 
 if TYPE_CHECKING:
     import open3d as o3d
 
 CLEARANCE_M = 1e-3
+STEEPEST = 0.1  # cosine between a surface's normal and z below which its uncertainty along z grows no more
+
+
+class Reference(NamedTuple):
+    """Depth z [ny, nx] and its standard deviation along z [ny, nx], metres; NaN: no surface that was seen; sigma_m is
+    NaN where the surface does not know its own."""
+
+    z_m: np.ndarray
+    sigma_m: np.ndarray
+
+
+class _Hits(NamedTuple):
+    """What rays along +z meet first: whether anything [ny, nx]; of those that do [n] x, y and the triangle's number."""
+
+    hit: np.ndarray
+    x_m: np.ndarray
+    y_m: np.ndarray
+    triangle: np.ndarray
 
 
 def depth_on_grid(mesh: o3d.geometry.TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
@@ -20,19 +39,43 @@ def depth_on_grid(mesh: o3d.geometry.TriangleMesh, x_m: np.ndarray, y_m: np.ndar
     NaN where a ray along +z at (x, y) meets nothing. The ray caster works in single precision: rays start just in front
     of the mesh, and the depth is computed again in double precision on the triangle that was hit.
     """
-    o3d_rays = np.zeros((len(y_m), len(x_m), 6), dtype=np.float32)
-    vertices = np.asarray(mesh.vertices)
-    o3d_rays[..., 0], o3d_rays[..., 1] = np.meshgrid(x_m, y_m)
-    o3d_rays[..., 2] = vertices[:, 2].min() - CLEARANCE_M
-    o3d_rays[..., 5] = 1
-    hits = raycasting_scene(mesh).cast_rays(o3d_rays)
-    triangle = hits["primitive_ids"].numpy().astype(np.int64)
-    hit = np.isfinite(hits["t_hit"].numpy())
-    z_m = np.full(hit.shape, np.nan)
+    hits = _cast(mesh, x_m, y_m)
+    corners = np.asarray(mesh.vertices)[np.asarray(mesh.triangles)[hits.triangle]]
+    return _spread(hits.hit, _depth_of_plane(corners, hits.x_m, hits.y_m))
+
+
+def reference_on_grid(surface: Surface, x_m: np.ndarray, y_m: np.ndarray) -> Reference:
+    """As `depth_on_grid`, with its uncertainty: that along the normal at the triangle's corners, carried to z. Where a
+    ray meets invented surface nothing is known, neither of that nor of what lies behind it."""
+    hits = _cast(surface.mesh, x_m, y_m)
+    faces = surface.faces[hits.triangle]
+    corners = surface.vertices_m[faces]
+    seen = surface.observed[faces].all(axis=1)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        cosine = np.abs(normal[:, 2]) / np.linalg.norm(normal, axis=1)
+    along_z_m = surface.sigma_m[faces].mean(axis=1) / np.fmax(cosine, STEEPEST)
+    z_m = _depth_of_plane(corners, hits.x_m, hits.y_m)
+    return Reference(*(_spread(hits.hit, np.where(seen, values, np.nan)) for values in (z_m, along_z_m)))
+
+
+def _cast(mesh: o3d.geometry.TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> _Hits:
+    rays = np.zeros((len(y_m), len(x_m), 6), dtype=np.float32)
+    rays[..., 0], rays[..., 1] = np.meshgrid(x_m, y_m)
+    rays[..., 2] = np.asarray(mesh.vertices)[:, 2].min() - CLEARANCE_M
+    rays[..., 5] = 1
+    found = raycasting_scene(mesh).cast_rays(rays)
+    hit = np.isfinite(found["t_hit"].numpy())
     row, column = np.nonzero(hit)
-    corners = vertices[np.asarray(mesh.triangles)[triangle[hit]]]
-    z_m[hit] = _depth_of_plane(corners, np.asarray(x_m)[column], np.asarray(y_m)[row])
-    return z_m
+    triangle = found["primitive_ids"].numpy().astype(np.int64)[hit]
+    return _Hits(hit, np.asarray(x_m)[column], np.asarray(y_m)[row], triangle)
+
+
+def _spread(hit: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values [n] at the places [ny, nx] that were hit, NaN elsewhere."""
+    grid = np.full(hit.shape, np.nan)
+    grid[hit] = values
+    return grid
 
 
 def _depth_of_plane(corners: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:

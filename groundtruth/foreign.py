@@ -9,6 +9,7 @@ import numpy as np
 
 from calibration import HandbenchError
 from calibration.meshes import read_mesh
+from groundtruth.mesh import repair
 
 if TYPE_CHECKING:
     import open3d as o3d
@@ -17,13 +18,17 @@ SMALLEST_M, LARGEST_M = 5e-3, 50.0  # what anybody puts before a radar
 
 
 def metric_mesh(path: str | Path, unit_m: float) -> o3d.geometry.TriangleMesh:
-    """A mesh file (PLY, OBJ, STL) whose numbers are in units of `unit_m` metres, in metres; a HandbenchError for one
-    without triangles, with broken numbers, or of a size that tells of another unit."""
+    """A mesh file (PLY, OBJ, STL) whose numbers are in units of `unit_m` metres, in metres, repaired and its triangles
+    turned alike; a HandbenchError for one without triangles, with broken numbers, or of a size that tells of another
+    unit."""
     mesh = read_mesh(path)
     mesh.scale(unit_m, center=np.zeros(3))
+    mesh = repair(mesh)
     longest_m = float(np.ptp(np.asarray(mesh.vertices), axis=0).max())
     if not SMALLEST_M < longest_m < LARGEST_M:
         raise HandbenchError(
             f"{path}: is {longest_m:.3g} m long; expected {SMALLEST_M:g} to {LARGEST_M:g} m: is --unit right?"
         )
-    return mesh  # the one place where hygiene of foreign meshes belongs
+    if mesh.is_orientable():
+        mesh.orient_triangles()
+    return mesh

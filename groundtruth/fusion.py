@@ -11,7 +11,7 @@ from numba import njit, prange
 from calibration import read_npz, write_npz
 from groundtruth.dense import DepthMap
 
-CONFIRMATIONS = 2  # other views that must agree; 1 where there are three views only
+CONFIRMATIONS, FEW_VIEWS = 2, 5  # other views that must agree; 1 where there are no more than a few views
 AGREEMENT_PX = 1.7  # how far, in pixels times depth over focal length, two depths may be apart
 WIDEST_COSINE = 0.5  # normals that agree
 
@@ -49,7 +49,7 @@ class Cloud:
 
 def fuse(maps: list[DepthMap], box_m: np.ndarray | None) -> Cloud:
     """Every pixel in the box [2, 3] whose depth enough other views confirm, moved to the mean of all that agree."""
-    fewest = CONFIRMATIONS if len(maps) > CONFIRMATIONS + 1 else 1
+    fewest = CONFIRMATIONS if len(maps) > FEW_VIEWS else 1
     shape = tuple(max(m.depth_m.shape[axis] for m in maps) for axis in (0, 1))
     depths = np.full((len(maps), *shape), np.nan)
     normals = np.zeros((len(maps), *shape, 3))
@@ -124,7 +124,7 @@ def _world(x, y, depth, K, R, t, point):
         point[axis] = R[0, axis] * a + R[1, axis] * b + R[2, axis] * c
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")  # a point in the camera's plane is seen at infinity
 def _project(point, K, R, t, seen):
     """Column, row and depth at which a view sees a world point."""
     a = R[0, 0] * point[0] + R[0, 1] * point[1] + R[0, 2] * point[2] + t[0]

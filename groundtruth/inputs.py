@@ -11,7 +11,7 @@ import numpy as np
 from calibration import HandbenchError, content_hash, suggest, track
 from groundtruth.board import Board, load_board
 from groundtruth.camera_files import cameras_of
-from groundtruth.cameras import Camera
+from groundtruth.cameras import Camera, cuda_devices
 from groundtruth.checks import usable
 from groundtruth.markers import Corners, detect_corners, focal_length_px, require_board
 from groundtruth.masks import Masks, find_masks
@@ -53,8 +53,10 @@ class Inputs:
 
 
 def gather(folder: Path, options: Options) -> tuple[Inputs, Options]:
-    """The inputs in a folder of photographs, and the options with the files found there filled in."""
+    """The inputs in a folder of photographs, and the options with the files found there and the machine that computes
+    the depth maps filled in."""
     options.box()
+    options = options.model_copy(update={"dense": _dense_on(options.dense)})
     photos = find_photos(folder)
     options = _found_beside(folder, options)
     _require_consistent(photos, options)
@@ -64,6 +66,17 @@ def gather(folder: Path, options: Options) -> tuple[Inputs, Options]:
     _require_scale(folder, photos, options, cameras)
     masks = Masks({} if options.masks is None else find_masks(options.masks, photos), options.mask == "colour")
     return Inputs(photos, cameras, board, _find_board(photos, board), options.model, masks), options
+
+
+def _dense_on(choice: str) -> str:
+    """cpu or cuda; a HandbenchError where CUDA is asked for and is not there."""
+    devices = 0 if choice == "cpu" else cuda_devices()
+    if choice == "cuda" and not devices:
+        raise HandbenchError(
+            "dense: cuda is asked for, but pycolmap finds no CUDA device; on a machine with an NVIDIA card and its "
+            "driver, pip install 'handbench[cuda]' (see `handbench doctor`), or leave the option out"
+        )
+    return "cuda" if devices else "cpu"
 
 
 def _found_beside(folder: Path, options: Options) -> Options:

@@ -79,12 +79,18 @@ def surface(
     mesh.remove_vertices_by_mask(_distance(mesh, points) > FARTHEST_PX * cloud.pixel_m)
     if box_m is not None:
         mesh = mesh.crop(o3d.geometry.AxisAlignedBoundingBox(*box_m))
-    for repair in ("degenerate_triangles", "duplicated_triangles", "non_manifold_edges"):
-        getattr(mesh, f"remove_{repair}")()
-    _keep_components(mesh, components)
+    _keep_components(repair(mesh), components)
     mesh.remove_unreferenced_vertices()
     mesh.compute_vertex_normals()
     return mesh
+
+
+def repair(mesh: o3d.geometry.TriangleMesh) -> o3d.geometry.TriangleMesh:
+    """The mesh itself, without what ray casting and scoring stumble over: duplicates, triangles without area, edges of
+    more than two triangles, vertices of none."""
+    for kind in ("duplicated_vertices", "degenerate_triangles", "duplicated_triangles", "non_manifold_edges"):
+        getattr(mesh, f"remove_{kind}")()
+    return mesh.remove_unreferenced_vertices()
 
 
 def _distance(mesh: o3d.geometry.TriangleMesh, points: o3d.geometry.PointCloud) -> np.ndarray:

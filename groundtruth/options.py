@@ -38,8 +38,8 @@ class Options(Config):
     model, in `model` or `cameras`, are in metres. board: a board.toml (default as cameras). distances: measured ones
     between cameras, for the scale. unscaled: go on without a metric scale. box_m: xmin, ymin, zmin, xmax, ymax, zmax of
     the region of interest in the mesh's frame; it cuts away the surroundings and saves most of the time. masks: folder
-    with a mask for each photograph. mask: cut the target out by its colours where there are no masks. components: parts
-    of the surface that are kept.
+    with a mask for each photograph. mask: cut the target out by its colours where there are no masks. dense: where
+    depth maps are made; auto: on a CUDA device, if pycolmap can use one. components: parts of the surface to keep.
     """
 
     cameras: Path | None = None
@@ -53,6 +53,7 @@ class Options(Config):
     box_m: tuple[float, float, float, float, float, float] | None = None
     masks: Path | None = None
     mask: Literal["none", "colour"] = "none"
+    dense: Literal["auto", "cpu", "cuda"] = "auto"
     components: Literal["largest", "all"] = "largest"
     seed: int = Field(default=0, ge=0, lt=2**31)
 

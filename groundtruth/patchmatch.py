@@ -14,13 +14,13 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+from groundtruth.curvature import bends
+
 RADIUS = 3  # a window of 7 × 7 pixels; larger ones flatten what is curved, and put a finger too far away
 SAMPLES = (2 * RADIUS + 1) ** 2
 SIGMA_GRAY, SIGMA_PX = 0.08, 3.0  # bilateral weights
 DIRECTIONS = np.array([(-1, 0), (1, 0), (0, -1), (0, 1)])
 POLISHES = 2
-BEND_PX = 3.0  # standard deviation of the slopes' smoothing before they are differentiated
-MOST_BENT = 0.08  # disparities per pixel²: one disparity at the window's rim
 SIDE = 0.25  # pixels from a disparity to the two others of its parabola
 REACH = 5  # neighbours at distances 1, 3, 5 are of the other colour
 PERTURBATIONS = 3
@@ -50,24 +50,6 @@ def refine(
     for _ in range(POLISHES):
         _polish(reference, sources, sizes, A, b, planes, cost, low, high, bends(planes, low <= high))
     return cost
-
-
-def bends(planes: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Second derivatives [h, w, 3] of the disparity (per column², column and row, row²), from the slopes of planes
-    [h, w, 3] around each pixel.
-
-    A plane that is matched over a window on a convex surface lies below its middle, by half the curvature times the
-    window's mean square: some hundredths of a millimetre on a finger. A paraboloid does not.
-    """
-    import cv2
-
-    weight = cv2.GaussianBlur(wanted.astype(np.float32), (0, 0), BEND_PX)
-    smooth = [
-        cv2.GaussianBlur(np.where(wanted, slope, 0), (0, 0), BEND_PX) / np.maximum(weight, 1e-6)
-        for slope in np.moveaxis(planes[..., 1:], -1, 0)
-    ]
-    (xy, xx), (yy, yx) = (np.gradient(slope) for slope in smooth)
-    return np.clip(np.stack([xx, (xy + yx) / 2, yy], axis=-1), -MOST_BENT, MOST_BENT).astype(np.float32)
 
 
 @njit(cache=True)

@@ -107,7 +107,7 @@ def _reconstruct(inputs: Inputs, options: Options, stages: Stages) -> tuple[Resu
     chosen = options.model_dump(mode="json", include=REGISTRATION)
     solved = stages("sparse", [inputs.content(), chosen], make_sparse)
     sparse = Sparse.load(solved)
-    chosen_pixels = [options.quality, options.box_m, inputs.masks.content()]
+    chosen_pixels = [options.quality, options.box_m, inputs.masks.content(), options.dense]
     fused = stages("dense", [solved.name, *chosen_pixels, options.seed], make_dense)
     cloud = Cloud.load(fused / CLOUD)
     surface = read_surface(stages("mesh", [fused.name, options.components], make_surface) / MESH)
@@ -119,6 +119,7 @@ def _reconstruct(inputs: Inputs, options: Options, stages: Stages) -> tuple[Resu
 
 
 def _dense_cloud(inputs: Inputs, sparse: Sparse, options: Options) -> Cloud:
+    from groundtruth import cuda
     from groundtruth.dense import depth_maps, open_views
     from groundtruth.fusion import fuse
     from groundtruth.mesh import clean
@@ -127,7 +128,10 @@ def _dense_cloud(inputs: Inputs, sparse: Sparse, options: Options) -> Cloud:
     views, tracks, points_m = open_views(
         inputs.photos, sparse.model, effort.shrink, options.box(), inputs.masks
     )
-    maps = depth_maps(views, tracks, points_m, effort.iterations, options.seed)
+    if options.dense == "cuda":
+        maps = cuda.depth_maps(views, tracks, points_m, options.quality)
+    else:
+        maps = depth_maps(views, tracks, points_m, effort.iterations, options.seed)
     return clean(fuse(maps, options.box()))
 
 

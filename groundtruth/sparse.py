@@ -54,15 +54,19 @@ class Sparse:
 
 
 def register(inputs: Inputs, options: Options) -> Sparse:
-    """The photographs' model, found or given, carried into the metric frame and adjusted to the board."""
+    """The photographs' model, found or given, adjusted and carried into the metric frame; a board, which is known in
+    that frame, takes part in the adjustment."""
     model = load_model(inputs.model, inputs.photos) if inputs.model is not None else _found(inputs, options)
     unregistered(inputs.photos, model)
     check_geometry(model)
-    scale = _to_metric_frame(model, inputs, options)
     free = _free(model, inputs, options)
     if inputs.board is not None:
+        scale = _to_metric_frame(model, inputs, options)
         bundle = adjust(model, inputs.corners, inputs.board.corners_m(), free)
     else:
+        if inputs.model is None:  # a given one is taken at its word
+            adjust(model, {}, {}, free)
+        scale = _to_metric_frame(model, inputs, options)
         bundle = Bundle(model, {}, {}, free)
     return Sparse(model, scale, camera_covariance(bundle, scale))
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from calibration import atomic_path
 from calibration.meshes import load_open3d, mesh, read_mesh
+from calibration.transforms import Transform
 
 if TYPE_CHECKING:
     import open3d as o3d
@@ -36,6 +37,11 @@ class Surface:
     def mesh(self) -> o3d.geometry.TriangleMesh:
         """The triangles alone."""
         return mesh(self.vertices_m, self.faces)
+
+    def moved(self, transform: Transform) -> Surface:
+        """The surface in the transform's target frame; the transform's own uncertainty is not added."""
+        sigma_m = self.sigma_m * transform.scale
+        return Surface(transform.points(self.vertices_m), self.faces, sigma_m, self.observed)
 
     def save(self, file: str | Path) -> None:
         """Write binary PLY with the vertex properties sigma_m and observed, atomically."""

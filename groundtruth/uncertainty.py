@@ -24,7 +24,7 @@ NEIGHBOURS = 16  # points whose variances a vertex takes the mean of
 SLOPE = 0.25  # of a surface that was not seen
 REACH_PX = 0.5  # of a point: as far as neighbouring points are from what lies between them
 OBSERVED_PX = 1.5  # a surface farther from every point was not seen
-CHUNK = 20_000
+CHUNK = 1_000_000  # points times camera parameters that are worked on at once
 
 
 def surface_sigma(
@@ -56,8 +56,9 @@ def camera_variance(cloud: Cloud, images: list[pycolmap.Image], known: CameraCov
     seen = cloud.views[:, [cloud.names.index(image.name) for image in images]]
     unit = cloud.normals / np.linalg.norm(cloud.normals, axis=1, keepdims=True)
     variances = []
-    for first in range(0, len(unit), CHUNK):
-        part = slice(first, first + CHUNK)
+    size = max(1, CHUNK // len(known.matrix))
+    for first in range(0, len(unit), size):
+        part = slice(first, first + size)
         covariance = point_covariance(images, known, cloud.points_m[part], seen[part])
         variances.append(np.einsum("na,nab,nb->n", unit[part], covariance, unit[part]))
     return np.concatenate(variances)

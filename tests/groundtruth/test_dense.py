@@ -3,49 +3,16 @@
 import numba
 import numpy as np
 import pytest
+from ball import ANGLES, DISPARITY_M, PIXEL_M, RADIUS_M, view
 
 from groundtruth import patchmatch, planesweep
 from groundtruth.dense import depth_maps
 from groundtruth.fusion import fuse
-from groundtruth.views import View
-
-RADIUS_M, WALL_M, DISTANCE_M = 0.07, 0.05, 0.5  # the sphere about the origin, the wall behind it, the cameras before it
-FOCAL_PX, SIZE = 260.0, 112
-PIXEL_M = (DISTANCE_M - RADIUS_M) / FOCAL_PX  # on the surface: 1.7 mm
-DISPARITY_M = PIXEL_M * (DISTANCE_M - RADIUS_M) / 0.12  # depth per pixel of disparity, at a baseline of 14°: 5.9 mm
-
-
-def texture(points_m):
-    """A solid texture of waves, none shorter than 4 pixels."""
-    rng = np.random.default_rng(5)
-    waves = rng.normal(size=(60, 3))
-    waves *= 2 * np.pi / (PIXEL_M * rng.uniform(4, 20, 60) * np.linalg.norm(waves, axis=1))[:, None]
-    return 0.5 + 0.06 * np.sin(points_m @ waves.T + rng.uniform(0, 2 * np.pi, 60)).sum(axis=-1)
-
-
-def view(name, angle_x, angle_y):
-    """A camera on a sphere about the origin, and the true depth [h, w] of what it sees."""
-    forward = np.array([np.sin(angle_y), np.sin(angle_x), 1.0])
-    forward /= np.linalg.norm(forward)
-    right = np.cross((0, 1, 0), forward)
-    right /= np.linalg.norm(right)
-    R = np.stack([right, np.cross(forward, right), forward])
-    t = np.array([0, 0, DISTANCE_M])
-    K = np.array([[FOCAL_PX, 0, SIZE / 2 - 0.5], [0, FOCAL_PX, SIZE / 2 - 0.5], [0, 0, 1]])
-    bare = View(name, np.zeros((SIZE, SIZE), np.float32), K, R, t, *(np.full((SIZE, SIZE), z) for z in (0.40, 0.62)))
-    rays, centre = bare.rays() @ R, bare.centre_m
-    a, b, c = (rays**2).sum(axis=-1), rays @ centre, centre @ centre - RADIUS_M**2
-    root = b**2 - a * c
-    hit = root > 0
-    depth_m = np.where(hit, (-b - np.sqrt(np.where(hit, root, 0))) / a, (WALL_M - centre[2]) / rays[..., 2])
-    gray = texture(bare.world_points_m(depth_m)).astype(np.float32)
-    return View(name, gray, K, R, t, bare.near_m.astype(np.float32), bare.far_m.astype(np.float32)), depth_m
 
 
 @pytest.fixture(scope="module")
 def scene():
-    angles = np.deg2rad([(0, 0), (0, 14), (0, -14), (13, 3), (-13, -3)])
-    views, depths_m = zip(*(view(f"v{i}", *pair) for i, pair in enumerate(angles)), strict=True)
+    views, depths_m = zip(*(view(f"v{i}", *pair) for i, pair in enumerate(ANGLES)), strict=True)
     points_m = np.random.default_rng(0).normal(scale=0.04, size=(50, 3))
     return list(views), depths_m, np.ones((50, 5), dtype=bool), points_m
 
