@@ -28,13 +28,12 @@ def adjust(
     corners: dict[str, Corners],
     corners_m: dict[int, np.ndarray],
     free: tuple[int, ...] = (),
-) -> Bundle:
-    """Adjust a model that lies near the board's frame, in place; returns the bundle at its end. Arguments: `Bundle`."""
+) -> None:
+    """Adjust a model that lies near the board's frame, in place. Arguments: as of `Bundle`."""
     for _ in range(ROUNDS):
         with one_blas_thread():  # sums over threads would not repeat bit for bit
             _descend(Bundle(model, corners, corners_m, free))
     _triangulate_again(model)
-    return Bundle(model, corners, corners_m, free)
 
 
 def _descend(bundle: Bundle) -> None:

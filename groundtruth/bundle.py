@@ -30,6 +30,7 @@ MAD = 1.4826  # of a normal distribution: standard deviation over median absolut
 CENTRE, SQUARE, RADIAL, TANGENTIAL = 0.01, 1e-3, 0.2, 1e-3
 LEAST_SHARE = 0.05  # of the residuals' numbers that must be left, for a noise to be told from them
 FEWEST_SIGHTINGS = 3  # of a feature; 2 where there are three photographs only
+GAUGE = 1e-12  # eigenvalues of an information matrix below this share are a freedom of the frame
 
 
 class Seen(NamedTuple):
@@ -47,6 +48,14 @@ class Seen(NamedTuple):
         numbers, places_m = (None if part is None else part[kept] for part in (self.numbers, self.places_m))
         return self._replace(pixels=self.pixels[kept], numbers=numbers, places_m=places_m)
 
+    def places(self, xyz: np.ndarray) -> np.ndarray:
+        """Where the points are [n, 3], of which those of the model are at xyz [p, 3]."""
+        return xyz[self.numbers] if self.places_m is None else self.places_m
+
+    def off_px(self, places_m: np.ndarray) -> np.ndarray:
+        """The pixels [n, 2] against where the photograph would show points at these places [n, 3]."""
+        return self.pixels - project(self.image, places_m)
+
 
 class Normal(NamedTuple):
     """Normal equations of d camera parameters and p points: cameras [d, d] and their right side [d], the points' blocks
@@ -58,6 +67,11 @@ class Normal(NamedTuple):
     points_right: np.ndarray
     coupling: np.ndarray
     cost: float
+
+    @classmethod
+    def empty(cls, d: int, p: int) -> Normal:
+        """Nothing is seen yet."""
+        return cls(*(np.zeros(shape) for shape in ((d, d), d, (p, 3, 3), (p, 3), (p, d, 3))), 0.0)
 
     def reduced(self, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Normal matrix and right side of the cameras alone, and the inverse of the points' blocks [p, 3, 3]."""
@@ -121,46 +135,44 @@ class Bundle:
 
     def _with_noise(self, seen: list[Seen]) -> list[Seen]:
         """The observations, save of points behind the camera, with the noise that what is left of them shows."""
-        seen = [s.only(np.isfinite(self._off_px(s)).all(axis=1)) for s in seen]
-        off_px = np.concatenate([np.empty(0), *(np.abs(self._off_px(s)).ravel() for s in seen)])
-        noise_px = max(MAD * float(np.median(off_px)), LEAST_NOISE_PX) if len(off_px) else np.nan
-        return [s._replace(noise_px=noise_px) for s in seen if len(s.pixels)]
+        xyz = self._xyz()
+        off_px = [s.off_px(s.places(xyz)) for s in seen]
+        before = [np.isfinite(off).all(axis=1) for off in off_px]
+        left_px = np.concatenate([np.empty(0), *(np.abs(o[b]).ravel() for o, b in zip(off_px, before, strict=True))])
+        noise_px = max(MAD * float(np.median(left_px)), LEAST_NOISE_PX) if len(left_px) else np.nan
+        return [s.only(b)._replace(noise_px=noise_px) for s, b in zip(seen, before, strict=True) if b.any()]
 
     def _count_unknowns(self) -> None:
         """Make the noise larger by what the unknowns have fitted of it, each kind of observation its own share of them
         (Förstner, "Ein Verfahren zur Schätzung von Varianz- und Kovarianzkomponenten", AVN 1979)."""
-        both, _, _ = self.normal().reduced(0.0)
-        known, self.known = self.known, []
-        features, _, _ = self.normal().reduced(0.0)
-        unit = 1 / np.sqrt(np.maximum(np.diag(both), np.finfo(float).tiny))
-        inverse = np.linalg.pinv(both * np.outer(unit, unit), rcond=1e-12, hermitian=True) * np.outer(unit, unit)
-        by_features = float(np.sum(features * inverse))
-        by_known = float(np.sum((both - features) * inverse))
+        information, _, _ = self.normal().reduced(0.0)
+        of_known = Normal.empty(self.size, 0)
+        for seen in self.known:
+            self._add(of_known, seen, seen.places_m, seen.off_px(seen.places_m) / seen.noise_px)
+        inverse = pseudo_inverse(information)
+        by_known = float(np.sum(of_known.cameras * inverse))
+        by_features = float(np.sum(information * inverse)) - by_known
         self.features = _with_redundancy(self.features, by_features + 3 * len(self.points))
-        self.known = _with_redundancy(known, by_known)
+        self.known = _with_redundancy(self.known, by_known)
 
-    def _off_px(self, seen: Seen) -> np.ndarray:
-        return seen.pixels - project(seen.image, self._places_m(seen))
-
-    def _places_m(self, seen: Seen) -> np.ndarray:
-        if seen.places_m is not None:
-            return seen.places_m
-        return np.array([self.points[n].xyz for n in seen.numbers]).reshape(-1, 3)
+    def _xyz(self) -> np.ndarray:
+        """Where the points are: [p, 3]."""
+        return np.array([point.xyz for point in self.points]).reshape(-1, 3)
 
     def normal(self, jacobians: bool = True) -> Normal:
         """The normal equations where the model stands; without jacobians, the cost alone."""
-        d, p = self.size, len(self.points)
-        equations = Normal(*(np.zeros(shape) for shape in ((d, d), d, (p, 3, 3), (p, 3), (p, d, 3))), 0.0)
-        cost = self._add_priors(equations)
+        equations = Normal.empty(self.size, len(self.points))
+        cost, xyz = self._add_priors(equations), self._xyz()
         for seen in (*self.features, *self.known):
-            off = self._off_px(seen) / seen.noise_px
+            places_m = seen.places(xyz)
+            off = seen.off_px(places_m) / seen.noise_px
             cost += CAUCHY**2 * float(np.log1p((off**2).sum(axis=1) / CAUCHY**2).sum())
             if jacobians:
-                self._add(equations, seen, off)
+                self._add(equations, seen, places_m, off)
         return equations._replace(cost=cost)
 
-    def _add(self, equations: Normal, seen: Seen, off: np.ndarray) -> None:
-        by_point, by_camera = pixel_jacobians(seen.image, self._places_m(seen), self.free)
+    def _add(self, equations: Normal, seen: Seen, places_m: np.ndarray, off: np.ndarray) -> None:
+        by_point, by_camera = pixel_jacobians(seen.image, places_m, self.free)
         weight = (1 / (1 + (off**2).sum(axis=1) / CAUCHY**2) / seen.noise_px)[:, None]
         columns = self.place[seen.image.name]
         weighted = by_camera * weight[..., None] / seen.noise_px
@@ -196,30 +208,21 @@ class Bundle:
 
     def move(self, step: np.ndarray, points_step: np.ndarray) -> None:
         """Add a step of the camera parameters [d] and of the points [p, 3]."""
-        colmap = load_pycolmap()
-        for image in self.images:
-            tau, omega = np.split(step[self.place[image.name][:POSE]], 2)
-            pose, turn = image.cam_from_world(), Rotation.from_rotvec(omega).as_matrix()
-            moved = colmap.Rigid3d(
-                colmap.Rotation3d(turn @ pose.rotation.matrix()), turn @ pose.translation + tau
-            )
-            image.frame.set_cam_from_world(image.camera_id, moved)
+        poses, intrinsics, xyz = self.state()
+        for n, (image, pose) in enumerate(zip(self.images, poses, strict=True)):
+            poses[n] = _moved(pose, step[self.place[image.name][:POSE]])
         for camera_id, columns in self.intrinsics.items():
-            camera = self.model.cameras[camera_id]
-            params = np.array(camera.params)
-            params[list(self.free)] += step[columns]
-            camera.params = params
-        for point, by in zip(self.points, points_step, strict=True):
-            point.xyz = point.xyz + by
+            intrinsics[camera_id][list(self.free)] += step[columns]
+        self.restore((poses, intrinsics, xyz + points_step))
 
     def state(self) -> tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]:
         """Poses, intrinsics and points, to come back to."""
         poses = [image.cam_from_world() for image in self.images]
         intrinsics = {c: np.array(self.model.cameras[c].params) for c in self.intrinsics}
-        return poses, intrinsics, np.array([point.xyz for point in self.points])
+        return poses, intrinsics, self._xyz()
 
     def restore(self, state: tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]) -> None:
-        """Come back to a state."""
+        """Go to a state."""
         poses, intrinsics, points = state
         for image, pose in zip(self.images, poses, strict=True):
             image.frame.set_cam_from_world(image.camera_id, pose)
@@ -231,6 +234,22 @@ class Bundle:
 
 def _views(point: pycolmap.Point3D) -> int:
     return len({element.image_id for element in point.track.elements})
+
+
+def _moved(pose: pycolmap.Rigid3d, step: np.ndarray) -> pycolmap.Rigid3d:
+    """The pose after a step [6]: x → x + τ + ω × x."""
+    colmap, (tau, omega) = load_pycolmap(), np.split(step, 2)
+    turn = Rotation.from_rotvec(omega).as_matrix()
+    return colmap.Rigid3d(colmap.Rotation3d(turn @ pose.rotation.matrix()), turn @ pose.translation + tau)
+
+
+def pseudo_inverse(information: np.ndarray) -> np.ndarray:
+    """Inverse of an information matrix [d, d], in units of its own diagonal; what nothing determines is left out."""
+    unit = 1 / np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
+    kept = values > GAUGE * values[-1]
+    vectors = vectors[:, kept] * unit[:, None]
+    return (vectors / values[kept]) @ vectors.T
 
 
 def _with_redundancy(seen: list[Seen], unknowns: float) -> list[Seen]:

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration import read_npz, write_npz
-from groundtruth.bundle import Bundle
+from groundtruth.bundle import Bundle, pseudo_inverse
 from groundtruth.frame import Scale
 from groundtruth.jacobians import pixel_jacobians
 
 if TYPE_CHECKING:
     import pycolmap
 
-GAUGE = 1e-12  # eigenvalues of the normal matrix below this share are a freedom of the frame
 NOT_SEEN = 1e-12  # of the information on a point: where nothing tells a direction, nothing moves along it
 
 
@@ -53,16 +52,7 @@ def camera_covariance(bundle: Bundle, scale: Scale) -> CameraCovariance:
         for image in bundle.images:
             columns = bundle.place[image.name][:3]  # the centre −Rᵀt moves by −Rᵀτ: any τ by as much
             information[columns, columns] += 1 / scale.residual_m**2
-    return CameraCovariance(_inverse(information), bundle.place, bundle.free)
-
-
-def _inverse(information: np.ndarray) -> np.ndarray:
-    """Pseudo-inverse: what nothing determines is left out."""
-    unit = 1 / np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
-    kept = values > GAUGE * values[-1]
-    vectors = vectors[:, kept] * unit[:, None]
-    return (vectors / values[kept]) @ vectors.T
+    return CameraCovariance(pseudo_inverse(information), bundle.place, bundle.free)
 
 
 def point_covariance(

@@ -60,15 +60,15 @@ def register(inputs: Inputs, options: Options) -> Sparse:
     unregistered(inputs.photos, model)
     check_geometry(model)
     free = _free(model, inputs, options)
+    corners_m = {} if inputs.board is None else inputs.board.corners_m()
     if inputs.board is not None:
         scale = _to_metric_frame(model, inputs, options)
-        bundle = adjust(model, inputs.corners, inputs.board.corners_m(), free)
+        adjust(model, inputs.corners, corners_m, free)
     else:
         if inputs.model is None:  # a given one is taken at its word
             adjust(model, {}, {}, free)
         scale = _to_metric_frame(model, inputs, options)
-        bundle = Bundle(model, {}, {}, free)
-    return Sparse(model, scale, camera_covariance(bundle, scale))
+    return Sparse(model, scale, camera_covariance(Bundle(model, inputs.corners, corners_m, free), scale))
 
 
 def _found(inputs: Inputs, options: Options) -> pycolmap.Reconstruction:

@@ -17,7 +17,8 @@ DISTORTION, INTRINSICS = (4, 5, 6, 7), tuple(range(8))
 
 def adjusted(scene, free=()):
     """The bundle after the adjustment, and the standard deviations [d] of its parameters."""
-    bundle = adjust(scene.model, scene.corners, scene.corners_m, free)
+    adjust(scene.model, scene.corners, scene.corners_m, free)
+    bundle = Bundle(scene.model, scene.corners, scene.corners_m, free)
     return bundle, np.sqrt(np.diag(camera_covariance(bundle, Scale("board")).matrix))
 
 

@@ -19,7 +19,8 @@ INTRINSICS = tuple(range(8))
 def adjusted(seed, free, **options):
     """A draw of the noise, adjusted: its truth, the bundle, the covariance."""
     scene = noisy_model(seed, **options)
-    bundle = adjust(scene.model, scene.corners, scene.corners_m, free)
+    adjust(scene.model, scene.corners, scene.corners_m, free)
+    bundle = Bundle(scene.model, scene.corners, scene.corners_m, free)
     return scene, bundle, camera_covariance(bundle, BOARD)
 
 
@@ -69,7 +70,8 @@ def test_without_a_board_ratios_of_distances_are_as_promised():
     errors, promised = [], []
     for seed in range(40):
         scene = noisy_model(seed)
-        bundle = adjust(scene.model, {}, {})
+        adjust(scene.model, {}, {})
+        bundle = Bundle(scene.model, {}, {})
         known = camera_covariance(bundle, Scale("none"))
         centres = np.array([image.projection_center() for image in bundle.images])
         slope = np.zeros((2, bundle.size))

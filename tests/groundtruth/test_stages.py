@@ -7,6 +7,7 @@ from noisy_model import noisy_model, poses_of
 from calibration import HandbenchError
 from groundtruth import inputs, pipeline
 from groundtruth.adjust import adjust
+from groundtruth.bundle import Bundle
 from groundtruth.covariance import camera_covariance
 from groundtruth.frame import Scale
 from groundtruth.options import Options
@@ -78,7 +79,8 @@ def counted(tmp_path, monkeypatch):
     """`reconstruct` with stages that do next to nothing; returns the function and the list of what was made."""
     made = []
     scene = noisy_model()
-    bundle = adjust(scene.model, scene.corners, scene.corners_m)
+    adjust(scene.model, scene.corners, scene.corners_m)
+    bundle = Bundle(scene.model, scene.corners, scene.corners_m)
     solved = Sparse(scene.model, Scale("board", 20, 20, 1e-5), camera_covariance(bundle, Scale("board")))
     found = inputs.Inputs((), None, None, {})
 
@@ -141,7 +143,8 @@ def test_a_run_goes_on_where_it_was_killed(counted, monkeypatch, tmp_path):
 @pytest.mark.parametrize("free", [(), INTRINSICS])
 def test_the_sparse_stage_comes_back(tmp_path, free):
     scene = noisy_model()
-    bundle = adjust(scene.model, scene.corners, scene.corners_m, free)
+    adjust(scene.model, scene.corners, scene.corners_m, free)
+    bundle = Bundle(scene.model, scene.corners, scene.corners_m, free)
     scale = Scale("board", 20, 19, 1.25e-5)
     before = Sparse(scene.model, scale, camera_covariance(bundle, scale))
     before.save(tmp_path)
