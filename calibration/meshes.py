@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,14 @@ def mesh(vertices_m: np.ndarray, faces: np.ndarray) -> o3d.geometry.TriangleMesh
     )
 
 
+def point_cloud(points_m: np.ndarray, normals: np.ndarray) -> o3d.geometry.PointCloud:
+    """A cloud from points [n, 3] in metres and normals [n, 3]."""
+    o3d = load_open3d()
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points_m))
+    cloud.normals = o3d.utility.Vector3dVector(normals)
+    return cloud
+
+
 def read_mesh(path: str | Path) -> o3d.geometry.TriangleMesh:
     """Read a triangle mesh (PLY, OBJ, STL; metres). Refuses files without triangles or with broken numbers."""
     path = require_file(path, "a triangle mesh (PLY, OBJ or STL)")
@@ -41,8 +50,17 @@ def read_mesh(path: str | Path) -> o3d.geometry.TriangleMesh:
 
 def write_mesh(path: str | Path, surface: o3d.geometry.TriangleMesh) -> None:
     """Write a mesh as binary PLY, atomically."""
+    _write(path, load_open3d().io.write_triangle_mesh, surface)
+
+
+def write_cloud(path: str | Path, points_m: np.ndarray, normals: np.ndarray) -> None:
+    """Write points [n, 3] in metres with their normals [n, 3] as binary PLY, atomically."""
+    _write(path, load_open3d().io.write_point_cloud, point_cloud(points_m, normals))
+
+
+def _write(path: str | Path, write: Callable[..., bool], what: object) -> None:
     with atomic_path(path) as temporary:
-        if not load_open3d().io.write_triangle_mesh(str(temporary), surface, write_ascii=False):
+        if not write(str(temporary), what, write_ascii=False):
             raise OSError(f"open3d could not write {path}")
 
 

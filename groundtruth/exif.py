@@ -54,8 +54,13 @@ def focal_length_px(exif: Exif, width: int, height: int) -> float | None:
         unit_mm = UNIT_MM.get(int(_number(exif, FOCAL_PLANE_UNIT)), UNIT_MM[2])
         shrunk = max(width, height) / (_number(exif, PIXELS_ACROSS) or max(width, height))
         focal_px = _number(exif, FOCAL_LENGTH) * _number(exif, FOCAL_PLANE_RESOLUTION) / unit_mm * shrunk
+    return focal_px if is_plausible(focal_px, width, height) else None
+
+
+def is_plausible(focal_px: float, width: int, height: int) -> bool:
+    """Whether a lens may have this focal length, in pixels, before a picture of this size."""
     low, high = (share * max(width, height) for share in PLAUSIBLE)
-    return focal_px if low < focal_px < high else None
+    return low < focal_px < high
 
 
 def _number(exif: Exif, tag: int) -> float:

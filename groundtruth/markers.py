@@ -7,10 +7,10 @@ import numpy as np
 from calibration import HandbenchError
 from groundtruth.board import CHESSBOARD, Board
 from groundtruth.corners import refined, to_light
+from groundtruth.exif import is_plausible
 from groundtruth.photos import Photo
 
 FEWEST_CORNERS = 16  # for a focal length
-PLAUSIBLE = (0.3, 10.0)  # focal length over the picture's longer side
 
 Corners = dict[tuple[int, int], np.ndarray]  # (marker, or CHESSBOARD, and its corner) → pixel [2], COLMAP's convention
 
@@ -87,5 +87,4 @@ def focal_length_px(photo: Photo, corners: Corners, board: Board) -> float | Non
     flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_FIX_ASPECT_RATIO
     flags |= cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
     _, K, *_ = cv2.calibrateCamera([points_m], [pixels], size, guess, None, flags=flags)
-    low, high = (share * max(size) for share in PLAUSIBLE)
-    return float(K[0, 0]) if low < K[0, 0] < high else None
+    return float(K[0, 0]) if is_plausible(K[0, 0], *size) else None

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calibration import HandbenchError, say
-from calibration.meshes import load_open3d
+from calibration.meshes import load_open3d, point_cloud
 from groundtruth.fusion import Cloud
 
 if TYPE_CHECKING:
@@ -71,8 +71,7 @@ def surface(
     all but tiny ones)."""
     o3d = load_open3d()
     say(f"surface of {len(cloud.points_m)} points")
-    points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points_m))
-    points.normals = o3d.utility.Vector3dVector(cloud.normals)
+    points = point_cloud(cloud.points_m, cloud.normals)
     extent = np.ptp(cloud.points_m, axis=0).max() * 1.1  # Poisson's cube is 1.1 times the points' box
     depth = int(np.clip(np.round(np.log2(extent / (1.5 * cloud.pixel_m))), 6, DEEPEST))
     mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(points, depth=depth, n_threads=1)
@@ -80,9 +79,7 @@ def surface(
     if box_m is not None:
         mesh = mesh.crop(o3d.geometry.AxisAlignedBoundingBox(*box_m))
     _keep_components(repair(mesh), components)
-    mesh.remove_unreferenced_vertices()
-    mesh.compute_vertex_normals()
-    return mesh
+    return mesh.remove_unreferenced_vertices()
 
 
 def repair(mesh: o3d.geometry.TriangleMesh) -> o3d.geometry.TriangleMesh:

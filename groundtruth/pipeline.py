@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from calibration import atomic_folder, atomic_path, keep, key_of, read_json, say, write_json
+from calibration import atomic_folder, keep, key_of, read_json, say, write_json
+from calibration.meshes import write_cloud
 from groundtruth.cameras import Camera
 from groundtruth.frame import Scale, registered
-from groundtruth.fusion import Cloud
+from groundtruth.fusion import Cloud, fuse
 from groundtruth.inputs import Inputs, gather
 from groundtruth.options import Options
 from groundtruth.sparse import Sparse, register
@@ -121,7 +122,6 @@ def _reconstruct(inputs: Inputs, options: Options, stages: Stages) -> tuple[Resu
 def _dense_cloud(inputs: Inputs, sparse: Sparse, options: Options) -> Cloud:
     from groundtruth import cuda
     from groundtruth.dense import depth_maps, open_views
-    from groundtruth.fusion import fuse
     from groundtruth.mesh import clean
 
     effort = options.effort
@@ -146,16 +146,9 @@ def _surface(cloud: Cloud, sparse: Sparse, options: Options) -> Surface:
 
 
 def _write(workdir: Path, result: Result, sparse: Sparse, options: Options) -> None:
-    from calibration.meshes import load_open3d
-
-    o3d = load_open3d()
     with atomic_folder(workdir / "sparse") as folder:
         sparse.model.write_binary(folder)
-    points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(result.cloud.points_m))
-    points.normals = o3d.utility.Vector3dVector(result.cloud.normals)
-    with atomic_path(workdir / "dense.ply") as temporary:
-        if not o3d.io.write_point_cloud(str(temporary), points):
-            raise OSError(f"open3d could not write {workdir / 'dense.ply'}")
+    write_cloud(workdir / "dense.ply", result.cloud.points_m, result.cloud.normals)
     write_json(
         workdir / "summary.json",
         {"version": SUMMARY_VERSION, "options": options.model_dump(mode="json"), **result.summary()},

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.ablation.measure import image
+from bench.page import markdown_table
 from bench.scenes.echoes import echo_scene, echoes
 from bench.scenes.scene import Scene, load_scene
 from radar.capture import RadarCapture
@@ -72,13 +73,13 @@ def markdown(found: list[Compared]) -> str:
     """The table for the documentation."""
     head = ["scene", "tolerance mm", "on", "left out (estimates, mm)", "auto s", "all s", "ratio"]
     head += [f"{m} mm" for m in METHODS]
-    lines = [head, ["---", "--:", "---", "---"] + ["--:"] * (len(head) - 4)]
+    lines = [head]
     for c in found:
         out = ", ".join(f"{r.effect} {r.depth_mm:.3f}" for r in c.rows if _left_out(r))
         figures = [f"{c.auto_s:.1f}", f"{c.all_s:.1f}", f"{c.all_s / c.auto_s:.1f}"]
         figures += [f"{c.difference_mm[m]:.3f}" for m in METHODS]
         lines.append([c.name, f"{c.tolerance_mm:g}", ", ".join(r.effect for r in c.rows if r.on), out, *figures])
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines) + "\n"
+    return markdown_table(lines, words=(0, 2, 3))
 
 
 def _left_out(row: Choice) -> bool:

@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bench.ablation.measure import METHODS, REPEATED, Row
+from bench.page import STYLE, markdown_table
 from radar.files import atomic_path
 
-STYLE = {"font.size": 9, "axes.titlesize": 9, "axes.linewidth": 0.6, "savefig.dpi": 160}
 BLUE, VERMILION, GREY = "#0072B2", "#D55E00", "0.35"  # of Okabe and Ito's palette
 SMALLEST_MM = 1e-4  # what is smaller stands at the axis
 
@@ -53,12 +53,7 @@ def markdown(rows: list[Row]) -> str:
     head, *lines = table(rows)
     sizes = [[line[0], *line[1:5]] for line in (head, *lines)]
     figures = [[line[0], *line[5:]] for line in (head, *lines)]
-    return _lines(sizes) + "\n" + _lines(figures)
-
-
-def _lines(cells: list[list[str]]) -> str:
-    rule = ["---", *["--:"] * (len(cells[0]) - 1)]
-    return "".join("| " + " | ".join(line) + " |\n" for line in (cells[0], rule, *cells[1:]))
+    return markdown_table(sizes) + "\n" + markdown_table(figures)
 
 
 def draw(rows: list[Row], figure: Figure) -> None:

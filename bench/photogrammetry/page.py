@@ -9,10 +9,10 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
+from bench.page import STYLE, markdown_table
 from bench.photogrammetry.run import Row
 from radar.files import atomic_path
 
-STYLE = {"font.size": 9, "axes.titlesize": 9, "axes.linewidth": 0.6, "savefig.dpi": 160}
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9")  # of Okabe and Ito's palette
 MARKERS = {"draft": "o", "normal": "s", "high": "^"}
 PERCENT = 100.0
@@ -50,9 +50,7 @@ def _cells(row: Row) -> list[str]:
 
 def markdown(rows: list[Row]) -> str:
     """The table for the documentation."""
-    head, *lines = table(rows)
-    rule = ["---", "---", *["--:"] * (len(head) - 2)]
-    return "".join("| " + " | ".join(line) + " |\n" for line in (head, rule, *lines))
+    return markdown_table(table(rows), words=(0, 1))
 
 
 def draw(rows: list[Row]) -> Figure:

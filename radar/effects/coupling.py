@@ -6,7 +6,7 @@ import numpy as np
 
 from radar.arrays import AntennaArray
 from radar.effects.effect import Effect, Estimate
-from radar.effects.pilot import change_db, change_mm, pilot
+from radar.effects.pilot import change_db, change_mm, pilot, rms
 from radar.effects.scene import EchoScene
 from radar.effects.shot import Shot
 from radar.steering import phasor
@@ -24,7 +24,7 @@ class AntennaCoupling(Effect):
 
     def estimate(self, scene: EchoScene) -> Estimate:
         known = pilot(scene)
-        level = 10 ** (scene.causes.coupling.level_db / 20) * rms(known.samples)
+        level = 10 ** (scene.causes.coupling.level_db / 20) * known.channel_rms
         samples = known.samples + level * direct_wave(scene.array, known.tones_hz)
         why = f"two tones' images with a direct wave of {scene.causes.coupling.level_db:g} dB, which lies out of focus"
         return Estimate(change_mm(scene, samples), change_db(scene, samples), why)
@@ -41,8 +41,3 @@ def direct_wave(array: AntennaArray, frequencies_hz: np.ndarray) -> np.ndarray:
     gain = 1 / np.maximum(distance_m, 1e-3)  # a transceiver's own leakage is not infinite
     gain /= np.sqrt(np.mean(gain**2))
     return np.stack([gain * phasor(distance_m, f, -1) for f in frequencies_hz]).astype(np.complex64)
-
-
-def rms(samples: np.ndarray) -> np.float32:
-    """Root mean square magnitude."""
-    return np.float32(np.linalg.norm(samples) / np.sqrt(samples.size))

@@ -55,7 +55,7 @@ class Pilot:
     @property
     def channel_rms(self) -> float:
         """Root mean square of the samples' magnitudes."""
-        return float(np.linalg.norm(self.samples) / np.sqrt(self.samples.size))
+        return rms(self.samples)
 
 
 def pilot(scene: EchoScene) -> Pilot:
@@ -150,6 +150,11 @@ def change_db(scene: EchoScene, samples: np.ndarray) -> float:
     """Power of what is added to or taken from the pilot's echoes, against theirs."""
     known = pilot(scene).samples
     return 20 * np.log10(max(float(np.linalg.norm(samples - known) / np.linalg.norm(known)), 1e-12))
+
+
+def rms(samples: np.ndarray) -> float:
+    """Root mean square magnitude."""
+    return float(np.linalg.norm(samples) / np.sqrt(samples.size))
 
 
 def stand_in(count: int, part: int = 0) -> np.ndarray:

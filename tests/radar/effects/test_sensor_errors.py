@@ -9,8 +9,9 @@ from scipy.integrate import quad
 from radar.backprojection import tone_images
 from radar.effects.causes import Converter, Oscillator
 from radar.effects.converter import quantised
-from radar.effects.coupling import direct_wave, rms
+from radar.effects.coupling import direct_wave
 from radar.effects.oscillator import phase_rad
+from radar.effects.pilot import rms
 from radar.effects.scene import Body
 from radar.errors import HandbenchError
 from tests.radar.effects.small_scenes import TONES_HZ, bead_scene, shots
