@@ -10,7 +10,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
-from bench import groundtruth_command
+from bench import calibrate_command, drawing_command, groundtruth_command
 from radar.errors import HandbenchError
 
 
@@ -50,7 +50,10 @@ def _device(options: argparse.Namespace) -> AbstractContextManager[None]:
 def _command(name: str) -> Callable[[argparse.Namespace], None]:
     from bench import commands
 
-    return {"run": _run, "report": _report, "groundtruth": groundtruth_command.run}.get(name) or getattr(commands, name)
+    modules = {"calibrate": calibrate_command, "draw": drawing_command, "groundtruth": groundtruth_command}
+    if name in modules:
+        return modules[name].run
+    return {"run": _run, "report": _report}.get(name) or getattr(commands, name)
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -96,10 +99,8 @@ def parser() -> argparse.ArgumentParser:
     _out(truth, "MESH.ply", "mesh, metres")
 
     calibrate = _add(commands, "calibrate", "target capture → radar_from_photo, covariance, residuals")
-    calibrate.add_argument("capture", type=Path, metavar="TARGET_CAPTURE")
+    calibrate_command.add_arguments(calibrate)
     _out(calibrate, "TRANSFORM.json", "transform")
-    calibrate.add_argument("--quality", choices=("draft", "normal", "high"), default="draft")
-    calibrate.add_argument("--seed", type=int, default=0)
 
     reconstruct = _add(commands, "reconstruct", "one capture, one method → depth map")
     reconstruct.add_argument("capture", type=Path, metavar="CAPTURE")
@@ -120,6 +121,10 @@ def parser() -> argparse.ArgumentParser:
     evaluate.add_argument("depth", type=Path, metavar="DEPTH.npz")
     evaluate.add_argument("--mesh", required=True, type=Path, metavar="MESH.ply", help="metres")
     evaluate.add_argument("--transform", type=Path, metavar="T.json", help="carries the mesh into the radar frame")
+
+    draw = _add(commands, "draw", "calibration target or board → drawing at true scale, to print")
+    drawing_command.add_arguments(draw)
+    _out(draw, "FILE", ".pdf or .svg; .toml: the description itself")
 
     report = _add(commands, "report", "result folder → tables, figures, HTML")
     report.add_argument("results", type=Path, metavar="DIR")

@@ -37,17 +37,6 @@ def simulate(options: argparse.Namespace) -> None:
     say(f"capture: {options.out}")
 
 
-def calibrate(options: argparse.Namespace) -> None:
-    """Target capture → transform."""
-    from bench.stages import calibrate_capture
-
-    free(options.out, options.overwrite)
-    transform = calibrate_capture(options.capture, options.quality, options.seed)
-    transform.save(options.out)
-    residuals = ", ".join(f"{1e3 * r:.2f}" for r in transform.residuals_m)
-    say(f"{options.out}: {len(transform.residuals_m)} elements, residuals {residuals} mm")
-
-
 def reconstruct(options: argparse.Namespace) -> None:
     """Capture × method → depth map."""
     from bench.datasets.native import load_echoes
@@ -98,19 +87,22 @@ def _check(volume: np.ndarray, echoes: RadarCapture, settings: Any, options: arg
 
 def evaluate(options: argparse.Namespace) -> None:
     """Depth map × mesh → metrics on stdout."""
-    from bench.metrics import definitions, score
-    from bench.stages import reference_depth
-    from calibration.transforms import identity, load_transform
+    from bench.floor import floor_mm
+    from bench.metrics import definitions, error_map, pool
+    from bench.stages import load_any_transform, reference_depth
+    from calibration.transforms import identity
     from radar.depthmap import load_depthmap
     from radar.grid import PixelGrid
 
     depth = load_depthmap(options.depth)
-    transform = identity("radar")
-    if options.transform:
-        transform = load_transform(options.transform)
-        transform.require(transform.source, "radar", options.transform)
-    values = score(depth.z_m, reference_depth(options.mesh, transform, PixelGrid(depth.x_m, depth.y_m)).z_m)
-    print(json.dumps({**values, "method": depth.method, "definitions": definitions(list(values))}, indent=2))
+    transform = load_any_transform(options.transform) if options.transform else identity("radar")
+    reference = reference_depth(options.mesh, transform, PixelGrid(depth.x_m, depth.y_m))
+    errors = error_map(depth.x_m, depth.y_m, depth.z_m, reference.z_m)
+    values = pool([errors]) | {"floor_mm": floor_mm([errors], [reference])}
+    about = {"method": depth.method, "definitions": definitions(list(values))}
+    if transform.refined:
+        about["refined"] = f"{options.transform}: {transform.refined['reason']}"
+    print(json.dumps({**values, **about}, indent=2))
 
 
 def import_dataset(options: argparse.Namespace) -> None:
@@ -173,7 +165,7 @@ def _validate(name: str) -> None:
         named_files(load(SceneFile, path, "a scene description"), path.parent)
     else:
         bench, base = load_benchmark(name)
-        for source in filter(None, (*bench.capture, bench.calibration)):
+        for source in (*bench.capture, *bench.calibration):
             if source.scene is not None:
                 path = inside(base, source.scene, f"{name}: scene")
                 named_files(load(SceneFile, path, "a scene description"), path.parent)

@@ -26,6 +26,11 @@ class Metric:
 
 METRICS = {metric.key: metric for metric in (
     Metric("mae_mm", "MAE", "mm", "lower", "mean of |z − z_ref| over the observed pixels"),
+    Metric("floor_mm", "ground-truth floor", "mm", "lower",
+           "MAE that a perfect radar would show against this reference, because the reference errs itself: mean of "
+           "√(2/π)·σ over the observed pixels, σ along z from mesh and registration together; 0 for a simulator's own "
+           "surface, none where a part of σ is unknown; its interval: 95 % of what such a radar would show, the "
+           "registration's error common to all pixels, the mesh's to blocks of 15 mm"),
     Metric("max_mm", "MAX of AE", "mm", "lower",
            "largest |z − z_ref| of the observed pixels; its interval ends at the largest error that was seen"),
     Metric("rmse_mm", "RMSE", "mm", "lower",

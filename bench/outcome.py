@@ -11,6 +11,7 @@ import numpy as np
 
 from bench import results
 from bench.datasets.native import CaptureFile
+from bench.floor import budget
 from bench.measure import machine
 from bench.metrics import ErrorMap, error_map
 from bench.paper import TITLES
@@ -28,7 +29,7 @@ from radar.kept import versions
 
 FILES = ("result.json", "table.csv", "tasks.csv", "repeats.csv", "config.toml", "errors", "depth", "photos")
 Errors = dict[tuple[str, str, str], ErrorMap]
-Surfaces = dict[tuple[str, str], Surface]
+References = dict[tuple[str, str, str], Reference]
 
 
 @dataclass
@@ -72,29 +73,29 @@ class Outcome:
 def write(folder: Path, outcome: Outcome, config: str) -> None:
     """Score everything, then write the result folder; earlier results give way only when the new ones stand, and
     result.json, which says that the folder is complete, comes last."""
-    errors, surfaces = score(outcome)
-    rows = tabulate(outcome, errors)
+    errors, references = score(outcome)
+    rows = tabulate(outcome, errors, references)
     _drop_results(folder)
     for (name, method_id), depth in outcome.maps.items():
         depth.save(results.depth_path(folder, name, method_id))
-    for (name, reference), surface in surfaces.items():
-        results.write_surface(folder, name, reference, surface)
     for (name, method_id, reference), error in errors.items():
         results.write_errors(folder, name, method_id, reference, error)
+        if method_id == outcome.bench.method[0].id:  # references are drawn on the first method's grid
+            found = references[name, method_id, reference]
+            results.write_surface(folder, name, reference, Surface(error.x_m, error.y_m, found.z_m, found.sigma_m))
     for name, view in outcome.views.items():
         results.write_photo(folder, name, view)
     results.write_config(folder, config)
     results.write_table(folder, rows)
     results.write_tasks(folder, outcome.tasks)
     results.write_repeats(folder, outcome.repeats)
-    results.write_about(folder, about(outcome))
+    results.write_about(folder, about(outcome, references))
 
 
-def score(outcome: Outcome) -> tuple[Errors, Surfaces]:
-    """Errors of every depth map against every reference, and the references' depth to draw (on the first method's
-    grid)."""
+def score(outcome: Outcome) -> tuple[Errors, References]:
+    """Errors of every depth map against every reference, and the reference's depth on the same grid."""
     errors: Errors = {}
-    surfaces: Surfaces = {}
+    references: References = {}
     for name, files in outcome.references.items():
         for reference, (file, transform) in files.items():
             cast: dict[bytes, Reference] = {}  # methods that share a grid share the reference's depth
@@ -102,30 +103,36 @@ def score(outcome: Outcome) -> tuple[Errors, Surfaces]:
                 depth = outcome.maps[name, entry.id]
                 grid = depth.x_m.tobytes() + b"|" + depth.y_m.tobytes()
                 if grid not in cast:
-                    cast[grid] = reference_depth(file, transform, PixelGrid(depth.x_m, depth.y_m))
+                    pixels = PixelGrid(depth.x_m, depth.y_m)
+                    cast[grid] = reference_depth(file, transform, pixels, exact=reference == "truth")
                 errors[name, entry.id, reference] = error_map(depth.x_m, depth.y_m, depth.z_m, cast[grid].z_m)
-                surfaces.setdefault((name, reference), Surface(depth.x_m, depth.y_m, *cast[grid]))
-    return errors, surfaces
+                references[name, entry.id, reference] = cast[grid]
+    return errors, references
 
 
-def tabulate(outcome: Outcome, errors: Errors) -> list[Row]:
+def tabulate(outcome: Outcome, errors: Errors, references: References) -> list[Row]:
     """The table's rows, one block per reference."""
     rows: list[Row] = []
     seed = outcome.bench.seed
     for reference in REFERENCES:
         for entry in outcome.bench.method:
-            maps = [e for (_, m, r), e in errors.items() if (m, r) == (entry.id, reference)]
-            if not maps:
+            scored = [key for key in errors if key[1:] == (entry.id, reference)]
+            if not scored:
                 continue
-            rows += accuracy_rows(entry.id, reference, maps, seed)
+            maps, surfaces = [errors[key] for key in scored], [references[key] for key in scored]
+            rows += accuracy_rows(entry.id, reference, maps, seed, surfaces)
             if entry.precision:
                 rows += precision_rows(entry.id, reference, _strongest(outcome, entry.id))
             rows += time_rows(entry.id, reference, outcome.seconds[entry.id], seed)
     return rows
 
 
-def about(outcome: Outcome) -> About:
+def about(outcome: Outcome, references: References) -> About:
     """What result.json says."""
+    budgets = {
+        name: budget(found) for (name, method_id, reference), found in references.items()
+        if (method_id, reference) == (outcome.bench.method[0].id, "photogrammetry")
+    }
     return About(
         name=outcome.bench.name,
         protocol={**PROTOCOL, "repeats": outcome.bench.repeats, "seed": outcome.bench.seed},
@@ -150,7 +157,11 @@ def about(outcome: Outcome) -> About:
             )
             for entry in outcome.bench.method
         ),
-        facts={**outcome.facts, "phase_noise_rad": outcome.bench.phase_noise_rad},
+        facts={
+            **outcome.facts,
+            **({"groundtruth_sigma_rms": budgets} if budgets else {}),
+            "phase_noise_rad": outcome.bench.phase_noise_rad,
+        },
     )
 
 

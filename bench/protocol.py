@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from bench.registry import method
 from bench.results import Name
@@ -62,9 +62,14 @@ class BenchFile(Config):
     repeats: int = Field(default=10, ge=2, le=1000, description="frames for the precision")
     phase_noise_rad: float | None = Field(default=None, ge=0, description="replaces the noise of every scene")
     groundtruth: GroundTruth = GroundTruth()
-    calibration: Source | None = None
+    calibration: tuple[Source, ...] = Field(default=(), description="captures of one target, combined")
     capture: tuple[Source, ...] = Field(min_length=1)
     method: tuple[MethodEntry, ...] = Field(min_length=1)
+
+    @field_validator("calibration", mode="before")
+    @classmethod
+    def _one_or_several(cls, given: Any) -> Any:
+        return [given] if isinstance(given, dict) else given
 
     @model_validator(mode="after")
     def _known_methods(self) -> BenchFile:

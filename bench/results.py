@@ -7,7 +7,7 @@ repeats.csv   capture, method, repeat, z_m: the strongest scatterer of each repe
 config.toml   the resolved configuration
 errors/       CAPTURE__METHOD__REFERENCE.npz: x_m, y_m, error_m, reference_z_m
 depth/        CAPTURE__METHOD.npz (a depth map), CAPTURE__truth.npz, CAPTURE__photogrammetry.npz (x_m, y_m, z_m,
-              sigma_m: standard deviation along z)
+              sigma_m: standard deviation along z, by mesh and registration together; NaN: unknown)
 photos/       CAPTURE.jpg, at most 600 pixels wide and high
 """
 
@@ -96,7 +96,7 @@ class About(Config):
 @dataclass(frozen=True)
 class Surface:
     """A depth map to draw: z_m [ny, nx] at x_m [nx], y_m [ny], metres; NaN where there is none. sigma_m [ny, nx]: a
-    reference's own standard deviation along z (None: not told)."""
+    reference's standard deviation along z, by mesh and registration together (None: not told; NaN: unknown)."""
 
     x_m: np.ndarray
     y_m: np.ndarray

@@ -21,6 +21,7 @@ from bench.registry import method
 from bench.results import REFERENCES, Repeat
 from bench.scenes.file import SceneFile
 from bench.scenes.scene import build, named_files
+from calibration.rig import HAND_M
 from calibration.transforms import Transform, identity, load_transform
 from radar.config import load
 from radar.depthmap import load_depthmap
@@ -37,7 +38,7 @@ SIMULATION = (
     "groundtruth/board.py", "groundtruth/cameras.py",
 )
 PHOTOGRAMMETRY = ("groundtruth", "bench/stages.py", *MESHES)
-IMAGING = ("radar", "bench/registry.py", "bench/stages.py")
+IMAGING = ("radar", "calibration/array/file.py", "bench/registry.py", "bench/stages.py")
 
 
 def run(bench: BenchFile, base: Path, folder: Path, overwrite: bool = False) -> results.Result:
@@ -98,25 +99,25 @@ class Run:
 
     def registration(self, found: Outcome) -> Transform | None:
         """radar_from_photo from the benchmark's target capture."""
-        if self.bench.calibration is None:
+        if not self.bench.calibration:
             return None
-        target = self.capture(self.bench.calibration, frames=1)
+        targets = [self.capture(source, frames=1) for source in self.bench.calibration]
         quality, seed = self.bench.groundtruth.quality, self.bench.seed
 
         def make(folder: Path) -> None:
-            made = stages.calibrate_capture(target.folder, quality, seed, folder / "work")
+            made = stages.calibrate_captures([target.folder for target in targets], quality, seed, folder / "work")
             made.save(folder / "radar_from_photo.json")
 
         sources = (*PHOTOGRAMMETRY, "calibration", "radar")
-        stage = self.cache.stage("calibrate", target.name, "", [target.key, quality, seed], sources, make)
+        depends_on = [*(target.key for target in targets), quality, seed]
+        stage = self.cache.stage("calibrate", targets[0].name, "", depends_on, sources, make)
         transform = load_transform(stage.folder / "radar_from_photo.json")
-        found.inputs[f"calibration {target.name}"] = target.key
+        found.inputs |= {f"calibration {target.name}": target.key for target in targets}
         found.facts["registration_residuals_mm"] = (1e3 * transform.residuals_m).tolist()
-        true = target.folder / "truth_radar_from_photo.json"
+        true = targets[0].folder / "truth_radar_from_photo.json"
         if true.exists():
-            hand_m = np.array([[0.0, 0.0, 0.30]])
-            found_m = transform.points(load_transform(true).inverse().points(hand_m))
-            found.facts["registration_error_at_hand_mm"] = 1e3 * float(np.linalg.norm(found_m - hand_m))
+            found_m = transform.points(load_transform(true).inverse().points(HAND_M))
+            found.facts["registration_error_at_hand_mm"] = 1e3 * float(np.linalg.norm(found_m - HAND_M))
         return transform
 
     def references(
@@ -125,6 +126,8 @@ class Run:
         """Reference name → mesh file and the transform that carries it into the radar frame."""
         available: dict[str, tuple[Path, Transform]] = {}
         transform = stages.transform_of(capture.folder) or registration
+        if transform is not None and transform.refined:
+            found.facts.setdefault("refined_transforms", {})[capture.name] = transform.refined["reason"]
         if transform is not None and (capture.folder / MESH).exists():
             available["photogrammetry"] = capture.folder / MESH, transform
         elif transform is not None and (capture.folder / PHOTOS).is_dir():

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,11 @@ import numpy as np
 from bench.datasets.native import PHOTOS, TARGET, load_capture_file, load_echoes
 from bench.metrics import strongest_scatterer_z_m
 from bench.registry import Reconstruction, method
-from calibration.registration import calibrate
+from calibration.alignment import load_alignment
+from calibration.array.estimate import estimate_array
+from calibration.array.file import ArrayCalibration
+from calibration.registration import measure
+from calibration.rig import combine
 from calibration.target import load_target
 from calibration.transforms import Transform, load_transform
 from groundtruth.cameras import Camera
@@ -31,6 +36,7 @@ from radar.warmup import compile_kernels
 
 MESH, VIEW = "mesh.ply", "view.jpg"
 DEPTH, REPEATS, TIMING = "depth.npz", "repeats.npz", "timing.json"
+ALIGNMENT = "alignment.json"
 PLANNED_S = 20.0  # what takes longer than any plan is not imaged twice
 
 
@@ -67,13 +73,36 @@ def _write_view(photos: tuple[Photo, ...], camera: Camera, box_m: np.ndarray | N
         image.convert("RGB").save(file, quality=90)
 
 
-def calibrate_capture(capture: Path, quality: str, seed: int, folder: Path | None = None) -> Transform:
-    """Target capture → radar_from_photo. The photographs' intermediate results go to `folder`, if given."""
-    description = load_capture_file(capture)
-    target = load_target(capture / TARGET)
-    options = _options(description.box_m, quality, seed)
-    cloud = reconstruct(capture / PHOTOS, options, folder).cloud
-    return calibrate(cloud.points_m, cloud.normals, load_echoes(capture), target)
+def calibrate_array(captures: Sequence[Path]) -> ArrayCalibration:
+    """The array's calibration from the first capture of a target, as recorded."""
+    [capture, *_] = captures
+    return estimate_array(
+        load_echoes(capture, calibrated=False), load_target(capture / TARGET), source=load_capture_file(capture).name
+    )
+
+
+def calibrate_captures(
+    captures: Sequence[Path],
+    quality: str,
+    seed: int,
+    folder: Path | None = None,
+    array: ArrayCalibration | None = None,
+) -> Transform:
+    """Captures of one target → radar_from_photo; more than one are combined, if the rig stood still between them. The
+    photographs' intermediate results go to `folder`, if given. Raises HandbenchError when the targets differ."""
+    target = load_target(captures[0] / TARGET)
+    measured, names = [], []
+    for number, capture in enumerate(captures):
+        if load_target(capture / TARGET) != target:
+            raise HandbenchError(f"{capture / TARGET}: differs from {captures[0]}'s; combine captures of one target")
+        description = load_capture_file(capture)
+        names.append(description.name)
+        options = _options(description.box_m, quality, seed)
+        cloud = reconstruct(capture / PHOTOS, options, folder and folder / str(number)).cloud
+        echoes = load_echoes(capture) if array is None else array.applied_to(load_echoes(capture, calibrated=False))
+        measured.append(measure(cloud.points_m, cloud.normals, echoes, target, pixel_m=cloud.pixel_m))
+    pairs, common_m2 = zip(*measured, strict=True)
+    return combine(pairs, False, np.mean(common_m2, axis=0), names, target.ball_offset_sigma_m)
 
 
 def image_frames(
@@ -132,10 +161,21 @@ def strongest_z_m(depths: list[DepthMap]) -> np.ndarray:
     return strongest_scatterer_z_m(np.stack([d.z_m for d in depths]), amplitude)
 
 
-def reference_depth(mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid) -> Reference:
-    """Depth of a mesh file on a pixel grid of the radar, after carrying it into the radar frame."""
+def reference_depth(mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid, exact: bool = False) -> Reference:
+    """Depth of a mesh file on a pixel grid of the radar, after carrying it into the radar frame; exact: the surface is
+    known without error, as a simulator's own is."""
     radar_from_mesh.require(radar_from_mesh.source, "radar", "transform")
-    return reference_on_grid(read_surface(mesh_file).moved(radar_from_mesh), grid.x_m, grid.y_m)
+    surface = read_surface(mesh_file)
+    if exact:
+        surface = replace(surface, sigma_m=np.zeros(len(surface.vertices_m)))
+        radar_from_mesh = replace(radar_from_mesh, covariance=np.zeros((6, 6)))
+    return reference_on_grid(surface.moved(radar_from_mesh), grid.x_m, grid.y_m, radar_from_mesh)
+
+
+def load_any_transform(file: Path) -> Transform:
+    """A transform into the radar frame: our form, or MAROON's in a file of that name, alignment.json."""
+    transform = load_alignment(file) if file.name == ALIGNMENT else load_transform(file)
+    return transform.require(transform.source, "radar", file)
 
 
 def transform_of(capture: Path) -> Transform | None:

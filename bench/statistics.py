@@ -55,10 +55,8 @@ def pooled_intervals(
 def _cut(maps: Sequence[ErrorMap], block_m: float) -> Blocks:
     errors, references, blocks, per_capture = [], [], [], []
     for m in maps:
-        column, row = (np.floor((axis - axis.min()) / block_m + 1e-9).astype(int) for axis in (m.x_m, m.y_m))
         surface = np.isfinite(m.reference_z_m)
-        label = (row[:, None] * (column.max() + 1) + column)[surface]
-        names, label = np.unique(label, return_inverse=True)
+        names, label = np.unique(block_numbers(m, block_m)[surface], return_inverse=True)
         errors.append(m.error_m[surface])
         references.append(m.reference_z_m[surface])
         blocks.append(label + sum(per_capture))
@@ -66,6 +64,12 @@ def _cut(maps: Sequence[ErrorMap], block_m: float) -> Blocks:
     if not maps:
         return Blocks(np.empty(0), np.empty(0), np.empty(0, int), [])
     return Blocks(np.concatenate(errors), np.concatenate(references), np.concatenate(blocks), per_capture)
+
+
+def block_numbers(m: ErrorMap, block_m: float = BLOCK_M) -> np.ndarray:
+    """The number of the spatial block in which each pixel [ny, nx] lies."""
+    column, row = (np.floor((axis - axis.min()) / block_m + 1e-9).astype(int) for axis in (m.x_m, m.y_m))
+    return row[:, None] * (column.max() + 1) + column
 
 
 def _draws(per_capture: list[int], resamples: int, rng: np.random.Generator) -> np.ndarray:

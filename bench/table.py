@@ -6,15 +6,25 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bench.floor import floor_interval, floor_mm
 from bench.metrics import METRICS, ErrorMap, Values, pool, precision
 from bench.paper import PAPER
 from bench.results import MetricFacts, Row
 from bench.statistics import Interval, median_interval, pooled_intervals, precision_interval
+from groundtruth.depth import Reference
 
 
-def accuracy_rows(method: str, reference: str, maps: Sequence[ErrorMap], seed: int = 0) -> list[Row]:
-    """The pooled metrics of a method's error maps against one reference."""
-    return _rows(method, reference, pool(maps), pooled_intervals(maps, seed))
+def accuracy_rows(
+    method: str, reference: str, maps: Sequence[ErrorMap], seed: int = 0, surfaces: Sequence[Reference] | None = None
+) -> list[Row]:
+    """The pooled metrics of a method's error maps against one reference, and the floor that the `surfaces` with which
+    they were compared, one a map, set to the MAE (None: their uncertainty is not known)."""
+    values, intervals = pool(maps) | {"floor_mm": None}, pooled_intervals(maps, seed)
+    if surfaces is not None:
+        values["floor_mm"] = floor_mm(maps, surfaces)
+        spread = floor_interval(maps, surfaces, seed)
+        intervals |= {} if spread is None else {"floor_mm": spread}
+    return _rows(method, reference, values, intervals)
 
 
 def precision_rows(method: str, reference: str, strongest_z_m: Sequence[np.ndarray]) -> list[Row]:
@@ -43,8 +53,8 @@ def metric_facts() -> dict[str, MetricFacts]:
 
 def _rows(method: str, reference: str, values: Values, intervals: dict[str, Interval]) -> list[Row]:
     rows = []
-    for key, value in values.items():
+    for key in sorted(values, key=list(METRICS).index):
         low, high = intervals.get(key, (None, None))
         paper = PAPER.get((key, method))
-        rows.append(Row(key, method, value, low, high, METRICS[key].unit, paper, reference))
+        rows.append(Row(key, method, values[key], low, high, METRICS[key].unit, paper, reference))
     return rows

@@ -43,7 +43,6 @@ class EchoSearch(Config):
     threshold_db: float = Field(default=-26.0, lt=0)  # low: the foam's weak faces pull at the balls unless explained
     max_peaks: int = Field(default=16, ge=1)
     relaxations: int = Field(default=3, ge=0)  # times that each echo is refined in what the others leave over
-    floor_m: tuple[float, float, float] = (5e-5, 5e-5, 1.5e-4)  # standard deviations of array and ball, added to noise
 
     @property
     def threshold(self) -> float:
@@ -83,7 +82,7 @@ def find_balls(capture: RadarCapture, target: Target, search: EchoSearch | None 
     return [
         Ball(
             ball_centre(peak.position_m, frequencies_hz, array, radius_m, delay_m),
-            peak.covariance_m2 + np.diag(search.floor_m) ** 2,
+            peak.covariance_m2,
             elements,
             peak.position_m,
             float(20 * np.log10(peak.strength / strongest)),
@@ -91,15 +90,6 @@ def find_balls(capture: RadarCapture, target: Target, search: EchoSearch | None 
         for peak in peaks
         for (radius_m, delay_m), elements in _sizes(target).items()
     ]
-
-
-def common_covariance(target: Target, frequencies_hz: np.ndarray) -> np.ndarray:
-    """Covariance [3, 3] (m²) of the error that all balls share: besides the specular echo, waves creep round a small
-    ball and shift its range by an amount that depends on polarisation and bistatic angle. Its standard deviation,
-    13·a/(ka)³, follows the Mie series for 4 < ka < 16: 0.5 mm for a ball of 2.5 mm, 0.13 mm for one of 5 mm."""
-    radius_m = min(element.ball_radius_m for element in target.element)
-    ka = 2 * np.pi * float(np.mean(frequencies_hz)) / SPEED_OF_LIGHT_M_S * radius_m
-    return np.diag([0.0, 0.0, 13 * radius_m / ka**3]) ** 2
 
 
 def coarse_peaks(
@@ -173,7 +163,7 @@ def fit_echo(
                 break
     centre_m = ball_centre(position_m, frequencies_hz, array, radius_m, 0.0)
     phase = phasor(ball_path(centre_m, array, radius_m, 0.0), tones.frequencies_hz[:, None, None], -1)
-    echo = tones.expand((phase * _amplitudes(centre_m, array)).astype(np.complex64))
+    echo = tones.expand((phase * channel_amplitudes(centre_m, array)).astype(np.complex64))
     return position_m, echo * (np.vdot(echo, samples) / np.vdot(echo, echo))
 
 
@@ -198,7 +188,7 @@ def ball_centre(
 def ball_path(centre_m: np.ndarray, array: AntennaArray, radius_m: float, delay_m: float) -> np.ndarray:
     """Optical path [t, r] over the specular point of a ball in foam, |t − c| + |c − r| − 2a·cos β + 2δ; the neglected
     term is a²·sin²β/|c − t|, about 1 µm here."""
-    cos_beta = np.linalg.norm(_directions(centre_m, array), axis=2) / 2  # |û_t + û_r| = 2 cos β
+    cos_beta = np.linalg.norm(path_gradients(centre_m, array), axis=2) / 2  # |û_t + û_r| = 2 cos β
     return path_lengths(array, centre_m) - 2 * radius_m * cos_beta + 2 * delay_m
 
 
@@ -213,7 +203,7 @@ def _check_tones(frequencies_hz: np.ndarray, search: EchoSearch) -> None:
         )
 
 
-def _directions(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
+def path_gradients(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
     """û_t + û_r [t, r, 3], the gradient of the path length at a point."""
     to, back = point_m - array.tx_m, point_m - array.rx_m
     to /= np.linalg.norm(to, axis=1, keepdims=True)
@@ -221,7 +211,7 @@ def _directions(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
     return to[:, None] + back[None, :]
 
 
-def _amplitudes(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
+def channel_amplitudes(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
     """An echo's amplitudes [t, r], 1/(|p − t||p − r|), scaled to sum 1."""
     to, back = (leg.lengths_m(point_m) for leg in array.legs)
     amplitude = 1 / np.outer(to, back)
@@ -234,8 +224,8 @@ def _phase_spread(
     """Covariance [3, 3] of the phase gradient k·g over tones and channels (rad²/m²), with what it is made of: the means
     of k² and k, the paths' gradient g [t, r, 3] and the channels' weights [t, r]."""
     k = 2 * np.pi * frequencies_hz / SPEED_OF_LIGHT_M_S
-    g = _directions(point_m, array)
-    weight = _amplitudes(point_m, array)
+    g = path_gradients(point_m, array)
+    weight = channel_amplitudes(point_m, array)
     mean_gg = np.einsum("tr,tri,trj->ij", weight, g, g)
     mean_g = np.einsum("tr,tri->i", weight, g)
     mean_k2, mean_k = float(np.mean(k**2)), float(np.mean(k))

@@ -1,14 +1,15 @@
 """The target's foam spheres in a point cloud, found without a hint.
 
 Each point votes for the centre that lies one radius behind it along its normal (a Hough transform with known radius);
-where many votes meet, robust least squares of |p − c| − R refine the sphere. A sphere is seen from one side only, so
-that a cap of 30 % of its surface has to do.
+where many votes meet, robust least squares of |p − c| − R refine the sphere. A sphere is seen from one side only, and
+others may hide a part of it, so that a cap of 15 % of its surface has to do. Over so small a cap depth and radius trade
+for one another: the radius is held by how well the target was made.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -26,6 +27,10 @@ MIN_COVERAGE = 0.12  # part of the full sphere's surface that must be seen
 MAX_ROUGHNESS = 0.03  # largest standard deviation of the points about the sphere, relative to its radius
 RADIUS_TOLERANCE = 0.06  # largest relative difference of the freely fitted radius
 TUKEY = 4.685  # 95 % efficient for Gaussian noise
+# Dense matching sinks convex surface, the more the steeper a camera sees it. What a whole sphere errs by for that,
+# whatever the number of its points (per axis), and all spheres alike towards the cameras: pixels, root mean square of
+# 20 rendered spheres at draft quality (0.053 and 0.062).
+WHOLE_PX, TOWARDS_CAMERAS_PX = 0.053, 0.062
 PATCH = 0.5  # side, relative to the radius, of the patches whose sums reveal errors that neighbours share
 
 
@@ -51,11 +56,14 @@ class Cloud:
         return Cloud(self.points_m[chosen], self.normals[chosen], self.oriented)
 
 
-def find_spheres(points_m: np.ndarray, normals: np.ndarray | None, target: Target) -> list[Sphere]:
+def find_spheres(
+    points_m: np.ndarray, normals: np.ndarray | None, target: Target, pixel_m: float = 0.0
+) -> list[Sphere]:
     """All spheres of the target's radii in a cloud, those with most points first.
 
-    points_m: [n, 3], metres; normals: [n, 3], outward (towards the cameras), or None to estimate them. Raises
-    HandbenchError when the cloud is malformed.
+    points_m: [n, 3], metres; normals: [n, 3], outward (towards the cameras), or None to estimate them; pixel_m: what a
+    pixel of the depth maps that the cloud was made of measures on the surface. Raises HandbenchError when the cloud is
+    malformed.
     """
     _check(points_m, normals)
     radii_m = sorted({e.sphere_radius_m for e in target.element}, reverse=True)
@@ -67,9 +75,10 @@ def find_spheres(points_m: np.ndarray, normals: np.ndarray | None, target: Targe
         elements = tuple(i for i, e in enumerate(target.element) if e.sphere_radius_m == radius_m)
         for centre_m in meeting_points(cloud, radius_m):
             near = cloud[np.abs(distances(cloud.points_m, centre_m) - radius_m) < 2 * GATE * radius_m]
-            sphere = fit_sphere(near, centre_m, radius_m, elements)
+            sphere = fit_sphere(near, centre_m, radius_m, elements, target.sphere_radius_sigma_m)
             if sphere is not None and all(_apart(sphere, other) for other in found):
-                found.append(sphere)
+                whole_m2 = (WHOLE_PX * pixel_m) ** 2 * np.eye(3)
+                found.append(replace(sphere, covariance_m2=sphere.covariance_m2 + whole_m2))
     return sorted(found, key=lambda sphere: -sphere.inliers)
 
 
@@ -103,25 +112,31 @@ def meeting_points(cloud: Cloud, radius_m: float) -> Iterator[np.ndarray]:
 
 
 def fit_sphere(
-    cloud: Cloud, centre_m: np.ndarray, radius_m: float, elements: tuple[int, ...]
+    cloud: Cloud, centre_m: np.ndarray, radius_m: float, elements: tuple[int, ...], radius_sigma_m: float = 0.0
 ) -> Sphere | None:
-    """Refine a sphere of known radius from a centre near it; None when the points do not carry it.
+    """Refine a sphere from a centre near it; None when the points do not carry it.
 
-    Tukey's biweight by iteratively reweighted Gauss–Newton. The covariance is the M-estimator's sandwich A⁻¹BA⁻¹,
+    Tukey's biweight by iteratively reweighted Gauss–Newton for the centre and for what the radius differs from
+    radius_m, of which radius_sigma_m is known beforehand. The covariance is the M-estimator's sandwich A⁻¹BA⁻¹, B
     enlarged by what neighbouring points err together.
     """
+    extra_m, shared = 0.0, 1.0
     for _ in range(30):
         on_it = _consistent(cloud, centre_m, radius_m)
         if on_it.sum() < NEIGHBOURS:
             return None
         points_m = cloud.points_m[on_it]
-        residual = distances(points_m, centre_m) - radius_m
+        residual = distances(points_m, centre_m) - radius_m - extra_m
         outward = (points_m - centre_m) / distances(points_m, centre_m)[:, None]
+        design = np.concatenate([outward, np.ones((len(outward), 1))], axis=1)
         sigma_m = max(1.4826 * np.median(np.abs(residual)), 1e-6)
         u2 = np.minimum((residual / (TUKEY * sigma_m)) ** 2, 1)
         weight = (1 - u2) ** 2
-        step = np.linalg.lstsq((weight[:, None] * outward).T @ outward, outward.T @ (weight * residual))[0]
-        centre_m = centre_m + step
+        score = weight * residual
+        shared = _shared(points_m, score, PATCH * radius_m)
+        prior = _prior(score, weight, shared, radius_sigma_m)
+        step = np.linalg.solve((weight[:, None] * design).T @ design + prior, design.T @ score - prior[:, 3] * extra_m)
+        centre_m, extra_m = centre_m + step[:3], extra_m + step[3]
         if np.linalg.norm(step) < 1e-8:
             break
     if sigma_m > MAX_ROUGHNESS * radius_m:
@@ -130,10 +145,19 @@ def fit_sphere(
     free_radius_m = _free_radius(points_m, weight, centre_m, radius_m)
     if coverage < MIN_COVERAGE or abs(free_radius_m / radius_m - 1) > RADIUS_TOLERANCE:
         return None
-    score = weight * residual
-    inverse = np.linalg.pinv(((1 - u2) * (1 - 5 * u2) * outward.T) @ outward)
-    covariance_m2 = inverse @ (score**2 * outward.T) @ outward @ inverse * _shared(points_m, score, PATCH * radius_m)
+    inverse = np.linalg.pinv(((1 - u2) * (1 - 5 * u2) * design.T) @ design + prior)
+    spread = shared * (score**2 * design.T) @ design + prior * prior[3, 3] * radius_sigma_m**2
+    covariance_m2 = (inverse @ spread @ inverse)[:3, :3]
     return Sphere(centre_m, covariance_m2, elements, free_radius_m, inliers, coverage)
+
+
+def _prior(score: np.ndarray, weight: np.ndarray, shared: float, radius_sigma_m: float) -> np.ndarray:
+    """What is known of the radius, [4, 4] in the units of the normal matrix: the points' own variance, that of sums
+    over neighbours, over the radius'."""
+    variance_m2 = shared * (score**2).sum() / weight.sum()
+    prior = np.zeros((4, 4))
+    prior[3, 3] = max(variance_m2, 1e-18) / max(radius_sigma_m, 1e-9) ** 2
+    return prior
 
 
 def _shared(points_m: np.ndarray, score: np.ndarray, patch_m: float) -> float:

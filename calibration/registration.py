@@ -1,28 +1,27 @@
 """The transform between the photographs' frame and the radar's, from one target that both have seen.
 
-Both sensors' candidates are matched to the target's elements; the elements that both have seen give the transform in
-closed form (Umeyama 1991), and weighted Gauss–Newton refines it with every centre's own covariance. The target's
-drawing serves only to tell the elements apart: what is registered are the two measurements.
+Both sensors' candidates are matched to the target's elements; the elements that both have seen give the transform, in
+closed form first (`majority`) and then by weighted least squares with every centre's own covariance (`fit`). The
+target's drawing serves only to tell the elements apart: what is registered are the two measurements.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
-from calibration.echoes import EchoSearch, common_covariance, find_balls
+from calibration.ball_fit import fit_balls
+from calibration.echoes import EchoSearch, find_balls
+from calibration.fit import Pairs
+from calibration.majority import majority
 from calibration.matching import TOLERANCE_M, match
-from calibration.optical import find_spheres
+from calibration.optical import TOWARDS_CAMERAS_PX, find_spheres
 from calibration.target import Candidate, Target
-from calibration.transforms import Transform, perturbation_jacobian, umeyama
+from calibration.transforms import Transform, umeyama
 from radar.capture import RadarCapture
-from radar.errors import HandbenchError
-
-HUBER = float(np.sqrt(chi2.ppf(0.99, 3)))  # residuals beyond this many standard deviations lose weight
-LINE = 0.05  # ratio of the second to the first extent of the centres below which they count as a line
+from radar.progress import say
 
 
 def calibrate(
@@ -32,13 +31,38 @@ def calibrate(
     target: Target,
     with_scale: bool = False,
     search: EchoSearch | None = None,
+    pixel_m: float = 0.0,
 ) -> Transform:
     """`radar_from_photo` from a cloud of the target ([n, 3], metres, photo frame; normals outward or None) and its
-    echoes (radar frame)."""
-    spheres = find_spheres(points_m, normals, target)
+    echoes (radar frame). Raises HandbenchError as `measure` and `solve` do."""
+    pairs, common_m2 = measure(points_m, normals, capture, target, search, pixel_m)
+    return solve(pairs, with_scale, common_m2)
+
+
+def measure(
+    points_m: np.ndarray,
+    normals: np.ndarray | None,
+    capture: RadarCapture,
+    target: Target,
+    search: EchoSearch | None = None,
+    pixel_m: float = 0.0,
+) -> tuple[Pairs, np.ndarray]:
+    """What one capture of the target gives: the balls' centres as both sensors see them, and the covariance [3, 3] (m²)
+    of the error that all of them share. pixel_m: of the cloud's depth maps, see `find_spheres`. Raises HandbenchError
+    when a sensor's candidates cannot be matched to the target in exactly one way, or both share fewer than three
+    elements."""
+    seen = match(find_spheres(points_m, normals, target, pixel_m), target, "photographs")
     balls = find_balls(capture, target, search)
-    common_m2 = common_covariance(target, capture.frequencies_hz)
-    return register(spheres, balls, target, with_scale, common_m2)
+    heard = fit_balls(capture, target, match(balls, target, "echoes"), balls)
+    return common_pairs(seen, heard, target), common_covariance(target, pixel_m)
+
+
+def common_covariance(target: Target, pixel_m: float = 0.0) -> np.ndarray:
+    """Covariance [3, 3] (m²) of the error that all centres share, which no residual can show, along z: the foam's delay
+    (√ε − 1)·(R − a), and what photographs see all spheres too near by, for the cameras stand around the radar."""
+    deepest_m = max(e.sphere_radius_m - e.ball_radius_m for e in target.element)
+    delay_m = target.foam_permittivity_sigma * deepest_m / (2 * np.sqrt(target.foam_permittivity))
+    return np.diag([0.0, 0.0, delay_m**2 + (TOWARDS_CAMERAS_PX * pixel_m) ** 2])
 
 
 def register(
@@ -54,64 +78,43 @@ def register(
     common_m2 [3, 3]: covariance of an error that all centres of the radar share, which no residual can show.
 
     Returns a Transform with its covariance (6×6, or 7×7 with scale) and one residual per common element. Raises
-    HandbenchError when a sensor's candidates cannot be matched to the target in exactly one way, when fewer than three
-    elements are common, or when these lie on a line.
+    HandbenchError when a sensor's candidates cannot be matched to the target in exactly one way, and as `solve` does.
     """
     seen = match(optical, target, "photographs", tolerance_m)
     heard = match(radar, target, "echoes", tolerance_m)
+    return solve(common_pairs(seen, heard, target), with_scale, common_m2)
+
+
+def common_pairs(seen: Mapping[int, Candidate], heard: Mapping[int, Candidate], target: Target) -> Pairs:
+    """The balls' centres of the elements (by index) that both sensors have recognised: in the photographs a ball lies
+    where its sphere does, but for the offset and the tolerance of the target's description. Raises HandbenchError for
+    fewer than three."""
     common = sorted(seen.keys() & heard.keys())
-    transform = align([seen[i] for i in common], [heard[i] for i in common], with_scale)
-    if common_m2 is not None:
-        transform.covariance[:3, :3] += common_m2  # all centres move together: a translation
-    return transform
+    elements = [f"element {i + 1}" for i in common]
+    pairs = Pairs.of([seen[i] for i in common], [heard[i] for i in common], elements)
+    photo_from_target = umeyama(target.centres_m[common], pairs.source_m)[:3, :3]
+    offsets_m = target.ball_offsets_m[common] @ photo_from_target.T
+    placed_m2 = target.ball_offset_sigma_m**2 * np.eye(3)
+    return replace(pairs, source_m=pairs.source_m + offsets_m, source_m2=pairs.source_m2 + placed_m2)
 
 
 def align(source: Sequence[Candidate], target: Sequence[Candidate], with_scale: bool = False) -> Transform:
-    """The similarity that carries source centres to target centres, pair by pair, by maximum likelihood.
+    """The similarity that carries source centres to target centres, pair by pair; see `solve`."""
+    return solve(Pairs.of(source, target), with_scale)
 
-    Gauss–Newton on Σ dᵀC⁻¹d with d = q − s·R·p − t and C = s²·R·C_p·Rᵀ + C_q, Huber's weights against an outlier. The
-    covariance is the inverse normal matrix, enlarged by χ²/dof when the residuals contradict it (99 %).
+
+def solve(pairs: Pairs, with_scale: bool = False, common_m2: np.ndarray | None = None) -> Transform:
+    """`radar_from_photo` of the pairs that agree, by maximum likelihood, with its covariance and a residual for every
+    pair. A pair that the others call wrong is named on stderr; common_m2 [3, 3] is added to the translation's
+    covariance.
+
+    Raises HandbenchError when the pairs leave a rotation open or contradict one another without a majority.
     """
-    p_m = np.array([c.centre_m for c in source]).reshape(-1, 3)
-    q_m = np.array([c.centre_m for c in target]).reshape(-1, 3)
-    _check_geometry(p_m)
-    matrix = umeyama(p_m, q_m, with_scale)
-    unknowns = 7 if with_scale else 6
-    for _ in range(50):
-        linear, carried_m = matrix[:3, :3], p_m @ matrix[:3, :3].T + matrix[:3, 3]
-        offset_m = q_m - carried_m
-        information = np.linalg.inv([
-            linear @ a.covariance_m2 @ linear.T + b.covariance_m2 for a, b in zip(source, target, strict=True)
-        ])
-        distance2 = np.einsum("ni,nij,nj->n", offset_m, information, offset_m)
-        information *= np.minimum(1, HUBER / np.sqrt(np.maximum(distance2, 1e-30)))[:, None, None]
-        jacobian = perturbation_jacobian(carried_m)[:, :, :unknowns]
-        normal = np.einsum("nia,nij,njb->ab", jacobian, information, jacobian)
-        step = np.linalg.solve(normal, np.einsum("nia,nij,nj->a", jacobian, information, offset_m))
-        matrix = _perturb(matrix, step)
-        if np.abs(step).max() < 1e-12:
-            break
-    freedom = 3 * len(p_m) - unknowns
-    contradiction = distance2.sum() / chi2.ppf(0.99, freedom) if freedom > 0 else 0.0
-    inflation = max(1.0, distance2.sum() / freedom) if contradiction > 1 else 1.0
-    residuals_m = np.linalg.norm(q_m - p_m @ matrix[:3, :3].T - matrix[:3, 3], axis=1)
-    return Transform("photo", "radar", matrix, inflation * np.linalg.inv(normal), residuals_m)
-
-
-def _perturb(matrix: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Apply [translation, rotation vector(, log scale)] in the target frame."""
-    change = np.eye(4)
-    change[:3, :3] = np.exp(step[6] if len(step) == 7 else 0.0) * Rotation.from_rotvec(step[3:6]).as_matrix()
-    change[:3, 3] = step[:3]
-    return change @ matrix
-
-
-def _check_geometry(points_m: np.ndarray) -> None:
-    if len(points_m) < 3:
-        raise HandbenchError(f"target: photographs and echoes share {len(points_m)} elements; expected 3 or more")
-    extents = np.linalg.svd(points_m - points_m.mean(axis=0), compute_uv=False)
-    if extents[1] < LINE * extents[0]:
-        raise HandbenchError(
-            f"target: the {len(points_m)} common elements lie on a line, so that the rotation about it stays open; "
-            "expected elements that span a plane"
-        )
+    kept, found = majority(pairs, with_scale)
+    residuals_m = np.linalg.norm(pairs.offsets(found.matrix), axis=1)
+    for i in np.flatnonzero(~kept):
+        say(f"registration: {pairs.names[i]} lies {1e3 * residuals_m[i]:.3g} mm off where the others agree; left out")
+    covariance = found.covariance_about_origin()
+    if common_m2 is not None:
+        covariance[:3, :3] += common_m2  # all centres move together: a translation
+    return Transform("photo", "radar", found.matrix, covariance, residuals_m)

@@ -10,31 +10,48 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import tomlkit
 from pydantic import Field
 
 from radar.config import Config, load
+from radar.files import atomic_path
 
 SQUARE_M = 0.12  # side of the default target's square
+HEADER = """\
+# Calibration target: foam spheres, a steel ball at the centre of each; metres.
+# Seen from the radar, x points to the left, y up and z away. At least three elements, not on a line, without symmetry.
+"""
 
 
 class Element(Config):
-    """One foam sphere with a steel ball at its centre (target frame, metres)."""
+    """One foam sphere with a steel ball in it (target frame, metres); ball_offset_m: from the sphere's centre to the
+    ball's, where it was measured."""
 
     centre_m: tuple[float, float, float]
     sphere_radius_m: float = Field(gt=0)
     ball_radius_m: float = Field(gt=0)
+    ball_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 class Target(Config):
-    """A rigid arrangement of at least three elements."""
+    """A rigid arrangement of at least three elements, with how well it was made (standard deviations): of the foam's
+    permittivity, which all spheres share, of each ball's place in its sphere, per axis, and of each sphere's radius."""
 
     element: tuple[Element, ...] = Field(min_length=3)
     foam_permittivity: float = Field(default=1.03, ge=1)
+    foam_permittivity_sigma: float = Field(default=0.003, ge=0)
+    ball_offset_sigma_m: float = Field(default=5e-5, ge=0)
+    sphere_radius_sigma_m: float = Field(default=5e-5, ge=0)
 
     @property
     def centres_m(self) -> np.ndarray:
-        """Element centres [n, 3], metres."""
+        """The foam spheres' centres [n, 3], metres."""
         return np.array([e.centre_m for e in self.element])
+
+    @property
+    def ball_offsets_m(self) -> np.ndarray:
+        """The balls' centres against their spheres' [n, 3], metres."""
+        return np.array([e.ball_offset_m for e in self.element])
 
     @property
     def foam_delay_m(self) -> np.ndarray:
@@ -67,3 +84,9 @@ def default_target() -> Target:
 def load_target(path: str | Path) -> Target:
     """Read a target description (TOML)."""
     return load(Target, path, "a calibration target description")
+
+
+def save_target(path: str | Path, target: Target) -> None:
+    """Write a target description (TOML), atomically."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(HEADER + tomlkit.dumps(target.model_dump()), encoding="utf-8")

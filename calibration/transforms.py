@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from radar.errors import HandbenchError
 from radar.files import read_json, write_json
 
-LARGEST = 1e6  # no matrix, covariance or residual of a target in a room is larger
+LARGEST_M = 1e7  # further than any place on Earth from its centre: no offset or residual is larger, nor a covariance
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,8 @@ class Transform:
 
     matrix: 4×4, upper left = scale · rotation, last column in metres. covariance: 6×6 (or 7×7 with log-scale) of
     [translation_m, rotation_rad(, log scale)], a left perturbation in the target frame about the target's origin.
-    residuals_m: one distance per matched feature.
+    residuals_m: one distance per matched feature. refined: what aligning it to the radar's own depth map changed, and
+    the "reason" to distrust it for that (None: it was not).
     """
 
     source: str
@@ -27,6 +29,7 @@ class Transform:
     matrix: np.ndarray
     covariance: np.ndarray | None = None
     residuals_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    refined: dict[str, Any] | None = None
 
     @property
     def scale(self) -> float:
@@ -60,7 +63,10 @@ class Transform:
 
     def inverse(self) -> Transform:
         """The transform the other way; it carries no covariance."""
-        return Transform(self.target, self.source, np.linalg.inv(self.matrix), residuals_m=self.residuals_m)
+        matrix = np.eye(4)
+        matrix[:3, :3] = self.rotation.T / self.scale
+        matrix[:3, 3] = -matrix[:3, :3] @ self.matrix[:3, 3]
+        return Transform(self.target, self.source, matrix, residuals_m=self.residuals_m, refined=self.refined)
 
     def save(self, path: str | Path) -> None:
         """Write the transform file (JSON), atomically."""
@@ -71,6 +77,7 @@ class Transform:
             "scale": self.scale,
             "covariance": self.covariance,
             "residuals_m": self.residuals_m,
+            **({"refined": self.refined} if self.refined else {}),
         })
 
 
@@ -92,18 +99,55 @@ def perturbation_jacobian(points_m: np.ndarray) -> np.ndarray:
     return jacobian
 
 
-def umeyama(source_m: np.ndarray, target_m: np.ndarray, with_scale: bool = False) -> np.ndarray:
+def adjoint(step_m: np.ndarray, unknowns: int) -> np.ndarray:
+    """[6, 6] or [7, 7]: carries a perturbation about one pivot to the same about a pivot that lies step_m [3] further,
+    t' = t + ω×step + λ·step; rotation and scale stay."""
+    matrix = np.eye(7)
+    matrix[:3, 3:] = perturbation_jacobian(step_m)[:, 3:]
+    return matrix[:unknowns, :unknowns]
+
+
+def umeyama(
+    source_m: np.ndarray, target_m: np.ndarray, with_scale: bool = False, weights: np.ndarray | None = None
+) -> np.ndarray:
     """The 4×4 rotation, translation (and scale) that carries points [n, 3] to points [n, 3] with the least squared
-    error; never a reflection (Umeyama 1991)."""
-    source_mean, target_mean = source_m.mean(axis=0), target_m.mean(axis=0)
-    source, target = source_m - source_mean, target_m - target_mean
-    u, stretch, vt = np.linalg.svd(target.T @ source)
+    error, weighted by weights [n] if given; never a reflection (Umeyama 1991)."""
+    source, source_mean, target, target_mean, weights = centred(source_m, target_m, weights)
+    u, stretch, vt = np.linalg.svd((weights[:, None] * target).T @ source)
     proper = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
-    scale = stretch @ proper / (source**2).sum() if with_scale else 1.0
+    spread = weights @ (source**2).sum(axis=1)
+    if with_scale and spread == 0:
+        raise HandbenchError(f"scale: all {len(source)} source points coincide; expected points that lie apart")
+    scale = stretch @ proper / spread if with_scale else 1.0
     matrix = np.eye(4)
     matrix[:3, :3] = scale * (u * proper) @ vt
     matrix[:3, 3] = target_mean - matrix[:3, :3] @ source_mean
     return matrix
+
+
+def condition_number(source_m: np.ndarray, target_m: np.ndarray, weights: np.ndarray | None = None) -> float:
+    """How many times less certain the rotation from points [n, 3] to points [n, 3] is about its worst axis than about
+    its best one: √((d₁ + d₂) / (d₂ ± d₃)).
+
+    d₁ ≥ d₂ ≥ d₃ are the singular values of the weighted cross-covariance, d₃ negative where only a reflection would
+    carry one set to the other; the squared error curves by their pairwise sums about the three axes. For points that
+    agree, d is σ² of the centred points: a rotation about axis i is held by σ_j² + σ_k². Infinite for points on a line,
+    for fewer than three different ones, and for a mirror image that fits two rotations alike.
+    """
+    source, _, target, _, weights = centred(source_m, target_m, weights)
+    u, d, vt = np.linalg.svd((weights[:, None] * target).T @ source)
+    weakest = d[1] + np.sign(np.linalg.det(u) * np.linalg.det(vt)) * d[2]
+    return float(np.sqrt((d[0] + d[1]) / weakest)) if weakest > np.finfo(float).eps * d[0] else np.inf
+
+
+def centred(
+    source_m: np.ndarray, target_m: np.ndarray, weights: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Both sets of points [n, 3] about their weighted means, each with its mean, and the weights [n], of sum 1."""
+    weights = np.ones(len(source_m)) if weights is None else weights
+    weights = weights / weights.sum()
+    source_mean, target_mean = weights @ source_m, weights @ target_m
+    return source_m - source_mean, source_mean, target_m - target_mean, target_mean, weights
 
 
 def load_transform(path: str | Path) -> Transform:
@@ -115,34 +159,40 @@ def load_transform(path: str | Path) -> Transform:
     source, target = content["from"], content["to"]
     if not isinstance(source, str) or not isinstance(target, str):
         raise HandbenchError(f"{path}: 'from' and 'to' are {source!r} and {target!r}; expected names of frames")
-    matrix = _numbers(path, "matrix", content["matrix"], [(4, 4)])
+    matrix = checked_numbers(path, "matrix", content["matrix"], [(4, 4)])
     linear = matrix[:3, :3]
     scale2 = np.trace(linear @ linear.T) / 3
     if np.linalg.det(linear) <= 0 or np.abs(linear @ linear.T - scale2 * np.eye(3)).max() > 1e-6 * scale2:
         raise HandbenchError(f"{path}: 'matrix' is not a rotation with one scale; reflections and shears are refused")
     if np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-12:
         raise HandbenchError(f"{path}: the last row of 'matrix' is {matrix[3].tolist()}; expected [0, 0, 0, 1]")
-    residuals_m = _numbers(path, "residuals_m", content.get("residuals_m") or [], None)
+    residuals_m = checked_numbers(path, "residuals_m", content.get("residuals_m") or [], None)
     covariance = content.get("covariance")
     if covariance is not None:
-        covariance = _numbers(path, "covariance", covariance, [(6, 6), (7, 7)])
+        covariance = checked_numbers(path, "covariance", covariance, [(6, 6), (7, 7)], LARGEST_M**2)
         size = np.abs(covariance).max()
         if np.abs(covariance - covariance.T).max() > 1e-6 * size or np.linalg.eigvalsh(covariance)[0] < -1e-6 * size:
             raise HandbenchError(f"{path}: 'covariance' is not symmetric and positive; calibrate again")
-    return Transform(source, target, matrix, covariance, residuals_m)
+    refined = content.get("refined")
+    if refined is not None and not (isinstance(refined, dict) and isinstance(refined.get("reason"), str)):
+        raise HandbenchError(f"{path}: 'refined' tells no \"reason\"; expected what `calibrate --refine` wrote")
+    return Transform(source, target, matrix, covariance, residuals_m, refined)
 
 
-def _numbers(path: str | Path, key: str, value: object, shapes: list[tuple[int, ...]] | None) -> np.ndarray:
-    """`value` as a float array of one of the shapes (None: any list); refuses anything else."""
+def checked_numbers(
+    path: str | Path, key: str, value: object, shapes: list[tuple[int, ...]] | None, largest: float = LARGEST_M
+) -> np.ndarray:
+    """`value` as a float array of one of the shapes (None: any list), below `largest`; refuses anything else."""
     expected = " or ".join("×".join(map(str, shape)) for shape in shapes) if shapes else "a list of"
     try:
         array = np.array(value)
-        good = array.dtype.kind in "iuf" and np.isfinite(array).all() and np.abs(array).max(initial=0) < LARGEST
+        good = array.dtype.kind in "iuf" and np.isfinite(array).all() and np.abs(array).max(initial=0) < largest
     except ValueError:  # rows of different lengths
         good = False
     if not good or (array.shape not in shapes if shapes else array.ndim != 1):
         shown = repr(value)
         raise HandbenchError(
-            f"{path}: '{key}' is {shown if len(shown) < 60 else shown[:57] + '...'}; expected {expected} finite numbers"
+            f"{path}: '{key}' is {shown if len(shown) < 60 else shown[:57] + '...'}; "
+            f"expected {expected} finite numbers below {largest:g}"
         )
     return array.astype(np.float64)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from calibration.meshes import raycasting_scene
+from calibration.transforms import Transform, perturbation_jacobian
 from groundtruth.surface import Surface
 
 if TYPE_CHECKING:
@@ -17,11 +18,30 @@ STEEPEST = 0.1  # cosine between a surface's normal and z below which its uncert
 
 
 class Reference(NamedTuple):
-    """Depth z [ny, nx] and its standard deviation along z [ny, nx], metres; NaN: no surface that was seen; sigma_m is
-    NaN where the surface does not know its own."""
+    """Depth z [ny, nx] of a surface, metres (NaN: none that was seen), and what is known of its error along z.
+
+    mesh_sigma_m [ny, nx]: standard deviation that the surface gives itself, NaN where it does not know. leverage
+    [ny, nx, 6 or 7]: change of depth with each parameter of `registration`, which carried the surface here; its error
+    is common to all pixels. Both are None where the registration tells no covariance.
+    """
 
     z_m: np.ndarray
-    sigma_m: np.ndarray
+    mesh_sigma_m: np.ndarray
+    leverage: np.ndarray | None
+    registration: Transform | None
+
+    @property
+    def registration_sigma_m(self) -> np.ndarray:
+        """Standard deviation [ny, nx] that the registration gives to the depth, √(g·C·gᵀ); NaN: unknown."""
+        if self.leverage is None:
+            return np.full(self.z_m.shape, np.nan)
+        variance = np.einsum("yxi,yxi->yx", self.leverage @ self.registration.covariance, self.leverage)
+        return np.sqrt(np.maximum(variance, 0))  # rounding may leave a covariance not quite positive
+
+    @property
+    def sigma_m(self) -> np.ndarray:
+        """Standard deviation [ny, nx] of the depth: mesh and registration, which are independent; NaN: unknown."""
+        return np.hypot(self.mesh_sigma_m, self.registration_sigma_m)
 
 
 class _Hits(NamedTuple):
@@ -41,22 +61,33 @@ def depth_on_grid(mesh: o3d.geometry.TriangleMesh, x_m: np.ndarray, y_m: np.ndar
     """
     hits = _cast(mesh, x_m, y_m)
     corners = np.asarray(mesh.vertices)[np.asarray(mesh.triangles)[hits.triangle]]
-    return _spread(hits.hit, _depth_of_plane(corners, hits.x_m, hits.y_m))
+    return _spread(hits.hit, _depth_of_plane(corners, hits.x_m, hits.y_m), np.nan)
 
 
-def reference_on_grid(surface: Surface, x_m: np.ndarray, y_m: np.ndarray) -> Reference:
-    """As `depth_on_grid`, with its uncertainty: that along the normal at the triangle's corners, carried to z. Where a
-    ray meets invented surface nothing is known, neither of that nor of what lies behind it."""
+def reference_on_grid(
+    surface: Surface, x_m: np.ndarray, y_m: np.ndarray, registration: Transform | None = None
+) -> Reference:
+    """As `depth_on_grid`, with its uncertainty. Where a ray meets invented surface nothing is known, neither of that
+    nor of what lies behind it.
+
+    surface: in the radar frame already; registration: the transform that carried it there, for its covariance. Along
+    its ray a pixel's depth changes by n·δ/n_z when the surface, with normal n, moves by δ: σ/|n_z| for an error σ along
+    the normal, and n·J(p)·ξ/n_z for an error ξ of the registration, of first order.
+    """
     hits = _cast(surface.mesh, x_m, y_m)
+    seen = surface.observed[surface.faces[hits.triangle]].all(axis=1)
+    hits = _Hits(_spread(hits.hit, seen, False), hits.x_m[seen], hits.y_m[seen], hits.triangle[seen])
     faces = surface.faces[hits.triangle]
     corners = surface.vertices_m[faces]
-    seen = surface.observed[faces].all(axis=1)
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        cosine = np.abs(normal[:, 2]) / np.linalg.norm(normal, axis=1)
-    along_z_m = surface.sigma_m[faces].mean(axis=1) / np.fmax(cosine, STEEPEST)
     z_m = _depth_of_plane(corners, hits.x_m, hits.y_m)
-    return Reference(*(_spread(hits.hit, np.where(seen, values, np.nan)) for values in (z_m, along_z_m)))
+    slant = _slant(corners)
+    mesh_sigma_m = surface.sigma_m[faces].mean(axis=1) * np.linalg.norm(slant, axis=1)
+    depth = (_spread(hits.hit, values, np.nan) for values in (z_m, mesh_sigma_m))
+    if registration is None or registration.covariance is None:
+        return Reference(*depth, None, None)
+    jacobian = perturbation_jacobian(np.stack([hits.x_m, hits.y_m, z_m], axis=1))[..., : len(registration.covariance)]
+    leverage = np.einsum("ni,nij->nj", slant, jacobian)
+    return Reference(*depth, _spread(hits.hit, leverage, np.nan), registration)
 
 
 def _cast(mesh: o3d.geometry.TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> _Hits:
@@ -71,11 +102,20 @@ def _cast(mesh: o3d.geometry.TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> 
     return _Hits(hit, np.asarray(x_m)[column], np.asarray(y_m)[row], triangle)
 
 
-def _spread(hit: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values [n] at the places [ny, nx] that were hit, NaN elsewhere."""
-    grid = np.full(hit.shape, np.nan)
+def _spread(hit: np.ndarray, values: np.ndarray, elsewhere: float) -> np.ndarray:
+    """Values [n, ...] at the places [ny, nx] that were hit, and `elsewhere`."""
+    grid = np.full((*hit.shape, *values.shape[1:]), elsewhere)
     grid[hit] = values
     return grid
+
+
+def _slant(corners: np.ndarray) -> np.ndarray:
+    """n/n_z [n, 3] of triangles [n, 3, 3], of length 1/STEEPEST at most; a triangle without area counts as steep."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    along_z = np.copysign(np.maximum(np.abs(normal[:, 2:]), STEEPEST * length), normal[:, 2:])
+    steep = np.broadcast_to([0.0, 0.0, 1 / STEEPEST], normal.shape).copy()
+    return np.divide(normal, along_z, out=steep, where=length > 0)
 
 
 def _depth_of_plane(corners: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from bench.results import Result, Row
 from reports.style import AGAINST, Picture, looks, methods, time_text
+from reports.tables import floor_note
 
 
 def accuracy_against_time(result: Result) -> Picture:
@@ -39,7 +40,7 @@ def accuracy_against_time(result: Result) -> Picture:
     return Picture(
         "accuracy_time",
         "Accuracy against time: mean absolute error over seconds per frame, with 95 % intervals. "
-        "Open markers: the paper's error, drawn at our time.",
+        f"Open markers: the paper's error, drawn at our time.{floor_note(result)}",
         f"Mean absolute error against time per frame. {'; '.join(notes)}.",
         figure,
     )

@@ -15,6 +15,7 @@ from matplotlib.ticker import MaxNLocator
 
 from bench.results import CaptureFacts, Result, Surface
 from reports.style import AGAINST, Picture, methods, time_text
+from reports.tables import floor_note
 
 DEPTH_COLOURS, ERROR_COLOURS, EMPTY = "viridis_r", "RdBu_r", "#d9d9d9"
 ERROR_TICKS_MM = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
@@ -76,7 +77,7 @@ def error_maps(result: Result, capture: CaptureFacts) -> Picture:
     return Picture(
         f"error_{capture.name}",
         f"Capture {capture.name}: signed errors; red lies behind the reference, blue before it, grey was not observed. "
-        "The scale, the same for every capture, is linear within ±1 mm and logarithmic beyond.",
+        f"The scale, the same for every capture, is linear within ±1 mm and logarithmic beyond.{floor_note(result)}",
         f"Error maps of capture {capture.name}. {'; '.join(notes)}.",
         figure,
     )

@@ -16,7 +16,7 @@ HEADINGS = {
     "photogrammetry": "Scored against photogrammetry, as the paper does",
     "truth": "Scored against the true surface (the paper's figures are against photogrammetry)",
 }
-HEADLINE = ("mae_mm", "max_mm", "completeness_percent", "precision_mm", "seconds")
+HEADLINE = ("mae_mm", "floor_mm", "max_mm", "completeness_percent", "precision_mm", "seconds")
 NONE = "–"
 
 
@@ -127,10 +127,29 @@ def _markdown(text: str) -> str:
 def caption(result: Result) -> str:
     """What the figures stand on, in one sentence."""
     captures = ", ".join(capture.name for capture in result.scored())
+    floor = ""
+    if any(row.metric == "floor_mm" for row in result.rows):  # results of earlier versions have none
+        floor = (
+            "ground-truth floor: the MAE that a perfect radar would show, because the reference errs itself, and where "
+            "it would lie in 95 % of all draws of that error; "
+        )
+    refined = result.about.facts.get("refined_transforms", {})
+    warning = "".join(f" The transform of {name} was {reason}." for name, reason in refined.items())
     return (
-        f"Pixels pooled over the captures {captures}; in brackets the 95 % confidence interval; "
-        "time per frame on the machine named in the result."
+        f"Pixels pooled over the captures {captures}; in brackets the 95 % confidence interval; {floor}"
+        f"time per frame on the machine named in the result.{warning}"
     )
+
+
+def floor_note(result: Result) -> str:
+    """A sentence for the captions of pictures that show an MAE, with a blank before it: the floors that are known and
+    not zero, the largest of the methods'. Empty without one."""
+    floors = dict.fromkeys(REFERENCES, 0.0)
+    for row in result.rows:
+        if row.metric == "floor_mm" and row.reference in floors:
+            floors[row.reference] = max(floors[row.reference], row.value or 0.0)
+    known = ", ".join(f"{_number(v, _three_digits(v))} mm against {reference}" for reference, v in floors.items() if v)
+    return f" Ground-truth floor, the MAE of a perfect radar: {known}." if known else ""
 
 
 def latex(result: Result) -> str:

@@ -9,13 +9,16 @@ import tomlkit
 from pydantic import Field
 
 from bench.results import Name
+from calibration.array.file import load_array
 from radar.capture import RadarCapture, load_capture
 from radar.config import Config, load
 from radar.effects.plan import Choice
 from radar.errors import HandbenchError
 from radar.files import atomic_path, inside, require_folder
+from radar.progress import say
 
 ECHOES, TRUTH, MESH, PHOTOS = "echoes.h5", "truth.ply", "mesh.ply", "photos"
+ARRAY = "array.json"  # calibration of the antennas
 EMPTY = "empty.h5"  # the room without the target
 TRANSFORM, TARGET = "radar_from_photo.json", "target.toml"
 
@@ -57,6 +60,14 @@ def save_capture_file(folder: Path, description: CaptureFile) -> None:
         temporary.write_text(tomlkit.dumps(description.model_dump(exclude_none=True)), encoding="utf-8")
 
 
-def load_echoes(folder: str | Path) -> RadarCapture:
-    """The echoes of a capture folder."""
-    return load_capture(require_folder(folder, "a capture (capture.toml, echoes.h5, …)") / ECHOES)
+def load_echoes(folder: str | Path, calibrated: bool = True) -> RadarCapture:
+    """The echoes of a capture folder; where it holds an `array.json`, of the calibrated array, said in one line
+    (calibrated = False: as recorded)."""
+    folder = require_folder(folder, "a capture (capture.toml, echoes.h5, …)")
+    echoes, file = load_capture(folder / ECHOES), folder / ARRAY
+    if not calibrated or not file.exists():
+        return echoes
+    calibration = load_array(file)
+    echoes = calibration.applied_to(echoes, file)
+    say(f"{file}: applied: {calibration.summary()}")
+    return echoes

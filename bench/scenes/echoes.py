@@ -48,6 +48,7 @@ def echo_scene(scene: Scene) -> EchoScene:
         causes=scene.file.causes,
         seed=scene.file.seed,
         depth_step_hz=scene.file.depth_step_hz,
+        polarisation_deg=scene.file.sensor.polarisation_deg,
     )
 
 

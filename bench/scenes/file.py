@@ -132,6 +132,7 @@ class Sensor(SensorFaults):
     sweep: tuple[Sweep, ...] = (Sweep(start_hz=72e9, stop_hz=82e9, count=128),)
     tones_hz: tuple[Annotated[float, Field(gt=0)], ...] = ()
     step_time_s: float = Field(default=1e-3, ge=0, le=100)
+    polarisation_deg: float = Field(default=90.0, ge=-360, le=360)  # of the antennas' field, from x towards y
 
     @model_validator(mode="after")
     def _some_tone(self) -> Sensor:

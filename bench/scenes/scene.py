@@ -60,7 +60,7 @@ class Scene:
     @property
     def balls_m(self) -> np.ndarray:
         """Centres [n, 3] of the calibration target's balls in the radar frame."""
-        return self.radar_from_target.points(self.target.centres_m)
+        return self.radar_from_target.points(self.target.centres_m + self.target.ball_offsets_m)
 
 
 def load_scene(path: str | Path) -> Scene:

@@ -8,24 +8,26 @@ import numpy as np
 
 from radar.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.effects.reflection import fresnel
-from radar.effects.scene import Ball
+from radar.effects.scene import Ball, EchoScene
 from radar.sphere import half_angle_cosine, sphere_echo
 from radar.steering import phasor
 
 
 def ball_echoes(
-    balls: Sequence[Ball],
+    scene: EchoScene,
     frequencies_hz: np.ndarray,
     array: AntennaArray,
     delay_m: np.ndarray | None = None,
     pattern: float = 0.0,
 ) -> np.ndarray:
-    """Samples complex64 [f, t, r] of the bare steel balls by Mie's series. delay_m [n]: extra one-way path of each;
-    pattern: exponent of the antennas' amplitude pattern cosᵠθ."""
-    delays_m = np.zeros(len(balls)) if delay_m is None else delay_m
+    """Samples complex64 [f, t, r] of the scene's bare steel balls by Mie's series. delay_m [n]: extra one-way path of
+    each; pattern: exponent of the antennas' amplitude pattern cosᵠθ."""
+    delays_m = np.zeros(len(scene.balls)) if delay_m is None else delay_m
+    angle = np.radians(scene.polarisation_deg)
+    field = np.array([np.cos(angle), np.sin(angle), 0.0])
     samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
-    for ball, extra_m in zip(balls, delays_m, strict=True):
-        echo = sphere_echo(ball.centre_m, ball.radius_m, extra_m, frequencies_hz, array)
+    for ball, extra_m in zip(scene.balls, delays_m, strict=True):
+        echo = sphere_echo(ball.centre_m, ball.radius_m, extra_m, frequencies_hz, array, field)
         samples += echo * pattern_gain(ball.centre_m, array, pattern)
     return samples
 

@@ -116,7 +116,7 @@ def echoes_of(
 ) -> np.ndarray:
     """The target's echoes [2, t, r] as antennas elsewhere, or with a pattern, would have them; or of facets that
     scatter evenly."""
-    samples = ball_echoes(scene.balls, tones_hz, array, pattern=pattern)
+    samples = ball_echoes(scene, tones_hz, array, pattern=pattern)
     if scene.target is None:
         return samples
     facets = visible_surface(scene)

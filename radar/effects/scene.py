@@ -48,7 +48,8 @@ class EchoScene:
     """A scene as the radar meets it. frequencies_hz [f] ascending, time_s [f]: when each tone of a frame is measured.
 
     target: what is measured (it may be None where there are balls alone); room: what stands around it and stays when
-    it is taken away; depth_step_hz: the step between tones by which an effect's phase is told in millimetres.
+    it is taken away; depth_step_hz: the step between tones by which an effect's phase is told in millimetres;
+    polarisation_deg: the antennas' electric field, from x towards y (balls alone mind it).
     """
 
     array: AntennaArray
@@ -60,6 +61,7 @@ class EchoScene:
     causes: Causes = field(default_factory=Causes)
     seed: int = 0
     depth_step_hz: float = DEPTH_STEP_HZ
+    polarisation_deg: float = 90.0
     _kept: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property

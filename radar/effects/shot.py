@@ -91,7 +91,7 @@ class Shot:
             require_facets(self.surface.facets)
             samples += surface_echo(self.surface, self, array)
         if self.with_target:
-            samples += ball_echoes(self.scene.balls, self.scene.frequencies_hz, array, self.ball_delay_m, self.pattern)
+            samples += ball_echoes(self.scene, self.scene.frequencies_hz, array, self.ball_delay_m, self.pattern)
         return samples
 
     def extra_echoes(self) -> np.ndarray | int:

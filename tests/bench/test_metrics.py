@@ -133,7 +133,7 @@ def test_precision_needs_two_repeats_of_every_hand(hands):
 
 def test_every_figure_is_defined_with_its_unit():
     produced = set(score(surface_m(), surface_m())) | set(precision([]))
-    assert produced | {"seconds"} == set(METRICS)
+    assert produced | {"seconds", "floor_mm"} == set(METRICS)
     suffixes = {"mm": "_mm", "%": "_percent", "s": "seconds", "pixels": "n_observed"}
     assert all(key.endswith(suffixes[metric.unit]) for key, metric in METRICS.items())
     assert "mm" in definitions(["mae_mm"])["mae_mm"]

@@ -72,6 +72,14 @@ def test_the_table_has_exactly_the_agreed_columns(folder):
     assert results.load(folder).row("mae_mm", "3fsk", "photogrammetry") is None
 
 
+def test_the_floor_stands_directly_after_the_mae(folder):
+    """It is unknown here, since nothing tells how the reference errs: an empty cell, never a zero."""
+    lines = (folder / "table.csv").read_text().splitlines()
+    assert [line.split(",")[0] for line in lines[:4]] == ["metric", "mae_mm", "floor_mm", "max_mm"]
+    assert lines[2] == "floor_mm,3fsk,,,,mm,,truth"
+    assert results.load(folder).row("floor_mm", "3fsk", "truth").value is None
+
+
 def test_figures_in_the_table_are_those_of_the_raw_errors(folder):
     """A reader can recompute the mean from the stored pixels."""
     result = results.load(folder)

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
-from scipy.special import spherical_jn, spherical_yn
 
-from calibration.echoes import EchoSearch, ball_centre, ball_path, common_covariance, find_balls, fit_echo, separate
+from calibration.echoes import EchoSearch, ball_centre, ball_path, find_balls, fit_echo, separate
 from calibration.target import Target
 from radar.arrays import AntennaArray, PlanarScan, qar50
 from radar.capture import RadarCapture
@@ -138,39 +137,6 @@ def test_a_peak_is_carried_to_the_balls_centre(centre_m, radius_m, delay_m):
     assert np.linalg.norm(peak_m - nearer) < 1e-3
     found_m = ball_centre(peak_m, frequencies_hz, ARRAY, radius_m, delay_m)
     np.testing.assert_allclose(found_m, centre_m, atol=tolerance_m)
-
-
-def mie_range_m(radius_m: float, half_angle_rad: float) -> np.ndarray:
-    """Range error [2 polarisations] of the specular model, from the Mie series of a conducting sphere (Bohren & Huffman
-    1983, section 4.4, in the limit of infinite conductivity): −½ dφ/dk of the exact over the specular echo."""
-    k = 2 * np.pi * np.linspace(72e9, 82e9, 41) / C
-    mu = np.cos(np.pi - 2 * half_angle_rad)
-    n = np.arange(1, 45)
-    pi = np.zeros(len(n) + 1)
-    pi[1] = 1
-    for m in n[1:]:
-        pi[m] = ((2 * m - 1) * mu * pi[m - 1] - m * pi[m - 2]) / (m - 1)
-    tau = n * mu * pi[1:] - (n + 1) * pi[:-1]
-    echo = np.zeros((2, len(k)), np.complex128)
-    for i, x in enumerate(k * radius_m):
-        hankel = spherical_jn(n, x) - 1j * spherical_yn(n, x)
-        before = spherical_jn(n - 1, x) - 1j * spherical_yn(n - 1, x)
-        slope = x * before - n * hankel
-        a, b = slope.real / slope, hankel.real / hankel
-        weight = (2 * n + 1) / (n * (n + 1))
-        echo[:, i] = [(weight * (a * pi[1:] + b * tau)).sum(), (weight * (a * tau + b * pi[1:])).sum()]
-    phase = np.unwrap(np.angle(echo * np.exp(-2j * k * radius_m * np.cos(half_angle_rad))), axis=1)
-    return -np.polyfit(k, phase.T, 1)[0] / 2
-
-
-@pytest.mark.parametrize("radius_m", [0.0025, 0.003, 0.004, 0.005, 0.007, 0.010])
-def test_what_creeps_round_a_ball_is_declared(target, radius_m):
-    """The declared standard deviation is within a factor of 2.5 of the root mean square over the angles that the array
-    sees and both polarisations: the error oscillates with the ball's size, and an envelope is declared."""
-    balls = Target(element=tuple(e.model_copy(update={"ball_radius_m": radius_m}) for e in target.element))
-    declared_m = np.sqrt(common_covariance(balls, np.linspace(72e9, 82e9, 128))[2, 2])
-    errors_m = np.concatenate([mie_range_m(radius_m, angle) for angle in np.radians([0, 3, 6, 9, 12])])
-    assert declared_m / 2.5 < np.sqrt(np.mean(errors_m**2)) < 2.5 * declared_m
 
 
 def test_the_covariance_of_a_peak_is_honest(rng):

@@ -15,7 +15,7 @@ DENSITY_M2 = 3e6  # 3 points per mm²
 
 
 def scene(rng: np.random.Generator, target: Target, part: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points, noisy normals and true centres: caps of the spheres, the plate behind them, and stray points."""
+    """Points, noisy normals and true centres: caps of the spheres, the plate beside them, and stray points."""
     points, normals = [], []
     for element in target.element:
         outward = cap(rng, element.sphere_radius_m, part, DENSITY_M2)
@@ -23,6 +23,8 @@ def scene(rng: np.random.Generator, target: Target, part: float) -> tuple[np.nda
         points.append(element.centre_m + radius_m * outward)
         normals.append(outward)
     plate = rng.uniform([-0.12, -0.12, 0.025], [0.12, 0.12, 0.025], (60_000, 3))
+    behind = [np.hypot(*(plate[:, :2] - e.centre_m[:2]).T) < e.sphere_radius_m for e in target.element]
+    plate = plate[~np.any(behind, axis=0)]  # nobody sees the plate through a sphere
     points.append(plate + [0, 0, NOISE_M] * rng.standard_normal(plate.shape))
     normals.append(np.tile([0.0, 0, -1], (len(plate), 1)))
     points.append(rng.uniform(-0.15, 0.15, (4000, 3)))
@@ -33,7 +35,7 @@ def scene(rng: np.random.Generator, target: Target, part: float) -> tuple[np.nda
     return p @ rotation.T + shift_m, n @ rotation.T, target.centres_m @ rotation.T + shift_m
 
 
-@pytest.mark.parametrize("part", [0.3, 0.45])
+@pytest.mark.parametrize("part", [0.15, 0.3, 0.45])
 @pytest.mark.parametrize("oriented", [True, False])
 def test_all_spheres_are_found_and_nothing_else(rng, target, part, oriented):
     points, normals, centres = scene(rng, target, part)
@@ -42,8 +44,9 @@ def test_all_spheres_are_found_and_nothing_else(rng, target, part, oriented):
     for sphere in found:
         element = int(np.linalg.norm(centres - sphere.centre_m, axis=1).argmin())
         assert element in sphere.elements
-        # 600 voxels or more, ± 0.2 mm each at worst: 0.01 mm, times 3 since a cap of 30 % leaves its depth less certain
-        assert np.linalg.norm(sphere.centre_m - centres[element]) < 5e-5
+        # 600 voxels or more, ± 0.2 mm each at worst: 0.01 mm, times 3 to 8 since a smaller cap leaves its depth less
+        # certain, with a radius that is known to ± 0.05 mm
+        assert np.linalg.norm(sphere.centre_m - centres[element]) < (5e-5 if part > 0.2 else 8e-5)
         assert sphere.radius_m == pytest.approx(target.element[element].sphere_radius_m, rel=0.01)
         assert part - 0.03 < sphere.coverage < part + 0.15  # the rim's lattice cells count whole; so do stray points'
         assert sphere.inliers > 500
@@ -93,6 +96,23 @@ def test_the_covariance_is_honest(rng, patch_m, low, high):
         sphere = fit_sphere(cloud, np.array([1e-3, -1e-3, 1e-3]), 0.025, (0,))
         nees.append(sphere.centre_m @ np.linalg.solve(sphere.covariance_m2, sphere.centre_m))
     assert low < np.mean(nees) < high
+
+
+@pytest.mark.parametrize("part", [0.15, 0.45])
+def test_a_radius_that_is_not_quite_as_described_is_allowed_for(rng, part):
+    """Spheres made to ± 0.2 mm: the normalised squared error averages 3 ± 1 over 60 trials (three standard errors). Taken
+    as described, the same spheres would be off by 0.2 mm in depth, with standard deviations of 0.01 mm."""
+    nees, described = [], []
+    for _ in range(60):
+        outward = cap(rng, 0.025, part, 0.6e6)
+        made_m = 0.025 + 2e-4 * rng.standard_normal()
+        cloud = Cloud((made_m + 1e-4 * rng.standard_normal(len(outward)))[:, None] * outward, outward, oriented=True)
+        sphere = fit_sphere(cloud, np.array([1e-3, -1e-3, 1e-3]), 0.025, (0,), radius_sigma_m=2e-4)
+        nees.append(sphere.centre_m @ np.linalg.solve(sphere.covariance_m2, sphere.centre_m))
+        sphere = fit_sphere(cloud, np.array([1e-3, -1e-3, 1e-3]), 0.025, (0,))
+        described.append(sphere.centre_m @ np.linalg.solve(sphere.covariance_m2, sphere.centre_m))
+    assert np.mean(nees) == pytest.approx(3, abs=1)
+    assert np.mean(described) > 50
 
 
 @pytest.mark.parametrize(

@@ -54,6 +54,20 @@ def test_umeyama_is_the_least_squares_solution(seed):
     assert cost <= ((other.points(source) - target) ** 2).sum()
 
 
+@given(seeds, st.booleans())
+def test_a_weight_of_two_is_a_point_seen_twice(seed, with_scale):
+    rng = np.random.default_rng(seed)
+    source, target = rng.uniform(-1, 1, (2, 5, 3))
+    twice = umeyama(source[[0, 0, 1, 2, 3, 4]], target[[0, 0, 1, 2, 3, 4]], with_scale)
+    weighted = umeyama(source, target, with_scale, np.array([2.0, 1, 1, 1, 1]))
+    np.testing.assert_allclose(weighted, twice, atol=1e-8)  # unrelated points: the rotation may be badly conditioned
+
+
+def test_a_scale_needs_points_that_lie_apart():
+    with pytest.raises(HandbenchError, match="all 3 source points coincide"):
+        umeyama(np.zeros((3, 3)), np.eye(3), with_scale=True)
+
+
 def test_without_scale_the_scale_is_one(rng):
     source = rng.uniform(-1, 1, (5, 3))
     assert Transform("a", "b", umeyama(source, 2 * source)).scale == pytest.approx(1, abs=1e-12)
@@ -67,6 +81,16 @@ def test_the_inverse_undoes(rng):
     np.testing.assert_allclose(back.points(transform.points(points)), points, atol=1e-12)
     np.testing.assert_allclose(transform.rotation @ transform.rotation.T, np.eye(3), atol=1e-12)
     np.testing.assert_array_equal(identity("radar").points(points), points)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_the_inverse_undoes_far_from_the_origin_at_any_scale(rng, scale):
+    """Tolerance: four roundings of the largest number on the way back, 1e6 m over the scale."""
+    matrix = similarity(rng, scale)
+    matrix[:3, 3] *= 1e6
+    transform, points = Transform("photo", "radar", matrix), rng.uniform(-1, 1, (4, 3))
+    back = transform.inverse().points(transform.points(points))
+    np.testing.assert_allclose(back, points, atol=4 * np.finfo(float).eps * 1e6 / scale)
 
 
 def test_the_jacobian_is_the_derivative(rng):
@@ -141,6 +165,21 @@ def test_a_malformed_transform_file_is_refused_in_one_line(tmp_path, change, exp
     assert len(str(caught.value)) < 300
     path.write_text(json.dumps(GOOD))
     load_transform(path)
+
+
+def test_a_transform_a_million_metres_away_comes_back(tmp_path, rng):
+    """Its covariance about the origin is (1e6 m · 1 mrad)²; a thousand times further is no place on Earth."""
+    matrix = similarity(rng, 1e3)
+    matrix[:3, 3] *= 1e6
+    covariance = 1e6 * np.eye(6)
+    Transform("photo", "radar", matrix, covariance).save(tmp_path / "t.json")
+    after = load_transform(tmp_path / "t.json")
+    np.testing.assert_array_equal(after.matrix, matrix)
+    np.testing.assert_array_equal(after.covariance, covariance)
+    for key, value in {"matrix": np.diag([1, 1, 1, 1]) + 1e9 * np.eye(4, k=3), "residuals_m": np.array([1e9])}.items():
+        (tmp_path / "t.json").write_text(json.dumps(GOOD | {key: value.tolist()}))
+        with pytest.raises(HandbenchError, match=f"'{key}' is .* finite numbers"):
+            load_transform(tmp_path / "t.json")
 
 
 @pytest.mark.parametrize("text", ["", "[]", "null", "{}", '{"from": "a", "to": "b"}', "[" * 100_000, "import os"])

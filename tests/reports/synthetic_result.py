@@ -8,9 +8,13 @@ import numpy as np
 from PIL import Image
 
 from bench import results
+from bench.floor import budget
 from bench.metrics import error_map
 from bench.table import accuracy_rows, metric_facts, precision_rows, time_rows
+from calibration.transforms import Transform
+from groundtruth.depth import Reference
 
+MESH_SIGMA_M, REGISTRATION_SIGMA_M = 5e-5, 1.5e-4
 METHODS = {  # name: title, standard deviation and bias of z in mm, share of pixels seen, seconds per frame
     "2fsk": ("2-FSK", 6.0, 1.0, 0.7, 0.08),
     "3fsk": ("3-FSK", 1.5, 0.2, 0.7, 0.21),
@@ -37,6 +41,14 @@ def blurred(noise: np.ndarray) -> np.ndarray:
     return noise / noise.std()
 
 
+def known(z_m: np.ndarray, reference: str) -> Reference:
+    """A reference whose mesh errs by MESH_SIGMA_M and its place along z by REGISTRATION_SIGMA_M; the truth does not."""
+    mesh_m, along_z_m = (MESH_SIGMA_M, REGISTRATION_SIGMA_M) if reference == "photogrammetry" else (0.0, 0.0)
+    registration = Transform("photo", "radar", np.eye(4), np.diag([0, 0, along_z_m**2, 0, 0, 0]))
+    leverage = np.where(np.isfinite(z_m)[..., None], [0.0, 0, 1, 0, 0, 0], np.nan)
+    return Reference(z_m, np.where(np.isfinite(z_m), mesh_m, np.nan), leverage, registration)
+
+
 def write_synthetic(
     folder: Path,
     captures: tuple[str, ...] = ("B", "F", "U"),
@@ -51,12 +63,15 @@ def write_synthetic(
     rows, tasks, repeats = [], [], []
     truth = {c: hand_m(axis, axis) + 0.002 * i for i, c in enumerate(captures)}
     surfaces = {
-        "truth": truth,
-        "photogrammetry": {c: z + 5e-5 * rng.normal(size=z.shape) for c, z in truth.items()},
+        "truth": {c: known(z, "truth") for c, z in truth.items()},
+        "photogrammetry": {
+            c: known(z + MESH_SIGMA_M * rng.normal(size=z.shape), "photogrammetry") for c, z in truth.items()
+        },
     }
     for reference in references:
         for c in captures:
-            results.write_surface(folder, c, reference, results.Surface(axis, axis, surfaces[reference][c]))
+            z, sigma = surfaces[reference][c].z_m, surfaces[reference][c].sigma_m
+            results.write_surface(folder, c, reference, results.Surface(axis, axis, z, sigma))
     for method, (_, deviation_mm, bias_mm, share, seconds) in methods.items():
         maps = {reference: [] for reference in references}
         for c in captures:
@@ -65,7 +80,7 @@ def write_synthetic(
             results.write_surface(folder, c, method, results.Surface(axis, axis, z))
             tasks.append(results.Task(f"{c}-{method}", c, method, "image", seconds, 2 * seconds, 300.0, False))
             for reference in references:
-                errors = error_map(axis, axis, z, surfaces[reference][c])
+                errors = error_map(axis, axis, z, surfaces[reference][c].z_m)
                 results.write_errors(folder, c, method, reference, errors)
                 maps[reference].append(errors)
         strongest = [0.29 + 6e-4 * deviation_mm * rng.normal(size=10) for _ in range(3)]
@@ -73,7 +88,8 @@ def write_synthetic(
             results.Repeat(f"hand{h}", method, i, z) for h, hand in enumerate(strongest) for i, z in enumerate(hand)
         ]
         for reference in references:
-            rows += accuracy_rows(method, reference, maps[reference])
+            found = list(surfaces[reference].values())
+            rows += accuracy_rows(method, reference, maps[reference], surfaces=found)
             rows += precision_rows(method, reference, strongest)
             rows += time_rows(method, reference, seconds * rng.uniform(0.9, 1.2, 30))
     photo = (255 * rng.random((400, 500, 3)) * np.linspace(0.2, 1, 500)[:, None]).astype(np.uint8)
@@ -85,11 +101,14 @@ def write_synthetic(
     results.write_tasks(folder, tasks)
     results.write_repeats(folder, repeats)
     results.write_config(folder, 'name = "synthetic"\n')
-    results.write_about(folder, about(captures, methods, references))
+    budgets = {c: budget(found) for c, found in surfaces["photogrammetry"].items()}
+    results.write_about(folder, about(captures, methods, references, budgets))
     return folder
 
 
-def about(captures: tuple[str, ...], methods: dict[str, tuple], references: tuple[str, ...]) -> results.About:
+def about(
+    captures: tuple[str, ...], methods: dict[str, tuple], references: tuple[str, ...], budgets: dict[str, dict]
+) -> results.About:
     """Facts of the synthetic result."""
     scored = [
         results.CaptureFacts(name=c, pose=c, distance_m=0.29, references=references) for c in captures
@@ -104,5 +123,5 @@ def about(captures: tuple[str, ...], methods: dict[str, tuple], references: tupl
         machine={"cpu": "test", "cores": 2, "memory_gb": 8},
         captures=(*scored, *repeated),
         methods=tuple(results.MethodFacts(name=m, title=facts[0]) for m, facts in methods.items()),
-        facts={"noise": {"sigma_phi_rad": 0.03}, "groundtruth": {"median_error_mm": 0.05}},
+        facts={"noise": {"sigma_phi_rad": 0.03}, "groundtruth_sigma_rms": budgets},
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from html.parser import HTMLParser
 
 import matplotlib
@@ -29,8 +30,8 @@ def folder(tmp_path_factory):
         methods={"2fsk": (r"$\frac{<script>x</script>", *METHODS["2fsk"][1:]), "3fsk": METHODS["3fsk"]},
     )
     about = read_json(folder / "result.json", "")
-    hostile = {"name": "<script>n</script>", "facts": {"<i>": ["<script>", {"a": None}]}}
-    write_json(folder / "result.json", about | hostile)
+    about["facts"]["<i>"] = ["<script>", {"a": None}]
+    write_json(folder / "result.json", about | {"name": "<script>n</script>"})
     (folder / "config.toml").write_text('x = "</pre><script>"\n')
     return folder
 
@@ -86,6 +87,27 @@ def test_the_page_is_self_contained_and_escaped(report):
     assert not re.search(r"(src|href)=\"?(http|/|\.)", text)
     assert "&lt;script&gt;" in text
     assert "prefers-color-scheme: dark" in text and "@media print" in text
+
+
+def test_the_page_shows_and_explains_the_floor(report):
+    text = (report / "index.html").read_text(encoding="utf-8")
+    assert text.count("ground-truth floor (mm)</th>") == 2  # a line in each table
+    assert "MAE that a perfect radar would show against this reference" in text  # the definition
+    assert "Ground-truth floor, the MAE of a perfect radar: 0.126 mm against photogrammetry." in text  # the error maps
+    assert "together_mm</dt>" in text  # the budget
+
+
+def test_a_result_without_a_floor_is_reported(folder, tmp_path):
+    """A folder that an earlier version wrote: neither the rows nor the definition."""
+    old = tmp_path / "old"
+    shutil.copytree(folder, old)
+    table = (old / "table.csv").read_text().splitlines(keepends=True)
+    (old / "table.csv").write_text("".join(line for line in table if not line.startswith("floor_mm")))
+    about = read_json(old / "result.json", "")
+    del about["metrics"]["floor_mm"]
+    write_json(old / "result.json", about)
+    text = html.page(results.load(old), [], tmp_path)
+    assert "MAE (mm)" in text and "floor" not in text
 
 
 def test_building_again_replaces_and_leaves_strangers_alone(folder, report):

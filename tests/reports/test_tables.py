@@ -54,6 +54,42 @@ def test_ours_ratio_and_time_are_the_results(result):
     assert all(cell != "–" for cell in cells(block, "seconds", "ours"))
 
 
+def test_the_floor_stands_directly_under_the_mae(result):
+    """Against photogrammetry it is √(2/π)·√(0.05² + 0.15²) = 0.126 mm for every method; the truth has none."""
+    for block in tables.blocks(result):
+        lines = [(line.metric, line.source) for line in block.lines[:4]]
+        assert lines == [("mae_mm", "ours"), ("mae_mm", "paper"), ("mae_mm", "ours / paper"), ("floor_mm", "ours")]
+        assert block.lines[3].title == "ground-truth floor (mm)"
+    photogrammetry, truth = (cells(block, "floor_mm", "ours") for block in tables.blocks(result))
+    assert all(re.fullmatch(r"0\.126 \[0\.0\d+, 0\.\d+\]", cell) for cell in photogrammetry)
+    assert set(truth) == {"0"}
+
+
+def test_captions_explain_the_floor_where_there_is_one(result):
+    assert "a perfect radar would show" in tables.caption(result)
+    note = " Ground-truth floor, the MAE of a perfect radar: 0.126 mm against photogrammetry."
+    assert tables.floor_note(result) == note
+    for render in (tables.markdown, tables.latex):
+        assert render(result).count("ground-truth floor (mm)") == 2 and "a perfect radar" in render(result)
+
+
+def test_results_of_earlier_versions_have_no_floor(result):
+    """Neither rows nor the definition: nothing is shown, nothing explained."""
+    metrics = {key: facts for key, facts in result.about.metrics.items() if key != "floor_mm"}
+    rows = tuple(row for row in result.rows if row.metric != "floor_mm")
+    old = replace(result, rows=rows, about=result.about.model_copy(update={"metrics": metrics}))
+    assert all(line.metric != "floor_mm" for block in tables.blocks(old) for line in block.lines)
+    assert tables.floor_note(old) == ""
+    assert not any("floor" in render(old) for render in (tables.markdown, tables.latex, tables.csv_text))
+
+
+def test_an_unknown_floor_is_a_dash(result):
+    rows = tuple(replace(r, value=None, low=None, high=None) if r.metric == "floor_mm" else r for r in result.rows)
+    unknown = replace(result, rows=rows)
+    assert set(cells(tables.blocks(unknown)[0], "floor_mm", "ours")) == {"–"}
+    assert tables.floor_note(unknown) == ""
+
+
 def test_what_was_not_measured_is_a_dash(result):
     rows = tuple(replace(row, value=None, low=None, high=None) for row in result.rows)
     block = tables.blocks(replace(result, rows=rows))[0]
@@ -114,6 +150,7 @@ def test_terminal_table_prints_names_as_they_are(evil, capsys):
     tables.show(evil)
     text = capsys.readouterr().out
     assert "[z]" in text and text.count("MAE (mm)") == 2 and text.count("time per frame (s)") == 2
+    assert text.count("ground-truth floor (mm)") == 2
     assert "RMSE" not in text
 
 

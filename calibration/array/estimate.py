@@ -1,0 +1,133 @@
+"""An array's gains, phases, delays and places by maximum a posteriori on the samples of a target capture.
+
+Gauss–Newton on Σ |s − model|²/σ² + Σ (offset/σ_p)² + Σ (delay/σ_d)² + Σ (shape/σ_s)², in a fixed gauge; shape is how
+far a ball lies from where the described target, placed as well as it can be, has it. The priors keep at 0 what the
+echoes do not show: offsets along the line of sight are hardly told from phases.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.array.file import ArrayCalibration, Side
+from calibration.array.model import (
+    DELAY,
+    EACH,
+    LEVEL,
+    PHASE,
+    PLACE,
+    Antennas,
+    Echoes,
+    State,
+    directions,
+    normal_equations,
+)
+from calibration.array.prior import Settings, constrained_inverse, gauges, prior, surprises
+from calibration.array.quality import SINGLE, check, left_over
+from calibration.array.start import alive, fitted_gains, nominal_state, without
+from calibration.echoes import EchoSearch
+from calibration.target import Target
+from radar.arrays import AntennaArray
+from radar.capture import RadarCapture
+from radar.errors import HandbenchError
+
+MAX_STEPS = 20
+ENOUGH = 0.1  # a step that lowers χ² by less is no more than a small part of one standard deviation
+
+
+def estimate_array(
+    capture: RadarCapture,
+    target: Target,
+    settings: Settings | None = None,
+    source: str = "target capture",
+    search: EchoSearch | None = None,
+) -> ArrayCalibration:
+    """The array's calibration from the echoes of a target that stands still (frames are averaged). source: names the
+    capture, in the file and in errors.
+
+    Raises HandbenchError when a ball is not found, or when target and echoes contradict each other.
+    """
+    settings = settings or Settings()
+    if not isinstance(capture.aperture, AntennaArray):
+        raise HandbenchError(f"{source}: a planar scan has no array to calibrate; expected a MIMO array's echoes")
+    mean = replace(capture, samples=capture.samples.mean(axis=0, keepdims=True))
+    samples = np.ascontiguousarray(np.moveaxis(mean.samples[0], 0, -1))
+    echoes = Echoes(target, capture.frequencies_hz)
+    raw, start = fitted_gains(samples, nominal_state(mean, target, search), echoes)
+    live = alive(start, settings.weakest_db)
+    samples, raw, start = samples[live[0]][:, live[1]], without(raw, *live), without(start, *live)
+    state, covariance = fitted(samples, start, echoes, settings)
+    before, after = (left_over(samples, s, echoes) for s in (raw, state))
+    check(state, after, target, settings, source)
+    tx, rx = (
+        _side(leg.position_m, *of_side, state.centres_m, echoes, settings)
+        for leg, *of_side in zip(
+            capture.aperture.legs, live, (state.tx, state.rx), _own_covariances(covariance, state), strict=True
+        )
+    )
+    levels_db = {"residual_before_db": 10 * np.log10(before), "residual_after_db": 10 * np.log10(after)}
+    return ArrayCalibration(source=source, reference_hz=echoes.reference_hz, tx=tx, rx=rx, **levels_db)
+
+
+def fitted(samples: np.ndarray, state: State, echoes: Echoes, settings: Settings) -> tuple[State, np.ndarray]:
+    """The most probable state for samples [t, r, f] and its covariance [u, u], the noise taken from what is left."""
+    floor = SINGLE**2 * float(np.mean(np.abs(samples) ** 2)) / 2
+    information = prior(state, echoes.target, settings)
+    for _ in range(MAX_STEPS):
+        normal, right, power = normal_equations(samples, state, echoes)
+        freedom = 2 * samples.size - len(right)
+        variance = max(power * samples.size / freedom, floor)  # of the real and of the imaginary part
+        pull = right / variance - information @ surprises(state, echoes.target)
+        inverse = constrained_inverse(normal / variance + information, gauges(state))
+        step = inverse @ pull
+        state = state.moved(step)
+        if step @ pull < ENOUGH:
+            return state, inverse
+    raise HandbenchError(
+        "echoes: the array's errors do not settle; they may be too large for the target to be seen sharply"
+    )
+
+
+def _own_covariances(covariance: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
+    """Covariances [n, 6, 6] of each antenna's own unknowns, of both sides."""
+    n_tx, n_rx, _ = state.counts
+    antennas = covariance[: EACH * (n_tx + n_rx), : EACH * (n_tx + n_rx)]
+    blocks = antennas.reshape(n_tx + n_rx, EACH, n_tx + n_rx, EACH)
+    own = blocks[np.arange(n_tx + n_rx), :, np.arange(n_tx + n_rx)]
+    return own[:n_tx], own[n_tx:]
+
+
+def _side(
+    nominal_m: np.ndarray,
+    live: np.ndarray,
+    found: Antennas,
+    covariance: np.ndarray,
+    centres_m: np.ndarray,
+    echoes: Echoes,
+    settings: Settings,
+) -> Side:
+    """What the file says of one side; of a dead antenna nothing is known but that it is weak."""
+    toward = directions(centres_m.mean(axis=0, keepdims=True), found)[:, 0]
+    seen = np.zeros((len(found.delay_m), EACH))
+    seen[:, PHASE], seen[:, PLACE] = 1, -echoes.wavenumber.mean() * toward
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    phase_sigma = np.sqrt(np.einsum("na,nab,nb->n", seen, covariance, seen))
+
+    def all_of(values: np.ndarray, dead: float) -> list:
+        everyone = np.full((len(live), *values.shape[1:]), dead)
+        everyone[live] = values
+        return everyone.tolist()
+
+    gain = np.exp(found.log_gain)
+    return Side(
+        nominal_m=nominal_m.tolist(),
+        gain=all_of(np.column_stack([gain.real, gain.imag]), 0.0),
+        delay_m=all_of(found.delay_m, 0.0),
+        offset_m=all_of(found.offset_m, 0.0),
+        level_sigma=all_of(sigma[:, LEVEL], 1.0),
+        phase_sigma_rad=all_of(phase_sigma, np.pi),
+        delay_sigma_m=all_of(sigma[:, DELAY], settings.delay_sigma_m),
+        offset_sigma_m=all_of(sigma[:, PLACE], settings.position_sigma_m),
+    )

@@ -1,0 +1,95 @@
+"""What a run's result folder says of its reference, from mesh and transform to table: no echo is imaged."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench import outcome, results
+from bench.datasets.native import CaptureFile
+from bench.outcome import Capture, Outcome
+from bench.protocol import load_benchmark
+from calibration.transforms import Transform, identity
+from groundtruth.surface import Surface
+from radar.depthmap import DepthMap
+
+AXIS_M = np.linspace(-0.03, 0.03, 31)
+SIGMA_M, ALONG_Z_M = 4e-5, 3e-4
+
+
+@pytest.fixture
+def written(small_bench, tmp_path):
+    """Write the result of two methods that see a plate at 0.3 m perfectly, on grids of their own; the plate's mesh and
+    its transform may know how they err or not."""
+    bench, _ = load_benchmark(str(small_bench))
+
+    def write(sigma_m: float, covariance: np.ndarray | None) -> Path:
+        corners_m = np.array([(-0.1, -0.1, 0.3), (0.1, -0.1, 0.3), (0.1, 0.1, 0.3), (-0.1, 0.1, 0.3)])
+        plate = Surface(corners_m, np.array([[0, 1, 2], [0, 2, 3]]), np.full(4, sigma_m), np.ones(4, bool))
+        plate.save(tmp_path / "plate.ply")
+        transform = Transform("photo", "radar", np.eye(4), covariance)
+        capture = Capture(tmp_path, "0" * 64, CaptureFile(name="plate"))
+        found = Outcome(bench, [capture], [])
+        found.references["plate"] = {
+            "photogrammetry": (tmp_path / "plate.ply", transform), "truth": (tmp_path / "plate.ply", identity("radar")),
+        }
+        for entry, axis_m in zip(bench.method, (AXIS_M, AXIS_M[5:-5]), strict=True):
+            z_m = np.full((len(axis_m), len(axis_m)), 0.3)
+            found.maps["plate", entry.id] = DepthMap(axis_m, axis_m, z_m, np.zeros_like(z_m), entry.id)
+            found.configs["plate", entry.id], found.seconds[entry.id] = {}, [0.1]
+        folder = tmp_path / "out"
+        folder.mkdir(exist_ok=True)
+        outcome.write(folder, found, "")
+        return folder
+
+    return write
+
+
+def floors(folder: Path, reference: str) -> list[list[str]]:
+    """Value, low and high of each method's floor, as table.csv has them."""
+    with (folder / "table.csv").open() as stream:
+        lines = list(csv.DictReader(stream))
+    rows = [line for line in lines if (line["metric"], line["reference"]) == ("floor_mm", reference)]
+    return [[row[column] for column in ("value", "low", "high")] for row in rows]
+
+
+def sigma_m(folder: Path, reference: str) -> np.ndarray:
+    with np.load(results.depth_path(folder, "plate", reference)) as content:
+        return content["sigma_m"]
+
+
+def test_mesh_and_registration_reach_the_table_together(written):
+    folder = written(SIGMA_M, np.diag([0, 0, ALONG_Z_M, 0, 0, 0]) ** 2)
+    together_m = np.hypot(SIGMA_M, ALONG_Z_M)
+    for value, low, high in floors(folder, "photogrammetry"):  # a perfect radar on its own grid: the same floor
+        assert float(value) == pytest.approx(1e3 * np.sqrt(2 / np.pi) * together_m, rel=1e-6)  # σ is float32 in a mesh
+        assert 0 < float(low) < float(value) < float(high)
+    assert len(floors(folder, "photogrammetry")) == 2
+    np.testing.assert_allclose(sigma_m(folder, "photogrammetry"), np.full((31, 31), together_m), rtol=1e-6)
+    facts = json.loads((folder / "result.json").read_text())["facts"]["groundtruth_sigma_rms"]
+    expected = {"mesh_mm": 1e3 * SIGMA_M, "registration_mm": 1e3 * ALONG_Z_M, "together_mm": 1e3 * together_m}
+    assert facts == {"plate": pytest.approx(expected, rel=1e-6)}
+
+
+def test_the_truth_is_exact_whatever_its_file_says(written):
+    folder = written(SIGMA_M, None)
+    assert floors(folder, "truth") == [["0.0", "", ""]] * 2
+    assert np.all(sigma_m(folder, "truth") == 0)
+
+
+@pytest.mark.parametrize(("mesh_m", "covariance", "unknown"), [
+    (np.nan, 1e-8 * np.eye(6), ["mesh"]), (SIGMA_M, None, ["registration"]), (np.nan, None, ["mesh", "registration"]),
+])
+def test_what_is_missing_is_named_and_no_floor_is_invented(written, mesh_m, covariance, unknown):
+    folder = written(mesh_m, covariance)
+    assert floors(folder, "photogrammetry") == [["", "", ""]] * 2
+    assert np.isnan(sigma_m(folder, "photogrammetry")).all()
+    facts = json.loads((folder / "result.json").read_text())["facts"]["groundtruth_sigma_rms"]["plate"]
+    assert facts["unknown"] == unknown and facts["together_mm"] is None
+    assert [facts[f"{part}_mm"] is None for part in ("mesh", "registration")] == [
+        part in unknown for part in ("mesh", "registration")
+    ]
