@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -25,7 +26,7 @@ from radar.sphere import sphere_echo
 from radar.steering import phasor
 
 MAX_STEPS = 8
-SETTLED_M = 1e-6
+SETTLED_M = 5e-6  # a last step; what is left is of second order, some nanometres
 FARTHEST_M = 0.003  # from where the peak was: a fit that goes further has left its ball
 TONES = 4  # every fourth tells how polarisation moves the balls
 AROUND_M = 0.015 * np.array([p for p in product((-1, 0, 1), repeat=3) if any(p)])  # beyond a ball's own peak
@@ -48,37 +49,56 @@ def fit_balls(
     others: echoes that are none of the target's; those that lie in no element's foam are fitted along, in place.
     Raises HandbenchError when a ball runs away from its peak.
     """
-    samples, array = capture.samples[frame].reshape(-1), capture.aperture
-    elements, centres_m = list(heard), np.array([ball.centre_m for ball in heard.values()])
-    strangers = _strangers(capture, target, heard, others)
-    strengths = np.zeros(len(elements), np.complex128)
-    for _ in range(MAX_STEPS):
-        columns = np.concatenate([
-            *(_columns(target, i, c, capture) for i, c in zip(elements, centres_m, strict=True)), strangers
-        ])
-        gram, onto = columns.conj() @ columns.T, columns.conj() @ samples
-        if not strengths.any():  # the strengths first, with every ball in its place
-            strengths = _strengths(gram, onto, len(elements))
-        real = _real(strengths, len(strangers))
-        normal = (real.conj().T @ gram @ real).real
-        factor = cho_factor(normal)
-        unknowns = cho_solve(factor, (real.conj().T @ onto).real)
-        step_m = unknowns[: 7 * len(elements)].reshape(-1, 7)[:, 2:5]
-        strengths = unknowns[: 7 * len(elements)].reshape(-1, 7)[:, :2] @ [1, 1j]
-        centres_m = centres_m + step_m
-        if np.abs(step_m).max() < SETTLED_M:
-            break
-    rest = samples - (real @ unknowns).astype(np.complex64) @ columns
-    inverse = cho_solve(factor, np.eye(len(normal)))
+    fit = _settle(capture, target, {i: ball.centre_m for i, ball in heard.items()}, others, frame)
+    inverse = cho_solve(fit.factor, np.eye(len(fit.unknowns)))
     fitted = {}
-    for n, (i, centre_m) in enumerate(zip(elements, centres_m, strict=True)):
+    for n, (i, centre_m) in enumerate(fit.centres_m.items()):
         _check_near(i, centre_m, heard[i].centre_m)
         place = slice(7 * n + 2, 7 * n + 5)
-        noise = _noise_around(centre_m, rest.reshape(capture.samples[frame].shape), capture.frequencies_hz, array)
+        noise = _noise_around(centre_m, fit.rest, capture.frequencies_hz, capture.aperture)
         shift_m = _polarisation_shift(capture, target, i, centre_m)
         covariance_m2 = inverse[place, place] * noise / 2 + np.outer(shift_m, shift_m)
         fitted[i] = replace(heard[i], centre_m=centre_m, covariance_m2=covariance_m2)
     return fitted
+
+
+class _Fit(NamedTuple):
+    """centres_m: of each element's ball; unknowns [u] and the Cholesky factor of their normal matrix, both of the last
+    step; rest [f, t, r]: what is left of the samples."""
+
+    centres_m: dict[int, np.ndarray]
+    unknowns: np.ndarray
+    factor: tuple[np.ndarray, bool]
+    rest: np.ndarray
+
+
+def _settle(
+    capture: RadarCapture, target: Target, centres_m: Mapping[int, np.ndarray], others: Sequence[Ball], frame: int
+) -> _Fit:
+    """Gauss–Newton from centres near the balls until they move no more."""
+    samples = capture.samples[frame].reshape(-1)
+    elements, places_m = list(centres_m), np.array(list(centres_m.values()))
+    strangers = _strangers(capture, target, centres_m, others)
+    strengths = None
+    for _ in range(MAX_STEPS):
+        columns = np.concatenate([
+            *(_columns(target, i, c, capture) for i, c in zip(elements, places_m, strict=True)), strangers
+        ])
+        conjugate = columns.conj()
+        gram, onto = conjugate @ columns.T, conjugate @ samples
+        if strengths is None:  # first of all, with every ball in its place
+            strengths = _strengths(gram, onto, len(elements))
+        real = _real(strengths, len(strangers))
+        factor = cho_factor((real.conj().T @ gram @ real).real)
+        unknowns = cho_solve(factor, (real.conj().T @ onto).real)
+        of_elements = unknowns[: 7 * len(elements)].reshape(-1, 7)
+        strengths = of_elements[:, :2] @ [1, 1j]
+        places_m = places_m + of_elements[:, 2:5]
+        if np.abs(of_elements[:, 2:5]).max() < SETTLED_M:
+            break
+    rest = samples - (real @ unknowns).astype(np.complex64) @ columns
+    places = dict(zip(elements, places_m, strict=True))
+    return _Fit(places, unknowns, factor, rest.reshape(capture.samples[frame].shape))
 
 
 def _noise_around(
@@ -136,7 +156,7 @@ def _front(
 
 
 def _strangers(
-    capture: RadarCapture, target: Target, heard: Mapping[int, Ball], others: Sequence[Ball]
+    capture: RadarCapture, target: Target, centres_m: Mapping[int, np.ndarray], others: Sequence[Ball]
 ) -> np.ndarray:
     """[4·n, f·t·r]: echoes of points that lie in no recognised element's foam, one for each peak, and their derivatives
     by place: with complex strengths of their own, they make up for what is larger than a point."""
@@ -144,7 +164,7 @@ def _strangers(
     peaks_m = {tuple(ball.peak_m) for ball in others}
     foreign = [
         np.array(peak_m) for peak_m in sorted(peaks_m)
-        if all(np.linalg.norm(peak_m - b.centre_m) > 1.5 * target.element[i].sphere_radius_m for i, b in heard.items())
+        if all(np.linalg.norm(peak_m - c) > 1.5 * target.element[i].sphere_radius_m for i, c in centres_m.items())
     ]
     columns = [np.zeros((0, capture.samples[0].size), np.complex64)]
     for peak_m in foreign:

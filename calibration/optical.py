@@ -29,7 +29,7 @@ RADIUS_TOLERANCE = 0.06  # largest relative difference of the freely fitted radi
 TUKEY = 4.685  # 95 % efficient for Gaussian noise
 # Dense matching sinks convex surface, the more the steeper a camera sees it. What a whole sphere errs by for that,
 # whatever the number of its points (per axis), and all spheres alike towards the cameras: pixels, root mean square of
-# 20 rendered spheres at draft quality (0.053 and 0.062).
+# 20 rendered spheres at draft quality (0.053 and 0.062; of 15 at normal 0.029 and 0.051).
 WHOLE_PX, TOWARDS_CAMERAS_PX = 0.053, 0.062
 PATCH = 0.5  # side, relative to the radius, of the patches whose sums reveal errors that neighbours share
 

@@ -95,28 +95,40 @@ def reconstruct(photos: str | Path, options: Options, workdir: str | Path | None
         return result
 
 
+def reconstruct_cloud(photos: str | Path, options: Options, workdir: str | Path | None = None) -> Cloud:
+    """As `reconstruct`, but no further than the fused cloud; workdir receives `stages/` alone."""
+    with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
+        inputs, options = gather(Path(photos), options)
+        return _cloud(inputs, options, Stages(Path(scratch if workdir is None else workdir) / "stages"))[0]
+
+
 def _reconstruct(inputs: Inputs, options: Options, stages: Stages) -> tuple[Result, Sparse]:
+    def make_surface(folder: Path) -> None:
+        _surface(cloud, sparse, options).save(folder / MESH)
+
+    cloud, sparse, fused = _cloud(inputs, options, stages)
+    surface = read_surface(stages("mesh", [fused, options.components], make_surface) / MESH)
+    error_px = sparse.model.compute_mean_reprojection_error()
+    result = Result(
+        surface, cloud, sparse.cameras(), len(inputs.photos), error_px, sparse.scale, stages.seconds
+    )
+    return result, sparse
+
+
+def _cloud(inputs: Inputs, options: Options, stages: Stages) -> tuple[Cloud, Sparse, str]:
+    """The fused cloud, the cameras, and the name of the stage that made the cloud."""
     def make_sparse(folder: Path) -> None:
         register(inputs, options).save(folder)
 
     def make_dense(folder: Path) -> None:
         _dense_cloud(inputs, sparse, options).save(folder / CLOUD)
 
-    def make_surface(folder: Path) -> None:
-        _surface(cloud, sparse, options).save(folder / MESH)
-
     chosen = options.model_dump(mode="json", include=REGISTRATION)
     solved = stages("sparse", [inputs.content(), chosen], make_sparse)
     sparse = Sparse.load(solved)
     chosen_pixels = [options.quality, options.box_m, inputs.masks.content(), options.dense]
     fused = stages("dense", [solved.name, *chosen_pixels, options.seed], make_dense)
-    cloud = Cloud.load(fused / CLOUD)
-    surface = read_surface(stages("mesh", [fused.name, options.components], make_surface) / MESH)
-    error_px = sparse.model.compute_mean_reprojection_error()
-    result = Result(
-        surface, cloud, sparse.cameras(), len(inputs.photos), error_px, sparse.scale, stages.seconds
-    )
-    return result, sparse
+    return Cloud.load(fused / CLOUD), sparse, fused.name
 
 
 def _dense_cloud(inputs: Inputs, sparse: Sparse, options: Options) -> Cloud:

@@ -18,8 +18,8 @@ MADE = "made.toml"  # the target as it was really made, beside the scene
 
 FAULTS = {
     "none": "the target as described, in view",
-    "two hidden": "two elements of the square are covered, from cameras and radar alike",
-    "fifth missing": "the element that breaks the symmetry is missing",
+    "two hidden": "two elements of the square are covered: from the radar, in every second placement from cameras too",
+    "fifth missing": "the element that breaks the symmetry is missing: likewise",
     "wrong file": "the description is of a target whose square is 20 mm larger",
     "clutter": "a metal ball stands beside the target whose echo is up to 16 dB stronger than the target's balls'",
 }
@@ -35,10 +35,15 @@ class Case:
     described: Target
 
     @property
-    def shown(self) -> tuple[int, ...]:
-        """Indices of the elements that are there to be seen."""
+    def heard(self) -> tuple[int, ...]:
+        """Indices of the elements that the radar sees."""
         hidden = {"two hidden": (self.number % 4, (self.number + 1) % 4), "fifth missing": (4,)}.get(self.fault, ())
         return tuple(i for i in range(len(self.described.element)) if i not in hidden)
+
+    @property
+    def seen(self) -> tuple[int, ...]:
+        """Indices of the elements that the cameras see: the same, or, in every second placement, all."""
+        return self.heard if self.number // 8 % 2 == 0 else tuple(range(len(self.described.element)))
 
 
 def case(number: int, folder: Path, fault: str = "none", photographs: bool = True) -> Case:

@@ -22,8 +22,8 @@ def seen_cloud(case: Case) -> tuple[np.ndarray, np.ndarray]:
     aim_m = np.array([0.0, 0.0, scene.file.target.distance_m])
     cameras = rig(CAMERAS, 2400, 1600, aim_m, scene.radar_from_photo, scene.file.seed)
     photo_from_radar = scene.radar_from_photo.inverse()
-    centres_m = photo_from_radar.points(scene.radar_from_target.points(target.centres_m))[list(case.shown)]
-    radii_m = np.array([target.element[i].sphere_radius_m for i in case.shown])
+    centres_m = photo_from_radar.points(scene.radar_from_target.points(target.centres_m))[list(case.seen)]
+    radii_m = np.array([target.element[i].sphere_radius_m for i in case.seen])
     eyes_m = np.array([camera.centre_m for camera in cameras])
     points, normals = [], []
     for centre_m, radius_m in zip(centres_m, radii_m, strict=True):

@@ -56,8 +56,8 @@ def sampled(number: int, work: Path, fault: str) -> Trial:
     """Echoes simulated; in place of photographs a cloud of what the cameras would see of the spheres."""
     chosen = case(number, work / f"placement-{number}", fault, photographs=False)
     points_m, normals = seen_cloud(chosen)
-    capture = _echoes(chosen)
-    return _tried(chosen, lambda: calibrate(points_m, normals, capture, chosen.described))
+    echoes = _echoes(chosen)
+    return _tried(chosen, lambda: calibrate(points_m, normals, echoes, chosen.described))
 
 
 def _tried(chosen: Case, work: Callable[[], Transform]) -> Trial:
@@ -70,7 +70,7 @@ def _tried(chosen: Case, work: Callable[[], Transform]) -> Trial:
 
 
 def _echoes(chosen: Case) -> RadarCapture:
-    scene = only(chosen.scene, chosen.shown)
+    scene = only(chosen.scene, chosen.heard)
     radar_scene = echo_scene(scene)
     if chosen.fault == "clutter":
         radar_scene = replace(radar_scene, balls=(*radar_scene.balls, _clutter(radar_scene, chosen.number)))

@@ -63,15 +63,15 @@ def test_without_noise_the_balls_come_back(target, placed):
 
 
 def test_the_covariance_is_honest(rng, target, placed):
-    """Noise 10 dB above the echoes: the normalised squared errors of 5 balls × 12 trials average 3, the degrees of
-    freedom, within four standard errors of √(6/60)."""
+    """Noise 10 dB above the echoes: the normalised squared errors of 5 balls × 8 trials average 3, the degrees of
+    freedom, within four standard errors of √(6/40)."""
     samples, nees = echoes(target, placed), []
-    for _ in range(12):
+    for _ in range(8):
         noisy = samples + noise(rng, samples.shape, 10 * np.mean(np.abs(samples) ** 2))
         for i, ball in fit_balls(captured(noisy), target, seeds(placed, 1e-4)).items():
             miss = ball.centre_m - placed[i]
             nees.append(miss @ np.linalg.solve(ball.covariance_m2, miss))
-    assert np.mean(nees) == pytest.approx(3, abs=4 * np.sqrt(6 / 60))
+    assert np.mean(nees) == pytest.approx(3, abs=4 * np.sqrt(6 / 40))
 
 
 def test_a_neighbour_that_is_no_ball_of_the_target_pulls_little(rng, target, placed):
