@@ -25,7 +25,7 @@ from groundtruth.cameras import Camera
 from groundtruth.depth import Reference, reference_on_grid
 from groundtruth.options import Options
 from groundtruth.photos import Photo, find_photos
-from groundtruth.pipeline import reconstruct
+from groundtruth.pipeline import reconstruct, reconstruct_cloud
 from groundtruth.surface import read_surface
 from radar.config import Config, parse
 from radar.depthmap import DepthMap
@@ -98,7 +98,7 @@ def calibrate_captures(
         description = load_capture_file(capture)
         names.append(description.name)
         options = _options(description.box_m, quality, seed)
-        cloud = reconstruct(capture / PHOTOS, options, folder and folder / str(number)).cloud
+        cloud = reconstruct_cloud(capture / PHOTOS, options, folder and folder / str(number))
         echoes = load_echoes(capture) if array is None else array.applied_to(load_echoes(capture, calibrated=False))
         measured.append(measure(cloud.points_m, cloud.normals, echoes, target, pixel_m=cloud.pixel_m))
     pairs, common_m2 = zip(*measured, strict=True)
