@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from bench.page import STYLE, markdown_table
+from bench.page import STYLE, markdown_table, write_page
 from bench.photogrammetry.run import Row
-from radar.files import atomic_path
 
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9")  # of Okabe and Ito's palette
 MARKERS = {"draft": "o", "normal": "s", "high": "^"}
@@ -20,15 +18,9 @@ PERCENT = 100.0
 
 def write(rows: list[Row], folder: Path, name: str) -> None:
     """Write photogrammetry_<name>.md, .csv and, of a sweep, .png into the folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / f"photogrammetry_{name}"
-    with atomic_path(file.with_suffix(".md")) as temporary:
-        temporary.write_text(markdown(rows), encoding="utf-8")
-    with atomic_path(file.with_suffix(".csv")) as temporary, temporary.open("w", newline="", encoding="utf-8") as out:
-        csv.writer(out).writerows(table(rows))
-    if len({row.case.quality for row in rows}) > 1:
-        with matplotlib.rc_context(STYLE), atomic_path(file.with_suffix(".png")) as temporary:
-            draw(rows).savefig(temporary, format="png")
+    with matplotlib.rc_context(STYLE):
+        figure = draw(rows) if len({row.case.quality for row in rows}) > 1 else None
+        write_page(folder / f"photogrammetry_{name}", markdown(rows), table(rows), figure)
 
 
 def table(rows: list[Row]) -> list[list[str]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import matplotlib
@@ -10,24 +9,18 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
-from bench.page import STYLE, markdown_table
+from bench.page import STYLE, markdown_table, write_page
 from bench.registration.run import Trial
 from bench.registration.score import Summary, summary
-from radar.files import atomic_path
 
 WRONG_M = 2e-3  # an error of the transform, anywhere in the hand's volume, that should have been a refusal
 
 
 def write(trials: list[Trial], folder: Path, name: str) -> None:
     """Write registration_<name>.md, .csv and .png into the folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / f"registration_{name}"
-    with atomic_path(file.with_suffix(".md")) as temporary:
-        temporary.write_text(markdown(trials), encoding="utf-8")
-    with atomic_path(file.with_suffix(".csv")) as temporary, temporary.open("w", newline="", encoding="utf-8") as out:
-        csv.writer(out).writerows(table(trials))
-    with matplotlib.rc_context(STYLE), atomic_path(file.with_suffix(".png")) as temporary:
-        draw([trial for trial in trials if trial.score]).savefig(temporary, format="png")
+    with matplotlib.rc_context(STYLE):
+        figure = draw([trial for trial in trials if trial.score])
+        write_page(folder / f"registration_{name}", markdown(trials), table(trials), figure)
 
 
 def table(trials: list[Trial]) -> list[list[str]]:
