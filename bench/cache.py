@@ -14,60 +14,37 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bench.measure import Cost, measured
-from bench.results import Task
+from bench.measure import Cost, calibrated_machine, measured
 from radar.errors import HandbenchError
 from radar.files import read_json, write_json
-from radar.kept import keep, key_of
+from radar.kept import keep
 from radar.progress import say
 
 STAMP, MARKER = "stage.json", ".handbench-run"
 
 
-@dataclass(frozen=True)
-class Stage:
-    """A finished stage: its folder, the hash that names it, what it cost when it was made."""
-
-    folder: Path
-    key: str
-    cost: Cost
-
-
 @dataclass
-class Cache:
-    """The stages under `root`; `tasks` records each stage of this run, cached or not."""
+class Stamp(Cost):
+    """What a stage cost when it was made, and facts of the machine that made it."""
 
-    root: Path
-    tasks: list[Task] = field(default_factory=list)
+    machine: dict[str, Any] = field(default_factory=dict)
 
-    def stage(
-        self,
-        name: str,
-        capture: str,
-        method: str,
-        depends_on: list[Any],
-        sources: tuple[str, ...],
-        make: Callable[[Path], None],
-    ) -> Stage:
-        """The folder that make(folder) fills, from the cache when nothing it depends on has changed.
 
-        depends_on: values, paths and keys of earlier stages; sources: packages or modules whose code it runs.
-        """
-        key = key_of(sources, name, capture, method, *depends_on)
-        label = "-".join(part for part in (name, capture, method) if part)
-        folder = self.root / f"{label}-{key[:16]}"
+def kept_stage(folder: Path, label: str, make: Callable[[Path], None]) -> tuple[Stamp, bool]:
+    """Have make(temporary) fill the folder unless it is there already; returns its stamp and whether it was."""
+    stamps: list[Stamp] = []
 
-        def timed(temporary: Path) -> None:
-            say(f"{label} ...")
-            with measured() as cost:
-                make(temporary)
-            write_json(temporary / STAMP, asdict(cost))
+    def timed(temporary: Path) -> None:
+        say(f"{label} ...")
+        machine = calibrated_machine()  # once, before anything is timed
+        with measured() as cost:
+            make(temporary)
+        stamps.append(Stamp(**asdict(cost), machine=machine))
+        write_json(temporary / STAMP, asdict(stamps[0]))
 
-        cached = keep(folder, timed)
-        cost = Cost(**read_json(folder / STAMP, "a stage's stamp"))
-        say(f"{label}: cached" if cached else f"{label}: {cost.seconds:.1f} s")
-        self.tasks.append(Task(label, capture, method, name, **asdict(cost), cached=cached))
-        return Stage(folder, key, cost)
+    if keep(folder, timed):
+        return Stamp(**read_json(folder / STAMP, "a stage's stamp")), True
+    return stamps[0], False
 
 
 @contextmanager

@@ -63,7 +63,7 @@ def _run(options: argparse.Namespace) -> None:
     from reports.tables import show
 
     bench, base = load_benchmark(options.bench)
-    show(run(bench, base, options.out, options.overwrite))
+    show(run(bench, base, options.out, options.overwrite, options.scheduler))
     print(f"results: {options.out}")
 
 
@@ -86,6 +86,8 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("bench", metavar="BENCH.toml", help="benchmark file, or the name of an embedded one: paper_table")
     run.add_argument("-o", "--out", required=True, type=Path, metavar="DIR", help="result folder")
     run.add_argument("--overwrite", action="store_true", help="replace the results of another configuration in DIR")
+    run.add_argument("--scheduler", metavar="tcp://HOST:PORT",
+                     help="let this Dask scheduler's workers do the stages (extra: cluster)")
     _add_device(run)
 
     simulate = _add(commands, "simulate", "scene file → capture folder (echoes, photographs, true surface)")
@@ -132,9 +134,15 @@ def parser() -> argparse.ArgumentParser:
 
     importer = _add(commands, "import", "another data set → capture folder")
     importer.set_defaults(command="import_dataset")
-    importer.add_argument("dataset", choices=("planar_scan",))
-    importer.add_argument("source", type=Path, metavar="SRC")
+    importer.add_argument("dataset", choices=("maroon", "mapping", "planar_scan"))
+    importer.add_argument("source", type=Path, metavar="SRC", help="maroon: OBJECT/DISTANCE; mapping: a folder")
     _out(importer, "DIR", "capture folder")
+
+    exporter = _add(commands, "export", "captures → another data set's layout")
+    exporter.set_defaults(command="export_dataset")
+    exporter.add_argument("dataset", choices=("maroon",))
+    exporter.add_argument("captures", nargs="+", type=Path, metavar="CAPTURE")
+    _out(exporter, "ROOT", "the data set's root; ROOT/NAME/CENTIMETRES is written")
 
     _add(commands, "list", "methods, metrics, benchmarks and poses that there are").set_defaults(command="list_all")
     validate = _add(commands, "validate", "check benchmarks, scenes and captures before hours are spent")

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from radar.errors import HandbenchError
-from radar.files import inside
 from radar.progress import say
 
 if TYPE_CHECKING:  # --help answers without them
@@ -39,7 +38,7 @@ def simulate(options: argparse.Namespace) -> None:
 
 def reconstruct(options: argparse.Namespace) -> None:
     """Capture × method → depth map."""
-    from bench.datasets.native import load_echoes
+    from bench.datasets.dataset import open_capture
     from bench.registry import method
     from bench.stages import configuration
     from radar.device import describe
@@ -53,7 +52,7 @@ def reconstruct(options: argparse.Namespace) -> None:
     chosen = method(options.method)
     defaults = configuration(options.capture, chosen.id, {})
     settings = chosen.configure(_settings(options, defaults.model_dump(mode="json")), "--set or --tolerance")
-    echoes = load_echoes(options.capture)
+    echoes = open_capture(options.capture).echoes(max(options.frame, 0) + 1)
     if not 0 <= options.frame < len(echoes.samples):
         raise HandbenchError(f"--frame: is {options.frame}; the capture has frames 0 to {len(echoes.samples) - 1}")
     if (options.volume is not None or options.check) and "z" not in chosen.config.model_fields:
@@ -97,7 +96,7 @@ def evaluate(options: argparse.Namespace) -> None:
     depth = load_depthmap(options.depth)
     transform = load_any_transform(options.transform) if options.transform else identity("radar")
     reference = reference_depth(options.mesh, transform, PixelGrid(depth.x_m, depth.y_m))
-    errors = error_map(depth.x_m, depth.y_m, depth.z_m, reference.z_m)
+    errors = error_map(depth.x_m, depth.y_m, depth.z_m, reference.z_m, reference.sigma_m, reference.met)
     values = pool([errors]) | {"floor_mm": floor_mm([errors], [reference])}
     about = {"method": depth.method, "definitions": definitions(list(values))}
     if transform.refined:
@@ -107,11 +106,23 @@ def evaluate(options: argparse.Namespace) -> None:
 
 def import_dataset(options: argparse.Namespace) -> None:
     """Foreign data → capture folder."""
+    from bench.datasets.dataset import import_capture
     from bench.datasets.planar_scan import import_planar_scan
 
     _free_folder(options.out, options.overwrite, "capture.toml")
-    import_planar_scan(options.source, options.out)
+    if options.dataset == "planar_scan":
+        import_planar_scan(options.source, options.out)
+    else:
+        import_capture(options.dataset, options.source, options.out)
     say(f"capture: {options.out}")
+
+
+def export_dataset(options: argparse.Namespace) -> None:
+    """Captures → another data set's layout."""
+    from bench.datasets.maroon_export import export_maroon
+
+    for capture in options.captures:
+        say(f"capture: {export_maroon(capture, options.out, options.overwrite)}")
 
 
 def list_all(options: argparse.Namespace) -> None:
@@ -122,18 +133,10 @@ def list_all(options: argparse.Namespace) -> None:
 
 
 def validate(options: argparse.Namespace) -> None:
-    """Every problem of every input, one line each; exit code 2 if there is one."""
-    problems = []
-    for name in options.inputs:
-        try:
-            _validate(name)
-            print(f"{name}: fine")
-        except HandbenchError as error:
-            problems.append(str(error))
-    for problem in problems[:-1]:
-        say(f"handbench: {problem}")
-    if problems:
-        raise HandbenchError(problems[-1])
+    """Every problem of every input, with its file and line; exit code 2 if there is one."""
+    from bench.validate import show
+
+    show(options.inputs)
 
 
 def doctor(options: argparse.Namespace) -> None:
@@ -141,36 +144,6 @@ def doctor(options: argparse.Namespace) -> None:
     from bench.doctor import show
 
     show()
-
-
-def _validate(name: str) -> None:
-    from bench.datasets.native import ECHOES, load_capture_file, load_echoes
-    from bench.protocol import load_benchmark
-    from bench.scenes.file import SceneFile
-    from bench.scenes.scene import named_files
-    from bench.stages import configuration
-    from calibration.meshes import read_mesh
-    from radar.config import load, read_toml
-
-    path = Path(name)
-    if path.is_dir():
-        for method_id in load_capture_file(path).methods:
-            configuration(path, method_id, {})
-        if (path / ECHOES).exists():
-            load_echoes(path)
-        for mesh in ("truth.ply", "mesh.ply"):
-            if (path / mesh).exists():
-                read_mesh(path / mesh)
-    elif path.is_file() and "target" in read_toml(path, "a benchmark or a scene"):
-        named_files(load(SceneFile, path, "a scene description"), path.parent)
-    else:
-        bench, base = load_benchmark(name)
-        for source in (*bench.capture, *bench.calibration):
-            if source.scene is not None:
-                path = inside(base, source.scene, f"{name}: scene")
-                named_files(load(SceneFile, path, "a scene description"), path.parent)
-            else:
-                _validate(str(inside(base, source.path or "", f"{name}: path")))
 
 
 def free(path: Path, overwrite: bool) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bench.metrics import ErrorMap
+from bench.errormap import ErrorMap
 from bench.statistics import Interval, block_numbers
 from groundtruth.depth import Reference
 

@@ -6,7 +6,7 @@ import json
 
 from bench.metrics import definitions
 from bench.protocol import EMBEDDED
-from bench.registry import methods
+from bench.registry import BROKEN, methods, with_version
 from bench.scenes.poses import POSES
 from radar.effects.catalogue import EFFECTS
 
@@ -17,8 +17,14 @@ def show() -> None:
     for method in methods():
         print(f"  {method.id:<18} {method.summary}")
         print(f"  {'':<18} source: {method.source}")
+        if method.distribution is not None:
+            print(f"  {'':<18} plug-in: {with_version(method.distribution)}")
         for key, value in method.config().model_dump(mode="json").items():
             print(f"  {'':<18} {key} = {json.dumps(value)}")
+    if BROKEN:
+        print("plug-ins that could not be loaded")
+    for name, reason in BROKEN.items():
+        print(f"  {name}: {reason}")
     print("metrics")
     for key, definition in definitions().items():
         print(f"  {key:<28} {definition}")

@@ -9,10 +9,14 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import psutil
 
 SAMPLE_S = 0.05
+GEMM_SIZE = 1024  # large enough for the full rate, too small to show in a stage's peak memory
+GEMM_S = 0.5
 
 
 @dataclass
@@ -44,6 +48,26 @@ def measured() -> Iterator[Cost]:
         cost.seconds, cost.cpu_seconds = time.perf_counter() - start, time.process_time() - cpu_start
         done.set()
         watcher.join()
+
+
+@cache
+def calibrated_machine() -> dict[str, Any]:
+    """Facts of the machine with its name and `gemm_gflops`, by which times of different machines can be put beside
+    each other; measured once in this process."""
+    return {"host": platform.node(), **machine(), "gemm_gflops": round(gemm_gflops(), 1)}
+
+
+def gemm_gflops() -> float:
+    """Rate of a float32 matrix product on all cores, GFLOP/s: the best of half a second, for what else runs on a
+    machine only slows it down."""
+    from bench.engine.textbook import gemm
+
+    gemm(GEMM_SIZE)  # threads and buffers are made once
+    best_s, end = float("inf"), time.perf_counter() + GEMM_S
+    while (start := time.perf_counter()) < end:
+        gemm(GEMM_SIZE)
+        best_s = min(best_s, time.perf_counter() - start)
+    return 2e-9 * GEMM_SIZE**3 / best_s
 
 
 def machine() -> dict[str, str | int | float]:

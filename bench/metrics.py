@@ -8,9 +8,12 @@ from typing import Literal
 
 import numpy as np
 
-from radar.errors import HandbenchError
+from bench.errormap import ErrorMap, error_map
 
 Values = dict[str, float | int | None]
+Terms = dict[str, np.ndarray]
+F_MM = (1, 2, 5)  # thresholds of the F-score
+BAND = 1.96  # 95 % of a normal error lie within so many standard deviations
 
 
 @dataclass(frozen=True)
@@ -46,9 +49,29 @@ METRICS = {metric.key: metric for metric in (
            "share of the reference's pixels that are observed"),
     Metric("n_observed", "observed pixels", "pixels", "higher",
            "number of observed pixels: map and reference both finite; pooled over the captures"),
+    Metric("deviation_mm", "deviation of AE", "mm", "lower",
+           "standard deviation (n) of |z − z_ref| over the observed pixels"),
+    Metric("within_band_percent", "errors explained by the ground truth", "%", "higher",
+           "share of the observed pixels with |z − z_ref| ≤ 1.96·σ, σ the reference's own standard deviation along z; "
+           "95 % for a perfect radar; none where σ is unknown at an observed pixel"),
+    Metric("false_alarm_percent", "false alarms", "%", "lower",
+           "share of the map's judged pixels that have no reference surface in them or in their eight neighbours; "
+           "judged are pixels with a reference and such ones: not the outline, what it encloses, or invented surface"),
+    Metric("chamfer_to_reference_mm", "chamfer, map to reference", "mm", "lower",
+           "mean distance of the map's judged points (false alarms among them) to the nearest point of the reference, "
+           "whose points are its depths at the pixel centres"),
+    Metric("chamfer_to_map_mm", "chamfer, reference to map", "mm", "lower",
+           "mean distance of the reference's points to the nearest judged point of the map; none without one"),
+    Metric("chamfer_mm", "chamfer", "mm", "lower", "mean of the two one-sided chamfer distances"),
+    *(Metric(f"f_{mm}mm_percent", f"F-score at {mm} mm", "%", "higher",
+             f"harmonic mean of the shares of the map's judged points and of the reference's points that have a point "
+             f"of the other within {mm} mm; 0 where there is none") for mm in F_MM),
     Metric("precision_mm", "precision", "mm", "lower",
            "standard deviation (n − 1) of the z of the strongest scatterer over the repeats, "
            "averaged over the hands"),
+    Metric("pixel_precision_mm", "precision per pixel", "mm", "lower",
+           "standard deviation (n − 1) of z over the repeats at each pixel, median over the pixels that are observed "
+           "in all repeats; pooled over the captures"),
     Metric("relative_precision_percent", "relative precision", "%", "higher",
            "100·(1 − precision / mean z of the strongest scatterer); the paper's own values (98.3 % for 3.6 mm, "
            "99.99 % for 0.3 mm) share no reference distance, so compare the millimetres"),
@@ -57,35 +80,66 @@ METRICS = {metric.key: metric for metric in (
 )}
 
 
-@dataclass(frozen=True)
-class ErrorMap:
-    """Signed errors of one depth map on the pixel centres x_m [nx], y_m [ny].
-
-    error_m [ny, nx] = z − z_ref, NaN where unobserved; reference_z_m [ny, nx], NaN where there is no surface.
-    """
-
-    x_m: np.ndarray
-    y_m: np.ndarray
-    error_m: np.ndarray
-    reference_z_m: np.ndarray
-
-
-def error_map(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray, reference_z_m: np.ndarray) -> ErrorMap:
-    """Compare depths z_m with reference_z_m, both [ny, nx] on pixel centres x_m [nx], y_m [ny], metres."""
-    if not z_m.shape == reference_z_m.shape == (len(y_m), len(x_m)):
-        raise HandbenchError(
-            f"depth map {z_m.shape} and reference {reference_z_m.shape} do not lie on one grid "
-            f"[ny, nx] = {(len(y_m), len(x_m))}; render the reference on the depth map's grid"
-        )
-    reference_z_m = np.where(np.isfinite(reference_z_m), reference_z_m, np.nan).astype(np.float64)
-    error_m = np.where(np.isfinite(z_m), z_m, np.nan) - reference_z_m
-    return ErrorMap(np.asarray(x_m, np.float64), np.asarray(y_m, np.float64), error_m, reference_z_m)
-
-
 def score(z_m: np.ndarray, reference_z_m: np.ndarray) -> Values:
-    """Metrics of one depth map against a reference of its shape, metres; NaN: not observed, no surface."""
-    ny, nx = z_m.shape
-    return pool([error_map(np.arange(nx), np.arange(ny), z_m, reference_z_m)])
+    """Metrics of one depth map against a reference of its shape, metres, on pixels of 1 mm; NaN: not observed, no
+    surface."""
+    y_m, x_m = (1e-3 * np.arange(n) for n in z_m.shape)
+    return pool([error_map(x_m, y_m, z_m, reference_z_m, met=np.isfinite(reference_z_m))])
+
+
+def terms(m: ErrorMap) -> Terms:
+    """What each pixel [ny, nx] adds to the sums that the metrics are made of; NaN: not known."""
+    surface, observed = np.isfinite(m.reference_z_m), np.isfinite(m.error_m)
+    unknown = np.full(m.error_m.shape, np.nan)
+    sigma_m, to_reference_m, to_map_m = (
+        unknown if known is None else known for known in (m.sigma_m, m.to_reference_m, m.to_map_m)
+    )
+    judged = np.isfinite(to_reference_m) | np.isinf(to_reference_m)
+    told = 0.0 if m.to_reference_m is not None else np.nan
+    error_m = np.where(observed, m.error_m, 0.0)
+    within = np.where(np.isnan(sigma_m), np.nan, np.abs(error_m) <= BAND * sigma_m)
+    return {
+        "surface": surface.astype(float),
+        "observed": observed.astype(float),
+        "depth_m": np.where(observed, m.reference_z_m, 0.0),
+        "error_m": error_m,
+        "absolute_m": np.abs(error_m),
+        "square_m2": error_m**2,
+        "within": np.where(observed, within, 0.0),
+        "judged": judged + told,
+        "alarm": (judged & ~observed) + told,
+        "to_reference_m": np.where(judged, to_reference_m, 0.0) + told,
+        "to_map_m": np.where(surface, to_map_m, 0.0),
+        **{f"near_{mm}": (to_reference_m <= 1e-3 * mm) + told for mm in F_MM},
+        **{f"reached_{mm}": (to_map_m <= 1e-3 * mm) + told for mm in F_MM},
+    }
+
+
+def figures(t: Terms) -> Terms:
+    """Metrics of the sums of `terms`, elementwise; NaN or infinite where a figure has nothing to stand on."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mae_m, mean_square_m2 = t["absolute_m"] / t["observed"], t["square_m2"] / t["observed"]
+        to_reference_m, to_map_m = t["to_reference_m"] / t["judged"], t["to_map_m"] / t["surface"]
+        return {
+            "mae_mm": 1e3 * mae_m,
+            "rmse_mm": 1e3 * np.sqrt(mean_square_m2),
+            "bias_mm": 1e3 * t["error_m"] / t["observed"],
+            "relative_accuracy_percent": 100 * (1 - t["absolute_m"] / t["depth_m"]),
+            "completeness_percent": 100 * t["observed"] / t["surface"],
+            "deviation_mm": 1e3 * np.sqrt(np.maximum(mean_square_m2 - mae_m**2, 0)),
+            "within_band_percent": 100 * t["within"] / t["observed"],
+            "false_alarm_percent": 100 * t["alarm"] / t["judged"],
+            "chamfer_to_reference_mm": 1e3 * to_reference_m,
+            "chamfer_to_map_mm": 1e3 * to_map_m,
+            "chamfer_mm": 1e3 * (to_reference_m + to_map_m) / 2,
+            **{f"f_{mm}mm_percent": _f_percent(t, mm) for mm in F_MM},
+        }
+
+
+def _f_percent(t: Terms, mm: int) -> np.ndarray:
+    near, reached = t[f"near_{mm}"], t[f"reached_{mm}"]
+    missed = (near * reached == 0) & (t["surface"] > 0)
+    return np.where(missed, 0.0, 100 * 2 / (t["judged"] / near + t["surface"] / reached))
 
 
 def pool(maps: Sequence[ErrorMap]) -> Values:
@@ -93,33 +147,22 @@ def pool(maps: Sequence[ErrorMap]) -> Values:
 
     A figure that has nothing to stand on is None.
     """
-    error_m = np.concatenate([m.error_m.ravel() for m in maps]) if maps else np.empty(0)
-    reference_z_m = np.concatenate([m.reference_z_m.ravel() for m in maps]) if maps else np.empty(0)
-    observed = np.isfinite(error_m)
-    n_reference = int(np.isfinite(reference_z_m).sum())
-    n_observed = int(observed.sum())
-    completeness = 100 * n_observed / n_reference if n_reference else None
-    accuracy = dict.fromkeys(ACCURACY)
-    if n_observed:
-        accuracy = _accuracy(error_m[observed], reference_z_m[observed])
-    return accuracy | {"completeness_percent": completeness, "n_observed": n_observed}
+    parts = [terms(m) for m in maps]
+    totals = {name: np.sum([part[name].sum() for part in parts]) for name in TERMS}
+    absolute_m = np.concatenate([np.empty(0), *(np.abs(m.error_m[np.isfinite(m.error_m)]) for m in maps)])
+    values = {key: float(value) if np.isfinite(value) else None for key, value in figures(totals).items()}
+    ordered = dict.fromkeys(ORDERED)
+    if len(absolute_m):
+        median_m, p95_m = np.quantile(absolute_m, tuple(QUANTILES.values()))
+        ordered = dict(zip(ORDERED, (1e3 * float(v) for v in (absolute_m.max(), median_m, p95_m)), strict=True))
+    found = values | ordered | {"n_observed": len(absolute_m)}
+    return {key: found[key] for key in METRICS if key in found}
 
 
-ACCURACY = ("mae_mm", "max_mm", "rmse_mm", "median_mm", "p95_mm", "bias_mm", "relative_accuracy_percent")
-
-
-def _accuracy(error_m: np.ndarray, reference_z_m: np.ndarray) -> Values:
-    absolute_m = np.abs(error_m)
-    values = {
-        "mae_mm": 1e3 * absolute_m.mean(),
-        "max_mm": 1e3 * absolute_m.max(),
-        "rmse_mm": 1e3 * np.sqrt((error_m**2).mean()),
-        "median_mm": 1e3 * np.median(absolute_m),
-        "p95_mm": 1e3 * np.quantile(absolute_m, 0.95),
-        "bias_mm": 1e3 * error_m.mean(),
-        "relative_accuracy_percent": 100 * (1 - absolute_m.mean() / reference_z_m.mean()),
-    }
-    return {key: float(value) for key, value in values.items()}
+QUANTILES = {"median_mm": 0.5, "p95_mm": 0.95}
+ORDERED = ("max_mm", *QUANTILES)  # what is no ratio of sums
+TERMS = tuple(terms(ErrorMap(np.empty(0), np.empty(0), np.empty((0, 0)), np.empty((0, 0)))))
+RATIOS = tuple(figures(dict.fromkeys(TERMS, np.float64(1))))  # the metrics that are
 
 
 def strongest_scatterer_z_m(z_m: np.ndarray, amplitude: np.ndarray) -> np.ndarray:

@@ -7,23 +7,14 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from bench.datasets.dataset import AT_EMPTY_FILTERED, captures
 from bench.registry import method
 from bench.results import Name
 from radar.config import Config, load, suggest
 from radar.errors import HandbenchError
+from radar.files import inside
 
 EMBEDDED = Path(__file__).parent / "benchmarks"
-
-PROTOCOL = {
-    "id": "paper",
-    "version": 1,
-    "accuracy": "frame 0 of every capture; errors along z on the method's pixels where map and reference exist, "
-    "pooled over the captures",
-    "precision": "standard deviation over the repeats of the z of the strongest scatterer, averaged over the captures; "
-    "the scatterer is the pixel with the largest mean amplitude of those observed in every repeat",
-    "reference": "first surface along +z from the array's plane; the transform radar_from_photo is estimated once, on "
-    "the calibration target, and never refitted",
-}
 
 
 class Source(Config):
@@ -37,6 +28,24 @@ class Source(Config):
         if (self.scene is None) == (self.path is None):
             raise ValueError("give either scene = \"FILE.toml\" or path = \"CAPTURE_FOLDER\"")
         return self
+
+
+class DataSet(Config):
+    """All captures below a folder, relative to the benchmark file, or those of some objects (ROOT/OBJECT) and distances
+    (ROOT/OBJECT/DISTANCE), in order; at most `limit`. empty_filtered: MAROON's frames without their empty room."""
+
+    path: str
+    objects: tuple[str, ...] = ()
+    distances: tuple[int, ...] = ()
+    limit: int | None = Field(default=None, ge=1)
+    empty_filtered: bool = False
+
+    def sources(self, base: Path) -> tuple[Source, ...]:
+        """Its captures, one by one; paths start from `base`."""
+        root = inside(base, self.path, "dataset.path")
+        folders = captures(root, self.objects, self.distances)[: self.limit]
+        suffix = AT_EMPTY_FILTERED if self.empty_filtered else ""
+        return tuple(Source(path=f"{folder.relative_to(base.resolve()).as_posix()}{suffix}") for folder in folders)
 
 
 class GroundTruth(Config):
@@ -61,15 +70,23 @@ class BenchFile(Config):
     seed: int = Field(default=0, ge=0, lt=2**31)
     repeats: int = Field(default=10, ge=2, le=1000, description="frames for the precision")
     phase_noise_rad: float | None = Field(default=None, ge=0, description="replaces the noise of every scene")
+    protocol: Literal["paper", "maroon"] = "paper"
     groundtruth: GroundTruth = GroundTruth()
     calibration: tuple[Source, ...] = Field(default=(), description="captures of one target, combined")
-    capture: tuple[Source, ...] = Field(min_length=1)
+    dataset: tuple[DataSet, ...] | None = Field(default=None, description="their captures join those of `capture`")
+    capture: tuple[Source, ...] = ()
     method: tuple[MethodEntry, ...] = Field(min_length=1)
 
     @field_validator("calibration", mode="before")
     @classmethod
     def _one_or_several(cls, given: Any) -> Any:
         return [given] if isinstance(given, dict) else given
+
+    @model_validator(mode="after")
+    def _something_to_run(self) -> BenchFile:
+        if not self.capture and not self.dataset:
+            raise ValueError("there is nothing to run; add [[capture]] or [[dataset]]")
+        return self
 
     @model_validator(mode="after")
     def _known_methods(self) -> BenchFile:
@@ -92,9 +109,11 @@ def find_benchmark(name: str) -> Path:
 
 
 def load_benchmark(name: str) -> tuple[BenchFile, Path]:
-    """A benchmark file, checked down to every method's configuration, and the folder that its paths start from."""
+    """A benchmark file, checked down to every method's configuration, its data sets taken apart into captures; and the
+    folder that its paths start from."""
     path = find_benchmark(name)
     bench = load(BenchFile, path, "a benchmark description")
     for entry in bench.method:
         method(entry.id).configure(entry.config, f"{path}: method '{entry.id}'")
-    return bench, path.parent
+    found = tuple(source for dataset in bench.dataset or () for source in dataset.sources(path.parent))
+    return bench.model_copy(update={"dataset": None, "capture": (*bench.capture, *found)}), path.parent

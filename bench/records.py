@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable
-from dataclasses import astuple, dataclass, fields
+from dataclasses import MISSING, astuple, dataclass, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -32,7 +32,9 @@ class Row:
 
 @dataclass(frozen=True)
 class Task:
-    """One line of tasks.csv. method: empty for a stage of no method; cached: the time is an earlier run's."""
+    """One line of tasks.csv. method: empty for a stage of no method; cached: the time is an earlier run's;
+    plan_seconds: what the first image of a geometry took longer; host, gemm_gflops: where it ran, and that machine's
+    rate of float32 matrix products."""
 
     task: str
     capture: str
@@ -42,6 +44,9 @@ class Task:
     cpu_seconds: float | None
     peak_memory_mb: float | None
     cached: bool
+    plan_seconds: float | None = None
+    host: str = ""
+    gemm_gflops: float | None = None
 
 
 @dataclass(frozen=True)
@@ -73,21 +78,23 @@ def _cell(value: Any) -> str:
 
 
 def read_csv(path: Path, record: type[Record]) -> tuple[Record, ...]:
-    """Read the lines of a CSV file that `write_csv` wrote; anything else is a HandbenchError."""
+    """Read the lines of a CSV file that `write_csv` wrote; anything else is a HandbenchError. An older file may lack
+    the last columns, those that have defaults."""
     names = [field.name for field in fields(record)]
+    required = sum(field.default is MISSING for field in fields(record))
     path = require_file(path, f"a CSV file with the columns {', '.join(names)}")
     try:
         with path.open(newline="", encoding="utf-8") as stream:
             header, *lines = list(csv.reader(stream)) or [[]]
-        if header != names:
+        if len(header) < required or header != names[: len(header)]:
             raise ValueError(f"the columns are {', '.join(header)[:200]!r}; expected {', '.join(names)}")
-        return tuple(_record(record, cells) for cells in lines)
+        return tuple(_record(record, len(header), cells) for cells in lines)
     except (ValueError, csv.Error) as error:
         raise HandbenchError(f"{path}: {error}; run the benchmark again") from None
 
 
-def _record(record: type[Record], cells: list[str]) -> Record:
-    return record(*(_value(field, cell) for field, cell in zip(fields(record), cells, strict=True)))
+def _record(record: type[Record], columns: int, cells: list[str]) -> Record:
+    return record(*(_value(field, cell) for field, cell in zip(fields(record)[:columns], cells, strict=True)))
 
 
 def _value(field: Any, cell: str) -> Any:

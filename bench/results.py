@@ -1,8 +1,9 @@
 """The result folder: written by the runner, read by the reports.
 
-result.json   protocol, metric definitions, input hashes, versions, machine, captures, methods, facts
+result.json   protocol, metric definitions, input hashes, versions, machine, captures, methods, facts, failures
 table.csv     metric, method, value, low, high, unit, paper, reference
-tasks.csv     task, capture, method, stage, seconds, cpu_seconds, peak_memory_mb, cached
+tasks.csv     task, capture, method, stage, seconds, cpu_seconds, peak_memory_mb, cached, plan_seconds, host,
+              gemm_gflops
 repeats.csv   capture, method, repeat, z_m: the strongest scatterer of each repeat of a precision capture
 config.toml   the resolved configuration
 errors/       CAPTURE__METHOD__REFERENCE.npz: x_m, y_m, error_m, reference_z_m
@@ -21,17 +22,18 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from bench.metrics import ErrorMap
+from bench.comparison import Comparison, best
+from bench.errormap import ErrorMap
 from bench.records import Repeat, Row, Task, read_csv, write_csv
 from radar.config import Config, parse
 from radar.errors import HandbenchError
 from radar.files import atomic_path, read_json, read_npz, require_file, require_folder, write_json, write_npz
 
 __all__ = [  # with what the reports need, for they know this module alone
-    "REFERENCES", "SCHEMA_VERSION", "About", "CaptureFacts", "ErrorMap", "HandbenchError", "MethodFacts", "MetricFacts",
-    "Repeat", "Result", "Row", "Surface", "Task", "atomic_path", "checked_name", "depth_path", "errors_path", "load",
-    "photo_path", "write_about", "write_config", "write_errors", "write_photo", "write_repeats", "write_surface",
-    "write_table", "write_tasks",
+    "REFERENCES", "SCHEMA_VERSION", "About", "CaptureFacts", "ErrorMap", "Failure", "HandbenchError", "MethodFacts",
+    "MetricFacts", "Repeat", "Result", "Row", "Surface", "Task", "atomic_path", "checked_name", "depth_path",
+    "errors_path", "load", "photo_path", "write_about", "write_config", "write_errors", "write_photo", "write_repeats",
+    "write_surface", "write_table", "write_tasks",
 ]
 
 SCHEMA_VERSION = 1
@@ -78,8 +80,23 @@ class MethodFacts(Config):
     config: dict[str, Any] = Field(default_factory=dict)
 
 
+class Failure(Config):
+    """What did not come about, and why. method: empty where it fails the capture for every method."""
+
+    capture: str
+    method: str = ""
+    stage: str
+    message: str
+
+    @property
+    def line(self) -> str:
+        """As it is said while a run goes on."""
+        return f"{' '.join(filter(None, (self.capture, self.method)))}: {self.stage} failed: {self.message}"
+
+
 class About(Config):
-    """Content of result.json. inputs: file → SHA-256; facts: what is known of noise and ground truth."""
+    """Content of result.json. inputs: file → SHA-256; captures, methods: those that the table stands on; facts: what is
+    known of noise and ground truth; failures: what was left out, and why."""
 
     schema_version: Literal[1] = SCHEMA_VERSION
     name: str
@@ -91,6 +108,7 @@ class About(Config):
     captures: tuple[CaptureFacts, ...]
     methods: tuple[MethodFacts, ...]
     facts: dict[str, Any] = Field(default_factory=dict)
+    failures: tuple[Failure, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -114,11 +132,16 @@ class Result:
     tasks: tuple[Task, ...]
     repeats: tuple[Repeat, ...]
     config: str
+    comparisons: tuple[Comparison, ...] = ()
 
     def row(self, metric: str, method: str, reference: str) -> Row | None:
         """The table's line, or None."""
         key = (metric, method, reference)
         return next((r for r in self.rows if (r.metric, r.method, r.reference) == key), None)
+
+    def best(self, metric: str, reference: str) -> tuple[str, ...]:
+        """The methods that nothing is shown to beat; () where nothing was compared."""
+        return best(self.comparisons, metric, reference)
 
     def scored(self) -> tuple[CaptureFacts, ...]:
         """The captures that are scored pixel by pixel."""
@@ -181,6 +204,11 @@ def write_repeats(folder: Path, repeats: Iterable[Repeat]) -> None:
     write_csv(folder / "repeats.csv", Repeat, repeats)
 
 
+def write_comparisons(folder: Path, comparisons: Iterable[Comparison]) -> None:
+    """Write comparisons.csv."""
+    write_csv(folder / "comparisons.csv", Comparison, comparisons)
+
+
 def write_config(folder: Path, toml: str) -> None:
     """Write the resolved configuration, config.toml."""
     with atomic_path(folder / "config.toml") as temporary:
@@ -189,13 +217,16 @@ def write_config(folder: Path, toml: str) -> None:
 
 def write_errors(folder: Path, capture: str, method: str, reference: str, errors: ErrorMap) -> None:
     """Write one map of signed errors."""
-    write_npz(errors_path(folder, capture, method, reference), **asdict(errors))
+    write_npz(errors_path(folder, capture, method, reference), **_told(errors))
 
 
 def write_surface(folder: Path, capture: str, reference: str, surface: Surface) -> None:
     """Write a reference's depth map (a method's is written by `radar`, to `depth_path`)."""
-    told = {name: values for name, values in asdict(surface).items() if values is not None}
-    write_npz(depth_path(folder, capture, reference), **told)
+    write_npz(depth_path(folder, capture, reference), **_told(surface))
+
+
+def _told(maps: Surface | ErrorMap) -> dict[str, np.ndarray]:
+    return {name: values for name, values in asdict(maps).items() if values is not None}
 
 
 def write_photo(folder: Path, capture: str, source: str | Path) -> None:
@@ -219,8 +250,10 @@ def load(folder: str | Path) -> Result:
     about = _read_about(folder / "result.json")
     config = require_file(folder / "config.toml", "the resolved configuration").read_text("utf-8", "replace")
     repeats = read_csv(folder / "repeats.csv", Repeat) if (folder / "repeats.csv").exists() else ()
+    compared = folder / "comparisons.csv"
+    comparisons = read_csv(compared, Comparison) if compared.exists() else ()
     rows, tasks = read_csv(folder / "table.csv", Row), read_csv(folder / "tasks.csv", Task)
-    result = Result(folder, about, rows, tasks, repeats, config)
+    result = Result(folder, about, rows, tasks, repeats, config, comparisons)
     _require_complete(result)
     return result
 

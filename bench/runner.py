@@ -1,52 +1,45 @@
-"""The main job: every capture × method of a benchmark, from photographs and echoes to the table."""
+"""The main job: every capture × method of a benchmark, from photographs and echoes to the table.
+
+The stages run in the two rounds of `bench.plan`. Whoever carries them out, the folders are the same, and the table is
+made of these. What fails is said, recorded and done without.
+"""
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tomlkit
 
-from bench import outcome, results, stages
-from bench.cache import Cache, Stage, claimed
-from bench.datasets.native import MESH, PHOTOS, TRUTH, load_capture_file
-from bench.datasets.simulated import simulate_capture
-from bench.outcome import Capture, Outcome
-from bench.protocol import BenchFile, MethodEntry, Source
-from bench.registry import method
-from bench.results import REFERENCES, Repeat
-from bench.scenes.file import SceneFile
-from bench.scenes.scene import build, named_files
+from bench import outcome, plan, results, stages, tasks
+from bench.cache import Stamp, claimed
+from bench.datasets.dataset import open_capture
+from bench.datasets.native import TRUE_TRANSFORM
+from bench.outcome import Capture, Outcome, failing
+from bench.protocol import BenchFile
+from bench.results import REFERENCES, Failure, Repeat, Task
+from bench.schedule import Executor, executor
+from bench.tasks import Done, Job
 from calibration.rig import HAND_M
 from calibration.transforms import Transform, identity, load_transform
-from radar.config import load
-from radar.depthmap import load_depthmap
-from radar.device import chosen
-from radar.effects.causes import Noise
 from radar.errors import HandbenchError
-from radar.files import content_hash, inside, read_json
-from radar.kept import PACKAGES
-
-# The code that each kind of stage runs: a change of it makes the stage anew.
-MESHES = ("calibration/meshes.py", "calibration/transforms.py")
-SIMULATION = (
-    "radar", "bench/scenes", "bench/datasets", "calibration/target.py", *MESHES,
-    "groundtruth/board.py", "groundtruth/cameras.py",
-)
-PHOTOGRAMMETRY = ("groundtruth", "bench/stages.py", *MESHES)
-IMAGING = ("radar", "calibration/array/file.py", "bench/registry.py", "bench/stages.py")
+from radar.files import read_json
+from radar.progress import say
 
 
-def run(bench: BenchFile, base: Path, folder: Path, overwrite: bool = False) -> results.Result:
-    """Run a benchmark whose paths start from `base` into a result folder; stages done before are taken from there."""
+def run(
+    bench: BenchFile, base: Path, folder: Path, overwrite: bool = False, scheduler: str | None = None
+) -> results.Result:
+    """Run a benchmark whose paths start from `base` into a result folder; stages done before are taken from there.
+
+    scheduler: address of a Dask scheduler whose workers find both folders under the same paths; None: run here.
+    """
     config = tomlkit.dumps(bench.model_dump(mode="json", exclude_none=True))
-    with claimed(folder) as work:
+    with executor(scheduler) as workers, claimed(folder) as work:
         _check_room(folder, config, overwrite)
-        outcome.write(folder, Run(bench, base, Cache(work)).execute(), config)
+        outcome.write(folder, Run(bench, base.resolve(), work.resolve(), workers).execute(), config)
     return results.load(folder)
 
 
@@ -61,132 +54,146 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> None:
 
 @dataclass
 class Run:
-    """A benchmark at work; paths start from `base`."""
+    """A benchmark at work; paths start from `base`, the stages' folders lie under `work`."""
 
     bench: BenchFile
     base: Path
-    cache: Cache
+    work: Path
+    executor: Executor
+    tasks: list[Task] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)
+    machines: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def execute(self) -> Outcome:
         """The list of steps."""
-        repeats = self.bench.repeats if any(entry.precision for entry in self.bench.method) else 1
-        captures = [self.capture(source, repeats) for source in self.bench.capture]
-        found = Outcome(self.bench, captures, self.cache.tasks)
-        registration = self.registration(found)
+        captures, targets = self.open()
+        found = Outcome(self.bench, captures, self.tasks, self.failures, machines=self.machines)
+        jobs = plan.calibration(self.bench, targets)
         for capture in captures:
-            found.references[capture.name] = self.references(capture, registration, found)
-        for entry in self.bench.method:
-            for capture in captures:
-                self.image(capture, entry, found)
+            with failing(self.failures, capture.name, "groundtruth"):
+                jobs += plan.meshing(self.bench, capture)
+            for entry in self.bench.method:
+                with failing(self.failures, capture.name, "reconstruct", entry.id):
+                    jobs += plan.imaging(self.bench, capture, entry)
+        meshes: dict[str, Path] = {}
+        registration = None
+        for job, done in zip(jobs, self.perform(jobs), strict=True):
+            if job.stage == "calibrate":
+                registration = self.registration(job, done, targets, found)
+            elif done.failure is None and job.stage == "groundtruth":
+                meshes[job.capture] = job.folder(self.work)
+            elif done.failure is None:
+                collect(job, job.folder(self.work), found)
+        without = {failure.capture for failure in self.failures if not failure.method}
+        for capture in (c for c in captures if c.name not in without):
+            with failing(self.failures, capture.name, "references"):
+                found.references[capture.name] = references(capture, registration, meshes.get(capture.name), found)
         return found
 
-    def capture(self, source: Source, frames: int) -> Capture:
-        """A capture folder as it lies, or a scene simulated into one."""
-        if source.path is not None:
-            folder = inside(self.base, source.path, "capture.path")
-            return Capture(folder, content_hash(folder), load_capture_file(folder))
-        path = inside(self.base, source.scene or "", "capture.scene")
-        scene = load(SceneFile, path, "a scene description")
-        if self.bench.phase_noise_rad is not None:
-            scene = scene.model_copy(update={"noise": Noise(phase_noise_rad=self.bench.phase_noise_rad)})
+    def perform(self, jobs: list[Job]) -> list[Done]:
+        """Have the jobs carried out; outcomes are returned and recorded in the order of the list."""
+        ended: dict[int, Done] = {}
+        failures: dict[int, Failure] = {}
+        for number, done in self.executor.run(self.work, jobs):
+            job, ended[number] = jobs[number], done
+            if done.stamp is not None:
+                say(f"{job.label}: " + ("cached" if done.cached else f"{done.stamp.seconds:.1f} s"))
+            if done.failure is not None:
+                failures[number] = Failure(
+                    capture=job.capture, method=job.method, stage=job.stage, message=done.failure
+                )
+                say(failures[number].line)
+        self.failures += [failures[number] for number in sorted(failures)]
+        for number, job in enumerate(jobs):
+            if (stamp := ended[number].stamp) is not None:
+                self.machines.setdefault(stamp.machine.get("host", ""), stamp.machine)
+                self.tasks.append(_task(job, stamp, ended[number].cached, job.folder(self.work)))
+        return [ended[number] for number in range(len(jobs))]
 
-        def make(folder: Path) -> None:
-            simulate_capture(build(scene, path.parent), folder / "capture", frames)
+    def open(self) -> tuple[list[Capture], list[Capture]]:
+        """The first round: those of the benchmark's captures that can be opened, and all of the calibration's."""
+        repeats = self.bench.repeats if any(entry.precision for entry in self.bench.method) else 1
+        jobs = []
+        for source in self.bench.capture:
+            with failing(self.failures, source.scene or source.path or "", "open"):
+                jobs.append(plan.opening(self.bench, self.base, source, repeats))
+        _check_names([job.capture for job in jobs])
+        count = len(jobs)
+        jobs += [plan.opening(self.bench, self.base, source, frames=1) for source in self.bench.calibration]
+        captures, targets = [], []
+        for number, (job, done) in enumerate(zip(jobs, self.perform(jobs), strict=True)):
+            target = number >= count
+            if done.failure is not None:
+                if target:
+                    raise HandbenchError(f"calibration: {done.failure}")
+                continue
+            folder = Path(job.arguments["folder"]) if job.stage == tasks.HASH else job.folder(self.work) / "capture"
+            (targets if target else captures).append(Capture(folder, done.key, open_capture(folder).about))
+        return captures, targets
 
-        depends_on = [scene.model_dump(mode="json"), frames, *named_files(scene, path.parent)]
-        stage = self.cache.stage("simulate", scene.name, "", depends_on, SIMULATION, make)
-        return Capture(stage.folder / "capture", stage.key, load_capture_file(stage.folder / "capture"))
-
-    def registration(self, found: Outcome) -> Transform | None:
-        """radar_from_photo from the benchmark's target capture."""
-        if not self.bench.calibration:
-            return None
-        targets = [self.capture(source, frames=1) for source in self.bench.calibration]
-        quality, seed = self.bench.groundtruth.quality, self.bench.seed
-
-        def make(folder: Path) -> None:
-            made = stages.calibrate_captures([target.folder for target in targets], quality, seed, folder / "work")
-            made.save(folder / "radar_from_photo.json")
-
-        sources = (*PHOTOGRAMMETRY, "calibration", "radar")
-        depends_on = [*(target.key for target in targets), quality, seed]
-        stage = self.cache.stage("calibrate", targets[0].name, "", depends_on, sources, make)
-        transform = load_transform(stage.folder / "radar_from_photo.json")
+    def registration(self, job: Job, done: Done, targets: list[Capture], found: Outcome) -> Transform:
+        """radar_from_photo from the benchmark's target captures; without it nothing has a reference."""
+        if done.failure is not None:
+            raise HandbenchError(f"calibration: {done.failure}")
+        transform = load_transform(job.folder(self.work) / tasks.TRANSFORM)
         found.inputs |= {f"calibration {target.name}": target.key for target in targets}
         found.facts["registration_residuals_mm"] = (1e3 * transform.residuals_m).tolist()
-        true = targets[0].folder / "truth_radar_from_photo.json"
+        true = targets[0].folder / TRUE_TRANSFORM
         if true.exists():
             found_m = transform.points(load_transform(true).inverse().points(HAND_M))
             found.facts["registration_error_at_hand_mm"] = 1e3 * float(np.linalg.norm(found_m - HAND_M))
         return transform
 
-    def references(
-        self, capture: Capture, registration: Transform | None, found: Outcome
-    ) -> dict[str, tuple[Path, Transform]]:
-        """Reference name → mesh file and the transform that carries it into the radar frame."""
-        available: dict[str, tuple[Path, Transform]] = {}
-        transform = stages.transform_of(capture.folder) or registration
-        if transform is not None and transform.refined:
-            found.facts.setdefault("refined_transforms", {})[capture.name] = transform.refined["reason"]
-        if transform is not None and (capture.folder / MESH).exists():
-            available["photogrammetry"] = capture.folder / MESH, transform
-        elif transform is not None and (capture.folder / PHOTOS).is_dir():
-            made = self.mesh(capture).folder
-            available["photogrammetry"] = made / stages.MESH, transform
-            found.views[capture.name] = made / stages.VIEW
-        if (capture.folder / TRUTH).exists():
-            available["truth"] = capture.folder / TRUTH, identity("radar")
-        if not available:
-            raise HandbenchError(
-                f"{capture.folder}: nothing to score against; expected photographs or mesh.ply with a transform "
-                "(radar_from_photo.json or the benchmark's [calibration]), or truth.ply"
-            )
-        return {name: available[name] for name in REFERENCES if name in available}
 
-    def mesh(self, capture: Capture) -> Stage:
-        """The capture's photographs as a mesh."""
-        quality, seed = self.bench.groundtruth.quality, self.bench.seed
+def collect(job: Job, folder: Path, found: Outcome) -> None:
+    """What a stage that images has left in its folder."""
+    about = job.capture, job.method
+    times = read_json(folder / stages.TIMING, "a stage's times")["seconds"]
+    found.seconds.setdefault(about, []).extend(times)
+    found.configs[about] = job.arguments["config"]
+    if job.stage == "reconstruct":
+        found.maps[about] = folder / stages.DEPTH
+    else:
+        strongest_m, found.deviations[about] = stages.read_repeats(folder)
+        found.repeats += [Repeat(*about, k, float(z)) for k, z in enumerate(strongest_m)]
 
-        def make(folder: Path) -> None:
-            stages.make_mesh(capture.folder, quality, seed, folder)
 
-        depends_on = [capture.key, quality, seed]
-        return self.cache.stage("groundtruth", capture.name, "", depends_on, PHOTOGRAMMETRY, make)
+def references(
+    capture: Capture, registration: Transform | None, made: Path | None, found: Outcome
+) -> dict[str, tuple[Path, Transform]]:
+    """Reference name → mesh file and the transform that carries it into the radar frame. made: the folder with the mesh
+    of the capture's photographs."""
+    available: dict[str, tuple[Path, Transform]] = {}
+    data = open_capture(capture.folder)
+    transform, mesh = data.transform() or registration, data.mesh()
+    if transform is not None and transform.refined:
+        found.facts.setdefault("refined_transforms", {})[capture.name] = transform.refined["reason"]
+    if transform is not None and mesh is not None:
+        available["photogrammetry"] = mesh, transform
+    elif transform is not None and made is not None:
+        available["photogrammetry"] = made / stages.MESH, transform
+        found.views[capture.name] = made / stages.VIEW
+    if data.truth is not None:
+        available["truth"] = data.truth, identity("radar")
+    if not available:
+        raise HandbenchError(
+            f"{capture.folder}: nothing to score against; expected photographs or mesh.ply with a transform "
+            "(radar_from_photo.json or the benchmark's [calibration]), or truth.ply"
+        )
+    return {name: available[name] for name in REFERENCES if name in available}
 
-    def image(self, capture: Capture, entry: MethodEntry, found: Outcome) -> None:
-        """The capture's depth map by one method and, where asked for, its repeats."""
-        config = stages.configuration(capture.folder, entry.id, entry.config).model_dump(mode="json")
-        found.configs[capture.name, entry.id] = config
 
-        def make_depth(folder: Path) -> None:
-            stages.make_depth(capture.folder, entry.id, config, folder)
+def _check_names(names: list[str]) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise HandbenchError(f"capture: two captures are named '{name}'; give each its own name")
 
-        def make_repeats(folder: Path) -> None:
-            stages.make_repeats(capture.folder, entry.id, config, self.bench.repeats, folder)
 
-        stage = self.imaging("reconstruct", capture, entry, [config], make_depth, found)
-        found.maps[capture.name, entry.id] = load_depthmap(stage.folder / stages.DEPTH)
-        if entry.precision:
-            stage = self.imaging("repeat", capture, entry, [config, self.bench.repeats], make_repeats, found)
-            z_m = stages.repeats_z_m(stage.folder)
-            found.repeats += [Repeat(capture.name, entry.id, k, float(z)) for k, z in enumerate(z_m)]
-
-    def imaging(
-        self,
-        name: str,
-        capture: Capture,
-        entry: MethodEntry,
-        depends_on: list[Any],
-        make: Callable[[Path], None],
-        found: Outcome,
-    ) -> Stage:
-        """A stage that images, cached by the method's own source and by the device too; its times are kept."""
-        code = Path(inspect.getsourcefile(method(entry.id).run) or "")
-        sources = (*IMAGING, "bench/metrics.py")
-        sources += (str(code.relative_to(PACKAGES)),) if code.is_relative_to(PACKAGES) else ()
-        elsewhere = [] if code.is_relative_to(PACKAGES) else [code]
-        depends_on = [capture.key, *depends_on, *elsewhere, chosen()]
-        stage = self.cache.stage(name, capture.name, entry.id, depends_on, sources, make)
-        times = read_json(stage.folder / stages.TIMING, "a stage's times")["seconds"]
-        found.seconds.setdefault(entry.id, []).extend(times)
-        return stage
+def _task(job: Job, stamp: Stamp, cached: bool, folder: Path) -> Task:
+    """A stage's line of tasks.csv."""
+    timing = folder / stages.TIMING
+    plan_s = read_json(timing, "a stage's times").get("plan_seconds") if job.method else None
+    return Task(
+        job.label, job.capture, job.method, job.stage, stamp.seconds, stamp.cpu_seconds, stamp.peak_memory_mb, cached,
+        plan_s, stamp.machine.get("host", ""), stamp.machine.get("gemm_gflops"),
+    )

@@ -11,9 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from bench.datasets.native import PHOTOS, TARGET, load_capture_file, load_echoes
+from bench.datasets.dataset import open_capture
+from bench.datasets.native import TARGET
+from bench.errormap import ErrorMap, deviation_map
 from bench.metrics import strongest_scatterer_z_m
-from bench.registry import Reconstruction, method
+from bench.registry import Method, Reconstruction, method
 from calibration.alignment import load_alignment
 from calibration.array.estimate import estimate_array
 from calibration.array.file import ArrayCalibration
@@ -27,6 +29,7 @@ from groundtruth.options import Options
 from groundtruth.photos import Photo, find_photos
 from groundtruth.pipeline import reconstruct, reconstruct_cloud
 from groundtruth.surface import read_surface
+from radar.capture import RadarCapture
 from radar.config import Config, parse
 from radar.depthmap import DepthMap
 from radar.errors import HandbenchError
@@ -45,17 +48,24 @@ def make_mesh(capture: Path, quality: str, seed: int, folder: Path) -> None:
 
     All parts of the surface are kept: a hand's own shadow may cut it in two, and the box holds nothing else.
     """
-    box_m = load_capture_file(capture).box_m
-    options = _options(box_m, quality, seed)
-    result = reconstruct(capture / PHOTOS, options, folder / "work")
+    photos, options = _photos(capture), _options(open_capture(capture).about.box_m, quality, seed)
+    result = reconstruct(photos, options, folder / "work")
     result.surface.save(folder / MESH)
     camera = result.cameras[0]
-    _write_view(find_photos(capture / PHOTOS), camera, options.box(), folder / VIEW)
+    _write_view(find_photos(photos), camera, options.box(), folder / VIEW)
 
 
 def _options(box_m: tuple[float, ...] | None, quality: str, seed: int) -> Options:
     values = {"quality": quality, "box_m": box_m, "components": "all", "seed": seed}
     return parse(Options, {**values, "dense": "cpu"}, "groundtruth")  # a table is the same on every machine
+
+
+def _photos(capture: Path) -> Path:
+    """The folder of the capture's photographs."""
+    photos = open_capture(capture).photos
+    if photos is None:
+        raise HandbenchError(f"{capture}: has no folder of photographs; add it, or a mesh")
+    return photos
 
 
 def _write_view(photos: tuple[Photo, ...], camera: Camera, box_m: np.ndarray | None, file: Path) -> None:
@@ -76,8 +86,9 @@ def _write_view(photos: tuple[Photo, ...], camera: Camera, box_m: np.ndarray | N
 def calibrate_array(captures: Sequence[Path]) -> ArrayCalibration:
     """The array's calibration from the first capture of a target, as recorded."""
     [capture, *_] = captures
+    recorded = open_capture(capture)
     return estimate_array(
-        load_echoes(capture, calibrated=False), load_target(capture / TARGET), source=load_capture_file(capture).name
+        recorded.echoes(calibrated=False), load_target(capture / TARGET), source=recorded.about.name
     )
 
 
@@ -95,11 +106,11 @@ def calibrate_captures(
     for number, capture in enumerate(captures):
         if load_target(capture / TARGET) != target:
             raise HandbenchError(f"{capture / TARGET}: differs from {captures[0]}'s; combine captures of one target")
-        description = load_capture_file(capture)
-        names.append(description.name)
-        options = _options(description.box_m, quality, seed)
-        cloud = reconstruct_cloud(capture / PHOTOS, options, folder and folder / str(number))
-        echoes = load_echoes(capture) if array is None else array.applied_to(load_echoes(capture, calibrated=False))
+        recorded = open_capture(capture)
+        names.append(recorded.about.name)
+        options = _options(recorded.about.box_m, quality, seed)
+        cloud = reconstruct_cloud(_photos(capture), options, folder and folder / str(number))
+        echoes = recorded.echoes() if array is None else array.applied_to(recorded.echoes(calibrated=False))
         measured.append(measure(cloud.points_m, cloud.normals, echoes, target, pixel_m=cloud.pixel_m))
     pairs, common_m2 = zip(*measured, strict=True)
     return combine(pairs, False, np.mean(common_m2, axis=0), names, target.ball_offset_sigma_m)
@@ -107,30 +118,36 @@ def calibrate_captures(
 
 def image_frames(
     capture: Path, method_id: str, config: dict[str, Any], frames: int = 1
-) -> Iterator[tuple[Reconstruction, float]]:
-    """The first frames of a capture by one method, each with its seconds from echoes in memory to the depth map.
+) -> Iterator[tuple[Reconstruction, float, float | None]]:
+    """The first frames of a capture by one method, each with its seconds from echoes in memory to the depth map, and
+    with those of the plan, where it was measured.
 
     The first image of a geometry plans the engine's skeletons, which a radar does once: where that may matter, the
-    first frame is imaged again and its second time counts.
+    first frame is imaged again, its second time counts, and what the first took more is the plan's.
     """
     chosen, settings = method(method_id), configuration(capture, method_id, config)
-    echoes = load_echoes(capture)
+    echoes = open_capture(capture).echoes(frames)
     if len(echoes.samples) < frames:
         raise HandbenchError(f"{capture}: has {len(echoes.samples)} frames; expected {frames} for the precision")
     compile_kernels()
     for frame in range(frames):
-        start = time.perf_counter()
-        result = chosen.run(echoes, settings, frame)
-        if frame == 0 and time.perf_counter() - start < PLANNED_S:
-            start = time.perf_counter()
-            result = chosen.run(echoes, settings, frame)
-        yield result, time.perf_counter() - start
+        result, seconds, plan_s = *_timed(chosen, echoes, settings, frame), None
+        if frame == 0 and seconds < PLANNED_S:
+            first_s = seconds
+            result, seconds = _timed(chosen, echoes, settings, frame)
+            plan_s = max(first_s - seconds, 0.0)
+        yield result, seconds, plan_s
+
+
+def _timed(chosen: Method, echoes: RadarCapture, settings: Config, frame: int) -> tuple[Reconstruction, float]:
+    start = time.perf_counter()
+    return chosen.run(echoes, settings, frame), time.perf_counter() - start
 
 
 def configuration(capture: Path, method_id: str, config: dict[str, Any]) -> Config:
     """The method's configuration for this capture: defaults, then what its sensor asks for, of the method that it is a
     variant of or of itself, then what the user does."""
-    of_sensor = load_capture_file(capture).methods
+    of_sensor = open_capture(capture).about.methods
     for known in of_sensor:
         method(known)  # a typing error in capture.toml is not passed over
     chosen = method(method_id)
@@ -140,19 +157,19 @@ def configuration(capture: Path, method_id: str, config: dict[str, Any]) -> Conf
 
 def make_depth(capture: Path, method_id: str, config: dict[str, Any], folder: Path) -> None:
     """Frame 0 → DEPTH, and its time → TIMING."""
-    [(result, seconds)] = image_frames(capture, method_id, config)
+    [(result, seconds, plan_s)] = image_frames(capture, method_id, config)
     result.depth.save(folder / DEPTH)
-    write_json(folder / TIMING, {"seconds": [seconds]})
+    write_json(folder / TIMING, {"seconds": [seconds], "plan_seconds": plan_s})
 
 
 def make_repeats(capture: Path, method_id: str, config: dict[str, Any], frames: int, folder: Path) -> None:
-    """Depth of the strongest scatterer in each frame → REPEATS, and the frames' times → TIMING."""
-    depths, seconds = [], []
-    for result, elapsed in image_frames(capture, method_id, config, frames):
-        depths.append(result.depth)
-        seconds.append(elapsed)
-    write_npz(folder / REPEATS, z_m=strongest_z_m(depths))
-    write_json(folder / TIMING, {"seconds": seconds})
+    """Depth of the strongest scatterer in each frame, and every pixel's deviation over them → REPEATS; the frames'
+    times → TIMING."""
+    results, seconds, plans_s = zip(*image_frames(capture, method_id, config, frames), strict=True)
+    depths = [result.depth for result in results]
+    spread = deviation_map(depths[0].x_m, depths[0].y_m, np.stack([d.z_m for d in depths]))
+    write_npz(folder / REPEATS, z_m=strongest_z_m(depths), x_m=spread.x_m, y_m=spread.y_m, deviation_m=spread.error_m)
+    write_json(folder / TIMING, {"seconds": seconds, "plan_seconds": plans_s[0]})
 
 
 def strongest_z_m(depths: list[DepthMap]) -> np.ndarray:
@@ -180,10 +197,10 @@ def load_any_transform(file: Path) -> Transform:
 
 def transform_of(capture: Path) -> Transform | None:
     """The capture's own radar_from_photo, if it has one."""
-    file = capture / "radar_from_photo.json"
-    return load_transform(file).require("photo", "radar", file) if file.exists() else None
+    return open_capture(capture).transform()
 
 
-def repeats_z_m(folder: Path) -> np.ndarray:
-    """What `make_repeats` wrote."""
-    return read_npz(folder / REPEATS, ("z_m",))["z_m"]
+def read_repeats(folder: Path) -> tuple[np.ndarray, ErrorMap]:
+    """What `make_repeats` wrote: the strongest scatterer's depths [n]; every pixel's deviation in place of errors."""
+    kept = read_npz(folder / REPEATS, ("z_m", "x_m", "y_m", "deviation_m"))
+    return kept["z_m"], ErrorMap(kept["x_m"], kept["y_m"], kept["deviation_m"], kept["deviation_m"])

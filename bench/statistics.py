@@ -1,17 +1,30 @@
-"""How far a figure can be trusted: seeded confidence intervals that respect what is independent."""
+"""How far a figure can be trusted: confidence intervals that respect what is independent.
+
+A pooled figure θ is split into what each unit adds to it, d = θ − θ without the unit (the jackknife). The units are
+whole captures when there are at least CAPTURES_AS_UNITS of them, for captures differ. Fewer say nothing of others: the
+units are then blocks of pixels, and the interval speaks of these captures alone. Neighbouring blocks err together, so
+the variance of θ is d·W·d, with weights W that fall linearly to zero over LAG_BLOCKS blocks along x and y (Bartlett;
+Conley 1999), and its ends are quantiles of Student's t, with the degrees of freedom that give the variance its own
+variance (Satterthwaite). `tests/bench/test_statistics.py` measures how often such intervals hold the true value.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtri, stdtrit
 
-from bench.metrics import ErrorMap, Values, pool, usable_repeats
+from bench.errormap import ErrorMap
+from bench.metrics import METRICS, QUANTILES, TERMS, Terms, figures, pool, terms, usable_repeats
 
-BLOCK_M = 0.015  # three lateral resolutions of the paper's aperture: errors further apart share no speckle
-CAPTURES_TO_RESAMPLE = 5  # fewer captures say nothing about other captures: the interval is then given these
+BLOCK_M = 0.015  # three lateral resolutions of the paper's aperture
+SPAN = 1 << 20  # more blocks than a row can have
+LAG_BLOCKS = 3  # blocks this far apart share neither speckle nor a filter's window
+CAPTURES_AS_UNITS = 5
+WORST_BLOCKS = 3  # the largest error among the others is the lower end of a maximum's interval
 
 
 class Interval(NamedTuple):
@@ -21,119 +34,182 @@ class Interval(NamedTuple):
     high: float
 
 
-class Blocks(NamedTuple):
-    """The reference's pixels of several captures, in spatial blocks. error_m, reference_z_m, block: [pixel];
-    per_capture: number of blocks of each capture (the blocks are numbered capture after capture)."""
+@dataclass(frozen=True)
+class Blocks:
+    """Sums of `metrics.terms` over the spatial blocks of several captures. place [n, 3]: capture, row and column of
+    each block; sums: name → [n]; absolute_m, block: |error| of each observed pixel and the number of its block."""
 
-    error_m: np.ndarray
-    reference_z_m: np.ndarray
+    place: np.ndarray
+    sums: Terms
+    absolute_m: np.ndarray
     block: np.ndarray
-    per_capture: list[int]
+
+    def at(self, place: np.ndarray) -> Terms:
+        """The sums at blocks [m, 3] among which all of these are; 0 at the others."""
+        _, number = np.unique(np.concatenate([place, self.place]), axis=0, return_inverse=True)
+        where = np.argsort(number[: len(place)])[number[len(place):]]
+        return {name: np.bincount(where, values, minlength=len(place)) for name, values in self.sums.items()}
 
 
-def pooled_intervals(
-    maps: Sequence[ErrorMap],
-    seed: int = 0,
-    resamples: int = 1000,
-    block_m: float = BLOCK_M,
-    level: float = 0.95,
-) -> dict[str, Interval]:
-    """Metric → percentile bootstrap interval of the pooled metrics of `maps`.
+@dataclass(frozen=True)
+class Units:
+    """What may be left out one at a time: unit [n_blocks] is the number of each block's unit; weights [n, n]: how far
+    two units err together, None: not at all (captures)."""
 
-    Neighbouring pixels err together, so whole blocks of block_m × block_m are drawn with replacement within
-    each capture, and the captures themselves too when there are at least five (Davison & Hinkley 1997,
-    chapters 2, 3 and 8). Widened where it would miss the point estimate. The interval of a maximum ends at the
-    maximum that was seen: no resample can show a larger one. Without two blocks there is no interval: {}.
+    unit: np.ndarray
+    weights: np.ndarray | None
+
+    def totals(self, values: np.ndarray) -> np.ndarray:
+        """Sums [n_units] of the blocks' values."""
+        return np.bincount(self.unit, values)
+
+
+class Spread(NamedTuple):
+    """Standard error of a figure, its degrees of freedom, and the number of units that add to the figure."""
+
+    error: float
+    freedom: float
+    units: int
+
+    def reach(self, level: float = 0.95) -> float:
+        """Half the width of the interval."""
+        return float(self.error * stdtrit(self.freedom, (1 + level) / 2)) if self.error else 0.0
+
+
+def pooled_intervals(maps: Sequence[ErrorMap], block_m: float = BLOCK_M, level: float = 0.95) -> dict[str, Interval]:
+    """Metric → interval of the pooled metrics of `maps`; one that has no two units to stand on is left out, and so is a
+    share of nothing or of all, which shows no spread.
+
+    Ratios of sums: θ ± t·s by the jackknife (lengths: on the scale of their logarithm). Quantiles: those at the shares
+    p ± t·s, s the standard error of the share of pixels below (Woodruff 1952). A maximum: from the largest error
+    outside the three worst blocks, which is where the bootstrap's 2.5 % lies, to the largest that was seen, for no
+    sample shows a larger one.
     """
-    blocks = _cut(maps, block_m)
-    if sum(blocks.per_capture) < 2 or not np.isfinite(blocks.error_m).any():
+    blocks = cut(maps, block_m)
+    if not len(blocks.absolute_m):
         return {}
-    counts = _draws(blocks.per_capture, resamples, np.random.default_rng(seed))
-    return _intervals(_resampled(blocks, counts), pool(maps), level)
+    units = units_of(blocks.place)
+    estimate = pool(maps)
+    intervals = {}
+    for key, d in contributions(units, blocks.sums).items():
+        bare = METRICS[key].unit == "%" and estimate[key] in (0, 100)
+        if estimate[key] is not None and not bare and (found := spread(d, units.weights)):
+            intervals[key] = _interval(key, estimate[key], found.reach(level))
+    for key, share in QUANTILES.items():
+        if (interval := _quantile_interval(blocks, units, share, level)) is not None:
+            intervals[key] = Interval(min(interval.low, estimate[key]), max(interval.high, estimate[key]))
+    largest_mm = np.zeros(len(blocks.place))
+    np.maximum.at(largest_mm, blocks.block, 1e3 * blocks.absolute_m)
+    largest_mm = np.sort(largest_mm[np.unique(blocks.block)])[::-1]
+    if len(largest_mm) > 1:
+        intervals["max_mm"] = Interval(float(largest_mm[min(WORST_BLOCKS, len(largest_mm) - 1)]), estimate["max_mm"])
+    return intervals
 
 
-def _cut(maps: Sequence[ErrorMap], block_m: float) -> Blocks:
-    errors, references, blocks, per_capture = [], [], [], []
-    for m in maps:
-        surface = np.isfinite(m.reference_z_m)
-        names, label = np.unique(block_numbers(m, block_m)[surface], return_inverse=True)
-        errors.append(m.error_m[surface])
-        references.append(m.reference_z_m[surface])
-        blocks.append(label + sum(per_capture))
-        per_capture.append(len(names))
-    if not maps:
-        return Blocks(np.empty(0), np.empty(0), np.empty(0, int), [])
-    return Blocks(np.concatenate(errors), np.concatenate(references), np.concatenate(blocks), per_capture)
+def note(captures: int) -> str:
+    """What the intervals over so many captures speak of."""
+    if captures >= CAPTURES_AS_UNITS:
+        return f"{captures} captures: the intervals speak of captures like these, between which the figures vary"
+    few = "1 capture: the intervals speak of this capture" if captures == 1 else (
+        f"{captures} captures: the intervals speak of these captures")
+    return f"{few}, not of others; {CAPTURES_AS_UNITS} or more would tell how captures vary"
 
 
 def block_numbers(m: ErrorMap, block_m: float = BLOCK_M) -> np.ndarray:
-    """The number of the spatial block in which each pixel [ny, nx] lies."""
-    column, row = (np.floor((axis - axis.min()) / block_m + 1e-9).astype(int) for axis in (m.x_m, m.y_m))
-    return row[:, None] * (column.max() + 1) + column
+    """The number [ny, nx] of the spatial block in which each pixel lies: SPAN · row + column. Block (0, 0) begins at
+    x = y = 0, so that maps on different grids share their blocks."""
+    column, row = (np.floor(axis / block_m + 1e-9).astype(np.int64) for axis in (m.x_m, m.y_m))
+    return SPAN * row[:, None] + column
 
 
-def _draws(per_capture: list[int], resamples: int, rng: np.random.Generator) -> np.ndarray:
-    """How often each resample holds each block [resamples, n_blocks]."""
-    per_capture = [n for n in per_capture if n]
-    captures = len(per_capture)
-    picks = np.ones((resamples, captures), dtype=int)
-    if captures >= CAPTURES_TO_RESAMPLE:
-        picks = rng.multinomial(captures, np.full(captures, 1 / captures), size=resamples)
-    return np.hstack([
-        rng.multinomial(picks[:, c] * n, np.full(n, 1 / n)) for c, n in enumerate(per_capture)
-    ])
+def cut(maps: Sequence[ErrorMap], block_m: float = BLOCK_M) -> Blocks:
+    """Sum the terms of `maps`, one a capture, over blocks of block_m × block_m."""
+    places, sums, absolute_m, numbers = [np.empty((0, 3), int)], [], [np.empty(0)], [np.empty(0, int)]
+    for capture, m in enumerate(maps):
+        pixel = terms(m)
+        told = (pixel["surface"] > 0) | (pixel["judged"] > 0)
+        names, number = np.unique(block_numbers(m, block_m)[told], return_inverse=True)
+        column = (names + SPAN // 2) % SPAN - SPAN // 2
+        place = np.stack([np.full(len(names), capture), (names - column) // SPAN, column], axis=-1)
+        observed = np.isfinite(m.error_m)[told]
+        absolute_m.append(pixel["absolute_m"][told][observed])
+        numbers.append(number[observed] + sum(map(len, places)))
+        places.append(place)
+        sums.append({k: np.bincount(number, values[told], minlength=len(place)) for k, values in pixel.items()})
+    together = {name: np.concatenate([np.empty(0), *(s[name] for s in sums)]) for name in TERMS}
+    return Blocks(np.concatenate(places), together, np.concatenate(absolute_m), np.concatenate(numbers))
 
 
-def _resampled(blocks: Blocks, counts: np.ndarray) -> dict[str, np.ndarray]:
-    """Each metric of each resample [resamples]: sums over blocks, weighted by how often each was drawn."""
-    n_blocks = counts.shape[1]
-    observed = np.isfinite(blocks.error_m)
-    error_m, reference_z_m, block = blocks.error_m[observed], blocks.reference_z_m[observed], blocks.block[observed]
-    absolute_m = np.abs(error_m)
-
-    def total(values: np.ndarray, of: np.ndarray = block) -> np.ndarray:
-        return counts @ np.bincount(of, values, minlength=n_blocks)
-
-    largest_m = np.full(n_blocks, -np.inf)
-    np.maximum.at(largest_m, block, absolute_m)
-    n = total(np.ones_like(error_m)).astype(float)
-    n[n == 0] = np.nan  # a resample without an observed pixel has no mean
-    median_m, p95_m = _quantiles(absolute_m, block, counts, (0.5, 0.95))
-    return {
-        "mae_mm": 1e3 * total(absolute_m) / n,
-        "max_mm": 1e3 * np.where(counts > 0, largest_m, -np.inf).max(axis=1),
-        "rmse_mm": 1e3 * np.sqrt(total(error_m**2) / n),
-        "median_mm": 1e3 * median_m,
-        "p95_mm": 1e3 * p95_m,
-        "bias_mm": 1e3 * total(error_m) / n,
-        "relative_accuracy_percent": 100 * (1 - (total(absolute_m) / n) / (total(reference_z_m) / n)),
-        "completeness_percent": 100 * total(observed, blocks.block) / total(observed >= 0, blocks.block),
-    }
+def units_of(place: np.ndarray) -> Units:
+    """The units of blocks at place [n, 3]: captures, or with too few of them the blocks themselves."""
+    captures, capture = np.unique(place[:, 0], return_inverse=True)
+    if len(captures) >= CAPTURES_AS_UNITS:
+        return Units(capture, None)
+    apart = np.abs(place[:, None] - place)
+    near = np.clip(1 - apart[..., 1:] / LAG_BLOCKS, 0, None).prod(axis=-1)
+    return Units(np.arange(len(place)), near * (apart[..., 0] == 0))
 
 
-def _quantiles(
-    values: np.ndarray, block: np.ndarray, counts: np.ndarray, shares: tuple[float, ...]
-) -> np.ndarray:
-    """Quantiles [share, resample] of `values` repeated as `counts` says; linear between order statistics."""
-    order = np.argsort(values)
-    values, block = values[order], block[order]
-    result = np.full((len(shares), len(counts)), np.nan)
-    for r, count in enumerate(counts):
-        upto = np.cumsum(count[block])
-        if upto[-1] == 0:
-            continue
-        position = np.array(shares) * (upto[-1] - 1)
-        below, above = (values[np.searchsorted(upto, f(position), side="right")] for f in (np.floor, np.ceil))
-        result[:, r] = below + (position % 1) * (above - below)
-    return result
+def contributions(units: Units, sums: Terms) -> dict[str, np.ndarray]:
+    """Metric → what each unit [n] adds to it: θ − θ without the unit, times 1 − 1/n (exact for units of one size)."""
+    parts = {name: units.totals(values) for name, values in sums.items()}
+    totals = {name: values.sum() for name, values in parts.items()}
+    whole, without = figures(totals), figures({name: totals[name] - values for name, values in parts.items()})
+    with np.errstate(invalid="ignore"):
+        return {key: (whole[key] - without[key]) * (1 - 1 / len(without[key])) for key in whole}
 
 
-def _intervals(resampled: dict[str, np.ndarray], estimate: Values, level: float) -> dict[str, Interval]:
-    intervals = {}
-    for key, values in resampled.items():
-        low, high = np.quantile(values[np.isfinite(values)], [(1 - level) / 2, (1 + level) / 2])
-        intervals[key] = Interval(float(min(low, estimate[key])), float(max(high, estimate[key])))
-    return intervals
+def spread(d: np.ndarray, weights: np.ndarray | None) -> Spread | None:
+    """Standard error of a figure from its units' contributions d [n]; None without two that are known.
+
+    E d·W·d falls short of the variance, for Σd = 0 takes one degree of freedom away: it is divided by its value for
+    independent units of one size. A negative covariance of neighbours is not believed. The degrees of freedom are those
+    of such units, or of units with the variances that d shows, d² (and d⁴/3 for their squares), whichever are fewer.
+    """
+    if not np.isfinite(d).all():
+        return None
+    adds = d != 0
+    n = int(adds.sum())
+    if n == 0:
+        return Spread(0.0, max(len(d) - 1.0, 1.0), len(d)) if len(d) > 1 else None
+    if n == 1:
+        return None
+    d = d[adds]
+    alone = d @ d * n / (n - 1)
+    if weights is None:
+        return Spread(float(np.sqrt(alone)), n - 1.0, n)
+    w = weights[np.ix_(adds, adds)]
+    rows = w.sum(axis=1)
+    free = np.trace(w) - rows.sum() / n  # tr PWP, P = 1 − 11ᵀ/n
+    freedom = free**2 / ((w**2).sum() - 2 * rows @ rows / n + (rows.sum() / n) ** 2)
+    uneven = (d @ d) ** 2 / (d**2 @ w**2 @ d**2 - 2 / 3 * (d**4).sum())
+    return Spread(float(np.sqrt(max(d @ w @ d * n / free, alone))), float(max(min(freedom, uneven), 1)), n)
+
+
+def _interval(key: str, value: float, reach: float) -> Interval:
+    """value ± reach; of a length, which is skewed and never negative, on the scale of its logarithm; a share of a whole
+    ends at the whole."""
+    metric = METRICS[key]
+    if metric.unit == "mm" and metric.better != "zero" and value > 0:
+        factor = float(np.exp(min(reach / value, 700.0)))
+        return Interval(value / factor, value * factor)
+    if metric.unit == "%":
+        return Interval(min(max(value - reach, 0.0), value), min(value + reach, 100.0))
+    return Interval(value - reach, value + reach)
+
+
+def _quantile_interval(blocks: Blocks, units: Units, share: float, level: float) -> Interval | None:
+    """Interval of a quantile of |error|, mm."""
+    edge_m = np.quantile(blocks.absolute_m, share)
+    count = np.ones_like(blocks.absolute_m), (blocks.absolute_m <= edge_m).astype(float)
+    pixels, below = (units.totals(np.bincount(blocks.block, c, minlength=len(blocks.place))) for c in count)
+    if np.count_nonzero(pixels) < 2:
+        return None
+    found = spread((below - pixels * below.sum() / pixels.sum()) / pixels.sum(), units.weights)
+    if found is None:
+        return None
+    shares = np.clip([share - found.reach(level), share + found.reach(level)], 0, 1)
+    return Interval(*(float(v) for v in 1e3 * np.quantile(blocks.absolute_m, shares)))
 
 
 def precision_interval(strongest_z_m: Sequence[np.ndarray], level: float = 0.95) -> Interval | None:

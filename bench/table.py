@@ -6,32 +6,48 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bench.errormap import ErrorMap
 from bench.floor import floor_interval, floor_mm
-from bench.metrics import METRICS, ErrorMap, Values, pool, precision
+from bench.metrics import METRICS, Values, pool, precision
 from bench.paper import PAPER
+from bench.protocols import PAPER as PAPER_PROTOCOL
+from bench.protocols import Protocol
 from bench.results import MetricFacts, Row
 from bench.statistics import Interval, median_interval, pooled_intervals, precision_interval
 from groundtruth.depth import Reference
 
 
 def accuracy_rows(
-    method: str, reference: str, maps: Sequence[ErrorMap], seed: int = 0, surfaces: Sequence[Reference] | None = None
+    method: str,
+    reference: str,
+    maps: Sequence[ErrorMap],
+    seed: int = 0,
+    surfaces: Sequence[Reference] | None = None,
+    protocol: Protocol = PAPER_PROTOCOL,
 ) -> list[Row]:
-    """The pooled metrics of a method's error maps against one reference, and the floor that the `surfaces` with which
-    they were compared, one a map, set to the MAE (None: their uncertainty is not known)."""
-    values, intervals = pool(maps) | {"floor_mm": None}, pooled_intervals(maps, seed)
+    """The protocol's pooled metrics of a method's error maps against one reference, and the floor that the `surfaces`
+    with which they were compared, one a map, set to the MAE (None: their uncertainty is not known). seed: the floor's
+    draws."""
+    values, intervals = pool(maps) | {"floor_mm": None}, pooled_intervals(maps)
     if surfaces is not None:
         values["floor_mm"] = floor_mm(maps, surfaces)
         spread = floor_interval(maps, surfaces, seed)
         intervals |= {} if spread is None else {"floor_mm": spread}
-    return _rows(method, reference, values, intervals)
+    return _rows(method, reference, {key: values[key] for key in values if key in protocol.metrics}, intervals)
 
 
-def precision_rows(method: str, reference: str, strongest_z_m: Sequence[np.ndarray]) -> list[Row]:
-    """The precision from each hand's strongest depths [n_repeats]; needs no reference, is listed with each."""
+def precision_rows(
+    method: str, reference: str, strongest_z_m: Sequence[np.ndarray], deviations: Sequence[ErrorMap] | None = None
+) -> list[Row]:
+    """The precision from each hand's strongest depths [n_repeats] and, where told, per pixel from each hand's
+    `deviation_map`; needs no reference, is listed with each."""
     values = precision(strongest_z_m)
     interval = precision_interval(strongest_z_m)
     intervals = {} if interval is None else {"precision_mm": interval}
+    if deviations is not None:
+        values["pixel_precision_mm"] = pool(deviations)["median_mm"]
+        spread = pooled_intervals(deviations).get("median_mm")
+        intervals |= {} if spread is None else {"pixel_precision_mm": spread}
     return _rows(method, reference, values, intervals)
 
 

@@ -22,13 +22,15 @@ class Reference(NamedTuple):
 
     mesh_sigma_m [ny, nx]: standard deviation that the surface gives itself, NaN where it does not know. leverage
     [ny, nx, 6 or 7]: change of depth with each parameter of `registration`, which carried the surface here; its error
-    is common to all pixels. Both are None where the registration tells no covariance.
+    is common to all pixels. Both are None where the registration tells no covariance. met [ny, nx]: whether a pixel's
+    ray meets any surface, seen or invented; None: not told.
     """
 
     z_m: np.ndarray
     mesh_sigma_m: np.ndarray
     leverage: np.ndarray | None
     registration: Transform | None
+    met: np.ndarray | None = None
 
     @property
     def registration_sigma_m(self) -> np.ndarray:
@@ -75,6 +77,7 @@ def reference_on_grid(
     the normal, and n·J(p)·ξ/n_z for an error ξ of the registration, of first order.
     """
     hits = _cast(surface.mesh, x_m, y_m)
+    met = hits.hit
     seen = surface.observed[surface.faces[hits.triangle]].all(axis=1)
     hits = _Hits(_spread(hits.hit, seen, False), hits.x_m[seen], hits.y_m[seen], hits.triangle[seen])
     faces = surface.faces[hits.triangle]
@@ -84,10 +87,10 @@ def reference_on_grid(
     mesh_sigma_m = surface.sigma_m[faces].mean(axis=1) * np.linalg.norm(slant, axis=1)
     depth = (_spread(hits.hit, values, np.nan) for values in (z_m, mesh_sigma_m))
     if registration is None or registration.covariance is None:
-        return Reference(*depth, None, None)
+        return Reference(*depth, None, None, met)
     jacobian = perturbation_jacobian(np.stack([hits.x_m, hits.y_m, z_m], axis=1))[..., : len(registration.covariance)]
     leverage = np.einsum("ni,nij->nj", slant, jacobian)
-    return Reference(*depth, _spread(hits.hit, leverage, np.nan), registration)
+    return Reference(*depth, _spread(hits.hit, leverage, np.nan), registration, met)
 
 
 def _cast(mesh: o3d.geometry.TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> _Hits:

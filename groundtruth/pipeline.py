@@ -22,7 +22,7 @@ from groundtruth.sparse import Sparse, register
 from groundtruth.surface import Surface, read_surface
 
 SUMMARY_VERSION = 1
-SOURCES = ("groundtruth", "calibration/transforms.py", "calibration/meshes.py", "radar/rays.py")
+SOURCES = ("groundtruth", "calibration/transforms.py", "calibration/meshes.py", "calibration/ply.py", "radar/rays.py")
 REGISTRATION = {"intrinsics", "metric", "distances", "unscaled", "seed"}  # options that the sparse stage depends on
 STAMP, CLOUD, MESH = "stage.json", "cloud.npz", "mesh.ply"
 

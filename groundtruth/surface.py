@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration import atomic_path
-from calibration.meshes import load_open3d, mesh, read_mesh
+from calibration.meshes import mesh, read_triangles
 from calibration.transforms import Transform
 
 if TYPE_CHECKING:
@@ -63,13 +63,7 @@ class Surface:
 def read_surface(file: str | Path) -> Surface:
     """Read a mesh (PLY, OBJ, STL; metres) with what it says of itself; a mesh without sigma_m and observed was observed
     everywhere, with unknown uncertainty."""
-    surface = read_mesh(file)
-    vertices_m = np.asarray(surface.vertices)
-    told = {}
-    if Path(file).suffix.lower() == ".ply":
-        points = load_open3d().t.io.read_point_cloud(str(file)).point  # reads what else vertices carry
-        told = {name: points[name].numpy().ravel() for name in ("sigma_m", "observed") if name in points}
-        told = {name: values for name, values in told.items() if len(values) == len(vertices_m)}
-    sigma_m = told.get("sigma_m", np.full(len(vertices_m), np.nan)).astype(np.float64)
-    observed = told.get("observed", np.ones(len(vertices_m))) > 0
-    return Surface(vertices_m, np.asarray(surface.triangles), sigma_m, observed)
+    vertices_m, faces, told = read_triangles(file)
+    sigma_m = np.asarray(told.get("sigma_m", np.full(len(vertices_m), np.nan)), np.float64)
+    observed = np.asarray(told.get("observed", np.ones(len(vertices_m)))) > 0
+    return Surface(vertices_m, faces, sigma_m, observed)

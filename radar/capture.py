@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,7 +12,11 @@ from radar.arrays import AntennaArray, Aperture, PlanarScan
 from radar.errors import HandbenchError
 from radar.files import atomic_path, require_file
 
+if TYPE_CHECKING:
+    import h5py
+
 FORMAT, VERSION = "handbench-echoes", 1
+LARGEST_BYTES = 16 * 2**30  # of one data set
 
 
 @dataclass(frozen=True)
@@ -91,17 +96,33 @@ def load_capture(path: str | Path) -> RadarCapture:
             found = file.attrs.get("format"), file.attrs.get("version")
             if found != (FORMAT, VERSION):
                 raise HandbenchError(f"{path}: has format {found}; expected ('{FORMAT}', {VERSION})")
-            samples = file["samples"][()].astype(np.complex64)
-            frequencies_hz = file["frequencies_hz"][()].astype(np.float64)
+            samples = _numbers(file, "samples").astype(np.complex64)
+            frequencies_hz = _numbers(file, "frequencies_hz").astype(np.float64)
             if "position_m" in file:
-                aperture: Aperture = PlanarScan(file["position_m"][()])
+                aperture: Aperture = PlanarScan(_numbers(file, "position_m"))
             else:
-                aperture = AntennaArray(file["tx_m"][()], file["rx_m"][()])
+                aperture = AntennaArray(_numbers(file, "tx_m"), _numbers(file, "rx_m"))
     except HandbenchError:
         raise
-    except (OSError, KeyError, ValueError, TypeError, AttributeError) as error:
+    except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError, MemoryError) as error:
         raise HandbenchError(f"{path}: is not a readable echoes.h5 ({error}); record or copy it again") from error
     try:
         return RadarCapture(samples, frequencies_hz, aperture)
     except HandbenchError as error:
         raise HandbenchError(f"{path}: {error}") from None
+
+
+def _numbers(file: h5py.File, name: str) -> np.ndarray:
+    """A data set of numbers that lie in this very file: no link to another, and not more than memory holds."""
+    import h5py
+
+    if isinstance(file.get(name, getlink=True), h5py.ExternalLink):
+        raise ValueError(f"'{name}' is a link into another file")
+    found = file[name]
+    if not isinstance(found, h5py.Dataset) or found.shape is None or found.dtype.kind not in "iufc":
+        raise ValueError(f"'{name}' holds no numbers")
+    if found.external or found.is_virtual:
+        raise ValueError(f"'{name}' lies in another file")
+    if found.nbytes > LARGEST_BYTES:
+        raise ValueError(f"'{name}' has shape {found.shape}, more than {LARGEST_BYTES} bytes")
+    return found[()]

@@ -54,18 +54,23 @@ def suggest(name: str, known: list[str]) -> str:
 def _one_line(model: type[Config], error: pydantic.ValidationError, where: str) -> str:
     problems = error.errors()
     first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
-    models, keys = _follow(model, first["loc"])
-    location = ".".join(keys) or "the file"
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    if first["type"] == "extra_forbidden":
+    return f"{where}: {complaint(model, first)}{more}"
+
+
+def complaint(model: type[Config], problem: Any, prefix: tuple[int | str, ...] = ()) -> str:
+    """One of the problems that pydantic found with a `model`, in words; prefix: the keys that its values lie under."""
+    models, keys = _follow(model, problem["loc"])
+    location = ".".join(map(str, (*prefix, *keys))) or "the file"
+    if problem["type"] == "extra_forbidden":
         known = [name for m in models for name in m.model_fields]
-        return f"{where}: unknown key '{location}'; {suggest(str(first['loc'][-1]), known)}{more}"
-    if first["type"] == "missing":
-        return f"{where}: key '{location}' is missing; add it{more}"
-    got = repr(first["input"])
+        return f"unknown key '{location}'; {suggest(str(problem['loc'][-1]), known)}"
+    if problem["type"] == "missing":
+        return f"key '{location}' is missing; add it"
+    got = repr(problem["input"])
     got = got if len(got) < 80 else got[:77] + "..."
-    message = first["msg"].removeprefix("Value error, ")
-    return f"{where}: '{location}' is {got}; {message[0].lower()}{message[1:]}{more}"
+    message = problem["msg"].removeprefix("Value error, ")
+    return f"'{location}' is {got}; {message[0].lower()}{message[1:]}"
 
 
 def _follow(model: type[Config], location: tuple[int | str, ...]) -> tuple[list[type[Config]], list[str]]:

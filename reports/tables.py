@@ -253,6 +253,8 @@ def show(result: Result) -> None:
         console.width = 200
     for block in blocks(result):
         console.print(_terminal(block))
+    for failure in result.about.failures:
+        console.print(failure.line, markup=False)
 
 
 def _terminal(block: Block):

@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import tomlkit
 from pydantic import Field
 
 from bench.results import Name
 from calibration.array.file import load_array
+from calibration.transforms import Transform, load_transform
 from radar.capture import RadarCapture, load_capture
 from radar.config import Config, load
+from radar.depthmap import DepthMap
 from radar.effects.plan import Choice
 from radar.errors import HandbenchError
-from radar.files import atomic_path, inside, require_folder
+from radar.files import atomic_path, content_hash, inside, require_folder
 from radar.progress import say
 
+DESCRIPTION = "capture.toml"
 ECHOES, TRUTH, MESH, PHOTOS = "echoes.h5", "truth.ply", "mesh.ply", "photos"
 ARRAY = "array.json"  # calibration of the antennas
 EMPTY = "empty.h5"  # the room without the target
 TRANSFORM, TARGET = "radar_from_photo.json", "target.toml"
+TRUE_TRANSFORM = "truth_radar_from_photo.json"  # of a simulated capture
 
 
 class CaptureFile(Config):
@@ -47,7 +54,7 @@ class CaptureFile(Config):
 def load_capture_file(folder: str | Path) -> CaptureFile:
     """Read a capture folder's `capture.toml`; every file that it names must exist."""
     folder = require_folder(folder, "a capture (capture.toml, echoes.h5, …)")
-    description = load(CaptureFile, folder / "capture.toml", "a capture description")
+    description = load(CaptureFile, folder / DESCRIPTION, "a capture description")
     for name in description.contains:
         if not inside(folder, name, "capture.toml").exists():
             raise HandbenchError(f"{folder}: {name} is missing, but capture.toml says it is there; copy it again")
@@ -56,7 +63,7 @@ def load_capture_file(folder: str | Path) -> CaptureFile:
 
 def save_capture_file(folder: Path, description: CaptureFile) -> None:
     """Write `capture.toml`, atomically."""
-    with atomic_path(folder / "capture.toml") as temporary:
+    with atomic_path(folder / DESCRIPTION) as temporary:
         temporary.write_text(tomlkit.dumps(description.model_dump(exclude_none=True)), encoding="utf-8")
 
 
@@ -71,3 +78,56 @@ def load_echoes(folder: str | Path, calibrated: bool = True) -> RadarCapture:
     echoes = calibration.applied_to(echoes, file)
     say(f"{file}: applied: {calibration.summary()}")
     return echoes
+
+
+@dataclass(frozen=True)
+class NativeCapture:
+    """A capture folder, as `bench.datasets.dataset.Capture` asks for it."""
+
+    folder: Path
+
+    @staticmethod
+    def fits(folder: Path) -> bool:
+        """Whether this adapter reads what lies in `folder`."""
+        return (folder / DESCRIPTION).is_file()
+
+    @cached_property
+    def about(self) -> CaptureFile:
+        """Its description."""
+        return load_capture_file(self.folder)
+
+    def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
+        """Its first `frames` frames, or all."""
+        echoes = load_echoes(self.folder, calibrated)
+        return replace(echoes, samples=echoes.samples[:frames])
+
+    @property
+    def photos(self) -> Path | None:
+        """The folder of its photographs."""
+        return self._lying(PHOTOS)
+
+    def mesh(self) -> Path | None:
+        """The measured surface in the photo frame, metres."""
+        return self._lying(MESH)
+
+    @property
+    def truth(self) -> Path | None:
+        """The true surface in the radar frame, metres."""
+        return self._lying(TRUTH)
+
+    def transform(self) -> Transform | None:
+        """Its own radar_from_photo."""
+        file = self._lying(TRANSFORM)
+        return load_transform(file).require("photo", "radar", file) if file else None
+
+    def mask(self, depth: DepthMap) -> np.ndarray:
+        """Pixels [ny, nx] of a depth map that are scored: all that are on target."""
+        return np.isfinite(depth.z_m)
+
+    def key(self, frames: int | None = None) -> str:
+        """Hash of everything in the folder; it is read whole, whatever the number of frames."""
+        return content_hash(self.folder)
+
+    def _lying(self, name: str) -> Path | None:
+        path = self.folder / name
+        return path if path.exists() else None

@@ -11,11 +11,12 @@ import pytest
 
 from bench import outcome, results
 from bench.datasets.native import CaptureFile
-from bench.outcome import Capture, Outcome
-from bench.protocol import load_benchmark
+from bench.outcome import Basis, Capture, Outcome
+from bench.protocol import BenchFile, load_benchmark
 from calibration.transforms import Transform, identity
 from groundtruth.surface import Surface
 from radar.depthmap import DepthMap
+from radar.errors import HandbenchError
 
 AXIS_M = np.linspace(-0.03, 0.03, 31)
 SIGMA_M, ALONG_Z_M = 4e-5, 3e-4
@@ -27,20 +28,23 @@ def written(small_bench, tmp_path):
     its transform may know how they err or not."""
     bench, _ = load_benchmark(str(small_bench))
 
-    def write(sigma_m: float, covariance: np.ndarray | None) -> Path:
+    def write(sigma_m: float, covariance: np.ndarray | None, spoil: bool = False) -> Path:
         corners_m = np.array([(-0.1, -0.1, 0.3), (0.1, -0.1, 0.3), (0.1, 0.1, 0.3), (-0.1, 0.1, 0.3)])
         plate = Surface(corners_m, np.array([[0, 1, 2], [0, 2, 3]]), np.full(4, sigma_m), np.ones(4, bool))
         plate.save(tmp_path / "plate.ply")
         transform = Transform("photo", "radar", np.eye(4), covariance)
-        capture = Capture(tmp_path, "0" * 64, CaptureFile(name="plate"))
-        found = Outcome(bench, [capture], [])
+        names = ("spoilt", "plate") if spoil else ("plate",)
+        found = Outcome(bench, [Capture(tmp_path, "0" * 64, CaptureFile(name=name)) for name in names], [])
+        found.references["spoilt"] = {"truth": (tmp_path / "nowhere.ply", identity("radar"))} if spoil else {}
         found.references["plate"] = {
             "photogrammetry": (tmp_path / "plate.ply", transform), "truth": (tmp_path / "plate.ply", identity("radar")),
         }
         for entry, axis_m in zip(bench.method, (AXIS_M, AXIS_M[5:-5]), strict=True):
             z_m = np.full((len(axis_m), len(axis_m)), 0.3)
-            found.maps["plate", entry.id] = DepthMap(axis_m, axis_m, z_m, np.zeros_like(z_m), entry.id)
-            found.configs["plate", entry.id], found.seconds[entry.id] = {}, [0.1]
+            DepthMap(axis_m, axis_m, z_m, np.zeros_like(z_m), entry.id).save(tmp_path / f"{entry.id}.npz")
+            for about in [(name, entry.id) for name in names]:
+                found.maps[about] = tmp_path / f"{entry.id}.npz"
+                found.configs[about], found.seconds[about] = {}, [0.1]
         folder = tmp_path / "out"
         folder.mkdir(exist_ok=True)
         outcome.write(folder, found, "")
@@ -93,3 +97,50 @@ def test_what_is_missing_is_named_and_no_floor_is_invented(written, mesh_m, cova
     assert [facts[f"{part}_mm"] is None for part in ("mesh", "registration")] == [
         part in unknown for part in ("mesh", "registration")
     ]
+
+
+def on(lost: dict[str, tuple[str, ...]], captures: str = "abcd", methods: tuple[str, ...] = ("2fsk", "3fsk")) -> Basis:
+    """The basis of a run in which captures were lost by method; "": by all."""
+    bench = BenchFile(
+        version=1, name="x", capture=[{"path": name} for name in captures], method=[{"id": id} for id in methods]
+    )
+    failures = [
+        results.Failure(capture=name, method=method, stage="reconstruct", message=f"{name} broke")
+        for method, names in lost.items() for name in names
+    ]
+    found = [Capture(Path(name), "", CaptureFile(name=name)) for name in captures]
+    return outcome.basis(Outcome(bench, found, [], failures))
+
+
+def names(basis: Basis) -> tuple[str, tuple[str, ...]]:
+    return "".join(capture.name for capture in basis.captures), tuple(entry.id for entry in basis.methods)
+
+
+def test_every_method_of_the_table_stands_on_the_same_captures():
+    assert names(on({})) == ("abcd", ("2fsk", "3fsk"))
+    assert names(on({"2fsk": ("a",), "3fsk": ("c",), "": ("d",)})) == ("b", ("2fsk", "3fsk"))
+    assert "1 of 4 captures" in on({"2fsk": ("a",), "3fsk": ("c",), "": ("d",)}).text
+
+
+def test_a_method_that_finished_fewer_than_half_as_many_is_left_out_and_named():
+    basis = on({"3fsk": ("a", "b", "c")})
+    assert names(basis) == ("abcd", ("2fsk",)) and "left out" in basis.text and "3fsk (1 of 4)" in basis.text
+    assert names(on({"3fsk": ("a", "b")})) == ("cd", ("2fsk", "3fsk"))
+
+
+def test_without_a_common_capture_the_weakest_method_is_left_out():
+    assert names(on({"2fsk": ("a", "b"), "3fsk": ("c", "d")})) == ("cd", ("2fsk",))
+
+
+def test_when_nothing_was_finished_the_first_reason_is_given():
+    with pytest.raises(HandbenchError, match="every capture failed; the first: a broke"):
+        on({"": tuple("abcd")})
+    with pytest.raises(HandbenchError, match="every capture failed"):
+        on({"2fsk": tuple("abcd"), "3fsk": tuple("abcd")})
+
+
+def test_a_capture_that_cannot_be_scored_fails_alone(written, tmp_path, capsys):
+    folder = written(SIGMA_M, None, spoil=True)
+    [failure] = results.load(folder).about.failures
+    assert (failure.capture, failure.stage) == ("spoilt", "score")
+    assert floors(folder, "truth") == [["0.0", "", ""]] * 2 and failure.line in capsys.readouterr().err

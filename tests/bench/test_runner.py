@@ -1,12 +1,16 @@
 """The runner: complete result folders, resumed after a kill, never mixed and never stale."""
 
+import csv
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +23,7 @@ from bench.protocol import load_benchmark
 from bench.runner import run
 from calibration.meshes import read_mesh, write_mesh
 from calibration.transforms import Transform
+from radar.capture import load_capture, save_capture
 from radar.errors import HandbenchError
 
 
@@ -30,18 +35,6 @@ def execute(bench_file: Path, folder: Path, **options: bool) -> results.Result:
 def figures(folder: Path) -> list[str]:
     """The table without its times."""
     return [line for line in (folder / "table.csv").read_text().splitlines() if not line.startswith("seconds")]
-
-
-def numbers(folder: Path) -> list[float]:
-    """The table's values and intervals, one after another."""
-    rows = [line.split(",")[2:5] for line in figures(folder)[1:]]
-    return [float(cell) for row in rows for cell in row if cell]
-
-
-def names(folder: Path) -> list[list[str]]:
-    """What the table's rows are about, and which cells are empty."""
-    rows = [line.split(",") for line in figures(folder)]
-    return [[*row[:2], *row[5:], *(str(bool(cell)) for cell in row[2:5])] for row in rows]
 
 
 def test_result_folder_is_complete_and_plausible(small_bench, tmp_path):
@@ -103,24 +96,100 @@ def test_two_runs_do_not_share_a_folder(small_bench, tmp_path):
         execute(small_bench, tmp_path / "out")
 
 
-def test_a_killed_run_resumes_to_the_same_table(small_bench, tmp_path):
-    execute(small_bench, tmp_path / "whole")
-    out = tmp_path / "killed"
-    command = [sys.executable, "-m", "bench.cli", "run", str(small_bench), "-o", str(out)]
-    process = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-    deadline = time.monotonic() + 60
-    while not list((out / "work").glob("simulate-*")) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-    assert not (out / "result.json").exists()
-    (out / "work" / ".reconstruct-abc-half").mkdir()  # what a kill inside a stage leaves behind
-    resumed = execute(small_bench, out)
-    assert next(task for task in resumed.tasks if task.stage == "simulate").cached
-    # Kernels just compiled and the same ones from numba's cache differ in rounding, 1e-7 of an echo: 1e-5 mm of 2-FSK.
-    assert numbers(out) == pytest.approx(numbers(tmp_path / "whole"), abs=1e-4)
-    assert names(out) == names(tmp_path / "whole")
-    assert not list((out / "work").glob(".reconstruct*"))
+def content(folder: Path) -> dict[str, bytes]:
+    """Every file of a result folder, those of its stages too, without times: the rows and columns that hold them, the
+    machine's rate, and whether a stage was cached."""
+    times = {
+        "table.csv": rb"(?m)^seconds,.*$", "result.json": rb'"gemm_gflops".*', "capture.toml": rb"(?m)^seconds = .*$",
+        "stage.json": rb"(?s).*", "timing.json": rb"(?s).*", "tasks.csv": rb"[0-9.]+,[0-9.]+,[0-9.]+,.*",
+    }
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return {
+        str(path.relative_to(folder)): re.sub(times[path.name], b"", path.read_bytes()) if path.name in times
+        else path.read_bytes() for path in files
+    }
+
+
+def test_a_killed_run_resumes_to_the_same_folder(small_bench, tmp_path):
+    """Killed once the first stage is done; HANDBENCH_KILLS=10 adds as many runs, killed at random moments."""
+    compile_kernels = "from radar.warmup import compile_kernels; compile_kernels()"
+    subprocess.run([sys.executable, "-c", compile_kernels], check=True)  # kernels just compiled round otherwise
+    run_to = [sys.executable, "-m", "bench.cli", "run", str(small_bench), "-o"]
+    start = time.monotonic()
+    subprocess.run([*run_to, str(tmp_path / "whole")], check=True, capture_output=True)
+    whole_s, expected = time.monotonic() - start, content(tmp_path / "whole")
+
+    def killed_and_resumed(out: Path, wait: Callable[[], None]) -> bool:
+        process = subprocess.Popen([*run_to, str(out)], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        wait()
+        os.kill(process.pid, signal.SIGKILL)
+        killed = process.wait() == -signal.SIGKILL and not (out / "result.json").exists()
+        if killed and (out / "work").exists():
+            (out / "work" / ".reconstruct-abc-half").mkdir()  # what a kill inside a stage leaves behind
+        subprocess.run([*run_to, str(out)], check=True, capture_output=True)
+        assert content(out) == expected
+        return killed
+
+    def first_stage() -> None:
+        deadline = time.monotonic() + 60
+        while not list((tmp_path / "first" / "work").glob("simulate-*")) and time.monotonic() < deadline:
+            time.sleep(0.01)
+
+    assert killed_and_resumed(tmp_path / "first", first_stage)
+    assert results.load(tmp_path / "first").tasks[0].cached
+    moments_s = np.random.default_rng(0).uniform(0.4, 1, int(os.environ.get("HANDBENCH_KILLS", "0"))) * whole_s
+    killed = [killed_and_resumed(tmp_path / f"{m:.3f}", lambda m=m: time.sleep(m)) for m in moments_s]
+    print(f"{sum(killed)} of {len(killed)} runs had not ended when they were killed, after {moments_s.round(2)} s")
+
+
+@pytest.fixture
+def recorded(small_bench, tmp_path) -> Path:
+    """The benchmark's capture as a folder, "ball"."""
+    execute(small_bench, tmp_path / "simulated")
+    folder = small_bench.parent / "ball"
+    shutil.copytree(next((tmp_path / "simulated" / "work").glob("simulate-*")) / "capture", folder)
+    return folder
+
+
+def with_another(small_bench: Path, recorded: Path, frequencies: int) -> None:
+    """Benchmark both the recorded capture and a copy, "other", that keeps its highest frequencies."""
+    other = recorded.parent / "other"
+    shutil.copytree(recorded, other)
+    description = (other / "capture.toml").read_text()
+    (other / "capture.toml").write_text(description.replace('name = "ball"', 'name = "other"'))
+    echoes = load_capture(recorded / "echoes.h5")
+    kept = slice(-frequencies, None)
+    echoes = replace(echoes, samples=echoes.samples[:, kept], frequencies_hz=echoes.frequencies_hz[kept])
+    save_capture(other / "echoes.h5", echoes)
+    both = 'path = "other"\n[[capture]]\npath = "ball"'
+    small_bench.write_text(small_bench.read_text().replace('scene = "ball.toml"', both))
+
+
+def test_what_one_method_cannot_do_is_left_out_for_all_and_said(small_bench, recorded, tmp_path, capsys):
+    with_another(small_bench, recorded, frequencies=2)  # enough for 2-FSK alone
+    result = execute(small_bench, tmp_path / "out")
+    [failure] = result.about.failures
+    assert (failure.capture, failure.method, failure.stage) == ("other", "narrowband", "reconstruct")
+    assert failure.line in capsys.readouterr().err.splitlines()
+    assert result.about.protocol["basis"].startswith("1 of 2 captures")
+    assert figures(tmp_path / "out") == figures(tmp_path / "simulated")
+    assert [c.name for c in result.about.captures] == ["ball"] and {r.capture for r in result.repeats} == {"ball"}
+    assert {task.capture for task in result.tasks} == {"ball", "other"}
+
+
+def test_a_broken_capture_does_not_sink_the_run(small_bench, recorded, tmp_path):
+    with_another(small_bench, recorded, frequencies=3)
+    broken = recorded.parent / "other"
+    (broken / "echoes.h5").write_bytes((recorded / "echoes.h5").read_bytes()[:5000])
+    assert {f.method for f in execute(small_bench, tmp_path / "echoes").about.failures} == {"2fsk", "narrowband"}
+    (broken / "capture.toml").unlink()
+    result = execute(small_bench, tmp_path / "description")
+    assert [(f.capture, f.stage) for f in result.about.failures] == [("other", "open")]
+    for name in ("echoes", "description"):
+        assert figures(tmp_path / name) == figures(tmp_path / "simulated")
+    (recorded / "truth.ply").unlink()
+    with pytest.raises(HandbenchError, match=r"every capture failed; the first: .*other"):
+        execute(small_bench, tmp_path / "none")
 
 
 def test_captures_as_folders_score_as_simulated_ones(small_bench, tmp_path):
@@ -179,4 +248,22 @@ def test_result_json_says_how_it_came_about(small_bench, tmp_path):
     assert "numpy" in about["versions"]
     assert about["machine"]["cores"] >= 1
     assert about["machine"]["imaging_device"] == "cpu"
+    assert about["machine"]["gemm_gflops"] > 0
     assert about["metrics"]["mae_mm"]["definition"]
+    assert about["failures"] == [] and about["protocol"]["basis"].startswith("1 of 1 captures")
+    with (tmp_path / "out" / "tasks.csv").open() as stream:
+        assert {(t["host"], float(t["gemm_gflops"])) for t in csv.DictReader(stream)} == {
+            (about["machine"]["host"], about["machine"]["gemm_gflops"])
+        }
+
+
+def test_results_of_before_failures_and_machines_are_read(small_bench, tmp_path):
+    execute(small_bench, tmp_path / "out")
+    about, tasks = tmp_path / "out" / "result.json", tmp_path / "out" / "tasks.csv"
+    about.write_text(json.dumps({k: v for k, v in json.loads(about.read_text()).items() if k != "failures"}))
+    tasks.write_text("".join(f"{line.rsplit(',', 3)[0]}\n" for line in tasks.read_text().splitlines()))
+    result = results.load(tmp_path / "out")
+    assert result.about.failures == () and result.tasks[0].gemm_gflops is None and result.tasks[0].seconds > 0
+    tasks.write_text("".join(f"{line.rsplit(',', 1)[0]}\n" for line in tasks.read_text().splitlines()))
+    with pytest.raises(HandbenchError, match="the columns are"):
+        results.load(tmp_path / "out")

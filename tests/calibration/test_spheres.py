@@ -100,8 +100,8 @@ def test_the_covariance_is_honest(rng, patch_m, low, high):
 
 @pytest.mark.parametrize("part", [0.15, 0.45])
 def test_a_radius_that_is_not_quite_as_described_is_allowed_for(rng, part):
-    """Spheres made to ± 0.2 mm: the normalised squared error averages 3 ± 1 over 60 trials (three standard errors). Taken
-    as described, the same spheres would be off by 0.2 mm in depth, with standard deviations of 0.01 mm."""
+    """Spheres made to ± 0.2 mm: the normalised squared error averages 3 ± 1 over 60 trials (three standard errors).
+    Taken as described, the same spheres would be off by 0.2 mm in depth, with standard deviations of 0.01 mm."""
     nees, described = [], []
     for _ in range(60):
         outward = cap(rng, 0.025, part, 0.6e6)

@@ -1,7 +1,5 @@
 """Surfaces in files: ours, and those of others, which are believed only as far as they hold together."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -87,17 +85,6 @@ def test_lists_and_what_faces_carry_are_none_of_it(tmp_path):
         tmp_path / "b.ply", XYZ, ("0 0 0", "1 0 0", "0 1 0"), "property float sigma_m\n", "3 0 1 2 9"
     )
     assert np.isnan(found.sigma_m).all()
-
-
-def test_attributes_of_more_or_fewer_points_are_not_believed(tmp_path, surface, monkeypatch):
-    """The file is read twice, and the two may differ: they are taken only if there is one a vertex."""
-    surface.save(tmp_path / "a.ply")
-    attributes = {"sigma_m": np.ones(3), "observed": np.zeros(5)}
-    point = {name: SimpleNamespace(numpy=lambda values=values: values) for name, values in attributes.items()}
-    io = SimpleNamespace(read_point_cloud=lambda _: SimpleNamespace(point=point))
-    monkeypatch.setattr("groundtruth.surface.load_open3d", lambda: SimpleNamespace(t=SimpleNamespace(io=io)))
-    found = read_surface(tmp_path / "a.ply")
-    assert np.isnan(found.sigma_m).all() and found.observed.all()
 
 
 @pytest.mark.parametrize("counts", [(5, 2), (10**12, 2), (-4, 2), (0, 0)])

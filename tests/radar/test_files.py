@@ -1,5 +1,7 @@
 """Arrays, captures and depth maps on disk."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import h5py
@@ -10,6 +12,7 @@ from radar.arrays import AntennaArray, PlanarScan, load_positions, qar50
 from radar.capture import RadarCapture, load_capture, save_capture
 from radar.depthmap import DepthMap, load_depthmap
 from radar.errors import HandbenchError
+from radar.files import inside
 from radar.grid import Axis
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "qar50"
@@ -112,3 +115,106 @@ def test_axis_includes_both_ends_and_refuses_a_reversed_range():
     assert axis[-1] == 0.15
     with pytest.raises(ValueError, match="swap"):
         Axis(start_m=1, stop_m=0, step_m=0.1)
+
+
+def hostile(tmp_path, **replaced) -> Path:
+    """A capture with some of its data sets made by replaced[name](file, name)."""
+    path = tmp_path / "echoes.h5"
+    save_capture(path, capture(1))
+    with h5py.File(path, "a") as file:
+        for name, make in replaced.items():
+            del file[name]
+            make(file, name)
+    return path
+
+
+def _virtual() -> h5py.VirtualLayout:
+    layout = h5py.VirtualLayout((1, 5, 3, 4), "f4")
+    layout[...] = h5py.VirtualSource("other.h5", "samples", (1, 5, 3, 4))
+    return layout
+
+
+HUGE = (1, 5, 3, 10**13)  # a few kB of file, 10^15 bytes of memory
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda file, name: file.create_dataset(name, HUGE, np.complex64, chunks=(1, 1, 1, 1024)),
+        lambda file, name: file.create_group(name),
+        lambda file, name: file.create_dataset(name, data="samples"),
+        lambda file, name: file.create_dataset(name, data=h5py.Empty("f4")),
+        lambda file, name: file.create_dataset(name, data=np.zeros(3, [("a", "f4"), ("b", "f4"), ("c", "f4")])),
+        lambda file, name: file.__setitem__(name, h5py.SoftLink("/nowhere")),
+        lambda file, name: file.__setitem__(name, h5py.SoftLink(f"/{name}")),
+        lambda file, name: file.__setitem__(name, h5py.ExternalLink("other.h5", "samples")),
+        lambda file, name: file.create_dataset(name, (1, 5, 3, 4), "f4", external=[("secret", 0, 240)]),
+        lambda file, name: file.create_virtual_dataset(name, _virtual()),
+    ],
+    ids=["huge", "group", "text", "empty", "records", "dangling", "circular", "elsewhere", "raw", "virtual"],
+)
+def test_data_sets_that_are_none_are_refused(tmp_path, make, monkeypatch):
+    """Nor does a file reach into others: what lies beside it, or anywhere, is not its echoes."""
+    monkeypatch.chdir(tmp_path)
+    save_capture(tmp_path / "other.h5", capture(1))
+    (tmp_path / "secret").write_bytes(bytes(240))
+    with pytest.raises(HandbenchError, match=r"echoes\.h5") as caught:
+        load_capture(hostile(tmp_path, samples=make))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_capture_cut_at_any_place_is_refused(tmp_path):
+    path = tmp_path / "echoes.h5"
+    save_capture(path, capture(1))
+    content = path.read_bytes()
+    for length in range(0, len(content), 97):
+        path.write_bytes(content[:length])
+        with pytest.raises(HandbenchError, match=r"echoes\.h5"):
+            load_capture(path)
+
+
+MUTATED = """
+import sys
+import numpy as np
+from pathlib import Path
+from radar.capture import load_capture
+from radar.errors import HandbenchError
+
+path = Path(sys.argv[1])
+good, generator, refused = path.read_bytes(), np.random.default_rng(3), 0
+for _ in range(300):
+    content = bytearray(good)
+    for at in generator.integers(len(good), size=generator.integers(1, 6)):
+        content[at] ^= 1 << generator.integers(8)
+    path.write_bytes(content)
+    try:
+        load_capture(path)
+    except HandbenchError as error:
+        assert "\\n" not in str(error)
+        refused += 1
+print(refused)
+"""
+
+
+def test_mutations_are_read_or_refused(tmp_path):
+    """300 seeded ones in a process of their own: what HDF5's library does of itself (it can loop for ever on a crafted
+    file) is not ours to catch."""
+    save_capture(tmp_path / "echoes.h5", capture(1))
+    command = [sys.executable, "-c", MUTATED, str(tmp_path / "echoes.h5")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=Path(__file__).parents[2])
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) > 20  # a flipped bit of an echo is but another echo
+
+
+def test_names_do_not_leave_their_folder_by_links_either(tmp_path):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "secret").write_text("")
+    (tmp_path / "folder" / "link").symlink_to(tmp_path / "secret")
+    (tmp_path / "folder" / "up").symlink_to(tmp_path)
+    (tmp_path / "folder" / "round").symlink_to(tmp_path / "folder" / "round")
+    (tmp_path / "folder" / "mine").write_text("")
+    (tmp_path / "folder" / "inner").symlink_to(tmp_path / "folder" / "mine")
+    for name in ("link", "up/secret", "../secret", str(tmp_path / "secret"), "folder/../../secret"):
+        with pytest.raises(HandbenchError, match="leaves the folder"):
+            inside(tmp_path / "folder", name, "capture.toml")
+    assert inside(tmp_path / "folder", "inner", "capture.toml").name == "mine"

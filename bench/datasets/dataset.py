@@ -1,0 +1,148 @@
+"""Captures of any data set, through one interface: what lies in a folder tells which adapter reads it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from bench.datasets.mapping import MAPPING, MappedCapture
+from bench.datasets.maroon import EMPTY_FILTERED, METADATA, REGISTRATIONS, MaroonCapture
+from bench.datasets.native import (
+    DESCRIPTION,
+    ECHOES,
+    MESH,
+    PHOTOS,
+    TRANSFORM,
+    TRUTH,
+    CaptureFile,
+    NativeCapture,
+    save_capture_file,
+)
+from calibration.meshes import read_mesh, write_mesh
+from calibration.transforms import Transform
+from radar.capture import RadarCapture, save_capture
+from radar.config import suggest
+from radar.depthmap import DepthMap
+from radar.errors import HandbenchError
+from radar.files import atomic_folder, require_folder
+
+ADAPTERS = (NativeCapture, MappedCapture, MaroonCapture)
+FOREIGN = {"maroon": MaroonCapture, "mapping": MappedCapture}  # what can be imported, by the name of its data set
+KNOWN = f"{DESCRIPTION} (handbench), {MAPPING} (HDF5, MATLAB) or radar_*/calibrated_data (MAROON)"
+AT_EMPTY_FILTERED = f"@{EMPTY_FILTERED}"  # behind a MAROON capture's path: its frames without the empty room
+DEPTH = 3  # folders below a data set's root in which captures are looked for
+
+
+class Capture(Protocol):
+    """What a benchmark needs of a scene's data; paths are None, and so is a transform, where there is none."""
+
+    folder: Path
+
+    @property
+    def about(self) -> CaptureFile:
+        """Its description."""
+
+    def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
+        """Its first `frames` frames, or all; calibrated: with what is known of the antennas put in."""
+
+    @property
+    def photos(self) -> Path | None:
+        """The folder of its photographs."""
+
+    def mesh(self) -> Path | None:
+        """The measured surface (PLY, OBJ, STL) in the photo frame, metres."""
+
+    @property
+    def truth(self) -> Path | None:
+        """The true surface in the radar frame, metres."""
+
+    def transform(self) -> Transform | None:
+        """Its own radar_from_photo."""
+
+    def mask(self, depth: DepthMap) -> np.ndarray:
+        """Pixels [ny, nx] of a depth map that its data set scores."""
+
+    def key(self, frames: int | None = None) -> str:
+        """Hash of the content of all that a run over its first `frames` frames (None: all) may read."""
+
+
+def open_capture(path: str | Path) -> Capture:
+    """The capture in a folder, by the adapter that fits. A MAROON capture's path may end in @emptyfiltered. Raises
+    HandbenchError where none fits, naming what was looked for."""
+    path = Path(path)
+    asked = path.name.endswith(AT_EMPTY_FILTERED)
+    folder = require_folder(path.with_name(path.name.removesuffix(AT_EMPTY_FILTERED)) if asked else path, "a capture")
+    adapter = _adapter(folder)
+    if adapter is None:
+        hint = "; a planar scan: run `handbench import planar_scan`" if (folder / "scan.npy").exists() else ""
+        raise HandbenchError(f"{folder}: is no capture; expected {KNOWN}{hint}")
+    if asked and adapter is not MaroonCapture:
+        raise HandbenchError(f"{path}: only captures of MAROON have frames {AT_EMPTY_FILTERED}; leave it out")
+    return MaroonCapture(folder, empty_filtered=True) if asked else adapter(folder)
+
+
+def _adapter(folder: Path) -> type[NativeCapture] | type[MappedCapture] | type[MaroonCapture] | None:
+    return next((adapter for adapter in ADAPTERS if adapter.fits(folder)), None)
+
+
+def captures(root: str | Path, objects: Sequence[str] = (), distances: Sequence[int] = ()) -> list[Path]:
+    """The folders below a data set's root that hold captures, in order; of the objects and distances alone (empty: of
+    all), which are names of folders: ROOT/OBJECT, ROOT/OBJECT/DISTANCE. What MAROON has captured to register its
+    sensors is left out, and so are its rooms without an object, which have no metadata.json.
+
+    Raises HandbenchError for an object that is not there, and where nothing is left.
+    """
+    root = require_folder(root, "a data set")
+    found = sorted(_below(root, DEPTH), key=lambda folder: [_in_order(part) for part in folder.relative_to(root).parts])
+    known = {folder.relative_to(root).parts[0] for folder in found if folder != root}
+    for name in objects:
+        if name not in known:
+            raise HandbenchError(f"{root}: has no captures of an object '{name}'; {suggest(name, sorted(known))}")
+    chosen = [
+        folder for folder in found
+        if (not objects or folder.relative_to(root).parts[:1] in {(name,) for name in objects})
+        and (not distances or folder.name in {str(distance) for distance in distances})
+    ]
+    if not chosen:
+        there = ", ".join(sorted({folder.name for folder in found})[:12]) or "none at all"
+        raise HandbenchError(f"{root}: has no capture that was asked for; folders with captures: {there}")
+    return chosen
+
+
+def _below(folder: Path, depth: int) -> list[Path]:
+    adapter = _adapter(folder)
+    if adapter is not None:
+        return [folder] if adapter is not MaroonCapture or (folder / METADATA).is_file() else []
+    inner = [] if depth == 0 else [p for p in folder.iterdir() if p.is_dir() and not p.name.startswith(".")]
+    return [found for p in inner if p.name != REGISTRATIONS for found in _below(p, depth - 1)]
+
+
+def _in_order(name: str) -> tuple[int, str]:
+    """30 before 100, and numbers before names."""
+    return (int(name), name) if name.isdecimal() else (10**9, name)
+
+
+def import_capture(kind: str, path: str | Path, folder: str | Path) -> None:
+    """Turn a capture of the FOREIGN kind into a capture folder, all or nothing: echoes of all frames, the measured mesh
+    or else the photographs, transform, truth, description."""
+    capture = open_capture(path)
+    if not isinstance(capture, FOREIGN[kind]):
+        raise HandbenchError(f"{path}: is no capture of '{kind}' but of {type(capture).__name__}; name the right kind")
+    about, mesh, transform = capture.about, capture.mesh(), capture.transform()
+    with atomic_folder(folder) as temporary:
+        save_capture(temporary / ECHOES, capture.echoes())
+        for file, name in ((mesh, MESH), (capture.truth, TRUTH)):
+            if file is not None and file.suffix.lower() == ".ply":
+                shutil.copyfile(file, temporary / name)  # with what its vertices carry
+            elif file is not None:
+                write_mesh(temporary / name, read_mesh(file))
+        if mesh is None and capture.photos is not None:
+            shutil.copytree(capture.photos, temporary / PHOTOS)
+        if transform is not None:
+            transform.save(temporary / TRANSFORM)
+        contains = tuple(sorted(file.name for file in temporary.iterdir()))
+        save_capture_file(temporary, about.model_copy(update={"contains": contains}))

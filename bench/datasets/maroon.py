@@ -1,0 +1,244 @@
+"""MAROON (Wirth et al. 2024, arXiv 2411.00527), read as it lies on disk: one object at one distance is a capture.
+
+    OBJECT/30/  metadata.json  alignment.json
+                radar_72.0_82.0_128/  calibration.json  calibrated_data/000000.npy  000000_emptyfiltered.npy …
+                photogrammetry/  mesh.obj  mesh_masked.obj  rgb/ …
+
+Their radar frame is ours with x negated (the evidence stands in `calibration.alignment`): boxes are turned here,
+transforms there, and the antennas stay where they are. What the echoes are is told in `bench.datasets.maroon_frame`.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from bench.datasets.maroon_frame import Frame, read_frame
+from bench.datasets.maroon_mask import eroded, radar_kernel_px
+from bench.datasets.native import CaptureFile
+from calibration.alignment import load_alignment
+from calibration.transforms import Transform, checked_numbers
+from radar.arrays import qar50
+from radar.capture import RadarCapture
+from radar.config import Config, parse, suggest
+from radar.depthmap import DepthMap
+from radar.errors import HandbenchError
+from radar.files import content_hash, inside, read_json, require_file
+from radar.progress import say
+
+FRAMES, METADATA, ALIGNMENT, VOLUMES = "calibrated_data", "metadata.json", "alignment.json", "calibration.json"
+REGISTRATIONS = "00_registration"  # beside the objects: captures of their calibration target
+EMPTY_FILTERED = "emptyfiltered"  # frames from which their empty room has been taken
+PHOTOGRAMMETRY = "photogrammetry"
+MESHES = {
+    "masked": "mesh_masked.obj",  # reconstructed from photographs cut to the object
+    "whole": "mesh.obj",
+    "masked_smoothed": "mesh_masked_smoothed.obj",  # their code writes these two, and scores against them
+    "smoothed": "mesh_smoothed.obj",
+    "cleaned": "mesh_smoothed_cleaned.ply",
+    "synthetic": "mesh_synthetic.obj",  # the model behind an object that was printed
+}
+BEHIND_M = {"start_m": -0.05, "stop_m": 0.10, "step_m": 0.001}  # their shipped box, 0.25 to 0.4 m for objects at 0.3 m
+NEAR_ZMIN_M, ZMAX_M = 0.26, 0.7  # their code's, where metadata.json has none: the first for objects at 0.3 m only
+ROUNDED = 7  # decimals of metres: they keep float32
+FSK, PROJECTIONS = ("2fsk", "3fsk", "nfsk"), ("broadband", "narrowband")
+
+
+class Metadata(Config, extra="ignore"):
+    """What is read of `metadata.json`. mask_bb: bounds in their radar frame, metres, under xmin … zmax."""
+
+    calibration: str | None = None
+    distance_meters: float | None = Field(default=None, gt=0)
+    mask_erosion: float = Field(default=0.0, ge=0, le=1000)
+    mask_bb: dict[str, float] = Field(default_factory=dict)
+    mask_3d_threshold: float | None = None  # what zmax was called before
+
+
+@dataclass(frozen=True)
+class MaroonCapture:
+    """One object at one distance, as `bench.datasets.dataset.Capture` asks for it."""
+
+    folder: Path
+    empty_filtered: bool = False
+
+    @staticmethod
+    def fits(folder: Path) -> bool:
+        """Whether this adapter reads what lies in `folder`."""
+        return any((radar / FRAMES).is_dir() for radar in folder.glob("radar_*"))
+
+    @cached_property
+    def metadata(self) -> Metadata:
+        """Its metadata.json; without one, nothing is known."""
+        return parse(Metadata, _read(self.folder / METADATA), str(self.folder / METADATA))
+
+    @cached_property
+    def about(self) -> CaptureFile:
+        """Its description, named OBJECT-DISTANCE; the methods image the box of calibration.json."""
+        folder = self.folder.resolve()
+        name = re.sub("_{2,}", "_", f"{folder.parent.name}-{folder.name}").lstrip(".")
+        return parse(CaptureFile, {
+            "name": f"{name}-{EMPTY_FILTERED}" if self.empty_filtered else name,
+            "kind": "other",
+            "distance_m": self.metadata.distance_meters,
+            "source": "MAROON (Wirth et al. 2024)",
+            "methods": self._settings(),
+        }, str(self.folder))
+
+    @property
+    def radar(self) -> Path:
+        """The folder of the radar's data."""
+        found = sorted(radar for radar in self.folder.glob("radar_*") if (radar / FRAMES).is_dir())
+        if len(found) != 1:
+            raise HandbenchError(
+                f"{self.folder}: has {len(found)} folders radar_*/{FRAMES} ({', '.join(f.name for f in found)}); "
+                "expected one: move the others away"
+            )
+        return found[0]
+
+    def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
+        """Its first `frames` frames, or as many as its first frame says that there are; they are calibrated already,
+        whatever is asked for."""
+        first = read_frame(self._file(0))
+        count = first.count if frames is None else min(frames, first.count)
+        samples = [first.samples if k == 0 else self._later(k, first).samples for k in range(count)]
+        try:
+            return RadarCapture(np.stack(samples), first.frequencies_hz, qar50())
+        except HandbenchError as error:
+            raise HandbenchError(f"{self._file(0).parent}: {error}") from None
+
+    @property
+    def photos(self) -> Path | None:
+        """The folder of its photographs."""
+        folder = self.folder / PHOTOGRAMMETRY / "rgb"
+        return folder if folder.is_dir() else None
+
+    def mesh(self, kind: str | None = None) -> Path | None:
+        """One of the MESHES, in their photogrammetry's frame, metres; by default the masked one or, as in their code
+        and said, the whole one where there is no masked one. None without any."""
+        if kind is not None and kind not in MESHES:
+            raise HandbenchError(f"mesh: unknown kind '{kind}'; {suggest(kind, list(MESHES))}")
+        here = {name: path for name, file in MESHES.items() if (path := self.folder / PHOTOGRAMMETRY / file).is_file()}
+        if kind is not None:
+            return require_file(self.folder / PHOTOGRAMMETRY / MESHES[kind], f"the mesh (there are: {', '.join(here)})")
+        if "masked" not in here and "whole" in here:
+            say(f"{self.folder}: has no {MESHES['masked']}; {MESHES['whole']} is taken, as their code does")
+        return here.get("masked", here.get("whole"))
+
+    @property
+    def truth(self) -> Path | None:
+        """None: the model behind a printed object (mesh "synthetic") was itself aligned to photographs."""
+        return None
+
+    def transform(self) -> Transform | None:
+        """radar_from_photo in our frame, of its alignment.json or else of its calibration's, said; None without any."""
+        file = self._alignment()
+        return load_alignment(file) if file else None
+
+    def mask(self, depth: DepthMap, erode: bool = False) -> np.ndarray:
+        """Pixels [ny, nx] of a depth map that their code scores: on target and inside mask_bb. erode: away from the
+        target's edges too, by metadata.json's `mask_erosion`, as in the paper (their shipped configuration does not).
+
+        Raises HandbenchError for a box without room, as the example in their README has it.
+        """
+        found = np.isfinite(depth.z_m)
+        if erode:
+            found = eroded(found, radar_kernel_px(self.metadata.mask_erosion))
+        x_m, y_m = np.meshgrid(depth.x_m, depth.y_m)
+        for axis, values_m in zip("xyz", (-x_m, y_m, depth.z_m), strict=True):
+            low_m, high_m = self._bounds_m(axis)
+            with np.errstate(invalid="ignore"):
+                found &= (values_m >= low_m) & (values_m <= high_m)
+        return found
+
+    def key(self, frames: int | None = None) -> str:
+        """Hash of the content of the files that a run reads: its first `frames` frames (or all), descriptions, and the
+        mesh or else the photographs. Other sensors' data and what their tools have made of the echoes do not count."""
+        files = sorted(self._file(0).parent.glob(self._file(0).name.replace("000000", 6 * "[0-9]")))
+        described = [self.folder / METADATA, self._alignment(), self.radar / VOLUMES]
+        found = [*described, self.mesh() or self.photos, *files[:frames]]
+        read = [path for path in found if path is not None and path.exists()]
+        return content_hash([f"{path.parent.name}/{path.name}" for path in read], *read)
+
+    def _file(self, frame: int) -> Path:
+        return self.radar / FRAMES / f"{frame:06d}{f'_{EMPTY_FILTERED}' * self.empty_filtered}.npy"
+
+    def _later(self, number: int, first: Frame) -> Frame:
+        """A frame of the same sweep as the first."""
+        frame = read_frame(self._file(number))
+        if not np.array_equal(frame.frequencies_hz, first.frequencies_hz):
+            raise HandbenchError(f"{self._file(number)}: 'fvec' differs from the first frame's; expected one sweep")
+        return frame
+
+    def _alignment(self) -> Path | None:
+        beside = self.folder / ALIGNMENT
+        name = self.metadata.calibration
+        if beside.exists() or not name:
+            return beside if beside.exists() else None
+        registrations = self.folder.resolve().parent.parent / REGISTRATIONS
+        of_calibration = inside(registrations, name, f"{self.folder / METADATA}: calibration") / ALIGNMENT
+        if not of_calibration.is_file():
+            return None
+        say(f"{self.folder}: has no {ALIGNMENT}; {of_calibration} is taken")
+        return of_calibration
+
+    def _bounds_m(self, axis: str) -> tuple[float, float]:
+        """What mask_bb allows along an axis of their radar frame, with their code's defaults."""
+        about = self.metadata
+        near = NEAR_ZMIN_M if about.distance_meters == 0.3 else -np.inf
+        low, high = {"z": (near, ZMAX_M)}.get(axis, (-np.inf, np.inf))
+        high = about.mask_3d_threshold if axis == "z" and about.mask_3d_threshold is not None else high
+        low, high = about.mask_bb.get(f"{axis}min", low), about.mask_bb.get(f"{axis}max", high)
+        if low >= high:
+            raise HandbenchError(
+                f"{self.folder / METADATA}: mask_bb has {axis}max {high:g} below {axis}min {low:g}, so that no "
+                "pixel is scored; correct it"
+            )
+        return low, high
+
+    def _settings(self) -> dict[str, Any]:
+        """Method id → the pixels and voxels of their box: calibration.json's of the first frame, or their shipped one
+        about the object's distance."""
+        file = self.radar / VOLUMES
+        frame = _read(file).get(f"{0:06d}", {}) if file.exists() else {}
+        distance_m = self.metadata.distance_meters
+        if isinstance(frame, dict) and "volume" in frame:
+            box = _axes(file, frame["volume"])
+        elif distance_m is not None:
+            ends = {end: round(distance_m + BEHIND_M[end], ROUNDED) for end in ("start_m", "stop_m")}
+            box = {"z": BEHIND_M | ends}
+        else:
+            return {}
+        pixels = {axis: box[axis] for axis in "xy" if axis in box}
+        return dict.fromkeys(FSK, pixels) | dict.fromkeys(PROJECTIONS, box)
+
+
+def _axes(file: Path, volume: Any) -> dict[str, dict[str, float]]:
+    """Our x, y and z of a `volume` of their calibration.json."""
+    told = volume if isinstance(volume, dict) else {}
+    low, high, count = (
+        checked_numbers(file, key, told.get(key), [(3,)], 1e4) for key in ("bb_min", "bb_max", "grid_size")
+    )
+    if (count < 1).any() or (count % 1 != 0).any() or (high < low).any():
+        raise HandbenchError(
+            f"{file}: 'volume' reaches from {low.tolist()} to {high.tolist()} in {count.tolist()} voxels; expected "
+            "whole numbers ≥ 1 and bb_min below bb_max"
+        )
+    ends = zip((-high[0], low[1], low[2]), (-low[0], high[1], high[2]), count, strict=True)
+    rounded = [(round(float(a), ROUNDED), round(float(b), ROUNDED), int(n)) for a, b, n in ends]
+    return {
+        axis: {"start_m": a, "stop_m": b, "step_m": (b - a) / (n - 1) if n > 1 and b > a else BEHIND_M["step_m"]}
+        for axis, (a, b, n) in zip("xyz", rounded, strict=True)
+    }
+
+
+def _read(path: Path) -> dict[str, Any]:
+    content = read_json(path, f"MAROON's {path.name}")
+    if not isinstance(content, dict):
+        raise HandbenchError(f"{path}: is a {type(content).__name__}; expected MAROON's {path.name}")
+    return content

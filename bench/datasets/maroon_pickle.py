@@ -1,0 +1,151 @@
+"""MAROON's radar frames are numpy files that hold a pickled dictionary: read here without running anything.
+
+A pickle is a program that may call whatever it can name. This reader lets it name five things, and none of them is
+numpy's own: stand-ins take the description of an array apart, check it, and build the array from its plain bytes.
+Python's own unpickler is used because the one in C reserves memory for any number that a file mentions.
+"""
+
+from __future__ import annotations
+
+import math
+import pickle
+import re
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from radar.errors import HandbenchError
+from radar.files import atomic_path, require_file
+
+LARGEST_BYTES = 256 * 2**20  # 96 × 96 × 128 numbers of complex128 take 19 MB
+NUMBERS = re.compile(r"b1|[iu][1248]|f[248]|c(8|16)")  # what an array may hold
+PLAIN = (np.generic, bool, int, float, str, type(None))
+WHAT = "a radar frame of MAROON (a pickled dictionary of arrays of numbers)"
+
+
+def read_dictionary(path: str | Path) -> dict[str, Any]:
+    """The dictionary of a .npy file: arrays and scalars of numbers, text, None. Anything else is a HandbenchError, and
+    nothing that the file names is ever called."""
+    path = require_file(path, WHAT)
+    size = path.stat().st_size
+    if size > LARGEST_BYTES:
+        raise HandbenchError(f"{path}: has {size} bytes; expected {WHAT}, {LARGEST_BYTES} at most")
+    try:
+        content = _unpickle(path.read_bytes())
+    except Exception as error:  # broken pickles raise whatever the opcode at hand stumbles over
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise HandbenchError(f"{path}: is refused ({reason[:200]}); expected {WHAT}") from error
+    return content
+
+
+def write_dictionary(path: str | Path, content: dict[str, Any]) -> None:
+    """Write a dictionary as MAROON's files hold it, atomically."""
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        np.save(stream, np.array(content, dtype=object), allow_pickle=True)
+
+
+def _unpickle(content: bytes) -> dict[str, Any]:
+    stream = BytesIO(content)
+    version = np.lib.format.read_magic(stream)
+    read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
+    shape, _, dtype = read_header(stream)
+    if not dtype.hasobject or dtype.names or shape != ():
+        raise ValueError(f"it is an array {dtype} {shape}, not a dictionary")
+    outermost = _Unpickler(stream).load()
+    content = outermost.objects[0] if isinstance(outermost, _Array) and outermost.objects else None
+    if not isinstance(content, dict):
+        raise ValueError("it holds no dictionary")
+    return {_checked_key(key): _checked(key, value) for key, value in content.items()}
+
+
+def _checked_key(key: Any) -> str:
+    if not isinstance(key, str):
+        raise ValueError(f"a key is {type(key).__name__}, not text")
+    return key
+
+
+def _checked(key: str, value: Any) -> Any:
+    if isinstance(value, _Array) and value.numbers is not None:
+        return value.numbers
+    if isinstance(value, PLAIN):
+        return value
+    kind = "an array of objects" if isinstance(value, _Array) else type(value).__name__
+    raise ValueError(f"'{key}' is {kind}")
+
+
+class _Dtype:
+    """Stands in for numpy.dtype: a kind of number and its byte order, or the object of the outermost array."""
+
+    def __init__(self, name: str, *_: bool) -> None:
+        if name not in ("O", "O8") and not (isinstance(name, str) and NUMBERS.fullmatch(name)):
+            raise ValueError(f"numbers of type {name!r}")
+        self.name, self.order = name, "="
+
+    def __setstate__(self, state: tuple) -> None:
+        if state[1] not in ("<", ">", "=", "|") or any(part is not None for part in state[2:5]):
+            raise ValueError("structured numbers")
+        self.order = state[1]
+
+    def numbers(self, content: bytes, count: int) -> np.ndarray:
+        """`count` numbers from their bytes."""
+        dtype = np.dtype(self.name).newbyteorder(self.order)
+        if dtype.hasobject or not isinstance(content, bytes) or len(content) != count * dtype.itemsize:
+            raise ValueError(f"not the bytes of {count} numbers of type {self.name}")
+        return np.frombuffer(content, dtype)
+
+
+class _Array:
+    """Stands in for numpy.ndarray: an array of `numbers`, or the outermost one with its only object."""
+
+    def __init__(self, *_: Any) -> None:
+        self.numbers: np.ndarray | None = None
+        self.objects: list[Any] = []
+
+    def __setstate__(self, state: tuple) -> None:
+        _, shape, dtype, by_column, content = state
+        if any(not isinstance(n, int) or n < 0 for n in shape) or not isinstance(dtype, _Dtype):
+            raise ValueError("an array without shape or type")
+        if dtype.name.startswith("O"):
+            if shape != () or not isinstance(content, list) or len(content) != 1:
+                raise ValueError("an array of objects")
+            self.objects = content
+        else:
+            self.numbers = dtype.numbers(content, math.prod(shape)).reshape(shape, order="F" if by_column else "C")
+
+
+def _scalar(dtype: _Dtype, content: bytes) -> np.generic:
+    """Stands in for numpy.core.multiarray.scalar."""
+    return dtype.numbers(content, 1)[0]
+
+
+class _Name:
+    """What a name in the pickle stands for: it can be called, and nothing else."""
+
+    __slots__ = ("_make",)
+
+    def __init__(self, make: Callable[..., Any]) -> None:
+        self._make = make
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._make(*arguments)
+
+    def __setstate__(self, state: Any) -> None:
+        raise ValueError("a name that is changed")
+
+
+CORES = ("numpy.core.multiarray", "numpy._core.multiarray")  # before numpy 2, and since
+NAMES = {("numpy", "dtype"): _Dtype, ("numpy", "ndarray"): _Array} | {
+    (core, name): make for core in CORES for name, make in (("_reconstruct", _Array), ("scalar", _scalar))
+}
+
+
+class _Unpickler(pickle._Unpickler):
+    """Knows the closed list of names."""
+
+    def find_class(self, module: str, name: str) -> _Name:
+        if (module, name) not in NAMES:
+            raise ValueError(f"it names {module}.{name}")
+        return _Name(NAMES[module, name])

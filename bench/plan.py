@@ -1,0 +1,83 @@
+"""The jobs of a benchmark, as data: what each depends on, what it is given, and whose code it runs.
+
+They come in two rounds: `opening` for every capture; then, of the captures that are open, `calibration`, `meshing` and
+`imaging`, which do not wait for each other.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from bench import stages
+from bench.datasets.dataset import open_capture
+from bench.outcome import Capture
+from bench.protocol import BenchFile, MethodEntry, Source
+from bench.scenes.file import SceneFile
+from bench.scenes.scene import named_files
+from bench.tasks import HASH, Job, job
+from radar.config import load
+from radar.device import chosen
+from radar.effects.causes import Noise
+from radar.files import inside
+
+# The code that each kind of stage runs: a change of it makes the stage anew.
+MESHES = ("calibration/meshes.py", "calibration/ply.py", "calibration/transforms.py")
+SIMULATION = (
+    "radar", "bench/scenes", "bench/datasets", "calibration/target.py", *MESHES,
+    "groundtruth/board.py", "groundtruth/cameras.py",
+)
+PHOTOGRAMMETRY = ("groundtruth", "bench/stages.py", *MESHES)
+IMAGING = (
+    "radar", "bench/datasets", "calibration/array/file.py", "bench/registry.py", "bench/stages.py", "bench/metrics.py",
+)  # and the method's own, of which the job knows
+
+
+def opening(bench: BenchFile, base: Path, source: Source, frames: int) -> Job:
+    """To hash a capture folder as it lies, or to simulate a scene into one; paths start from `base`."""
+    if source.path is not None:
+        folder = inside(base, source.path, "capture.path")
+        return Job(HASH, open_capture(folder).about.name, arguments={"folder": str(folder), "frames": frames})
+    path = inside(base, source.scene or "", "capture.scene")
+    scene = load(SceneFile, path, "a scene description")
+    if bench.phase_noise_rad is not None:
+        scene = scene.model_copy(update={"noise": Noise(phase_noise_rad=bench.phase_noise_rad)})
+    given = {"scene": scene.model_dump(mode="json"), "base": str(path.parent), "frames": frames}
+    depends_on = [given["scene"], frames, *named_files(scene, path.parent)]
+    return job("simulate", scene.name, "", depends_on, SIMULATION, given)
+
+
+def calibration(bench: BenchFile, targets: list[Capture]) -> list[Job]:
+    """To register the sensors by captures of one target, if there are any."""
+    if not targets:
+        return []
+    given = {"captures": [str(target.folder) for target in targets], **_photogrammetry(bench)}
+    depends_on = [*(target.key for target in targets), *_photogrammetry(bench).values()]
+    return [job("calibrate", targets[0].name, "", depends_on, (*PHOTOGRAMMETRY, "calibration", "radar"), given)]
+
+
+def meshing(bench: BenchFile, capture: Capture) -> list[Job]:
+    """To make the capture's photographs a mesh, if it has none and if a transform carries it into the radar frame."""
+    data = open_capture(capture.folder)
+    carried = bool(bench.calibration) or data.transform() is not None
+    if not carried or data.photos is None or data.mesh() is not None:
+        return []
+    options = _photogrammetry(bench)
+    depends_on, given = [capture.key, *options.values()], {"capture": str(capture.folder), **options}
+    return [job("groundtruth", capture.name, "", depends_on, PHOTOGRAMMETRY, given)]
+
+
+def imaging(bench: BenchFile, capture: Capture, entry: MethodEntry) -> list[Job]:
+    """To image the capture by one method and, where asked for, its repeats."""
+    config = stages.configuration(capture.folder, entry.id, entry.config).model_dump(mode="json")
+    depends_on = [capture.key, config, chosen()]
+    given = {"capture": str(capture.folder), "method": entry.id, "config": config, "device": chosen()}
+    about, frames = (capture.name, entry.id), bench.repeats
+    jobs = [job("reconstruct", *about, depends_on, IMAGING, given)]
+    if entry.precision:
+        jobs.append(job("repeat", *about, [*depends_on, frames], IMAGING, {**given, "frames": frames}))
+    return jobs
+
+
+def _photogrammetry(bench: BenchFile) -> dict[str, Any]:
+    return {"quality": bench.groundtruth.quality, "seed": bench.seed}

@@ -1,0 +1,162 @@
+"""MAROON's pickled frames: arrays of numbers come through as numpy wrote them, and nothing else does anything."""
+
+import io
+import os
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.datasets.maroon_pickle import LARGEST_BYTES, read_dictionary, write_dictionary
+from radar.errors import HandbenchError
+
+HEADER = io.BytesIO()
+np.lib.format.write_array_header_1_0(HEADER, {"descr": "|O", "fortran_order": False, "shape": ()})
+
+
+def npy(path, pickled: bytes):
+    """A numpy file of an object whose pickle is `pickled`."""
+    path.write_bytes(HEADER.getvalue() + pickled)
+    return path
+
+
+def saved(path, content):
+    np.save(path, np.array(content, dtype=object), allow_pickle=True)
+    return path
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.sampled_from(["<c8", "<c16", ">c16", "<f4", "<f8", ">f8", "<i8", "<i4", "|u1", "|b1"]),
+    st.lists(st.integers(0, 4), max_size=4),
+    st.booleans(),
+    st.sampled_from([3, 4]),
+)
+def test_arrays_come_through_as_numpy_wrote_them(tmp_path_factory, dtype, shape, by_column, protocol):
+    path = tmp_path_factory.mktemp("npy") / "a.npy"
+    values = np.arange(int(np.prod(shape)), dtype="<f8").reshape(shape).astype(dtype)
+    values = np.asfortranarray(values) if by_column else values
+    content = {"xr": values, "scalar": values.dtype.type(1), "n": 3, "x": 0.5, "text": "ü", "none": None, "yes": True}
+    read = read_dictionary(npy(path, pickle.dumps(np.array(content, dtype=object), protocol)))  # numpy 1's, numpy 2's
+    np.testing.assert_array_equal(read.pop("xr"), values)
+    assert read == {key: content[key] for key in read}
+    assert read.keys() == content.keys() - {"xr"}
+
+
+def test_what_we_write_numpy_reads(tmp_path):
+    content = {"fvec": np.linspace(72e9, 82e9, 5), "xr": np.ones((2, 3), np.complex64), "number_of_measurements": 1}
+    write_dictionary(tmp_path / "a.npy", content)
+    theirs = np.load(tmp_path / "a.npy", allow_pickle=True).item()
+    np.testing.assert_array_equal(theirs["fvec"], content["fvec"])
+    np.testing.assert_array_equal(read_dictionary(tmp_path / "a.npy")["xr"], theirs["xr"])
+
+
+def test_names_of_numpy_1_are_known_too(tmp_path):
+    pickled = pickle.dumps(np.array({"a": np.arange(3.0)}, dtype=object), 3)
+    old = pickled.replace(b"cnumpy._core.multiarray\n", b"cnumpy.core.multiarray\n")
+    assert old != pickled
+    np.testing.assert_array_equal(read_dictionary(npy(tmp_path / "a.npy", old))["a"], np.arange(3.0))
+
+
+class Runs:
+    """Runs a command when unpickled by pickle itself."""
+
+    def __init__(self, file):
+        self.file = file
+
+    def __reduce__(self):
+        return os.system, (f"touch {self.file}",)
+
+
+@pytest.mark.parametrize("wrap", [
+    lambda bad: bad,
+    lambda bad: {"xr": bad},
+    lambda bad: {"xr": np.array([bad], dtype=object)},
+    lambda bad: {"xr": [bad]},
+])
+def test_code_is_never_run(tmp_path, wrap):
+    saved(tmp_path / "a.npy", wrap(Runs(tmp_path / "ran")))
+    with pytest.raises(HandbenchError, match=r"it names (posix|nt)\.system") as caught:
+        read_dictionary(tmp_path / "a.npy")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "ran").exists()
+    np.load(tmp_path / "a.npy", allow_pickle=True)
+    assert (tmp_path / "ran").exists()  # the file does run it when read without care: the test can fail
+
+
+@pytest.mark.parametrize("content, reason", [
+    ({"xr": np.array([None, 1], dtype=object)}, "an array of objects"),
+    ({"xr": np.array({"deeper": 1}, dtype=object)}, "'xr' is an array of objects"),
+    ({"xr": {"deeper": 1}}, "'xr' is dict"),
+    ({"xr": [1, 2]}, "'xr' is list"),
+    ({"xr": np.array(["text"])}, "numbers of type 'U4'"),
+    ({"xr": np.zeros(2, [("re", "f4"), ("im", "f4")])}, "numbers of type 'V8'"),
+    ({1: 2}, "a key is int"),
+    ([1], "it holds no dictionary"),
+])
+def test_anything_but_numbers_is_refused(tmp_path, content, reason):
+    outer = np.empty((), dtype=object)
+    outer[()] = content
+    np.save(tmp_path / "a.npy", outer, allow_pickle=True)
+    with pytest.raises(HandbenchError, match=reason):
+        read_dictionary(tmp_path / "a.npy")
+
+
+def test_plain_arrays_and_cut_files_are_refused(tmp_path):
+    np.save(tmp_path / "plain.npy", np.zeros(3))
+    with pytest.raises(HandbenchError, match="not a dictionary"):
+        read_dictionary(tmp_path / "plain.npy")
+    whole = saved(tmp_path / "a.npy", {"xr": np.zeros(50), "n": 1}).read_bytes()
+    for length in range(0, len(whole) - 1, 7):
+        (tmp_path / "cut.npy").write_bytes(whole[:length])
+        with pytest.raises(HandbenchError, match=r"cut\.npy: is refused"):
+            read_dictionary(tmp_path / "cut.npy")
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.integers(0, 10**6), st.integers(0, 255))
+def test_a_changed_byte_is_refused_or_harmless(tmp_path_factory, where, byte):
+    """Whatever a damaged file does, it ends as a dictionary of numbers or as our error."""
+    path = tmp_path_factory.mktemp("npy") / "a.npy"
+    content = bytearray(saved(path, {"xr": np.zeros(4, np.complex64), "fvec": np.arange(3.0)}).read_bytes())
+    content[where % len(content)] = byte
+    path.write_bytes(content)
+    try:
+        read = read_dictionary(path)
+    except HandbenchError:
+        return
+    assert all(isinstance(value, np.ndarray | np.generic | int | float | str | None) for value in read.values())
+
+
+def test_a_shape_that_the_bytes_do_not_fill_takes_no_memory(tmp_path):
+    pickled = pickle.dumps(np.array({"xr": np.zeros(255)}, dtype=object), 4)
+    count = pickle.dumps(255, 4)[2:-1]
+    huge = pickled.replace(count, pickle.dumps(2**40, 4)[2:-1], 1)
+    assert huge != pickled
+    with pytest.raises(HandbenchError, match="is refused"):
+        read_dictionary(npy(tmp_path / "a.npy", huge))
+
+
+@pytest.mark.parametrize("bomb, reason", [
+    # remembers a list under the number 2³² − 1, which costs the unpickler in C 64 GB and this one nothing
+    (b"\x80\x04]r\xff\xff\xff\xff.", "it holds no dictionary"),
+    (b"\x80\x04\x8e" + b"\xff" * 7 + b"\x7f.", "is refused"),  # text of 2⁶³ bytes
+    (b"\x80\x04cnumpy\nndarray\n(I1000000000000\ntR.", "it holds no dictionary"),  # an array of 8 TB
+    (b"\x80\x04cnumpy\ndtype\n}b.", "a name that is changed"),
+    (b"\x80\x04cnumpy\ndtype\nN}X\x05\x00\x00\x00_makeNs\x86b.", "a name that is changed"),
+    (b"\x80\x04cbuiltins\neval\n.", r"it names builtins\.eval"),
+    (b"\x80\x04cnumpy\nload\n.", r"it names numpy\.load"),
+    (b"\x80\x04\x82\x01.", "is refused"),  # an extension that somebody may have registered
+])
+def test_bombs_are_refused(tmp_path, bomb, reason):
+    with pytest.raises(HandbenchError, match=reason):
+        read_dictionary(npy(tmp_path / "a.npy", bomb))
+
+
+def test_files_too_large_for_a_frame_are_not_read(tmp_path):
+    with (tmp_path / "a.npy").open("wb") as stream:
+        stream.truncate(LARGEST_BYTES + 1)
+    with pytest.raises(HandbenchError, match="268435456 at most"):
+        read_dictionary(tmp_path / "a.npy")
