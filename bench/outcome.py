@@ -198,7 +198,8 @@ def tabulate(outcome: Outcome, on: Basis, errors: Errors, references: References
             maps, surfaces = [errors[key] for key in scored], [references[key] for key in scored]
             rows += accuracy_rows(entry.id, reference, maps, seed, surfaces, chosen)
             if entry.precision and "precision_mm" in chosen.metrics:
-                deviations = [outcome.deviations[name, entry.id] for name in names]
+                repeated = [(name, entry.id) for name in names if (name, entry.id) in outcome.deviations]
+                deviations = [outcome.deviations[key] for key in repeated] or None
                 rows += precision_rows(entry.id, reference, _strongest(outcome, names, entry.id), deviations)
             seconds = [s for name in names for s in outcome.seconds[name, entry.id]]
             rows += time_rows(entry.id, reference, seconds, seed)
