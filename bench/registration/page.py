@@ -78,8 +78,8 @@ def draw(trials: list[Trial]) -> Figure:
     nees = np.sort([t.score.nees for t in trials])
     share = (np.arange(len(nees)) + 0.5) / len(nees)
     x = np.linspace(0, max(20, nees[-1]), 200)
-    right.plot(x, chi2.cdf(x, 6), color="0.5", linewidth=0.8, label="χ² of 6, if the covariance is honest")
+    right.plot(x, chi2.cdf(x, 6), color="0.5", linewidth=0.8, label="χ² of 6: honest")
     right.step(nees, share, where="mid", color="#0072B2", label="seen")
     right.set(xlabel="normalised squared error", ylabel="share of the trials", title="honesty")
-    right.legend(frameon=False)
+    right.legend(frameon=False, loc="lower right")
     return figure
