@@ -14,6 +14,7 @@ import numpy as np
 
 from bench import results
 from bench.comparison import Comparison, compare
+from bench.datasets.dataset import open_capture
 from bench.datasets.native import CaptureFile
 from bench.floor import budget
 from bench.measure import calibrated_machine
@@ -27,7 +28,7 @@ from bench.statistics import note
 from bench.table import accuracy_rows, metric_facts, precision_rows, time_rows
 from calibration.transforms import Transform
 from groundtruth.depth import Reference
-from radar.depthmap import load_depthmap
+from radar.depthmap import DepthMap, load_depthmap
 from radar.device import describe
 from radar.errors import HandbenchError
 from radar.files import atomic_path
@@ -164,6 +165,7 @@ def score(outcome: Outcome) -> tuple[Errors, References]:
     errors: Errors = {}
     references: References = {}
     chosen = protocol(outcome.bench.protocol)
+    folders = {capture.name: capture.folder for capture in outcome.captures}
     for name, files in outcome.references.items():
         with failing(outcome.failures, name, "score"):
             for reference, (file, transform) in files.items():
@@ -177,12 +179,17 @@ def score(outcome: Outcome) -> tuple[Errors, References]:
                         pixels = PixelGrid(depth.x_m, depth.y_m)
                         cast[grid] = reference_depth(file, transform, pixels, exact=reference == "truth")
                     found = cast[grid]
-                    z_m = chosen.scored(depth.z_m)
+                    z_m = chosen.scored(_masked(depth, folders[name]) if chosen.masks else depth.z_m)
                     errors[name, entry.id, reference] = error_map(
                         depth.x_m, depth.y_m, z_m, found.z_m, found.sigma_m, found.met
                     )
                     references[name, entry.id, reference] = cast[grid]
     return errors, references
+
+
+def _masked(depth: DepthMap, capture: Path) -> np.ndarray:
+    """Depths [ny, nx] of the pixels that the capture's data set scores, NaN elsewhere."""
+    return np.where(open_capture(capture).mask(depth), depth.z_m, np.nan)
 
 
 def tabulate(outcome: Outcome, on: Basis, errors: Errors, references: References) -> list[Row]:

@@ -19,8 +19,8 @@ from radar.errors import HandbenchError
 @dataclass(frozen=True)
 class Protocol:
     """How a benchmark is scored. metrics: those of the table; compared: those by which methods are compared; frame: the
-    one that is scored; erodes: whether edges of the map are taken away; rules: in words; setting: what its authors
-    measured with, to compare a benchmark's own configuration with."""
+    one that is scored; masks: whether the data set's own mask is applied, erodes: whether its edges may be taken away;
+    rules: in words; setting: what its authors measured with, to compare a benchmark's own configuration with."""
 
     id: str
     version: int
@@ -29,6 +29,7 @@ class Protocol:
     compared: tuple[str, ...]
     rules: dict[str, str]
     setting: dict[str, Any] = field(default_factory=dict)
+    masks: bool = False
     erodes: bool = False
     frame: int = 0
 
@@ -88,11 +89,12 @@ MAROON = Protocol(
         "mean and deviation of its absolute value: MAE and deviation of AE)",
         "chamfer": "mean distance of the map's points to the reference's points (one-sided), back, and the mean of "
         "both; theirs goes to all points of the photogrammetric mesh, ours to its depths on the map's grid",
-        "mask": "pixels on target, eroded by a square of mask_erosion/4 pixels, or by the largest smaller one that "
-        "leaves more than 10; 0, as shipped, erodes nothing",
+        "mask": "pixels on target inside the data set's mask_bb, eroded by a square of mask_erosion/4 pixels, or the "
+        "largest smaller one that leaves more than 10; 0, as shipped, erodes nothing",
         "reference": REFERENCE,
     },
     setting={"threshold_db": {"volume": -14.0}, "z_m": [0.25, 0.4], "distances_m": [0.3, 0.4, 0.5]},
+    masks=True,
     erodes=True,
 )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -144,3 +145,23 @@ def test_a_capture_that_cannot_be_scored_fails_alone(written, tmp_path, capsys):
     [failure] = results.load(folder).about.failures
     assert (failure.capture, failure.stage) == ("spoilt", "score")
     assert floors(folder, "truth") == [["0.0", "", ""]] * 2 and failure.line in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("chosen", "scored"), [("paper", 441), ("maroon", 231)])
+def test_the_data_sets_own_mask_counts_under_its_protocol(small_bench, tmp_path, monkeypatch, chosen, scored):
+    """A plate over 21 × 21 pixels, of which the data set's mask keeps the 11 columns at x ≥ 0."""
+    bench, _ = load_benchmark(str(small_bench))
+    axis_m = np.linspace(-0.02, 0.02, 21)
+    z_m = np.full((21, 21), 0.3)
+    DepthMap(axis_m, axis_m, z_m, np.zeros_like(z_m), "2fsk").save(tmp_path / "2fsk.npz")
+    corners_m = np.array([(-0.1, -0.1, 0.3), (0.1, -0.1, 0.3), (0.1, 0.1, 0.3), (-0.1, 0.1, 0.3)])
+    Surface(corners_m, np.array([[0, 1, 2], [0, 2, 3]]), np.zeros(4), np.ones(4, bool)).save(tmp_path / "plate.ply")
+    bench = bench.model_copy(update={"protocol": chosen, "method": bench.method[:1]})
+    found = Outcome(bench, [Capture(tmp_path, "0" * 64, CaptureFile(name="plate"))], [])
+    found.references["plate"] = {"truth": (tmp_path / "plate.ply", identity("radar"))}
+    found.maps["plate", bench.method[0].id] = tmp_path / "2fsk.npz"
+    half = np.broadcast_to(axis_m >= -1e-12, (21, 21))
+    data = SimpleNamespace(mask=lambda depth: half)
+    monkeypatch.setattr(outcome, "open_capture", lambda folder: data)
+    errors, _ = outcome.score(found)
+    assert np.isfinite(errors["plate", bench.method[0].id, "truth"].error_m).sum() == scored
