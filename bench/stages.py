@@ -195,11 +195,6 @@ def load_any_transform(file: Path) -> Transform:
     return transform.require(transform.source, "radar", file)
 
 
-def transform_of(capture: Path) -> Transform | None:
-    """The capture's own radar_from_photo, if it has one."""
-    return open_capture(capture).transform()
-
-
 def read_repeats(folder: Path) -> tuple[np.ndarray, ErrorMap]:
     """What `make_repeats` wrote: the strongest scatterer's depths [n]; every pixel's deviation in place of errors."""
     kept = read_npz(folder / REPEATS, ("z_m", "x_m", "y_m", "deviation_m"))

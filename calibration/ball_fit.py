@@ -16,14 +16,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from calibration.echoes import Ball, ball_path, channel_amplitudes, path_gradients
+from calibration.echoes import Ball, path_gradients, specular_echo
 from calibration.target import Element, Target
 from radar.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.backprojection import backproject
 from radar.capture import RadarCapture
 from radar.errors import HandbenchError
 from radar.sphere import sphere_echo
-from radar.steering import phasor
 
 MAX_STEPS = 8
 SETTLED_M = 5e-6  # a last step; what is left is of second order, some nanometres
@@ -149,9 +148,8 @@ def _front(
     element: Element, centre_m: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray
 ) -> np.ndarray:
     """Echo [f, t, r] of the foam sphere's front in its own scale: specular, as strong as 1/f."""
-    path_m = ball_path(centre_m, array, element.sphere_radius_m, 0.0)
-    echo = phasor(path_m, frequencies_hz[:, None, None], -1) * channel_amplitudes(centre_m, array)
-    echo = (echo / frequencies_hz[:, None, None]).astype(np.complex64)
+    echo = specular_echo(centre_m, element.sphere_radius_m, frequencies_hz, array)
+    echo /= (frequencies_hz / frequencies_hz[0])[:, None, None].astype(np.float32)
     return echo / np.linalg.norm(echo)
 
 
@@ -168,8 +166,7 @@ def _strangers(
     ]
     columns = [np.zeros((0, capture.samples[0].size), np.complex64)]
     for peak_m in foreign:
-        phase = phasor(ball_path(peak_m, array, 0.0, 0.0), frequencies_hz[:, None, None], -1)
-        echo = (phase * channel_amplitudes(peak_m, array)).astype(np.complex64)
+        echo = specular_echo(peak_m, 0.0, frequencies_hz, array)
         columns.append(_with_slopes(echo, peak_m, frequencies_hz, array).reshape(4, -1))
     return np.concatenate(columns)
 

@@ -23,6 +23,7 @@ from radar.config import Config
 from radar.errors import HandbenchError
 from radar.grid import Axis, VoxelGrid
 from radar.imaging import image_volume
+from radar.sphere import half_angle_cosine
 from radar.steering import phasor
 from radar.tones import ToneSkeleton
 
@@ -162,8 +163,7 @@ def fit_echo(
             if np.linalg.norm(step_m) < 0.01 * spacing_m:
                 break
     centre_m = ball_centre(position_m, frequencies_hz, array, radius_m, 0.0)
-    phase = phasor(ball_path(centre_m, array, radius_m, 0.0), tones.frequencies_hz[:, None, None], -1)
-    echo = tones.expand((phase * channel_amplitudes(centre_m, array)).astype(np.complex64))
+    echo = tones.expand(specular_echo(centre_m, radius_m, tones.frequencies_hz, array))
     return position_m, echo * (np.vdot(echo, samples) / np.vdot(echo, echo))
 
 
@@ -185,11 +185,19 @@ def ball_centre(
     return centre_m
 
 
+def specular_echo(
+    centre_m: np.ndarray, radius_m: float, frequencies_hz: np.ndarray, array: AntennaArray
+) -> np.ndarray:
+    """Samples complex64 [f, t, r] of a sphere without foam by its specular point alone (radius_m 0: of a point), as
+    strong at all frequencies; the channels' amplitudes sum to 1."""
+    phase = phasor(ball_path(centre_m, array, radius_m, 0.0), frequencies_hz[:, None, None], -1)
+    return (phase * channel_amplitudes(centre_m, array)).astype(np.complex64)
+
+
 def ball_path(centre_m: np.ndarray, array: AntennaArray, radius_m: float, delay_m: float) -> np.ndarray:
     """Optical path [t, r] over the specular point of a ball in foam, |t − c| + |c − r| − 2a·cos β + 2δ; the neglected
     term is a²·sin²β/|c − t|, about 1 µm here."""
-    cos_beta = np.linalg.norm(path_gradients(centre_m, array), axis=2) / 2  # |û_t + û_r| = 2 cos β
-    return path_lengths(array, centre_m) - 2 * radius_m * cos_beta + 2 * delay_m
+    return path_lengths(array, centre_m) - 2 * radius_m * half_angle_cosine(centre_m, array) + 2 * delay_m
 
 
 def _check_tones(frequencies_hz: np.ndarray, search: EchoSearch) -> None:
