@@ -11,7 +11,7 @@ from scipy import stats
 from bench.comparison import Comparison, best, compare, holm
 from bench.errormap import ErrorMap, error_map
 from bench.metrics import pool
-from bench.records import write_csv
+from bench.results.records import write_csv
 from radar.errors import HandbenchError
 
 AXIS_M = 2.5e-3 * np.arange(36)

@@ -1,0 +1,96 @@
+"""What result.json says: names, facts of captures, methods and metrics, failures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field
+
+from radar.config import Config, parse
+from radar.errors import HandbenchError
+from radar.files import read_json
+
+SCHEMA_VERSION = 1
+Reference = Literal["photogrammetry", "truth"]
+
+
+def checked_name(name: str) -> str:
+    """`name` if it can be part of a file name: it neither leaves its folder, nor hides, nor holds our '__'."""
+    unfit = not name.isprintable() or name.startswith(".") or any(part in name for part in ("/", "\\", "__"))
+    if unfit or not 1 <= len(name) <= 80:
+        raise ValueError(f"{name[:80]!r} cannot name a file; use 1 to 80 letters, digits, '-' and single '_'")
+    return name
+
+
+Name = Annotated[str, AfterValidator(checked_name)]
+
+
+class MetricFacts(Config):
+    """A metric as it was defined when the result was made."""
+
+    title: str
+    unit: str
+    better: Literal["lower", "higher", "zero"]
+    definition: str
+
+
+class CaptureFacts(Config):
+    """One capture: scored pixel by pixel against `references`, or repeated for the precision."""
+
+    name: Name
+    kind: Literal["accuracy", "precision"] = "accuracy"
+    pose: str | None = None
+    distance_m: float | None = None
+    references: tuple[Reference, ...] = ()
+
+
+class MethodFacts(Config):
+    """One method with its resolved configuration."""
+
+    name: Name
+    title: str
+    config: dict[str, Any] = Field(default_factory=dict)
+
+
+class Failure(Config):
+    """What did not come about, and why. method: empty where it fails the capture for every method."""
+
+    capture: str
+    method: str = ""
+    stage: str
+    message: str
+
+    @property
+    def line(self) -> str:
+        """As it is said while a run goes on."""
+        return f"{' '.join(filter(None, (self.capture, self.method)))}: {self.stage} failed: {self.message}"
+
+
+class About(Config):
+    """Content of result.json. inputs: file → SHA-256; captures, methods: those that the table stands on; facts: what is
+    known of noise and ground truth; failures: what was left out, and why."""
+
+    schema_version: Literal[1] = SCHEMA_VERSION
+    name: str
+    protocol: dict[str, Any]
+    metrics: dict[str, MetricFacts]
+    inputs: dict[str, str]
+    versions: dict[str, str]
+    machine: dict[str, Any]
+    captures: tuple[CaptureFacts, ...]
+    methods: tuple[MethodFacts, ...]
+    facts: dict[str, Any] = Field(default_factory=dict)
+    failures: tuple[Failure, ...] = ()
+
+
+def read_about(path: Path) -> About:
+    """Read and check result.json; another version is a HandbenchError."""
+    content = read_json(path, "a benchmark's result")
+    version = content.get("schema_version") if isinstance(content, dict) else None
+    if version != SCHEMA_VERSION:
+        raise HandbenchError(
+            f"{path}: schema_version is {version!r}, this handbench reads {SCHEMA_VERSION}; "
+            "run the benchmark again or use the handbench that wrote it"
+        )
+    return parse(About, content, str(path))

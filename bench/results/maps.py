@@ -1,0 +1,91 @@
+"""Maps and photographs of a result folder: depths, signed errors, small pictures, and where each lies."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bench.errormap import ErrorMap
+from bench.results.about import checked_name
+from radar.errors import HandbenchError
+from radar.files import atomic_path, read_npz, require_file, write_npz
+
+PHOTO_PX = 600
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A depth map to draw: z_m [ny, nx] at x_m [nx], y_m [ny], metres; NaN where there is none. sigma_m [ny, nx]: a
+    reference's standard deviation along z, by mesh and registration together (None: not told; NaN: unknown)."""
+
+    x_m: np.ndarray
+    y_m: np.ndarray
+    z_m: np.ndarray
+    sigma_m: np.ndarray | None = None
+
+
+def errors_path(folder: Path, capture: str, method: str, reference: str) -> Path:
+    """Where a map of signed errors lies."""
+    return _path(folder / "errors", ".npz", capture, method, reference)
+
+
+def depth_path(folder: Path, capture: str, source: str) -> Path:
+    """Where the depth map of a method, or of a reference, lies."""
+    return _path(folder / "depth", ".npz", capture, source)
+
+
+def photo_path(folder: Path, capture: str) -> Path:
+    """Where a capture's small photograph lies."""
+    return _path(folder / "photos", ".jpg", capture)
+
+
+def _path(folder: Path, suffix: str, *names: str) -> Path:
+    try:
+        return folder / ("__".join(map(checked_name, names)) + suffix)
+    except ValueError as error:
+        raise HandbenchError(f"{folder}: {error}") from None
+
+
+def write_errors(folder: Path, capture: str, method: str, reference: str, errors: ErrorMap) -> None:
+    """Write one map of signed errors."""
+    write_npz(errors_path(folder, capture, method, reference), **_told(errors))
+
+
+def write_surface(folder: Path, capture: str, reference: str, surface: Surface) -> None:
+    """Write a reference's depth map (a method's is written by `radar`, to `depth_path`)."""
+    write_npz(depth_path(folder, capture, reference), **_told(surface))
+
+
+def _told(maps: Surface | ErrorMap) -> dict[str, np.ndarray]:
+    return {name: values for name, values in asdict(maps).items() if values is not None}
+
+
+def write_photo(folder: Path, capture: str, source: str | Path) -> None:
+    """Write a small JPEG of the photograph `source`, upright and without its metadata."""
+    from PIL import Image, ImageOps
+
+    source = require_file(source, "a photograph")
+    try:
+        with Image.open(source) as image:
+            small = ImageOps.exif_transpose(image).convert("RGB")
+    except (OSError, SyntaxError, Image.DecompressionBombError) as error:
+        raise HandbenchError(f"{source}: is not a readable photograph ({error}); expected JPEG or PNG") from error
+    small.thumbnail((PHOTO_PX, PHOTO_PX))
+    with atomic_path(photo_path(folder, capture)) as temporary:
+        Image.fromarray(np.asarray(small)).save(temporary, quality=88)
+
+
+def read_map(path: Path, *names: str) -> dict[str, np.ndarray]:
+    """Arrays `names` [ny, nx] of a map with its x_m [nx], y_m [ny]; anything else is a HandbenchError."""
+    arrays = read_npz(path, ("x_m", "y_m", *names))
+    shape = (arrays["y_m"].size, arrays["x_m"].size)
+    for name, array in arrays.items():
+        expected = {"x_m": shape[1:], "y_m": shape[:1]}.get(name, shape)
+        if array.shape != expected or array.dtype.kind != "f" or min(shape) < 2:
+            raise HandbenchError(
+                f"{path}: '{name}' is {array.dtype} {array.shape}; expected real numbers {expected} on a grid of "
+                "at least 2 × 2; run the benchmark again"
+            )
+    return arrays
