@@ -35,14 +35,48 @@ from bench.results.folder import (
 )
 from bench.results.maps import Surface, depth_path, errors_path, photo_path, write_errors, write_photo, write_surface
 from bench.results.records import Repeat, Row, Task
+from bench.results.tradeoff import Claim, Section, Setting, Tradeoff, TradeoffFacts, load_tradeoff, write_tradeoff
 from radar.errors import HandbenchError
 from radar.files import atomic_path
 
 REFERENCES = ("photogrammetry", "truth")
 
 __all__ = [  # with what the reports need, for they know this package alone
-    "REFERENCES", "SCHEMA_VERSION", "About", "CaptureFacts", "ErrorMap", "Failure", "HandbenchError", "MethodFacts",
-    "MetricFacts", "Name", "Repeat", "Result", "Row", "Surface", "Task", "atomic_path", "checked_name", "depth_path",
-    "errors_path", "load", "photo_path", "write_about", "write_comparisons", "write_config", "write_errors",
-    "write_photo", "write_repeats", "write_surface", "write_table", "write_tasks",
+    "REFERENCES",
+    "SCHEMA_VERSION",
+    "About",
+    "CaptureFacts",
+    "Claim",
+    "ErrorMap",
+    "Failure",
+    "HandbenchError",
+    "MethodFacts",
+    "MetricFacts",
+    "Name",
+    "Repeat",
+    "Result",
+    "Row",
+    "Section",
+    "Setting",
+    "Surface",
+    "Task",
+    "Tradeoff",
+    "TradeoffFacts",
+    "atomic_path",
+    "checked_name",
+    "depth_path",
+    "errors_path",
+    "load",
+    "load_tradeoff",
+    "photo_path",
+    "write_about",
+    "write_comparisons",
+    "write_config",
+    "write_errors",
+    "write_photo",
+    "write_repeats",
+    "write_surface",
+    "write_table",
+    "write_tasks",
+    "write_tradeoff",
 ]

@@ -13,7 +13,7 @@ import numpy as np
 from radar.errors import HandbenchError
 from radar.files import atomic_path, require_file
 
-Record = TypeVar("Record", "Row", "Task", "Repeat")
+Record = TypeVar("Record")
 
 
 @dataclass(frozen=True)

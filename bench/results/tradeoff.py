@@ -1,0 +1,129 @@
+"""A trade-off folder: what each setting of each stage costs in time, and what accuracy that buys.
+
+tradeoff.json   schema_version, name, sections (metric, unit, what time is counted, reference setting), claims,
+                captures, inputs, versions, machine, facts
+tradeoff.csv    one line a setting: see `Setting`
+config.toml     the benchmark with its sweep, resolved
+settings/       NAME.toml: each imaging setting as a benchmark that `handbench run` takes
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field
+
+from bench.results.about import Name
+from bench.results.records import read_csv, write_csv
+from radar.config import Config, parse
+from radar.errors import HandbenchError
+from radar.files import read_json, require_folder, write_json
+
+TRADEOFF_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One line of tradeoff.csv: one setting of one section's knobs (JSON).
+
+    error [low, high]: its metric, smaller is better, with the 95 % interval, in `unit`; seconds [seconds_low,
+    seconds_high]: median over the interleaved repeats and their range; ratio: seconds over those of the section's
+    reference setting, of the same run. Parts of an image's time: acquisition_s (tones × step time), plan_s (once a
+    geometry), imaging_s, extraction_s. operations: complex multiplications and additions, by count. dominated_by: a
+    setting that is at least as fast and as accurate, and better in one; empty on the front.
+    """
+
+    section: str
+    name: str
+    title: str
+    knobs: str
+    metric: str
+    error: float | None
+    low: float | None
+    high: float | None
+    unit: str
+    seconds: float | None
+    seconds_low: float | None
+    seconds_high: float | None
+    ratio: float | None
+    acquisition_s: float | None
+    plan_s: float | None
+    imaging_s: float | None
+    extraction_s: float | None
+    operations: float | None
+    peak_memory_mb: float | None
+    on_front: bool
+    dominated_by: str
+
+
+class Section(Config):
+    """One stage's knobs: metric and its definition, what its seconds count, the setting that ratios are to."""
+
+    name: Literal["imaging", "groundtruth", "simulation", "registration"]
+    title: str
+    metric: str
+    unit: str
+    definition: str
+    seconds: str
+    reference: str
+
+
+class Claim(Config):
+    """A statement of the paper's about time, beside what was counted and measured: factors."""
+
+    text: str
+    paper: float
+    counted: float | None = None
+    measured: float | None = None
+    note: str = ""
+
+
+class TradeoffFacts(Config):
+    """Content of tradeoff.json."""
+
+    schema_version: Literal[1] = TRADEOFF_VERSION
+    name: Name
+    scored_against: str
+    sections: tuple[Section, ...]
+    claims: tuple[Claim, ...] = ()
+    captures: tuple[str, ...] = ()
+    inputs: dict[str, str] = Field(default_factory=dict)
+    versions: dict[str, str] = Field(default_factory=dict)
+    machine: dict[str, Any] = Field(default_factory=dict)
+    facts: dict[str, Any] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Tradeoff:
+    """A trade-off folder that was read."""
+
+    folder: Path
+    facts: TradeoffFacts
+    settings: tuple[Setting, ...]
+
+    def section(self, name: str) -> tuple[Setting, ...]:
+        """The settings of one section, in the order of the sweep."""
+        return tuple(setting for setting in self.settings if setting.section == name)
+
+
+def write_tradeoff(folder: Path, facts: TradeoffFacts, settings: Iterable[Setting]) -> None:
+    """Write tradeoff.csv, then tradeoff.json, which says that the folder is complete."""
+    write_csv(folder / "tradeoff.csv", Setting, settings)
+    write_json(folder / "tradeoff.json", facts.model_dump(mode="json"))
+
+
+def load_tradeoff(folder: str | Path) -> Tradeoff:
+    """Read and check a trade-off folder; a missing or newer one is a HandbenchError."""
+    folder = require_folder(folder, "a trade-off (tradeoff.json)")
+    content = read_json(folder / "tradeoff.json", "a trade-off")
+    version = content.get("schema_version") if isinstance(content, dict) else None
+    if version != TRADEOFF_VERSION:
+        raise HandbenchError(
+            f"{folder / 'tradeoff.json'}: schema_version is {version!r}, this handbench reads {TRADEOFF_VERSION}; "
+            "run `handbench tradeoff` again"
+        )
+    facts = parse(TradeoffFacts, content, str(folder / "tradeoff.json"))
+    return Tradeoff(folder, facts, read_csv(folder / "tradeoff.csv", Setting))
