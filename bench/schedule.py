@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -19,8 +18,11 @@ from radar.errors import HandbenchError
 if TYPE_CHECKING:  # an extra
     from distributed import Client, Future
 
-IN_FLIGHT = 256  # jobs that the scheduler knows of at once: enough for as many workers, and little of anyone's memory
+Group = tuple[int, ...]  # numbers of jobs that go to a worker together
+
+IN_FLIGHT = 256  # groups that the scheduler knows of at once: enough for as many workers, and little of anyone's memory
 BATCH = 64
+GROUPS_A_THREAD, LARGEST_GROUP = 16, 8  # so many groups at least, that no worker waits long for the last one
 CONNECT_S = 20.0
 
 
@@ -45,10 +47,11 @@ class InPlace:
 
 
 class Cluster:
-    """On the workers of a Dask scheduler. Few jobs are submitted ahead, so that neither side holds the whole run.
+    """On the workers of a Dask scheduler. Few jobs are submitted ahead, so that neither side holds the whole run; of
+    many more than there are workers, some go together, for a Dask task by itself costs as much as a small job.
 
-    A job whose worker is lost is given to another one by the scheduler, which is safe, for a stage's folder appears
-    complete or not at all.
+    A group whose worker is lost is given to another one by the scheduler, which is safe, for a stage's folder appears
+    complete or not at all. Where several died over it, its jobs go again one by one, and the one to blame fails alone.
     """
 
     def __init__(self, client: Client, perform: Callable[[Path, Job], Done] = perform) -> None:
@@ -58,27 +61,50 @@ class Cluster:
         """See `Executor`."""
         from distributed import as_completed
 
-        waiting, numbers = iter(range(len(jobs))), {}
+        size = self._group_size(len(jobs))
+        waiting = [tuple(range(first, min(first + size, len(jobs)))) for first in range(0, len(jobs), size)][::-1]
+        groups: dict[str, Group] = {}  # those that the scheduler knows of
 
-        def submit(count: int) -> list[Future]:
-            batch = list(islice(waiting, count))
-            futures = self.client.map(partial(self.perform, root), [jobs[number] for number in batch], pure=False)
-            numbers.update(zip((future.key for future in futures), batch, strict=True))
+        def submit() -> list[Future]:
+            batch = [waiting.pop() for _ in range(min(len(waiting), IN_FLIGHT - len(groups)))]
+            work = [[jobs[number] for number in group] for group in batch]
+            futures = self.client.map(partial(_perform, self.perform, root), work, pure=False)
+            groups.update(zip((future.key for future in futures), batch, strict=True))
             return futures
 
-        ending = as_completed(submit(IN_FLIGHT), loop=self.client.loop)
+        ending = as_completed(submit(), loop=self.client.loop)
         try:
-            for future in ending:
-                number = numbers.pop(future.key)
-                done = _outcome(future, jobs[number])
-                if len(numbers) <= IN_FLIGHT - BATCH:  # one by one they would cost the scheduler more than the jobs
-                    ending.update(submit(BATCH))
-                yield number, done
+            for batch in ending.batches():  # what has ended by now, fetched together
+                ended = [(groups.pop(future.key), future) for future in batch]
+                for group, done in self._outcomes(ended, jobs):
+                    if done is None:
+                        waiting.extend((number,) for number in group)
+                    else:
+                        yield from zip(group, done, strict=True)
+                if waiting and len(groups) <= IN_FLIGHT - BATCH:
+                    ending.update(submit())
         finally:
             self.client.cancel(list(ending.futures))
 
+    def _group_size(self, jobs: int) -> int:
+        threads = sum(self.client.nthreads().values())
+        return min(max(jobs // (GROUPS_A_THREAD * max(threads, 1)), 1), LARGEST_GROUP)
 
-def _outcome(future: Future, job: Job) -> Done:
+    def _outcomes(
+        self, ended: list[tuple[Group, Future]], jobs: Sequence[Job]
+    ) -> Iterator[tuple[Group, list[Done] | None]]:
+        """Each group with what its jobs came to; None where they have to go again one by one."""
+        well = [future for _, future in ended if future.status == "finished"]
+        fetched = dict(zip((future.key for future in well), self.client.gather(well), strict=True))
+        for group, future in ended:
+            yield group, fetched[future.key] if future.key in fetched else _unwell(future, [jobs[n] for n in group])
+
+
+def _perform(perform: Callable[[Path, Job], Done], root: Path, jobs: list[Job]) -> list[Done]:
+    return [perform(root, job) for job in jobs]
+
+
+def _unwell(future: Future, jobs: list[Job]) -> list[Done] | None:
     from concurrent.futures import CancelledError
 
     from distributed import KilledWorker
@@ -86,11 +112,13 @@ def _outcome(future: Future, job: Job) -> Done:
     try:
         return future.result()
     except KilledWorker as error:
+        if len(jobs) > 1:
+            return None
         deaths = error.allowed_failures + 1
-        return Done(failure=f"{job.label}: {deaths} workers died over it; give the workers more memory")
+        return [Done(failure=f"{jobs[0].label}: {deaths} workers died over it; give the workers more memory")]
     except CancelledError as error:
         raise HandbenchError(
-            f"--scheduler: {job.label} was cancelled ({error}); is the scheduler alive? Run again, it resumes"
+            f"--scheduler: {jobs[0].label} was cancelled ({error}); is the scheduler alive? Run again, it resumes"
         ) from error
 
 

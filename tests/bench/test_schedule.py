@@ -143,6 +143,31 @@ def test_every_job_comes_back_once_with_its_number(executor, tmp_path, monkeypat
     assert list(executor.run(tmp_path, [])) == []
 
 
+def _dies(root: Path, job: Job) -> Done:
+    if job.capture == "deadly":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return Done(key=job.capture)
+
+
+def test_the_job_that_kills_its_workers_fails_alone(tmp_path, monkeypatch):
+    """Jobs go in groups of four; the deadly one takes its group with it once, then fails by itself. (Dask blames what a
+    worker merely had waiting too; with this saturation nothing waits there.)"""
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    import dask
+
+    monkeypatch.setattr(schedule, "GROUPS_A_THREAD", 1)
+    monkeypatch.setattr(schedule, "LARGEST_GROUP", 4)
+    names = ["a", "b", "deadly", "c", "d", "e", "f", "g"]
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0, "distributed.scheduler.worker-saturation": 1.0}),
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0") as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):
+        ended = dict(schedule.Cluster(client, _dies).run(tmp_path, [Job(HASH, name) for name in names]))
+    assert [ended[k].key for k in range(8) if k != 2] == [name for name in names if name != "deadly"]
+    assert ended[2].failure == "hash-deadly: 1 workers died over it; give the workers more memory"
+
+
 def test_a_bug_keeps_its_exception(executor, tmp_path):
     with pytest.raises(ZeroDivisionError, match="a bug"):
         list(executor.run(tmp_path, [Job(HASH, "a"), Job(HASH, "bug"), Job(HASH, "b")]))
