@@ -24,19 +24,26 @@ def floor_mm(maps: Sequence[ErrorMap], references: Sequence[Reference]) -> float
 
     None where nothing was observed or a part of σ is unknown.
     """
-    sigma_m = [r.sigma_m[np.isfinite(m.error_m)] for m, r in zip(maps, references, strict=True)]
-    sigma_m = np.concatenate([np.empty(0), *sigma_m])
-    if not len(sigma_m) or not np.isfinite(sigma_m).all():
-        return None
-    return float(1e3 * ABSOLUTE * sigma_m.mean())
+    total_m, pixels = 0.0, 0
+    for m, r in zip(maps, references, strict=True):
+        observed = np.isfinite(m.error_m)
+        total_m += float(r.sigma_m[observed].sum())
+        pixels += int(observed.sum())
+    return 1e3 * float(ABSOLUTE) * total_m / pixels if pixels and np.isfinite(total_m) else None
 
 
 def floor_interval(
-    maps: Sequence[ErrorMap], references: Sequence[Reference], seed: int = 0, draws: int = 1000, level: float = 0.95
+    maps: Sequence[ErrorMap],
+    references: Sequence[Reference],
+    seed: int = 0,
+    draws: int = 1000,
+    level: float = 0.95,
+    value: float | None = None,
 ) -> Interval | None:
     """Between what mean absolute errors a perfect radar would lie, in mm: quantiles of the mean of |e| over seeded
-    draws of the reference's error. None where there is no floor, or one of zero, which does not scatter."""
-    value = floor_mm(maps, references)
+    draws of the reference's error. value: the floor itself, where it is at hand. None where there is no floor, or one
+    of zero, which does not scatter."""
+    value = floor_mm(maps, references) if value is None else value
     if not value:
         return None
     rng = np.random.default_rng(seed)

@@ -147,9 +147,11 @@ def pool(maps: Sequence[ErrorMap]) -> Values:
 
     A figure that has nothing to stand on is None.
     """
-    parts = [terms(m) for m in maps]
-    totals = {name: np.sum([part[name].sum() for part in parts]) for name in TERMS}
-    absolute_m = np.concatenate([np.empty(0), *(np.abs(m.error_m[np.isfinite(m.error_m)]) for m in maps)])
+    totals, observed = dict.fromkeys(TERMS, np.float64(0)), [np.empty(0)]
+    for m in maps:
+        totals = {name: totals[name] + values.sum() for name, values in terms(m).items()}
+        observed.append(np.abs(m.error_m[np.isfinite(m.error_m)]))
+    absolute_m = np.concatenate(observed)
     values = {key: float(value) if np.isfinite(value) else None for key, value in figures(totals).items()}
     ordered = dict.fromkeys(ORDERED)
     if len(absolute_m):

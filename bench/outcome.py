@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import product
@@ -13,26 +13,24 @@ from typing import Any
 import numpy as np
 
 from bench import results
-from bench.comparison import Comparison, compare
-from bench.datasets.dataset import open_capture
+from bench.comparison import Comparison, block_sums, compare_sums
 from bench.datasets.native import CaptureFile
+from bench.errormap import ErrorMap
 from bench.floor import budget
 from bench.measure import calibrated_machine
-from bench.metrics import ErrorMap, error_map
 from bench.paper import TITLES
 from bench.protocol import BenchFile, MethodEntry
 from bench.protocols import protocol
 from bench.results import REFERENCES, About, CaptureFacts, Failure, MethodFacts, Repeat, Row, Surface, Task
-from bench.stages import reference_depth
+from bench.scoring import Files, read_errors, read_reference
+from bench.stages import read_repeats
 from bench.statistics import note
 from bench.table import accuracy_rows, metric_facts, precision_rows, time_rows
 from calibration.transforms import Transform
 from groundtruth.depth import Reference
-from radar.depthmap import DepthMap, load_depthmap
 from radar.device import describe
 from radar.errors import HandbenchError
 from radar.files import atomic_path
-from radar.grid import PixelGrid
 from radar.kept import versions
 from radar.progress import say
 
@@ -40,8 +38,6 @@ FILES = (
     "result.json", "table.csv", "tasks.csv", "repeats.csv", "comparisons.csv", "config.toml", "errors", "depth",
     "photos",
 )
-Errors = dict[tuple[str, str, str], ErrorMap]
-References = dict[tuple[str, str, str], Reference]
 
 
 @dataclass
@@ -61,7 +57,8 @@ class Capture:
 @dataclass
 class Outcome:
     """What the stages of a run have found. Keys are names of captures and ids of methods; maps: files of depth maps;
-    machines: facts of those that did the work, by name."""
+    deviations, scores: folders of the stages `repeat` and `score`; machines: facts of those that did the work, by name.
+    """
 
     bench: BenchFile
     captures: list[Capture]
@@ -72,7 +69,8 @@ class Outcome:
     maps: dict[tuple[str, str], Path] = field(default_factory=dict)
     seconds: dict[tuple[str, str], list[float]] = field(default_factory=dict)
     repeats: list[Repeat] = field(default_factory=list)
-    deviations: dict[tuple[str, str], ErrorMap] = field(default_factory=dict)
+    deviations: dict[tuple[str, str], Path] = field(default_factory=dict)
+    scores: dict[str, Path] = field(default_factory=dict)
     views: dict[str, Path] = field(default_factory=dict)
     inputs: dict[str, str] = field(default_factory=dict)
     facts: dict[str, Any] = field(default_factory=dict)
@@ -131,107 +129,98 @@ def basis(outcome: Outcome) -> Basis:
 def write(folder: Path, outcome: Outcome, config: str) -> None:
     """Score everything, then write the result folder; earlier results give way only when the new ones stand, and
     result.json, which says that the folder is complete, comes last."""
-    errors, references = score(outcome)
     on = basis(outcome)
     if outcome.failures:
         say(f"the table stands on {on.text}")
-    rows = tabulate(outcome, on, errors, references)
+    rows, compared = tabulate(outcome, on), comparisons(outcome, on)
     _drop_results(folder)
     for capture, entry in product(on.captures, on.methods):
         name = capture.name
-        with atomic_path(results.depth_path(folder, name, entry.id)) as temporary:
-            shutil.copyfile(outcome.maps[name, entry.id], temporary)
+        _copy(outcome.maps[name, entry.id], results.depth_path(folder, name, entry.id))
         for reference in outcome.references[name]:
-            error = errors[name, entry.id, reference]
-            results.write_errors(folder, name, entry.id, reference, error)
+            about_map = name, entry.id, reference
+            _copy(results.errors_path(outcome.scores[name], *about_map), results.errors_path(folder, *about_map))
             if entry is on.methods[0]:  # references are drawn on the first method's grid
-                found = references[name, entry.id, reference]
-                results.write_surface(folder, name, reference, Surface(error.x_m, error.y_m, found.z_m, found.sigma_m))
+                results.write_surface(folder, name, reference, _surface(outcome, *about_map))
     for capture in on.captures:
         if capture.name in outcome.views:
             results.write_photo(folder, capture.name, outcome.views[capture.name])
     results.write_config(folder, config)
     results.write_table(folder, rows)
     results.write_tasks(folder, outcome.tasks)
-    results.write_comparisons(folder, comparisons(outcome, on, errors))
+    results.write_comparisons(folder, compared)
     stands = set(product((c.name for c in on.captures), (entry.id for entry in on.methods)))
     results.write_repeats(folder, [r for r in outcome.repeats if (r.capture, r.method) in stands])
-    results.write_about(folder, about(outcome, on, references))
+    results.write_about(folder, about(outcome, on))
 
 
-def score(outcome: Outcome) -> tuple[Errors, References]:
-    """Errors of every depth map against every reference, and the reference's depth on the same grid; a capture that
-    cannot be scored fails."""
-    errors: Errors = {}
-    references: References = {}
-    chosen = protocol(outcome.bench.protocol)
-    folders = {capture.name: capture.folder for capture in outcome.captures}
-    for name, files in outcome.references.items():
-        with failing(outcome.failures, name, "score"):
-            for reference, (file, transform) in files.items():
-                cast: dict[bytes, Reference] = {}  # methods that share a grid share the reference's depth
-                for entry in outcome.bench.method:
-                    if (name, entry.id) not in outcome.maps:
-                        continue
-                    depth = load_depthmap(outcome.maps[name, entry.id])
-                    grid = depth.x_m.tobytes() + b"|" + depth.y_m.tobytes()
-                    if grid not in cast:
-                        pixels = PixelGrid(depth.x_m, depth.y_m)
-                        cast[grid] = reference_depth(file, transform, pixels, exact=reference == "truth")
-                    found = cast[grid]
-                    z_m = chosen.scored(_masked(depth, folders[name]) if chosen.masks else depth.z_m)
-                    errors[name, entry.id, reference] = error_map(
-                        depth.x_m, depth.y_m, z_m, found.z_m, found.sigma_m, found.met
-                    )
-                    references[name, entry.id, reference] = cast[grid]
-    return errors, references
+def _copy(source: Path, path: Path) -> None:
+    with atomic_path(path) as temporary:
+        shutil.copyfile(source, temporary)
 
 
-def _masked(depth: DepthMap, capture: Path) -> np.ndarray:
-    """Depths [ny, nx] of the pixels that the capture's data set scores, NaN elsewhere."""
-    return np.where(open_capture(capture).mask(depth), depth.z_m, np.nan)
+def _surface(outcome: Outcome, capture: str, method: str, reference: str) -> Surface:
+    """The reference on the method's grid."""
+    error, found = errors(outcome, [capture], method, reference)[0], surfaces(outcome, [capture], method, reference)[0]
+    return Surface(error.x_m, error.y_m, found.z_m, found.sigma_m)
 
 
-def tabulate(outcome: Outcome, on: Basis, errors: Errors, references: References) -> list[Row]:
+def errors(outcome: Outcome, captures: Sequence[str], method: str, reference: str) -> Sequence[ErrorMap]:
+    """A method's error maps of some captures, read one at a time."""
+    return Files(lambda name: read_errors(outcome.scores[name], name, method, reference), captures)
+
+
+def surfaces(outcome: Outcome, captures: Sequence[str], method: str, reference: str) -> Sequence[Reference]:
+    """The references with which `errors` were found."""
+
+    def read(name: str) -> Reference:
+        return read_reference(outcome.scores[name], method, reference, outcome.references[name][reference][1])
+
+    return Files(read, captures)
+
+
+def _deviations(outcome: Outcome, captures: Sequence[str], method: str) -> Sequence[ErrorMap]:
+    return Files(lambda name: read_repeats(outcome.deviations[name, method])[1], captures)
+
+
+def tabulate(outcome: Outcome, on: Basis) -> list[Row]:
     """The table's rows, one block per reference."""
     rows: list[Row] = []
     seed, chosen = outcome.bench.seed, protocol(outcome.bench.protocol)
     names = [capture.name for capture in on.captures]
     for reference in REFERENCES:
         for entry in on.methods:
-            scored = [(name, entry.id, reference) for name in names if (name, entry.id, reference) in errors]
+            scored = [name for name in names if reference in outcome.references[name]]
             if not scored:
                 continue
-            maps, surfaces = [errors[key] for key in scored], [references[key] for key in scored]
-            rows += accuracy_rows(entry.id, reference, maps, seed, surfaces, chosen)
+            maps, found = (read(outcome, scored, entry.id, reference) for read in (errors, surfaces))
+            rows += accuracy_rows(entry.id, reference, maps, seed, found, chosen)
             if entry.precision and "precision_mm" in chosen.metrics:
-                repeated = [(name, entry.id) for name in names if (name, entry.id) in outcome.deviations]
-                deviations = [outcome.deviations[key] for key in repeated] or None
+                repeated = [name for name in names if (name, entry.id) in outcome.deviations]
+                deviations = _deviations(outcome, repeated, entry.id) if repeated else None
                 rows += precision_rows(entry.id, reference, _strongest(outcome, names, entry.id), deviations)
             seconds = [s for name in names for s in outcome.seconds[name, entry.id]]
             rows += time_rows(entry.id, reference, seconds, seed)
     return rows
 
 
-def comparisons(outcome: Outcome, on: Basis, errors: Errors) -> list[Comparison]:
+def comparisons(outcome: Outcome, on: Basis) -> list[Comparison]:
     """Every pair of methods by the protocol's compared metrics, against each reference that all captures have."""
     titles = {entry.id: TITLES.get(entry.id, entry.id) for entry in on.methods}
     lines: list[Comparison] = []
     for reference in REFERENCES:
         names = [c.name for c in on.captures if reference in outcome.references[c.name]]
-        maps = {entry.id: [errors[name, entry.id, reference] for name in names] for entry in on.methods}
+        sums = {entry.id: block_sums(errors(outcome, names, entry.id, reference)) for entry in on.methods}
         for metric in protocol(outcome.bench.protocol).compared if names else ():
-            lines += compare(maps, reference, metric, titles)
+            lines += compare_sums(sums, reference, metric, titles)
     return lines
 
 
-def about(outcome: Outcome, on: Basis, references: References) -> About:
+def about(outcome: Outcome, on: Basis) -> About:
     """What result.json says."""
     first = on.methods[0].id
-    budgets = {
-        capture.name: budget(references[capture.name, first, "photogrammetry"])
-        for capture in on.captures if "photogrammetry" in outcome.references[capture.name]
-    }
+    measured = [c.name for c in on.captures if "photogrammetry" in outcome.references[c.name]]
+    budgets = dict(zip(measured, map(budget, surfaces(outcome, measured, first, "photogrammetry")), strict=True))
     return About(
         name=outcome.bench.name,
         protocol={

@@ -3,7 +3,7 @@
 `python -m bench.overhead [--captures 1000] [--scheduler tcp://host:port]` writes capture folders that hold next to
 nothing, plans four methods for each, and has every job carried out by a maker that leaves the small files of a stage.
 It prints milliseconds per task and by how much the client's resident memory grew, for a first run and for a second one,
-whose tasks are all cached.
+whose tasks are all cached; then the same for a table of as many captures, each with maps of a hand's size.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import redirect_stderr
+from dataclasses import replace
 from os import devnull
 from pathlib import Path
 from typing import Any
@@ -23,10 +24,16 @@ import psutil
 
 from bench import stages, tasks
 from bench.datasets.native import ECHOES, TRUTH, CaptureFile, save_capture_file
+from bench.errormap import error_map
+from bench.outcome import Capture, Outcome, basis, comparisons, tabulate
 from bench.protocol import BenchFile
+from bench.results import errors_path, write_errors
 from bench.runner import Run
 from bench.schedule import Cluster, Executor, InPlace, executor
+from bench.scoring import GRIDS, REFERENCES, write_reference
 from bench.tasks import Done, Job
+from calibration.transforms import identity
+from groundtruth.depth import Reference
 from radar.arrays import AntennaArray
 from radar.capture import RadarCapture, save_capture
 from radar.files import write_json
@@ -43,7 +50,7 @@ def nothing(folder: Path, **arguments: Any) -> None:
 
 def perform(root: Path, job: Job) -> Done:
     """As `bench.tasks.perform`, in a process whose maker does nothing."""
-    tasks.MAKERS["reconstruct"] = nothing
+    tasks.MAKERS |= {"reconstruct": nothing, "score": nothing}
     return tasks.perform(root, job)
 
 
@@ -83,9 +90,45 @@ def measure(bench: BenchFile, base: Path, work: Path, workers: Executor) -> tupl
     run, start, cpu_start = Run(bench, base, work, watched), time.perf_counter(), time.process_time()
     with Path(devnull).open("w") as nowhere, redirect_stderr(nowhere):
         run.execute()
-    seconds, count = (time.perf_counter() - start, time.process_time() - cpu_start), len(bench.capture) * len(METHODS)
-    assert len(run.tasks) == count and not run.failures
+    seconds, count = (time.perf_counter() - start, time.process_time() - cpu_start), len(run.tasks)
+    assert count == len(bench.capture) * (len(METHODS) + 1) and not run.failures  # the last is the score's
     return 1e3 * seconds[0] / count, 1e3 * seconds[1] / count, watched.memory_mb[-10:]
+
+
+def scored_captures(bench: BenchFile, base: Path, scores: Path) -> Outcome:
+    """What a run would have found whose captures are all one disc of 100 mm, seen with errors of 1 mm."""
+    axis_m, rng = np.linspace(-0.15, 0.15, 301), np.random.default_rng(0)
+    disc = np.hypot(*np.meshgrid(axis_m, axis_m)) < 0.05
+    z_m, transform = np.where(disc, 0.3, np.nan), replace(identity("radar"), covariance=np.zeros((6, 6)))
+    known = Reference(z_m, np.zeros_like(z_m), np.zeros((*z_m.shape, 6)), transform, disc)
+    one, found = scores / "one", Outcome(bench, [], [])
+    write_reference(one, "truth", 0, known)
+    write_json(one / GRIDS, dict.fromkeys(METHODS, 0))
+    for id in METHODS:
+        write_errors(one, "one", id, "truth", error_map(axis_m, axis_m, z_m + rng.normal(0, 1e-3, z_m.shape), z_m,
+                                                        known.sigma_m, disc))
+    for source in bench.capture:
+        name = source.path
+        found.captures.append(Capture(base / name, name, CaptureFile(name=name)))
+        found.references[name] = {"truth": (base / name / TRUTH, transform)}
+        found.scores[name] = scores / name
+        (found.scores[name] / "errors").mkdir(parents=True)
+        for folder in (REFERENCES, GRIDS):
+            (found.scores[name] / folder).symlink_to(one / folder)
+        for id in METHODS:
+            found.seconds[name, id] = [0.1]
+            errors_path(found.scores[name], name, id, "truth").symlink_to(errors_path(one, "one", id, "truth"))
+    return found
+
+
+def tabled(found: Outcome) -> tuple[float, list[float]]:
+    """Seconds for the table and its comparisons, and the client's memory, MB: before, after the table, and after."""
+    process, start = psutil.Process(), time.perf_counter()
+    memory_mb, on = [process.memory_info().rss / 1e6], basis(found)
+    for part in (tabulate, comparisons):
+        part(found, on)
+        memory_mb.append(process.memory_info().rss / 1e6)
+    return time.perf_counter() - start, memory_mb
 
 
 def main() -> int:
@@ -106,6 +149,10 @@ def main() -> int:
             worst_ms = max(worst_ms, task_ms)
             told = ", ".join(f"{value:.0f}" for value in memory_mb)
             print(f"{name}: {task_ms:.2f} ms a task, {cpu_ms:.2f} ms of the client's CPU; its memory: {told} MB")
+        seconds, memory_mb = tabled(scored_captures(bench, base, Path(folder).resolve() / "scores"))
+        told = ", ".join(f"{value:.0f}" for value in memory_mb)
+        each_ms = 1e3 * seconds / options.captures
+        print(f"table of {options.captures} captures: {each_ms:.0f} ms each; the client's memory: {told} MB")
     return int(worst_ms > BAR_MS)
 
 

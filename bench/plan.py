@@ -1,7 +1,7 @@
 """The jobs of a benchmark, as data: what each depends on, what it is given, and whose code it runs.
 
-They come in two rounds: `opening` for every capture; then, of the captures that are open, `calibration`, `meshing` and
-`imaging`, which do not wait for each other.
+They come in three rounds: `opening` for every capture; then, of the captures that are open, `calibration`, `meshing`
+and `imaging`, which do not wait for each other; last `scoring`, of the captures that have a reference.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from bench.protocol import BenchFile, MethodEntry, Source
 from bench.scenes.file import SceneFile
 from bench.scenes.scene import named_files
 from bench.tasks import HASH, Job, job
+from calibration.transforms import Transform
 from radar.config import load
 from radar.device import chosen
 from radar.effects.causes import Noise
@@ -31,6 +32,10 @@ PHOTOGRAMMETRY = ("groundtruth", "bench/stages.py", *MESHES)
 IMAGING = (
     "radar", "bench/datasets", "calibration/array/file.py", "bench/registry.py", "bench/stages.py", "bench/metrics.py",
 )  # and the method's own, of which the job knows
+SCORING = (
+    "bench/datasets", "bench/scoring.py", "bench/errormap.py", "bench/protocols.py", "bench/stages.py",
+    "groundtruth/depth.py", "groundtruth/surface.py", "radar/depthmap.py", "radar/rays.py", *MESHES,
+)
 
 
 def opening(bench: BenchFile, base: Path, source: Source, frames: int) -> Job:
@@ -77,6 +82,16 @@ def imaging(bench: BenchFile, capture: Capture, entry: MethodEntry) -> list[Job]
     if entry.precision:
         jobs.append(job("repeat", *about, [*depends_on, frames], IMAGING, {**given, "frames": frames}))
     return jobs
+
+
+def scoring(
+    bench: BenchFile, capture: Capture, maps: dict[str, Path], references: dict[str, tuple[Path, Transform]]
+) -> Job:
+    """To compare the capture's depth maps, files of kept stages by method, with its references."""
+    given = {"capture": str(capture.folder), "maps": maps, "references": references, "protocol": bench.protocol}
+    carried = {name: [t.matrix, t.covariance, mesh.parent.name] for name, (mesh, t) in references.items()}
+    imaged = {method: file.parent.name for method, file in maps.items()}  # a stage's folder is named by its key
+    return job("score", capture.name, "", [capture.key, imaged, carried, bench.protocol], SCORING, given)
 
 
 def _photogrammetry(bench: BenchFile) -> dict[str, Any]:

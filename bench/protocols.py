@@ -5,12 +5,9 @@ A protocol is named and versioned in every result. Figures of two protocols, or 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-
-from bench.datasets.maroon_mask import eroded, radar_kernel_px
 from bench.metrics import METRICS
 from radar.config import suggest
 from radar.errors import HandbenchError
@@ -19,7 +16,7 @@ from radar.errors import HandbenchError
 @dataclass(frozen=True)
 class Protocol:
     """How a benchmark is scored. metrics: those of the table; compared: those by which methods are compared; frame: the
-    one that is scored; masks: whether the data set's own mask is applied, erodes: whether its edges may be taken away;
+    one that is scored; masks: whether the data set's own mask is applied, erodes: with the target's edges taken away;
     rules: in words; setting: what its authors measured with, to compare a benchmark's own configuration with."""
 
     id: str
@@ -32,16 +29,6 @@ class Protocol:
     masks: bool = False
     erodes: bool = False
     frame: int = 0
-
-    def scored(self, z_m: np.ndarray, mask_erosion: float = 0) -> np.ndarray:
-        """Depths [ny, nx] of the pixels that count, NaN elsewhere. mask_erosion: that of MAROON's metadata.json, in
-        pixels of its cameras; 0 takes nothing away, as their shipped configuration does. Raises HandbenchError for an
-        erosion under a protocol without one."""
-        if mask_erosion and not self.erodes:
-            raise HandbenchError(f"mask_erosion: is {mask_erosion}, but '{self.id}' erodes nothing; leave it out")
-        if not mask_erosion:
-            return z_m
-        return np.where(eroded(np.isfinite(z_m), radar_kernel_px(mask_erosion)), z_m, np.nan)
 
     def about(self) -> dict[str, Any]:
         """What result.json says of it under "protocol"."""
@@ -89,16 +76,26 @@ MAROON = Protocol(
         "mean and deviation of its absolute value: MAE and deviation of AE)",
         "chamfer": "mean distance of the map's points to the reference's points (one-sided), back, and the mean of "
         "both; theirs goes to all points of the photogrammetric mesh, ours to its depths on the map's grid",
-        "mask": "pixels on target inside the data set's mask_bb, eroded by a square of mask_erosion/4 pixels, or the "
-        "largest smaller one that leaves more than 10; 0, as shipped, erodes nothing",
+        "mask": "pixels on target inside the data set's mask_bb; mask_erosion is not applied, as in the "
+        "configuration that their code ships with",
         "reference": REFERENCE,
     },
     setting={"threshold_db": {"volume": -14.0}, "z_m": [0.25, 0.4], "distances_m": [0.3, 0.4, 0.5]},
     masks=True,
+)
+
+MAROON_ERODED = replace(
+    MAROON,
+    id="maroon-eroded",
+    rules={
+        **MAROON.rules,
+        "mask": "pixels on target inside the data set's mask_bb, the target eroded by a square of mask_erosion/4 "
+        "pixels (metadata.json), or the largest smaller one that leaves more than 10; 0 erodes nothing",
+    },
     erodes=True,
 )
 
-PROTOCOLS = {protocol.id: protocol for protocol in (PAPER, MAROON)}
+PROTOCOLS = {protocol.id: protocol for protocol in (PAPER, MAROON, MAROON_ERODED)}
 
 
 def protocol(name: str) -> Protocol:

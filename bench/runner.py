@@ -1,6 +1,6 @@
 """The main job: every capture × method of a benchmark, from photographs and echoes to the table.
 
-The stages run in the two rounds of `bench.plan`. Whoever carries them out, the folders are the same, and the table is
+The stages run in the three rounds of `bench.plan`. Whoever carries them out, the folders are the same, and the table is
 made of these. What fails is said, recorded and done without.
 """
 
@@ -84,11 +84,23 @@ class Run:
                 meshes[job.capture] = job.folder(self.work)
             elif done.failure is None:
                 collect(job, job.folder(self.work), found)
-        without = {failure.capture for failure in self.failures if not failure.method}
-        for capture in (c for c in captures if c.name not in without):
-            with failing(self.failures, capture.name, "references"):
-                found.references[capture.name] = references(capture, registration, meshes.get(capture.name), found)
+        self.score(found, registration, meshes)
         return found
+
+    def score(self, found: Outcome, registration: Transform | None, meshes: dict[str, Path]) -> None:
+        """The last round: the captures that have a reference and a depth map; meshes: folders of those that were
+        made."""
+        without, jobs = {failure.capture for failure in self.failures if not failure.method}, []
+        for capture in (c for c in found.captures if c.name not in without):
+            name = capture.name
+            with failing(self.failures, name, "references"):
+                found.references[name] = references(capture, registration, meshes.get(name), found)
+            maps = {method: file for (of, method), file in found.maps.items() if of == name}
+            if maps and name in found.references:
+                jobs.append(plan.scoring(self.bench, capture, maps, found.references[name]))
+        for job, done in zip(jobs, self.perform(jobs), strict=True):
+            if done.failure is None:
+                found.scores[job.capture] = job.folder(self.work)
 
     def perform(self, jobs: list[Job]) -> list[Done]:
         """Have the jobs carried out; outcomes are returned and recorded in the order of the list."""
@@ -154,7 +166,8 @@ def collect(job: Job, folder: Path, found: Outcome) -> None:
     if job.stage == "reconstruct":
         found.maps[about] = folder / stages.DEPTH
     else:
-        strongest_m, found.deviations[about] = stages.read_repeats(folder)
+        strongest_m, _ = stages.read_repeats(folder)
+        found.deviations[about] = folder
         found.repeats += [Repeat(*about, k, float(z)) for k, z in enumerate(strongest_m)]
 
 

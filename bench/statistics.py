@@ -10,7 +10,7 @@ variance (Satterthwaite). `tests/bench/test_statistics.py` measures how often su
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import chdtri, stdtrit
 
 from bench.errormap import ErrorMap
-from bench.metrics import METRICS, QUANTILES, TERMS, Terms, figures, pool, terms, usable_repeats
+from bench.metrics import METRICS, QUANTILES, TERMS, Terms, Values, figures, pool, terms, usable_repeats
 
 BLOCK_M = 0.015  # three lateral resolutions of the paper's aperture
 SPAN = 1 << 20  # more blocks than a row can have
@@ -76,9 +76,11 @@ class Spread(NamedTuple):
         return float(self.error * stdtrit(self.freedom, (1 + level) / 2)) if self.error else 0.0
 
 
-def pooled_intervals(maps: Sequence[ErrorMap], block_m: float = BLOCK_M, level: float = 0.95) -> dict[str, Interval]:
-    """Metric → interval of the pooled metrics of `maps`; one that has no two units to stand on is left out, and so is a
-    share of nothing or of all, which shows no spread.
+def pooled_intervals(
+    maps: Sequence[ErrorMap], block_m: float = BLOCK_M, level: float = 0.95, estimate: Values | None = None
+) -> dict[str, Interval]:
+    """Metric → interval of the pooled metrics of `maps` (estimate: their `pool`, where it is at hand); one that has no
+    two units to stand on is left out, and so is a share of nothing or of all, which shows no spread.
 
     Ratios of sums: θ ± t·s by the jackknife (lengths: on the scale of their logarithm). Quantiles: those at the shares
     p ± t·s, s the standard error of the share of pixels below (Woodruff 1952). A maximum: from the largest error
@@ -89,7 +91,7 @@ def pooled_intervals(maps: Sequence[ErrorMap], block_m: float = BLOCK_M, level: 
     if not len(blocks.absolute_m):
         return {}
     units = units_of(blocks.place)
-    estimate = pool(maps)
+    estimate = pool(maps) if estimate is None else estimate
     intervals = {}
     for key, d in contributions(units, blocks.sums).items():
         bare = METRICS[key].unit == "%" and estimate[key] in (0, 100)
@@ -122,7 +124,7 @@ def block_numbers(m: ErrorMap, block_m: float = BLOCK_M) -> np.ndarray:
     return SPAN * row[:, None] + column
 
 
-def cut(maps: Sequence[ErrorMap], block_m: float = BLOCK_M) -> Blocks:
+def cut(maps: Iterable[ErrorMap], block_m: float = BLOCK_M) -> Blocks:
     """Sum the terms of `maps`, one a capture, over blocks of block_m × block_m."""
     places, sums, absolute_m, numbers = [np.empty((0, 3), int)], [], [np.empty(0)], [np.empty(0, int)]
     for capture, m in enumerate(maps):

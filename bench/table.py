@@ -28,10 +28,12 @@ def accuracy_rows(
     """The protocol's pooled metrics of a method's error maps against one reference, and the floor that the `surfaces`
     with which they were compared, one a map, set to the MAE (None: their uncertainty is not known). seed: the floor's
     draws."""
-    values, intervals = pool(maps) | {"floor_mm": None}, pooled_intervals(maps)
+    values = pool(maps)
+    intervals = pooled_intervals(maps, estimate=values)
+    values["floor_mm"] = None
     if surfaces is not None:
         values["floor_mm"] = floor_mm(maps, surfaces)
-        spread = floor_interval(maps, surfaces, seed)
+        spread = floor_interval(maps, surfaces, seed, value=values["floor_mm"]) if values["floor_mm"] else None
         intervals |= {} if spread is None else {"floor_mm": spread}
     return _rows(method, reference, {key: values[key] for key in values if key in protocol.metrics}, intervals)
 

@@ -1,5 +1,5 @@
 """What a run does, as plain data: each job is one stage of one capture, which any machine that sees the files carries
-out. A job holds paths and keys, never data, and what comes back is a small record."""
+out. A job holds paths, keys and transforms, never data, and what comes back is a small record."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from bench import registry, stages
+from bench import protocols, registry, scoring, stages
 from bench.cache import Stamp, kept_stage
 from bench.datasets.dataset import open_capture
 from bench.datasets.simulated import simulate_capture
 from bench.registry import source_key
 from bench.scenes.file import SceneFile
 from bench.scenes.scene import build
+from calibration.transforms import Transform
 from radar.config import parse
 from radar.device import use_device
 from radar.errors import HandbenchError
@@ -131,6 +132,13 @@ def repeat(folder: Path, capture: str, method: str, config: dict[str, Any], devi
         stages.make_repeats(Path(capture), method, config, frames, folder)
 
 
+def score(
+    folder: Path, capture: str, maps: dict[str, Path], references: dict[str, tuple[Path, Transform]], protocol: str
+) -> None:
+    """The capture's depth maps compared with its references."""
+    scoring.score(Path(capture), maps, references, protocols.protocol(protocol), folder)
+
+
 MAKERS: dict[str, Callable[..., None]] = {
-    maker.__name__: maker for maker in (simulate, groundtruth, calibrate, reconstruct, repeat)
+    maker.__name__: maker for maker in (simulate, groundtruth, calibrate, reconstruct, repeat, score)
 }

@@ -63,8 +63,8 @@ class Capture(Protocol):
     def transform(self) -> Transform | None:
         """Its own radar_from_photo."""
 
-    def mask(self, depth: DepthMap) -> np.ndarray:
-        """Pixels [ny, nx] of a depth map that its data set scores."""
+    def mask(self, depth: DepthMap, erode: bool = False) -> np.ndarray:
+        """Pixels [ny, nx] of a depth map that its data set scores; erode: less the target's edges, if it says so."""
 
     def key(self, frames: int | None = None) -> str:
         """Hash of the content of all that a run over its first `frames` frames (None: all) may read."""

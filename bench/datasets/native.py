@@ -120,8 +120,8 @@ class NativeCapture:
         file = self._lying(TRANSFORM)
         return load_transform(file).require("photo", "radar", file) if file else None
 
-    def mask(self, depth: DepthMap) -> np.ndarray:
-        """Pixels [ny, nx] of a depth map that are scored: all that are on target."""
+    def mask(self, depth: DepthMap, erode: bool = False) -> np.ndarray:
+        """Pixels [ny, nx] of a depth map that are scored: all that are on target; it has no erosion of its own."""
         return np.isfinite(depth.z_m)
 
     def key(self, frames: int | None = None) -> str:

@@ -9,15 +9,21 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_erosion
 
-from bench import outcome, results
-from bench.datasets.native import CaptureFile
+from bench import outcome, results, scoring
+from bench.datasets.dataset import open_capture
+from bench.datasets.native import CaptureFile, save_capture_file
 from bench.outcome import Basis, Capture, Outcome
 from bench.protocol import BenchFile, load_benchmark
+from bench.protocols import protocol
+from bench.stages import reference_depth
 from calibration.transforms import Transform, identity
+from groundtruth.depth import Reference
 from groundtruth.surface import Surface
-from radar.depthmap import DepthMap
+from radar.depthmap import DepthMap, load_depthmap
 from radar.errors import HandbenchError
+from radar.grid import PixelGrid
 
 AXIS_M = np.linspace(-0.03, 0.03, 31)
 SIGMA_M, ALONG_Z_M = 4e-5, 3e-4
@@ -35,7 +41,7 @@ def written(small_bench, tmp_path):
         plate.save(tmp_path / "plate.ply")
         transform = Transform("photo", "radar", np.eye(4), covariance)
         names = ("spoilt", "plate") if spoil else ("plate",)
-        found = Outcome(bench, [Capture(tmp_path, "0" * 64, CaptureFile(name=name)) for name in names], [])
+        found = Outcome(bench, [Capture(tmp_path / name, "0" * 64, CaptureFile(name=name)) for name in names], [])
         found.references["spoilt"] = {"truth": (tmp_path / "nowhere.ply", identity("radar"))} if spoil else {}
         found.references["plate"] = {
             "photogrammetry": (tmp_path / "plate.ply", transform), "truth": (tmp_path / "plate.ply", identity("radar")),
@@ -46,6 +52,13 @@ def written(small_bench, tmp_path):
             for about in [(name, entry.id) for name in names]:
                 found.maps[about] = tmp_path / f"{entry.id}.npz"
                 found.configs[about], found.seconds[about] = {}, [0.1]
+        for capture in found.captures:
+            save_capture_file(capture.folder, capture.about)
+            maps = {entry.id: tmp_path / f"{entry.id}.npz" for entry in bench.method}
+            with outcome.failing(found.failures, capture.name, "score"):
+                files, scored = found.references[capture.name], tmp_path / "scored" / capture.name
+                scoring.score(capture.folder, maps, files, protocol(bench.protocol), scored)
+                found.scores[capture.name] = scored
         folder = tmp_path / "out"
         folder.mkdir(exist_ok=True)
         outcome.write(folder, found, "")
@@ -147,21 +160,31 @@ def test_a_capture_that_cannot_be_scored_fails_alone(written, tmp_path, capsys):
     assert floors(folder, "truth") == [["0.0", "", ""]] * 2 and failure.line in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("chosen", "scored"), [("paper", 441), ("maroon", 231)])
-def test_the_data_sets_own_mask_counts_under_its_protocol(small_bench, tmp_path, monkeypatch, chosen, scored):
-    """A plate over 21 × 21 pixels, of which the data set's mask keeps the 11 columns at x ≥ 0."""
-    bench, _ = load_benchmark(str(small_bench))
+@pytest.mark.parametrize(("chosen", "scored"), [("paper", 441), ("maroon", 231), ("maroon-eroded", 171)])
+def test_the_data_sets_own_mask_counts_under_its_protocol(chosen, scored):
+    """A plate over 21 × 21 pixels, of which the data set's mask keeps the 11 columns at x ≥ 0, or of these 9 × 19."""
     axis_m = np.linspace(-0.02, 0.02, 21)
     z_m = np.full((21, 21), 0.3)
-    DepthMap(axis_m, axis_m, z_m, np.zeros_like(z_m), "2fsk").save(tmp_path / "2fsk.npz")
-    corners_m = np.array([(-0.1, -0.1, 0.3), (0.1, -0.1, 0.3), (0.1, 0.1, 0.3), (-0.1, 0.1, 0.3)])
-    Surface(corners_m, np.array([[0, 1, 2], [0, 2, 3]]), np.zeros(4), np.ones(4, bool)).save(tmp_path / "plate.ply")
-    bench = bench.model_copy(update={"protocol": chosen, "method": bench.method[:1]})
-    found = Outcome(bench, [Capture(tmp_path, "0" * 64, CaptureFile(name="plate"))], [])
-    found.references["plate"] = {"truth": (tmp_path / "plate.ply", identity("radar"))}
-    found.maps["plate", bench.method[0].id] = tmp_path / "2fsk.npz"
     half = np.broadcast_to(axis_m >= -1e-12, (21, 21))
-    data = SimpleNamespace(mask=lambda depth: half)
-    monkeypatch.setattr(outcome, "open_capture", lambda folder: data)
-    errors, _ = outcome.score(found)
-    assert np.isfinite(errors["plate", bench.method[0].id, "truth"].error_m).sum() == scored
+    data = SimpleNamespace(mask=lambda depth, erode: binary_erosion(half) if erode else half)
+    depth = DepthMap(axis_m, axis_m, z_m, np.zeros_like(z_m), "2fsk")
+    found = scoring.compare(depth, Reference(z_m, np.zeros_like(z_m), None, None, z_m > 0), protocol(chosen), data)
+    assert np.isfinite(found.error_m).sum() == scored
+
+
+def test_what_was_scored_is_read_back_as_it_was(written, tmp_path):
+    """Errors with all that is known beside them, and the reference with its registration's error."""
+    covariance = np.diag([0, 0, ALONG_Z_M, 0, 0, 0]) ** 2
+    written(SIGMA_M, covariance)
+    folder, transform = tmp_path / "scored" / "plate", Transform("photo", "radar", np.eye(4), covariance)
+    depth = load_depthmap(tmp_path / "2fsk.npz")
+    for name, given in (("photogrammetry", transform), ("truth", identity("radar"))):
+        grid = PixelGrid(depth.x_m, depth.y_m)
+        reference = reference_depth(tmp_path / "plate.ply", given, grid, exact=name == "truth")
+        kept = scoring.read_reference(folder, "2fsk", name, given)
+        np.testing.assert_array_equal(kept.registration.covariance, reference.registration.covariance)
+        for field in ("z_m", "mesh_sigma_m", "leverage", "met"):
+            np.testing.assert_array_equal(getattr(kept, field), getattr(reference, field))
+        errors = scoring.compare(depth, reference, protocol("paper"), open_capture(tmp_path / "plate"))
+        for field, values in vars(scoring.read_errors(folder, "plate", "2fsk", name)).items():
+            np.testing.assert_array_equal(values, getattr(errors, field))

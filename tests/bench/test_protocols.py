@@ -10,7 +10,7 @@ import pytest
 from bench.errormap import error_map
 from bench.metrics import METRICS, RATIOS
 from bench.paper import PAPER as PAPER_FIGURES
-from bench.protocols import MAROON, PAPER, PROTOCOLS, protocol
+from bench.protocols import PAPER, PROTOCOLS, protocol
 from bench.table import accuracy_rows, precision_rows, time_rows
 from radar.errors import HandbenchError
 
@@ -48,22 +48,3 @@ def test_the_table_holds_the_protocols_metrics(chosen):
         rows += precision_rows("3fsk", "truth", [np.array([0.3, 0.301])], [m])
     assert {row.metric for row in rows} == set(chosen.metrics)
     assert next(row for row in rows if row.metric == "mae_mm").value == pytest.approx(1, abs=1e-9)
-
-
-def test_maroon_takes_edges_away_and_the_paper_takes_nothing():
-    """mask_erosion 12 is a square of 3 pixels for the radar: one pixel on each side, but for the map's border."""
-    z_m = np.full((30, 30), np.nan)
-    z_m[5:25, 5:25] = 0.3
-    assert np.isfinite(MAROON.scored(z_m, 12)).sum() == 18**2 and np.isnan(MAROON.scored(z_m, 12)[5, 10])
-    assert MAROON.scored(z_m) is z_m and PAPER.scored(z_m) is z_m
-    with pytest.raises(HandbenchError, match="mask_erosion: is 12, but 'paper'"):
-        PAPER.scored(z_m, 12)
-
-
-def test_a_small_target_is_eroded_less():
-    """A square of 4 × 4 pixels would leave 4 after 3 pixels' erosion, too few: 2 pixels' leave 9, too few as well."""
-    z_m = np.full((30, 30), np.nan)
-    z_m[5:9, 5:9] = 0.3
-    assert np.isfinite(MAROON.scored(z_m, 12)).sum() == 16
-    z_m[5:10, 5:10] = 0.3  # 25: three leave 9, two leave 16
-    assert np.isfinite(MAROON.scored(z_m, 12)).sum() == 16

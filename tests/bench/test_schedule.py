@@ -94,7 +94,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_serial_table(balls, workers, tm
     python("-c", "from radar.warmup import compile_kernels; compile_kernels()")  # just compiled, they round otherwise
     python("-m", "bench.cli", "run", str(balls), "-o", str(tmp_path / "serial"))
     bench, base = load_benchmark(str(balls))
-    work, stages = tmp_path / "cluster" / "work", 4 * CAPTURES
+    work, stages = tmp_path / "cluster" / "work", 5 * CAPTURES
     killed_at: list[int] = []
 
     def kill_in_the_middle() -> None:
