@@ -1,7 +1,7 @@
 """The catalogue of hard cases: functions that measure one quantity each, swept through its limit and past it.
 
 A case returns the worst value that it saw; or `Worst`, which says where in the sweep that was and whether wrong values
-were flagged; or `Refused`, where no answer is the right one. Bounds hold on every machine, for the reason that stands with them.
+were flagged; or `Refused`, where no answer is the right one. A bound holds on every machine, for the reason beside it.
 """
 
 from __future__ import annotations

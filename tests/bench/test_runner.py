@@ -100,7 +100,8 @@ def content(folder: Path) -> dict[str, bytes]:
     """Every file of a result folder, those of its stages too, without times: the rows and columns that hold them, the
     machine's rate, and whether a stage was cached."""
     times = {
-        "table.csv": rb"(?m)^seconds,.*$", "result.json": rb'"gemm_gflops".*', "capture.toml": rb"(?m)^seconds = .*$",
+        "table.csv": rb"(?m)^seconds,.*$", "result.json": rb'"(gemm_gflops|seconds)":.*',
+        "capture.toml": rb"(?m)^seconds = .*$",
         "stage.json": rb"(?s).*", "timing.json": rb"(?s).*", "tasks.csv": rb"[0-9.]+,[0-9.]+,[0-9.]+,.*",
     }
     files = [path for path in folder.rglob("*") if path.is_file()]
