@@ -10,7 +10,14 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
-from bench import calibrate_command, drawing_command, groundtruth_command
+from bench import (
+    calibrate_command,
+    compare_command,
+    drawing_command,
+    groundtruth_command,
+    stability_command,
+    tradeoff_command,
+)
 from radar.errors import HandbenchError
 
 
@@ -50,10 +57,14 @@ def _device(options: argparse.Namespace) -> AbstractContextManager[None]:
 def _command(name: str) -> Callable[[argparse.Namespace], None]:
     from bench import commands
 
-    modules = {"calibrate": calibrate_command, "draw": drawing_command, "groundtruth": groundtruth_command}
+    modules = {
+        "calibrate": calibrate_command, "draw": drawing_command, "groundtruth": groundtruth_command,
+        "stability": stability_command,
+    }
     if name in modules:
         return modules[name].run
-    return {"run": _run, "report": _report}.get(name) or getattr(commands, name)
+    reporting = {"run": _run, "report": _report, "compare": _compare, "tradeoff": _tradeoff}
+    return reporting.get(name) or getattr(commands, name)
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -74,6 +85,25 @@ def _report(options: argparse.Namespace) -> None:
     if options.out.exists() and any(options.out.iterdir()) and not (options.out / "index.html").exists():
         raise HandbenchError(f"{options.out}: holds files but no index.html, so it is no report; choose another -o")
     print(f"report: {build(options.results, options.out)}")
+
+
+def _tradeoff(options: argparse.Namespace) -> None:
+    """What accuracy costs in time; ends with the fronts, their report, and the answer to what was asked."""
+    from reports.tradeoff import build
+
+    answer = tradeoff_command.run(options)
+    print(f"report: {build(options.out, options.out / 'report')}")
+    answer()
+
+
+def _compare(options: argparse.Namespace) -> None:
+    """Two result folders → their differences."""
+    from reports.compare import show, write
+
+    compared = compare_command.run(options)
+    if options.out is not None:
+        write(compared, options.out)
+    show(compared)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -131,6 +161,17 @@ def parser() -> argparse.ArgumentParser:
     report = _add(commands, "report", "result folder → tables, figures, HTML")
     report.add_argument("results", type=Path, metavar="DIR")
     report.add_argument("-o", "--out", required=True, type=Path, metavar="REPORT", help="report folder, renewed")
+
+    tradeoff = _add(commands, "tradeoff", "what accuracy costs in time: every stage's settings, and their front")
+    tradeoff_command.add_arguments(tradeoff)
+    _add_device(tradeoff)
+
+    compare = _add(commands, "compare", "two result folders → what differs, tested")
+    compare_command.add_arguments(compare)
+
+    stability = _add(commands, "stability", "hard cases: what could blow up, its bound, and the measured figure")
+    stability_command.add_arguments(stability)
+    _out(stability, "DIR", "folder for stability.csv and .json, as a result folder", required=False)
 
     importer = _add(commands, "import", "another data set → capture folder")
     importer.set_defaults(command="import_dataset")

@@ -76,5 +76,6 @@ def _distances(
 def deviation_map(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> ErrorMap:
     """Standard deviation (n − 1) of the depths z_m [n, ny, nx] over n ≥ 2 repeats at each pixel, in place of errors and
     on itself as surface: NaN where a repeat does not observe the pixel. The median of its |error| is the precision."""
-    deviation_m = np.std(z_m, axis=0, ddof=1) if len(z_m) > 1 else np.full(z_m.shape[1:], np.nan)
+    several = len(z_m) > 1  # in double precision, for of 1 µm about 0.3 m a float32 mean would leave nothing
+    deviation_m = np.std(z_m, axis=0, ddof=1, dtype=np.float64) if several else np.full(z_m.shape[1:], np.nan)
     return ErrorMap(np.asarray(x_m, np.float64), np.asarray(y_m, np.float64), deviation_m, deviation_m)

@@ -172,9 +172,9 @@ def strongest_scatterer_z_m(z_m: np.ndarray, amplitude: np.ndarray) -> np.ndarra
 
     The scatterer is one and the same in all repeats: the pixel with the largest mean amplitude of those observed in
     every repeat. (The strongest pixel of each repeat by itself may jump between glints of nearly equal strength, and
-    would measure the distance between them.) NaN when no pixel is observed in every repeat.
+    would measure the distance between them.) NaN when no pixel is observed in every repeat, depth and amplitude.
     """
-    steady = np.isfinite(z_m).all(axis=0)
+    steady = np.isfinite(z_m).all(axis=0) & ~np.isnan(amplitude).any(axis=0)
     if not steady.any():
         return np.full(len(z_m), np.nan)
     strongest = np.argmax(np.where(steady, amplitude.mean(axis=0), -np.inf))
@@ -186,12 +186,17 @@ def precision(strongest_z_m: Sequence[np.ndarray]) -> Values:
     hands = usable_repeats(strongest_z_m)
     if not hands:
         return {"precision_mm": None, "relative_precision_percent": None}
-    precision_m = np.mean([np.std(z, ddof=1) for z in hands])
+    precision_m = np.mean([deviation(z) for z in hands])
     distance_m = np.mean([z.mean() for z in hands])
     return {
         "precision_mm": float(1e3 * precision_m),
-        "relative_precision_percent": float(100 * (1 - precision_m / distance_m)),
+        "relative_precision_percent": float(100 * (1 - precision_m / distance_m)) if distance_m else None,
     }
+
+
+def deviation(values: np.ndarray) -> float:
+    """Standard deviation (n − 1) of `values` [n ≥ 2]; 0 where all are equal, which rounding of their mean would hide."""
+    return float(np.std(values, ddof=1)) if np.ptp(values) > 0 else 0.0
 
 
 def usable_repeats(strongest_z_m: Sequence[np.ndarray]) -> list[np.ndarray]:

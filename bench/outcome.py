@@ -239,6 +239,7 @@ def about(outcome: Outcome, on: Basis) -> About:
                 pose=capture.about.pose,
                 distance_m=capture.about.distance_m,
                 references=tuple(outcome.references[capture.name]),
+                effects=tuple(choice.model_dump(mode="json") for choice in capture.about.effects),
             )
             for capture in on.captures
         ),

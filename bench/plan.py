@@ -75,8 +75,11 @@ def meshing(bench: BenchFile, capture: Capture) -> list[Job]:
 def imaging(bench: BenchFile, capture: Capture, entry: MethodEntry) -> list[Job]:
     """To image the capture by one method and, where asked for, its repeats."""
     config = stages.configuration(capture.folder, entry.id, entry.config).model_dump(mode="json")
-    depends_on = [capture.key, config, chosen()]
-    given = {"capture": str(capture.folder), "method": entry.id, "config": config, "device": chosen()}
+    depends_on = [capture.key, config, chosen(), entry.every_nth_antenna]
+    given = {
+        "capture": str(capture.folder), "method": entry.id, "config": config, "device": chosen(),
+        "every_nth_antenna": entry.every_nth_antenna,
+    }
     about, frames = (capture.name, entry.id), bench.repeats
     jobs = [job("reconstruct", *about, depends_on, IMAGING, given)]
     if entry.precision:

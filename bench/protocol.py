@@ -10,6 +10,7 @@ from pydantic import Field, field_validator, model_validator
 from bench.datasets.dataset import AT_EMPTY_FILTERED, captures
 from bench.registry import method
 from bench.results import Name
+from bench.tradeoff.sweep import Sweep, imaging_settings, known_configs
 from radar.config import Config, load, suggest
 from radar.errors import HandbenchError
 from radar.files import inside
@@ -55,11 +56,13 @@ class GroundTruth(Config):
 
 
 class MethodEntry(Config):
-    """A method with what its configuration changes; precision = true measures its precision too."""
+    """A method with what its configuration changes; precision = true measures its precision too; every_nth_antenna: of
+    transmitters and receivers, in the order of the file (see `radar.capture.thinned`)."""
 
     id: str
     config: dict[str, Any] = Field(default_factory=dict)
     precision: bool = False
+    every_nth_antenna: int = Field(default=1, ge=1)
 
 
 class BenchFile(Config):
@@ -70,12 +73,13 @@ class BenchFile(Config):
     seed: int = Field(default=0, ge=0, lt=2**31)
     repeats: int = Field(default=10, ge=2, le=1000, description="frames for the precision")
     phase_noise_rad: float | None = Field(default=None, ge=0, description="replaces the noise of every scene")
-    protocol: Literal["paper", "maroon"] = "paper"
+    protocol: Literal["paper", "maroon", "maroon-eroded"] = "paper"
     groundtruth: GroundTruth = GroundTruth()
     calibration: tuple[Source, ...] = Field(default=(), description="captures of one target, combined")
     dataset: tuple[DataSet, ...] | None = Field(default=None, description="their captures join those of `capture`")
     capture: tuple[Source, ...] = ()
     method: tuple[MethodEntry, ...] = Field(min_length=1)
+    tradeoff: Sweep | None = Field(default=None, description="what `handbench tradeoff` sweeps")
 
     @field_validator("calibration", mode="before")
     @classmethod
@@ -115,5 +119,7 @@ def load_benchmark(name: str) -> tuple[BenchFile, Path]:
     bench = load(BenchFile, path, "a benchmark description")
     for entry in bench.method:
         method(entry.id).configure(entry.config, f"{path}: method '{entry.id}'")
+    if bench.tradeoff is not None:
+        imaging_settings(bench.tradeoff, known_configs(bench.method))
     found = tuple(source for dataset in bench.dataset or () for source in dataset.sources(path.parent))
     return bench.model_copy(update={"dataset": None, "capture": (*bench.capture, *found)}), path.parent

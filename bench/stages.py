@@ -29,7 +29,7 @@ from groundtruth.options import Options
 from groundtruth.photos import Photo, find_photos
 from groundtruth.pipeline import reconstruct, reconstruct_cloud
 from groundtruth.surface import read_surface
-from radar.capture import RadarCapture
+from radar.capture import RadarCapture, thinned
 from radar.config import Config, parse
 from radar.depthmap import DepthMap
 from radar.errors import HandbenchError
@@ -117,7 +117,7 @@ def calibrate_captures(
 
 
 def image_frames(
-    capture: Path, method_id: str, config: dict[str, Any], frames: int = 1
+    capture: Path, method_id: str, config: dict[str, Any], frames: int = 1, every_nth_antenna: int = 1
 ) -> Iterator[tuple[Reconstruction, float, float | None]]:
     """The first frames of a capture by one method, each with its seconds from echoes in memory to the depth map, and
     with those of the plan, where it was measured.
@@ -126,7 +126,7 @@ def image_frames(
     first frame is imaged again, its second time counts, and what the first took more is the plan's.
     """
     chosen, settings = method(method_id), configuration(capture, method_id, config)
-    echoes = open_capture(capture).echoes(frames)
+    echoes = thinned(open_capture(capture).echoes(frames), every_nth_antenna)
     if len(echoes.samples) < frames:
         raise HandbenchError(f"{capture}: has {len(echoes.samples)} frames; expected {frames} for the precision")
     compile_kernels()
@@ -155,17 +155,21 @@ def configuration(capture: Path, method_id: str, config: dict[str, Any]) -> Conf
     return chosen.configure({**asked, **config}, f"method '{method_id}'")
 
 
-def make_depth(capture: Path, method_id: str, config: dict[str, Any], folder: Path) -> None:
+def make_depth(
+    capture: Path, method_id: str, config: dict[str, Any], folder: Path, every_nth_antenna: int = 1
+) -> None:
     """Frame 0 → DEPTH, and its time → TIMING."""
-    [(result, seconds, plan_s)] = image_frames(capture, method_id, config)
+    [(result, seconds, plan_s)] = image_frames(capture, method_id, config, 1, every_nth_antenna)
     result.depth.save(folder / DEPTH)
     write_json(folder / TIMING, {"seconds": [seconds], "plan_seconds": plan_s})
 
 
-def make_repeats(capture: Path, method_id: str, config: dict[str, Any], frames: int, folder: Path) -> None:
+def make_repeats(
+    capture: Path, method_id: str, config: dict[str, Any], frames: int, folder: Path, every_nth_antenna: int = 1
+) -> None:
     """Depth of the strongest scatterer in each frame, and every pixel's deviation over them → REPEATS; the frames'
     times → TIMING."""
-    results, seconds, plans_s = zip(*image_frames(capture, method_id, config, frames), strict=True)
+    results, seconds, plans_s = zip(*image_frames(capture, method_id, config, frames, every_nth_antenna), strict=True)
     depths = [result.depth for result in results]
     spread = deviation_map(depths[0].x_m, depths[0].y_m, np.stack([d.z_m for d in depths]))
     write_npz(folder / REPEATS, z_m=strongest_z_m(depths), x_m=spread.x_m, y_m=spread.y_m, deviation_m=spread.error_m)

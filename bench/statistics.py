@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import chdtri, stdtrit
 
 from bench.errormap import ErrorMap
-from bench.metrics import METRICS, QUANTILES, TERMS, Terms, Values, figures, pool, terms, usable_repeats
+from bench.metrics import METRICS, QUANTILES, TERMS, Terms, Values, deviation, figures, pool, terms, usable_repeats
 
 BLOCK_M = 0.015  # three lateral resolutions of the paper's aperture
 SPAN = 1 << 20  # more blocks than a row can have
@@ -176,16 +176,17 @@ def spread(d: np.ndarray, weights: np.ndarray | None) -> Spread | None:
         return Spread(0.0, max(len(d) - 1.0, 1.0), len(d)) if len(d) > 1 else None
     if n == 1:
         return None
-    d = d[adds]
+    size = np.abs(d).max()
+    d = d[adds] / size  # fourth powers are on the way
     alone = d @ d * n / (n - 1)
     if weights is None:
-        return Spread(float(np.sqrt(alone)), n - 1.0, n)
+        return Spread(float(size * np.sqrt(alone)), n - 1.0, n)
     w = weights[np.ix_(adds, adds)]
     rows = w.sum(axis=1)
     free = np.trace(w) - rows.sum() / n  # tr PWP, P = 1 − 11ᵀ/n
     freedom = free**2 / ((w**2).sum() - 2 * rows @ rows / n + (rows.sum() / n) ** 2)
     uneven = (d @ d) ** 2 / (d**2 @ w**2 @ d**2 - 2 / 3 * (d**4).sum())
-    return Spread(float(np.sqrt(max(d @ w @ d * n / free, alone))), float(max(min(freedom, uneven), 1)), n)
+    return Spread(float(size * np.sqrt(max(d @ w @ d * n / free, alone))), float(max(min(freedom, uneven), 1)), n)
 
 
 def _interval(key: str, value: float, reach: float) -> Interval:
@@ -223,7 +224,7 @@ def precision_interval(strongest_z_m: Sequence[np.ndarray], level: float = 0.95)
     hands = usable_repeats(strongest_z_m)
     if not hands:
         return None
-    deviations_mm = np.array([1e3 * np.std(z, ddof=1) for z in hands])
+    deviations_mm = np.array([1e3 * deviation(z) for z in hands])
     freedom = np.array([len(z) - 1 for z in hands])
     if not deviations_mm.any():
         return Interval(0.0, 0.0)

@@ -120,16 +120,20 @@ def calibrate(folder: Path, captures: list[str], quality: str, seed: int) -> Non
     made.save(folder / TRANSFORM)
 
 
-def reconstruct(folder: Path, capture: str, method: str, config: dict[str, Any], device: str) -> None:
+def reconstruct(
+    folder: Path, capture: str, method: str, config: dict[str, Any], device: str, every_nth_antenna: int
+) -> None:
     """Frame 0 as a depth map, imaged on the client's device."""
     with use_device(device):
-        stages.make_depth(Path(capture), method, config, folder)
+        stages.make_depth(Path(capture), method, config, folder, every_nth_antenna)
 
 
-def repeat(folder: Path, capture: str, method: str, config: dict[str, Any], device: str, frames: int) -> None:
+def repeat(
+    folder: Path, capture: str, method: str, config: dict[str, Any], device: str, every_nth_antenna: int, frames: int
+) -> None:
     """The strongest scatterer of each frame, imaged on the client's device."""
     with use_device(device):
-        stages.make_repeats(Path(capture), method, config, frames, folder)
+        stages.make_repeats(Path(capture), method, config, frames, folder, every_nth_antenna)
 
 
 def score(

@@ -14,7 +14,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from calibration.echoes import Ball, path_gradients, specular_echo
 from calibration.target import Element, Target
@@ -46,9 +46,15 @@ def fit_balls(
     noise, or more where the image of what is left shows more around a ball (echoes of what stands there too).
 
     others: echoes that are none of the target's; those that lie in no element's foam are fitted along, in place.
-    Raises HandbenchError when a ball runs away from its peak.
+    Raises HandbenchError when a ball runs away from its peak, and for echoes that no arithmetic tells apart.
     """
-    fit = _settle(capture, target, {i: ball.centre_m for i, ball in heard.items()}, others, frame)
+    try:
+        fit = _settle(capture, target, {i: ball.centre_m for i, ball in heard.items()}, others, frame)
+    except LinAlgError as error:
+        raise HandbenchError(
+            f"echoes: those of balls {', '.join(str(i + 1) for i in heard)} cannot be told apart, or there are none; "
+            "expected balls that stand apart, and an echo of each; check what is in view, or record it again"
+        ) from error
     inverse = cho_solve(fit.factor, np.eye(len(fit.unknowns)))
     fitted = {}
     for n, (i, centre_m) in enumerate(fit.centres_m.items()):

@@ -87,7 +87,7 @@ def _nearest_majority(pairs: Pairs, with_scale: bool) -> np.ndarray:
     """Mask [n] of the majority with the least squares under a transform that three pairs propose."""
     needed = min(len(pairs), max(LEAST, ceil(SHARE * len(pairs))))
     best, least = np.arange(needed), np.inf
-    for triple in _triples(len(pairs)):
+    for triple in triples(len(pairs)):
         three = pairs[triple]
         if three.condition(with_scale) <= DEGENERATE:
             distances = pairs.distances(umeyama(three.source_m, three.target_m, with_scale))
@@ -99,7 +99,7 @@ def _nearest_majority(pairs: Pairs, with_scale: bool) -> np.ndarray:
     return np.isin(np.arange(len(pairs)), best)
 
 
-def _triples(count: int) -> np.ndarray:
+def triples(count: int) -> np.ndarray:
     """[m, 3] indices: all triples, or as many drawn ones."""
     if comb(count, 3) <= TRIPLES:
         return np.array(list(combinations(range(count), 3)))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import ceil
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from calibration import HandbenchError
+from calibration.majority import SHARE, triples
 from calibration.transforms import umeyama
 from groundtruth.board import Board
 from groundtruth.cameras import Camera, load_pycolmap
@@ -17,6 +19,8 @@ if TYPE_CHECKING:
     import pycolmap
 
 TRIM = 4.0  # times the median residual: what lies beyond is no part of the fit
+FAR_BETTER = 2.0  # times smaller is the median residual of a majority that others have bent away from
+FEWEST_FOR_MAJORITY = 8  # points; of fewer, three agree with a fourth and fifth by chance
 COLLINEAR = 0.02  # ratio of the second to the first extent below which points count as a line
 LARGEST_MISFIT = 0.03  # root mean square distance after the fit, over the extent of what is fitted
 CORNER_ERROR_PX = 2.0  # of a marker's corner in one photograph, against those in the others
@@ -64,25 +68,54 @@ def trimmed_similarity(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Similarity (4×4) from points [n, 3] to points [n, 3] in metres, refitted without what lies far off.
 
-    Returns the matrix, which points were used [n] and every point's residual [n]. HandbenchError for fewer than three
-    points or points on a line.
+    Far off is told by a fit to all points; where three of them propose one that a majority fits far better, wrong
+    points have bent it, and that majority tells (Rousseeuw 1984). Returns the matrix, which points were used [n] and
+    every point's residual [n]. HandbenchError for fewer than three points or points on a line.
     """
     if len(source) < 3 or _collinear(target_m):
         raise HandbenchError(
             f"scale: {len(source)} {what}; at least three that are not on a line are needed: add photographs that show "
             "the board, or give --unscaled"
         )
-    kept = np.ones(len(source), dtype=bool)
+    found = _trimmed(source, target_m, np.ones(len(source), dtype=bool))
+    if len(source) >= FEWEST_FOR_MAJORITY:
+        other = _trimmed(source, target_m, _nearest_majority(source, target_m))
+        if FAR_BETTER * np.median(other[2]) < np.median(found[2]):
+            found = other
+    matrix, kept, residuals_m = found
+    check_fit(_rms(residuals_m[kept]), float(np.ptp(target_m[kept], axis=0).max()), what)
+    return matrix, kept, residuals_m
+
+
+def _trimmed(
+    source: np.ndarray, target_m: np.ndarray, kept: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `trimmed_similarity`, from the points that are kept [n] at first."""
     floor_m = 1e-9 * np.ptp(target_m, axis=0).max()
     for _ in range(20):
         matrix = umeyama(source[kept], target_m[kept], with_scale=True)
-        residuals_m = np.linalg.norm(source @ matrix[:3, :3].T + matrix[:3, 3] - target_m, axis=1)
+        residuals_m = _residuals_m(matrix, source, target_m)
         inside = residuals_m <= TRIM * np.median(residuals_m) + floor_m
         if (inside == kept).all() or inside.sum() < 3 or _collinear(target_m[inside]):
             break
         kept = inside
-    check_fit(_rms(residuals_m[kept]), float(np.ptp(target_m[kept], axis=0).max()), what)
     return matrix, kept, residuals_m
+
+
+def _nearest_majority(source: np.ndarray, target_m: np.ndarray) -> np.ndarray:
+    """Mask [n] of the majority with the least squares under a similarity that three points propose."""
+    needed, best, least = ceil(SHARE * len(source)), np.arange(len(source)), np.inf
+    for triple in triples(len(source)):
+        if not (_collinear(source[triple]) or _collinear(target_m[triple])):
+            residuals_m = _residuals_m(umeyama(source[triple], target_m[triple], with_scale=True), source, target_m)
+            nearest = np.argsort(residuals_m, kind="stable")[:needed]
+            if (residuals_m[nearest] ** 2).sum() < least and not _collinear(target_m[nearest]):
+                best, least = nearest, (residuals_m[nearest] ** 2).sum()
+    return np.isin(np.arange(len(source)), best)
+
+
+def _residuals_m(matrix: np.ndarray, source: np.ndarray, target_m: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(source @ matrix[:3, :3].T + matrix[:3, 3] - target_m, axis=1)
 
 
 def check_fit(residual_m: float, extent_m: float, what: str) -> None:

@@ -72,6 +72,33 @@ class RadarCapture:
         return self.samples[frame][index], self.frequencies_hz[index]
 
 
+def near_one(samples: np.ndarray) -> np.ndarray:
+    """The samples times the power of two that brings the largest near 1: not a digit is lost, and powers and sums of
+    them stay within float32, whatever the receiver's unit."""
+    largest = max(np.abs(part).max(initial=0.0) for part in (samples.real, samples.imag))
+    if not 0 < largest < np.inf:
+        return samples
+    exponent = int(np.frexp(largest)[1])
+    apart = np.ascontiguousarray(samples).view(samples.real.dtype)
+    return np.ldexp(apart, -exponent).view(samples.dtype)
+
+
+def thinned(capture: RadarCapture, every: int) -> RadarCapture:
+    """The capture of an array with fewer antennas: every `every`-th transmitter and receiver in the order of the file,
+    from the first; of a planar scan every `every`-th position. HandbenchError for less than 1."""
+    if every < 1:
+        raise HandbenchError(f"every_nth_antenna: is {every}; expected a whole number ≥ 1 (1: all antennas)")
+    if every == 1:
+        return capture
+    if isinstance(capture.aperture, AntennaArray):
+        aperture: Aperture = AntennaArray(capture.aperture.tx_m[::every], capture.aperture.rx_m[::every])
+        samples = capture.samples[:, :, ::every, ::every]
+    else:
+        aperture = PlanarScan(capture.aperture.position_m[::every])
+        samples = capture.samples[:, :, ::every]
+    return RadarCapture(np.ascontiguousarray(samples), capture.frequencies_hz, aperture)
+
+
 def save_capture(path: str | Path, capture: RadarCapture) -> None:
     """Write `echoes.h5`, atomically."""
     import h5py

@@ -17,6 +17,8 @@ import numpy as np
 from radar.arrays import SPEED_OF_LIGHT_M_S
 from radar.smoothing import masked_mean
 
+FEW = 100  # pixels that may be but a few resolution cells: their median would hide the noise with the gain
+UNRELATED_RAD = 2 * np.sqrt(np.pi - 3)  # rms of ρ between images that share nothing (Rayleigh amplitudes): its most
 
 def quadrature_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float) -> np.ndarray:
     """cρ / (4πΔf): Δz of `radar.fsk.depth_step_m` with the amplitudes' relative difference ρ in place of φ; metres."""
@@ -29,16 +31,27 @@ def quadrature_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: f
 def spread_m(quadrature_m: np.ndarray, amplitude: np.ndarray, window_px: int) -> np.ndarray:
     """Predicted 1σ of the depth [ny, nx], metres, from its quadrature step and amplitude [ny, nx]; NaN off target.
 
-    The median is taken out first: the tones may differ in gain.
+    The median of many pixels is taken out first: the tones may differ in gain.
     """
     known = np.isfinite(quadrature_m)
     if not known.any():
         return quadrature_m
     power, sigma_m = np.full(known.shape, np.nan), np.full(known.shape, np.nan)
-    power[known] = ((quadrature_m[known] - np.median(quadrature_m[known])) * amplitude[known]) ** 2
-    local = np.maximum(masked_mean(power, window_px)[known], 0.0)  # the running sums may end just below zero
+    gain_m = np.median(quadrature_m[known]) if np.count_nonzero(known) > FEW else 0.0
+    power[known] = ((quadrature_m[known] - gain_m) * amplitude[known]) ** 2
+    local = masked_mean(power, window_px)[known]
     sigma_m[known] = np.sqrt((local + power[known].mean()) / 2) / amplitude[known]
     return sigma_m
+
+
+def incoherent(sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarray:
+    """Whether a phase that tells depths within ±ambiguity is noise: three standard deviations σ fill its circle.
+
+    An amplitude tells σ_φ = πσ_z/a up to that of unrelated images only, σ₀; s = σ_φ/√(1 − (σ_φ/σ₀)²) undoes that, and
+    3s > π where σ_φ exceeds (π/3)σ₀/√((π/3)² + σ₀²) = 0.61.
+    """
+    most_rad = np.pi / 3 * UNRELATED_RAD / np.hypot(np.pi / 3, UNRELATED_RAD)
+    return sigma_m > most_rad / np.pi * ambiguity_m
 
 
 def wrap_probability(step_m: np.ndarray, sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarray:

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from radar.arrays import SPEED_OF_LIGHT_M_S, Aperture
-from radar.capture import RadarCapture
-from radar.confidence import quadrature_step_m, spread_m, wrap_probability
+from radar.capture import RadarCapture, near_one
+from radar.confidence import incoherent, quadrature_step_m, spread_m, wrap_probability
 from radar.depthmap import DepthMap, amplitude_db
 from radar.fsk_config import FskConfig, LadderConfig, RefinedConfig, ThreeToneConfig, TwoToneConfig, reach_hz
 from radar.grid import PixelGrid, VoxelGrid
@@ -26,6 +26,7 @@ from radar.smoothing import bounding_box, masked_mean
 from radar.steering import mean_rise
 
 MAX_IMAGES = 6  # passes of the coarse stage; the paper's two suffice for a hand
+NOISY = 0.25  # share of a target without coherence from which on none of it is trusted; noise alone: 0.4 to 0.6
 
 Step = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 
@@ -66,6 +67,8 @@ def n_tone(capture: RadarCapture, config: ThreeToneConfig | LadderConfig, frame:
     estimate = _coarse(ladder.first(2), config)
     box = bounding_box(np.isfinite(estimate.z_m))  # a target fills a small part of the image
     estimate, grid = estimate.cropped(box), PixelGrid(whole.x_m[box[1]], whole.y_m[box[0]])
+    if config.drop_wrapped:
+        estimate = estimate.without(estimate.wrapped)
     for count in range(3, len(config.ladder_hz) + 1):
         estimate = estimate.smoothed(config.coarse_filter_px, config.weighted)
         for _ in range(config.fine_refinements):
@@ -146,7 +149,8 @@ class _Ladder:
 
 
 def _ladder(capture: RadarCapture, config: TwoToneConfig | RefinedConfig, frame: int) -> _Ladder:
-    return _Ladder(*capture.tones(config.ladder_hz, frame), capture.aperture, config.tolerance)
+    samples, frequencies_hz = capture.tones(config.ladder_hz, frame)
+    return _Ladder(near_one(samples), frequencies_hz, capture.aperture, config.tolerance)
 
 
 def _coarse(pair: _Ladder, config: FskConfig) -> _Estimate:
@@ -163,8 +167,15 @@ def _coarse(pair: _Ladder, config: FskConfig) -> _Estimate:
             break
     seen = amplitude_db(amplitude) >= config.threshold_db
     factor = stretch(grid.points_at_m(np.flatnonzero(seen), z_e), pair.aperture, config.off_axis)
-    step = pair.steps(images[:, seen], factor, seen.reshape(grid.shape))
-    return replace(step, z_m=z_e + step.z_m, amplitude=amplitude.reshape(grid.shape))
+    on_target = seen.reshape(grid.shape)
+    step = pair.steps(images[:, seen], factor, on_target)
+    z_m, amplitude = z_e + step.z_m, amplitude.reshape(grid.shape)
+    ambiguity_m = _on_map(on_target, SPEED_OF_LIGHT_M_S / (4 * reach_hz(pair.frequencies_hz)) * factor)
+    noise = incoherent(step.sigma_m(config), ambiguity_m)
+    if np.count_nonzero(noise) > NOISY * np.count_nonzero(on_target):  # what is stronger is but the noise's peaks
+        noise = on_target
+    behind_the_array = z_m <= 0  # a depth of another period
+    return replace(step, z_m=z_m, amplitude=amplitude, wrapped=noise | behind_the_array)
 
 
 def _refined(ladder: _Ladder, before: _Estimate, grid: PixelGrid, config: RefinedConfig) -> _Estimate:

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import hashlib
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from threading import Lock
 from typing import Any
 
@@ -28,6 +29,7 @@ from radar.grid import VoxelGrid
 from radar.memory import require_memory
 from radar.parallel import one_blas_thread
 from radar.progress import track
+from radar.stopwatch import imaging
 from radar.tree import Box, Family, clusters, crowded
 from radar.volume import VolumePlan, strongest_voxels
 
@@ -39,6 +41,18 @@ _plans: OrderedDict[bytes, Any] = OrderedDict()
 _lock = Lock()
 
 
+@contextmanager
+def fresh_plans() -> Iterator[None]:
+    """Begin without a plan, as a new process does, and drop those made in the block when it ends."""
+    global _plans
+    before, _plans = _plans, OrderedDict()
+    try:
+        yield
+    finally:
+        _plans = before
+
+
+@imaging
 def image_points(
     samples: np.ndarray,
     frequencies_hz: np.ndarray,
@@ -66,6 +80,7 @@ def image_points(
     return images.reshape(shape)
 
 
+@imaging
 def image_volume(
     samples: np.ndarray,
     frequencies_hz: np.ndarray,
@@ -90,6 +105,7 @@ def image_volume(
     return plan.volumes(samples, grid.z_m, carrier).reshape(shape)
 
 
+@imaging
 def project_volume(
     samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, tolerance: float | None
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import correlate1d
 
 
 def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = None) -> np.ndarray:
@@ -19,12 +19,19 @@ def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = No
 
 
 def _masked_mean(values: np.ndarray, known: np.ndarray, size_px: int, weight: np.ndarray | None) -> np.ndarray:
-    offset = values[known].mean()  # keeps the running sums small, so that they lose no digits
+    offset = values[known].mean()  # keeps the sums small, so that they lose no digits
     weight = known.astype(np.float64) if weight is None else np.where(known, weight / weight[known].max(), 0.0)
-    total = uniform_filter(weight * np.where(known, values - offset, 0.0), size_px, mode="constant")
-    count = uniform_filter(weight, size_px, mode="constant")
+    total = _window_sum(weight * np.where(known, values - offset, 0.0), size_px)
+    count = _window_sum(weight, size_px)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(known, offset + total / count, np.nan)
+
+
+def _window_sum(values: np.ndarray, size_px: int) -> np.ndarray:
+    """Each window's sum by itself: a running sum would carry the rounding of strong pixels on to weak ones."""
+    for axis in (0, 1):
+        values = correlate1d(values, np.ones(size_px), axis, mode="constant")
+    return values
 
 
 def bounding_box(mask: np.ndarray) -> tuple[slice, slice]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
-from radar.capture import RadarCapture
+from radar.capture import RadarCapture, near_one
 from radar.config import Config
 from radar.depthmap import DepthMap, amplitude_db
 from radar.fsk_config import PAPER_LATERAL
@@ -66,7 +66,7 @@ def volume(capture: RadarCapture, config: BroadbandConfig | NarrowbandConfig, fr
 def project(capture: RadarCapture, config: BroadbandConfig | NarrowbandConfig, method: str, frame: int = 0) -> DepthMap:
     """`maximum_projection` of the configured voxels, which are never held all at once."""
     samples, frequencies_hz = capture.tones(config.tones_hz(), frame)
-    peaks = project_volume(samples, frequencies_hz, capture.aperture, config.grid(), config.tolerance)
+    peaks = project_volume(near_one(samples), frequencies_hz, capture.aperture, config.grid(), config.tolerance)
     return maximum_projection(Peaks(*peaks), config, method)
 
 

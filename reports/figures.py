@@ -2,39 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import matplotlib
 
-from bench.results import Result, atomic_path
+from bench.results import CaptureFacts, Result, atomic_path
 from reports.charts import accuracy_against_time, error_distributions, repeats
 from reports.maps import depth_maps, error_maps
-from reports.style import STYLE, Picture
+from reports.style import AGAINST, STYLE, Picture, Saved
 
 
-def pictures(result: Result) -> Iterator[Picture]:
-    """Every picture that the result has the data for."""
-    scored = [capture for capture in result.scored() if result.about.methods]
+def overview(result: Result) -> Iterator[Picture]:
+    """The pictures of all captures together that the result has the data for."""
     if any(row.metric == "mae_mm" for row in result.rows):
         yield accuracy_against_time(result)
-    for capture in scored:
-        yield depth_maps(result, capture)
-        if capture.references:
-            yield error_maps(result, capture)
-    if any(capture.references for capture in scored):
+    if result.about.methods and any(capture.references for capture in result.scored()):
         yield error_distributions(result)
     if result.repeats:
         yield repeats(result)
 
 
-def save(result: Result, folder: Path) -> list[Picture]:
-    """Write STEM.png and STEM.pdf of every picture into `folder`."""
+def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
+    """One capture's pictures."""
+    if result.about.methods:
+        yield depth_maps(result, capture)
+        for reference in AGAINST:
+            if reference in capture.references:
+                yield error_maps(result, capture, reference)
+
+
+def save(pictures: Iterable[Picture], folder: Path) -> list[Saved]:
+    """Write STEM.png and STEM.pdf of every picture into `folder`; each figure is let go before the next is drawn."""
     saved = []
     with matplotlib.rc_context(STYLE):
-        for picture in pictures(result):
+        for picture in pictures:
             for suffix, metadata in ((".png", {}), (".pdf", {"CreationDate": None})):  # same data, same bytes
                 with atomic_path(folder / f"{picture.stem}{suffix}") as temporary:
                     picture.figure.savefig(temporary, metadata=metadata)
-            saved.append(picture)
+            saved.append(Saved(picture.stem, picture.caption, picture.alt, folder / f"{picture.stem}.png"))
     return saved

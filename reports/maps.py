@@ -14,8 +14,8 @@ from matplotlib.image import AxesImage
 from matplotlib.ticker import MaxNLocator
 
 from bench.results import CaptureFacts, Result, Surface
+from reports.blocks import floor_note
 from reports.style import AGAINST, Picture, methods, time_text
-from reports.tables import floor_note
 
 DEPTH_COLOURS, ERROR_COLOURS, EMPTY = "viridis_r", "RdBu_r", "#d9d9d9"
 ERROR_TICKS_MM = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
@@ -36,15 +36,13 @@ def depth_maps(result: Result, capture: CaptureFacts) -> Picture:
         name = {"truth": "true surface", "photogrammetry": "photogrammetry"}[truth]
         panels.insert(0, (f"ground truth\n({name})", result.surface(capture.name, truth)))
     photo = result.photo(capture.name)
-    box, norm = _box([surface for _, surface in panels]), _depth_scale(panels[0][1])
+    box, norm = _box([surface for _, surface in panels]), depth_scale(panels[0][1])
     rows = math.ceil(len(panels) / ABREAST)
     figure, axes, bar_axis = _panels(rows, math.ceil(len(panels) / rows), box, photo)
     for axis, (title, surface) in zip((axis for row in axes for axis in row), panels, strict=False):
         image = _draw(axis, surface, DEPTH_COLOURS, norm, box)
         axis.set_title(title)
-    _label(axes, ["y in mm"] * rows)
-    for axis in axes[-1][len(axes[0]) - (rows * len(axes[0]) - len(panels)) :]:
-        axis.set_axis_off()
+    _finish(axes, len(panels))
     figure.colorbar(image, cax=bar_axis, label="z in mm", extend="both")
     names = ", ".join(title.replace("\n", " ") for title, _ in panels)
     return Picture(
@@ -55,35 +53,40 @@ def depth_maps(result: Result, capture: CaptureFacts) -> Picture:
     )
 
 
-def error_maps(result: Result, capture: CaptureFacts) -> Picture:
-    """Signed errors: a row for each reference, a column for each method, one diverging scale for every capture."""
-    columns, references = methods(result), [r for r in AGAINST if r in capture.references]
-    maps = [[result.errors(capture.name, m.name, r) for m in columns] for r in references]
-    box = _box([Surface(e.x_m, e.y_m, e.reference_z_m) for row in maps for e in row])
-    norm = SymLogNorm(linthresh=1, linscale=0.6, vmin=-50, vmax=50)
-    figure, axes, bar_axis = _panels(len(maps), len(columns), box)
+def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture:
+    """Like the paper's Fig. 4: signed errors of every method, on one diverging scale for every capture."""
+    maps = [(method, result.errors(capture.name, method.name, reference)) for method in methods(result)]
+    box = _box([Surface(e.x_m, e.y_m, e.reference_z_m) for _, e in maps])
+    rows = math.ceil(len(maps) / ABREAST)
+    figure, axes, bar_axis = _panels(rows, math.ceil(len(maps) / rows), box)
     notes = []
-    for axis_row, map_row, reference in zip(axes, maps, references, strict=True):
-        for axis, errors, method in zip(axis_row, map_row, columns, strict=True):
-            image = _draw(axis, Surface(errors.x_m, errors.y_m, errors.error_m), ERROR_COLOURS, norm, box)
-            mae = _mae(errors.error_m)
-            title = f"{mae}, {time_text(result, method)}"
-            axis.set_title(f"{method.title}\n{title}" if reference == references[0] else title)
-            notes.append(f"{method.title} {AGAINST[reference]}: {mae}")
-    _label(axes, [f"{AGAINST[reference]}\ny in mm" for reference in references])
+    for axis, (method, errors) in zip((axis for row in axes for axis in row), maps, strict=False):
+        image = _draw(axis, Surface(errors.x_m, errors.y_m, errors.error_m), ERROR_COLOURS, error_scale(), box)
+        _outline(axis, errors.x_m, errors.y_m, errors.reference_z_m)
+        axis.set_title(f"{method.title}\n{mae_text(errors.error_m)}, {time_text(result, method)}")
+        notes.append(f"{method.title}: {mae_text(errors.error_m)}")
+    _finish(axes, len(maps))
     bar = figure.colorbar(image, cax=bar_axis, label="z − z_ref in mm", extend="both")
     bar.set_ticks(ERROR_TICKS_MM, labels=[f"{tick:+d}".replace("-", "−").replace("+0", "0") for tick in ERROR_TICKS_MM])
     bar.minorticks_off()
+    first = next(r for r in AGAINST if r in capture.references)
     return Picture(
-        f"error_{capture.name}",
-        f"Capture {capture.name}: signed errors; red lies behind the reference, blue before it, grey was not observed. "
-        f"The scale, the same for every capture, is linear within ±1 mm and logarithmic beyond.{floor_note(result)}",
-        f"Error maps of capture {capture.name}. {'; '.join(notes)}.",
+        f"error_{capture.name}" + ("" if reference == first else f"__{reference}"),
+        f"Capture {capture.name}: signed errors {AGAINST[reference]}; red lies behind the reference, blue before it, "
+        "grey was not observed; the line is the reference's outline. The scale, the same for every capture, is linear "
+        f"within ±1 mm and logarithmic beyond.{floor_note(result)}",
+        f"Error maps of capture {capture.name} {AGAINST[reference]}. {'; '.join(notes)}.",
         figure,
     )
 
 
-def _mae(error_m: np.ndarray) -> str:
+def error_scale() -> SymLogNorm:
+    """The scale of signed errors in mm, the same everywhere: linear within ±1 mm, logarithmic to ±50 mm."""
+    return SymLogNorm(linthresh=1, linscale=0.6, vmin=-50, vmax=50)
+
+
+def mae_text(error_m: np.ndarray) -> str:
+    """Mean absolute error of one map, in words."""
     seen = error_m[np.isfinite(error_m)]
     return f"MAE {1e3 * np.abs(seen).mean():.2f} mm" if len(seen) else "nothing observed"
 
@@ -129,8 +132,8 @@ def _box(surfaces: list[Surface], margin_mm: float = 8) -> Box:
     return x_mm.max() + margin_mm, x_mm.min() - margin_mm, y_mm.min() - margin_mm, y_mm.max() + margin_mm
 
 
-def _depth_scale(surface: Surface) -> Normalize:
-    """The surface's range and 2.5 mm more, rounded outwards to 5 mm."""
+def depth_scale(surface: Surface) -> Normalize:
+    """The scale of depths in mm: the surface's range and 2.5 mm more, rounded outwards to 5 mm."""
     z_mm = 1e3 * surface.z_m[np.isfinite(surface.z_m)]
     if not len(z_mm):
         return Normalize(0, 1)
@@ -157,10 +160,19 @@ def _edges_mm(centres_m: np.ndarray) -> tuple[float, float]:
     return 1e3 * (centres_m[0] - half_m), 1e3 * (centres_m[-1] + half_m)
 
 
-def _label(axes: list[list[Axes]], y_labels: list[str]) -> None:
-    """Numbers and names on the outer axes only."""
+def _finish(axes: list[list[Axes]], panels: int) -> None:
+    """Numbers and names on the outer axes only, and nothing where no panel is."""
     for axis in axes[-1]:
         axis.tick_params(labelbottom=True)
-    for (axis, *_), label in zip(axes, y_labels, strict=True):
+    for axis, *_ in axes:
         axis.tick_params(labelleft=True)
-        axis.set_ylabel(label)
+        axis.set_ylabel("y in mm")
+    for axis in [axis for row in axes for axis in row][panels:]:
+        axis.set_axis_off()
+
+
+def _outline(axis: Axes, x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> None:
+    """A thin line around what the reference covers: where a sparse map lies on the hand."""
+    covered = np.isfinite(z_m)
+    if covered.any() and not covered.all():
+        axis.contour(1e3 * x_m, 1e3 * y_m, covered, levels=[0.5], colors="0.35", linewidths=0.4)

@@ -1,198 +1,72 @@
-"""The table: ours beside the paper's, for Markdown, LaTeX, CSV, HTML and the terminal."""
+"""The tables of a result as Markdown, CSV and on the terminal (LaTeX: `reports.latex`)."""
 
 from __future__ import annotations
 
 import csv
-import html
 import io
-import math
-import re
 import statistics
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from bench.results import REFERENCES, Result, Row, Task
+from bench.results import Result, Setting, Task, Tradeoff
+from reports.blocks import NONE, Line, best_note, blocks, caption, figure, number, p_text, ratio, three_digits
+from reports.markdown import bold, escaped, table
 
-HEADINGS = {
-    "photogrammetry": "Scored against photogrammetry, as the paper does",
-    "truth": "Scored against the true surface (the paper's figures are against photogrammetry)",
-}
+if TYPE_CHECKING:
+    from rich.table import Table
+
 HEADLINE = ("mae_mm", "floor_mm", "max_mm", "completeness_percent", "precision_mm", "seconds")
-NONE = "–"
-
-
-@dataclass(frozen=True)
-class Line:
-    """One line of a block. title: with the unit, empty where the metric goes on; source: whose figures;
-    cells: one a method."""
-
-    metric: str
-    title: str
-    source: str
-    cells: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Block:
-    """The figures against one reference; methods: the titles of the columns."""
-
-    reference: str
-    heading: str
-    methods: tuple[str, ...]
-    lines: tuple[Line, ...]
-
-
-def blocks(result: Result) -> list[Block]:
-    """One block for each reference that the result was scored against."""
-    scored = {row.reference for row in result.rows}
-    return [_block(result, reference) for reference in REFERENCES if reference in scored]
-
-
-def _block(result: Result, reference: str) -> Block:
-    lines: list[Line] = []
-    for metric, facts in result.about.metrics.items():
-        rows = [result.row(metric, method.name, reference) for method in result.about.methods]
-        if any(rows):
-            lines += _lines(metric, f"{facts.title} ({facts.unit})", rows)
-    titles = tuple(method.title for method in result.about.methods)
-    return Block(reference, HEADINGS[reference], titles, tuple(lines))
-
-
-def _lines(metric: str, title: str, rows: list[Row | None]) -> list[Line]:
-    lines = [Line(metric, title, "ours", tuple(map(_ours, rows)))]
-    published = [row for row in rows if row and row.paper is not None]
-    if published:
-        lines.append(Line(metric, "", "paper", tuple(map(_paper, rows))))
-    if published and published[0].unit != "%":  # a ratio of percentages near 100 says nothing
-        lines.append(Line(metric, "", "ours / paper", tuple(_number(ratio(row), 2) for row in rows)))
-    return lines
-
-
-def ratio(row: Row | None) -> float | None:
-    """Ours over the paper's; None without either."""
-    if row is None or row.value is None or not row.paper:
-        return None
-    return row.value / row.paper
-
-
-def _ours(row: Row | None) -> str:
-    if row is None or row.value is None:
-        return NONE
-    decimals = _decimals(row)
-    value = _number(row.value, decimals)
-    if row.low is None or row.high is None:
-        return value
-    return f"{value} [{_number(row.low, decimals)}, {_number(row.high, decimals)}]"
-
-
-def _paper(row: Row | None) -> str:
-    return NONE if row is None or row.paper is None else _number(row.paper, 1 if row.unit == "mm" else 2)
-
-
-def _decimals(row: Row) -> int:
-    """Three significant digits; percentages always with two decimals, for they crowd below 100."""
-    if row.unit == "%":
-        return 2
-    return 0 if row.unit == "pixels" else _three_digits(row.value)
-
-
-def _three_digits(value: float | None) -> int:
-    """Decimals that show three significant digits, six at most."""
-    return min(max(2 - math.floor(math.log10(abs(value))), 0), 6) if value else 0
-
-
-def _number(value: float | None, decimals: int) -> str:
-    return NONE if value is None else f"{value:.{decimals}f}".replace("-", "−")
 
 
 def markdown(result: Result) -> str:
     """Every block as a Markdown table."""
-    parts = [f"# {_markdown(result.about.name)}\n", f"{_markdown(caption(result))}\n"]
-    for block in blocks(result):
+    found = blocks(result)
+    parts = [f"# {escaped(result.about.name)}\n", f"{escaped(caption(result) + best_note(found))}\n"]
+    for block in found:
         parts.append(f"## {block.heading}\n")
-        parts.append(_markdown_line(("metric", "", *block.methods)))
-        parts.append("|---|---|" + "--:|" * len(block.methods))
-        parts += [_markdown_line((line.title, line.source, *line.cells)) for line in block.lines]
-        parts.append("")
+        headings = ("metric", "", *map(escaped, block.methods))
+        parts.append(table(headings, (_markdown_cells(line) for line in block.lines), texts=2))
     return "\n".join(parts)
 
 
-def _markdown_line(cells: tuple[str, ...]) -> str:
-    return "| " + " | ".join(map(_markdown, cells)) + " |"
+def _markdown_cells(line: Line) -> tuple[str, ...]:
+    best = line.best or (False,) * len(line.cells)
+    cells = (bold(escaped(cell)) if star else escaped(cell) for cell, star in zip(line.cells, best, strict=True))
+    return (escaped(line.title), escaped(line.source), *cells)
 
 
-def _markdown(text: str) -> str:
-    return re.sub(r"([\\`*_\[\]|#~$])", r"\\\1", html.escape(" ".join(text.split()), quote=False))
-
-
-def caption(result: Result) -> str:
-    """What the figures stand on, in one sentence."""
-    captures = ", ".join(capture.name for capture in result.scored())
-    floor = ""
-    if any(row.metric == "floor_mm" for row in result.rows):  # results of earlier versions have none
-        floor = (
-            "ground-truth floor: the MAE that a perfect radar would show, because the reference errs itself, and where "
-            "it would lie in 95 % of all draws of that error; "
-        )
-    refined = result.about.facts.get("refined_transforms", {})
-    warning = "".join(f" The transform of {name} was {reason}." for name, reason in refined.items())
+def comparisons_markdown(result: Result) -> str:
+    """Every tested difference: in words, with its p and size. Empty where nothing was compared."""
+    if not result.comparisons:
+        return ""
+    lines = (
+        (escaped(c.sentence), c.reference, p_text(c.p_corrected), number(c.effect, 2), str(c.n_captures))
+        for c in result.comparisons
+    )
     return (
-        f"Pixels pooled over the captures {captures}; in brackets the 95 % confidence interval; {floor}"
-        f"time per frame on the machine named in the result.{warning}"
+        f"# {escaped(result.about.name)}: which method is better\n\n"
+        "In brackets the 95 % confidence interval; p corrected for all pairs of a metric (Holm); effect: the "
+        "difference over the standard deviation of the paired differences.\n\n"
+        + table(("", "against", "p", "effect", "captures"), lines, texts=2)
     )
 
 
-def floor_note(result: Result) -> str:
-    """A sentence for the captions of pictures that show an MAE, with a blank before it: the floors that are known and
-    not zero, the largest of the methods'. Empty without one."""
-    floors = dict.fromkeys(REFERENCES, 0.0)
-    for row in result.rows:
-        if row.metric == "floor_mm" and row.reference in floors:
-            floors[row.reference] = max(floors[row.reference], row.value or 0.0)
-    known = ", ".join(f"{_number(v, _three_digits(v))} mm against {reference}" for reference, v in floors.items() if v)
-    return f" Ground-truth floor, the MAE of a perfect radar: {known}." if known else ""
+def tradeoff_markdown(tradeoff: Tradeoff) -> str:
+    """What each setting costs and buys, a table a section; bold: the front, which no other setting beats in both."""
+    parts = [f"# {escaped(tradeoff.facts.name)}: accuracy against time\n", "Bold: no other setting is both faster and "
+             "more accurate. In brackets the 95 % confidence interval, and of times the range of the repeats.\n"]
+    for section in tradeoff.facts.sections:
+        parts.append(f"## {escaped(section.title)}\n")
+        parts.append(f"{escaped(section.metric)}: {escaped(section.definition)}; seconds: {escaped(section.seconds)}\n")
+        headings = ("setting", f"{escaped(section.metric)} ({escaped(section.unit)})", "time (s)", "× reference")
+        parts.append(table(headings, map(_setting, tradeoff.section(section.name))))
+    return "\n".join(parts)
 
 
-def latex(result: Result) -> str:
-    """Every block as a LaTeX table; the document needs booktabs and UTF-8."""
-    return "\n".join(_latex_block(result, block) for block in blocks(result))
-
-
-def _latex_block(result: Result, block: Block) -> str:
-    body = []
-    for line in block.lines:
-        if line.title and body:
-            body.append(r"\addlinespace")
-        body.append(_latex_line((line.title, line.source, *line.cells)))
-    return "\n".join([
-        r"% needs \usepackage{booktabs}",
-        r"\begin{table*}",
-        r"\centering",
-        rf"\caption{{{_latex(result.about.name)}. {_latex(block.heading)}. {_latex(caption(result))}}}",
-        rf"\begin{{tabular}}{{ll{'r' * len(block.methods)}}}",
-        r"\toprule",
-        _latex_line(("Metric", "", *block.methods)),
-        r"\midrule",
-        *body,
-        r"\bottomrule",
-        r"\end{tabular}",
-        r"\end{table*}",
-        "",
-    ])
-
-
-def _latex_line(cells: tuple[str, ...]) -> str:
-    return " & ".join(map(_latex, cells)) + r" \\"
-
-
-LATEX = {
-    "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_",
-    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}",
-    "|": r"\textbar{}", '"': "''", "−": "$-$", "–": "--", "[": "{[}", "]": "{]}",
-}
-
-
-def _latex(text: str) -> str:
-    return "".join(LATEX.get(character, character) for character in " ".join(text.split()))
+def _setting(s: Setting) -> tuple[str, ...]:
+    title = bold(escaped(s.title)) if s.on_front else escaped(s.title)
+    error, seconds = figure(s.error, s.low, s.high, s.unit), figure(s.seconds, s.seconds_low, s.seconds_high, "s")
+    return title, escaped(error), escaped(seconds), number(s.ratio, three_digits(s.ratio))
 
 
 def csv_text(result: Result) -> str:
@@ -241,31 +115,39 @@ def stages(result: Result) -> list[Stage]:
 
 def _median(values: list[float | None]) -> str:
     known = [value for value in values if value is not None]
-    return _number(statistics.median(known), _three_digits(statistics.median(known))) if known else NONE
+    return number(statistics.median(known), three_digits(statistics.median(known))) if known else NONE
 
 
 def show(result: Result) -> None:
     """Print the headline figures on stdout, as wide as they need."""
-    from rich.console import Console
-
-    console = Console(highlight=False)
-    if not console.is_terminal:  # a pipe or a file has no width to keep to
-        console.width = 200
+    console = wide_console()
     for block in blocks(result):
-        console.print(_terminal(block))
+        lines = [line for line in block.lines if line.metric in HEADLINE]
+        cells = [(line.title, line.source, *line.cells) for line in lines]
+        console.print(terminal_table(block.heading, ("", "", *block.methods), cells))
     for failure in result.about.failures:
         console.print(failure.line, markup=False)
 
 
-def _terminal(block: Block):
+def wide_console():
+    """A rich console on stdout; a pipe or a file has no width to keep to."""
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = 200
+    return console
+
+
+def terminal_table(heading: str, columns: tuple[str, ...], lines: list[tuple[str, ...]]) -> Table:
+    """A rich table; columns without a heading are texts, the others numbers."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=Text(block.heading), title_justify="left", box=box.SIMPLE, pad_edge=False)
-    for heading in ("", "", *block.methods):
-        table.add_column(Text(heading), justify="right" if heading else "left")
-    for line in block.lines:
-        if line.metric in HEADLINE:
-            table.add_row(*map(Text, (line.title, line.source, *line.cells)))
-    return table
+    grid = Table(title=Text(heading), title_justify="left", box=box.SIMPLE, pad_edge=False)
+    for column in columns:
+        grid.add_column(Text(column), justify="right" if column else "left")
+    for cells in lines:
+        grid.add_row(*map(Text, cells))
+    return grid

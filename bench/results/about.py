@@ -36,13 +36,15 @@ class MetricFacts(Config):
 
 
 class CaptureFacts(Config):
-    """One capture: scored pixel by pixel against `references`, or repeated for the precision."""
+    """One capture: scored pixel by pixel against `references`, or repeated for the precision. effects: of a simulated
+    capture, the rows of its capture.toml: what its echoes show, and what that cost."""
 
     name: Name
     kind: Literal["accuracy", "precision"] = "accuracy"
     pose: str | None = None
     distance_m: float | None = None
     references: tuple[Reference, ...] = ()
+    effects: tuple[dict[str, Any], ...] = ()
 
 
 class MethodFacts(Config):

@@ -33,7 +33,8 @@ class Setting:
     seconds_high]: median over the interleaved repeats and their range; ratio: seconds over those of the section's
     reference setting, of the same run. Parts of an image's time: acquisition_s (tones × step time), plan_s (once a
     geometry), imaging_s, extraction_s. operations: complex multiplications and additions, by count. dominated_by: a
-    setting that is at least as fast and as accurate, and better in one; empty on the front.
+    setting that is at least as fast and as accurate, and better in one; empty on the front. on_method_front: no setting
+    of the same method dominates it.
     """
 
     section: str
@@ -57,6 +58,7 @@ class Setting:
     peak_memory_mb: float | None
     on_front: bool
     dominated_by: str
+    on_method_front: bool = False
 
 
 class Section(Config):

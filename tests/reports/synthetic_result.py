@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -124,4 +125,47 @@ def about(
         captures=(*scored, *repeated),
         methods=tuple(results.MethodFacts(name=m, title=facts[0]) for m, facts in methods.items()),
         facts={"noise": {"sigma_phi_rad": 0.03}, "groundtruth_sigma_rms": budgets},
+    )
+
+
+def write_synthetic_tradeoff(folder: Path, name: str = "synthetic", tolerances: int = 4) -> Path:
+    """Write a trade-off of two sections: images whose error falls as their time grows, and meshes without parts."""
+    imaging = [
+        setting(method, tolerance, mm * (1 + 30 * tolerance**0.5), seconds * tolerance**-0.15, front=method == "3fsk")
+        for method, mm, seconds in (("2fsk", 6, 0.013), ("3fsk", 0.9, 0.012), ("broadband", 1.9, 0.1))
+        for tolerance in np.geomspace(1e-5, 1e-2, tolerances)
+    ]
+    meshes = [setting("", views, 0.3 / views**0.5, 3.0 * views, section="groundtruth") for views in (4, 8, 16)]
+    sections = tuple(
+        results.Section(
+            name=section, title=title, metric=metric, unit="mm", definition="mean of |z − z_ref|", reference=reference,
+            seconds="from files to the result",
+        )
+        for section, title, metric, reference in (
+            ("imaging", "Imaging", "mae_mm", imaging[0].name),
+            ("groundtruth", "Photogrammetry", "rms_mm", meshes[0].name),
+        )
+    )
+    claims = (results.Claim(text="3-FSK takes a thousandth", paper=1000.0, counted=740.0, measured=31.5, note="both"),)
+    facts = results.TradeoffFacts(
+        name=name, scored_against="truth", sections=sections, claims=claims, captures=("B",), versions={"numpy": "2"}
+    )
+    results.write_tradeoff(folder, facts, [*imaging, *meshes])
+    return folder
+
+
+def setting(
+    method: str, knob: float, error_mm: float, seconds: float, section: str = "imaging", front: bool = True
+) -> results.Setting:
+    """One line of a trade-off; what has a method tells the parts of its time."""
+    parts = (0.003, 2.0, 0.7 * seconds, 0.3 * seconds) if method else (None,) * 4
+    title = METHODS[method][0] if method else "photographs"
+    return results.Setting(
+        section=section, name=f"{method or 'views'}-{knob:.3g}", title=f"{title}, {knob:.2g}",
+        knobs=json.dumps({"method": method, "tolerance": knob} if method else {"views": knob}),
+        metric="mae_mm", error=error_mm, low=0.8 * error_mm, high=1.3 * error_mm, unit="mm",
+        seconds=seconds, seconds_low=0.9 * seconds, seconds_high=1.2 * seconds, ratio=seconds / 0.3,
+        **dict(zip(("acquisition_s", "plan_s", "imaging_s", "extraction_s"), parts, strict=True)),
+        operations=1e9 * seconds if method else None, peak_memory_mb=300.0, on_front=front,
+        dominated_by="" if front else "3fsk-1e-05",
     )

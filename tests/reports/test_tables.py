@@ -6,12 +6,16 @@ import csv
 import io
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from synthetic_result import METHODS, write_synthetic
 
 from bench import results
-from reports import tables
+from bench.comparison import Comparison
+from bench.results import Section, Setting, Tradeoff, TradeoffFacts
+from reports import blocks as parts
+from reports import latex, tables
 
 EVIL = '<b>50%_of$x & {y} \\ #^~|[z]"</b>'
 
@@ -28,13 +32,13 @@ def evil(result):
     return replace(result, about=result.about.model_copy(update={"methods": methods, "name": EVIL}))
 
 
-def cells(block: tables.Block, metric: str, source: str) -> tuple[str, ...]:
+def cells(block: parts.Block, metric: str, source: str) -> tuple[str, ...]:
     (line,) = (line for line in block.lines if (line.metric, line.source) == (metric, source))
     return line.cells
 
 
 def test_two_blocks_with_the_papers_figures(result):
-    blocks = tables.blocks(result)
+    blocks = parts.blocks(result)
     assert [block.reference for block in blocks] == ["photogrammetry", "truth"]
     for block in blocks:
         assert block.methods == ("2-FSK", "3-FSK", "Broadband", "Narrowband")
@@ -45,7 +49,7 @@ def test_two_blocks_with_the_papers_figures(result):
 
 def test_ours_ratio_and_time_are_the_results(result):
     row = result.row("mae_mm", "2fsk", "truth")
-    block = tables.blocks(result)[1]
+    block = parts.blocks(result)[1]
     ours = cells(block, "mae_mm", "ours")[0]
     assert [float(number) for number in re.findall(r"[\d.]+", ours)] == pytest.approx(
         [row.value, row.low, row.high], abs=0.006
@@ -56,21 +60,21 @@ def test_ours_ratio_and_time_are_the_results(result):
 
 def test_the_floor_stands_directly_under_the_mae(result):
     """Against photogrammetry it is √(2/π)·√(0.05² + 0.15²) = 0.126 mm for every method; the truth has none."""
-    for block in tables.blocks(result):
+    for block in parts.blocks(result):
         lines = [(line.metric, line.source) for line in block.lines[:4]]
         assert lines == [("mae_mm", "ours"), ("mae_mm", "paper"), ("mae_mm", "ours / paper"), ("floor_mm", "ours")]
         assert block.lines[3].title == "ground-truth floor (mm)"
-    photogrammetry, truth = (cells(block, "floor_mm", "ours") for block in tables.blocks(result))
-    assert all(re.fullmatch(r"0\.126 \[0\.0\d+, 0\.\d+\]", cell) for cell in photogrammetry)
+    photogrammetry, truth = (cells(block, "floor_mm", "ours") for block in parts.blocks(result))
+    assert all(re.fullmatch(r"0\.13 \[0\.0\d, 0\.\d\d\]", cell) for cell in photogrammetry)
     assert set(truth) == {"0"}
 
 
 def test_captions_explain_the_floor_where_there_is_one(result):
-    assert "a perfect radar would show" in tables.caption(result)
+    assert "a perfect radar would show" in parts.caption(result)
     note = " Ground-truth floor, the MAE of a perfect radar: 0.126 mm against photogrammetry."
-    assert tables.floor_note(result) == note
-    for render in (tables.markdown, tables.latex):
-        assert render(result).count("ground-truth floor (mm)") == 2 and "a perfect radar" in render(result)
+    assert parts.floor_note(result) == note
+    for render, title in ((tables.markdown, "ground-truth floor (mm)"), (latex.latex, "ground-truth floor /")):
+        assert render(result).count(title) == 2 and "a perfect radar" in render(result)
 
 
 def test_results_of_earlier_versions_have_no_floor(result):
@@ -78,32 +82,79 @@ def test_results_of_earlier_versions_have_no_floor(result):
     metrics = {key: facts for key, facts in result.about.metrics.items() if key != "floor_mm"}
     rows = tuple(row for row in result.rows if row.metric != "floor_mm")
     old = replace(result, rows=rows, about=result.about.model_copy(update={"metrics": metrics}))
-    assert all(line.metric != "floor_mm" for block in tables.blocks(old) for line in block.lines)
-    assert tables.floor_note(old) == ""
-    assert not any("floor" in render(old) for render in (tables.markdown, tables.latex, tables.csv_text))
+    assert all(line.metric != "floor_mm" for block in parts.blocks(old) for line in block.lines)
+    assert parts.floor_note(old) == ""
+    assert not any("floor" in render(old) for render in (tables.markdown, latex.latex, tables.csv_text))
 
 
 def test_an_unknown_floor_is_a_dash(result):
     rows = tuple(replace(r, value=None, low=None, high=None) if r.metric == "floor_mm" else r for r in result.rows)
     unknown = replace(result, rows=rows)
-    assert set(cells(tables.blocks(unknown)[0], "floor_mm", "ours")) == {"–"}
-    assert tables.floor_note(unknown) == ""
+    assert set(cells(parts.blocks(unknown)[0], "floor_mm", "ours")) == {"–"}
+    assert parts.floor_note(unknown) == ""
 
 
 def test_what_was_not_measured_is_a_dash(result):
     rows = tuple(replace(row, value=None, low=None, high=None) for row in result.rows)
-    block = tables.blocks(replace(result, rows=rows))[0]
+    block = parts.blocks(replace(result, rows=rows))[0]
     assert set(cells(block, "mae_mm", "ours")) == {"–"}
     assert set(cells(block, "mae_mm", "ours / paper")) == {"–"}
 
 
 @pytest.mark.parametrize(("value", "unit", "text"), [
     (4.931, "mm", "4.93"), (0.08191, "s", "0.0819"), (43.36, "s", "43.4"), (1234.5, "s", "1234"),
-    (-0.4, "mm", "−0.400"), (99.987, "%", "99.99"), (28771, "pixels", "28771"), (0.0, "mm", "0"),
+    (-0.4, "mm", "−0.400"), (99.987, "%", "99.99"), (28771, "pixels", "28771"), (0.0, "mm", "0"), (None, "mm", "–"),
 ])
 def test_figures_have_three_digits(value, unit, text):
-    row = results.Row("any", "m", value, None, None, unit, None, "truth")
-    assert tables._ours(row) == text
+    assert parts.figure(value, None, None, unit) == text
+
+
+@pytest.mark.parametrize(("value", "half", "unit", "text"), [
+    (0.8721, 0.49, "mm", "0.87 [0.38, 1.36]"), (5.9463, 0.47, "mm", "5.95 [5.48, 6.42]"), (0.0412, 0.0004, "mm",
+    "0.0412 [0.0408, 0.0416]"), (42.6, 15.0, "mm", "42.6 [27.6, 57.6]"), (43.36, 12.0, "s", "43 [31, 55]"),
+    (97.97, 0.01, "%", "97.97 [97.96, 97.98]"), (0.5, 0.0, "mm", "0.500 [0.500, 0.500]"),
+])
+def test_an_interval_says_how_many_digits_are_worth_showing(value, half, unit, text):
+    assert parts.figure(value, value - half, value + half, unit) == text
+
+
+def compared(result: results.Result, p: float) -> results.Result:
+    """broadband has the best MAE against the truth, 2-FSK and narrowband are worse with this p, 3-FSK with 0.3."""
+    lines = tuple(
+        Comparison("mae_mm", "broadband", worse, 1.0, 0.5, 1.5, "mm", chance, 2.0, "truth", 3, 30, f"<b> {worse} |")
+        for worse, chance in (("2fsk", p), ("3fsk", 0.3), ("narrowband", p))
+    )
+    return replace(result, comparisons=lines)
+
+
+def test_only_what_a_test_stands_behind_stands_out(result):
+    found = {
+        (block.reference, line.metric): line.best
+        for block in parts.blocks(compared(result, 1e-4)) for line in block.lines if any(line.best)
+    }
+    assert found == {("truth", "mae_mm"): (False, True, True, False)}
+    text = tables.markdown(compared(result, 1e-4))
+    assert text.count("**") == 4 and "not shown to be worse" in text
+    for other in (result, compared(result, 0.2)):
+        assert "**" not in tables.markdown(other) and "Bold" not in tables.markdown(other)
+
+
+def test_comparisons_are_sentences_with_their_p(result):
+    text = tables.comparisons_markdown(compared(result, 1e-4))
+    assert "| &lt;b&gt; 2fsk \\| | truth | < 0.001 | 2.00 | 3 |" in text and "| 0.30 |" in text
+    assert tables.comparisons_markdown(result) == ""
+
+
+def test_the_front_of_a_trade_off_is_bold():
+    words = {"metric": "error", "definition": "d", "seconds": "s", "reference": "a"}
+    section = Section(name="imaging", title="*x*", unit="mm", **words)
+    facts = TradeoffFacts(name="sweep", scored_against="truth", sections=(section,))
+    known = Setting("imaging", "a", "a|b", "{}", "error", 0.5, 0.4, 0.61, "mm", 0.031, 0.03, 0.04, 1.0, *(None,) * 6,
+                    True, "")
+    beaten = replace(known, title="b", error=None, seconds=None, ratio=None, on_front=False)
+    text = tables.tradeoff_markdown(Tradeoff(Path(), facts, (known, beaten)))
+    assert "| **a\\|b** | 0.50 \\[0.40, 0.61\\] | 0.0310 \\[0.0300, 0.0400\\] | 1.00 |" in text
+    assert "| b | – | – | – |" in text and "## \\*x\\*" in text
 
 
 def test_markdown_is_a_table_and_escapes(result, evil):
@@ -114,18 +165,6 @@ def test_markdown_is_a_table_and_escapes(result, evil):
     assert "<b>" not in tables.markdown(evil)
     columns = {len(re.findall(r"(?<!\\)\|", line)) for line in tables.markdown(evil).splitlines() if line[:1] == "|"}
     assert columns == {7}
-
-
-def test_latex_uses_booktabs_and_escapes(evil):
-    text = tables.latex(evil)
-    for word in (r"\toprule", r"\midrule", r"\bottomrule", r"\begin{tabular}{llrrrr}"):
-        assert text.count(word) == 2
-    assert r"50\%\_of\$x \& \{y\} \textbackslash{} \#\textasciicircum{}\textasciitilde{}" in text
-    body = re.sub(r"%.*needs.*", "", text)
-    bare = re.sub(r"\\textbackslash\{\}|\\[%_$&{}#]", "", body)
-    assert bare.count("{") == bare.count("}")
-    assert not re.search(r"[%#_^~<>|]", bare)
-    assert {line.count("&") for line in bare.splitlines() if line.endswith(r"\\")} == {5}
 
 
 def test_csv_carries_ratio_and_time(result):
@@ -157,5 +196,5 @@ def test_terminal_table_prints_names_as_they_are(evil, capsys):
 def test_one_reference_makes_one_block(tmp_path):
     methods = {"3fsk": METHODS["3fsk"]}
     result = results.load(write_synthetic(tmp_path, captures=("B",), methods=methods, references=("truth",)))
-    (block,) = tables.blocks(result)
+    (block,) = parts.blocks(result)
     assert block.reference == "truth" and block.methods == ("3-FSK",)

@@ -1,0 +1,72 @@
+"""What two results do not share: configuration, settings of the methods, versions, machines, inputs."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from bench.results import Result
+from bench.results.compared import Change
+
+HASH_CHARACTERS = 12  # tell two hashes apart
+
+
+def changes(a: Result, b: Result) -> list[Change]:
+    """Every key whose value differs, or that only one of them has (the other's: empty)."""
+    kinds = (
+        ("configuration", _configuration(a), _configuration(b)),
+        ("settings", _settings(a, b), _settings(b, a)),
+        ("version", a.about.versions, b.about.versions),
+        ("machine", _flat(a.about.machine), _flat(b.about.machine)),
+        ("input", _inputs(a), _inputs(b)),
+    )
+    return [
+        Change(what, key, str(ours.get(key, "")), str(theirs.get(key, "")))
+        for what, ours, theirs in kinds
+        for key in dict.fromkeys((*ours, *theirs))
+        if ours.get(key) != theirs.get(key)
+    ]
+
+
+def _configuration(result: Result) -> dict[str, Any]:
+    try:
+        return _flat(tomllib.loads(result.config))
+    except tomllib.TOMLDecodeError:  # a record, not an input: that it cannot be read must not hide the figures
+        return {"config.toml": "not readable as TOML"}
+
+
+def _settings(result: Result, other: Result) -> dict[str, str]:
+    """The resolved settings of the methods that both have; of captures that differ in one, every value."""
+    shared = {method.name for method in other.about.methods}
+    values: dict[str, list[str]] = {}
+    for method in result.about.methods:
+        for config in method.config.values() if method.name in shared else ():
+            for key, value in _flat(config if isinstance(config, dict) else {"": config}).items():
+                values.setdefault(f"{method.name}.{key}", []).append(str(value))
+    return {key: " / ".join(dict.fromkeys(texts)) for key, texts in values.items()}
+
+
+def _inputs(result: Result) -> dict[str, str]:
+    return {name: digest[:HASH_CHARACTERS] for name, digest in result.about.inputs.items()}
+
+
+def _flat(value: Any) -> dict[str, Any]:
+    """Leaves of nested tables and of lists of tables, by dotted key."""
+    return dict(_leaves(value, ""))
+
+
+def _leaves(value: Any, key: str) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, Mapping):
+        for name, item in value.items():
+            yield from _leaves(item, f"{key}.{name}" if key else str(name))
+    elif isinstance(value, list) and value and all(isinstance(item, Mapping) for item in value):
+        for place, item in enumerate(value):
+            yield from _leaves(item, f"{key}.{_label(item, place)}")
+    else:
+        yield key, value
+
+
+def _label(item: Mapping[str, Any], place: int) -> Any:
+    """What names a table in a list: a method by its id, a capture by its file."""
+    return next((item[name] for name in ("id", "name", "scene", "path") if name in item), place)

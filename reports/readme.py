@@ -1,0 +1,210 @@
+"""The README's table, made from a result, and found when it is stale.
+
+    python -m reports.readme [RESULT] --check     is the README what was recorded (and what RESULT says)?
+    python -m reports.readme RESULT --write       renew the table, its record docs/table.json, and the figure
+
+The record holds what the table shows and what it was made from. The README must be the record's rendering, its figure
+and the scenes those that the record names; a fresh result must agree with it to a unit of the last digit that is
+printed. Times are left out of that: they are the machine's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import re
+import shutil
+import sys
+import tomllib
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from bench.results import HandbenchError, Result, Row, atomic_path, load
+from reports.blocks import NONE, decimals, interval, number, outstanding, paper
+from reports.markdown import bold, escaped, table
+
+ROOT = Path(__file__).parents[1]
+REFERENCE = "photogrammetry"
+METRICS = ("mae_mm", "floor_mm", "max_mm", "precision_mm", "seconds")
+WITH_INTERVAL = ("mae_mm", "floor_mm", "precision_mm")
+METHODS = {  # the columns, and what ours are called
+    "2fsk": "2-FSK", "3fsk": "3-FSK", "broadband": "broadband", "narrowband": "narrowband", "3fsk-plus": "3-FSK plus",
+    "nfsk-plus": "ladder of five tones",
+}
+FITTED = ("precision_mm", "2fsk")  # the figure to which the benchmark's phase noise was fitted
+SAID = (("3fsk", "2fsk"), ("3fsk", "broadband"))  # comparisons of the MAE that stand under the table
+FIGURES = {"docs/depth_F.png": "report/figures/depth_F.png"}  # the README's, and where a result's report has it
+MACHINE = ("processor", "cores", "memory_gb", "gemm_gflops", "imaging_device")
+SCENES = "bench/benchmarks"
+BLOCK = re.compile(r"(<!-- table: begin -->\n)(.*?)(<!-- table: end -->)", re.DOTALL)
+
+
+def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
+    """What the table shows, and what it was made from."""
+    rows = [result.row(metric, method, REFERENCE) for metric in METRICS for method in METHODS]
+    undefined = set(METRICS) - result.about.metrics.keys()
+    if undefined or all(row is None or row.value is None for row in rows):
+        raise HandbenchError(f"{result.folder}: has no figure of the README's table; expected a run of paper_table")
+    return {
+        "name": result.about.name,
+        "protocol": {key: result.about.protocol.get(key) for key in ("id", "version")},
+        "config": result.config,
+        "scenes": _scenes(root, result.config),
+        "machine": {key: result.about.machine.get(key) for key in MACHINE},
+        "versions": result.about.versions,
+        "metrics": {key: result.about.metrics[key].model_dump() for key in METRICS},
+        "rows": [asdict(row) for row in rows if row],
+        "best": {metric: sorted(outstanding(result, metric, REFERENCE)) for metric in METRICS},
+        "sentences": [
+            c.sentence for c in result.comparisons
+            if (c.metric, c.reference) == ("mae_mm", REFERENCE) and {c.better, c.worse} in map(set, SAID)
+        ],
+        "figures": {name: _sha256(result.folder / source) for name, source in FIGURES.items()},
+    }
+
+
+def render(recorded: dict[str, Any]) -> str:
+    """The lines between the README's markers."""
+    rows = {(line["metric"], line["method"]): Row(**line) for line in recorded["rows"]}
+    machine = recorded["machine"]
+    device = "no GPU" if machine["imaging_device"] == "cpu" else f"imaged on {machine['imaging_device']}"
+    lines = []
+    for metric in METRICS:
+        facts, stars = recorded["metrics"][metric], recorded["best"][metric]
+        cells = (_cell(rows.get((metric, method)), method in stars) for method in METHODS)
+        lines.append((f"{facts['title']} ({facts['unit']})", *cells))
+    sentences = "; ".join(map(escaped, recorded["sentences"]))
+    return (
+        "Against photogrammetry, as in the paper; in brackets the 95 % confidence interval, in italics the paper's "
+        "figure, in bold the best\nMAE and all that are not shown to be worse. "
+        f"{machine['cores']} cores of an {escaped(str(machine['processor']))}, {escaped(device)}.\n\n"
+        + table(("", *METHODS.values()), lines)
+        + (f"\nTested on the pixels that each observes: {sentences}.\n" if sentences else "")
+    )
+
+
+def _cell(row: Row | None, star: bool) -> str:
+    if row is None or row.value is None:
+        return NONE
+    places = decimals(row.value, row.low, row.high, row.unit)
+    value = number(row.value, places)
+    parts = [bold(value) if star else value]
+    if (row.metric, row.method) == FITTED:
+        parts.append("(fitted)")
+    elif row.metric in WITH_INTERVAL:
+        parts.append(escaped(interval(row.low, row.high, places)))
+    if row.paper is not None:
+        parts.append(f"*{paper(row)}*")
+    return " ".join(filter(None, parts))
+
+
+def write(result: Result, root: Path = ROOT) -> None:
+    """Renew the figures from the result's report, docs/table.json and the README's table."""
+    text, recorded = _readme(root), record(result, root)
+    for name, source in FIGURES.items():
+        drawn = result.folder / source
+        if not drawn.is_file():
+            report = result.folder / "report"
+            raise HandbenchError(f"{drawn}: is missing; run `handbench report {result.folder} -o {report}` first")
+        with atomic_path(root / name) as temporary:
+            shutil.copyfile(drawn, temporary)
+    with atomic_path(root / "docs/table.json") as temporary:
+        temporary.write_text(json.dumps(recorded, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    with atomic_path(root / "README.md") as temporary:
+        temporary.write_text(BLOCK.sub(lambda m: m[1] + render(recorded) + m[3], text), encoding="utf-8")
+
+
+def stale(root: Path = ROOT) -> list[str]:
+    """What in the repository no longer fits docs/table.json, a sentence each."""
+    recorded = _recorded(root)
+    problems = []
+    if BLOCK.search(_readme(root))[2] != render(recorded):
+        problems.append("README.md: the table is not what docs/table.json says")
+    for name, digest in recorded["figures"].items():
+        if _sha256(root / name) != digest:
+            problems.append(f"{name}: is not the figure that came with the table")
+    scenes = _scenes(root, recorded["config"])
+    changed = (name for name, meaning in recorded["scenes"].items() if scenes[name] != meaning)
+    problems += [f"{SCENES}/{name}: has changed since the table was made" for name in changed]
+    return problems
+
+
+def disagreements(result: Result, root: Path = ROOT) -> list[str]:
+    """Where a fresh result does not print what was recorded, a sentence each; times aside."""
+    recorded, fresh = _recorded(root), record(result, root)
+    rows = {(line["metric"], line["method"]): Row(**line) for line in fresh["rows"]}
+    problems = []
+    for line in recorded["rows"]:
+        old, new = Row(**line), rows.pop((line["metric"], line["method"]), None)
+        if old.metric != "seconds" and not _agree(old, new):
+            found = None if new is None else new.value
+            problems.append(f"{old.metric} of {old.method}: {old.value} was recorded, {found} found")
+    problems += [f"{metric} of {method}: was not recorded" for metric, method in rows if metric != "seconds"]
+    if fresh["best"] != recorded["best"]:
+        problems.append(f"best: {recorded['best']} was recorded, {fresh['best']} found")
+    return problems
+
+
+def _agree(old: Row, new: Row | None) -> bool:
+    if new is None or old.value is None or new.value is None:
+        return new is not None and old.value is new.value
+    return abs(new.value - old.value) <= 10.0 ** -decimals(old.value, old.low, old.high, old.unit)
+
+
+def _recorded(root: Path) -> dict[str, Any]:
+    try:
+        return json.loads((root / "docs/table.json").read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        raise HandbenchError(f"{root / 'docs/table.json'}: cannot be read ({error}); make it with --write") from None
+
+
+def _readme(root: Path) -> str:
+    text = (root / "README.md").read_text("utf-8")
+    if len(BLOCK.findall(text)) != 1:
+        raise HandbenchError(f"{root / 'README.md'}: lacks its one pair of lines <!-- table: begin -->, … end -->")
+    return text
+
+
+def _scenes(root: Path, config: str) -> dict[str, str]:
+    """Each scene of the benchmark with the hash of what its file says, whatever its comments; empty: no such file."""
+    said = tomllib.loads(config)
+    names = [source["scene"] for kind in ("calibration", "capture") for source in said.get(kind, ())
+             if "scene" in source]
+    return {name: _meaning(root / SCENES / name) for name in names}
+
+
+def _meaning(scene: Path) -> str:
+    if not scene.is_file():
+        return ""
+    return hashlib.sha256(json.dumps(tomllib.loads(scene.read_text("utf-8")), sort_keys=True).encode()).hexdigest()
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Exit code 1 and a line for each problem where something is stale."""
+    parser = argparse.ArgumentParser(prog="python -m reports.readme", description="the README's table")
+    parser.add_argument("result", type=Path, nargs="?", metavar="RESULT", help="folder of a run of paper_table")
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--check", action="store_true", help="is the README stale?")
+    what.add_argument("--write", action="store_true", help="renew it")
+    options = parser.parse_args(arguments)
+    try:
+        if options.write:
+            if options.result is None:
+                raise HandbenchError("RESULT: is missing; name the folder of a run of paper_table")
+            write(load(options.result))
+        problems = stale() + (disagreements(load(options.result)) if options.result else [])
+    except HandbenchError as error:
+        print(f"handbench: {error}", file=sys.stderr)
+        return 2
+    print("\n".join(problems) if problems else "README.md: the table is up to date")
+    return 1 if problems else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,60 @@
+"""The README's table and figure are those of the result that was recorded, and that result is of today's benchmark."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from bench.metrics import METRICS
+from bench.paper import PAPER
+from bench.protocol import BenchFile, load_benchmark
+from bench.protocols import protocol
+from radar.kept import versions
+from reports import readme
+
+ROOT = Path(__file__).parents[1]
+MEND = "run `make table`, then `python -m reports.readme runs/table --write`"
+
+
+@pytest.fixture(scope="module")
+def recorded() -> dict:
+    return json.loads((ROOT / "docs" / "table.json").read_text("utf-8"))
+
+
+def test_the_table_the_figure_and_the_scenes_are_those_recorded():
+    assert readme.stale(ROOT) == [], MEND
+
+
+def test_the_record_is_of_todays_benchmark(recorded):
+    """Whatever keys a newer benchmark file may have: what the recorded one says, read as today, is today's."""
+    then, now = BenchFile.model_validate(tomllib.loads(recorded["config"])), load_benchmark("paper_table")[0]
+    assert then.model_dump(exclude={"tradeoff"}) == now.model_dump(exclude={"tradeoff"}), MEND
+    assert set(readme.METHODS) <= {entry.id for entry in now.method}
+
+
+def test_the_record_is_of_todays_protocol_and_definitions(recorded):
+    chosen = protocol(load_benchmark("paper_table")[0].protocol)
+    assert recorded["protocol"] == {"id": chosen.id, "version": chosen.version}, MEND
+    for key in readme.METRICS:
+        told = {name: recorded["metrics"][key][name] for name in ("title", "unit", "better", "definition")}
+        metric = METRICS[key]
+        assert told == {"title": metric.title, "unit": metric.unit, "better": metric.better,
+                        "definition": metric.definition}, MEND
+
+
+def test_the_record_is_of_this_version(recorded):
+    assert recorded["versions"]["handbench"] == versions()["handbench"], MEND
+
+
+def test_every_figure_is_there_with_the_papers(recorded):
+    """Each method has each figure, but those without a precision of their own; the paper's are those of bench.paper."""
+    rows = {(row["metric"], row["method"]): row for row in recorded["rows"]}
+    measured = {entry.id for entry in load_benchmark("paper_table")[0].method if entry.precision}
+    for metric in readme.METRICS:
+        for method in readme.METHODS:
+            if metric != "precision_mm" or method in measured:
+                assert rows[metric, method]["value"] is not None
+                assert rows[metric, method]["paper"] == PAPER.get((metric, method))
