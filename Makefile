@@ -19,6 +19,7 @@ $(VENV)/.ready: requirements.txt pyproject.toml
 table: setup
 	$(BIN)/handbench run paper_table -o $(RUN)
 	$(BIN)/handbench report $(RUN) -o $(RUN)/report
+	-@$(BIN)/python -m reports.readme $(RUN) --check
 
 test: setup
 	$(BIN)/python -m pytest

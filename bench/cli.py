@@ -74,7 +74,8 @@ def _run(options: argparse.Namespace) -> None:
     from reports.tables import show
 
     bench, base = load_benchmark(options.bench)
-    show(run(bench, base, options.out, options.overwrite, options.scheduler))
+    command = f"handbench run {options.bench} -o DIR"
+    show(run(bench, base, options.out, options.overwrite, options.scheduler, command))
     print(f"results: {options.out}")
 
 
@@ -84,7 +85,7 @@ def _report(options: argparse.Namespace) -> None:
 
     if options.out.exists() and any(options.out.iterdir()) and not (options.out / "index.html").exists():
         raise HandbenchError(f"{options.out}: holds files but no index.html, so it is no report; choose another -o")
-    print(f"report: {build(options.results, options.out)}")
+    print(f"report: {build(options.results, options.out, options.tradeoff)}")
 
 
 def _tradeoff(options: argparse.Namespace) -> None:
@@ -161,6 +162,7 @@ def parser() -> argparse.ArgumentParser:
     report = _add(commands, "report", "result folder → tables, figures, HTML")
     report.add_argument("results", type=Path, metavar="DIR")
     report.add_argument("-o", "--out", required=True, type=Path, metavar="REPORT", help="report folder, renewed")
+    report.add_argument("--tradeoff", type=Path, metavar="DIR2", help="show this trade-off too (default: DIR/tradeoff)")
 
     tradeoff = _add(commands, "tradeoff", "what accuracy costs in time: every stage's settings, and their front")
     tradeoff_command.add_arguments(tradeoff)

@@ -81,7 +81,7 @@ def compare_sums(
     pairs = [_ordered(pair, values, METRICS[metric].better) for pair in combinations(known, 2)]
     differences = [abs(values[worse] - values[better]) for better, worse in pairs]
     spreads = [spread(parts[worse] - parts[better], units.weights) for better, worse in pairs]
-    corrected = holm([_p(difference, s) for difference, s in zip(differences, spreads, strict=True)])
+    corrected = holm([p_value(difference, s) for difference, s in zip(differences, spreads, strict=True)])
     lines = []
     for (better, worse), difference, s, p in zip(pairs, differences, spreads, corrected, strict=True):
         tested = (difference - s.reach(LEVEL), difference + s.reach(LEVEL)) if s else (None, None)
@@ -100,7 +100,7 @@ def _ordered(pair: tuple[str, str], values: Mapping[str, float], direction: str)
     return (second, first) if ahead else pair
 
 
-def _p(difference: float, s: Spread | None) -> float:
+def p_value(difference: float, s: Spread | None) -> float:
     """Two-sided p of no difference; 1 where there is nothing to test it with."""
     if s is None or difference == 0:
         return 1.0

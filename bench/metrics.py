@@ -195,7 +195,7 @@ def precision(strongest_z_m: Sequence[np.ndarray]) -> Values:
 
 
 def deviation(values: np.ndarray) -> float:
-    """Standard deviation (n − 1) of `values` [n ≥ 2]; 0 where all are equal, which rounding of their mean would hide."""
+    """Standard deviation (n − 1) of `values` [n ≥ 2]; 0 where all are equal, whatever their mean rounds to."""
     return float(np.std(values, ddof=1)) if np.ptp(values) > 0 else 0.0
 
 

@@ -30,16 +30,24 @@ from radar.progress import say
 
 
 def run(
-    bench: BenchFile, base: Path, folder: Path, overwrite: bool = False, scheduler: str | None = None
+    bench: BenchFile,
+    base: Path,
+    folder: Path,
+    overwrite: bool = False,
+    scheduler: str | None = None,
+    command: str | None = None,
 ) -> results.Result:
     """Run a benchmark whose paths start from `base` into a result folder; stages done before are taken from there.
 
     scheduler: address of a Dask scheduler whose workers find both folders under the same paths; None: run here.
+    command: what repeats the run, for the report.
     """
     config = tomlkit.dumps(bench.model_dump(mode="json", exclude_none=True))
     with executor(scheduler) as workers, claimed(folder) as work:
         _check_room(folder, config, overwrite)
-        outcome.write(folder, Run(bench, base.resolve(), work.resolve(), workers).execute(), config)
+        found = Run(bench, base.resolve(), work.resolve(), workers).execute()
+        found.facts |= {} if command is None else {"command": command}
+        outcome.write(folder, found, config)
     return results.load(folder)
 
 

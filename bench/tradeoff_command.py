@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 from radar.errors import HandbenchError
@@ -20,8 +21,9 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
                          help="count tones × step time among a setting's time")
 
 
-def run(options: argparse.Namespace) -> None:
-    """The sweep, then its fronts and the answer; without an answer exit code 2, after the fronts."""
+def run(options: argparse.Namespace) -> Callable[[], None]:
+    """The sweep and its fronts; returned is what prints the answer, a HandbenchError where no setting is one: it comes
+    last, when all else is there."""
     from bench.protocol import load_benchmark
     from bench.tradeoff.answer import LENGTHS, TIMES, answer, quantity
     from bench.tradeoff.run import run as sweep
@@ -36,5 +38,9 @@ def run(options: argparse.Namespace) -> None:
     found = sweep(bench, base, options.out, sections, options.overwrite)
     show(found, count_acquisition=options.count_acquisition)
     print(f"trade-off: {options.out}")
-    if error_mm or seconds:
-        say_answer(found, answer(found, error_mm, seconds, options.count_acquisition))
+
+    def last() -> None:
+        if error_mm or seconds:
+            say_answer(found, answer(found, error_mm, seconds, options.count_acquisition))
+
+    return last

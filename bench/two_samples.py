@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import fdtr, fdtrc, fdtri
 
-from bench.comparison import LEVEL, _p, compare
+from bench.comparison import LEVEL, compare, p_value
 from bench.errormap import ErrorMap
 from bench.metrics import METRICS, deviation, pool, usable_repeats
 from bench.statistics import Spread, contributions, cut, spread, units_of
@@ -50,7 +50,7 @@ def unpaired(maps_a: Sequence[ErrorMap], maps_b: Sequence[ErrorMap], metric: str
     freedom = sum(variances) ** 2 / terms if terms else min(s.freedom for s in spreads)
     together = Spread(sum(variances) ** 0.5, freedom, sum(s.units for s in spreads))
     reach = together.reach(LEVEL)
-    return Tested(difference, difference - reach, difference + reach, _p(abs(difference), together))
+    return Tested(difference, difference - reach, difference + reach, p_value(abs(difference), together))
 
 
 def _spread(maps: Sequence[ErrorMap], metric: str) -> Spread | None:

@@ -19,6 +19,7 @@ from radar.files import (
     write_npz,
 )
 from radar.kept import keep, key_of
+from radar.memory import require_free
 from radar.parallel import one_blas_thread
 from radar.progress import say, track
 
@@ -39,6 +40,7 @@ __all__ = [
     "read_toml",
     "require_file",
     "require_folder",
+    "require_free",
     "say",
     "suggest",
     "track",

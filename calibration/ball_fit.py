@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -46,14 +46,15 @@ def fit_balls(
     noise, or more where the image of what is left shows more around a ball (echoes of what stands there too).
 
     others: echoes that are none of the target's; those that lie in no element's foam are fitted along, in place.
-    Raises HandbenchError when a ball runs away from its peak, and for echoes that no arithmetic tells apart.
+    Raises HandbenchError for balls that would overlap, without echoes, and when a ball runs away from its peak.
     """
+    _check_apart(target, heard)
     try:
         fit = _settle(capture, target, {i: ball.centre_m for i, ball in heard.items()}, others, frame)
     except LinAlgError as error:
         raise HandbenchError(
-            f"echoes: those of balls {', '.join(str(i + 1) for i in heard)} cannot be told apart, or there are none; "
-            "expected balls that stand apart, and an echo of each; check what is in view, or record it again"
+            f"echoes: those of balls {', '.join(str(i + 1) for i in heard)} cannot be told from one another, or there "
+            "are none; expected an echo of each; check what is in view, or record it again"
         ) from error
     inverse = cho_solve(fit.factor, np.eye(len(fit.unknowns)))
     fitted = {}
@@ -195,6 +196,18 @@ def _real(strengths: np.ndarray, strangers: int) -> np.ndarray:
     for n in range(strangers):
         real[COLUMNS * elements + n, 7 * elements + 2 * n : 7 * elements + 2 * n + 2] = [1, 1j]
     return real
+
+
+def _check_apart(target: Target, heard: Mapping[int, Ball]) -> None:
+    """Balls in one place have one echo: a fit of two to it would be off by far more than it says."""
+    for i, j in combinations(sorted(heard), 2):
+        apart_m = float(np.linalg.norm(heard[i].centre_m - heard[j].centre_m))
+        least_m = target.element[i].ball_radius_m + target.element[j].ball_radius_m
+        if not apart_m >= least_m:
+            raise HandbenchError(
+                f"echoes: balls {i + 1} and {j + 1} would overlap, {1e3 * apart_m:.3g} mm apart; expected at least "
+                f"their radii, {1e3 * least_m:.3g} mm; check the target's description, and what else is in view"
+            )
 
 
 def _check_near(number: int, centre_m: np.ndarray, before_m: np.ndarray) -> None:

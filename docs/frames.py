@@ -106,10 +106,10 @@ def panel(axes: Axes, corners_m: np.ndarray, **style: object) -> None:
     axes.fill(*places.T, **style)
 
 
-def rectangle(width_m: float, height_m: float, z_m: float = 0.0) -> np.ndarray:
-    """Corners [4, 3] about the z axis."""
+def rectangle(width_m: float, height_m: float) -> np.ndarray:
+    """Corners [4, 3] in the plane z = 0, about the origin."""
     x, y = width_m / 2, height_m / 2
-    return np.array([(-x, -y, z_m), (x, -y, z_m), (x, y, z_m), (-x, y, z_m)])
+    return np.array([(-x, -y, 0), (x, -y, 0), (x, y, 0), (-x, y, 0)])
 
 
 def draw_array(axes: Axes) -> None:
@@ -133,7 +133,8 @@ def draw_stand(axes: Axes) -> None:
     """The board behind the hand, with the photo frame."""
     radar_from_photo = Mount().radar_from_photo()
     width, height, _ = PLATE_M
-    panel(axes, radar_from_photo.points(rectangle(width, height)), facecolor="0.965", edgecolor="0.55", lw=0.8, zorder=1)
+    plate_m = radar_from_photo.points(rectangle(width, height))
+    panel(axes, plate_m, facecolor="0.965", edgecolor="0.55", lw=0.8, zorder=1)
     for marker in stand_board().marker:
         panel(axes, radar_from_photo.points(np.array(marker.corners_m)), facecolor="0.72", edgecolor="none", zorder=2)
     frame(axes, radar_from_photo.points(np.zeros(3)), radar_from_photo.rotation, 0.046)

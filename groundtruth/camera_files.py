@@ -12,6 +12,7 @@ from calibration import HandbenchError, require_folder, say
 from groundtruth.cameras import Camera, load_cameras, load_pycolmap
 from groundtruth.frame import registered
 from groundtruth.metashape import read_metashape
+from groundtruth.model_files import check_model
 from groundtruth.orientation import sides_swapped, stored_camera
 from groundtruth.photos import FEWEST, Photo
 
@@ -80,6 +81,7 @@ def load_model(folder: Path, photos: tuple[Photo, ...]) -> pycolmap.Reconstructi
 def read_model(folder: Path) -> pycolmap.Reconstruction:
     """A COLMAP model of any origin; a HandbenchError for a broken one."""
     require_folder(folder, "a COLMAP model (cameras, images and points3D, .bin or .txt)")
+    check_model(folder)
     colmap = load_pycolmap()
     colmap.logging.minloglevel = int(colmap.logging.FATAL)
     try:
@@ -94,10 +96,16 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
     numbers = [image.cam_from_world().matrix() for image in registered(model)]
     numbers += [camera.params for camera in model.cameras.values()]
     numbers += [point.xyz for point in model.points3D.values()]
-    broken = not all(np.isfinite(part).all() for part in numbers)
+    broken = not all(np.isfinite(part).all() for part in numbers) or not all(map(_is_rigid, registered(model)))
     if broken or any(camera.has_bogus_params(*PLAUSIBLE) for camera in model.cameras.values()):
         raise HandbenchError(f"{folder}: its cameras, poses or points are no sensible numbers; make the model again")
     return model
+
+
+def _is_rigid(image: pycolmap.Image) -> bool:
+    """Whether an image's pose has a rotation; a quaternion of another length makes something else."""
+    R = image.cam_from_world().rotation.matrix()
+    return bool(np.abs(R).max() < 2 and np.abs(R @ R.T - np.eye(3)).max() < 1e-3)
 
 
 def camera_of(image: pycolmap.Image) -> Camera:

@@ -53,7 +53,7 @@ class Camera(Config):
     ) -> tuple[tuple[float, float, float], ...] | None:
         if rows is not None:
             R = np.array(rows)
-            if R.shape != (3, 3) or np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
+            if R.shape != (3, 3) or np.abs(R).max() > 2 or np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
                 raise ValueError("not a rotation matrix (3×3, orthonormal, no reflection)")
         return rows
 

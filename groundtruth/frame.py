@@ -70,21 +70,38 @@ def trimmed_similarity(
 
     Far off is told by a fit to all points; where three of them propose one that a majority fits far better, wrong
     points have bent it, and that majority tells (Rousseeuw 1984). Returns the matrix, which points were used [n] and
-    every point's residual [n]. HandbenchError for fewer than three points or points on a line.
+    every point's residual [n]. HandbenchError for fewer than three points, points on a line, a mirror image, and a
+    misfit (`check_fit`).
     """
     if len(source) < 3 or _collinear(target_m):
         raise HandbenchError(
             f"scale: {len(source)} {what}; at least three that are not on a line are needed: add photographs that show "
             "the board, or give --unscaled"
         )
-    found = _trimmed(source, target_m, np.ones(len(source), dtype=bool))
-    if len(source) >= FEWEST_FOR_MAJORITY:
-        other = _trimmed(source, target_m, _nearest_majority(source, target_m))
-        if FAR_BETTER * np.median(other[2]) < np.median(found[2]):
-            found = other
-    matrix, kept, residuals_m = found
+    matrix, kept, residuals_m = _agreeing(source, target_m)
+    _check_handedness(source, target_m, residuals_m, what)
     check_fit(_rms(residuals_m[kept]), float(np.ptp(target_m[kept], axis=0).max()), what)
     return matrix, kept, residuals_m
+
+
+def _check_handedness(source: np.ndarray, target_m: np.ndarray, residuals_m: np.ndarray, what: str) -> None:
+    """A majority in a plane is its own mirror image: what lies off the plane tells."""
+    far_m = LARGEST_MISFIT * np.ptp(target_m, axis=0).max()
+    far = int((residuals_m > far_m).sum())
+    if far and 2 * int((_agreeing(source * [1, 1, -1], target_m)[2] > far_m).sum()) < far:
+        raise HandbenchError(
+            f"scale: {far} of {len(source)} {what} lie where the mirror image of the others has them; a reflection is "
+            "no motion: check that the numbers are of a right-handed frame"
+        )
+
+
+def _agreeing(source: np.ndarray, target_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `trimmed_similarity`, whatever the misfit."""
+    found = _trimmed(source, target_m, np.ones(len(source), dtype=bool))
+    if len(source) < FEWEST_FOR_MAJORITY:
+        return found
+    other = _trimmed(source, target_m, _nearest_majority(source, target_m))
+    return other if FAR_BETTER * np.median(other[2]) < np.median(found[2]) else found
 
 
 def _trimmed(
@@ -125,7 +142,7 @@ def check_fit(residual_m: float, extent_m: float, what: str) -> None:
         raise HandbenchError(
             f"scale: {what} are {1e3 * residual_m:.1f} mm off after the best fit, {residual_m / extent_m:.0%} of their "
             f"extent; expected at most {LARGEST_MISFIT:.0%}: check that the numbers belong to these photographs, are "
-            "metres, and that R, t carry world to camera"
+            "metres, that R, t carry world to camera, and that the photographs were taken from places apart"
         )
 
 

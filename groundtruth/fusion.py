@@ -51,6 +51,8 @@ def fuse(maps: list[DepthMap], box_m: np.ndarray | None) -> Cloud:
     """Every pixel in the box [2, 3] whose depth enough other views confirm, moved to the mean of all that agree."""
     fewest = CONFIRMATIONS if len(maps) > FEW_VIEWS else 1
     shape = tuple(max(m.depth_m.shape[axis] for m in maps) for axis in (0, 1))
+    pixels = shape[0] * shape[1]
+    require_free((32 + 96) * len(maps) * pixels, f"dense: {len(maps)} depth maps of {shape[1]} × {shape[0]} pixels", LESS)
     depths = np.full((len(maps), *shape), np.nan)
     normals = np.zeros((len(maps), *shape, 3))
     for i, m in enumerate(maps):

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 FEWEST = 3
+LARGEST_PX = 100_000_000  # a hundred megapixels take a GB to decode
 MIRRORED = (2, 4, 5, 7)  # EXIF orientations that no camera writes
 
 
@@ -95,6 +96,8 @@ def _decode(path: Path, convert: Callable[[Image.Image], np.ndarray]) -> np.ndar
 
     try:
         with warnings.catch_warnings(action="ignore"), Image.open(path) as image:  # of odd EXIF data, of many pixels
+            if image.width * image.height > LARGEST_PX:
+                raise ValueError(f"it has {image.width} × {image.height} pixels, {LARGEST_PX} at most are read")
             return convert(image)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise HandbenchError(f"{path}: is not a readable photograph ({error}); replace or remove it") from error

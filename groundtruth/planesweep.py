@@ -33,7 +33,9 @@ def swept_disparity(
     reference [h, w] and sources [s, H, W] float32, the latter padded, with `sizes` [s, 2] (rows, columns) of content; a
     pixel x at disparity δ is seen by source s at A[s] x + b[s] δ; planes lie at first, first + 1, …
     """
-    cost = np.empty((planes, *reference.shape), dtype=np.uint8)
+    h, w = reference.shape
+    require_free(4 * planes * h * w, f"dense: {planes} planes of {w} × {h} pixels", LESS)
+    cost = np.empty((planes, h, w), dtype=np.uint8)
     _correlate(reference.astype(np.float64), sources, sizes, A, b, first, cost)
     cost = np.ascontiguousarray(np.moveaxis(cost, 0, -1))
     total = np.zeros(cost.shape, dtype=np.uint16)

@@ -12,6 +12,7 @@ from radar.errors import HandbenchError
 from radar.files import require_file
 
 SPEED_OF_LIGHT_M_S = 299_792_458.0
+FARTHEST_M = 1e7  # float64 tells a path to 4e-9 m there, a phase at 80 GHz to 1e-5 rad, and worse beyond
 
 
 @dataclass(frozen=True)
@@ -34,8 +35,8 @@ class AntennaArray:
     rx_m: np.ndarray
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "tx_m", _positions("tx_m", self.tx_m))
-        object.__setattr__(self, "rx_m", _positions("rx_m", self.rx_m))
+        object.__setattr__(self, "tx_m", positions("tx_m", self.tx_m))
+        object.__setattr__(self, "rx_m", positions("rx_m", self.rx_m))
 
     @property
     def channels(self) -> tuple[int, ...]:
@@ -55,7 +56,7 @@ class PlanarScan:
     position_m: np.ndarray
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position_m", _positions("position_m", self.position_m))
+        object.__setattr__(self, "position_m", positions("position_m", self.position_m))
 
     @property
     def channels(self) -> tuple[int, ...]:
@@ -95,15 +96,21 @@ def load_positions(path: str | Path) -> np.ndarray:
     if not rows or rows[0] != ["x_m", "y_m", "z_m"]:
         raise HandbenchError(f"{path}: the first line is {rows[:1]}; expected x_m,y_m,z_m")
     try:
-        return _positions(str(path), np.array(rows[1:], dtype=np.float64))
+        return positions(str(path), np.array(rows[1:], dtype=np.float64))
     except ValueError as error:
         raise HandbenchError(f"{path}: holds something that is no number ({error})") from None
 
 
-def _positions(name: str, values: np.ndarray) -> np.ndarray:
+def positions(name: str, values: np.ndarray) -> np.ndarray:
+    """Places [n, 3] in metres as float64; `name` is refused where it holds none, or such as no phase can be told of."""
     values = np.ascontiguousarray(values, dtype=np.float64)
     if values.ndim != 2 or values.shape[1] != 3 or len(values) == 0:
-        raise HandbenchError(f"{name}: has shape {values.shape}; expected [n, 3] antenna positions in metres")
+        raise HandbenchError(f"{name}: has shape {values.shape}; expected [n, 3] positions in metres")
     if not np.isfinite(values).all():
-        raise HandbenchError(f"{name}: holds NaN or infinity; every antenna needs a position in metres")
+        raise HandbenchError(f"{name}: holds NaN or infinity; every antenna and point needs a position in metres")
+    if np.abs(values).max() > FARTHEST_M:
+        raise HandbenchError(
+            f"{name}: reaches {np.abs(values).max():.3g} m; expected metres, at most {FARTHEST_M:g}: beyond, float64 "
+            "cannot tell a wave's phase"
+        )
     return values

@@ -11,12 +11,12 @@ import numpy as np
 from radar.arrays import AntennaArray, Aperture, PlanarScan
 from radar.errors import HandbenchError
 from radar.files import atomic_path, require_file
+from radar.hdf5 import opened, read
 
 if TYPE_CHECKING:
     import h5py
 
 FORMAT, VERSION = "handbench-echoes", 1
-LARGEST_BYTES = 16 * 2**30  # of one data set
 
 
 @dataclass(frozen=True)
@@ -115,23 +115,21 @@ def save_capture(path: str | Path, capture: RadarCapture) -> None:
 
 def load_capture(path: str | Path) -> RadarCapture:
     """Read `echoes.h5`; a broken, foreign or inconsistent file is a HandbenchError."""
-    import h5py
-
     path = require_file(path, "an echoes.h5 file")
     try:
-        with h5py.File(path, "r") as file:
+        with opened(path) as file:
             found = file.attrs.get("format"), file.attrs.get("version")
-            if found != (FORMAT, VERSION):
+            if not np.array_equal(found, (FORMAT, VERSION)):
                 raise HandbenchError(f"{path}: has format {found}; expected ('{FORMAT}', {VERSION})")
-            samples = _numbers(file, "samples").astype(np.complex64)
-            frequencies_hz = _numbers(file, "frequencies_hz").astype(np.float64)
+            samples = _numbers(file, "samples", path).astype(np.complex64, copy=False)
+            frequencies_hz = _numbers(file, "frequencies_hz", path).astype(np.float64)
             if "position_m" in file:
-                aperture: Aperture = PlanarScan(_numbers(file, "position_m"))
+                aperture: Aperture = PlanarScan(_numbers(file, "position_m", path))
             else:
-                aperture = AntennaArray(_numbers(file, "tx_m"), _numbers(file, "rx_m"))
+                aperture = AntennaArray(_numbers(file, "tx_m", path), _numbers(file, "rx_m", path))
     except HandbenchError:
         raise
-    except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError, MemoryError) as error:
+    except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
         raise HandbenchError(f"{path}: is not a readable echoes.h5 ({error}); record or copy it again") from error
     try:
         return RadarCapture(samples, frequencies_hz, aperture)
@@ -139,17 +137,13 @@ def load_capture(path: str | Path) -> RadarCapture:
         raise HandbenchError(f"{path}: {error}") from None
 
 
-def _numbers(file: h5py.File, name: str) -> np.ndarray:
-    """A data set of numbers that lie in this very file: no link to another, and not more than memory holds."""
+def _numbers(file: h5py.File, name: str, path: Path) -> np.ndarray:
+    """A data set of numbers that lie in this very file."""
     import h5py
 
     if isinstance(file.get(name, getlink=True), h5py.ExternalLink):
         raise ValueError(f"'{name}' is a link into another file")
-    found = file[name]
-    if not isinstance(found, h5py.Dataset) or found.shape is None or found.dtype.kind not in "iufc":
+    values = read(file[name], name, path)
+    if values.dtype.kind not in "iufc":
         raise ValueError(f"'{name}' holds no numbers")
-    if found.external or found.is_virtual:
-        raise ValueError(f"'{name}' lies in another file")
-    if found.nbytes > LARGEST_BYTES:
-        raise ValueError(f"'{name}' has shape {found.shape}, more than {LARGEST_BYTES} bytes")
-    return found[()]
+    return values

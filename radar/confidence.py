@@ -18,6 +18,7 @@ from radar.arrays import SPEED_OF_LIGHT_M_S
 from radar.smoothing import masked_mean
 
 FEW = 100  # pixels that may be but a few resolution cells: their median would hide the noise with the gain
+TINY_M = 1e-150  # its square is still a number: a point known exactly, exactly between two periods, may be in either
 UNRELATED_RAD = 2 * np.sqrt(np.pi - 3)  # rms of ρ between images that share nothing (Rayleigh amplitudes): its most
 
 def quadrature_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float) -> np.ndarray:
@@ -59,5 +60,6 @@ def wrap_probability(step_m: np.ndarray, sigma_m: np.ndarray, ambiguity_m: np.nd
 
     The point's error before the step is N(0, σ): the odds of |Δz| against 2a − |Δz| are exp(−2a(a − |Δz|)/σ²).
     """
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        return 1 / (1 + np.exp(2 * ambiguity_m * (ambiguity_m - np.abs(step_m)) / sigma_m**2))
+    variance_m2 = np.maximum(sigma_m, TINY_M) ** 2
+    with np.errstate(over="ignore"):
+        return 1 / (1 + np.exp(2 * ambiguity_m * (ambiguity_m - np.abs(step_m)) / variance_m2))

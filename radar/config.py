@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
@@ -12,6 +13,9 @@ import pydantic
 from radar.errors import HandbenchError
 from radar.files import require_file
 
+DEEP = re.compile(  # tomllib takes time and memory by the square of a key's parts
+    r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}"""
+)
 ConfigT = TypeVar("ConfigT", bound="Config")
 
 
@@ -35,8 +39,11 @@ def read_toml(path: str | Path, what: str) -> dict[str, Any]:
     """Parse a TOML file into plain values; a missing or broken file is a HandbenchError."""
     path = require_file(path, what)
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, OSError) as error:
+        text = path.read_text(encoding="utf-8")
+        if DEEP.search(text):
+            raise ValueError("a key has more than 100 parts")
+        return tomllib.loads(text)
+    except (ValueError, RecursionError, OSError) as error:  # whole numbers of 5000 digits are no TOMLDecodeError
         raise HandbenchError(f"{path}: is not readable as TOML ({error}); expected {what}") from error
 
 

@@ -5,17 +5,22 @@ from __future__ import annotations
 import errno
 import hashlib
 import json
+import math
 import os
 import shutil
 import tempfile
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
 from radar.errors import HandbenchError
+
+LARGEST_BYTES = 2**30  # of the arrays read from one .npz file
+NPY_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
 @contextmanager
@@ -134,19 +139,44 @@ def write_npz(path: str | Path, **arrays: Any) -> None:
         np.savez_compressed(stream, allow_pickle=False, **arrays)
 
 
-def read_npz(path: str | Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Read the arrays `names` from an .npz file; pickled content is refused, never run."""
+def read_npz(path: str | Path, names: tuple[str, ...], optional: tuple[str, ...] = ()) -> dict[str, np.ndarray]:
+    """Read the arrays `names` from an .npz file, and those of `optional` that are there; pickled content is refused,
+    never run, and so is a file that says of itself what would take all memory."""
     path = require_file(path, "an .npz file")
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:  # numpy leaks a broken file
-            missing = [name for name in names if name not in archive]
+        with zipfile.ZipFile(path) as archive:
+            there = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+            missing = [name for name in names if name not in there]
             if missing:
                 raise HandbenchError(f"{path}: lacks {', '.join(missing)}; expected {', '.join(names)}")
-            return {name: archive[name] for name in names}
+            wanted = [name for name in (*names, *optional) if name in there]
+            size = sum(there[name].file_size for name in wanted)
+            if size > LARGEST_BYTES:
+                raise ValueError(f"its arrays take {size} bytes; at most {LARGEST_BYTES} are read")
+            return {name: _member(archive, there[name]) for name in wanted}
     except HandbenchError:
         raise
     except Exception as error:  # zip, zlib, header and pickle errors have no common base
         raise HandbenchError(f"{path}: is not a readable .npz file ({error}); write it again") from error
+
+
+def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
+    with archive.open(info) as stream:
+        return read_array(stream, info.file_size)
+
+
+def read_array(stream: IO[bytes], room_bytes: int) -> np.ndarray:
+    """The array in .npy form where a stream stands, of which `room_bytes` are left. ValueError for pickled content and
+    where less is left than the header promises, before any memory is taken."""
+    start = stream.tell()
+    version = np.lib.format.read_magic(stream)
+    if version not in NPY_HEADERS:
+        raise ValueError(f"its arrays are in version {version} of numpy's format")
+    shape, _, dtype = NPY_HEADERS[version](stream)
+    if dtype.hasobject or min(shape, default=1) < 0 or math.prod(shape) * dtype.itemsize > room_bytes:
+        raise ValueError(f"an array says that it is {dtype} {shape}, but {room_bytes} bytes are there")
+    stream.seek(start)
+    return np.lib.format.read_array(stream, allow_pickle=False)
 
 
 def content_hash(*parts: Any) -> str:

@@ -13,9 +13,11 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
+from scipy.spatial import cKDTree
 
-from radar.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
+from radar.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, positions
 from radar.backprojection import path_lengths
+from radar.errors import HandbenchError
 from radar.imaging import points_engine
 from radar.leaf import Source
 from radar.parallel import for_each
@@ -25,7 +27,8 @@ from radar.tree import Box, Family, clusters
 CHUNK = 2048  # scatterers per matrix product
 # Gains that bend too sharply across the array to be carried by few antennas:
 GRAZING = 0.05  # √(n·û) where the cosine falls below this,
-FADED = 0.35  # a pattern that falls below this (half the tolerance was measured at 0.3 m)
+FADED = 0.35  # a pattern that falls below this (half the tolerance was measured at 0.3 m),
+NEAR = 5.0  # wavelengths from the array within which 1/R changes by a fifth and more from one to the next.
 TINY_M = 4e-3  # extent of points below which these antennas are too few for the gains (measured: 2 mm)
 
 
@@ -62,12 +65,14 @@ def simulate(
     tolerance: relative L2 error of the fast chain (see `radar.imaging`); None sums every tone of every scatterer.
     """
     scatterers, partly = _in_sight(scatterers)
+    if len(scatterers.position_m) > 0:
+        _check(scatterers, array, spreading)
     if tolerance is None:
         return _simulate_exactly(scatterers, frequencies_hz, array, spreading, pattern)
     position = np.ascontiguousarray(scatterers.position_m, np.float64)
     delay_m = 0.0 if scatterers.delay_m is None else 2 * float(np.max(scatterers.delay_m, initial=0.0))
     family = Family(tolerance, apart=False, delay_m=delay_m)
-    kinked = partly | _bent(scatterers, array, pattern) if spreading else partly
+    kinked = partly | _bent(scatterers, frequencies_hz, array, pattern) if spreading else partly
     samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
     for whole in (False, True):  # a gain with a kink is not smooth enough to be carried by few antennas
         alike = np.flatnonzero(kinked == whole)
@@ -93,6 +98,21 @@ def _in_sight(scatterers: Scatterers) -> tuple[Scatterers, np.ndarray]:
     return scatterers, ~(tx.all(axis=0) & rx.all(axis=0))
 
 
+def _check(scatterers: Scatterers, array: AntennaArray, spreading: bool) -> None:
+    """Refuse places that no phase can be told of and, where echoes fade as 1/R, those without an R."""
+    places_m = positions("scatterers.position_m", scatterers.position_m)
+    if not spreading:
+        return
+    antennas_m = np.concatenate([leg.position_m for leg in array.legs])
+    distance_m, nearest = cKDTree(antennas_m).query(places_m)
+    p = int(distance_m.argmin())
+    if distance_m[p] == 0:
+        raise HandbenchError(
+            f"scatterers.position_m: point {p} lies on antenna {int(nearest[p])} (transmitters first), where an echo is "
+            "infinite; leave the point out, or simulate without spreading"
+        )
+
+
 def _source(part: Scatterers, points_m: np.ndarray, spreading: bool, pattern: float, masked: bool) -> Source:
     """Scatterers for the kernels; points_m [3, p]: their positions."""
     count = len(part.position_m)
@@ -104,14 +124,18 @@ def _source(part: Scatterers, points_m: np.ndarray, spreading: bool, pattern: fl
     return Source(points_m, np.asarray(part.weight, np.complex64), delay_m, normal, spreading, float(pattern), *seen)
 
 
-def _bent(scatterers: Scatterers, array: AntennaArray, pattern: float) -> np.ndarray:
-    """Which points [p] have a gain with a bend within the corners of the array's box: facets that some antenna sees at
-    grazing incidence or from behind, and points far off the axis of some antenna's pattern."""
-    bent = np.zeros(len(scatterers.position_m), bool)
+def _bent(
+    scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArray, pattern: float
+) -> np.ndarray:
+    """Which points [p] have a gain with a bend within the corners of the array's box: those close to it, facets that
+    some antenna sees at grazing incidence or from behind, and points far off the axis of some antenna's pattern."""
+    antennas = np.concatenate([array.tx_m, array.rx_m])
+    box = Box(antennas.min(axis=0), antennas.max(axis=0))
+    beside_m = scatterers.position_m - np.clip(scatterers.position_m, *box)
+    bent = np.linalg.norm(beside_m, axis=1) < NEAR * SPEED_OF_LIGHT_M_S / np.min(frequencies_hz)
     if scatterers.normal is None and pattern == 0:
         return bent
-    antennas = np.concatenate([array.tx_m, array.rx_m])
-    towards = Box(antennas.min(axis=0), antennas.max(axis=0)).corners_m - scatterers.position_m[:, None]
+    towards = box.corners_m - scatterers.position_m[:, None]
     distance = np.linalg.norm(towards, axis=2)
     if scatterers.normal is not None:
         cosine = np.einsum("pci,pi->pc", towards, scatterers.normal) / distance

@@ -132,17 +132,16 @@ class _Ladder:
         images = image_volume(*tones, plane, self.tolerance, apart=True, carrier=False)
         return images.reshape(len(images), -1)
 
-    def mean_step_m(self, images: np.ndarray, step: Step = depth_step_m) -> np.ndarray:
-        """Mean of the last tone's steps from the first two (of two tones, from the other), for images [f, n]."""
+    def steps_m(self, images: np.ndarray, step: Step = depth_step_m) -> np.ndarray:
+        """The last tone's steps from the first two (of two tones, from the other), for images [f, n]: [1 or 2, n]."""
         last, f = len(images) - 1, self.frequencies_hz
-        steps = [step(images[i], images[last], f[i] - f[last]) for i in range(min(2, last))]
-        return sum(steps) / len(steps)
+        return np.array([step(images[i], images[last], f[i] - f[last]) for i in range(min(2, last))])
 
     def steps(self, images: np.ndarray, factor: np.ndarray | float, on_target: np.ndarray) -> _Estimate:
         """What images [f, n] of the n pixels on target say about the error of the depths that they were formed at."""
         return _Estimate(
-            z_m=_on_map(on_target, self.mean_step_m(images) * factor),
-            quadrature_m=_on_map(on_target, self.mean_step_m(images, quadrature_step_m) * factor),
+            z_m=_on_map(on_target, self.steps_m(images).mean(axis=0) * factor),
+            quadrature_m=_on_map(on_target, self.steps_m(images, quadrature_step_m).mean(axis=0) * factor),
             amplitude=_on_map(on_target, np.abs(images).mean(axis=0), elsewhere=0.0),
             wrapped=np.zeros(on_target.shape, bool),
         )
@@ -162,7 +161,7 @@ def _coarse(pair: _Ladder, config: FskConfig) -> _Estimate:
         amplitude = np.abs(images).mean(axis=0)
         strongest = [amplitude.argmax()]
         factor = stretch(grid.points_at_m(strongest, z_e), pair.aperture, config.off_axis)
-        [correction_m] = pair.mean_step_m(images[:, strongest]) * factor
+        [correction_m] = pair.steps_m(images[:, strongest])[0] * factor
         if passes > 0 and abs(correction_m) < config.settled_m:
             break
     seen = amplitude_db(amplitude) >= config.threshold_db
@@ -188,12 +187,14 @@ def _refined(ladder: _Ladder, before: _Estimate, grid: PixelGrid, config: Refine
     step = ladder.steps(images, factor, on_target)
     # The rung below, seen from the same points, tells where these are wrong themselves: where a filter crossed an edge.
     below = ladder.first(len(images) - 1).steps(images[:-1], factor, on_target)
-    ambiguity_m = _on_map(on_target, SPEED_OF_LIGHT_M_S / (4 * reach_hz(ladder.frequencies_hz)) * factor)
+    half_period_m = SPEED_OF_LIGHT_M_S / (4 * reach_hz(ladder.frequencies_hz))
+    ambiguity_m = _on_map(on_target, half_period_m * factor)
+    parted = _on_map(on_target, np.ptp(ladder.steps_m(images), axis=0)) > half_period_m  # one of two has wrapped
     probability = np.maximum(
         wrap_probability(step.z_m, before.sigma_m(config), ambiguity_m),
         wrap_probability(step.z_m - below.z_m, below.sigma_m(config), ambiguity_m),
     )
-    wrapped = before.wrapped | (probability > config.wrap_probability)
+    wrapped = before.wrapped | parted | (probability > config.wrap_probability)
     refined = replace(step, z_m=before.z_m + step.z_m, wrapped=wrapped)
     return refined.without(wrapped) if config.drop_wrapped else refined
 

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field, model_validator
 
+from radar.arrays import positions
 from radar.config import Config
+from radar.errors import HandbenchError
 
 
 class Axis(Config):
@@ -54,11 +56,17 @@ class PixelGrid:
 
 @dataclass(frozen=True)
 class VoxelGrid:
-    """Voxels at x_m [nx] × y_m [ny] × z_m [nz]; volumes are stored [nz, ny, nx]."""
+    """Voxels at x_m [nx] × y_m [ny] × z_m [nz], each ascending, even or not; volumes are stored [nz, ny, nx]."""
 
     x_m: np.ndarray
     y_m: np.ndarray
     z_m: np.ndarray
+
+    def __post_init__(self) -> None:
+        for name, axis in (("x_m", self.x_m), ("y_m", self.y_m), ("z_m", self.z_m)):
+            if np.ndim(axis) != 1 or len(axis) == 0 or not (np.diff(axis) >= 0).all():
+                raise HandbenchError(f"{name}: is no ascending axis [n] of voxels; sort it, and the volume with it")
+        positions("x_m, y_m or z_m", [[axis[i] for axis in (self.x_m, self.y_m, self.z_m)] for i in (0, -1)])
 
     @property
     def shape(self) -> tuple[int, int, int]:

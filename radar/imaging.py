@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from radar import gpu_exact
-from radar.arrays import Aperture
+from radar.arrays import Aperture, positions
 from radar.backprojection import backproject, check_samples, tone_images
 from radar.device import chosen
 from radar.engine import Engine
@@ -70,6 +70,7 @@ def image_points(
     shape = (len(samples), *points_m.shape[:-1]) if apart else points_m.shape[:-1]
     if len(points) == 0:
         return np.zeros(shape, np.complex64)
+    points = positions("points_m", points)
     if tolerance is None or crowded(aperture):
         return _exact(apart)(samples, frequencies_hz, aperture, points).reshape(shape)
     kind = Engine if chosen() == "cpu" else DeviceEngine

@@ -1,4 +1,5 @@
-"""The memory that imaging may take: a quarter of the machine's, or what HANDBENCH_MEMORY_GB says."""
+"""What memory there is, asked before it is taken: imaging may take a quarter of the machine's, or what
+HANDBENCH_MEMORY_GB says; other work what is free."""
 
 from __future__ import annotations
 
@@ -30,4 +31,13 @@ def require_memory(needed_bytes: float, what: str) -> None:
             f"{what}: needs {needed_bytes / 1e9:.3g} GB, more than the limit of {limit / 1e9:.3g} GB; steps "
             f"{coarser:.2g} times larger would fit, a depth map without --volume needs less, or raise "
             "HANDBENCH_MEMORY_GB"
+        )
+
+
+def require_free(needed_bytes: float, what: str, advice: str) -> None:
+    """Refuse what does not fit into the memory that is free now, with its size, before it is tried."""
+    free = psutil.virtual_memory().available
+    if needed_bytes > free:
+        raise HandbenchError(
+            f"{what}: needs {needed_bytes / 1e9:.3g} GB, and {free / 1e9:.3g} GB of memory are free; {advice}"
         )

@@ -76,13 +76,14 @@ def resampler(fine_m: np.ndarray, half_band: float, tolerance: float) -> Resampl
 
 
 def _windows(fine_m: np.ndarray, nodes_m: np.ndarray, intervals: int) -> list[tuple[slice, slice]]:
-    """(fine slice, node slice) of every window."""
+    """(fine slice, node slice) of every window that holds fine samples; uneven ones may leave some empty."""
     bounds = np.linspace(0, intervals, int(np.ceil(intervals / WINDOW)) + 1).round().astype(int)
     edges = np.searchsorted(fine_m, nodes_m[GUARD + bounds])
     edges[0], edges[-1] = 0, len(fine_m)
     return [
         (slice(int(start), int(stop)), slice(max(first + GUARD - INNER_GUARD, 0), last + GUARD + INNER_GUARD + 1))
         for first, last, start, stop in zip(bounds[:-1], bounds[1:], edges[:-1], edges[1:], strict=True)
+        if stop > start
     ]
 
 

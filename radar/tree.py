@@ -161,10 +161,13 @@ def _antennas(
 
     The family is sampled rather than bounded by a band: near the aperture its waves are chirps, whose spectrum leaks
     out of any band. Real weights that fit a family fit its conjugate: the real part of its Gram matrix is enough.
+    Around an antenna, where its distance has a kink that no sample may meet, all are kept.
     """
     n = len(leg.position_m)
     if keep or family.whole or n == 1:
         return np.arange(n), np.zeros((0, 0), np.float32)
+    if (np.abs(leg.position_m - box.centre_m) <= box.high_m - box.low_m).all(axis=1).any():
+        return np.arange(n), np.eye(n, dtype=np.float32)
     index, weights = family_skeleton(leg, box, turns_per_m, SHARE * family.tolerance)
     return index, np.ascontiguousarray(weights, np.float32)
 

@@ -11,6 +11,7 @@ HEADINGS = {
     "photogrammetry": "Scored against photogrammetry, as the paper does",
     "truth": "Scored against the true surface (the paper's figures are against photogrammetry)",
 }
+NAMED = 12  # captures; more are counted
 NONE = "–"
 
 
@@ -137,7 +138,8 @@ def p_text(p: float | None) -> str:
 
 def caption(result: Result) -> str:
     """What the figures stand on, in one sentence."""
-    captures = ", ".join(capture.name for capture in result.scored())
+    names = [capture.name for capture in result.scored()]
+    captures = ", ".join(names) if len(names) <= NAMED else f"{names[0]} to {names[-1]}, {len(names)} in all"
     floor = ""
     if any(row.metric == "floor_mm" for row in result.rows):  # results of earlier versions have none
         floor = (

@@ -17,9 +17,9 @@ from radar.capture import RadarCapture
 from radar.config import Config, load
 from radar.errors import HandbenchError
 from radar.files import inside, require_file
+from radar.hdf5 import opened, read
 
 MAPPING = "mapping.toml"
-LARGEST_BYTES = 16 * 2**30  # of one data set
 HERTZ = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9}
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 RE_IM = "re_im"  # an axis of two: real and imaginary part
@@ -114,7 +114,7 @@ class MappedCapture(NativeCapture):
         told = self.mapping
         path = require_file(inside(self.folder, told.file, MAPPING), "the HDF5 file that mapping.toml names")
         try:
-            with h5py.File(path, "r") as file:
+            with opened(path) as file:
                 source = _Source(path, file)
                 frequencies_hz = source.frequencies_hz(told.frequencies)
                 places = {
@@ -147,7 +147,8 @@ class _Source:
         values = self._real(told.dataset)
         if values.size == 0 or values.size != max(values.shape, default=0):
             raise self._wrong(told.dataset, values.shape, "[frequency]")
-        return values.reshape(-1) * HERTZ[told.unit]
+        with np.errstate(over="ignore"):  # what is infinite then is refused with the capture
+            return values.reshape(-1) * HERTZ[told.unit]
 
     def positions_m(self, name: str, told: Positions) -> np.ndarray:
         """[n, 3] in our frame."""
@@ -211,13 +212,10 @@ class _Source:
                 there = ", ".join(self._names()) or "no data sets"
                 raise HandbenchError(f"{self.path}: has no '{name}' of its own; it has {there}")
             found = found[part]
-        if not isinstance(found, h5py.Dataset) or found.is_virtual or found.external:
-            raise HandbenchError(f"{self.path}: '{name}' is no data set of this file; expected numbers that it holds")
-        if found.dtype.hasobject or found.shape is None:
-            raise HandbenchError(f"{self.path}: '{name}' holds {found.dtype}; expected numbers")
-        if found.size * found.dtype.itemsize > LARGEST_BYTES:
-            raise HandbenchError(f"{self.path}: '{name}' has shape {found.shape}, more than {LARGEST_BYTES} bytes")
-        return found[()]
+        try:
+            return read(found, name, self.path)
+        except ValueError as error:
+            raise HandbenchError(f"{self.path}: {error}; expected numbers that it holds") from None
 
     def _names(self) -> list[str]:
         """The first data sets of the file."""

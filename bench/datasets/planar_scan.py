@@ -7,6 +7,7 @@ correction is added, and E = I − jQ focuses with e^{+jkR}, as everywhere in ha
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -15,18 +16,20 @@ from bench.datasets.native import ECHOES, CaptureFile, save_capture_file
 from radar.arrays import PlanarScan
 from radar.capture import RadarCapture, save_capture
 from radar.errors import HandbenchError
-from radar.files import atomic_folder, require_file, require_folder
+from radar.files import atomic_folder, read_array, require_file, require_folder
+
+MOST_TONES, LARGEST = 100_000, 1e13
 
 
 def import_planar_scan(source: str | Path, folder: str | Path) -> None:
     """Turn SOURCE/scan.npy and SOURCE/phase.txt into a capture folder."""
     source = require_folder(source, "scan.npy and phase.txt")
-    data, first_hz, last_hz, count, step_m, _ = _read_arrays(source / "scan.npy")
-    frequencies_hz = np.linspace(float(first_hz), float(last_hz), int(count))
-    step_m = np.broadcast_to(step_m, 2)
-    if data.ndim != 4 or data.shape[:2] != (2, len(frequencies_hz)):
+    data, *settings = _read_arrays(source / "scan.npy")
+    frequencies_hz, step_m = _settings(source / "scan.npy", *settings[:4])
+    if data.ndim != 4 or data.shape[:2] != (2, len(frequencies_hz)) or data.dtype.kind not in "iuf" or not data.size:
         raise HandbenchError(
-            f"{source / 'scan.npy'}: data has shape {data.shape}; expected [2, {len(frequencies_hz)}, x, y]"
+            f"{source / 'scan.npy'}: data is {data.dtype} {data.shape}; expected numbers [2, {len(frequencies_hz)}, x, "
+            "y]"
         )
     echo = data[1].astype(np.float64) - 1j * data[0].astype(np.float64)
     echo -= echo.mean(axis=(1, 2), keepdims=True)
@@ -43,18 +46,39 @@ def import_planar_scan(source: str | Path, folder: str | Path) -> None:
 
 def _read_arrays(path: Path) -> list[np.ndarray]:
     with require_file(path, "the scan's six arrays").open("rb") as stream:
+        size = path.stat().st_size
         try:
-            return [np.load(stream, allow_pickle=False) for _ in range(6)]
-        except (ValueError, EOFError, OSError) as error:
+            return [read_array(stream, size - stream.tell()) for _ in range(6)]
+        except Exception as error:  # what parses numpy's headers raises whatever it stumbles over
             raise HandbenchError(f"{path}: does not hold six plain numpy arrays ({error}); copy it again") from error
 
 
+def _settings(
+    path: Path, first_hz: np.ndarray, last_hz: np.ndarray, count: np.ndarray, step_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The frequencies [f] and the steps along x and y, metres."""
+    numbers = first_hz, last_hz, count, step_m
+    good = all(n.dtype.kind in "iuf" and n.size in (1, 2) and (n > 0).all() and (n < LARGEST).all() for n in numbers)
+    if not good or max(first_hz.size, last_hz.size, count.size) > 1 or count.item() > MOST_TONES:
+        shown = ", ".join(f"{n.dtype} {n.tolist()}" if n.size < 3 else f"{n.dtype} {n.shape}" for n in numbers)
+        raise HandbenchError(
+            f"{path}: first and last frequency, number of tones and step are {shown}; expected positive numbers, "
+            f"{MOST_TONES} tones at most"
+        )
+    frequencies_hz = np.linspace(first_hz.item(), last_hz.item(), int(count.item()))
+    return frequencies_hz, np.broadcast_to(step_m.ravel(), 2)
+
+
 def _phase_rad(path: Path, frequencies_hz: np.ndarray) -> np.ndarray:
+    path = require_file(path, "frequencies and phases, two rows")
     try:
-        table_hz, phase_rad = np.loadtxt(require_file(path, "frequencies and phases, two rows"))
+        with warnings.catch_warnings(action="ignore"):  # of an empty file
+            table = np.loadtxt(path, ndmin=2)
     except ValueError as error:
         raise HandbenchError(f"{path}: is not two rows of numbers ({error})") from error
-    return np.interp(frequencies_hz, table_hz, phase_rad)
+    if len(table) != 2 or table.size == 0 or not np.isfinite(table).all() or (np.diff(table[0]) <= 0).any():
+        raise HandbenchError(f"{path}: has shape {table.shape}; expected rising frequencies and their phases, two rows")
+    return np.interp(frequencies_hz, *table)
 
 
 def _positions(shape: tuple[int, ...], step_m: np.ndarray) -> np.ndarray:

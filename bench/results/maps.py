@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -68,7 +69,7 @@ def write_photo(folder: Path, capture: str, source: str | Path) -> None:
 
     source = require_file(source, "a photograph")
     try:
-        with Image.open(source) as image:
+        with warnings.catch_warnings(action="ignore"), Image.open(source) as image:  # of odd EXIF data, of many pixels
             small = ImageOps.exif_transpose(image).convert("RGB")
     except (OSError, SyntaxError, Image.DecompressionBombError) as error:
         raise HandbenchError(f"{source}: is not a readable photograph ({error}); expected JPEG or PNG") from error

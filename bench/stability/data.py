@@ -10,14 +10,22 @@ import numpy as np
 
 from bench.stability.catalogue import Refused, Worst, case, refused, worst
 from bench.stability.scenes import (
-    ALL_HZ, FSK, LADDER_HZ, METHODS, POINT_M, STEP_M, bumpy_points, capture, depth_map, echoes, middle, noisy,
+    FSK,
+    LADDER_HZ,
+    METHODS,
+    POINT_M,
+    bumpy_points,
+    capture,
+    depth_map,
+    echoes,
+    middle,
+    noisy,
     small_array,
 )
 from radar.arrays import SPEED_OF_LIGHT_M_S
-from radar.backprojection import path_lengths, tone_images
+from radar.backprojection import tone_images
 from radar.confidence import UNRELATED_RAD
 from radar.depthmap import amplitude_db
-from radar.errors import HandbenchError
 from radar.grid import PixelGrid
 
 C = SPEED_OF_LIGHT_M_S

@@ -31,17 +31,19 @@ def small_array() -> AntennaArray:
     return AntennaArray(whole.tx_m[::8], whole.rx_m[::8])
 
 
-def echoes(points_m: Any, weight: Any = None, frequencies_hz: Any = ALL_HZ) -> np.ndarray:
-    """Samples complex128 [f, t, r] of points [n, 3] with a weight each (1)."""
+def echoes(
+    points_m: Any, weight: Any = None, frequencies_hz: Any = ALL_HZ, array: AntennaArray | None = None
+) -> np.ndarray:
+    """Samples complex128 [f, t, r] of points [n, 3] with a weight each (1), before the small array or another."""
     points_m = np.atleast_2d(np.asarray(points_m, np.float64))
     weight = np.ones(len(points_m)) if weight is None else weight
-    return direct_echoes(points_m, weight, np.asarray(frequencies_hz, np.float64), small_array())
+    return direct_echoes(points_m, weight, np.asarray(frequencies_hz, np.float64), array or small_array())
 
 
-def capture(samples: np.ndarray, frequencies_hz: Any = ALL_HZ) -> RadarCapture:
+def capture(samples: np.ndarray, frequencies_hz: Any = ALL_HZ, array: AntennaArray | None = None) -> RadarCapture:
     """One frame of samples [f, t, r], in single precision as a receiver's file has them."""
     samples = np.asarray(samples, np.complex64)[None]
-    return RadarCapture(samples, np.asarray(frequencies_hz, np.float64), small_array())
+    return RadarCapture(samples, np.asarray(frequencies_hz, np.float64), array or small_array())
 
 
 def config(id: str, centre_m: Any = POINT_M, half_m: float = HALF_M, **values: Any) -> Config:

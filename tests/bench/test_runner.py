@@ -103,6 +103,7 @@ def content(folder: Path) -> dict[str, bytes]:
         "table.csv": rb"(?m)^seconds,.*$", "result.json": rb'"(gemm_gflops|seconds)":.*',
         "capture.toml": rb"(?m)^seconds = .*$",
         "stage.json": rb"(?s).*", "timing.json": rb"(?s).*", "tasks.csv": rb"[0-9.]+,[0-9.]+,[0-9.]+,.*",
+        "manifest.json": rb"(?s).*",  # the checksums of these too
     }
     files = [path for path in folder.rglob("*") if path.is_file()]
     return {

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.cli import main
 from bench.protocol import load_benchmark
 from bench.results import Tradeoff
 from bench.runner import run as run_benchmark
@@ -169,3 +170,15 @@ def test_the_stopwatch_counts_terms_once_and_only_when_asked():
     assert laps.terms == (5 + 18) * samples.size
     image_volume(*known, grid, None)
     assert laps.terms == (5 + 18) * samples.size
+
+
+def test_the_command_sweeps_then_answers_or_says_what_is_nearest(small_bench, tmp_path, capsys):
+    few = f'\n[tradeoff]\nrepeats = 1\n[[tradeoff.imaging]]\nmethod = "3fsk"\nconfig = {{ {AXES} }}\n'
+    command = ["tradeoff", str(declare(small_bench, few, broadband=False)), "-o", str(tmp_path / "out"),
+               "--sections", "imaging"]
+    assert main([*command, "--max-mae", "1m"]) == 0
+    printed = capsys.readouterr().out
+    assert printed.rstrip().endswith(f"handbench run {tmp_path / 'out' / 'settings' / '3fsk.toml'} -o RESULTS")
+    assert main([*command, "--max-time", "1us"]) == 2
+    assert "the nearest, '3fsk'" in capsys.readouterr().err
+    assert main([*command, "--max-mae", "2"]) == 2

@@ -13,6 +13,7 @@ from groundtruth.frame import Scale
 from groundtruth.options import Options
 from groundtruth.pipeline import STAMP, Stages, reconstruct
 from groundtruth.sparse import INTRINSICS, Sparse
+from radar.kept import MANIFEST
 
 
 @pytest.fixture
@@ -57,7 +58,7 @@ def test_a_stage_that_was_killed_leaves_nothing_and_is_made_again(tmp_path, make
         stages("dense", ["a"], killed)
     assert not list(tmp_path.iterdir()) and not stages.seconds
     folder = stages("dense", ["a"], make)
-    assert {path.name for path in folder.iterdir()} == {"result.txt", STAMP}
+    assert {path.name for path in folder.iterdir()} == {"result.txt", STAMP, MANIFEST}
 
 
 def test_changed_code_is_another_folder(tmp_path, make, monkeypatch):
@@ -67,11 +68,13 @@ def test_changed_code_is_another_folder(tmp_path, make, monkeypatch):
     assert stages("dense", ["a"], make) != before
 
 
-def test_a_broken_stamp_is_named(tmp_path, make):
+@pytest.mark.parametrize("name", [STAMP, MANIFEST, "result.txt"])
+def test_a_broken_file_is_named_and_the_stage_made_again(tmp_path, make, capsys, name):
     folder = Stages(tmp_path)("dense", ["a"], make)
-    (folder / STAMP).write_text("{")
-    with pytest.raises(HandbenchError, match=r"stage\.json: is not readable as JSON"):
-        Stages(tmp_path)("dense", ["a"], make)
+    whole = (folder / "result.txt").read_bytes()
+    (folder / name).write_text("{")
+    assert Stages(tmp_path)("dense", ["a"], make) == folder
+    assert f"{name} " in capsys.readouterr().err and (folder / "result.txt").read_bytes() == whole
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ import random
 import re
 import tomllib
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import tomlkit
@@ -178,7 +179,8 @@ def mutated(name: str, content: bytes, rng: random.Random) -> bytes:
     suffix = "." + name.rpartition(".")[2].lower()
     known = suffix in FORMS and rng.random() < KNOWN
     if known:
-        content = rng.choice(FORMS[suffix])(content, rng)
+        with suppress(ValueError, TypeError):  # what the form's own library will not write
+            content = rng.choice(FORMS[suffix])(content, rng)
     for _ in range(rng.choice((0, 0, 0, 1) if known else (1, 1, 1, 2, 3))):
         content = rng.choice(TEXT if suffix in TEXTS_OF else BYTES)(content, rng)
     return content

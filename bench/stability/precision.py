@@ -1,0 +1,293 @@
+"""The error budget of single precision: every path that uses it, against double precision or the closed form.
+
+u = 2⁻²⁴ is the rounding of float32. A sum of n products in it errs by at most n·u of the sum of their magnitudes, in any
+order (Higham 2002, sec. 3.1); white noise, whose sum is far smaller than that, shows the errors best.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bench.results.stability import Table
+from bench.stability.scenes import LADDER_HZ, POINT_M, capture, depth_map, echoes, small_array
+from radar.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, PlanarScan, qar50
+from radar.backprojection import backproject, direct_sum, path_lengths, tone_images
+from radar.forward import Scatterers, direct_echoes, simulate
+from radar.fsk import depth_step_m
+from radar.grid import VoxelGrid
+from radar.imaging import image_points, image_volume, project_volume
+from radar.resample import AMPLIFICATION, resampler
+from radar.smoothing import masked_mean
+from radar.steering import cis_turns
+
+C = SPEED_OF_LIGHT_M_S
+U, U_DOUBLE = 2.0**-24, 2.0**-53
+STEER = 4 * U  # a steering phase, radians: its remainder rounds to π/2·u, cosine and sine by 2u
+PAIR_MM = 1e3 * C / (4 * np.pi * 0.2e9)  # depth per radian between the closest tones
+TONES_HZ = np.linspace(72e9, 82e9, 16)
+GRID = VoxelGrid(np.linspace(-0.01, 0.01, 11), np.linspace(-0.01, 0.01, 11), np.linspace(0.27, 0.29, 21))
+
+
+@dataclass(frozen=True)
+class Line:
+    """One path: where it uses single precision, the bound of its error, the error, their unit, and what it moves a
+    depth by at most, millimetres (None: no depth comes of it)."""
+
+    path: str
+    single: str
+    bound: float
+    measured: float
+    unit: str
+    depth_mm: float | None
+
+
+def table() -> Table:
+    """The budget. Phases become depths by the closest pair of tones, 119 mm/rad, which forgives least."""
+    lines = [line for group in GROUPS for line in group()]
+    return Table(
+        title="Single precision",
+        text="error of every path that uses it against double precision, with the bound that roundings allow",
+        columns=("path", "single precision in", "bound", "measured", "unit", "depth, mm", "within"),
+        rows=tuple(
+            (line.path, line.single, line.bound, line.measured, line.unit, line.depth_mm,
+             "yes" if line.measured <= line.bound else "no")
+            for line in lines
+        ),
+    )
+
+
+def _steering() -> list[Line]:
+    lines = []
+    for range_m in (0.3, 2.0, 20.0):
+        turns = np.random.default_rng(0).uniform(0.5, 1.0, 20_000) * 2 * range_m * 82e9 / C
+        found = np.array([cis_turns(t) for t in turns])
+        phase = 2 * np.pi * np.mod(turns, 1.0)  # exact: the remainder of a float64 is one
+        measured = np.abs(found - np.stack([np.cos(phase), np.sin(phase)], axis=1)).max()
+        where = "cosine and sine of the remainder of a turn, itself in double"
+        lines.append(_phase(f"steering at {range_m:g} m", where, STEER, measured))
+    return lines
+
+
+def _exact() -> list[Line]:
+    points = GRID.points_m().reshape(-1, 3)[::40]
+    lines = []
+    for name, array, tones in (
+        ("exact points, 94 + 94 antennas", qar50(), TONES_HZ[:4]),
+        ("exact points, tones unevenly spaced", small_array(), _uneven_hz()),
+        ("exact points, 4096 tones", AntennaArray(small_array().tx_m[:3], small_array().rx_m[:3]), _many_hz()),
+    ):
+        samples = _noise((len(tones), *array.channels))
+        found = backproject(samples, tones, array, points)
+        bound = _sums(array, len(tones))
+        error = np.abs(found - direct_sum(samples, tones, array, points)).max() / np.abs(samples).sum()
+        lines.append(_phase(name, "steering, products, sums over antennas and tones", bound, error))
+    samples = _noise((len(TONES_HZ), *small_array().channels))
+    found = image_volume(samples, TONES_HZ, small_array(), GRID, None).ravel()
+    error = np.abs(found - _volume(samples)).max() / np.abs(samples).sum()
+    lines.append(_phase("exact volume", "as exact points", _sums(small_array(), len(TONES_HZ)), error))
+    return lines
+
+
+def _sums(array: Aperture, tones: int) -> float:
+    """Most that an exact image errs by, over Σ|S|: steering twice, and sums over 2t, 2r and the tones."""
+    t, r = (len(leg.position_m) for leg in array.legs)
+    return 2 * STEER + (2 * t + 2 * r + tones) * U
+
+
+def _fast() -> list[Line]:
+    samples = _noise((len(TONES_HZ), *small_array().channels))
+    exact, lines = _volume(samples), []
+    strongest = np.abs(exact.reshape(GRID.shape)).max(axis=0)
+    for tolerance in (1e-3, 1e-5):
+        floor = tolerance + _floor(len(TONES_HZ))
+        where = f"weights, phases within a leaf, products; tolerance {tolerance:g}"
+        volume = image_volume(samples, TONES_HZ, small_array(), GRID, tolerance).ravel()
+        lines.append(_phase("fast volume", where, floor, _relative(volume, exact)))
+        _, magnitude = project_volume(samples, TONES_HZ, small_array(), GRID, tolerance)
+        lines.append(_phase("fast projection", where, floor, _relative(magnitude[1], strongest)))
+        points = GRID.points_m().reshape(-1, 3)[::7]
+        uneven = _noise((len(_uneven_hz()), *small_array().channels))
+        found = image_points(uneven, _uneven_hz(), small_array(), points, tolerance)
+        error = _relative(found, direct_sum(uneven, _uneven_hz(), small_array(), points))
+        floor = tolerance + _floor(len(_uneven_hz()))
+        lines.append(_phase("fast points, tones unevenly spaced", where, floor, error))
+    return lines
+
+
+def _floor(tones: int) -> float:
+    """The roundings of the fast chain on noise, relative L2: three levels, each a steering and products of three sums
+    whose roundings are independent, so that they grow with the root of their terms."""
+    terms = 2 * sum(small_array().channels) + tones
+    return 3 * (2 * STEER + np.sqrt(terms) * U)
+
+
+def _scan() -> list[Line]:
+    generator = np.random.default_rng(2)
+    scan = PlanarScan(np.stack([*generator.uniform(-0.07, 0.07, (2, 300)), np.zeros(300)], axis=1))
+    samples, points = _noise((4, 300)), GRID.points_m().reshape(-1, 3)[::40]
+    exact = direct_sum(samples, TONES_HZ[:4], scan, points)
+    error = np.abs(backproject(samples, TONES_HZ[:4], scan, points) - exact).max() / np.abs(samples).sum()
+    return [_phase("planar scan", "steering; sums over positions in double", STEER + 5 * U, error)]
+
+
+def _forward() -> list[Line]:
+    generator, count = np.random.default_rng(3), 300
+    position = np.array(POINT_M) + generator.uniform(-0.01, 0.01, (count, 3))
+    weight = generator.normal(size=count)
+    exact = direct_echoes(position, weight, TONES_HZ, small_array())
+    scatterers, lines = Scatterers(position, weight), []
+    found = simulate(scatterers, TONES_HZ, small_array(), spreading=False, tolerance=None)
+    error = np.abs(found - exact).max() / np.abs(weight).sum()
+    lines.append(_phase("forward model, exact", "gains, steering, sums", 2 * STEER + (count + 6) * U, error))
+    found = simulate(scatterers, TONES_HZ, small_array(), spreading=False, tolerance=1e-5)
+    bound = 1e-5 + _floor(len(TONES_HZ)) + np.sqrt(count) * U
+    lines.append(_phase("forward model, fast", "as fast volume; tolerance 1e-05", bound, _relative(found, exact)))
+    return lines
+
+
+def _smoothing() -> list[Line]:
+    values = 0.3 + 0.01 * np.random.default_rng(4).standard_normal((60, 60))
+    padded = np.pad(values.astype(np.longdouble), 2)
+    exact = sum(padded[i : i + 60, j : j + 60] for i in range(5) for j in range(5))[2:-2, 2:-2] / 25
+    error = 1e3 * float(np.abs(masked_mean(values, 5)[2:-2, 2:-2] - exact).max())
+    return [Line("smoothing", "nothing", 1e3 * 20 * U_DOUBLE * np.abs(values).max(), error, "mm", error)]
+
+
+def _fsk() -> list[Line]:
+    """Depth steps of a point's pixels from single and from double precision images, and maps at the default tolerance."""
+    samples = echoes(POINT_M, frequencies_hz=LADDER_HZ).astype(np.complex64)
+    tones, array = np.array(LADDER_HZ), small_array()
+    x, y = np.meshgrid(np.linspace(-0.004, 0.004, 9), np.linspace(-0.004, 0.004, 9))
+    points = np.stack([x, y, np.full_like(x, POINT_M[2] + 0.002)], axis=-1).reshape(-1, 3)
+    single = tone_images(samples, tones, array, points)
+    double = np.array([direct_sum(samples[[i]], tones[[i]], array, points) for i in range(len(tones))])
+    seen = np.abs(double[0]) > np.abs(double[0]).max() * 10 ** (-10 / 20)
+    total, weakest = np.abs(samples[0]).sum(), np.abs(double[:, seen]).min()
+    lines = []
+    for name, a, b in (("two tones", 0, 1), ("three tones", 0, 3), ("ladder", 0, 4)):
+        difference_hz = tones[a] - tones[b]
+        steps_m = [depth_step_m(images[a, seen], images[b, seen], difference_hz) for images in (single, double)]
+        error = 1e3 * np.abs(steps_m[0] - steps_m[1]).max()
+        bound = 1e3 * C / (4 * np.pi * difference_hz) * 2 * _sums(array, 0) * total / weakest
+        lines.append(Line(f"FSK depth, {name}", "images; phases and depths in double", bound, error, "mm", error))
+    lines += [_map_line(name, id, tones) for name, id in (("2fsk", "2fsk"), ("3fsk", "3fsk"), ("nfsk", "nfsk"))]
+    return lines
+
+
+def _map_line(name: str, id: str, tones: np.ndarray) -> Line:
+    """A whole map at the default tolerance against the exact sum. The tolerance bounds the image's error as a whole,
+    which at worst lies in one pixel, here one at the threshold."""
+    taken, pixels = capture(echoes(POINT_M, frequencies_hz=LADDER_HZ), LADDER_HZ), 25 * 25
+    fast, exact = (depth_map(id, taken, tolerance=tolerance, first_depth_m=0.28) for tolerance in (1e-5, None))
+    both = np.isfinite(fast.z_m) & np.isfinite(exact.z_m)
+    error = 1e3 * np.abs(fast.z_m - exact.z_m)[both].max()
+    power = 10 ** (exact.amplitude_db.astype(np.float64) / 10)
+    spill = np.sqrt(power.mean() * pixels) / 10 ** (-10 / 20)
+    bound = PAIR_MM * 2 * (1e-5 + _floor(len(tones))) * spill
+    return Line(f"{name} at the default tolerance", "images, fast; tolerance 1e-05", bound, error, "mm", error)
+
+
+def _resampling() -> list[Line]:
+    lines = []
+    for tolerance in (1e-3, 1e-5):
+        fine = np.linspace(-0.15, 0.15, 601)
+        found = resampler(fine, 400.0, 0.6 * tolerance)
+        generator = np.random.default_rng(5)
+        band, weight = generator.uniform(-400, 400, 50), generator.normal(size=50)
+        wave, nodes = (np.cos(np.multiply.outer(at, band)) @ weight for at in (fine, found.nodes_m))
+        out = np.empty(len(fine), np.float32)
+        found.apply(nodes.astype(np.float32), out)
+        count = max((of.stop - of.start for _, of, _ in found.windows), default=1)
+        bound = 0.6 * tolerance + AMPLIFICATION * (np.sqrt(count) + 2) * U
+        where = f"nodes, weights and sums; tolerance {0.6 * tolerance:g}"
+        lines.append(_phase("resampling", where, bound, _relative(out, wave)))
+    return lines
+
+
+def _rays() -> list[Line]:
+    from calibration.meshes import mesh
+    from groundtruth.depth import depth_on_grid
+    from radar.rays import Rays
+
+    slope, z_m = np.array([0.7, -0.4]), 0.3
+    corners = np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]])
+    vertices = np.column_stack([corners, z_m + corners @ slope])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    axis = np.linspace(-0.15, 0.15, 61)
+    x, y = np.meshgrid(axis, axis)
+    exact = z_m + slope[0] * x + slope[1] * y
+    error = 1e3 * float(np.abs(depth_on_grid(mesh(vertices, faces), axis, axis) - exact).max())
+    bound = 1e3 * 16 * U_DOUBLE * (1 + np.abs(slope).sum())
+    lines = [Line("ray casting, depth on the grid", "which triangle is hit; its depth in double", bound, error, "mm", error)]
+    origins, along = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1), np.tile([0.0, 0, 1], (x.size, 1))
+    distance, _ = Rays(vertices, faces).first_hits(origins, along)
+    error = 1e3 * float(np.abs(distance - exact.ravel()).max())
+    bound = 1e3 * 8 * U * (np.abs(vertices).max() + np.abs(slope).sum() * 0.2)
+    return [*lines, Line("ray casting, first hits", "rays, vertices, distance", bound, error, "mm", error)]
+
+
+def _meshes() -> list[Line]:
+    from calibration.meshes import mesh, read_triangles, write_mesh
+
+    generator = np.random.default_rng(6)
+    vertices = generator.uniform(-0.3, 0.3, (60, 3))
+    faces, lines = np.arange(60).reshape(-1, 3), []
+    with tempfile.TemporaryDirectory() as folder:
+        write_mesh(Path(folder) / "mesh.ply", mesh(vertices, faces))
+        stl = np.zeros(20, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]))
+        stl["corners"] = vertices[faces]
+        (Path(folder) / "mesh.stl").write_bytes(bytes(80) + (20).to_bytes(4, "little") + stl.tobytes())
+        for name, single, bound in (("mesh.ply", "nothing", 0.0), ("mesh.stl", "the format itself", 1e3 * 0.3 * U)):
+            again, corners, _ = read_triangles(Path(folder) / name)
+            error = 1e3 * float(np.abs(again[corners] - vertices[faces]).max())
+            lines.append(Line(f"mesh file, {name[-3:].upper()}", single, bound, error, "mm", error))
+    return lines
+
+
+def _samples() -> list[Line]:
+    path_m = path_lengths(small_array(), np.array(POINT_M))
+    exact = np.exp(-2j * np.pi * 82e9 * path_m / C)
+    error = float(np.abs(np.angle(exact.astype(np.complex64).astype(np.complex128) / exact)).max())
+    return [_phase("samples of a capture", "real and imaginary part", U, error)]
+
+
+GROUPS: tuple[Callable[[], list[Line]], ...] = (
+    _samples, _steering, _exact, _fast, _scan, _forward, _resampling, _fsk, _smoothing, _rays, _meshes,
+)
+
+
+def _phase(path: str, single: str, bound: float, measured: float) -> Line:
+    """A line about a relative error of images or echoes: two of them, at the strongest pixel, make a depth."""
+    return Line(path, single, float(bound), float(measured), "1", 2 * PAIR_MM * float(measured))
+
+
+def _noise(shape: tuple[int, ...]) -> np.ndarray:
+    generator = np.random.default_rng(1)
+    return (generator.standard_normal(shape) + 1j * generator.standard_normal(shape)).astype(np.complex64)
+
+
+def _uneven_hz() -> np.ndarray:
+    return np.sort(np.random.default_rng(7).uniform(72e9, 82e9, 16))
+
+
+def _many_hz() -> np.ndarray:
+    return np.linspace(72e9, 82e9, 4096)
+
+
+def _volume(samples: np.ndarray) -> np.ndarray:
+    """The exact volume [n] in double precision, channel by channel."""
+    points, image = GRID.points_m().reshape(-1, 3), 0
+    wavenumber = 2j * np.pi * TONES_HZ[:, None] / C
+    to, back = (np.linalg.norm(points - leg.position_m[:, None], axis=2) for leg in small_array().legs)
+    for sample, k in zip(samples, wavenumber[:, 0], strict=True):
+        image = image + np.einsum("tp,tr,rp->p", np.exp(k * to), sample, np.exp(k * back), optimize=True)
+    return image
+
+
+def _relative(found: np.ndarray, exact: np.ndarray) -> float:
+    return float(np.linalg.norm(found - exact) / np.linalg.norm(exact))

@@ -1,0 +1,50 @@
+"""The README's figure of the embedded hands: python docs/poses.py docs/poses.png
+
+Each is photographed from where the array is, in the light of its scene, by a camera without lens errors.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from bench.protocol import EMBEDDED
+from bench.scenes.photographs import Studio
+from bench.scenes.scene import load_scene
+from groundtruth.cameras import Camera
+from radar.files import atomic_path
+
+WIDTH_PX, HEIGHT_PX, FOCAL_PX = 440, 500, 560
+CAMERA_FROM_RADAR = np.diag([-1.0, -1.0, 1.0])  # x grows to the left, as for whoever looks along +z
+
+
+def portrait(letter: str) -> np.ndarray:
+    """The hand of a scene as the array sees it [height, width, 3], 8-bit BGR."""
+    scene = load_scene(EMBEDDED / f"hand_{letter}.toml")
+    rotation = CAMERA_FROM_RADAR @ scene.radar_from_photo.rotation
+    eye_m = scene.radar_from_photo.inverse().points(np.array([0.0, 0.0, -0.29]))
+    camera = Camera(
+        name=f"{letter}.jpg", width=2 * WIDTH_PX, height=2 * HEIGHT_PX,
+        params=(2 * 2 * FOCAL_PX, 2 * 2 * FOCAL_PX, WIDTH_PX, HEIGHT_PX, 0, 0, 0, 0),
+        R=tuple(map(tuple, rotation.tolist())), t=tuple((-rotation @ eye_m).tolist()),
+    )
+    large = Studio(scene).photograph(camera, 0)
+    return cv2.resize(large, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA)
+
+
+def main(out: str) -> None:
+    """Write the hands B, F and U side by side."""
+    panels = []
+    for letter in "bfu":
+        panel = portrait(letter)
+        cv2.putText(panel, letter.upper(), (14, 40), cv2.FONT_HERSHEY_SIMPLEX, 1.1, (240, 240, 240), 2, cv2.LINE_AA)
+        panels.append(panel)
+    with atomic_path(Path(out)) as temporary:
+        cv2.imwrite(str(temporary), np.hstack(panels), [cv2.IMWRITE_PNG_COMPRESSION, 9])
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
