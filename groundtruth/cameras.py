@@ -53,7 +53,8 @@ class Camera(Config):
     ) -> tuple[tuple[float, float, float], ...] | None:
         if rows is not None:
             R = np.array(rows)
-            if R.shape != (3, 3) or np.abs(R).max() > 2 or np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
+            small = R.shape == (3, 3) and np.abs(R).max() < 2  # what is not might overflow
+            if not small or np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
                 raise ValueError("not a rotation matrix (3×3, orthonormal, no reflection)")
         return rows
 

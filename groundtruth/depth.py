@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from calibration import HandbenchError
 from calibration.meshes import raycasting_scene
 from calibration.transforms import Transform, perturbation_jacobian
 from groundtruth.surface import Surface
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     import open3d as o3d
 
 CLEARANCE_M = 1e-3
+LONGEST_M = 50.0  # of anything that is put before a radar
 STEEPEST = 0.1  # cosine between a surface's normal and z below which its uncertainty along z grows no more
 
 
@@ -94,11 +96,22 @@ def reference_on_grid(
 
 
 def _cast(mesh: o3d.geometry.TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> _Hits:
+    used_m = np.asarray(mesh.vertices)[np.unique(np.asarray(mesh.triangles))]
+    if len(used_m) == 0:
+        raise HandbenchError("mesh: holds no triangles; expected a surface")
+    longest_m = float(np.ptp(used_m, axis=0).max())
+    if longest_m > LONGEST_M:
+        raise HandbenchError(
+            f"mesh: is {longest_m:.3g} m long in the radar's frame; expected at most {LONGEST_M:g} m: is it in "
+            "millimetres? `handbench groundtruth --unit` carries it over"
+        )
+    # Single precision counts from the middle of the grid and the front of the mesh, wherever these are.
+    origin_m = np.array([np.mean(x_m), np.mean(y_m), used_m[:, 2].min()])
     rays = np.zeros((len(y_m), len(x_m), 6), dtype=np.float32)
-    rays[..., 0], rays[..., 1] = np.meshgrid(x_m, y_m)
-    rays[..., 2] = np.asarray(mesh.vertices)[:, 2].min() - CLEARANCE_M
+    rays[..., 0], rays[..., 1] = np.meshgrid(x_m - origin_m[0], y_m - origin_m[1])
+    rays[..., 2] = -CLEARANCE_M
     rays[..., 5] = 1
-    found = raycasting_scene(mesh).cast_rays(rays)
+    found = raycasting_scene(mesh, origin_m).cast_rays(rays)
     hit = np.isfinite(found["t_hit"].numpy())
     row, column = np.nonzero(hit)
     triangle = found["primitive_ids"].numpy().astype(np.int64)[hit]

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 from numba import njit, prange
 
-from calibration import read_npz, write_npz
+from calibration import read_npz, require_free, write_npz
 from groundtruth.dense import DepthMap
+from groundtruth.planesweep import LESS
 
 CONFIRMATIONS, FEW_VIEWS = 2, 5  # other views that must agree; 1 where there are no more than a few views
 AGREEMENT_PX = 1.7  # how far, in pixels times depth over focal length, two depths may be apart
@@ -51,8 +52,8 @@ def fuse(maps: list[DepthMap], box_m: np.ndarray | None) -> Cloud:
     """Every pixel in the box [2, 3] whose depth enough other views confirm, moved to the mean of all that agree."""
     fewest = CONFIRMATIONS if len(maps) > FEW_VIEWS else 1
     shape = tuple(max(m.depth_m.shape[axis] for m in maps) for axis in (0, 1))
-    pixels = shape[0] * shape[1]
-    require_free((32 + 96) * len(maps) * pixels, f"dense: {len(maps)} depth maps of {shape[1]} × {shape[0]} pixels", LESS)
+    needed = ((32 + 1) * len(maps) + 56) * shape[0] * shape[1]
+    require_free(needed, f"dense: {len(maps)} depth maps of {shape[1]} × {shape[0]} pixels", LESS)
     depths = np.full((len(maps), *shape), np.nan)
     normals = np.zeros((len(maps), *shape, 3))
     for i, m in enumerate(maps):

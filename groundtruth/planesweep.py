@@ -11,6 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+from calibration import require_free
+
+LESS = "choose a lower --quality, or fewer or smaller photographs"
 WINDOW_RADIUS = 4
 LARGEST_COST = 127
 OUTSIDE, WORST = -1.0, 2.0

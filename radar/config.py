@@ -74,7 +74,10 @@ def complaint(model: type[Config], problem: Any, prefix: tuple[int | str, ...] =
         return f"unknown key '{location}'; {suggest(str(problem['loc'][-1]), known)}"
     if problem["type"] == "missing":
         return f"key '{location}' is missing; add it"
-    got = repr(problem["input"])
+    try:
+        got = repr(problem["input"])
+    except RecursionError:
+        got = "nested without end"
     got = got if len(got) < 80 else got[:77] + "..."
     message = problem["msg"].removeprefix("Value error, ")
     return f"'{location}' is {got}; {message[0].lower()}{message[1:]}"

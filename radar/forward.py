@@ -103,13 +103,14 @@ def _check(scatterers: Scatterers, array: AntennaArray, spreading: bool) -> None
     places_m = positions("scatterers.position_m", scatterers.position_m)
     if not spreading:
         return
-    antennas_m = np.concatenate([leg.position_m for leg in array.legs])
-    distance_m, nearest = cKDTree(antennas_m).query(places_m)
-    p = int(distance_m.argmin())
-    if distance_m[p] == 0:
+    antennas_m = np.concatenate([array.tx_m, array.rx_m])
+    among = (places_m >= antennas_m.min(axis=0)) & (places_m <= antennas_m.max(axis=0))
+    inside = np.flatnonzero(among.all(axis=1))
+    on = inside[cKDTree(antennas_m).query(places_m[inside])[0] == 0]
+    if len(on) > 0:
         raise HandbenchError(
-            f"scatterers.position_m: point {p} lies on antenna {int(nearest[p])} (transmitters first), where an echo is "
-            "infinite; leave the point out, or simulate without spreading"
+            f"scatterers.position_m: point {on[0]} at {places_m[on[0]].tolist()} lies on an antenna, where its echo is "
+            "infinite; leave it out, or simulate without spreading"
         )
 
 

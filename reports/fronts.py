@@ -49,7 +49,8 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     styles = _look(shown)
     picture = Figure(figsize=(9, 4.6), layout="constrained")
     axis = picture.subplots()
-    axis.plot([s.seconds for s in best], [s.error for s in best], color="0.25", linewidth=1.2, zorder=2)
+    line = [s for i, s in enumerate(best) if all(s.error < before.error for before in best[:i])]
+    axis.plot([s.seconds for s in line], [s.error for s in line], color="0.25", linewidth=1.2, zorder=2)
     for s in shown:
         colour, marker = styles[method_of(s)]
         bold = {"markersize": 6, "zorder": 3} if s.on_front else {"markersize": 4, "alpha": 0.4, "fillstyle": "none"}
@@ -76,11 +77,21 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     return Picture(
         f"front_{about.name}",
         f"{about.title}: {metric_words(about)} over seconds, with the 95 % interval of the error and the range of the "
-        "repeats. Filled, numbered points on the line: no other setting is both faster and more accurate; faint, "
-        f"hollow points: one is.{framed}",
+        f"repeats. Filled, numbered points: no other setting is as good in {_what(shown)}; faint, hollow points: one "
+        f"is.{_beside(line, best)}{framed}",
         f"{metric_words(about)} against time of {len(shown)} settings. On the front, from fast to slow: {told}.",
         picture,
     )
+
+
+def _what(shown: list[Setting]) -> str:
+    complete = any(s.seen_percent is not None for s in shown)
+    return "time, accuracy and completeness together" if complete else "both time and accuracy"
+
+
+def _beside(line: list[Setting], best: list[Setting]) -> str:
+    """What the numbered points off the line are; empty where there is none."""
+    return " The line joins those that none beats in time and accuracy alone; the others see more." * (line != best)
 
 
 def _look(shown: list[Setting]) -> dict[str, tuple[str, str]]:

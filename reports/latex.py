@@ -143,24 +143,27 @@ def comparisons(result: Result) -> str:
 
 
 def tradeoff(found: Tradeoff) -> str:
-    """The front of each section: the settings that none beats in both accuracy and time."""
+    """The front of each section: the settings that none beats in accuracy, completeness and time together."""
     texts = []
     for section in found.facts.sections:
         front = [setting for setting in found.section(section.name) if setting.on_front]
         text = (
-            f"{found.facts.name}. {section.title}: the settings that no other beats in both accuracy and time. "
+            f"{found.facts.name}. {section.title}: the settings that no other beats in accuracy, completeness "
+            f"and time together. "
             f"{section.metric}: {section.definition}. Time: {section.seconds}; in brackets the 95 % confidence "
             f"interval, and of times the range of the repeats; ratio: to {section.reference}."
         )
-        head = ("Setting", titled(section.metric, section.unit), titled("Time", "s"), "Ratio")
-        texts.append(float_table(text, "lrrr", head, map(_setting, front)))
+        seen = [titled("Seen", "%")] if any(s.seen_percent is not None for s in front) else []
+        head = ["Setting", titled(section.metric, section.unit), *seen, titled("Time", "s"), "Ratio"]
+        texts.append(float_table(text, f"l{'r' * len(head[1:])}", head, (_setting(s, bool(seen)) for s in front)))
     return "\n".join(texts)
 
 
-def _setting(s: Setting) -> str:
+def _setting(s: Setting, with_seen: bool) -> str:
     seconds = num_figure(s.seconds, s.seconds_low, s.seconds_high, "s")
     ratio = num(s.ratio, three_digits(s.ratio))
-    return row([escaped(s.title), num_figure(s.error, s.low, s.high, s.unit), seconds, ratio])
+    seen = [num(s.seen_percent, 2)] if with_seen else []
+    return row([escaped(s.title), num_figure(s.error, s.low, s.high, s.unit), *seen, seconds, ratio])
 
 
 def float_table(text: str, columns: str, head: Iterable[str], body: Iterable[str]) -> str:

@@ -52,21 +52,25 @@ def comparisons_markdown(result: Result) -> str:
 
 
 def tradeoff_markdown(tradeoff: Tradeoff) -> str:
-    """What each setting costs and buys, a table a section; bold: the front, which no other setting beats in both."""
-    parts = [f"# {escaped(tradeoff.facts.name)}: accuracy against time\n", "Bold: no other setting is both faster and "
-             "more accurate. In brackets the 95 % confidence interval, and of times the range of the repeats.\n"]
+    """What each setting costs and buys, a table a section; bold: the front, which no other setting beats."""
+    parts = [f"# {escaped(tradeoff.facts.name)}: accuracy against time\n", "Bold: no other setting is as fast, "
+             "accurate and complete. In brackets the 95 % confidence interval, of times the range of the repeats.\n"]
     for section in tradeoff.facts.sections:
         parts.append(f"## {escaped(section.title)}\n")
         parts.append(f"{escaped(section.metric)}: {escaped(section.definition)}; seconds: {escaped(section.seconds)}\n")
-        headings = ("setting", f"{escaped(section.metric)} ({escaped(section.unit)})", "time (s)", "× reference")
-        parts.append(table(headings, map(_setting, tradeoff.section(section.name))))
+        error = f"{escaped(section.metric)} ({escaped(section.unit)})"
+        settings = tradeoff.section(section.name)
+        seen = ["seen (%)"] if any(s.seen_percent is not None for s in settings) else []
+        headings = ("setting", error, *seen, "time (s)", "× reference")
+        parts.append(table(headings, (_setting(s, bool(seen)) for s in settings)))
     return "\n".join(parts)
 
 
-def _setting(s: Setting) -> tuple[str, ...]:
+def _setting(s: Setting, with_seen: bool) -> tuple[str, ...]:
     title = bold(escaped(s.title)) if s.on_front else escaped(s.title)
     error, seconds = figure(s.error, s.low, s.high, s.unit), figure(s.seconds, s.seconds_low, s.seconds_high, "s")
-    return title, escaped(error), escaped(seconds), number(s.ratio, three_digits(s.ratio))
+    seen = [number(s.seen_percent, 2)] if with_seen else []
+    return title, escaped(error), *seen, escaped(seconds), number(s.ratio, three_digits(s.ratio))
 
 
 def csv_text(result: Result) -> str:

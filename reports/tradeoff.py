@@ -44,10 +44,10 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
     numbers = {s.name: str(i) for i, s in enumerate((s for s in best if plotted(s)), 1)}
     return Grid(
         f"{about.title}: {len(best)} settings on the front, {len(rest)} beaten",
-        ("setting", "number, or beaten by", f"{metric_words(about)} ({about.unit})", "time (s)", "÷ reference",
-         "operations", "memory (MB)"),
+        ("setting", "number, or beaten by", f"{metric_words(about)} ({about.unit})", "seen (%)", "time (s)",
+         "÷ reference", "operations", "memory (MB)"),
         tuple(
-            (s.title, numbers.get(s.name) or _beaten(s, titles), error_text(s, False),
+            (s.title, numbers.get(s.name) or _beaten(s, titles), error_text(s, False), number(s.seen_percent, 2),
              seconds_text(s, False), number(s.ratio, three_digits(s.ratio)), _count(s.operations),
              number(s.peak_memory_mb, 0))
             for s in (*best, *rest)

@@ -32,9 +32,10 @@ class Setting:
     error [low, high]: its metric, smaller is better, with the 95 % interval, in `unit`; seconds [seconds_low,
     seconds_high]: median over the interleaved repeats and their range; ratio: seconds over those of the section's
     reference setting, of the same run. Parts of an image's time: acquisition_s (tones × step time), plan_s (once a
-    geometry), imaging_s, extraction_s. operations: complex multiplications and additions, by count. dominated_by: a
-    setting that is at least as fast and as accurate, and better in one; empty on the front. on_method_front: no setting
-    of the same method dominates it.
+    geometry), imaging_s, extraction_s. operations: complex multiplications and additions, by count. seen_percent: how
+    much of the surface it saw (None: all alike), for an error speaks of what was seen. dominated_by: a setting that is
+    at least as fast, as accurate and as complete, and better in one; empty on the front. on_method_front: no setting of
+    the same method dominates it.
     """
 
     section: str
@@ -59,6 +60,7 @@ class Setting:
     on_front: bool
     dominated_by: str
     on_method_front: bool = False
+    seen_percent: float | None = None
 
 
 class Section(Config):

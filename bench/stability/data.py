@@ -211,8 +211,8 @@ def _drowned(id: str, snr_db: float) -> tuple[np.ndarray, np.ndarray, np.ndarray
 @case(
     "data", "σ from +60 to −30 dB", quantity="median |error|/0.67σ of pixels without flag", reference="1", unit="1",
     bound=SATURATION,
-    reason="amplitudes tell σ_φ; they saturate: where the flag is raised, at 0.61 rad, the phase suffers 1.05, 1.7 times "
-    "as much. Speckle, which σ counts too, makes it less. Wraps of the flag's 10 % apart",
+    reason="amplitudes tell σ_φ; they saturate: where the flag is raised, at 0.61 rad, the phase suffers 1.05, 1.7 "
+    "times as much. Speckle, which σ counts too, makes it less. Wraps of the flag's 10 % apart",
 )
 def sigma_follows() -> Worst:
     def seen() -> Iterator[tuple[str, float]]:
@@ -241,6 +241,22 @@ def made_up() -> Worst:
 
 def _half_period_m(id: str) -> float:
     return C / (4 * 0.2e9) if id == "2fsk" else HALF_PERIOD_M
+
+
+@case(
+    "data", "projections through noise", quantity="error at the point's pixel without flag", reference="the point",
+    unit="mm", bound=1e3 * C / (4 * 10e9) + VOXEL_MM,
+    reason="noise moves the maximum within its range cell, c/2B wide, until its own peaks overtake it; from there on "
+    "no depth is told, and that must be said",
+)
+def projections_drown() -> Worst:
+    def seen() -> Iterator[tuple[str, float]]:
+        for snr_db, seed in product((60, 40, 20, 0, -10, -20, -30), range(3)):
+            taken = capture(noisy(_point(), 144.0, snr_db, seed))
+            z_m = float(middle(depth_map("broadband", taken).z_m))
+            yield f"{snr_db} dB, draw {seed}", 0.0 if np.isnan(z_m) else 1e3 * abs(z_m - POINT_M[2])
+
+    return worst(seen())
 
 
 @case(

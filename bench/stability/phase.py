@@ -1,4 +1,4 @@
-"""Hard phases: at and across the ambiguity of each pair of tones, pairs too close and too far apart, wrong first depths."""
+"""Hard phases: at and across each pair's ambiguity, pairs too close and too far apart, wrong first depths."""
 
 from __future__ import annotations
 
@@ -22,13 +22,16 @@ from bench.stability.scenes import (
     noisy,
 )
 from radar.arrays import SPEED_OF_LIGHT_M_S, qar50
+from radar.backprojection import tone_images
 from radar.confidence import wrap_probability
 from radar.depthmap import DepthMap
 from radar.fsk import depth_step_m
+from radar.grid import PixelGrid
 
 C = SPEED_OF_LIGHT_M_S
 PAIRS_HZ = (0.2e9, 0.5e9, 0.7e9, 2.3e9, 2.5e9, 9.8e9, 10e9)
 PAPER_HZ = (82.0e9, 81.8e9, 79.5e9)
+FINEST_HZ = {"2fsk": 0.2e9, "3fsk": 2.3e9, "3fsk-plus": 2.3e9, "nfsk": 9.8e9}
 PERIOD_M = C / (2 * 2.5e9)
 NEAR_MM = 0.5
 CELL_M = 0.006  # resolution cell at 0.3 m
@@ -64,7 +67,8 @@ def across() -> Worst:
         for difference_hz, sign in product(PAIRS_HZ, (-1, 1)):
             turns = np.longdouble(sign) * share.astype(np.longdouble) / 2  # of the phase, from the step −Δz
             phase = 2 * np.pi * (turns - np.rint(turns)).astype(np.float64)
-            step_m = depth_step_m(np.exp(1j * phase).astype(np.complex64), np.ones(len(share), np.complex64), difference_hz)
+            image, one = np.exp(1j * phase).astype(np.complex64), np.ones(len(share), np.complex64)
+            step_m = depth_step_m(image, one, difference_hz)
             off = step_m * 4 * np.pi * difference_hz / C + phase
             yield f"Δf {difference_hz / 1e9:g} GHz", float(np.abs(off - 2 * np.pi * np.rint(off / 2 / np.pi)).max())
 
@@ -93,9 +97,9 @@ def wraps_at() -> Worst:
 @case(
     "phase", "the coarse error across ±30 mm", quantity="depth off by half a period without flag",
     reference="two planes a step apart", unit="mm", bound=1e3 * PERIOD_M / 2,
-    reason="a filter across the edge is off by up to half the step; beyond 30 mm the third tone adds a period, which must "
-    "be flagged; no pixel without flag is off by more than half of one. Pixels a resolution cell from the edge: nearer "
-    "ones see both planes in one phase",
+    reason="a filter across the edge is off by up to half the step; beyond 30 mm the third tone adds a period, which "
+    "must be flagged; no pixel without flag is off by more than half of one. Pixels a resolution cell from the edge: "
+    "nearer ones see both planes in one phase",
 )
 def coarse_error() -> Worst:
     seen = []
@@ -133,8 +137,8 @@ def dropped() -> Worst:
 @case(
     "phase", "a pair of tones that meet", quantity="error of the depth, over cΔφ/4πΔf of a rounding Δφ",
     reference="the point", unit="rad", bound=2.0**-20,
-    reason="samples, both steerings and the image round to single precision, 2⁻²³ rad each and tone, 8 in all; the last "
-    "micrometre is the factor 2's",
+    reason="samples, both steerings and the image round to single precision, 2⁻²³ rad each and tone, 8 in all; the "
+    "last micrometre is the factor 2's",
 )
 def tones_meet() -> Worst:
     def seen() -> Iterator[tuple[str, float]]:
@@ -214,7 +218,8 @@ def far_tone() -> Worst:
 def too_far() -> Refused | Worst:
     taken, answer = capture(_point_at(0.28), LADDER_HZ), None
     for last_hz in (74.9e9, 72e9, 40e9, 1e9, 1e6, 1e12):
-        answer = refused(lambda last=last_hz: depth_map("nfsk", taken, tones_hz=[82e9, 81.8e9, last]), "rung", "put a tone")
+        tones = [82e9, 81.8e9, last_hz]
+        answer = refused(lambda tones=tones: depth_map("nfsk", taken, tones_hz=tones), "rung", "put a tone")
         if isinstance(answer, Worst):
             return answer
     return answer
@@ -238,7 +243,8 @@ def _first_depth(ids: tuple[str, ...], within: bool) -> Iterator[tuple[str, np.n
 @case(
     "phase", "a first depth 10 to 370 mm off", quantity="error on target", reference="the point", unit="mm",
     bound=5.0,
-    reason="within ±375 mm each pass leaves what the factor 2 falls short of, until it moves by less than 5 mm (settled_m)",
+    reason="within ±375 mm each pass leaves what the factor 2 falls short of, until it moves by less than 5 mm "
+    "(settled_m)",
 )
 def first_depth() -> Worst:
     return worst((place, 1e3 * error.max()) for place, error, _ in _first_depth(FSK, within=True))
@@ -252,8 +258,8 @@ def _silent(ids: tuple[str, ...]) -> Worst:
 @case(
     "phase", "a first depth 400 mm to 1 m off, with further tones", quantity="share of pixels wrong without flag",
     reference="the flag's probability", unit="1", bound=0.1,
-    reason="the pair settles 750 mm off, 12.5 periods of the third tone, whose step is then half a period: likelier wrapped "
-    "than wrap_probability, 0.1, at nine pixels of ten",
+    reason="the pair settles 750 mm off, 12.5 periods of the third tone, whose step is then half a period: likelier "
+    "wrapped than wrap_probability, 0.1, at nine pixels of ten",
 )
 def first_depth_beyond() -> Worst:
     return _silent(FSK[1:])
@@ -262,32 +268,47 @@ def first_depth_beyond() -> Worst:
 @case(
     "phase", "a first depth 400 mm to 1 m off, two tones", quantity="share of pixels wrong without flag",
     reference="no pixel", unit="1", bound=0.1,
-    reason="two tones tell depths 750 mm apart by their focus alone; of wrong periods, those behind the array are flagged",
+    reason="two tones tell depths 750 mm apart by their focus alone; of wrong periods, those behind the array are "
+    "flagged",
 )
 def first_depth_beyond_two() -> Worst:
     return _silent(FSK[:1])
 
 
 @case(
-    "phase", "two equal maxima", quantity="jump of the depths as one point outshines the other by 1e-6",
-    reference="the other way round", unit="mm", bound=5.0,
-    reason="z_e settles on either point, within ±375 mm of the other; out of focus by their difference, the other's "
-    "correction falls short by 3 % of it: 5 mm at 160 mm",
+    "phase", "two equal maxima", quantity="error at the brighter point, over what the other's leak allows",
+    reference="the points", unit="1", bound=1.0,
+    reason="z_e settles on one of the two, whichever rounding prefers, and that one must be right: a leak of the other, a "
+    "share s of its amplitude, turns each image by s at most: cs/(2πΔf), and 0.5 mm for the factor 2",
 )
 def two_maxima() -> Worst:
+    array = qar50()
+    along = np.arange(-0.024, 0.0241, STEP_M)
+    first = PixelGrid(along, along).points_m(0.45).reshape(-1, 3)
+
     def seen() -> Iterator[tuple[str, float]]:
-        for id, apart_mm in product(FSK, (0, 1, 10, 30, 60, 100, 160)):
+        for apart_mm in (0, 10, 60, 160):
             points = np.array([[-0.02, 0, 0.28], [0.02, 0, 0.28 + apart_mm / 1000]])
-            found = []
-            for more in (1e-6, -1e-6):
-                taken = capture(echoes(points, [1 + more, 1 - more], LADDER_HZ), LADDER_HZ)
-                depth = depth_map(id, taken, half_m=0.024)
-                row = depth.z_m.shape[0] // 2
-                found.append(depth.z_m[row, [4, -5]])
-            jump = np.abs(found[0] - found[1])
-            yield f"{id}, {apart_mm} mm apart", 1e3 * float(np.nanmax(jump))
+            alone = [echoes(point, None, LADDER_HZ, array).astype(np.complex64) for point in points]
+            peaks = [np.abs(_images(samples, first)[:2]).mean(axis=0).max() for samples in alone]
+            at = np.abs([_images(samples, points).mean(axis=0) for samples in alone])  # [echo, point]
+            for more in (0.9, 0.95, 0.99, 1 - 1e-6, 1, 1 + 1e-6, 1.01, 1.1):
+                weight = np.array([more, 1 / more]) / peaks
+                taken = capture(sum(w * samples for w, samples in zip(weight, alone, strict=True)), LADDER_HZ, array)
+                for id in FSK:
+                    depth = depth_map(id, taken, half_m=0.024)
+                    row, columns = depth.z_m.shape[0] // 2, np.array([4, -5])
+                    one = int(depth.amplitude_db[row, columns].argmax())
+                    leak = weight[1 - one] * at[1 - one, one] / (weight[one] * at[one, one])
+                    allowed_m = C * leak / (2 * np.pi * FINEST_HZ[id]) + NEAR_MM / 1000
+                    error_m = abs(float(depth.z_m[row, columns[one]]) - points[one, 2])
+                    yield f"{id}, {apart_mm} mm apart, strengths {more:g}", error_m / allowed_m
 
     return worst(seen())
+
+
+def _images(samples: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+    return tone_images(samples, np.array(LADDER_HZ), qar50(), points_m)
 
 
 @case(
@@ -325,7 +346,8 @@ def outside() -> Worst:
 @case(
     "phase", "a point before and behind the projection's box", quantity="error on target without flag",
     reference="the point", unit="mm", bound=0.5 + 1e-6,
-    reason="within the box half a voxel; outside it the strongest voxel is the box's last, which must not pass for a depth",
+    reason="within the box half a voxel; outside it the strongest voxel is the box's last, which must not pass for "
+    "a depth",
 )
 def outside_the_box() -> Worst:
     def seen() -> Iterator[tuple[str, float]]:

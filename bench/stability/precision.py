@@ -1,7 +1,7 @@
 """The error budget of single precision: every path that uses it, against double precision or the closed form.
 
-u = 2⁻²⁴ is the rounding of float32. A sum of n products in it errs by at most n·u of the sum of their magnitudes, in any
-order (Higham 2002, sec. 3.1); white noise, whose sum is far smaller than that, shows the errors best.
+u = 2⁻²⁴ is the rounding of float32. A sum of n products in it errs by at most n·u of the sum of their magnitudes, in
+any order (Higham 2002, sec. 3.1); white noise, whose sum is far smaller than that, shows the errors best.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def table() -> Table:
 def _steering() -> list[Line]:
     lines = []
     for range_m in (0.3, 2.0, 20.0):
-        turns = np.random.default_rng(0).uniform(0.5, 1.0, 20_000) * 2 * range_m * 82e9 / C
+        turns = np.random.default_rng(0).uniform(0.5, 1.0, 4000) * 2 * range_m * 82e9 / C
         found = np.array([cis_turns(t) for t in turns])
         phase = 2 * np.pi * np.mod(turns, 1.0)  # exact: the remainder of a float64 is one
         measured = np.abs(found - np.stack([np.cos(phase), np.sin(phase)], axis=1)).max()
@@ -159,7 +159,7 @@ def _smoothing() -> list[Line]:
 
 
 def _fsk() -> list[Line]:
-    """Depth steps of a point's pixels from single and from double precision images, and maps at the default tolerance."""
+    """Depth steps of a point's pixels from images in single and double precision; maps at the default tolerance."""
     samples = echoes(POINT_M, frequencies_hz=LADDER_HZ).astype(np.complex64)
     tones, array = np.array(LADDER_HZ), small_array()
     x, y = np.meshgrid(np.linspace(-0.004, 0.004, 9), np.linspace(-0.004, 0.004, 9))
@@ -175,11 +175,10 @@ def _fsk() -> list[Line]:
         error = 1e3 * np.abs(steps_m[0] - steps_m[1]).max()
         bound = 1e3 * C / (4 * np.pi * difference_hz) * 2 * _sums(array, 0) * total / weakest
         lines.append(Line(f"FSK depth, {name}", "images; phases and depths in double", bound, error, "mm", error))
-    lines += [_map_line(name, id, tones) for name, id in (("2fsk", "2fsk"), ("3fsk", "3fsk"), ("nfsk", "nfsk"))]
-    return lines
+    return [*lines, *(_map_line(id) for id in ("2fsk", "3fsk", "nfsk"))]
 
 
-def _map_line(name: str, id: str, tones: np.ndarray) -> Line:
+def _map_line(id: str) -> Line:
     """A whole map at the default tolerance against the exact sum. The tolerance bounds the image's error as a whole,
     which at worst lies in one pixel, here one at the threshold."""
     taken, pixels = capture(echoes(POINT_M, frequencies_hz=LADDER_HZ), LADDER_HZ), 25 * 25
@@ -188,8 +187,8 @@ def _map_line(name: str, id: str, tones: np.ndarray) -> Line:
     error = 1e3 * np.abs(fast.z_m - exact.z_m)[both].max()
     power = 10 ** (exact.amplitude_db.astype(np.float64) / 10)
     spill = np.sqrt(power.mean() * pixels) / 10 ** (-10 / 20)
-    bound = PAIR_MM * 2 * (1e-5 + _floor(len(tones))) * spill
-    return Line(f"{name} at the default tolerance", "images, fast; tolerance 1e-05", bound, error, "mm", error)
+    bound = PAIR_MM * 2 * (1e-5 + _floor(len(LADDER_HZ))) * spill
+    return Line(f"{id}, a whole map", "images, fast; tolerance 1e-05", bound, error, "mm", error)
 
 
 def _resampling() -> list[Line]:
@@ -223,7 +222,8 @@ def _rays() -> list[Line]:
     exact = z_m + slope[0] * x + slope[1] * y
     error = 1e3 * float(np.abs(depth_on_grid(mesh(vertices, faces), axis, axis) - exact).max())
     bound = 1e3 * 16 * U_DOUBLE * (1 + np.abs(slope).sum())
-    lines = [Line("ray casting, depth on the grid", "which triangle is hit; its depth in double", bound, error, "mm", error)]
+    single = "which triangle is hit; its depth in double"
+    lines = [Line("ray casting, depth on the grid", single, bound, error, "mm", error)]
     origins, along = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1), np.tile([0.0, 0, 1], (x.size, 1))
     distance, _ = Rays(vertices, faces).first_hits(origins, along)
     error = 1e3 * float(np.abs(distance - exact.ravel()).max())

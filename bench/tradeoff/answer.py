@@ -1,7 +1,7 @@
 """Which setting to take: the cheapest that is accurate enough, or the most accurate that is fast enough.
 
-A setting is held to the upper end of its error's interval and to the slowest of its rounds, so that a second run of it
-keeps what the first one promised.
+A setting is held to the upper end of its error's interval, and to a tenth more than the slowest of its rounds, so that
+a later run of it, which is one more draw, keeps what this one promised.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from bench.tradeoff.pareto import with_acquisition
 from radar.errors import HandbenchError
 
 LENGTHS = {"mm": 1.0, "um": 1e-3, "µm": 1e-3, "cm": 10.0, "m": 1e3}  # in millimetres
+HEADROOM = 1.1  # of a later run over the slowest round: the rounds are few
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
 
 
@@ -56,7 +57,7 @@ def answer(
         bound = f"up to {near.high:.3g} mm" if near.high is not None else "with no interval"
         raise HandbenchError(
             f"no setting has {asked}; the nearest, '{near.name}', has {near.error:.3g} mm ({bound}) in "
-            f"{1e3 * near.seconds:.3g} ms (up to {1e3 * near.seconds_high:.3g}): allow more, or sweep further"
+            f"{1e3 * near.seconds:.3g} ms (up to {1e3 * _slowest_s(near):.3g}): allow more, or sweep further"
         )
     cheapest = max_error_mm is not None
     chosen = min(fit, key=lambda s: (s.seconds, s.error) if cheapest else (s.error, s.seconds))
@@ -67,4 +68,9 @@ def _excess(setting: Setting, max_error_mm: float | None, max_seconds: float | N
     """By what factor the setting goes beyond the limits at worst; at most 1: it keeps to them."""
     error_mm = setting.high if setting.high is not None else float("inf")
     factors = [error_mm / max_error_mm] if max_error_mm is not None else []
-    return max(factors + ([setting.seconds_high / max_seconds] if max_seconds is not None else []))
+    return max(factors + ([_slowest_s(setting) / max_seconds] if max_seconds is not None else []))
+
+
+def _slowest_s(setting: Setting) -> float:
+    """What a later run may take."""
+    return HEADROOM * setting.seconds_high

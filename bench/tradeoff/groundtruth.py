@@ -100,8 +100,8 @@ def _section(subject: Subject, reference: str) -> Section:
         definition=(
             f"root mean square distance of the reconstructed surface to the true one of capture {subject.name}: of the "
             f"points that rays along z, {1e3 * GRID_M:g} mm apart, meet first, where both surfaces are. What was not "
-            "seen adds no error: the share of the true surface that was seen stands in the setting's title. The true "
-            "transform joins the frames. Interval: over blocks of 15 mm of this one surface"
+            "seen adds no error; the share that was stands beside it. The true transform joins the frames. Interval: "
+            "over blocks of 15 mm of this one surface"
         ),
         seconds=(
             "from photographs in files to the mesh, once each: markers, cameras, depth maps, fusion and mesh, nothing "
@@ -201,11 +201,12 @@ def _setting(section: Section, subject: Subject, made: tuple[int, int, str, Resu
     found = compared(result, subject)
     figures = pool([found])
     return describe(
-        title=f"{title} ({figures['completeness_percent']:.1f} % seen)",
+        title=title,
         error=figures["rmse_mm"],
         interval=pooled_intervals([found]).get("rmse_mm"),
         seconds=[cost.seconds],
         peak_memory_mb=cost.peak_memory_mb,
+        seen_percent=figures["completeness_percent"],
     )
 
 

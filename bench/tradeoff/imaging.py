@@ -94,7 +94,8 @@ def _line(
     def part(name: str) -> np.ndarray:
         return per_round(timings, names, setting.name, name)
 
-    interval = pooled_intervals(errors).get(METRIC)
+    figures = pool(errors)
+    interval = pooled_intervals(errors, estimate=figures).get(METRIC)
     seconds, tones = part("seconds"), int(part("tones").max())
     imaging_s = min(float(np.median(part("imaging_s"))), float(np.median(seconds)))
     frames = [frame for r in timings.rounds for (_, name), frame in r.items() if name == setting.name]
@@ -106,7 +107,7 @@ def _line(
             "method": setting.method, **setting.varied, "every_nth_antenna": setting.every_nth_antenna, "tones": tones
         }),
         metric=METRIC,
-        error=pool(errors)[METRIC],
+        error=figures[METRIC],
         low=interval.low if interval else None,
         high=interval.high if interval else None,
         unit=METRICS[METRIC].unit,
@@ -122,6 +123,7 @@ def _line(
         peak_memory_mb=max(frame.memory_mb for frame in frames),
         on_front=False,
         dominated_by="",
+        seen_percent=figures["completeness_percent"],
     )
 
 

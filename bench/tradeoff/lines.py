@@ -22,6 +22,7 @@ def line(
     seconds: Sequence[float] = (),
     acquisition_s: float | None = None,
     peak_memory_mb: float | None = None,
+    seen_percent: float | None = None,
 ) -> Setting:
     """The setting's line; one time has no range, and no time is None. Its rank, `pareto.rank` fills in."""
     ranged = len(seconds) > 1
@@ -47,4 +48,5 @@ def line(
         peak_memory_mb=peak_memory_mb,
         on_front=False,
         dominated_by="",
+        seen_percent=seen_percent,
     )

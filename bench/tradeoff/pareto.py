@@ -1,4 +1,7 @@
-"""Which settings are worth their time: nothing else is at least as fast and as accurate, and better in one."""
+"""Which settings are worth their time: nothing else is at least as fast, accurate and complete, and better in one.
+
+A map that shows twice as much of a hand is not beaten by a more accurate one of half of it.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,10 @@ from bench.results import Setting
 
 
 def dominates(one: Setting, other: Setting) -> bool:
-    """Whether `one` is at least as fast and as accurate as `other`, and better in one; neither lacks a figure."""
-    better = one.seconds < other.seconds or one.error < other.error
-    return one.seconds <= other.seconds and one.error <= other.error and better
+    """Whether `one` is at least as fast, accurate and complete as `other`, and better in one; neither lacks an error or
+    a time."""
+    ours, theirs = ((s.seconds, s.error, -(s.seen_percent or 0.0)) for s in (one, other))
+    return ours != theirs and all(a <= b for a, b in zip(ours, theirs, strict=True))
 
 
 def front(settings: Sequence[Setting]) -> list[Setting]:

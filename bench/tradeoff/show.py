@@ -51,13 +51,13 @@ def _front(section: Section, settings: tuple[Setting, ...], acquired: bool) -> T
     time_of = "frame and acquisition" if acquired else "time"
     table = Table(box=box.SIMPLE, title=f"{section.title}: {section.metric} against {time_of}", title_justify="left")
     table.add_column("setting")
-    for title in (section.unit, "95 %", "ms", "range", "× reference", "front"):
+    for title in (section.unit, "95 %", "seen %", "ms", "range", "× reference", "front"):
         table.add_column(title, justify="right")
     shown = [s for s in settings if s.name in best or s.on_method_front]
     unit = next((s.seconds for s in settings if s.name == section.reference), None)
     for s in sorted(shown, key=lambda s: s.seconds):
         table.add_row(
-            escape(s.name), f"{s.error:.3g}", _range(s.low, s.high), f"{1e3 * s.seconds:.3g}",
+            escape(s.name), f"{s.error:.3g}", _range(s.low, s.high), _number(s.seen_percent), f"{1e3 * s.seconds:.3g}",
             _range(s.seconds_low, s.seconds_high, 1e3), _number(s.seconds / unit if unit else None),
             "front" if s.name in best else "its method's",
         )

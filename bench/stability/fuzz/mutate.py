@@ -6,6 +6,7 @@ import json
 import random
 import re
 import tomllib
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
@@ -179,7 +180,7 @@ def mutated(name: str, content: bytes, rng: random.Random) -> bytes:
     suffix = "." + name.rpartition(".")[2].lower()
     known = suffix in FORMS and rng.random() < KNOWN
     if known:
-        with suppress(ValueError, TypeError):  # what the form's own library will not write
+        with suppress(ValueError, TypeError), warnings.catch_warnings(action="ignore"):  # what no library likes to write
             content = rng.choice(FORMS[suffix])(content, rng)
     for _ in range(rng.choice((0, 0, 0, 1) if known else (1, 1, 1, 2, 3))):
         content = rng.choice(TEXT if suffix in TEXTS_OF else BYTES)(content, rng)

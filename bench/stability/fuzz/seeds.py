@@ -11,6 +11,10 @@ import numpy as np
 import tomlkit
 
 if TYPE_CHECKING:
+    import pycolmap
+    from PIL import Image
+
+    from calibration.transforms import Transform
     from groundtruth.photos import Photo
     from radar.capture import RadarCapture
 
@@ -212,7 +216,7 @@ def board(folder: Path) -> None:
     ))
 
 
-def _radar_from_photo():  # noqa: ANN202
+def _radar_from_photo() -> Transform:
     from scipy.spatial.transform import Rotation
 
     from calibration.transforms import Transform
@@ -268,15 +272,16 @@ def metashape(folder: Path) -> None:
 <calibration type="frame" class="adjusted"><resolution width="{SIZE[0]}" height="{SIZE[1]}"/>
 <f>44.0</f><cx>0.5</cx><cy>-0.25</cy><b1>0.1</b1><k1>-0.08</k1><k2>0.05</k2><k3>-0.02</k3><p1>8e-4</p1><p2>-5e-4</p2>
 </calibration></sensor></sensors>
-<components><component id="0"><transform><rotation>{words(np.eye(3))}</rotation><translation>10.0 20.0 -3.0</translation>
-<scale>0.05</scale></transform></component></components>
+<components><component id="0"><transform><rotation>{words(np.eye(3))}</rotation>
+<translation>10.0 20.0 -3.0</translation><scale>0.05</scale></transform></component></components>
 <cameras next_id="3"><group id="0">{views}</group></cameras></chunk></document>""")
 
 
-def _model():  # noqa: ANN202
+def _model() -> pycolmap.Reconstruction:
     from groundtruth.cameras import load_pycolmap
 
-    model, points_m = (library := load_pycolmap()).Reconstruction(), np.random.default_rng(0).uniform(-0.2, 0.2, (22, 3))
+    library, points_m = load_pycolmap(), np.random.default_rng(0).uniform(-0.2, 0.2, (22, 3))
+    model = library.Reconstruction()
     model.add_camera_with_trivial_rig(
         library.Camera(camera_id=1, model="OPENCV", width=SIZE[0], height=SIZE[1], params=[44, 44, 20, 15, 0, 0, 0, 0])
     )
@@ -313,9 +318,8 @@ def meshes(folder: Path) -> None:
 
     Surface(CORNERS_M, FACES, np.full(4, 1e-4), np.ones(4, np.uint8)).save(folder / "mesh.ply")
     _write_obj(folder / "mesh.obj")
-    head = "ply\nformat ascii 1.0\ncomment by hand\nelement vertex 4\n" + "".join(
-        f"property {kind} {name}\n" for kind, name in (("float", "x"), ("double", "y"), ("float", "z"), ("uchar", "red"))
-    )
+    columns = ("float x", "double y", "float z", "uchar red")
+    head = "ply\nformat ascii 1.0\ncomment by hand\nelement vertex 4\n" + "".join(f"property {c}\n" for c in columns)
     rows = [*(f"{x} {y} {z} 9" for x, y, z in CORNERS_M), *(f"3 {a} {b} {c}" for a, b, c in FACES)]
     (folder / "text.ply").write_text(
         f"{head}element face 4\nproperty list uchar int vertex_index\nend_header\n" + "\n".join(rows) + "\n"
@@ -340,13 +344,13 @@ def depth(folder: Path) -> None:
     )
 
 
-def _picture(mode: str = "RGB"):  # noqa: ANN202
+def _picture(mode: str = "RGB") -> Image.Image:
     from PIL import Image
 
     return Image.fromarray(np.random.default_rng(1).integers(0, 255, (SIZE[1], SIZE[0], 3), np.uint8)).convert(mode)
 
 
-def _exif():  # noqa: ANN202
+def _exif() -> Image.Exif:
     from PIL import Image
 
     exif = Image.Exif()
@@ -391,7 +395,8 @@ def result(folder: Path) -> None:
     small_photo(folder)
     results.write_photo(folder, "F", folder / "hand.jpg")
     results.write_table(folder, [results.Row("mae_mm", "2fsk", 6.0, 5.5, 6.5, "mm", 6.6, "truth")])
-    results.write_tasks(folder, [results.Task("a", "F", "2fsk", "reconstruct", 0.1, 0.2, 300.0, False, 0.01, "here", 9.0)])
+    task = results.Task("a", "F", "2fsk", "reconstruct", 0.1, 0.2, 300.0, False, 0.01, "here", 9.0)
+    results.write_tasks(folder, [task])
     results.write_repeats(folder, [results.Repeat("F", "2fsk", 0, 0.3)])
     results.write_comparisons(folder, [
         Comparison("mae_mm", "2fsk", "3fsk", 1.0, 0.5, 1.5, "mm", 0.01, 2.0, "truth", 1, 20, "2-FSK is better")

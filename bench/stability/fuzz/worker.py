@@ -58,11 +58,12 @@ class Watch:
         if event in NEVER:
             self.seen.append(f"{event} {arguments!r:.100}")
         elif (event == "open" and arguments[2] & WRITES) or event in CHANGES:
-            paths = [os.fsdecode(a) for a in arguments if isinstance(a, str | bytes | os.PathLike)]
+            named = arguments[:1] if event == "open" else arguments
             within = arguments[-1] if event != "open" and arguments[-1] != -1 else None  # a folder that is open
             at = os.getcwd() if within is None else os.readlink(f"/proc/self/fd/{within}")
-            paths = [os.path.abspath(os.path.join(at, path)) for path in paths if path != arguments[1] or event != "open"]
-            self.seen += [f"{event} {path}" for path in paths if not f"{path}/".startswith(f"{self.folder}/")]
+            paths = (os.path.join(at, os.fsdecode(a)) for a in named if isinstance(a, str | bytes | os.PathLike))
+            outside = (path for path in paths if not f"{os.path.abspath(path)}/".startswith(f"{self.folder}/"))
+            self.seen += [f"{event} {path}" for path in outside]
 
     @contextmanager
     def over(self, folder: Path) -> Iterator[list[str]]:
@@ -97,6 +98,7 @@ class Desk:
         kept = (folder / given.file).read_bytes()
         (folder / given.file).write_bytes(given.content)
         _reset_peak()
+        _limit()
         start_mb = _peak_mb()
         try:
             with self.watch.over(folder) as written:
@@ -158,11 +160,11 @@ def _reset_peak() -> None:
         stream.write("5")
 
 
-def _limited() -> None:
+def _limit() -> None:
     """Address space: what the process has now, and LARGEST_BYTES more."""
-    pages = int(Path("/proc/self/statm").read_text().split()[0])
-    room = pages * resource.getpagesize() + LARGEST_BYTES
-    resource.setrlimit(resource.RLIMIT_AS, (room, room))
+    with open("/proc/self/statm", "rb") as stream:
+        pages = int(stream.read().split()[0])
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + LARGEST_BYTES, resource.RLIM_INFINITY))
 
 
 def work(link: Connection, root: str) -> None:
@@ -172,13 +174,12 @@ def work(link: Connection, root: str) -> None:
 
     os.chdir(root)
     tempfile.tempdir = root
-    sys.stderr = open(os.devnull, "w")  # what readers say
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # what readers say, and the libraries below them
     cv2.setNumThreads(1)
     PIL.Image.preinit(), PIL.Image.init()
     desk = Desk(Path(root))
     for reader in READERS:
         desk.folder(reader)  # whatever is imported late is imported now
-    _limited()
     warnings.simplefilter("error")
     link.send(Seen("ready"))
     while (given := link.recv()) is not None:
