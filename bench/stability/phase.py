@@ -278,8 +278,8 @@ def first_depth_beyond_two() -> Worst:
 @case(
     "phase", "two equal maxima", quantity="error at the brighter point, over what the other's leak allows",
     reference="the points", unit="1", bound=1.0,
-    reason="z_e settles on one of the two, whichever rounding prefers, and that one must be right: a leak of the other, a "
-    "share s of its amplitude, turns each image by s at most: cs/(2πΔf), and 0.5 mm for the factor 2",
+    reason="z_e settles on one of the two, whichever rounding prefers, and that one must be right: a leak of the other, "
+    "a share s of its amplitude, turns each image by s at most: cs/(2πΔf), and 0.5 mm for the factor 2",
 )
 def two_maxima() -> Worst:
     array = qar50()
@@ -291,7 +291,7 @@ def two_maxima() -> Worst:
             points = np.array([[-0.02, 0, 0.28], [0.02, 0, 0.28 + apart_mm / 1000]])
             alone = [echoes(point, None, LADDER_HZ, array).astype(np.complex64) for point in points]
             peaks = [np.abs(_images(samples, first)[:2]).mean(axis=0).max() for samples in alone]
-            at = np.abs([_images(samples, points).mean(axis=0) for samples in alone])  # [echo, point]
+            at = [np.abs(_images(samples, points)).max(axis=0) for samples in alone]  # [echo][point]
             for more in (0.9, 0.95, 0.99, 1 - 1e-6, 1, 1 + 1e-6, 1.01, 1.1):
                 weight = np.array([more, 1 / more]) / peaks
                 taken = capture(sum(w * samples for w, samples in zip(weight, alone, strict=True)), LADDER_HZ, array)
@@ -299,7 +299,7 @@ def two_maxima() -> Worst:
                     depth = depth_map(id, taken, half_m=0.024)
                     row, columns = depth.z_m.shape[0] // 2, np.array([4, -5])
                     one = int(depth.amplitude_db[row, columns].argmax())
-                    leak = weight[1 - one] * at[1 - one, one] / (weight[one] * at[one, one])
+                    leak = weight[1 - one] * at[1 - one][one] / (weight[one] * at[one][one])
                     allowed_m = C * leak / (2 * np.pi * FINEST_HZ[id]) + NEAR_MM / 1000
                     error_m = abs(float(depth.z_m[row, columns[one]]) - points[one, 2])
                     yield f"{id}, {apart_mm} mm apart, strengths {more:g}", error_m / allowed_m

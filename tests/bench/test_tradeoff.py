@@ -62,7 +62,10 @@ def test_a_setting_that_sees_more_is_not_beaten_by_one_that_sees_less():
     assert not dominates(whole, half) and dominates(replace(half, seen_percent=30.0), whole)
 
 
-@given(st.lists(st.tuples(st.integers(1, 6), st.integers(1, 6), st.sampled_from([None, 1, 2])), min_size=1, max_size=12))
+SEEN = st.sampled_from([None, 1, 2])
+
+
+@given(st.lists(st.tuples(st.integers(1, 6), st.integers(1, 6), SEEN), min_size=1, max_size=12))
 def test_every_setting_is_on_the_front_or_dominated_by_one_that_is(figures):
     settings = [
         line(f"s{k}", float(error), float(seconds), seen_percent=seen and 10.0 * seen)
