@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from bench.measure import Cost, calibrated_machine, measured
 from radar.errors import HandbenchError
@@ -59,8 +59,7 @@ def claimed(folder: Path) -> Iterator[Path]:
     if folder.is_dir() and not (folder / MARKER).exists() and any(folder.iterdir()):
         raise HandbenchError(f"{folder}: holds files that no run wrote; choose an empty or new folder for -o")
     work = folder / "work"
-    work.mkdir(parents=True, exist_ok=True)
-    with (folder / MARKER).open("w") as stream:
+    with _marked(folder, work) as stream:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -68,3 +67,23 @@ def claimed(folder: Path) -> Iterator[Path]:
         for leftover in work.glob(".*-*"):
             shutil.rmtree(leftover) if leftover.is_dir() else leftover.unlink()
         yield work
+
+
+def _marked(folder: Path, work: Path) -> TextIO:
+    """The folder's marker, open to be locked; the folders are made where they are missing."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        stream = (folder / MARKER).open("w")  # first, so that a folder without work is still known as a run's
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    try:
+        work.mkdir(exist_ok=True)
+    except OSError as error:
+        stream.close()
+        raise _unwritable(folder, error) from error
+    return stream
+
+
+def _unwritable(folder: Path, error: OSError) -> HandbenchError:
+    reason = error.strerror or error
+    return HandbenchError(f"{folder}: cannot be written ({reason}); free the space or choose another -o")

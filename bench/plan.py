@@ -47,6 +47,8 @@ def opening(bench: BenchFile, base: Path, source: Source, frames: int) -> Job:
     scene = load(SceneFile, path, "a scene description")
     if bench.phase_noise_rad is not None:
         scene = scene.model_copy(update={"noise": Noise(phase_noise_rad=bench.phase_noise_rad)})
+    if not source.photos:
+        scene = scene.model_copy(update={"photos": None})
     given = {"scene": scene.model_dump(mode="json"), "base": str(path.parent), "frames": frames}
     depends_on = [given["scene"], frames, *named_files(scene, path.parent)]
     return job("simulate", scene.name, "", depends_on, SIMULATION, given)

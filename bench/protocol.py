@@ -19,10 +19,12 @@ EMBEDDED = Path(__file__).parent / "benchmarks"
 
 
 class Source(Config):
-    """A scene file to simulate or a capture folder, relative to the benchmark file."""
+    """A scene file to simulate or a capture folder, relative to the benchmark file. photos = false leaves out a scene's
+    photographs."""
 
     scene: str | None = None
     path: str | None = None
+    photos: bool = True
 
     @model_validator(mode="after")
     def _one_of_both(self) -> Source:

@@ -124,8 +124,8 @@ def block_numbers(m: ErrorMap, block_m: float = BLOCK_M) -> np.ndarray:
     return SPAN * row[:, None] + column
 
 
-def cut(maps: Iterable[ErrorMap], block_m: float = BLOCK_M) -> Blocks:
-    """Sum the terms of `maps`, one a capture, over blocks of block_m × block_m."""
+def cut(maps: Iterable[ErrorMap], block_m: float = BLOCK_M, pixels: bool = True) -> Blocks:
+    """Sum the terms of `maps`, one a capture, over blocks of block_m × block_m; without pixels these are not kept."""
     places, sums, absolute_m, numbers = [np.empty((0, 3), int)], [], [np.empty(0)], [np.empty(0, int)]
     for capture, m in enumerate(maps):
         pixel = terms(m)
@@ -133,9 +133,10 @@ def cut(maps: Iterable[ErrorMap], block_m: float = BLOCK_M) -> Blocks:
         names, number = np.unique(block_numbers(m, block_m)[told], return_inverse=True)
         column = (names + SPAN // 2) % SPAN - SPAN // 2
         place = np.stack([np.full(len(names), capture), (names - column) // SPAN, column], axis=-1)
-        observed = np.isfinite(m.error_m)[told]
-        absolute_m.append(pixel["absolute_m"][told][observed])
-        numbers.append(number[observed] + sum(map(len, places)))
+        if pixels:
+            observed = np.isfinite(m.error_m)[told]
+            absolute_m.append(pixel["absolute_m"][told][observed])
+            numbers.append(number[observed] + sum(map(len, places)))
         places.append(place)
         sums.append({k: np.bincount(number, values[told], minlength=len(place)) for k, values in pixel.items()})
     together = {name: np.concatenate([np.empty(0), *(s[name] for s in sums)]) for name in TERMS}

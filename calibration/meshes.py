@@ -17,6 +17,7 @@ from calibration.ply import MOST, MOST_CORNERS, read_ply
 from calibration.transforms import LARGEST_M
 from radar.errors import HandbenchError
 from radar.files import atomic_path, require_file
+from radar.memory import require_free
 from radar.rays import embree, load_open3d
 
 if TYPE_CHECKING:
@@ -54,11 +55,13 @@ def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, 
     NaN, infinite or absurdly far vertices, or with faces that name vertices that there are not.
     """
     path = require_file(path, "a triangle mesh (PLY, OBJ or STL)")
-    readers = {".ply": read_ply, ".obj": _read_obj, ".stl": _read_stl}
+    readers = {".ply": (read_ply, 8), ".obj": (_read_obj, 12), ".stl": (_read_stl, 6)}
     if path.suffix.lower() not in readers:
         raise HandbenchError(f"{path}: is no {', '.join(readers)} file; convert the mesh to one of them")
+    read, times = readers[path.suffix.lower()]  # the memory that reading takes, over the file's size
+    require_free(times * path.stat().st_size, str(path), "end other programs, or simplify the mesh")
     try:
-        told, faces = readers[path.suffix.lower()](path)
+        told, faces = read(path)
     except ValueError as error:
         raise HandbenchError(f"{path}: holds no triangles to read: {error}; copy or export it again") from None
     except (OSError, MemoryError) as error:
@@ -161,6 +164,10 @@ def _write(path: str | Path, write: Callable[..., bool], what: object) -> None:
     with atomic_path(path) as temporary:
         if not write(str(temporary), what, write_ascii=False):
             raise OSError(f"open3d could not write {path}")
+        try:
+            read_ply(temporary)
+        except ValueError as error:  # open3d does not mind a full disk
+            raise OSError("what was written is cut short; is there space left on the disk?") from error
 
 
 def raycasting_scene(

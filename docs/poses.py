@@ -40,7 +40,8 @@ def main(out: str) -> None:
     panels = []
     for letter in "bfu":
         panel = portrait(letter)
-        cv2.putText(panel, letter.upper(), (14, 40), cv2.FONT_HERSHEY_SIMPLEX, 1.1, (240, 240, 240), 2, cv2.LINE_AA)
+        cv2.rectangle(panel, (0, 0), (46, 46), (30, 30, 30), cv2.FILLED)
+        cv2.putText(panel, letter.upper(), (11, 35), cv2.FONT_HERSHEY_SIMPLEX, 1.1, (240, 240, 240), 2, cv2.LINE_AA)
         panels.append(panel)
     with atomic_path(Path(out)) as temporary:
         cv2.imwrite(str(temporary), np.hstack(panels), [cv2.IMWRITE_PNG_COMPRESSION, 9])

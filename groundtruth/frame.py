@@ -45,7 +45,7 @@ def board_from_model(
     for image in registered(model):
         for corner, pixel in seen.get(image.name, {}).items():
             observed.setdefault(corner, []).append((pixel, image))
-    points = {corner: _triangulate(rays) for corner, rays in sorted(observed.items()) if len(rays) > 1}
+    points = {corner: triangulate(rays) for corner, rays in sorted(observed.items()) if len(rays) > 1}
     points = {corner: point for corner, point in points.items() if point is not None}
     known = board.corners_m()
     target_m = np.array([known[marker][k] for marker, k in points]).reshape(-1, 3)
@@ -158,7 +158,7 @@ def registered(model: pycolmap.Reconstruction) -> list[pycolmap.Image]:
     return sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
 
 
-def _triangulate(observed: list[tuple[np.ndarray, pycolmap.Image]]) -> np.ndarray | None:
+def triangulate(observed: list[tuple[np.ndarray, pycolmap.Image]]) -> np.ndarray | None:
     """Point [3] that projects to the pixels in their photographs; a photograph that disagrees is left out."""
     colmap = load_pycolmap()
     options = colmap.EstimateTriangulationOptions()

@@ -25,6 +25,7 @@ from calibration import HandbenchError, require_file
 from groundtruth.cameras import Camera
 
 LARGEST_BYTES = 64 * 2**20
+LARGEST = 1e12  # metres or pixels; nothing overflows
 NOT_IN_COLMAP = ("k4", "p3", "p4")
 SMALLEST_SKEW_PX = 0.05  # what B2 may move at the picture's edge and is left out
 
@@ -113,10 +114,10 @@ def _similarity(element: ElementTree.Element) -> Similarity | None:
 
 
 def _numbers(element: ElementTree.Element, path: str, count: int) -> np.ndarray:
-    """The `count` finite numbers in the text of an element's descendant."""
+    """The `count` numbers below LARGEST in the text of an element's descendant."""
     values = np.array([float(word) for word in (element.findtext(path) or "").split()])
-    if len(values) != count or not np.isfinite(values).all():
-        raise ValueError(f"{path} has {len(values)} numbers, expected {count}")
+    if len(values) != count or not (np.abs(values) < LARGEST).all():
+        raise ValueError(f"{path} has {len(values)} numbers, expected {count} below {LARGEST:g}")
     return values
 
 

@@ -6,9 +6,13 @@ import struct
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from calibration import HandbenchError
 from groundtruth.cameras import load_pycolmap
+
+if TYPE_CHECKING:
+    import pycolmap
 
 Skip = Callable[[bytes, int], int]  # (content, where a record begins) → where it ends
 
@@ -26,6 +30,15 @@ def check_model(folder: Path) -> None:
             at = -1
         if at != len(content):
             raise HandbenchError(f"{file}: its {len(content)} bytes are not what it counts; copy the model again")
+
+
+def write_model(model: pycolmap.Reconstruction, folder: Path) -> None:
+    """Write a model, binary; an OSError where it was cut short, which COLMAP passes over in silence."""
+    model.write_binary(folder)
+    try:
+        check_model(folder)
+    except HandbenchError as error:
+        raise OSError("COLMAP's model was cut short; is there space left on the disk?") from error
 
 
 def _end(content: bytes, at: int, count: str, skip: Skip) -> int:

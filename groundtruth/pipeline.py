@@ -17,6 +17,7 @@ from groundtruth.cameras import Camera
 from groundtruth.frame import Scale, registered
 from groundtruth.fusion import Cloud, fuse
 from groundtruth.inputs import Inputs, gather
+from groundtruth.model_files import write_model
 from groundtruth.options import Options
 from groundtruth.sparse import Sparse, register
 from groundtruth.surface import Surface, read_surface
@@ -159,7 +160,7 @@ def _surface(cloud: Cloud, sparse: Sparse, options: Options) -> Surface:
 
 def _write(workdir: Path, result: Result, sparse: Sparse, options: Options) -> None:
     with atomic_folder(workdir / "sparse") as folder:
-        sparse.model.write_binary(folder)
+        write_model(sparse.model, folder)
     write_cloud(workdir / "dense.ply", result.cloud.points_m, result.cloud.normals)
     write_json(
         workdir / "summary.json",

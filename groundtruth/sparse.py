@@ -17,6 +17,7 @@ from groundtruth.covariance import CameraCovariance, camera_covariance
 from groundtruth.distances import distances_from_model
 from groundtruth.frame import Scale, apply, board_from_model, poses_from_model, registered
 from groundtruth.inputs import Inputs
+from groundtruth.model_files import write_model
 from groundtruth.options import Options
 from groundtruth.sfm import structure_from_motion
 
@@ -37,7 +38,7 @@ class Sparse:
 
     def save(self, folder: Path) -> None:
         """Write everything into a folder."""
-        self.model.write_binary(folder)
+        write_model(self.model, folder)
         write_json(folder / SCALE, asdict(self.scale))
         self.known.save(folder / COVARIANCE)
 

@@ -103,14 +103,22 @@ def save_capture(path: str | Path, capture: RadarCapture) -> None:
     """Write `echoes.h5`, atomically."""
     import h5py
 
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
-        file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
-        file["samples"] = capture.samples.astype(np.complex64, copy=False)
-        file["frequencies_hz"] = capture.frequencies_hz
-        if isinstance(capture.aperture, AntennaArray):
-            file["tx_m"], file["rx_m"] = capture.aperture.tx_m, capture.aperture.rx_m
-        else:
-            file["position_m"] = capture.aperture.position_m
+    with atomic_path(path) as temporary:
+        try:
+            with h5py.File(temporary, "w") as file:
+                _fill(file, capture)
+        except RuntimeError as error:  # what the library calls a disk that is full by the time the file is closed
+            raise OSError("the library could not close the file; is there space left on the disk?") from error
+
+
+def _fill(file: h5py.File, capture: RadarCapture) -> None:
+    file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
+    file["samples"] = capture.samples.astype(np.complex64, copy=False)
+    file["frequencies_hz"] = capture.frequencies_hz
+    if isinstance(capture.aperture, AntennaArray):
+        file["tx_m"], file["rx_m"] = capture.aperture.tx_m, capture.aperture.rx_m
+    else:
+        file["position_m"] = capture.aperture.position_m
 
 
 def load_capture(path: str | Path) -> RadarCapture:

@@ -125,9 +125,7 @@ def _source(part: Scatterers, points_m: np.ndarray, spreading: bool, pattern: fl
     return Source(points_m, np.asarray(part.weight, np.complex64), delay_m, normal, spreading, float(pattern), *seen)
 
 
-def _bent(
-    scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArray, pattern: float
-) -> np.ndarray:
+def _bent(scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArray, pattern: float) -> np.ndarray:
     """Which points [p] have a gain with a bend within the corners of the array's box: those close to it, facets that
     some antenna sees at grazing incidence or from behind, and points far off the axis of some antenna's pattern."""
     antennas = np.concatenate([array.tx_m, array.rx_m])

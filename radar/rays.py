@@ -10,9 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from radar.errors import HandbenchError
+
 if TYPE_CHECKING:
     import open3d as o3d
 
+FARTHEST_M = 500.0  # single precision tells places to 3e-5 m there, well below the next:
 OWN_SURFACE_M = 2e-4  # what is hit closer than this to a ray's end is the surface that the end lies on
 
 
@@ -49,6 +52,12 @@ class Rays:
     cast = 0
 
     def __init__(self, vertices_m: np.ndarray, faces: np.ndarray) -> None:
+        far_m = float(np.abs(vertices_m).max(initial=0))
+        if not far_m <= FARTHEST_M:
+            raise HandbenchError(
+                f"mesh: a vertex lies {far_m:.3g} m from the origin; expected metres in the radar's frame, at most "
+                f"{FARTHEST_M:g}: beyond, single precision cannot tell a surface from what hides it"
+            )
         self._scene = embree(vertices_m, faces)
 
     def first_hits(self, origins_m: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

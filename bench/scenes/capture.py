@@ -72,9 +72,9 @@ def _write_photographs(scene: Scene, folder: Path) -> None:
     def take(number: int) -> None:
         camera = scene.cameras[number]
         image = studio.photograph(camera, number)
+        _, packed = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
         with atomic_path(folder / camera.name) as temporary:
-            if not cv2.imwrite(str(temporary), image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]):
-                raise OSError(f"OpenCV could not write {folder / camera.name}")
+            temporary.write_bytes(packed.tobytes())  # not by OpenCV, which does not mind a full disk
 
     for_each(take, range(len(scene.cameras)))
     save_cameras(folder / "cameras.json", tuple(c.model_copy(update={"R": None, "t": None}) for c in scene.cameras))

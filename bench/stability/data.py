@@ -1,4 +1,4 @@
-"""Hard data: dead and saturated channels, numbers at the ends of single precision, noise that drowns the echo."""
+"""Hard data: dead and saturated channels, numbers at the ends of single precision, masks of one pixel and of all."""
 
 from __future__ import annotations
 
@@ -8,33 +8,24 @@ from itertools import product
 
 import numpy as np
 
+import bench.stability.data_noise  # noqa: F401  the other half of the group
 from bench.stability.catalogue import Refused, Worst, case, refused, worst
 from bench.stability.scenes import (
     FSK,
-    LADDER_HZ,
     METHODS,
     POINT_M,
-    bumpy_points,
+    VOXEL_MM,
     capture,
     depth_map,
     echoes,
     middle,
     noisy,
-    small_array,
 )
 from radar.arrays import SPEED_OF_LIGHT_M_S
-from radar.backprojection import tone_images
-from radar.confidence import UNRELATED_RAD
 from radar.depthmap import amplitude_db
-from radar.grid import PixelGrid
 
 C = SPEED_OF_LIGHT_M_S
 FINE_HZ = 2.3e9  # the smaller of 3-FSK's two differences
-VOXEL_MM = 0.5  # half a voxel of the projections
-HALF_PERIOD_M = C / (4 * 2.5e9)
-SNR_DB = (60, 40, 30, 20, 15, 10, 5, 0, -10, -30)
-DRAWS = 4
-SATURATION = np.pi / 3 / (np.pi / 3 * UNRELATED_RAD / np.hypot(np.pi / 3, UNRELATED_RAD))
 
 
 @cache
@@ -43,8 +34,8 @@ def _point() -> np.ndarray:
 
 
 @cache
-def _reference(id: str, **values: float) -> float:
-    return float(middle(depth_map(id, capture(_point()), **values).z_m))
+def _reference(id: str) -> float:
+    return float(middle(depth_map(id, capture(_point())).z_m))
 
 
 def _off_mm(id: str, samples: np.ndarray) -> float:
@@ -189,76 +180,6 @@ def saturated() -> Worst:
     return worst(seen())
 
 
-@cache
-def _drowned(id: str, snr_db: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Errors, σ and flags [n] of a smooth surface's pixels under noise, several draws, NaN where noise has taken the
-    pixel away; errors are against the same method without noise, since σ speaks of noise alone."""
-    samples = echoes(bumpy_points(), frequencies_hz=LADDER_HZ)
-    values = {"half_m": 0.02, "first_depth_m": POINT_M[2], "tolerance": None}  # no plan for points that noise scatters
-    values |= {} if id == "2fsk" else {"fine_filter_px": 1}
-    clean = depth_map(id, capture(samples, LADDER_HZ), **values)
-    points = PixelGrid(clean.x_m, clean.y_m).points_m(POINT_M[2]).reshape(-1, 3)
-    top = tone_images(samples[:1].astype(np.complex64), np.array(LADDER_HZ[:1]), small_array(), points)
-    parts = []
-    for seed in range(DRAWS):
-        found = depth_map(id, capture(noisy(samples, float(np.abs(top).max()), snr_db, seed), LADDER_HZ), **values)
-        on = np.isfinite(clean.z_m)
-        parts.append(((found.z_m - clean.z_m)[on], found.sigma_m[on], found.wrapped[on]))
-    error, sigma, wrapped = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return error, sigma, wrapped
-
-
-@case(
-    "data", "σ from +60 to −30 dB", quantity="median |error|/0.67σ of pixels without flag", reference="1", unit="1",
-    bound=SATURATION,
-    reason="amplitudes tell σ_φ; they saturate: where the flag is raised, at 0.61 rad, the phase suffers 1.05, 1.7 "
-    "times as much. Speckle, which σ counts too, makes it less. Wraps of the flag's 10 % apart",
-)
-def sigma_follows() -> Worst:
-    def seen() -> Iterator[tuple[str, float]]:
-        for id, snr_db in product(FSK, SNR_DB):
-            error, sigma, wrapped = _drowned(id, snr_db)
-            trusted = ~wrapped & (np.abs(error) < _half_period_m(id))
-            if np.count_nonzero(trusted) > 0.05 * trusted.size:  # fewer are the flag's 10 %
-                yield f"{id}, {snr_db} dB", float(np.median(np.abs(error / sigma)[trusted]) / 0.6745)
-
-    return worst(seen())
-
-
-@case(
-    "data", "depths that noise has made up", quantity="share of pixels off by half a period without flag",
-    reference="the flag's probability", unit="1", bound=0.1,
-    reason="a pixel without flag is one that has wrapped with a probability below wrap_probability, 0.1",
-)
-def made_up() -> Worst:
-    def seen() -> Iterator[tuple[str, float]]:
-        for id, snr_db in product(FSK, SNR_DB):
-            error, _, wrapped = _drowned(id, snr_db)
-            yield f"{id}, {snr_db} dB", float(np.mean((np.abs(error) > _half_period_m(id)) & ~wrapped))
-
-    return worst(seen())
-
-
-def _half_period_m(id: str) -> float:
-    return C / (4 * 0.2e9) if id == "2fsk" else HALF_PERIOD_M
-
-
-@case(
-    "data", "projections through noise", quantity="error at the point's pixel without flag", reference="the point",
-    unit="mm", bound=1e3 * C / (4 * 10e9) + VOXEL_MM,
-    reason="noise moves the maximum within its range cell, c/2B wide, until its own peaks overtake it; from there on "
-    "no depth is told, and that must be said",
-)
-def projections_drown() -> Worst:
-    def seen() -> Iterator[tuple[str, float]]:
-        for snr_db, seed in product((60, 40, 20, 0, -10, -20, -30), range(3)):
-            taken = capture(noisy(_point(), 144.0, snr_db, seed))
-            z_m = float(middle(depth_map("broadband", taken).z_m))
-            yield f"{snr_db} dB, draw {seed}", 0.0 if np.isnan(z_m) else 1e3 * abs(z_m - POINT_M[2])
-
-    return worst(seen())
-
-
 @case(
     "data", "ties at the threshold", quantity="decibels of an amplitude", reference="20 log₁₀ in long double",
     unit="dB", bound=10 * 2.0**-24 * 4,
@@ -292,19 +213,5 @@ def masks() -> Worst:
             if depth.sigma_m is not None:
                 wrong += np.count_nonzero(~(depth.sigma_m[on] > 0)) + np.count_nonzero(np.isfinite(depth.sigma_m[~on]))
             yield f"{id}, {threshold_db:g} dB", float(wrong)
-
-    return worst(seen())
-
-
-@case(
-    "data", "a mask of no pixel", quantity="pixels that a map of noise keeps", reference="none", unit="pixels",
-    bound=0.0, reason="what may have wrapped is dropped; what is left of nothing is an empty map, not an error",
-)
-def nothing_left() -> Worst:
-    def seen() -> Iterator[tuple[str, float]]:
-        for seed in range(6):
-            noise = noisy(np.zeros_like(echoes(POINT_M, frequencies_hz=LADDER_HZ)), 1.0, 0.0, seed)
-            depth = depth_map("3fsk-plus", capture(noise, LADDER_HZ))
-            yield f"draw {seed}", float(np.count_nonzero(np.isfinite(depth.z_m) | np.isfinite(depth.sigma_m)))
 
     return worst(seen())

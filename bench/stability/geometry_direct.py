@@ -1,4 +1,4 @@
-"""Images and echoes by the formula as it stands, in float64 with numpy alone: what geometry's hard cases compare with.
+"""Arrays, noise, and images and echoes by the formula as it stands, in float64: what geometry's cases compare with.
 
 Written apart from the product, of which only the formula is shared: O(p) = Σ S e^{+j2πf(|p−t|+|p−r|)/c}.
 """
@@ -7,40 +7,51 @@ from __future__ import annotations
 
 import numpy as np
 
+from radar.arrays import AntennaArray
+
 LIGHT_M_S = 299_792_458.0
+TONES_HZ = np.linspace(72e9, 82e9, 9)
 
 
-def paths_m(tx_m: np.ndarray, rx_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-    """Length of the path over every point: [p, t, r]."""
-    to, back = (np.sqrt(((points_m[:, None] - leg[None]) ** 2).sum(axis=2)) for leg in (tx_m, rx_m))
-    return to[:, :, None] + back[:, None, :]
+def array(t: int = 12, r: int = 10, seed: int = 0) -> AntennaArray:
+    """Antennas anywhere on a plate of 14 cm."""
+    places = np.random.default_rng(seed).uniform(-0.07, 0.07, (t + r, 3)) * [1, 1, 0]
+    return AntennaArray(places[:t], places[t:])
 
 
-def images(
-    samples: np.ndarray, tones_hz: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray, points_m: np.ndarray
-) -> np.ndarray:
-    """The coherent sum of samples [f, t, r] at points_m [p, 3]: complex128 [p]."""
-    path_m = paths_m(tx_m, rx_m, points_m)
-    image = np.zeros(len(points_m), np.complex128)
-    for sample, tone_hz in zip(samples.astype(np.complex128), tones_hz, strict=True):
-        image += (sample * np.exp(2j * np.pi * _turns(path_m, tone_hz))).sum(axis=(1, 2))
-    return image
+def cloud(count: int, middle_m: tuple[float, float, float], half_m: float = 0.05, seed: int = 1) -> np.ndarray:
+    """Points [count, 3] within half_m of the middle, metres."""
+    return np.random.default_rng(seed).uniform(-half_m, half_m, (count, 3)) + middle_m
 
 
-def echoes(
-    weights: np.ndarray, tones_hz: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray, points_m: np.ndarray,
-    spreading: bool = True,
-) -> np.ndarray:
-    """Samples of points that scatter evenly: complex128 [f, t, r]; with spreading each leg fades as 1/R."""
-    path_m = paths_m(tx_m, rx_m, points_m)
-    gain = weights[:, None, None] * np.ones(path_m.shape)
-    if spreading:
-        to, back = (np.sqrt(((points_m[:, None] - leg[None]) ** 2).sum(axis=2)) for leg in (tx_m, rx_m))
-        gain = gain / (to[:, :, None] * back[:, None, :])
-    return np.stack([(gain * np.exp(-2j * np.pi * _turns(path_m, tone_hz))).sum(axis=0) for tone_hz in tones_hz])
+def noise(shape: tuple[int, ...], seed: int) -> np.ndarray:
+    """White complex noise, complex64: the hardest samples, since nothing crowds where an image is accurate."""
+    generator = np.random.default_rng(seed)
+    return (generator.standard_normal(shape) + 1j * generator.standard_normal(shape)).astype(np.complex64)
 
 
-def _turns(path_m: np.ndarray, tone_hz: float) -> np.ndarray:
-    """The phase in turns, without its whole turns."""
-    turns = tone_hz * path_m / LIGHT_M_S
-    return turns - np.round(turns)
+def legs_m(antennas: AntennaArray, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distances of points to transmitters [p, t] and receivers [p, r]."""
+    to, back = (
+        np.sqrt(((points_m[:, None] - leg[None]) ** 2).sum(axis=2)) for leg in (antennas.tx_m, antennas.rx_m)
+    )
+    return to, back
+
+
+def waves(antennas: AntennaArray, tones_hz: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+    """e^{+j2πf(|p−t|+|p−r|)/c}: complex128 [f, p, t, r]."""
+    to, back = legs_m(antennas, points_m)
+    turns = tones_hz[:, None, None, None] * (to[:, :, None] + back[:, None, :]) / LIGHT_M_S
+    return np.exp(2j * np.pi * (turns - np.round(turns)))
+
+
+def image(samples: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Samples [f, t, r] imaged along `waves`: [p]."""
+    return np.einsum("fptr,ftr->p", along, samples.astype(np.complex128), optimize=True)
+
+
+def echoes(weights: np.ndarray, antennas: AntennaArray, tones_hz: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+    """Samples [f, t, r] of points that scatter evenly, each leg fading as 1/R."""
+    to, back = legs_m(antennas, points_m)
+    fading = weights[:, None, None] / (to[:, :, None] * back[:, None, :])
+    return np.einsum("ptr,fptr->ftr", fading, waves(antennas, tones_hz, points_m).conj(), optimize=True)

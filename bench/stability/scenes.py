@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from bench.registry import method
+from bench.stability.catalogue import Worst, worst
 from radar.arrays import AntennaArray, qar50
 from radar.capture import RadarCapture
 from radar.config import Config
@@ -22,6 +23,7 @@ LADDER_HZ = (82.0e9, 81.8e9, 81.3e9, 79.5e9, 72.0e9)
 ALL_HZ = np.unique(np.concatenate([np.linspace(72e9, 82e9, 128), LADDER_HZ]))
 POINT_M = (0.0, 0.0, 0.28)
 HALF_M, STEP_M = 0.012, 0.001
+VOXEL_MM = 0.5  # half a voxel of the projections
 
 
 @cache
@@ -79,3 +81,10 @@ def bumpy_points() -> np.ndarray:
     along = np.arange(-0.024, 0.0241, 0.002)
     x, y = np.meshgrid(along, along)
     return np.stack([x, y, 0.28 + 0.003 * np.sin(60 * x) * np.cos(60 * y)], axis=-1).reshape(-1, 3)
+
+
+def judged(seen: list[tuple[str, float, bool]], bound: float) -> Worst:
+    """The worst of (place, value, whether it was marked); flagged where every value beyond the bound was marked."""
+    found = worst((place, value) for place, value, _ in seen)
+    silent = [(place, value) for place, value, marked in seen if not value <= bound and not marked]
+    return worst(silent) if silent else Worst(found.value, found.at, flagged=True)

@@ -29,10 +29,15 @@ class Opened:
         return [c for c in self.found.captures if self.reference in self.found.references.get(c.name, {})]
 
 
-def opened(bench: BenchFile, base: Path, work: Path) -> Opened:
+def opened(bench: BenchFile, base: Path, work: Path, photographed: int) -> Opened:
     """Open or simulate the captures, frame 0 alone; photographs become meshes only where they have to score. Stages
-    that were done before are taken from `work`. Raises HandbenchError where nothing is left to score."""
-    alone = bench.model_copy(update={"method": (), "calibration": (), "tradeoff": None})
+    that were done before are taken from `work`. Of scenes alone, which tell their true surface, no more than
+    `photographed` are photographed. Raises HandbenchError where nothing is left to score."""
+    sources = bench.capture
+    if all(source.scene is not None for source in sources):
+        unseen = (source.model_copy(update={"photos": False}) for source in sources[photographed:])
+        sources = (*sources[:photographed], *unseen)
+    alone = bench.model_copy(update={"capture": sources, "method": (), "calibration": (), "tradeoff": None})
     run = Run(alone, base.resolve(), work.resolve(), InPlace())
     captures, targets = run.open()
     if captures and all(open_capture(capture.folder).truth is not None for capture in captures):

@@ -48,7 +48,7 @@ def run(
     config = tomlkit.dumps(bench.model_dump(mode="json", exclude_none=True))
     with claimed(folder) as work:
         same = _check_room(folder, config, overwrite)
-        ready = opened(bench, base, work)
+        ready = opened(bench, base, work, photographed=int("groundtruth" in sweep.sections))
         if same and not overwrite and (kept := _kept(folder, ready)) is not None:
             say(f"{folder}: holds this trade-off already; its figures are taken from there, --overwrite measures anew")
             return kept

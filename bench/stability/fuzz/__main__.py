@@ -18,7 +18,7 @@ VERDICTS = ("accepted", "refused", *FINDINGS)
 
 def table(tallies: dict[str, Tally]) -> str:
     """Counts, rate, slowest input and peak memory of every reader, and of all."""
-    lines = [f"{'reader':14}" + "".join(f"{v:>10}" for v in VERDICTS) + f"{'inputs/s':>10}{'slowest s':>10}{'peak MB':>9}"]
+    lines = [f"{'reader':14}" + "".join(f"{name:>10}" for name in (*VERDICTS, "inputs/s", "slowest s", "peak MB"))]
     total = Tally()
     for tally in tallies.values():
         total.verdicts.update(tally.verdicts)
@@ -27,7 +27,7 @@ def table(tallies: dict[str, Tally]) -> str:
     for name, tally in (*tallies.items(), ("all", total)):
         rate = tally.verdicts.total() / max(tally.seconds, 1e-9)
         lines.append(f"{name:14}" + "".join(f"{tally.verdicts[v]:10}" for v in VERDICTS)
-                     + f"{rate:10.0f}{tally.slowest_s:10.2f}{tally.peak_mb:9.0f}")
+                     + f"{rate:10.0f}{tally.slowest_s:10.2f}{tally.peak_mb:10.0f}")
     return "\n".join(lines)
 
 

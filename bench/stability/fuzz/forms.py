@@ -126,7 +126,8 @@ def hdf5(content: bytes, rng: random.Random) -> bytes:
         names: list[str] = []
         file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
         if file.attrs and rng.randrange(6) == 0:
-            file.attrs[rng.choice(list(file.attrs))] = rng.choice((0, "x", b"\xff", [1, 2], 2**63, 1.5, np.zeros((3, 3))))
+            values = (0, "x", b"\xff", [1, 2], 2**63, 1.5, np.zeros((3, 3)))
+            file.attrs[rng.choice(list(file.attrs))] = rng.choice(values)
         elif names:
             name = rng.choice(names)
             _replace(file, name, file[name][()], rng)
@@ -186,7 +187,8 @@ def png(content: bytes, rng: random.Random) -> bytes:
     match rng.randrange(6):
         case 0:
             width, height = (rng.choice((0, 1, 7, 4000, 20_000, 46_000, 2**31 - 1, 2**32 - 1)) for _ in range(2))
-            form = rng.choice((body[8:13], bytes([rng.choice((1, 2, 4, 8, 16, 3)), rng.randrange(8), 0, 0, rng.randrange(3)])))
+            bits, colours, interlaced = rng.choice((1, 2, 4, 8, 16, 3)), rng.randrange(8), rng.randrange(3)
+            form = rng.choice((body[8:13], bytes([bits, colours, 0, 0, interlaced])))
             chunks[0] = (b"IHDR", struct.pack(">II", width, height) + form)
         case 1:
             chunks.insert(k, (kind, body))

@@ -29,11 +29,13 @@ TEXTS = (
 )
 VALUES = (
     None, True, False, 0, -1, 1, 2, 3, 10**9, -(10**9), 2**31, 2**63, 2**64, 10**400, -0.0, 0.5, 1e-320, 1e-30, 1e30,
-    1e154, 1e308, -1e308, float("nan"), float("inf"), [], {}, [[]], [0], [1, 2], [{}], {"a": 1}, [None], [[0.0] * 4] * 4,
-    [[1.0, 0.0], [0.0]], ["a"], [1e308] * 3, {"version": 1}, [[[[[[[[[[]]]]]]]]]],
+    1e154, 1e308, -1e308, float("nan"), float("inf"), [], {}, [[]], [0], [1, 2], [{}], {"a": 1}, [None],
+    [[0.0] * 4] * 4, [[1.0, 0.0], [0.0]], ["a"], [1e308] * 3, {"version": 1}, [[[[[[[[[[]]]]]]]]]],
 )
 STRANGE = (b"\xff\xfe", b"\x80", b"\xc3\x28", b"\0", b"\r", b"\xef\xbb\xbf", b"\xed\xa0\x80", b"\x1a", b"\x0b\x0c\x85")
-WORDS = (0, 1, 2, 3, 7, 8, 64, 127, 128, 255, 256, 32767, 32768, 65535, 2**31 - 1, 2**31, 2**32 - 1, 2**63 - 1, 2**64 - 1)
+WORDS = (
+    0, 1, 2, 3, 7, 8, 64, 127, 128, 255, 256, 32767, 32768, 65535, 2**31 - 1, 2**31, 2**32 - 1, 2**63 - 1, 2**64 - 1
+)
 EDGE = 512  # bytes at a file's head and tail, where what matters usually lies
 NESTED = 3000
 
@@ -180,7 +182,7 @@ def mutated(name: str, content: bytes, rng: random.Random) -> bytes:
     suffix = "." + name.rpartition(".")[2].lower()
     known = suffix in FORMS and rng.random() < KNOWN
     if known:
-        with suppress(ValueError, TypeError), warnings.catch_warnings(action="ignore"):  # what no library likes to write
+        with suppress(ValueError, TypeError), warnings.catch_warnings(action="ignore"):  # of what is hard to write
             content = rng.choice(FORMS[suffix])(content, rng)
     for _ in range(rng.choice((0, 0, 0, 1) if known else (1, 1, 1, 2, 3))):
         content = rng.choice(TEXT if suffix in TEXTS_OF else BYTES)(content, rng)

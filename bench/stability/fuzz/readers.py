@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.stability.fuzz import seeds
+from bench.stability.fuzz import capture_seeds, geometry_seeds, result_seeds
 
 OUT = "out"  # beside an input: where a reader that writes may write
 
@@ -92,9 +92,9 @@ def _transform(folder: Path) -> None:
     from bench.stages import load_any_transform
 
     transform = load_any_transform(folder / "radar_from_photo.json")
-    transform.inverse().points(transform.points(seeds.POINTS_M))
+    transform.inverse().points(transform.points(geometry_seeds.POINTS_M))
     if transform.covariance is not None:
-        transform.point_covariance(seeds.POINTS_M)
+        transform.point_covariance(geometry_seeds.POINTS_M)
 
 
 def _alignment(folder: Path) -> None:
@@ -107,10 +107,10 @@ def _cameras(name: str) -> Callable[[Path], None]:
     def read(folder: Path) -> None:
         from groundtruth.camera_files import cameras_of, load_model
 
-        photos = seeds.photos(folder)
+        photos = geometry_seeds.photos(folder)
         for camera in cameras_of(photos, folder / name, metric=True):
             if camera.R is not None and camera.t is not None:
-                camera.project(seeds.POINTS_M + [0, 0, 1])
+                camera.project(geometry_seeds.POINTS_M + [0, 0, 1])
         if (folder / name).is_dir():
             load_model(folder / name, photos)
 
@@ -148,7 +148,7 @@ def _photos(folder: Path) -> None:
 def _masks(folder: Path) -> None:
     from groundtruth.masks import find_masks
 
-    find_masks(folder / "masks", seeds.photos(folder))
+    find_masks(folder / "masks", geometry_seeds.photos(folder))
 
 
 def _small_photo(folder: Path) -> None:
@@ -207,52 +207,52 @@ def _stage(folder: Path) -> None:
     """A stage whose files were changed is found out and made again."""
     from bench.cache import kept_stage
 
-    kept_stage(folder / "stage", "stage", seeds.stage)
+    kept_stage(folder / "stage", "stage", result_seeds.stage)
     if (folder / "stage" / "depth.npz").read_bytes() != (folder / "fresh.npz").read_bytes():
         raise AssertionError("a changed file of a kept stage was taken for what the stage had made")
 
 
 READERS: tuple[Reader, ...] = (
-    Reader("capture", seeds.capture, _capture, (*3 * ("echoes.h5",), "capture.toml", "array.json"), 6),
-    Reader("scan", seeds.scan, _capture, ("echoes.h5",), 3),
-    Reader("mapping", seeds.mapping, _capture, ("mapping.toml", "hand.mat", "hand.mat"), 4),
-    Reader("maroon", seeds.maroon, _maroon, (
+    Reader("capture", capture_seeds.capture, _capture, (*3 * ("echoes.h5",), "capture.toml", "array.json"), 6),
+    Reader("scan", capture_seeds.scan, _capture, ("echoes.h5",), 3),
+    Reader("mapping", capture_seeds.mapping, _capture, ("mapping.toml", "hand.mat", "hand.mat"), 4),
+    Reader("maroon", capture_seeds.maroon, _maroon, (
         *3 * ("hand/30/radar_72.0_82.0_2/calibrated_data/000000.npy",), "hand/30/metadata.json",
         "hand/30/alignment.json", "hand/30/radar_72.0_82.0_2/calibration.json",
     ), 3),
-    Reader("planar_scan", seeds.planar_scan, _planar_scan, ("scan.npy", "phase.txt"), 3),
-    Reader("scene", seeds.scene, _scene, ("scene.toml",), 3),
-    Reader("benchmark", seeds.benchmark, _benchmark, ("bench.toml",), 3),
-    Reader("validate", seeds.benchmark, _validate, ("bench.toml", "scene.toml"), 2),
-    Reader("target", seeds.target, _target, ("target.toml",)),
-    Reader("board", seeds.board, _board, ("board.toml",)),
-    Reader("transform", seeds.transform, _transform, ("radar_from_photo.json",)),
-    Reader("alignment", seeds.alignment, _alignment, ("alignment.json",)),
-    Reader("cameras", seeds.cameras, _cameras("cameras.json"), ("cameras.json",)),
-    Reader("metashape", seeds.metashape, _cameras("cams.xml"), ("cams.xml",)),
-    Reader("colmap", seeds.colmap, _cameras("sparse"), tuple(
+    Reader("planar_scan", capture_seeds.planar_scan, _planar_scan, ("scan.npy", "phase.txt"), 3),
+    Reader("scene", capture_seeds.scene, _scene, ("scene.toml",), 3),
+    Reader("benchmark", capture_seeds.benchmark, _benchmark, ("bench.toml",), 3),
+    Reader("validate", capture_seeds.benchmark, _validate, ("bench.toml", "scene.toml"), 2),
+    Reader("target", geometry_seeds.target, _target, ("target.toml",)),
+    Reader("board", geometry_seeds.board, _board, ("board.toml",)),
+    Reader("transform", geometry_seeds.transform, _transform, ("radar_from_photo.json",)),
+    Reader("alignment", geometry_seeds.alignment, _alignment, ("alignment.json",)),
+    Reader("cameras", geometry_seeds.cameras, _cameras("cameras.json"), ("cameras.json",)),
+    Reader("metashape", geometry_seeds.metashape, _cameras("cams.xml"), ("cams.xml",)),
+    Reader("colmap", geometry_seeds.colmap, _cameras("sparse"), tuple(
         f"sparse/{name}.bin" for name in ("cameras", "images", "points3D", "frames", "rigs")
     ), 4),
-    Reader("colmap_text", seeds.colmap_text, _cameras("sparse"), tuple(
+    Reader("colmap_text", geometry_seeds.colmap_text, _cameras("sparse"), tuple(
         f"sparse/{name}.txt" for name in ("cameras", "images", "points3D", "frames", "rigs")
     ), 3),
-    Reader("ply", seeds.meshes, _mesh("mesh.ply"), ("mesh.ply",), 3),
-    Reader("ply_text", seeds.meshes, _mesh("text.ply"), ("text.ply",)),
-    Reader("obj", seeds.meshes, _mesh("mesh.obj"), ("mesh.obj",)),
-    Reader("stl", seeds.meshes, _mesh("mesh.stl"), ("mesh.stl",)),
-    Reader("foreign_mesh", seeds.meshes, _foreign_mesh, ("scan.stl",), 1),
-    Reader("depth", seeds.depth, _depth, ("depth.npz",), 4),
-    Reader("photos", seeds.pictures, _photos, ("a.jpg", "a.jpg", "b.png", "c.tif", "d.png"), 5),
-    Reader("masks", seeds.masks, _masks, ("masks/a.jpg.png", "masks/b.png"), 2),
-    Reader("small_photo", seeds.small_photo, _small_photo, ("hand.jpg",), 1),
-    Reader("result", seeds.result, _result, (
+    Reader("ply", geometry_seeds.meshes, _mesh("mesh.ply"), ("mesh.ply",), 3),
+    Reader("ply_text", geometry_seeds.meshes, _mesh("text.ply"), ("text.ply",)),
+    Reader("obj", geometry_seeds.meshes, _mesh("mesh.obj"), ("mesh.obj",)),
+    Reader("stl", geometry_seeds.meshes, _mesh("mesh.stl"), ("mesh.stl",)),
+    Reader("foreign_mesh", geometry_seeds.meshes, _foreign_mesh, ("scan.stl",), 1),
+    Reader("depth", geometry_seeds.depth, _depth, ("depth.npz",), 4),
+    Reader("photos", result_seeds.pictures, _photos, ("a.jpg", "a.jpg", "b.png", "c.tif", "d.png"), 5),
+    Reader("masks", result_seeds.masks, _masks, ("masks/a.jpg.png", "masks/b.png"), 2),
+    Reader("small_photo", result_seeds.small_photo, _small_photo, ("hand.jpg",), 1),
+    Reader("result", result_seeds.result, _result, (
         "result.json", "table.csv", "tasks.csv", "repeats.csv", "comparisons.csv", "config.toml",
         "depth/F__2fsk.npz", "depth/F__truth.npz", "errors/F__2fsk__truth.npz",
     ), 5),
-    Reader("tradeoff", seeds.tradeoff, _tradeoff, ("tradeoff.json", "tradeoff.csv")),
-    Reader("stability", seeds.stability, _stability, ("stability.json", "stability.csv")),
-    Reader("antennas", seeds.antennas, _antennas, ("array.csv",)),
-    Reader("array", seeds.array, _array, ("array.json",)),
-    Reader("colmap_map", seeds.colmap_map, _map, ("depth.bin",), 1),
-    Reader("stage", seeds.kept, _stage, ("stage/depth.npz", "stage/stage.json"), 2),
+    Reader("tradeoff", result_seeds.tradeoff, _tradeoff, ("tradeoff.json", "tradeoff.csv")),
+    Reader("stability", result_seeds.stability, _stability, ("stability.json", "stability.csv")),
+    Reader("antennas", capture_seeds.antennas, _antennas, ("array.csv",)),
+    Reader("array", capture_seeds.array, _array, ("array.json",)),
+    Reader("colmap_map", geometry_seeds.colmap_map, _map, ("depth.bin",), 1),
+    Reader("stage", result_seeds.kept, _stage, ("stage/depth.npz", "stage/stage.json"), 2),
 )

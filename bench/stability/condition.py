@@ -1,0 +1,285 @@
+"""How much each estimator amplifies its input's error, measured by perturbation, beside what theory expects; and
+whether the σ that FSK states follows its errors.
+
+A perturbation is small against what bends the estimator and large against rounding; it goes through the product, while
+theory is a formula that is written here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.stats import spearmanr
+
+from bench.errormap import ErrorMap
+from bench.metrics import pool, precision
+from bench.results.stability import Table
+from bench.stability.condition_rays import plane_depth, triangulated
+from bench.stability.registration_spheres import PLACE_M, RADIUS_M
+from calibration.ball_fit import fit_balls
+from calibration.echoes import Ball
+from calibration.optical import Cloud, fit_sphere
+from calibration.target import default_target
+from calibration.transforms import condition_number, umeyama
+from radar.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
+from radar.capture import RadarCapture
+from radar.depthmap import DepthMap
+from radar.effects.noise import strongest_amplitude, thermal_noise
+from radar.forward import Scatterers, simulate
+from radar.fsk import n_tone, three_tone, two_tone
+from radar.fsk_config import LadderConfig, ThreeToneConfig, TwoToneConfig
+from radar.sphere import sphere_echo
+from radar.surface import peak_offset
+
+LADDER_HZ = (82.0e9, 81.8e9, 81.3e9, 79.5e9, 72.0e9)
+POINT_M = np.array([0.0, 0.0, 0.28])
+NOISE_RAD = 0.0264  # the paper's, between two tones at the strongest pixel
+DRAWS = 24
+COLUMNS = ("estimator", "input", "measured", "theory", "ratio", "unit")
+
+
+class Row(NamedTuple):
+    """One estimator's amplification; unit: of its output over its input's."""
+
+    estimator: str
+    input: str
+    measured: float
+    theory: float
+    unit: str
+
+
+def table() -> Table:
+    """All estimators, then the rank correlation of σ and |error|, with that of the true σ in theory's place."""
+    rows = [*amplifications(), *ranks()]
+    told = "; ".join(f"{row.measured:.2f} of {row.theory:.2f} ({row.estimator})" for row in ranks())
+    return Table(
+        title="Condition",
+        text="how much an error of the input is amplified, by perturbation and by theory; and the rank correlation of "
+        f"FSK's confidence with its errors, of what the true σ would reach: {told}",
+        columns=COLUMNS,
+        rows=tuple((r.estimator, r.input, r.measured, r.theory, r.measured / r.theory, r.unit) for r in rows),
+    )
+
+
+def amplifications() -> Iterator[Row]:
+    """Estimator by estimator."""
+    for method in METHODS:
+        theory = _fsk_theory(method.tones_hz)
+        yield Row(f"{method.name} depth", "phase of the last tone", _fsk(method), theory, "m/rad")
+    for step_m in (1e-3, 2e-3):
+        yield Row(f"subvoxel depth, voxels of {1e3 * step_m:g} mm", "relative amplitude of a neighbour",
+                  *_subvoxel(step_m), "m")
+    for part in (0.45, 0.15, 0.1):
+        yield Row(f"centre of a {part:.0%} cap, free radius", "points' rms along the normal",
+                  _cap(part), np.sqrt(3) / part, "m/m")
+    yield Row("radius of a 15% cap", "points' rms along the normal", *_cap_radius(0.15), "m/m")
+    yield Row("ball in the echoes", "delay of all channels, one way", *_ball(), "m/m")
+    yield from _rotation()
+    for degrees in (20, 60, 80):
+        yield Row(f"depth of a plane tilted by {degrees}°", "surface along its normal",
+                  plane_depth(np.deg2rad(degrees)), 1 / np.cos(np.deg2rad(degrees)), "m/m")
+    for base_m in (0.2, 0.02):
+        yield Row(f"triangulated point, 0.6 m away, base {base_m:g} m", "disparity", *triangulated(base_m, 0.6), "m/px")
+    yield Row("precision of 10 repeats", "repeats, their rms", *_precision(10), "m/m")
+    yield Row("MAE", "errors, each further out", *_mae(), "m/m")
+
+
+# --- depth -----------------------------------------------------------------------------------------------------------
+
+NEAR = {"start_m": -0.004, "stop_m": 0.004, "step_m": 0.001}
+KNOWN = {"x": NEAR, "y": NEAR, "off_axis": True, "tolerance": None, "first_depth_m": float(POINT_M[2])}
+
+
+class Method(NamedTuple):
+    """An FSK method, its tones in the order of its ladder, and how it is run with configuration values."""
+
+    name: str
+    tones_hz: tuple[float, ...]
+    run: Callable[..., DepthMap]
+
+
+METHODS = (
+    Method("2-FSK", LADDER_HZ[:2], lambda c, **at: two_tone(c, TwoToneConfig(**at))),
+    Method("3-FSK", (*LADDER_HZ[:2], LADDER_HZ[3]), lambda c, **at: three_tone(c, ThreeToneConfig(**at))),
+    Method("ladder", LADDER_HZ, lambda c, **at: n_tone(c, LadderConfig(**at))),
+)
+
+
+@cache
+def array() -> AntennaArray:
+    """24 + 24 antennas of the paper's frame."""
+    whole = qar50()
+    return AntennaArray(whole.tx_m[::4], whole.rx_m[::4])
+
+
+def _fsk(method: Method) -> float:
+    """Change of a point's depth with the phase of the last tone's samples."""
+    tones_hz = np.array(method.tones_hz)
+    samples = simulate(Scatterers(POINT_M[None], np.ones(1)), tones_hz, array(), tolerance=None)
+
+    def depth_m(phase_rad: float) -> float:
+        turned = samples.copy()
+        turned[-1] *= np.exp(1j * phase_rad)
+        z_m = method.run(RadarCapture(turned[None], tones_hz, array()), **KNOWN).z_m
+        return float(z_m[len(z_m) // 2, z_m.shape[1] // 2])
+
+    return abs(depth_m(5e-3) - depth_m(-5e-3)) / 1e-2
+
+
+def _fsk_theory(tones_hz: tuple[float, ...]) -> float:
+    """c/(2πΔf) over the path's rise along z (2 far away on the axis), averaged over the pairs of the last tone."""
+    rise = sum(np.mean(POINT_M[2] / np.linalg.norm(POINT_M - leg, axis=1)) for leg in (array().tx_m, array().rx_m))
+    *others, last = tones_hz
+    per_hz = np.mean([1 / abs(tone - last) for tone in others[:2]])
+    return float(SPEED_OF_LIGHT_M_S / (2 * np.pi) * per_hz / rise)
+
+
+def _subvoxel(step_m: float, band_hz: float = 10e9) -> tuple[float, float]:
+    """Change of the vertex with one neighbour's relative amplitude: of a main lobe sinc(2Bz/c), whose logarithm bends
+    by π²/3 per resolution cell squared, 3ρ²/(2π²·step) with ρ = c/2B."""
+    cell_m = SPEED_OF_LIGHT_M_S / (2 * band_hz)
+    lobe = np.sinc(np.array([-1.0, 0.0, 1.0]) * step_m / cell_m)
+    moved = [float(peak_offset(lobe * [1 + change, 1, 1])) for change in (1e-4, -1e-4)]
+    return abs(moved[0] - moved[1]) / 2e-4 * step_m, 3 * cell_m**2 / (2 * np.pi**2 * step_m)
+
+
+# --- calibration -----------------------------------------------------------------------------------------------------
+
+
+def _cap_fit(part: float, along: Callable[[np.ndarray], np.ndarray], size_m: float = 1e-6) -> tuple[float, float]:
+    """Shift of the centre, and growth of the radius, per metre of the points' rms, when they err by `along` of their
+    cosine to the axis; the radius is free."""
+    n = 4000  # even in height, hence on the sphere
+    height = 1 - 2 * part * (np.arange(n) + 0.5) / n
+    azimuth = np.pi * (1 + np.sqrt(5)) * np.arange(n)
+    ring = np.sqrt(1 - height**2)
+    outward = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), height], axis=1)
+    error = along(height)
+    points_m = (RADIUS_M + size_m * error / np.sqrt(np.mean(error**2)))[:, None] * outward
+    found = fit_sphere(Cloud(points_m, outward, oriented=True), np.zeros(3), RADIUS_M, (0,), radius_sigma_m=1.0)
+    return float(np.linalg.norm(found.centre_m)) / size_m, abs(found.radius_m - RADIUS_M) / size_m
+
+
+def _cap(part: float) -> float:
+    """The worst pattern for the centre: as its height without what a radius explains; √3/part for even points, whose
+    heights deviate by 2·part/√12."""
+    return _cap_fit(part, lambda height: height - height.mean())[0]
+
+
+def _cap_radius(part: float) -> tuple[float, float]:
+    """The worst pattern for the radius: a constant without what the centre's height explains."""
+    def constant(height: np.ndarray) -> np.ndarray:
+        return 1 - height * height.mean() / np.mean(height**2)
+
+    mean, square = 1 - part, 1 - 2 * part + 4 * part**2 / 3  # of heights that are even from 1 − 2·part to 1
+    return _cap_fit(part, constant)[1], float(1 / np.sqrt(1 - mean**2 / square))
+
+
+def _ball() -> tuple[float, float]:
+    """Shift of a fitted ball with a delay that all channels share, and that of least squares on the phases of a point,
+    whose place and strength's phase are free: 2 over the path's rise, or nearly so."""
+    target, tones_hz, delay_m = default_target(), np.linspace(72e9, 82e9, 16), 1e-4
+    samples = sphere_echo(PLACE_M, target.element[0].ball_radius_m, target.foam_delay_m[0], tones_hz, array())
+    found_m = []
+    for sign in (1, -1):
+        late = np.exp(-2j * np.pi * tones_hz / SPEED_OF_LIGHT_M_S * 2 * sign * delay_m)
+        taken = RadarCapture((samples * late[:, None, None])[None].astype(np.complex64), tones_hz, array())
+        found_m.append(fit_balls(taken, target, {0: Ball(PLACE_M, np.eye(3), (0,), PLACE_M, 0.0)})[0].centre_m)
+    to, back = (PLACE_M - leg for leg in (array().tx_m, array().rx_m))
+    to, back = (leg / np.linalg.norm(leg, axis=1)[:, None] for leg in (to, back))
+    gradient = (to[:, None] + back[None]).reshape(-1, 3)
+    k = 2 * np.pi * tones_hz / SPEED_OF_LIGHT_M_S
+    places = np.multiply.outer(k, gradient).reshape(-1, 3)
+    design = np.concatenate([places, np.ones((len(places), 1))], axis=1)
+    expected = np.linalg.lstsq(design, np.repeat(2 * k, len(gradient)))[0][:3]
+    return float(np.linalg.norm(found_m[0] - found_m[1]) / 2 / delay_m), float(np.linalg.norm(expected))
+
+
+def _rotation() -> Iterator[Row]:
+    """Umeyama's rotation, about its worst axis and of the worst to the best: the singular values of how it turns with
+    each coordinate of each point. About axis i it is held by Σ(y² + z²) of the centred points in their own axes."""
+    points_m = default_target().centres_m * [1, 0.3, 1]  # a narrow target
+    step_m, columns = 1e-7, []
+    for point in range(len(points_m)):
+        for axis in range(3):
+            turned = []
+            for sign in (1, -1):
+                moved_m = points_m.copy()
+                moved_m[point, axis] += sign * step_m
+                turned.append(Rotation.from_matrix(umeyama(points_m, moved_m)[:3, :3]).as_rotvec())
+            columns.append((turned[0] - turned[1]) / (2 * step_m))
+    found = np.linalg.svd(np.array(columns), compute_uv=False)
+    squares_m2 = np.linalg.svd(points_m - points_m.mean(axis=0), compute_uv=False) ** 2
+    held_m2 = squares_m2.sum() - squares_m2
+    name = "rotation of a narrow target"
+    yield Row(f"{name}, worst axis", "centres, their norm", found[0], held_m2.min() ** -0.5, "rad/m")
+    yield Row(f"{name}, worst to best axis", "centres", found[0] / found[2], condition_number(points_m, points_m), "1")
+
+
+# --- figures ---------------------------------------------------------------------------------------------------------
+
+
+def _precision(repeats: int) -> tuple[float, float]:
+    """Change with depths that move apart, per metre of their rms: √(n/(n − 1))."""
+    z_m = 0.3 + 1e-3 * np.random.default_rng(0).standard_normal(repeats)
+    way = (z_m - z_m.mean()) / z_m.std()
+    found = [1e-3 * precision([z_m + sign * 1e-6 * way])["precision_mm"] for sign in (1, -1)]
+    return (found[0] - found[1]) / 2e-6, float(np.sqrt(repeats / (repeats - 1)))
+
+
+def _mae() -> tuple[float, float]:
+    """Change with errors that all grow by as much: 1, the most that it can be."""
+    error_m = 1e-3 * np.random.default_rng(0).standard_normal((40, 40))
+    axis_m, surface = 1e-3 * np.arange(40), np.full((40, 40), 0.3)
+    found = [
+        1e-3 * pool([ErrorMap(axis_m, axis_m, error_m + sign * 1e-8 * np.sign(error_m), surface)])["mae_mm"]
+        for sign in (1, -1)
+    ]
+    return (found[0] - found[1]) / 2e-8, 1.0
+
+
+# --- confidence ------------------------------------------------------------------------------------------------------
+
+
+def _surface_m(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return 0.28 + 0.004 * np.sin(2 * np.pi * x / 0.03) * np.cos(2 * np.pi * y / 0.04)
+
+
+@cache
+def ranks() -> tuple[Row, ...]:
+    """Rank correlation of σ with |z − truth| over the pixels of a bumpy surface with the paper's array and noise; in
+    theory's place that of the true σ, the errors' root mean square over the other draws. (That knows what repeats, as where a
+    filter flattens the surface; the stated one knows its own draw's amplitudes. An error is one draw of its σ, and σ
+    varies but a few times over a target: none reaches 1.)"""
+    along = np.arange(-0.03, 0.03 + 1e-9, 0.000625)
+    x, y = np.meshgrid(along, along)
+    points_m = np.stack([x.ravel(), y.ravel(), _surface_m(x, y).ravel()], axis=1)
+    tones_hz = np.array(METHODS[1].tones_hz)
+    clean = simulate(Scatterers(points_m, np.ones(len(points_m))), tones_hz, qar50())
+    strongest = strongest_amplitude(clean[0], tones_hz[0], qar50(), points_m)
+    span = {"start_m": -0.024, "stop_m": 0.024, "step_m": 0.001}
+    maps: dict[str, list[DepthMap]] = {method.name: [] for method in METHODS[:2]}
+    for seed in range(DRAWS):
+        samples = thermal_noise(clean, tones_hz, NOISE_RAD, strongest, (seed,))
+        capture = RadarCapture(samples[None], tones_hz, qar50())
+        for method in METHODS[:2]:
+            maps[method.name].append(method.run(capture, x=span, y=span, first_depth_m=float(POINT_M[2])))
+    return tuple(
+        Row(f"σ of {name} against |error|", "rank correlation", *_ranks(found), "1") for name, found in maps.items()
+    )
+
+
+def _ranks(maps: list[DepthMap]) -> tuple[float, float]:
+    """Over the pixels that half of the draws observe: of the stated σ, and of the true one."""
+    error_m = np.array([depth.z_m for depth in maps]) - _surface_m(*np.meshgrid(maps[0].x_m, maps[0].y_m))
+    seen = np.isfinite(error_m)
+    often = seen & (seen.sum(axis=0) > len(maps) / 2)
+    square_m2 = np.where(seen, error_m**2, 0)
+    others_m2 = (square_m2.sum(axis=0) - square_m2) / np.maximum(seen.sum(axis=0) - 1, 1)
+    stated_m = np.array([depth.sigma_m for depth in maps])
+    error_m = np.abs(error_m[often])
+    return tuple(float(spearmanr(sigma[often], error_m).statistic) for sigma in (stated_m, others_m2))
