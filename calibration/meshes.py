@@ -170,9 +170,6 @@ def _write(path: str | Path, write: Callable[..., bool], what: object) -> None:
             raise OSError("what was written is cut short; is there space left on the disk?") from error
 
 
-def raycasting_scene(
-    surface: o3d.geometry.TriangleMesh, origin_m: np.ndarray | float = 0.0
-) -> o3d.t.geometry.RaycastingScene:
-    """An Embree scene of one mesh, for `cast_rays` (rows [ox, oy, oz, dx, dy, dz], float32, metres); places count from
-    origin_m [3], which far from zero keeps single precision good."""
-    return embree(np.asarray(surface.vertices) - origin_m, np.asarray(surface.triangles))
+def raycasting_scene(surface: o3d.geometry.TriangleMesh) -> o3d.t.geometry.RaycastingScene:
+    """An Embree scene of one mesh, for `cast_rays` (rows [ox, oy, oz, dx, dy, dz], float32, metres)."""
+    return embree(np.asarray(surface.vertices), np.asarray(surface.triangles))

@@ -31,6 +31,7 @@ TUKEY = 4.685  # 95 % efficient for Gaussian noise
 # whatever the number of its points (per axis), and all spheres alike towards the cameras: pixels, root mean square of
 # 20 rendered spheres at draft quality (0.053 and 0.062; of 15 at normal 0.029 and 0.051).
 WHOLE_PX, TOWARDS_CAMERAS_PX = 0.053, 0.062
+LEAST_HELD = 1e-3  # mean square cosine to a direction in which points hold the centre: a cap of 6 % has that
 PATCH = 0.5  # side, relative to the radius, of the patches whose sums reveal errors that neighbours share
 
 
@@ -135,7 +136,10 @@ def fit_sphere(
         score = weight * residual
         shared = _shared(points_m, score, PATCH * radius_m)
         prior = _prior(score, weight, shared, radius_sigma_m)
-        step = np.linalg.solve((weight[:, None] * design).T @ design + prior, design.T @ score - prior[:, 3] * extra_m)
+        normal = (weight[:, None] * design).T @ design + prior
+        if not _held(normal, weight.sum()):
+            return None
+        step = np.linalg.solve(normal, design.T @ score - prior[:, 3] * extra_m)
         centre_m, extra_m = centre_m + step[:3], extra_m + step[3]
         if np.linalg.norm(step) < 1e-8:
             break
@@ -151,6 +155,13 @@ def fit_sphere(
     return Sphere(centre_m, covariance_m2, elements, free_radius_m, inliers, coverage)
 
 
+def _held(normal: np.ndarray, weight: float) -> bool:
+    """Whether points of so much weight hold the centre in every direction, under whatever radius: those of a circle
+    leave it free across its plane, to first order."""
+    centre = normal[:3, :3] - np.outer(normal[:3, 3], normal[3, :3]) / normal[3, 3]
+    return bool(np.linalg.eigvalsh(centre)[0] > LEAST_HELD * weight)
+
+
 def _prior(score: np.ndarray, weight: np.ndarray, shared: float, radius_sigma_m: float) -> np.ndarray:
     """What is known of the radius, [4, 4] in the units of the normal matrix: the points' own variance, that of sums
     over neighbours, over the radius'."""
@@ -164,6 +175,8 @@ def _shared(points_m: np.ndarray, score: np.ndarray, patch_m: float) -> float:
     """How much larger the variance of sums over patches is than that of independent scores: 1 when neighbours err each
     on its own, the number of points that err alike otherwise. Mean over shifted patches; 3 fitted unknowns counted."""
     ratios = []
+    if not score.any():
+        return 1.0
     for shift in product((0.0, 0.5), repeat=3):
         patch = _cells(points_m, patch_m, np.array(shift))
         patches = len(patch) ** 2 / (np.bincount(patch) ** 2).sum()  # that count, for they are not equally full
@@ -180,7 +193,7 @@ def _consistent(cloud: Cloud, centre_m: np.ndarray, radius_m: float) -> np.ndarr
     """Points near the sphere's surface whose normal is the sphere's."""
     offset = cloud.points_m - centre_m
     distance = np.linalg.norm(offset, axis=1)
-    cosine = np.einsum("nk,nk->n", offset, cloud.normals) / distance
+    cosine = np.einsum("nk,nk->n", offset, cloud.normals) / np.maximum(distance, np.finfo(float).tiny)
     cosine = cosine if cloud.oriented else np.abs(cosine)
     return (np.abs(distance - radius_m) < GATE * radius_m) & (cosine > np.cos(MAX_NORMAL_ANGLE_RAD))
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from calibration import HandbenchError
-from calibration.meshes import raycasting_scene
+from calibration.meshes import mesh, raycasting_scene
 from calibration.transforms import Transform, perturbation_jacobian
 from groundtruth.surface import Surface
 
@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     import open3d as o3d
 
 CLEARANCE_M = 1e-3
-LARGEST_M = np.array([50.0, 50.0, 1000.0])  # beside a radar, and in depth, which single precision tells to 0.06 mm
+LARGEST_M = np.array([50.0, 50.0, 250.0])  # beside a radar, and in depth, which single precision tells to 0.06 mm
+EDGE_ON = 1e-4  # cosine between a triangle's normal and z below which rays along z must miss it
 STEEPEST = 0.1  # cosine between a surface's normal and z below which its uncertainty along z grows no more
 
 
@@ -57,14 +58,16 @@ class _Hits(NamedTuple):
     triangle: np.ndarray
 
 
-def depth_on_grid(mesh: o3d.geometry.TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
-    """Orthographic depth z [ny, nx] (metres, float64) of the mesh, in the radar frame, seen from the radar (from −z).
+def depth_on_grid(surface: o3d.geometry.TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
+    """Orthographic depth z [ny, nx] (metres, float64) of a mesh, in the radar frame, seen from the radar (from −z).
 
-    NaN where a ray along +z at (x, y) meets nothing. The ray caster works in single precision: rays start just in front
-    of the mesh, and the depth is computed again in double precision on the triangle that was hit.
+    NaN where a ray along +z at (x, y) meets nothing but triangles on edge. HandbenchError for a mesh that spans more
+    than anything before a radar does, as one in millimetres. The ray caster works in single precision: rays start just
+    in front of the mesh, and the depth is computed again in double precision on the triangle that was hit.
     """
-    hits = _cast(mesh, x_m, y_m)
-    corners = np.asarray(mesh.vertices)[np.asarray(mesh.triangles)[hits.triangle]]
+    vertices_m, faces = np.asarray(surface.vertices), np.asarray(surface.triangles)
+    hits = _cast(vertices_m, faces, x_m, y_m)
+    corners = vertices_m[faces[hits.triangle]]
     return _spread(hits.hit, _depth_of_plane(corners, hits.x_m, hits.y_m), np.nan)
 
 
@@ -78,7 +81,7 @@ def reference_on_grid(
     its ray a pixel's depth changes by n·δ/n_z when the surface, with normal n, moves by δ: σ/|n_z| for an error σ along
     the normal, and n·J(p)·ξ/n_z for an error ξ of the registration, of first order.
     """
-    hits = _cast(surface.mesh, x_m, y_m)
+    hits = _cast(surface.vertices_m, surface.faces, x_m, y_m)
     met = hits.hit
     seen = surface.observed[surface.faces[hits.triangle]].all(axis=1)
     hits = _Hits(_spread(hits.hit, seen, False), hits.x_m[seen], hits.y_m[seen], hits.triangle[seen])
@@ -95,10 +98,11 @@ def reference_on_grid(
     return Reference(*depth, _spread(hits.hit, leverage, np.nan), registration, met)
 
 
-def _cast(mesh: o3d.geometry.TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> _Hits:
-    used_m = np.asarray(mesh.vertices)[np.unique(np.asarray(mesh.triangles))]
-    if len(used_m) == 0:
-        raise HandbenchError("mesh: holds no triangles; expected a surface")
+def _cast(vertices_m: np.ndarray, faces: np.ndarray, x_m: np.ndarray, y_m: np.ndarray) -> _Hits:
+    shown = np.flatnonzero(_shown(vertices_m[faces]))
+    used_m = vertices_m[faces[shown].ravel()]
+    if len(shown) == 0:
+        return _Hits(np.zeros((len(y_m), len(x_m)), bool), *np.zeros((2, 0)), shown)
     spans_m = np.ptp(used_m, axis=0)
     if (spans_m > LARGEST_M).any():
         raise HandbenchError(
@@ -111,11 +115,23 @@ def _cast(mesh: o3d.geometry.TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> 
     rays[..., 0], rays[..., 1] = np.meshgrid(x_m - origin_m[0], y_m - origin_m[1])
     rays[..., 2] = -CLEARANCE_M
     rays[..., 5] = 1
-    found = raycasting_scene(mesh, origin_m).cast_rays(rays)
+    found = raycasting_scene(mesh(vertices_m - origin_m, faces[shown])).cast_rays(rays)
     hit = np.isfinite(found["t_hit"].numpy())
     row, column = np.nonzero(hit)
-    triangle = found["primitive_ids"].numpy().astype(np.int64)[hit]
+    triangle = shown[found["primitive_ids"].numpy().astype(np.int64)[hit]]
     return _Hits(hit, np.asarray(x_m)[column], np.asarray(y_m)[row], triangle)
+
+
+def _shown(corners: np.ndarray) -> np.ndarray:
+    """Which triangles [n, 3, 3] show a face to rays along z. Of one on edge a ray can tell no depth: rounding would
+    choose it before its neighbours, and any z of it."""
+    normal = _normal(corners)
+    return np.abs(normal[:, 2]) > EDGE_ON * np.linalg.norm(normal, axis=1)
+
+
+def _normal(corners: np.ndarray) -> np.ndarray:
+    """Of triangles [n, 3, 3]: [n, 3], as long as twice their area."""
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def _by(spans_m: np.ndarray) -> str:
@@ -130,19 +146,14 @@ def _spread(hit: np.ndarray, values: np.ndarray, elsewhere: float) -> np.ndarray
 
 
 def _slant(corners: np.ndarray) -> np.ndarray:
-    """n/n_z [n, 3] of triangles [n, 3, 3], of length 1/STEEPEST at most; a triangle without area counts as steep."""
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    """n/n_z [n, 3] of triangles [n, 3, 3], of length 1/STEEPEST at most."""
+    normal = _normal(corners)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
-    along_z = np.copysign(np.maximum(np.abs(normal[:, 2:]), STEEPEST * length), normal[:, 2:])
-    steep = np.broadcast_to([0.0, 0.0, 1 / STEEPEST], normal.shape).copy()
-    return np.divide(normal, along_z, out=steep, where=length > 0)
+    return normal / np.copysign(np.maximum(np.abs(normal[:, 2:]), STEEPEST * length), normal[:, 2:])
 
 
 def _depth_of_plane(corners: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """z [n] at (x, y) [n] of the planes through corners [n, 3, 3], not beyond the corners (a triangle on edge)."""
-    origin = corners[:, 0]
-    normal = np.cross(corners[:, 1] - origin, corners[:, 2] - origin)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        z = origin[:, 2] - (normal[:, 0] * (x - origin[:, 0]) + normal[:, 1] * (y - origin[:, 1])) / normal[:, 2]
-    lowest, highest = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
-    return np.clip(np.where(np.isfinite(z), z, lowest), lowest, highest)
+    """z [n] at (x, y) [n] of the planes through corners [n, 3, 3], not beyond the corners (a steep triangle)."""
+    origin, normal = corners[:, 0], _normal(corners)
+    z = origin[:, 2] - (normal[:, 0] * (x - origin[:, 0]) + normal[:, 1] * (y - origin[:, 1])) / normal[:, 2]
+    return np.clip(z, corners[..., 2].min(axis=1), corners[..., 2].max(axis=1))

@@ -29,7 +29,10 @@ def check_model(folder: Path) -> None:
         except (struct.error, ValueError, KeyError):
             at = -1
         if at != len(content):
-            raise HandbenchError(f"{file}: its {len(content)} bytes are not what it counts; copy the model again")
+            raise HandbenchError(
+                f"{folder}: is not readable as a COLMAP model ({file.name}: its {len(content)} bytes are not what it "
+                "counts); copy it again"
+            )
 
 
 def write_model(model: pycolmap.Reconstruction, folder: Path) -> None:

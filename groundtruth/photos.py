@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 FEWEST = 3
 LARGEST_PX = 100_000_000  # a hundred megapixels take a GB to decode
+PACKED_PX = 10_000  # no picture packs more into a byte: a blank mask of one bit a pixel has 8000
 MIRRORED = (2, 4, 5, 7)  # EXIF orientations that no camera writes
 
 
@@ -96,11 +97,20 @@ def _decode(path: Path, convert: Callable[[Image.Image], np.ndarray]) -> np.ndar
 
     try:
         with warnings.catch_warnings(action="ignore"), Image.open(path) as image:  # of odd EXIF data, of many pixels
-            if image.width * image.height > LARGEST_PX:
-                raise ValueError(f"it has {image.width} × {image.height} pixels, {LARGEST_PX} at most are read")
+            _require_plausible(image, path.stat().st_size)
             return convert(image)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise HandbenchError(f"{path}: is not a readable photograph ({error}); replace or remove it") from error
+
+
+def _require_plausible(image: Image.Image, size_bytes: int) -> None:
+    """Refuse what would take long or much memory before a pixel of it is decoded."""
+    pixels = image.width * image.height
+    if pixels > min(LARGEST_PX, PACKED_PX * size_bytes):
+        raise ValueError(
+            f"it has {image.width} × {image.height} pixels in {size_bytes} bytes; at most {LARGEST_PX} are read, and "
+            f"{PACKED_PX} a byte"
+        )
 
 
 def _pictures(folder: Path) -> list[Path]:

@@ -19,7 +19,10 @@ from radar.smoothing import masked_mean
 
 FEW = 100  # pixels that may be but a few resolution cells: their median would hide the noise with the gain
 TINY_M = 1e-150  # its square is still a number: a point known exactly, exactly between two periods, may be in either
+NOISE_PASSES = 0.01  # share of noise's pixels that may pass for an echo's
+SIDELOBE = 0.05  # of sinc², the pulse of an even band: 0.047
 UNRELATED_RAD = 2 * np.sqrt(np.pi - 3)  # rms of ρ between images that share nothing (Rayleigh amplitudes): its most
+
 
 def quadrature_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float) -> np.ndarray:
     """cρ / (4πΔf): Δz of `radar.fsk.depth_step_m` with the amplitudes' relative difference ρ in place of φ; metres."""
@@ -53,6 +56,18 @@ def incoherent(sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarr
     """
     most_rad = np.pi / 3 * UNRELATED_RAD / np.hypot(np.pi / 3, UNRELATED_RAD)
     return sigma_m > most_rad / np.pi * ambiguity_m
+
+
+def least_coherence(count: int, known: int, range_cells: float) -> float:
+    """The least |Σ O|² / (N Σ |O|²) of N = count tones' images O at a pixel's strongest voxel that is no noise's, with
+    Σ |O|² from `known` of the tones: n; 1 for an echo of one depth.
+
+    Noise alone has the mean x = 1/N; K depths, two a range cell of the volume, exceed x once in NOISE_PASSES⁻¹ pixels
+    where K (1 + Nx/n)^(−n) = NOISE_PASSES: Nx is F-distributed with 2 and 2n degrees of freedom. From outside the
+    volume an echo is seen by its range sidelobes: SIDELOBE at most.
+    """
+    depths = 1 + 2 * range_cells
+    return max(known / count * ((depths / NOISE_PASSES) ** (1 / known) - 1), SIDELOBE)
 
 
 def wrap_probability(step_m: np.ndarray, sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarray:

@@ -20,7 +20,8 @@ class DepthMap:
     """x_m [nx], y_m [ny]; z_m [ny, nx], NaN off target; amplitude_db [ny, nx], 0 at the maximum.
 
     Methods that know it add, [ny, nx]: sigma_m, predicted 1σ of z_m where no phase wrapped, NaN off target; and
-    wrapped (bool), pixels whose phase may have wrapped, which would put z_m off by a whole period.
+    wrapped (bool), pixels in doubt: their phase may have wrapped, which would put z_m off by a whole period, or their
+    tones do not agree on a depth, or it is the first or last that was looked at.
     """
 
     x_m: np.ndarray

@@ -26,6 +26,7 @@ from radar.smoothing import bounding_box, masked_mean
 from radar.steering import mean_rise
 
 MAX_IMAGES = 6  # passes of the coarse stage; the paper's two suffice for a hand
+SHARPER = 1.15  # times as high a plane's peak shows the focus: speckle and gloss make up 1.1, a hand out of it 1.24
 NOISY = 0.25  # share of a target without coherence from which on none of it is trusted; noise alone: 0.4 to 0.6
 
 Step = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
@@ -169,12 +170,33 @@ def _coarse(pair: _Ladder, config: FskConfig) -> _Estimate:
     on_target = seen.reshape(grid.shape)
     step = pair.steps(images[:, seen], factor, on_target)
     z_m, amplitude = z_e + step.z_m, amplitude.reshape(grid.shape)
-    ambiguity_m = _on_map(on_target, SPEED_OF_LIGHT_M_S / (4 * reach_hz(pair.frequencies_hz)) * factor)
+    period_m = SPEED_OF_LIGHT_M_S / (2 * reach_hz(pair.frequencies_hz))
+    ambiguity_m = _on_map(on_target, period_m / 2 * factor)
     noise = incoherent(step.sigma_m(config), ambiguity_m)
     if np.count_nonzero(noise) > NOISY * np.count_nonzero(on_target):  # what is stronger is but the noise's peaks
         noise = on_target
     behind_the_array = z_m <= 0  # a depth of another period
-    return replace(step, z_m=z_m, amplitude=amplitude, wrapped=noise | behind_the_array)
+    out_of_focus = _sharper_elsewhere(pair.first(1), grid, z_e, period_m, np.abs(images[0]).max())
+    return replace(step, z_m=z_m, amplitude=amplitude, wrapped=noise | behind_the_array | out_of_focus)
+
+
+def _sharper_elsewhere(tone: _Ladder, grid: PixelGrid, z_m: float, period_m: float, peak: float) -> bool:
+    """Whether the plane a period before or behind, where the pair's phase is the same, has a higher peak than z_m's."""
+    tone = replace(tone, tolerance=None)  # points that change from frame to frame, too few to be worth a plan
+    planes_m = [there_m for there_m in (z_m - period_m, z_m + period_m) if there_m > 0]
+    return any(_peak(tone, grid, there_m) > SHARPER * peak for there_m in planes_m)
+
+
+def _peak(tone: _Ladder, grid: PixelGrid, z_m: float) -> float:
+    """The highest amplitude of one tone on a plane: of points a resolution cell λz/2D apart, then about the highest."""
+    wide_m = max(np.ptp(leg.position_m, axis=0).max() for leg in tone.aperture.legs)
+    cells_per_m = 2 * wide_m * tone.frequencies_hz[0] / (SPEED_OF_LIGHT_M_S * np.hypot(z_m, wide_m))
+    counts = [min(len(axis), 2 + int(np.ptp(axis) * cells_per_m)) for axis in (grid.x_m, grid.y_m)]
+    x_m, y_m = (np.linspace(axis[0], axis[-1], n) for axis, n in zip((grid.x_m, grid.y_m), counts, strict=True))
+    points = PixelGrid(x_m, y_m).points_m(z_m).reshape(-1, 3)
+    highest = points[np.abs(tone.images(points)).argmax()]
+    about = [np.linspace(-0.5, 0.5, 5) * (axis[1] - axis[0] if len(axis) > 1 else 0.0) for axis in (x_m, y_m)]
+    return float(np.abs(tone.images(highest + PixelGrid(*about).points_m(0.0).reshape(-1, 3))).max())
 
 
 def _refined(ladder: _Ladder, before: _Estimate, grid: PixelGrid, config: RefinedConfig) -> _Estimate:

@@ -6,18 +6,22 @@ An engine that never holds a whole volume hands over its `Peaks`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydantic import Field
 
+from radar.arrays import SPEED_OF_LIGHT_M_S, Aperture
 from radar.capture import RadarCapture, near_one
+from radar.confidence import least_coherence
 from radar.config import Config
 from radar.depthmap import DepthMap, amplitude_db
 from radar.fsk_config import PAPER_LATERAL
 from radar.grid import Axis, VoxelGrid
-from radar.imaging import image_volume, project_volume
+from radar.imaging import image_points, image_volume, project_volume
 from radar.volume import strongest_voxels
+
+CHECKED = 8  # tones imaged once more, to see whether a depth is an echo's: each costs 1/300 of the paper's volume
 
 
 class _VolumeConfig(Config):
@@ -64,10 +68,13 @@ def volume(capture: RadarCapture, config: BroadbandConfig | NarrowbandConfig, fr
 
 
 def project(capture: RadarCapture, config: BroadbandConfig | NarrowbandConfig, method: str, frame: int = 0) -> DepthMap:
-    """`maximum_projection` of the configured voxels, which are never held all at once."""
+    """`maximum_projection` of the configured voxels, which are never held all at once; flagged as well are the pixels
+    at whose depth the tones do not agree."""
     samples, frequencies_hz = capture.tones(config.tones_hz(), frame)
-    peaks = project_volume(near_one(samples), frequencies_hz, capture.aperture, config.grid(), config.tolerance)
-    return maximum_projection(Peaks(*peaks), config, method)
+    tones = near_one(samples), frequencies_hz, capture.aperture
+    peaks = Peaks(*project_volume(*tones, config.grid(), config.tolerance))
+    depth = maximum_projection(peaks, config, method)
+    return replace(depth, wrapped=depth.wrapped | _incoherent(*tones, config.grid(), peaks, np.isfinite(depth.z_m)))
 
 
 @dataclass(frozen=True)
@@ -86,16 +93,41 @@ def peaks_of(image: np.ndarray) -> Peaks:
 
 def maximum_projection(image: np.ndarray | Peaks, config: BroadbandConfig | NarrowbandConfig, method: str) -> DepthMap:
     """Maximum intensity projection along z of a volume [nz, ny, nx] or its peaks: each pixel takes the depth of its
-    strongest voxel, whole voxels as in the paper or between them; pixels below the threshold are NaN."""
+    strongest voxel, whole voxels as in the paper or between them; pixels below the threshold are NaN. Flagged are the
+    pixels whose strongest voxel is the first or the last: the echo may lie beyond."""
     grid = config.grid()
     peaks = image if isinstance(image, Peaks) else peaks_of(image)
     db = amplitude_db(peaks.magnitude[1])
     z_m = grid.z_m[peaks.index]
     if config.subvoxel:
         z_m = z_m + config.z.step_m * peak_offset(peaks.magnitude)
+    seen = db >= config.threshold_db
     return DepthMap(
-        grid.x_m, grid.y_m, np.where(db >= config.threshold_db, z_m, np.nan), db, method, config.model_dump()
+        x_m=grid.x_m,
+        y_m=grid.y_m,
+        z_m=np.where(seen, z_m, np.nan),
+        amplitude_db=db,
+        method=method,
+        config=config.model_dump(),
+        wrapped=seen & np.isin(peaks.index, (0, len(grid.z_m) - 1)),
     )
+
+
+def _incoherent(
+    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, peaks: Peaks, seen: np.ndarray
+) -> np.ndarray:
+    """Whether at a seen pixel's peak the tones agree no better than those of noise or of a sidelobe: bool [ny, nx]."""
+    count, flagged = len(frequencies_hz), np.zeros(seen.shape, bool)
+    range_cells = 2 * np.ptp(frequencies_hz) * np.ptp(grid.z_m) / SPEED_OF_LIGHT_M_S
+    least = least_coherence(count, CHECKED, range_cells)
+    if least >= 1:  # noise aligns so few tones as well as an echo does
+        return flagged
+    some = np.linspace(0, count - 1, CHECKED).round().astype(int)
+    points = grid.pixels.points_at_m(np.flatnonzero(seen), grid.z_m[peaks.index[seen]])
+    images = image_points(samples[some], frequencies_hz[some], aperture, points, None, apart=True)
+    power = count**2 * np.mean(np.abs(images) ** 2, axis=0)  # of all tones, were they in phase
+    flagged[seen] = peaks.magnitude[1][seen] ** 2 < least * power
+    return flagged
 
 
 def peak_offset(magnitude: np.ndarray) -> np.ndarray:

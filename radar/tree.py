@@ -23,6 +23,9 @@ from radar.steering import steered_differences
 # Of the tolerance, for each skeleton: residuals are held below it at their worst member, so that their sum over levels,
 # tones and antennas stays at about half of it (0.2 to 0.6 measured: noise and single channels, from 2 cm to 20 m).
 SHARE = 1.0
+# So small a skeleton leaves residuals that are all alike and near their bound: those of both legs in limb and leaf, and
+# of tones, add up to √6 of it (1.2 of the tolerance was measured 100 m away).
+FEW, ALIKE = 5, 0.4
 PROBES = 4  # points at which a family of antennas is sampled, per antenna
 DIRECT = 512  # antennas that are decomposed at once
 SPARSE = 1e9  # half-wavelengths cubed in a box: 2 m by 2 m by 2 m at 77 GHz
@@ -169,6 +172,8 @@ def _antennas(
     if (np.abs(leg.position_m - box.centre_m) <= box.high_m - box.low_m).all(axis=1).any():
         return np.arange(n), np.eye(n, dtype=np.float32)
     index, weights = family_skeleton(leg, box, turns_per_m, SHARE * family.tolerance)
+    if len(index) <= FEW:
+        index, weights = family_skeleton(leg, box, turns_per_m, ALIKE * family.tolerance)
     return index, np.ascontiguousarray(weights, np.float32)
 
 

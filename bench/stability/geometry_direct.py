@@ -19,7 +19,7 @@ def array(t: int = 12, r: int = 10, seed: int = 0) -> AntennaArray:
     return AntennaArray(places[:t], places[t:])
 
 
-def cloud(count: int, middle_m: tuple[float, float, float], half_m: float = 0.05, seed: int = 1) -> np.ndarray:
+def cloud(count: int, middle_m: tuple[float, float, float], half_m: float = 0.015, seed: int = 1) -> np.ndarray:
     """Points [count, 3] within half_m of the middle, metres."""
     return np.random.default_rng(seed).uniform(-half_m, half_m, (count, 3)) + middle_m
 
@@ -32,9 +32,7 @@ def noise(shape: tuple[int, ...], seed: int) -> np.ndarray:
 
 def legs_m(antennas: AntennaArray, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distances of points to transmitters [p, t] and receivers [p, r]."""
-    to, back = (
-        np.sqrt(((points_m[:, None] - leg[None]) ** 2).sum(axis=2)) for leg in (antennas.tx_m, antennas.rx_m)
-    )
+    to, back = (np.sqrt(((points_m[:, None] - leg[None]) ** 2).sum(axis=2)) for leg in (antennas.tx_m, antennas.rx_m))
     return to, back
 
 

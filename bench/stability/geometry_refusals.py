@@ -48,7 +48,8 @@ def _echo(r_m: float, tolerance: float | None) -> np.ndarray:
 HARD: dict[str, tuple[str, tuple[Callable[[], object], ...], tuple[str, ...]]] = {
     "a scatterer on an antenna": (
         "1/R has no value at R = 0: an echo of NaN would spoil all samples",
-        (lambda: _echo(0.0, None), lambda: _echo(0.0, 1e-5)), ("lies on an antenna", "leave it out"),
+        (lambda: _echo(0.0, None), lambda: _echo(0.0, 1e-5)),
+        ("lies on an antenna", "leave it out"),
     ),
     "voxels at NaN and infinity": (
         "no phase: an image of NaN, or a search for their neighbours without an end",
@@ -61,7 +62,9 @@ HARD: dict[str, tuple[str, tuple[Callable[[], object], ...], tuple[str, ...]]] =
         ("points_m", "expected metres"),
     ),
     "antennas at NaN, infinity and beyond 10⁷ m": (
-        "as of voxels", tuple(lambda v=v: _antenna_at(v) for v in (np.nan, np.inf, 1.1e7, 1e300)), ("tx_m", "metres"),
+        "as of voxels",
+        tuple(lambda v=v: _antenna_at(v) for v in (np.nan, np.inf, 1.1e7, 1e300)),
+        ("tx_m", "metres"),
     ),
     "axes that do not ascend": (
         "nodes are counted from the first voxel to the last: a descending or shuffled axis has no such order",
@@ -70,11 +73,13 @@ HARD: dict[str, tuple[str, tuple[Callable[[], object], ...], tuple[str, ...]]] =
     ),
     "an axis with NaN": (
         "as of voxels",
-        tuple(lambda axis=axis: VoxelGrid(np.array(axis), UP, UP) for axis in ([0, np.nan, 1], [np.nan])), ("x_m",),
+        tuple(lambda axis=axis: VoxelGrid(np.array(axis), UP, UP) for axis in ([0, np.nan, 1], [np.nan])),
+        ("x_m",),
     ),
     "a volume beyond the memory": (
         "8 GB of voxels under a limit of 1 GB: it is refused before anything is computed, with what would fit",
-        (lambda: _volume("1"),), ("needs 8 GB", "steps 2 times larger would fit"),
+        (lambda: _volume("1"),),
+        ("needs 8 GB", "steps 2 times larger would fit"),
     ),
     "tolerances below float32 and beyond use": (
         "below 1e-6 single precision ends, beyond 0.1 the bounds' derivation: neither could be kept",

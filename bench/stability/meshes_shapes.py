@@ -1,9 +1,12 @@
-"""Triangles of a plane and of a sphere, whose depth is known in closed form."""
+"""Triangles of a plane and of a sphere, whose depth is known in closed form, and what their cases share."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
+from bench.stability.catalogue import Measure, case
 from groundtruth.depth import reference_on_grid
 from groundtruth.surface import Surface
 
@@ -33,7 +36,9 @@ def ball(
     """A sphere of `rings` rings of 2·rings quadrangles, the poles along z."""
     polar = np.linspace(0, np.pi, rings + 1)[:, None]
     around = np.arange(2 * rings) * np.pi / rings
-    axes = np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar) + 0 * around
+    sine = np.sin(polar)
+    sine[-1] = 0.0  # sin π is 1e-16 in double: a hole at the pole, which single precision finds
+    axes = sine * np.cos(around), sine * np.sin(around), np.cos(polar) + 0 * around
     ring, place = np.meshgrid(np.arange(rings), np.arange(2 * rings), indexing="ij")
     here, beside = (ring * 2 * rings + p for p in (place, (place + 1) % (2 * rings)))
     quads = np.stack([here, here + 2 * rings, beside + 2 * rings, beside], -1).reshape(-1, 4)
@@ -58,3 +63,8 @@ def plane_error_m(z_m: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, slopes: np.
     x, y = np.meshgrid(x_m, y_m)
     error = np.abs(z_m - (DEPTH_M + slopes[0] * x + slopes[1] * y))
     return float(np.where(np.isnan(error), np.inf, error).max())
+
+
+def refusal(name: str, why: str) -> Callable[[Measure], Measure]:
+    """Decorator of a case that must be refused."""
+    return case("meshes", name, quantity="an answer", reference="a refusal", unit="answers", bound=0.0, reason=why)

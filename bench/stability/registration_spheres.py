@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cache
+from itertools import product
 
 import numpy as np
 
@@ -36,12 +37,15 @@ def points_on(part: float) -> int:
     return int(part * 4 * np.pi * RADIUS_M**2 * POINTS_M2)
 
 
-def fitted(rng: np.random.Generator, part: float, noise_m: float, off_m: float = 1e-3) -> Sphere | None:
+def fitted(rng: np.random.Generator, part: float, noise_m: float) -> Sphere | None:
     """The fit to a cap about the origin of a sphere with the radius that is expected, to its tolerance."""
-    outward = cap(rng, part, points_on(part))
+    return _fit(rng, cap(rng, part, points_on(part)), noise_m)
+
+
+def _fit(rng: np.random.Generator, outward: np.ndarray, noise_m: float) -> Sphere | None:
     made_m = RADIUS_M + RADIUS_SIGMA_M * rng.standard_normal()
     points_m = (made_m + noise_m * rng.standard_normal(len(outward)))[:, None] * outward
-    start_m = off_m * np.array([1, -1, 1])
+    start_m = 1e-3 * np.array([1, -1, 1])
     return fit_sphere(Cloud(points_m, outward, oriented=True), start_m, RADIUS_M, (0,), RADIUS_SIGMA_M)
 
 
@@ -74,6 +78,62 @@ def tenth() -> Worst:
     rng = np.random.default_rng(1)
     found = (fitted(rng, 0.1, 1e-4) for _ in range(5))
     return worst((f"trial {n + 1}", 1e3 * np.linalg.norm(f.centre_m) if f else 0.0) for n, f in enumerate(found))
+
+
+@case(
+    "registration", "points on a circle of a sphere", quantity="error of the centre", reference="the sphere's own",
+    unit="σ", bound=5.0,
+    reason=f"across its plane a circle holds no centre: none is given, or its σ must cover it: {NORMAL}",
+)
+def circles() -> Worst:
+    def seen() -> Iterable[tuple[str, float]]:
+        rng = np.random.default_rng(0)
+        for height in (0.0, 0.03, 0.3, 0.6, 0.99):
+            for width in (0.0, 0.02, 0.1):
+                for noise_m in (0.0, 1e-5, 3e-4):
+                    z = np.clip(height + width * rng.uniform(-1, 1, 800), -1, 1)
+                    ring, azimuth = np.sqrt(1 - z**2), 2 * np.pi * rng.random(800)
+                    found = _fit(rng, np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), z], axis=1), noise_m)
+                    place = f"{height:g} ± {width:g} radii up, noise {1e3 * noise_m:g} mm"
+                    yield place, in_sigmas(found, np.zeros(3)) if found else 0.0
+    return worst(seen())
+
+
+@case(
+    "registration", "points on a line, a plane, in one place", quantity="spheres that are found", reference="none",
+    unit="spheres", bound=0.0, reason="no sphere is among them",
+)
+def no_spheres() -> Worst:
+    along = np.linspace(-0.1, 0.1, 40)
+    plane_m = np.stack(np.meshgrid(along, along, [0.3]), axis=-1).reshape(-1, 3)
+    clouds = {
+        "line": np.outer(along, [1, 2, 3]), "plane": plane_m, "plane 10⁶ m away": plane_m + 1e6,
+        "one place": np.ones((50, 3)), "two places": np.repeat(np.eye(3)[:2], 50, axis=0),
+    }
+    return worst(
+        (f"{name}, normals {'unknown' if normals is None else normals}",
+         float(len(find_spheres(p, None if normals is None else np.tile(normals, (len(p), 1)), default_target()))))
+        for name, p in clouds.items() for normals in (None, (0.0, 0.0, -1.0), (0.0, 0.0, 0.0))
+    )
+
+
+@case(
+    "registration", "points that lie on a sphere exactly", quantity="error of the centre", reference="the sphere's own",
+    unit="roundings of the radius", bound=4.0, reason="nothing is left to fit, and nothing to divide by",
+)
+def exact_sphere() -> Worst:
+    def seen() -> Iterable[tuple[str, float]]:
+        whole = np.array(list(product(range(-9, 10), repeat=3)), float)
+        whole = whole[(whole**2).sum(axis=1) == 81] * 2.0**-9  # lengths that have no rounding
+        for name, points_m in (("whole", whole), ("half", whole[whole[:, 2] > 0])):
+            for sigma_m in (0.0, RADIUS_SIGMA_M):
+                radius_m = 9 * 2.0**-9
+                cloud = Cloud(points_m, points_m / radius_m, oriented=True)
+                found = fit_sphere(cloud, np.zeros(3), radius_m, (0,), sigma_m)
+                bad = found is None or not np.isfinite(found.covariance_m2).all()
+                off_m = np.inf if bad else np.linalg.norm(found.centre_m)
+                yield f"{name}, radius known to {sigma_m:g} m", float(off_m / (np.finfo(float).eps * radius_m))
+    return worst(seen())
 
 
 @case(

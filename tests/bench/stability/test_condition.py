@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bench.stability import condition
+from bench.stability.condition_fsk import ranks
 from bench.stability.condition_rays import plane_depth
 
 
@@ -38,10 +39,10 @@ def test_smaller_caps_and_steeper_planes_amplify_more(rows):
 def test_sigma_ranks_the_errors_nearly_as_the_true_one():
     """Half of 3-FSK's mean square repeats from draw to draw, which the true σ knows and the stated one does not; some
     400 pixels of 24 draws know a correlation to 0.02 where a resolution cell of 20 pixels errs alike."""
-    two, three = condition.ranks()
-    assert two.theory > 0.2 and three.theory > 0.4
-    assert two.measured > 0.9 * two.theory
-    assert three.measured > 0.5 * three.theory
+    (stated_two, true_two), (stated_three, true_three) = ranks().values()
+    assert true_two > 0.2 and true_three > 0.4
+    assert stated_two > 0.9 * true_two
+    assert stated_three > 0.5 * true_three
 
 
 def test_the_table_shows_all_rows(rows):
