@@ -280,8 +280,11 @@ def _strongest(outcome: Outcome, names: list[str], method_id: str) -> list[np.nd
 def _drop_results(folder: Path) -> None:
     """Remove what is about to be written anew (result.json first) and what a killed run left half-written of it."""
     half_written = [p for p in folder.iterdir() if any(p.name.startswith(f".{Path(name).stem}-") for name in FILES)]
-    for path in [folder / name for name in FILES] + half_written:
-        if path.is_dir():
-            shutil.rmtree(path)
-        else:
-            path.unlink(missing_ok=True)
+    try:
+        for path in [folder / name for name in FILES] + half_written:
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
+    except OSError as error:
+        raise HandbenchError(f"{folder}: cannot be written ({error.strerror or error}); choose another -o") from error

@@ -54,7 +54,7 @@ def run(
 def _check_room(folder: Path, config: str, overwrite: bool) -> None:
     """Refuse to mix with another benchmark's results."""
     before = folder / "config.toml"
-    if before.exists() and before.read_text(encoding="utf-8") != config and not overwrite:
+    if before.exists() and before.read_text("utf-8", "replace") != config and not overwrite:
         raise HandbenchError(
             f"{folder}: holds the results of another configuration; choose another -o, or --overwrite to replace them"
         )

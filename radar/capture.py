@@ -129,7 +129,7 @@ def load_capture(path: str | Path) -> RadarCapture:
             found = file.attrs.get("format"), file.attrs.get("version")
             if not np.array_equal(found, (FORMAT, VERSION)):
                 raise HandbenchError(f"{path}: has format {found}; expected ('{FORMAT}', {VERSION})")
-            samples = _numbers(file, "samples", path).astype(np.complex64, copy=False)
+            samples = _numbers(file, "samples", path, "iufc").astype(np.complex64, copy=False)
             frequencies_hz = _numbers(file, "frequencies_hz", path).astype(np.float64)
             if "position_m" in file:
                 aperture: Aperture = PlanarScan(_numbers(file, "position_m", path))
@@ -145,13 +145,13 @@ def load_capture(path: str | Path) -> RadarCapture:
         raise HandbenchError(f"{path}: {error}") from None
 
 
-def _numbers(file: h5py.File, name: str, path: Path) -> np.ndarray:
-    """A data set of numbers that lie in this very file."""
+def _numbers(file: h5py.File, name: str, path: Path, kinds: str = "iuf") -> np.ndarray:
+    """A data set of numbers that lie in this very file; kinds: numpy's, of real numbers by default."""
     import h5py
 
     if isinstance(file.get(name, getlink=True), h5py.ExternalLink):
         raise ValueError(f"'{name}' is a link into another file")
     values = read(file[name], name, path)
-    if values.dtype.kind not in "iufc":
-        raise ValueError(f"'{name}' holds no numbers")
+    if values.dtype.kind not in kinds:
+        raise ValueError(f"'{name}' holds {values.dtype}, no {'' if 'c' in kinds else 'real '}numbers")
     return values

@@ -69,7 +69,7 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> bool:
     if (folder / "result.json").exists():
         raise HandbenchError(f"{folder}: holds the results of `handbench run`; choose another -o")
     before = folder / "config.toml"
-    same = before.exists() and before.read_text(encoding="utf-8") == config
+    same = before.exists() and before.read_text("utf-8", "replace") == config
     if before.exists() and not same and not overwrite:
         raise HandbenchError(
             f"{folder}: holds the trade-off of another configuration; choose another -o, or --overwrite to replace it"
