@@ -59,12 +59,12 @@ def incoherent(sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarr
 
 
 def least_coherence(count: int, known: int, range_cells: float) -> float:
-    """The least |Σ O|² / (N Σ |O|²) of N = count tones' images O at a pixel's strongest voxel that is no noise's, with
-    Σ |O|² from `known` of the tones: n; 1 for an echo of one depth.
+    """What |Σ O|² / (N Σ |O|²) of the N = count tones' images O must reach at a pixel's strongest voxel to be an
+    echo's: that of one depth has 1, noise 1/N on average. Of Σ |O|², n = `known` of the tones tell.
 
-    Noise alone has the mean x = 1/N; K depths, two a range cell of the volume, exceed x once in NOISE_PASSES⁻¹ pixels
-    where K (1 + Nx/n)^(−n) = NOISE_PASSES: Nx is F-distributed with 2 and 2n degrees of freedom. From outside the
-    volume an echo is seen by its range sidelobes: SIDELOBE at most.
+    Of noise, N times the ratio is F-distributed with 2 and 2n degrees of freedom, so that the strongest of K depths,
+    two a range cell of the volume, exceeds x in a share K (1 + Nx/n)^(−n) of the pixels: NOISE_PASSES. An echo from
+    outside the volume is seen by its range sidelobes: SIDELOBE at most.
     """
     depths = 1 + 2 * range_cells
     return max(known / count * ((depths / NOISE_PASSES) ** (1 / known) - 1), SIDELOBE)

@@ -6,11 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_points import TONES_HZ, around, bumpy, point_capture, points_capture, strongest_z_m, surface_points
 
-from radar.arrays import SPEED_OF_LIGHT_M_S, qar50
+from radar.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
 from radar.backprojection import direct_sum
 from radar.capture import RadarCapture
 from radar.effects.noise import strongest_amplitude, thermal_noise
 from radar.errors import HandbenchError
+from radar.forward import direct_echoes
 from radar.fsk import depth_step_m, three_tone, two_tone
 from radar.fsk_config import ThreeToneConfig, TwoToneConfig
 from radar.smoothing import masked_mean
@@ -130,6 +131,23 @@ def test_3fsk_is_the_papers_iteration_written_out():
 def test_tones_that_were_not_measured_are_refused():
     with pytest.raises(HandbenchError, match=r"79\.5000 GHz"):
         three_tone(point_capture((0, 0, 0.29), TONES_HZ[:2]), ThreeToneConfig())
+
+
+@pytest.mark.parametrize("first_depth_m", [0.1, 0.45, 0.6, 0.7, 0.9])
+def test_a_depth_one_period_off_is_flagged(first_depth_m):
+    # c/(2·200 MHz) = 750 mm: from ± 375 mm on z_e settles on the next period.
+    config = TwoToneConfig(**around((0, 0)), first_depth_m=first_depth_m)
+    depth = two_tone(point_capture((0.0, 0.0, 0.28)), config)
+    periods = (strongest_z_m(depth) - 0.28) / 0.749481
+    assert periods == pytest.approx(1 if first_depth_m > 0.655 else 0, abs=0.01)
+    assert (depth.wrapped == (periods > 0.5)).all()
+
+
+def test_an_aperture_without_width_has_no_focus_to_tell_by():
+    one = PlanarScan(np.zeros((1, 3)))
+    samples = direct_echoes(np.array([[0.0, 0.0, 0.28]]), np.ones(1), TONES_HZ, one)
+    depth = two_tone(RadarCapture(samples[None].astype(np.complex64), TONES_HZ, one), TwoToneConfig(**around((0, 0))))
+    assert not depth.wrapped.any()
 
 
 def test_an_empty_image_is_refused():

@@ -6,8 +6,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_points import around, bumpy, point_capture, points_capture, strongest_z_m, surface_points
 
+from radar.arrays import qar50
+from radar.capture import RadarCapture
 from radar.grid import Axis
-from radar.surface import BroadbandConfig, NarrowbandConfig, Peaks, maximum_projection, peak_offset, peaks_of, volume
+from radar.surface import (
+    BroadbandConfig,
+    NarrowbandConfig,
+    Peaks,
+    maximum_projection,
+    peak_offset,
+    peaks_of,
+    project,
+    volume,
+)
 
 
 def anywhere(edge_m=0.15):
@@ -22,6 +33,27 @@ def test_broadband_finds_a_point_anywhere_within_half_a_voxel(point_m):
     capture = point_capture(point_m, config.tones_hz())
     depth = maximum_projection(volume(capture, config), config, "broadband")
     assert abs(strongest_z_m(depth) - point_m[2]) <= 0.5e-3 + 1e-9
+
+
+@pytest.mark.parametrize("z_m", [0.2, 0.235, 0.246, 0.28, 0.324, 0.335, 0.345, 0.4])
+def test_a_point_is_flagged_where_it_lies_outside_the_volume(z_m):
+    config = BroadbandConfig(**around((0, 0), half_m=0.003))
+    point = point_capture((0.0, 0.0, z_m), config.tones_hz())
+    depth = project(point, config, "broadband")
+    assert depth.wrapped[3, 3] == (not 0.245 < z_m < 0.325)
+    assert np.array_equal(depth.z_m, maximum_projection(volume(point, config), config, "broadband").z_m, equal_nan=True)
+
+
+def test_noise_is_flagged_by_broadband_and_cannot_be_by_three_tones():
+    generator = np.random.default_rng(2)
+    for kind, flagged in ((BroadbandConfig, True), (NarrowbandConfig, False)):
+        config = kind(**around((0, 0), half_m=0.015, step_m=0.003), z=Axis(start_m=0.27, stop_m=0.3, step_m=0.001))
+        noise = generator.normal(size=(2, 1, len(config.tones_hz()), 94, 94))
+        samples = (noise[0] + 1j * noise[1]).astype(np.complex64)
+        depth = project(RadarCapture(samples, config.tones_hz(), qar50()), config, "noise")
+        inside = np.isfinite(depth.z_m) & (depth.z_m > 0.2705) & (depth.z_m < 0.2995)
+        assert inside.sum() > 40
+        assert depth.wrapped[inside].mean() > 0.9 if flagged else not depth.wrapped[inside].any()
 
 
 def test_narrowband_repeats_at_the_ambiguity_of_its_tones():
@@ -94,6 +126,7 @@ def test_peaks_say_all_that_a_projection_needs(seed, nz):
         assert np.array_equal(depth.z_m, again.z_m)
         assert np.array_equal(depth.amplitude_db, again.amplitude_db)
         ends = (peaks.index == 0) | (peaks.index == nz - 1)
+        assert np.array_equal(depth.wrapped, ends)
         assert np.array_equal(depth.z_m[ends], z.values_m()[peaks.index][ends])
         assert np.abs(depth.z_m - z.values_m()[peaks.index]).max() <= 0.0005 + 1e-12
 
