@@ -63,7 +63,7 @@ def test_a_ball_is_photographed_and_measured(ball, tmp_path):
     assert json.loads(setting.knobs) == {"views": 4, "long_px": 900, "quality": "normal"}
     assert 0.005 < setting.low < setting.error < setting.high < 1  # mm, at 0.5 mm a pixel
     assert setting.seconds > 0 and setting.seconds_low is None
-    assert "% seen)" in setting.title
+    assert 0 < setting.seen_percent < 100
     assert not any(tmp_path.iterdir())
 
 
@@ -110,7 +110,7 @@ def test_the_error_is_the_distance_where_both_surfaces_are(ball, shifted, tmp_pa
     assert section.reference == settings[-1].name
     for setting in settings:
         assert setting.error == pytest.approx(0.2, abs=0.06)  # the true surface has edges of 4 mm: flat to 0.06 mm
-        share = float(setting.title.split("(")[1].split(" %")[0])
+        share = setting.seen_percent
         assert share == pytest.approx(49, abs=2)  # half the disc, less the rim
     assert all(s.seconds < 1 for s in settings[::2])  # the cameras' poses are in their own time,
     assert all(10 < s.seconds < 11 for s in settings[1::2])  # or counted with what shares them
