@@ -22,7 +22,7 @@ table: setup
 	-@$(BIN)/python -m reports.readme $(RUN) --check
 
 test: setup
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 bench: setup
 	$(BIN)/python -m bench.engine -o runs/bench.json

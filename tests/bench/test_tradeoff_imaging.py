@@ -70,7 +70,7 @@ def test_a_sweep_measures_ranks_and_claims(small_bench, tmp_path):
     tones = {json.loads(s.knobs)["method"]: s.acquisition_s for s in lines.values()}
     assert tones == {"2fsk": 0.004, "3fsk": 0.006, "broadband": 0.008}
     half, full = (lines[f"2fsk-tolerance-1e-2{more}"] for more in ("-every_nth_antenna-2", ""))
-    # Pixels, passes and tones alike, a quarter of the channels; the look for focus has few points, by the aperture's size.
+    # Pixels, passes and tones alike, a quarter of the channels; the look for focus has few points, by the aperture.
     assert full.operations == pytest.approx(4 * half.operations, rel=0.01)
     claim = found.facts.claims[0]
     assert claim.counted == pytest.approx(4 * 21 * 21 * 11 / (7 * 21 * 21))
