@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri
 
 from radar.arrays import AntennaArray
 from radar.capture import RadarCapture
@@ -32,7 +31,7 @@ SMOOTH_PX = 3  # 3-FSK's averaging filter before the fine step, at the pilot's p
 MARGIN_M = 5e-3  # of the pixels around the target
 TOLERANCE = 1e-3  # of the pilot's samples and images: an estimate is coarser by far
 LONGEST = 0.5  # edge of the pilot's facets in wavelengths: coarse, but the same with and without an effect
-GOLDEN = (np.sqrt(5) - 1) / 2
+STAND_IN = 1  # seed of the numbers that stand in for drawn ones
 CENTRE_M = np.zeros(3)  # of the aperture, in the radar frame
 
 
@@ -158,8 +157,9 @@ def rms(samples: np.ndarray) -> float:
 
 
 def stand_in(count: int, part: int = 0) -> np.ndarray:
-    """Numbers [count] that are spread as normal ones without being drawn: estimates leave the random numbers alone."""
-    return ndtri(((np.arange(count) + 1 + 1000 * part) * GOLDEN) % 1)
+    """Normal numbers [count] of the estimates' own, always the same: the scene's are left alone. (Numbers spread more
+    evenly than random ones would cancel over the antennas, and the estimate with them.)"""
+    return np.random.Generator(np.random.PCG64([STAND_IN, part])).standard_normal(count)
 
 
 def _images(scene: EchoScene, tones_hz: np.ndarray, samples: np.ndarray, points_m: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from radar.effects.multipath import Multipath
 from radar.effects.noise import ThermalNoise
 from radar.effects.obliquity import Obliquity
 from radar.effects.oscillator import OscillatorNoise
-from radar.effects.pilot import CENTRE_M, change_db, change_mm, pilot
+from radar.effects.pilot import CENTRE_M, change_db, change_mm, pilot, stand_in
 from radar.effects.scene import Body, EchoScene
 from radar.effects.shot import Shot, facing
 from radar.effects.tissue import skin_permittivity
@@ -138,6 +138,13 @@ def test_what_every_frame_draws_anew_changes_depths_and_echoes_as_estimated(effe
     assert estimate.depth_mm == pytest.approx(np.mean([change_mm(scene, samples) for samples in changed]), rel=0.4)
     # 40 frames of 94 turns or more: 1 % (1σ), and the pilot is coarser by as much.
     assert estimate.level_db == pytest.approx(np.mean([change_db(scene, samples) for samples in changed]), abs=0.5)
+
+
+def test_what_stands_in_for_drawn_numbers_adds_up_as_they_do():
+    """The mean of n numbers scatters by 1/√n: 300 means tell that to 4 % (1σ). Evenly spread ones would cancel."""
+    means = [np.sqrt(94) * stand_in(94, part).mean() for part in range(300)]
+    assert np.std(means) == pytest.approx(1, rel=0.15) and np.mean(means) == pytest.approx(0, abs=0.2)
+    np.testing.assert_array_equal(stand_in(94, 3), stand_in(94, 3))
 
 
 def test_headroom_is_told_in_decibels_of_amplitude():

@@ -26,6 +26,8 @@ CASTING = ("shadow_centre", "shadow_antennas", "multipath")
 
 @pytest.fixture
 def no_random_numbers(monkeypatch):
+    """Refuses what scenes draw from; the estimates' own numbers, always the same, come from elsewhere."""
+
     def refuse(*arguments, **named):
         raise AssertionError("drew a random number")
 
@@ -39,7 +41,7 @@ def test_what_is_off_draws_no_number_and_casts_no_ray(no_random_numbers):
     assert Rays.cast == before
 
 
-def test_estimates_draw_no_number_and_cast_no_ray(no_random_numbers):
+def test_estimates_draw_none_of_the_scene_s_numbers_and_cast_no_ray(no_random_numbers):
     before = Rays.cast
     rows = choose(bead_scene(EVERYTHING), "auto", 1e-9)
     assert sum(row.depth_mm is not None for row in rows) >= len(EVERYTHING)
