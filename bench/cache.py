@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import fcntl
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -45,6 +45,20 @@ def kept_stage(folder: Path, label: str, make: Callable[[Path], None]) -> tuple[
     if keep(folder, timed):
         return Stamp(**read_json(folder / STAMP, "a stage's stamp")), True
     return stamps[0], False
+
+
+def drop(folder: Path, names: Sequence[str]) -> None:
+    """Remove what is about to be written anew under these names, in their order, and what a killed run left of it
+    half-written."""
+    half_written = [p for p in folder.iterdir() if any(p.name.startswith(f".{Path(name).stem}-") for name in names)]
+    try:
+        for path in [folder / name for name in names] + half_written:
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
+    except OSError as error:
+        raise HandbenchError(f"{folder}: cannot be written ({error.strerror or error}); choose another -o") from error
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from bench import results
+from bench.cache import drop
 from bench.comparison import Comparison, block_sums, compare_sums
 from bench.datasets.native import CaptureFile
 from bench.errormap import ErrorMap
@@ -133,7 +134,7 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
     if outcome.failures:
         say(f"the table stands on {on.text}")
     rows, compared = tabulate(outcome, on), comparisons(outcome, on)
-    _drop_results(folder)
+    drop(folder, FILES)
     for capture, entry in product(on.captures, on.methods):
         name = capture.name
         _copy(outcome.maps[name, entry.id], results.depth_path(folder, name, entry.id))
@@ -275,16 +276,3 @@ def _strongest(outcome: Outcome, names: list[str], method_id: str) -> list[np.nd
         if repeat.method == method_id and repeat.capture in depths_m:
             depths_m[repeat.capture].append(repeat.z_m)
     return [np.array(values) for values in depths_m.values()]
-
-
-def _drop_results(folder: Path) -> None:
-    """Remove what is about to be written anew (result.json first) and what a killed run left half-written of it."""
-    half_written = [p for p in folder.iterdir() if any(p.name.startswith(f".{Path(name).stem}-") for name in FILES)]
-    try:
-        for path in [folder / name for name in FILES] + half_written:
-            if path.is_dir():
-                shutil.rmtree(path)
-            else:
-                path.unlink(missing_ok=True)
-    except OSError as error:
-        raise HandbenchError(f"{folder}: cannot be written ({error.strerror or error}); choose another -o") from error

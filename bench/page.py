@@ -6,7 +6,7 @@ import csv
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from radar.files import atomic_path
+from radar.files import atomic_path, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,8 +24,7 @@ def markdown_table(lines: list[list[str]], words: tuple[int, ...] = (0,)) -> str
 def write_page(file: Path, text: str, lines: list[list[str]], figure: Figure | None = None) -> None:
     """Write `file` with the suffixes .md (text), .csv (lines of cells) and, if there is a figure, .png."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_path(file.with_suffix(".md")) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(file.with_suffix(".md"), text)
     with atomic_path(file.with_suffix(".csv")) as temporary, temporary.open("w", newline="", encoding="utf-8") as out:
         csv.writer(out).writerows(lines)
     if figure is not None:

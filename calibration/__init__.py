@@ -17,6 +17,7 @@ from radar.files import (
     require_folder,
     write_json,
     write_npz,
+    write_text,
 )
 from radar.kept import keep, key_of
 from radar.memory import require_free
@@ -46,4 +47,5 @@ __all__ = [
     "track",
     "write_json",
     "write_npz",
+    "write_text",
 ]

@@ -14,7 +14,7 @@ import tomlkit
 from pydantic import Field
 
 from radar.config import Config, load
-from radar.files import atomic_path
+from radar.files import write_text
 
 SQUARE_M = 0.12  # side of the default target's square
 HEADER = """\
@@ -88,5 +88,4 @@ def load_target(path: str | Path) -> Target:
 
 def save_target(path: str | Path, target: Target) -> None:
     """Write a target description (TOML), atomically."""
-    with atomic_path(path) as temporary:
-        temporary.write_text(HEADER + tomlkit.dumps(target.model_dump()), encoding="utf-8")
+    write_text(path, HEADER + tomlkit.dumps(target.model_dump()))

@@ -9,7 +9,7 @@ import numpy as np
 import tomlkit
 from pydantic import Field, field_validator, model_validator
 
-from calibration import Config, HandbenchError, atomic_path, load
+from calibration import Config, HandbenchError, load, write_text
 
 CHESSBOARD = -1  # stands for the ChArUco board where the others stand by their markers' ids
 
@@ -118,5 +118,4 @@ def load_board(path: str | Path) -> Board:
 
 def save_board(path: str | Path, board: Board) -> None:
     """Write `board.toml`, atomically."""
-    with atomic_path(path) as temporary:
-        temporary.write_text(tomlkit.dumps(board.model_dump(exclude_none=True)), encoding="utf-8")
+    write_text(path, tomlkit.dumps(board.model_dump(exclude_none=True)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.results import atomic_path
+from bench.results import write_text
 from bench.results.compared import Change, Compared, Difference, Time
 from reports import latex
 from reports.blocks import NONE, figure, number, p_text
@@ -46,8 +46,7 @@ def show(compared: Compared) -> None:
 def write(compared: Compared, folder: Path) -> None:
     """Write compare.md and compare.tex."""
     for name, render in (("compare.md", markdown), ("compare.tex", tex)):
-        with atomic_path(folder / name) as temporary:
-            temporary.write_text(render(compared), encoding="utf-8")
+        write_text(folder / name, render(compared))
 
 
 def markdown(compared: Compared) -> str:

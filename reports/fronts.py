@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from textwrap import wrap
 
@@ -52,7 +51,7 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     line = [s for i, s in enumerate(best) if all(s.error < before.error for before in best[:i])]
     axis.plot([s.seconds for s in line], [s.error for s in line], color="0.25", linewidth=1.2, zorder=2)
     for s in shown:
-        colour, marker = styles[method_of(s)]
+        colour, marker = styles[s.method]
         bold = {"markersize": 6, "zorder": 3} if s.on_front else {"markersize": 4, "alpha": 0.4, "fillstyle": "none"}
         whiskers = _whiskers(s.error, s.low, s.high), _whiskers(s.seconds, s.seconds_low, s.seconds_high)
         style = {"color": colour, "marker": marker, "elinewidth": 0.7, "linestyle": "none"}
@@ -96,22 +95,13 @@ def _beside(line: list[Setting], best: list[Setting]) -> str:
 
 def _look(shown: list[Setting]) -> dict[str, tuple[str, str]]:
     """Colour and marker of each method, and of settings of no method."""
-    return looks(filter(None, map(method_of, shown))) | {"": look(0)}
+    return looks(filter(None, (s.method for s in shown))) | {"": look(0)}
 
 
 def metric_words(about: Section) -> str:
     """The section's metric as a person writes it."""
     name = about.metric.removesuffix("_percent").removesuffix(f"_{about.unit}").replace("_", " ")
     return name.upper() if name in ("mae", "rmse") else name
-
-
-def method_of(setting: Setting) -> str:
-    """The method of an imaging setting; empty elsewhere."""
-    try:
-        knobs = json.loads(setting.knobs)
-    except ValueError:
-        return ""
-    return str(knobs.get("method", "")) if isinstance(knobs, dict) else ""
 
 
 def _ratios(axis: Axes, reference: Setting) -> None:
@@ -125,7 +115,7 @@ def _ratios(axis: Axes, reference: Setting) -> None:
 
 def _legend(shown: list[Setting], best: list[Setting], reference: bool) -> list[Line2D]:
     """What markers mean, then the names of the front's numbers."""
-    names = dict.fromkeys(method_of(s) for s in shown)
+    names = dict.fromkeys(s.method for s in shown)
     handles = []
     for name, (colour, marker) in ((name, _look(shown)[name]) for name in names):
         style = {"color": colour, "marker": marker, "markersize": 5, "linestyle": "none"}

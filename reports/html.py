@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.results import CaptureFacts, HandbenchError, Result, atomic_path, load
+from bench.results import CaptureFacts, HandbenchError, Result, load, write_text
 from reports import figures, latex, scene3d, sections, tables, tradeoff
 from reports.page import Image, picture_file, picture_of, render
 from reports.style import methods
@@ -40,9 +40,9 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     for i, captures in enumerate(groups):
         facts = _captures(result, captures, out / "figures") | {"parts": parts, "part": i, "groups": groups}
         if i:
-            _write(out / parts[i - 1], render("captures.html", about=result.about, **facts))
+            write_text(out / parts[i - 1], render("captures.html", about=result.about, **facts))
         else:
-            _write(out / "index.html", render("index.html", **_summary(result, overview, swept), **facts))
+            write_text(out / "index.html", render("index.html", **_summary(result, overview, swept), **facts))
     return out / "index.html"
 
 
@@ -65,7 +65,7 @@ def _tables(result: Result, out: Path) -> None:
     }
     for name, text in texts.items():
         if text:
-            _write(out / name, text)
+            write_text(out / name, text)
 
 
 def _summary(result: Result, overview: list[Image], swept: Any) -> dict[str, Any]:
@@ -109,8 +109,3 @@ def _first_method(result: Result) -> str | None:
 def images(saved: Sequence[figures.Saved]) -> list[Image]:
     """Written pictures, ready to lie inside a page."""
     return [picture_file(picture.png, picture.alt, picture.caption, picture.stem) for picture in saved]
-
-
-def _write(path: Path, text: str) -> None:
-    with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")

@@ -21,7 +21,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from bench.results import HandbenchError, Result, Row, atomic_path, load
+from bench.results import HandbenchError, Result, Row, atomic_path, load, write_text
 from reports.blocks import NONE, decimals, interval, number, outstanding, paper
 from reports.markdown import bold, escaped, table
 
@@ -110,10 +110,8 @@ def write(result: Result, root: Path = ROOT) -> None:
             raise HandbenchError(f"{drawn}: is missing; run `handbench report {result.folder} -o {report}` first")
         with atomic_path(root / name) as temporary:
             shutil.copyfile(drawn, temporary)
-    with atomic_path(root / "docs/table.json") as temporary:
-        temporary.write_text(json.dumps(recorded, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    with atomic_path(root / "README.md") as temporary:
-        temporary.write_text(BLOCK.sub(lambda m: m[1] + render(recorded) + m[3], text), encoding="utf-8")
+    write_text(root / "docs/table.json", json.dumps(recorded, indent=1, ensure_ascii=False) + "\n")
+    write_text(root / "README.md", BLOCK.sub(lambda m: m[1] + render(recorded) + m[3], text))
 
 
 def stale(root: Path = ROOT) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from bench.results import HandbenchError, Section, Setting, Tradeoff, atomic_path, load_tradeoff
+from bench.results import HandbenchError, Section, Setting, Tradeoff, load_tradeoff, write_text
 from reports import figures, latex, tables
 from reports.blocks import NONE, number, three_digits
 from reports.fronts import error_text, metric_words, pictures, plotted, seconds_text
@@ -19,14 +19,14 @@ def build(folder: str | Path, out: str | Path) -> Path:
     found, out = load_tradeoff(folder), Path(out)
     if not found.settings:
         raise HandbenchError(f"{found.folder / 'tradeoff.csv'}: holds no setting; run `handbench tradeoff` again")
-    _write(out / "index.html", render("tradeoff.html", facts=found.facts, up="", tradeoff=section(found, out)))
+    write_text(out / "index.html", render("tradeoff.html", facts=found.facts, up="", tradeoff=section(found, out)))
     return out / "index.html"
 
 
 def section(found: Tradeoff, out: Path) -> dict[str, Any]:
     """Write tables and pictures to `out`; what a page shows of them."""
     for name, text in {"front.md": tables.tradeoff_markdown(found), "front.tex": latex.tradeoff(found)}.items():
-        _write(out / name, text)
+        write_text(out / name, text)
     saved = {picture.stem: picture for picture in figures.save(pictures(found), out / "figures")}
     parts = []
     for about in found.facts.sections:
@@ -77,8 +77,3 @@ def _factor(value: float | None) -> str:
 
 def _count(value: float | None) -> str:
     return NONE if value is None else f"{value:.2g}"
-
-
-def _write(path: Path, text: str) -> None:
-    with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")

@@ -17,7 +17,7 @@ from radar.capture import RadarCapture
 from radar.effects.catalogue import EFFECTS
 from radar.effects.plan import CONTAINED, Choice
 from radar.effects.simulate import Shots
-from radar.files import atomic_path
+from radar.files import write_text
 from radar.progress import track
 from radar.warmup import compile_kernels
 
@@ -98,8 +98,7 @@ def main() -> None:
     tolerances_mm = tuple(float(text) for text in options.tolerances.split(","))
     found = [row for path in track(files, "scenes") for row in compare(load_scene(path), tolerances_mm)]
     options.out.mkdir(parents=True, exist_ok=True)
-    with atomic_path(options.out / "auto_table.md") as temporary:
-        temporary.write_text(markdown(found), encoding="utf-8")
+    write_text(options.out / "auto_table.md", markdown(found))
     print(markdown(found))
 
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from bench.ablation.measure import METHODS, REPEATED, Row
 from bench.page import STYLE, markdown_table
-from radar.files import atomic_path
+from radar.files import atomic_path, write_text
 
 BLUE, VERMILION, GREY = "#0072B2", "#D55E00", "0.35"  # of Okabe and Ito's palette
 SMALLEST_MM = 1e-4  # what is smaller stands at the axis
@@ -21,8 +21,7 @@ SMALLEST_MM = 1e-4  # what is smaller stands at the axis
 def write(rows: list[Row], folder: Path) -> None:
     """Write effects_table.md, effects.csv and effects.png into the folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    with atomic_path(folder / "effects_table.md") as temporary:
-        temporary.write_text(markdown(rows), encoding="utf-8")
+    write_text(folder / "effects_table.md", markdown(rows))
     with atomic_path(folder / "effects.csv") as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         csv.writer(stream).writerows(table(rows))
     with matplotlib.rc_context(STYLE):

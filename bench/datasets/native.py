@@ -19,7 +19,7 @@ from radar.config import Config, load
 from radar.depthmap import DepthMap
 from radar.effects.plan import Choice
 from radar.errors import HandbenchError
-from radar.files import atomic_path, content_hash, inside, require_folder
+from radar.files import content_hash, inside, require_folder, write_text
 from radar.progress import say
 
 DESCRIPTION = "capture.toml"
@@ -63,8 +63,7 @@ def load_capture_file(folder: str | Path) -> CaptureFile:
 
 def save_capture_file(folder: Path, description: CaptureFile) -> None:
     """Write `capture.toml`, atomically."""
-    with atomic_path(folder / DESCRIPTION) as temporary:
-        temporary.write_text(tomlkit.dumps(description.model_dump(exclude_none=True)), encoding="utf-8")
+    write_text(folder / DESCRIPTION, tomlkit.dumps(description.model_dump(exclude_none=True)))
 
 
 def load_echoes(folder: str | Path, calibrated: bool = True) -> RadarCapture:

@@ -37,7 +37,7 @@ from bench.results.maps import Surface, depth_path, errors_path, photo_path, wri
 from bench.results.records import Repeat, Row, Task
 from bench.results.tradeoff import Claim, Section, Setting, Tradeoff, TradeoffFacts, load_tradeoff, write_tradeoff
 from radar.errors import HandbenchError
-from radar.files import atomic_path
+from radar.files import atomic_path, write_text
 
 REFERENCES = ("photogrammetry", "truth")
 
@@ -78,5 +78,6 @@ __all__ = [  # with what the reports need, for they know this package alone
     "write_surface",
     "write_table",
     "write_tasks",
+    "write_text",
     "write_tradeoff",
 ]

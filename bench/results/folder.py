@@ -12,7 +12,7 @@ from bench.results.about import About, CaptureFacts, read_about
 from bench.results.maps import Surface, depth_path, errors_path, photo_path, read_map
 from bench.results.records import Repeat, Row, Task, read_csv, write_csv
 from radar.errors import HandbenchError
-from radar.files import atomic_path, require_file, require_folder, write_json
+from radar.files import require_file, require_folder, write_json, write_text
 
 
 @dataclass(frozen=True)
@@ -82,8 +82,7 @@ def write_comparisons(folder: Path, comparisons: Iterable[Comparison]) -> None:
 
 def write_config(folder: Path, toml: str) -> None:
     """Write the resolved configuration, config.toml."""
-    with atomic_path(folder / "config.toml") as temporary:
-        temporary.write_text(toml, encoding="utf-8")
+    write_text(folder / "config.toml", toml)
 
 
 def load(folder: str | Path) -> Result:

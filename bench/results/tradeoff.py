@@ -9,6 +9,7 @@ settings/       NAME.toml: each imaging setting as a benchmark that `handbench r
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,6 +62,15 @@ class Setting:
     dominated_by: str
     on_method_front: bool = False
     seen_percent: float | None = None
+
+    @property
+    def method(self) -> str:
+        """The method among its knobs; empty where a section has none."""
+        try:
+            knobs = json.loads(self.knobs)
+        except ValueError:
+            return ""
+        return str(knobs.get("method", "")) if isinstance(knobs, dict) else ""
 
 
 class Section(Config):

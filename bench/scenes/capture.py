@@ -9,7 +9,7 @@ import tomlkit
 from bench.scenes.file import HandTarget, MeshTarget
 from bench.scenes.photographs import Studio
 from bench.scenes.scene import Scene
-from calibration import atomic_path
+from calibration import atomic_path, write_text
 from calibration.meshes import write_mesh
 from groundtruth.board import save_board
 from groundtruth.cameras import load_pycolmap, save_cameras
@@ -83,5 +83,4 @@ def _write_photographs(scene: Scene, folder: Path) -> None:
 
 
 def _write_toml(path: Path, content: dict) -> None:
-    with atomic_path(path) as temporary:
-        temporary.write_text(tomlkit.dumps(content), encoding="utf-8")
+    write_text(path, tomlkit.dumps(content))

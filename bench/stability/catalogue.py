@@ -7,7 +7,7 @@ were flagged; or `Refused`, where no answer is the right one. A bound holds on e
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -85,6 +85,15 @@ def refused(work: Callable[[], Any], *words: str) -> Refused | Worst:
         missing = ", ".join(word for word in words if word not in str(error))
         return Worst(np.inf, f"its error does not say {missing}: {error}") if missing else Refused(str(error))
     return Worst(np.inf, f"was not refused but answered {type(given).__name__}")
+
+
+def refused_throughout(works: Mapping[str, Callable[[], Any]], *words: str) -> Refused | Worst:
+    """`refused` for each of `works` (place in the sweep → what is to refuse); the first that is answered, if any."""
+    for place, work in works.items():
+        found = refused(work, *words)
+        if isinstance(found, Worst):
+            return Worst(found.value, f"{place}: {found.at}")
+    return found
 
 
 def worst(seen: Iterable[tuple[str, float]]) -> Worst:

@@ -13,8 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bench.stability import registration_board, registration_cameras, registration_spheres  # noqa: F401  (cases)
-from bench.stability.catalogue import Refused, Worst, case, refused, worst
-from bench.stability.registration_sweep import refused_throughout
+from bench.stability.catalogue import Refused, Worst, case, refused, refused_throughout, worst
 from calibration.fit import HUBER
 from calibration.majority import CONDITION, GROSS
 from calibration.matching import match

@@ -6,8 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from bench.stability.catalogue import Refused, Worst, case, worst
-from bench.stability.registration_sweep import refused_throughout
+from bench.stability.catalogue import Refused, Worst, case, refused_throughout, worst
 from groundtruth.frame import trimmed_similarity
 
 SIGMA_M = 1e-4  # of a corner, per axis

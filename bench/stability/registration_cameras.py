@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.stability.catalogue import Refused, Worst, case, worst
-from bench.stability.registration_sweep import refused_throughout
+from bench.stability.catalogue import Refused, Worst, case, refused_throughout, worst
 from groundtruth.adjust import adjust
 from groundtruth.board import Board, Marker
 from groundtruth.bundle import Bundle

@@ -8,8 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from bench.stability.catalogue import Refused, Worst, case, worst
-from bench.stability.registration_sweep import refused_throughout
+from bench.stability.catalogue import Refused, Worst, case, refused_throughout, worst
 from calibration.ball_fit import fit_balls
 from calibration.echoes import Ball
 from calibration.matching import match

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from bench.statistics import pooled_intervals
 from bench.tradeoff.claims import claims
 from bench.tradeoff.context import Context
 from bench.tradeoff.frames import Timings, per_round, timed_in_turns
+from bench.tradeoff.lines import line
 from bench.tradeoff.opening import Opened
 from bench.tradeoff.sweep import ImagingSetting, Sweep, imaging_settings, known_configs
 from groundtruth.depth import Reference
@@ -55,11 +55,11 @@ def measure(sweep: Sweep, context: Context, ready: Opened) -> Imaging:
     on = basis(found)
     names, stay = [capture.name for capture in on.captures], {entry.id for entry in on.methods}
     standing = {s.name: s for s in settings if s.name in stay}
-    lines = [_line(s, names, timings, scorer.errors(names, s.name), sweep.step_s) for s in standing.values()]
-    reference = sweep.reference if sweep.reference in standing else next(iter(standing))
+    section = _section(ready.reference, sweep.reference if sweep.reference in standing else next(iter(standing)))
+    lines = [_line(section, s, names, timings, scorer.errors(names, s.name), sweep.step_s) for s in standing.values()]
     stated = claims(list(standing.values()), lines, on.captures[0], sweep.exact_planes, context.repeats)
     left_out = {"left_out": [failure.line for failure in found.failures]} if found.failures else {}
-    return Imaging(_section(ready.reference, reference), lines, standing, stated, {"basis": on.text, **left_out})
+    return Imaging(section, lines, standing, stated, {"basis": on.text, **left_out})
 
 
 class Scorer:
@@ -87,43 +87,41 @@ class Scorer:
 
 
 def _line(
-    setting: ImagingSetting, names: Sequence[str], timings: Timings, errors: Sequence[Any], step_s: float
+    section: Section,
+    setting: ImagingSetting,
+    names: Sequence[str],
+    timings: Timings,
+    errors: Sequence[ErrorMap],
+    step_s: float,
 ) -> Setting:
     """One setting's line; the medians of the parts add up to the median of the whole."""
 
     def part(name: str) -> np.ndarray:
         return per_round(timings, names, setting.name, name)
 
-    figures = pool(errors)
-    interval = pooled_intervals(errors, estimate=figures).get(METRIC)
-    seconds, tones = part("seconds"), int(part("tones").max())
+    figures, seconds, tones = pool(errors), part("seconds"), int(part("tones").max())
     imaging_s = min(float(np.median(part("imaging_s"))), float(np.median(seconds)))
     frames = [frame for r in timings.rounds for (_, name), frame in r.items() if name == setting.name]
-    return Setting(
-        section="imaging",
-        name=setting.name,
-        title=setting.title,
-        knobs=json.dumps({
-            "method": setting.method, **setting.varied, "every_nth_antenna": setting.every_nth_antenna, "tones": tones
-        }),
-        metric=METRIC,
-        error=figures[METRIC],
-        low=interval.low if interval else None,
-        high=interval.high if interval else None,
-        unit=METRICS[METRIC].unit,
-        seconds=float(np.median(seconds)),
+    whole = line(
+        section,
+        setting.name,
+        setting.title,
+        {"method": setting.method, **setting.varied, "every_nth_antenna": setting.every_nth_antenna, "tones": tones},
+        figures[METRIC],
+        pooled_intervals(errors, estimate=figures).get(METRIC),
+        seconds,
+        acquisition_s=tones * step_s if tones else None,
+        peak_memory_mb=max(frame.memory_mb for frame in frames),
+        seen_percent=figures["completeness_percent"],
+    )
+    return replace(
+        whole,
         seconds_low=float(seconds.min()),
         seconds_high=float(seconds.max()),
-        ratio=None,
-        acquisition_s=tones * step_s if tones else None,
         plan_s=float(np.median([_plan_s(r, names, setting.name) for r in timings.rounds])),
         imaging_s=imaging_s,
         extraction_s=float(np.median(seconds)) - imaging_s,
         operations=float(np.median(part("terms"))) or None,
-        peak_memory_mb=max(frame.memory_mb for frame in frames),
-        on_front=False,
-        dominated_by="",
-        seen_percent=figures["completeness_percent"],
     )
 
 

@@ -5,7 +5,6 @@ A map that shows twice as much of a hand is not beaten by a more accurate one of
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -29,8 +28,8 @@ def rank(settings: Sequence[Setting], reference: str) -> list[Setting]:
     """The settings of one section with ratio (to the reference's seconds), on_front, on_method_front and dominated_by
     filled in. Of several that dominate a setting the most accurate one of the front is named."""
     best = front(settings)
-    methods = {method_of(s) for s in settings}
-    own = [s for m in methods for s in front([s for s in settings if method_of(s) == m])]
+    methods = {s.method for s in settings}
+    own = [s for m in methods for s in front([s for s in settings if s.method == m])]
     unit = next((s.seconds for s in settings if s.name == reference), None)
     ranked = []
     for setting in settings:
@@ -41,11 +40,6 @@ def rank(settings: Sequence[Setting], reference: str) -> list[Setting]:
         fronts = {"on_front": setting in best, "on_method_front": setting in own}
         ranked.append(replace(setting, ratio=ratio, dominated_by=by, **fronts))
     return ranked
-
-
-def method_of(setting: Setting) -> str:
-    """The method among the setting's knobs; empty where a section has none."""
-    return str(json.loads(setting.knobs).get("method", ""))
 
 
 def with_acquisition(setting: Setting) -> Setting:

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import shutil
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import tomlkit
 
-from bench.cache import claimed
+from bench.cache import claimed, drop
 from bench.measure import calibrated_machine
 from bench.protocol import BenchFile
 from bench.results import Claim, Section, Setting, Tradeoff, TradeoffFacts, load_tradeoff, write_config, write_tradeoff
 from bench.tradeoff import imaging
 from bench.tradeoff.context import Context
 from bench.tradeoff.opening import Opened, opened
-from bench.tradeoff.pareto import front, method_of, rank, with_acquisition
+from bench.tradeoff.pareto import front, rank, with_acquisition
 from bench.tradeoff.settings import FOLDER, write_settings
 from bench.tradeoff.sweep import Sweep, completed, imaging_settings, known_configs
 from radar.config import parse
@@ -132,7 +131,7 @@ def _measured(sweep: Sweep, knobs: dict[str, Any], context: Context, ready: Open
 
 def _fronts(settings: list[Setting]) -> dict[str, list[str]]:
     """The imaging front, that among the paper's own methods, and that with the acquisition's time: names."""
-    papers = [s for s in settings if method_of(s) in PAPER_METHODS]
+    papers = [s for s in settings if s.method in PAPER_METHODS]
     acquired = [with_acquisition(s) for s in settings if s.acquisition_s is not None]
     named = {"all": settings, "paper_methods": papers, "with_acquisition": acquired}
     return {name: [s.name for s in front(some)] for name, some in named.items()}
@@ -140,9 +139,7 @@ def _fronts(settings: list[Setting]) -> dict[str, list[str]]:
 
 def _write(folder: Path, found: _Found, config: str, context: Context, ready: Opened) -> None:
     """Earlier figures give way only when the new ones stand; tradeoff.json comes last."""
-    for name in FILES:
-        path = folder / name
-        shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+    drop(folder, FILES)
     write_config(folder, config)
     if found.imaging is not None:
         write_settings(

@@ -13,7 +13,7 @@ from bench.datasets.dataset import AT_EMPTY_FILTERED
 from bench.outcome import Capture
 from bench.protocol import BenchFile, MethodEntry, Source
 from bench.tradeoff.sweep import ImagingSetting
-from radar.files import atomic_path
+from radar.files import write_text
 
 FOLDER, CAPTURES = "settings", "captures"
 
@@ -38,10 +38,9 @@ def write_settings(
             "name": setting.name, "phase_noise_rad": None, "capture": sources[0], "calibration": sources[1],
             "dataset": None, "method": (entry,), "tradeoff": None,
         })
-        with atomic_path(setting_path(folder, setting.name)) as temporary:
-            comment = f"# {setting.title}: a setting of a trade-off, with its captures. Run it with `handbench run`.\n"
-            text = tomlkit.dumps(alone.model_dump(mode="json", exclude_none=True))
-            temporary.write_text(comment + text, encoding="utf-8")
+        comment = f"# {setting.title}: a setting of a trade-off, with its captures. Run it with `handbench run`.\n"
+        text = tomlkit.dumps(alone.model_dump(mode="json", exclude_none=True))
+        write_text(setting_path(folder, setting.name), comment + text)
 
 
 def _linked(capture: Capture, into: Path, base: Path, work: Path) -> Source:

@@ -103,7 +103,7 @@ def test_hostile_names_are_text(found, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("knobs", ["", "[1]", '{"tolerance": 1}'])
 def test_a_setting_without_a_method_has_none(found, knobs):
-    assert fronts.method_of(replace(found.settings[0], knobs=knobs)) == ""
+    assert replace(found.settings[0], knobs=knobs).method == ""
 
 
 def test_a_sweep_without_settings_is_refused(found, tmp_path):
