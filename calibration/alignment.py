@@ -25,10 +25,10 @@ from typing import Any
 import numpy as np
 
 from calibration.transforms import Transform, checked_numbers
-from radar.config import suggest
-from radar.errors import HandbenchError
-from radar.files import read_json, require_file, write_json
-from radar.progress import say
+from radar.support.config import suggest
+from radar.support.errors import HandbenchError
+from radar.support.files import read_json, require_file, write_json
+from radar.support.progress import say
 
 LARGEST_BYTES = 64 * 2**20  # the file also holds intermediate data of the calibration
 ROUNDING, TOO_CROOKED = 1e-6, 1e-3  # largest element by which a matrix may miss its rotation: unsaid, and at all

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import combinations
+from math import comb
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from radar.errors import HandbenchError
-from radar.files import read_json, write_json
+from radar.support.errors import HandbenchError
+from radar.support.files import read_json, write_json
 
+TRIPLES = comb(12, 3)  # at most; beyond 12 pairs they are drawn
+MAJORITY = 0.6  # share of pairs that must agree before another is called wrong
 LARGEST_M = 1e7  # further than any place on Earth from its centre: no offset or residual is larger, nor a covariance
 
 
@@ -70,15 +74,18 @@ class Transform:
 
     def save(self, path: str | Path) -> None:
         """Write the transform file (JSON), atomically."""
-        write_json(path, {
-            "from": self.source,
-            "to": self.target,
-            "matrix": self.matrix,
-            "scale": self.scale,
-            "covariance": self.covariance,
-            "residuals_m": self.residuals_m,
-            **({"refined": self.refined} if self.refined else {}),
-        })
+        write_json(
+            path,
+            {
+                "from": self.source,
+                "to": self.target,
+                "matrix": self.matrix,
+                "scale": self.scale,
+                "covariance": self.covariance,
+                "residuals_m": self.residuals_m,
+                **({"refined": self.refined} if self.refined else {}),
+            },
+        )
 
 
 def identity(frame: str) -> Transform:
@@ -196,3 +203,11 @@ def checked_numbers(
             f"expected {expected} finite numbers below {largest:g}"
         )
     return array.astype(np.float64)
+
+
+def triples(count: int) -> np.ndarray:
+    """[m, 3] indices: all triples, or as many drawn ones."""
+    if comb(count, 3) <= TRIPLES:
+        return np.array(list(combinations(range(count), 3)))
+    rng = np.random.default_rng(0)  # the same pairs give the same transform
+    return np.array([rng.choice(count, 3, replace=False) for _ in range(TRIPLES)])

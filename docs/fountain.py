@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from calibration.meshes import load_open3d, raycasting_scene, read_mesh
 from calibration.transforms import umeyama
-from groundtruth.cameras import load_pycolmap
+from groundtruth.cameras.cameras import load_pycolmap
+from groundtruth.mesh.mesh_files import load_open3d, raycasting_scene, read_mesh
 
 
 def surveyed_centres_m(folder: Path) -> dict[str, np.ndarray]:
@@ -56,8 +56,10 @@ def render(mesh_file: Path, model_folder: Path, out: Path, width: int = 768) -> 
 def main(workdir: Path, surveyed: Path, mesh_file: Path, out: Path) -> None:
     """Print the figures and draw the mesh."""
     errors_m, _ = centre_errors_m(workdir / "sparse", surveyed_centres_m(surveyed))
-    print(f"registered {len(errors_m)}; camera centres: mean {1e3 * errors_m.mean():.2f} mm, "
-          f"max {1e3 * errors_m.max():.2f} mm")
+    print(
+        f"registered {len(errors_m)}; camera centres: mean {1e3 * errors_m.mean():.2f} mm, "
+        f"max {1e3 * errors_m.max():.2f} mm"
+    )
     render(mesh_file, workdir / "sparse", out)
 
 

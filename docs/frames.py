@@ -16,13 +16,13 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from PIL import Image
 
-from bench.scenes.file import Mount
 from bench.scenes.hand import hand_mesh
 from bench.scenes.poses import POSES
 from bench.scenes.rig import rig
+from bench.scenes.scene_file import Mount
 from bench.scenes.stand import PLATE_M, stand_board
-from groundtruth.cameras import Camera
-from radar.arrays import qar50
+from groundtruth.cameras.cameras import Camera
+from radar.data.arrays import qar50
 
 PALM_M = np.array([0.025, -0.030, 0.300])
 EDGE_M = 0.0025

@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from bench.scenes.hand import hand_mesh
 from bench.scenes.poses import POSES, Pose
-from calibration.meshes import load_open3d, raycasting_scene
+from groundtruth.mesh.mesh_files import load_open3d, raycasting_scene
 
 if TYPE_CHECKING:
     import open3d as o3d

@@ -9,8 +9,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from bench.datasets.native import load_capture_file, load_echoes
-from bench.registry import methods
-from radar.depthmap import DepthMap
+from radar.data.depthmap import DepthMap
+from radar.methods.registry import methods
 
 BORDER_M = 0.03  # the scan's edge sees half an aperture
 FLAW_M = ((-0.125, -0.055), (-0.015, 0.070))  # corners of a box around the flaw

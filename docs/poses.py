@@ -11,11 +11,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from bench.protocol import EMBEDDED
+from bench.run.benchmark_file import EMBEDDED
+from bench.scenes.build import load_scene
 from bench.scenes.photographs import Studio
-from bench.scenes.scene import load_scene
-from groundtruth.cameras import Camera
-from radar.files import atomic_path
+from groundtruth.cameras.cameras import Camera
+from radar.support.files import atomic_path
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 440, 500, 560
 CAMERA_FROM_RADAR = np.diag([-1.0, -1.0, 1.0])  # x grows to the left, as for whoever looks along +z
@@ -27,9 +27,12 @@ def portrait(letter: str) -> np.ndarray:
     rotation = CAMERA_FROM_RADAR @ scene.radar_from_photo.rotation
     eye_m = scene.radar_from_photo.inverse().points(np.array([0.0, 0.0, -0.29]))
     camera = Camera(
-        name=f"{letter}.jpg", width=2 * WIDTH_PX, height=2 * HEIGHT_PX,
+        name=f"{letter}.jpg",
+        width=2 * WIDTH_PX,
+        height=2 * HEIGHT_PX,
         params=(2 * 2 * FOCAL_PX, 2 * 2 * FOCAL_PX, WIDTH_PX, HEIGHT_PX, 0, 0, 0, 0),
-        R=tuple(map(tuple, rotation.tolist())), t=tuple((-rotation @ eye_m).tolist()),
+        R=tuple(map(tuple, rotation.tolist())),
+        t=tuple((-rotation @ eye_m).tolist()),
     )
     large = Studio(scene).photograph(camera, 0)
     return cv2.resize(large, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA)

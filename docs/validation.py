@@ -11,18 +11,18 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from bench.registry import method
+from bench.scenes.build import load_scene
 from bench.scenes.echoes import echo_scene
-from bench.scenes.scene import load_scene
 from bench.scenes.stand import PLATE_M, cuboid
-from radar.capture import RadarCapture
-from radar.effects.catalogue import EFFECTS, IDS
-from radar.effects.causes import Causes, Pattern
-from radar.effects.material import Material
-from radar.effects.plan import choose
-from radar.effects.scene import Body, EchoScene
-from radar.effects.simulate import shoot
-from tests.radar.effects.closed_forms import (
+from radar.data.capture import RadarCapture
+from radar.methods.registry import method
+from radar.simulation.causes import Causes, Pattern
+from radar.simulation.effects.catalogue import EFFECTS, IDS
+from radar.simulation.physics.material import Material
+from radar.simulation.scene import Body, EchoScene
+from radar.simulation.selection import choose
+from radar.simulation.simulate import shoot
+from tests.radar.simulation.effects.closed_forms import (
     phase_errors_rad,
     plate_over_angle,
     power_over_range,
@@ -54,8 +54,10 @@ def draw_sphere(axes: Axes) -> None:
     axes.plot(ka[::8], db(facets)[::8], ".", color=OURS, label="physical optics, facets")
     axes.set(xscale="log", ylim=(-12, 6), xlabel="ka", ylabel="σ / πa² in dB", title="Metal sphere")
     large = ka >= 25
-    print(f"sphere, ka ≥ 25: facets within {most_db(facets[large]):.2f} dB of πa², Mie {most_db(mie[large]):.2f} dB; "
-          f"facets within {most_db(facets / closed):.3f} dB of their integral everywhere")
+    print(
+        f"sphere, ka ≥ 25: facets within {most_db(facets[large]):.2f} dB of πa², Mie {most_db(mie[large]):.2f} dB; "
+        f"facets within {most_db(facets / closed):.3f} dB of their integral everywhere"
+    )
     for low, high in ((1, 2), (2, 5), (5, 10), (10, 20), (20, 30), (30, 60)):
         within = (ka >= low) & (ka <= high)
         print(f"  ka {low} to {high}: physical optics within {most_db((facets / mie)[within]):.2f} dB of Mie")
@@ -72,9 +74,11 @@ def draw_plate(axes: Axes) -> None:
     axes.set(ylim=(-60, 3), xlabel="angle from the normal in degrees", ylabel="σ against its peak in dB")
     axes.set_title("Metal plate of ten wavelengths")
     lobes = exact > 1e-3 * peak
-    print(f"plate: peak {most_db(facets[:1] / exact[:1]):.1e} dB from 4πA²/λ²; to 30 dB below it, that is up to "
-          f"{degrees[lobes].max():.0f}°: {most_db((facets / exact)[lobes]):.2f} dB, without obliquity "
-          f"{most_db((even / exact)[lobes]):.2f} dB")
+    print(
+        f"plate: peak {most_db(facets[:1] / exact[:1]):.1e} dB from 4πA²/λ²; to 30 dB below it, that is up to "
+        f"{degrees[lobes].max():.0f}°: {most_db((facets / exact)[lobes]):.2f} dB, without obliquity "
+        f"{most_db((even / exact)[lobes]):.2f} dB"
+    )
 
 
 def draw_refinement(axes: Axes) -> None:
@@ -110,7 +114,7 @@ def stand(scene: object, reflectivity_db: float) -> tuple[Body, ...]:
 
 def cases(letter: str) -> Iterator[tuple[str, str, EchoScene]]:
     """(name, effect, scene) of what is measured on one hand."""
-    scene = load_scene(f"bench/benchmarks/hand_{letter}.toml")
+    scene = load_scene(f"bench/run/benchmarks/hand_{letter}.toml")
     causes = Causes(pattern=Pattern(beamwidth_deg=60.0))
     hand = replace(echo_scene(scene), frequencies_hz=TONES_HZ, time_s=np.zeros(3), causes=causes, room=())
 
@@ -130,7 +134,7 @@ def cases(letter: str) -> Iterator[tuple[str, str, EchoScene]]:
 
 def calibration_target() -> tuple[str, str, EchoScene]:
     """The same of the benchmark's balls in foam."""
-    scene = echo_scene(load_scene("bench/benchmarks/target.toml"))
+    scene = echo_scene(load_scene("bench/run/benchmarks/target.toml"))
     scene = replace(scene, frequencies_hz=TONES_HZ, time_s=np.zeros(3), room=())
     return "foam of the balls", "dielectric", scene
 

@@ -8,7 +8,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from calibration import Config, HandbenchError
+from radar.support.config import Config
+from radar.support.errors import HandbenchError
 
 
 class Effort(NamedTuple):

@@ -11,19 +11,27 @@ from typing import Any
 
 import numpy as np
 
-from calibration import atomic_folder, keep, key_of, read_json, say, write_json
-from calibration.meshes import write_cloud
-from groundtruth.cameras import Camera
-from groundtruth.frame import Scale, registered
-from groundtruth.fusion import Cloud, fuse
-from groundtruth.inputs import Inputs, gather
-from groundtruth.model_files import write_model
+from groundtruth.cameras.cameras import Camera, registered
+from groundtruth.cameras.model_files import write_model
+from groundtruth.dense.fusion import Cloud, fuse
+from groundtruth.mesh.mesh_files import write_cloud
+from groundtruth.mesh.surface import Surface, read_surface
 from groundtruth.options import Options
-from groundtruth.sparse import Sparse, register
-from groundtruth.surface import Surface, read_surface
+from groundtruth.sparse.frame import Scale
+from groundtruth.sparse.inputs import Inputs, gather
+from groundtruth.sparse.sparse import Sparse, register
+from radar.support.files import atomic_folder, read_json, write_json
+from radar.support.progress import say
+from radar.support.store import keep, key_of
 
 SUMMARY_VERSION = 1
-SOURCES = ("groundtruth", "calibration/transforms.py", "calibration/meshes.py", "calibration/ply.py", "radar/rays.py")
+SOURCES = (
+    "groundtruth",
+    "calibration/transforms.py",
+    "groundtruth/mesh/mesh_files.py",
+    "groundtruth/mesh/ply.py",
+    "radar/support/rays.py",
+)
 REGISTRATION = {"intrinsics", "metric", "distances", "unscaled", "seed"}  # options that the sparse stage depends on
 STAMP, CLOUD, MESH = "stage.json", "cloud.npz", "mesh.ply"
 
@@ -110,14 +118,13 @@ def _reconstruct(inputs: Inputs, options: Options, stages: Stages) -> tuple[Resu
     cloud, sparse, fused = _cloud(inputs, options, stages)
     surface = read_surface(stages("mesh", [fused, options.components], make_surface) / MESH)
     error_px = sparse.model.compute_mean_reprojection_error()
-    result = Result(
-        surface, cloud, sparse.cameras(), len(inputs.photos), error_px, sparse.scale, stages.seconds
-    )
+    result = Result(surface, cloud, sparse.cameras(), len(inputs.photos), error_px, sparse.scale, stages.seconds)
     return result, sparse
 
 
 def _cloud(inputs: Inputs, options: Options, stages: Stages) -> tuple[Cloud, Sparse, str]:
     """The fused cloud, the cameras, and the name of the stage that made the cloud."""
+
     def make_sparse(folder: Path) -> None:
         register(inputs, options).save(folder)
 
@@ -133,14 +140,12 @@ def _cloud(inputs: Inputs, options: Options, stages: Stages) -> tuple[Cloud, Spa
 
 
 def _dense_cloud(inputs: Inputs, sparse: Sparse, options: Options) -> Cloud:
-    from groundtruth import cuda
-    from groundtruth.dense import depth_maps, open_views
-    from groundtruth.mesh import clean
+    from groundtruth.dense import cuda
+    from groundtruth.dense.dense import depth_maps, open_views
+    from groundtruth.mesh.poisson import clean
 
     effort = options.effort
-    views, tracks, points_m = open_views(
-        inputs.photos, sparse.model, effort.shrink, options.box(), inputs.masks
-    )
+    views, tracks, points_m = open_views(inputs.photos, sparse.model, effort.shrink, options.box(), inputs.masks)
     if options.dense == "cuda":
         maps = cuda.depth_maps(views, tracks, points_m, options.quality)
     else:
@@ -149,8 +154,8 @@ def _dense_cloud(inputs: Inputs, sparse: Sparse, options: Options) -> Cloud:
 
 
 def _surface(cloud: Cloud, sparse: Sparse, options: Options) -> Surface:
-    from groundtruth.mesh import surface
-    from groundtruth.uncertainty import surface_sigma
+    from groundtruth.mesh.poisson import surface
+    from groundtruth.mesh.uncertainty import surface_sigma
 
     mesh = surface(cloud, options.components, options.box())
     vertices_m = np.asarray(mesh.vertices)

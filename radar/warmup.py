@@ -6,13 +6,13 @@ from threading import Timer
 
 import numpy as np
 
-from radar.arrays import AntennaArray, PlanarScan
-from radar.backprojection import backproject
-from radar.forward import Scatterers, simulate
-from radar.grid import VoxelGrid
-from radar.imaging import image_points, image_volume, project_volume
-from radar.progress import say
-from radar.steering import mean_rise
+from radar.data.arrays import AntennaArray, PlanarScan
+from radar.data.grid import VoxelGrid
+from radar.imaging.api import image_points, image_volume, project_volume
+from radar.imaging.cpu.exact import backproject
+from radar.imaging.cpu.steering import mean_rise
+from radar.simulation.forward import Scatterers, simulate
+from radar.support.progress import say
 
 NOTED_S = 1.0  # what takes no longer needs no line
 

@@ -21,23 +21,29 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from bench.results import HandbenchError, Result, Row, atomic_path, load, write_text
-from reports.blocks import NONE, decimals, interval, number, outstanding, paper
-from reports.markdown import bold, escaped, table
+from bench.results import Result, Row, load
+from radar.support.errors import HandbenchError
+from radar.support.files import atomic_path, write_text
+from reports.tables.blocks import NONE, decimals, interval, number, outstanding, paper
+from reports.tables.markdown import bold, escaped, table
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = "photogrammetry"
 METRICS = ("mae_mm", "floor_mm", "max_mm", "precision_mm", "seconds")
 WITH_INTERVAL = ("mae_mm", "floor_mm", "precision_mm")
 METHODS = {  # the columns, and what ours are called
-    "2fsk": "2-FSK", "3fsk": "3-FSK", "broadband": "broadband", "narrowband": "narrowband", "3fsk-plus": "3-FSK plus",
+    "2fsk": "2-FSK",
+    "3fsk": "3-FSK",
+    "broadband": "broadband",
+    "narrowband": "narrowband",
+    "3fsk-plus": "3-FSK plus",
     "nfsk-plus": "ladder of five tones",
 }
 FITTED = ("precision_mm", "2fsk")  # the figure to which the benchmark's phase noise was fitted
 SAID = (("3fsk", "2fsk"), ("3fsk", "broadband"))  # comparisons of the MAE that stand under the table
 FIGURES = {"docs/depth_F.png": "report/figures/depth_F.png"}  # the README's, and where a result's report has it
 MACHINE = ("processor", "cores", "memory_gb", "gemm_gflops", "imaging_device")
-SCENES = "bench/benchmarks"
+SCENES = "bench/run/benchmarks"
 BLOCK = re.compile(r"(<!-- table: begin -->\n)(.*?)(<!-- table: end -->)", re.DOTALL)
 
 
@@ -58,7 +64,8 @@ def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
         "rows": [asdict(row) for row in rows if row],
         "best": {metric: sorted(outstanding(result, metric, REFERENCE)) for metric in METRICS},
         "sentences": [
-            c.sentence for c in result.comparisons
+            c.sentence
+            for c in result.comparisons
             if (c.metric, c.reference) == ("mae_mm", REFERENCE) and {c.better, c.worse} in map(set, SAID)
         ],
         "figures": {name: _sha256(result.folder / source) for name, source in FIGURES.items()},
@@ -168,8 +175,9 @@ def _readme(root: Path) -> str:
 def _scenes(root: Path, config: str) -> dict[str, str]:
     """Each scene of the benchmark with the hash of what its file says, whatever its comments; empty: no such file."""
     said = tomllib.loads(config)
-    names = [source["scene"] for kind in ("calibration", "capture") for source in said.get(kind, ())
-             if "scene" in source]
+    names = [
+        source["scene"] for kind in ("calibration", "capture") for source in said.get(kind, ()) if "scene" in source
+    ]
     return {name: _meaning(root / SCENES / name) for name in names}
 
 

@@ -18,18 +18,18 @@ import h5py
 import numpy as np
 import pytest
 
-from bench import cli
+from bench.cli import main
 from bench.datasets.dataset import open_capture
 from bench.datasets.mapping import Mapping
-from bench.metrics import error_map
-from bench.protocol import BenchFile
-from bench.registry import METHODS, method
-from bench.scenes.file import HandTarget, Mount, SceneFile
+from bench.evaluation.metrics import error_map
+from bench.run.benchmark_file import BenchFile
+from bench.scenes.scene_file import HandTarget, Mount, SceneFile
 from calibration.transforms import load_transform
-from groundtruth.cameras import Camera
-from radar.arrays import qar50
-from radar.depthmap import amplitude_db
-from radar.grid import PixelGrid
+from groundtruth.cameras.cameras import Camera
+from radar.data.arrays import qar50
+from radar.data.depthmap import amplitude_db
+from radar.data.grid import PixelGrid
+from radar.methods.registry import METHODS, method
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -37,7 +37,8 @@ PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 FIGURE = re.compile(r"!\[[^\]]*\]\(([^)]+)\)")
 SMALL = {
-    "x": {"start_m": -0.02, "stop_m": 0.02, "step_m": 0.001}, "y": {"start_m": -0.03, "stop_m": 0.01, "step_m": 0.001}
+    "x": {"start_m": -0.02, "stop_m": 0.02, "step_m": 0.001},
+    "y": {"start_m": -0.03, "stop_m": 0.01, "step_m": 0.001},
 }
 
 every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
@@ -137,7 +138,7 @@ def test_scenes_and_benchmarks_of_the_first_pages_are_valid():
 
 def subcommands() -> dict[str, argparse.ArgumentParser]:
     """handbench's commands, as its parser knows them."""
-    [action] = [a for a in cli.parser()._actions if isinstance(a, argparse._SubParsersAction)]
+    [action] = [a for a in main.parser()._actions if isinstance(a, argparse._SubParsersAction)]
     return dict(action.choices)
 
 
@@ -167,7 +168,7 @@ def problem(command: str, whole: bool) -> str | None:
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said):
-            cli.parser().parse_args(words)
+            main.parser().parse_args(words)
     except SystemExit:
         return said.getvalue().splitlines()[-1]
     return None
@@ -288,8 +289,9 @@ def test_the_board_faces_the_radar():
 
 def test_a_camera_looks_along_z():
     """A point to the right and below of the optical axis falls right and below of the picture's middle."""
-    camera = Camera(name="a", width=300, height=200, model="PINHOLE", params=(100, 100, 150, 100), R=np.eye(3).tolist(),
-                    t=(0, 0, 0))
+    camera = Camera(
+        name="a", width=300, height=200, model="PINHOLE", params=(100, 100, 150, 100), R=np.eye(3).tolist(), t=(0, 0, 0)
+    )
     np.testing.assert_allclose(camera.project(np.array([[0.0, 0.0, 1.0], [0.1, 0.2, 1.0]])), [(150, 100), (160, 120)])
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from bench.metrics import METRICS
-from bench.paper import PAPER
-from bench.protocol import BenchFile, load_benchmark
-from bench.protocols import protocol
-from radar.kept import versions
+from bench.evaluation.metrics import METRICS
+from bench.evaluation.paper import PAPER
+from bench.evaluation.scoring_protocols import protocol
+from bench.run.benchmark_file import BenchFile, load_benchmark
+from radar.support.store import versions
 from reports import readme
 
 ROOT = Path(__file__).parents[1]
@@ -41,8 +41,12 @@ def test_the_record_is_of_todays_protocol_and_definitions(recorded):
     for key in readme.METRICS:
         told = {name: recorded["metrics"][key][name] for name in ("title", "unit", "better", "definition")}
         metric = METRICS[key]
-        assert told == {"title": metric.title, "unit": metric.unit, "better": metric.better,
-                        "definition": metric.definition}, MEND
+        assert told == {
+            "title": metric.title,
+            "unit": metric.unit,
+            "better": metric.better,
+            "definition": metric.definition,
+        }, MEND
 
 
 def test_the_record_is_of_this_version(recorded):
@@ -50,7 +54,8 @@ def test_the_record_is_of_this_version(recorded):
 
 
 def test_every_figure_is_there_with_the_papers(recorded):
-    """Each method has each figure, but those without a precision of their own; the paper's are those of bench.paper."""
+    """Each method has each figure, but those without a precision of their own; the paper's are those of
+    bench.evaluation.paper."""
     rows = {(row["metric"], row["method"]): row for row in recorded["rows"]}
     measured = {entry.id for entry in load_benchmark("paper_table")[0].method if entry.precision}
     for metric in readme.METRICS:

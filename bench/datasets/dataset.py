@@ -22,13 +22,13 @@ from bench.datasets.native import (
     NativeCapture,
     save_capture_file,
 )
-from calibration.meshes import read_mesh, write_mesh
 from calibration.transforms import Transform
-from radar.capture import RadarCapture, save_capture
-from radar.config import suggest
-from radar.depthmap import DepthMap
-from radar.errors import HandbenchError
-from radar.files import atomic_folder, require_folder
+from groundtruth.mesh.mesh_files import read_mesh, write_mesh
+from radar.data.capture import RadarCapture, save_capture
+from radar.data.depthmap import DepthMap
+from radar.support.config import suggest
+from radar.support.errors import HandbenchError
+from radar.support.files import atomic_folder, require_folder
 
 ADAPTERS = (NativeCapture, MappedCapture, MaroonCapture)
 FOREIGN = {"maroon": MaroonCapture, "mapping": MappedCapture}  # what can be imported, by the name of its data set
@@ -103,7 +103,8 @@ def captures(root: str | Path, objects: Sequence[str] = (), distances: Sequence[
         if name not in known:
             raise HandbenchError(f"{root}: has no captures of an object '{name}'; {suggest(name, sorted(known))}")
     chosen = [
-        folder for folder in found
+        folder
+        for folder in found
         if (not objects or folder.relative_to(root).parts[:1] in {(name,) for name in objects})
         and (not distances or folder.name in {str(distance) for distance in distances})
     ]

@@ -12,12 +12,12 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from bench.datasets.native import CaptureFile, NativeCapture
-from radar.arrays import AntennaArray, PlanarScan
-from radar.capture import RadarCapture
-from radar.config import Config, load
-from radar.errors import HandbenchError
-from radar.files import inside, require_file
-from radar.hdf5 import opened, read
+from radar.data.arrays import AntennaArray, PlanarScan
+from radar.data.capture import RadarCapture
+from radar.support.config import Config, load
+from radar.support.errors import HandbenchError
+from radar.support.files import inside, require_file
+from radar.support.hdf5 import opened, read
 
 MAPPING = "mapping.toml"
 HERTZ = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9}
@@ -43,13 +43,13 @@ class Samples(Config):
     def _told_once(self) -> Samples:
         pair = self.real is not None and self.imag is not None
         if (self.dataset is not None) == pair or (self.real is None) != (self.imag is None):
-            raise ValueError("give either dataset = \"…\" or both real = \"…\" and imag = \"…\"")
+            raise ValueError('give either dataset = "…" or both real = "…" and imag = "…"')
         if len(set(self.axes)) < len(self.axes) or "frequency" not in self.axes:
-            raise ValueError("axes name each axis once, and one of them is \"frequency\"")
+            raise ValueError('axes name each axis once, and one of them is "frequency"')
         if {"tx", "rx", "position"} & set(self.axes) not in ({"tx", "rx"}, {"position"}):
-            raise ValueError("axes hold \"tx\" and \"rx\", or \"position\" of a transceiver that is moved")
+            raise ValueError('axes hold "tx" and "rx", or "position" of a transceiver that is moved')
         if RE_IM in self.axes and pair:
-            raise ValueError("real and imag are two data sets; axes then have no \"re_im\"")
+            raise ValueError('real and imag are two data sets; axes then have no "re_im"')
         return self
 
 
@@ -86,7 +86,7 @@ class Mapping(Config):
     def _positions_of_the_axes(self) -> Mapping:
         for name in ("tx", "rx", "position"):
             if (getattr(self, name) is not None) != (name in self.samples.axes):
-                raise ValueError(f"the table [{name}] is there if, and only if, samples.axes name \"{name}\"")
+                raise ValueError(f'the table [{name}] is there if, and only if, samples.axes name "{name}"')
         return self
 
 
@@ -119,13 +119,16 @@ class MappedCapture(NativeCapture):
                 frequencies_hz = source.frequencies_hz(told.frequencies)
                 places = {
                     name: source.positions_m(name, getattr(told, name))
-                    for name in ("tx", "rx", "position") if name in told.samples.axes
+                    for name in ("tx", "rx", "position")
+                    if name in told.samples.axes
                 }
                 counts = {"frequency": len(frequencies_hz), **{name: len(p) for name, p in places.items()}}
                 samples = source.samples(told.samples, counts)[:frames]
-            aperture = PlanarScan(places["position"]) if "position" in places else AntennaArray(**{
-                f"{name}_m": positions_m for name, positions_m in places.items()
-            })
+            aperture = (
+                PlanarScan(places["position"])
+                if "position" in places
+                else AntennaArray(**{f"{name}_m": positions_m for name, positions_m in places.items()})
+            )
             return RadarCapture(samples, frequencies_hz, aperture)
         except HandbenchError as error:
             message = str(error)
@@ -191,7 +194,7 @@ class _Source:
         if values.dtype.kind != "c":
             raise HandbenchError(
                 f"{self.path}: '{told.dataset}' holds {values.dtype}; expected complex numbers: name the data sets of "
-                "both parts (real, imag) or the axis \"re_im\""
+                'both parts (real, imag) or the axis "re_im"'
             )
         return values
 

@@ -24,13 +24,13 @@ from bench.datasets.maroon_mask import eroded, radar_kernel_px
 from bench.datasets.native import CaptureFile
 from calibration.alignment import load_alignment
 from calibration.transforms import Transform, checked_numbers
-from radar.arrays import qar50
-from radar.capture import RadarCapture
-from radar.config import Config, parse, suggest
-from radar.depthmap import DepthMap
-from radar.errors import HandbenchError
-from radar.files import content_hash, inside, read_json, require_file
-from radar.progress import say
+from radar.data.arrays import qar50
+from radar.data.capture import RadarCapture
+from radar.data.depthmap import DepthMap
+from radar.support.config import Config, parse, suggest
+from radar.support.errors import HandbenchError
+from radar.support.files import content_hash, inside, read_json, require_file
+from radar.support.progress import say
 
 FRAMES, METADATA, ALIGNMENT, VOLUMES = "calibrated_data", "metadata.json", "alignment.json", "calibration.json"
 REGISTRATIONS = "00_registration"  # beside the objects: captures of their calibration target
@@ -82,13 +82,17 @@ class MaroonCapture:
         """Its description, named OBJECT-DISTANCE; the methods image the box of calibration.json."""
         folder = self.folder.resolve()
         name = re.sub("_{2,}", "_", f"{folder.parent.name}-{folder.name}").lstrip(".")
-        return parse(CaptureFile, {
-            "name": f"{name}-{EMPTY_FILTERED}" if self.empty_filtered else name,
-            "kind": "other",
-            "distance_m": self.metadata.distance_meters,
-            "source": "MAROON (Wirth et al. 2024)",
-            "methods": self._settings(),
-        }, str(self.folder))
+        return parse(
+            CaptureFile,
+            {
+                "name": f"{name}-{EMPTY_FILTERED}" if self.empty_filtered else name,
+                "kind": "other",
+                "distance_m": self.metadata.distance_meters,
+                "source": "MAROON (Wirth et al. 2024)",
+                "methods": self._settings(),
+            },
+            str(self.folder),
+        )
 
     @property
     def radar(self) -> Path:

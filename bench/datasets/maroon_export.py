@@ -7,25 +7,17 @@ from pathlib import Path
 import numpy as np
 
 from bench.datasets.dataset import Capture, open_capture
-from bench.datasets.maroon import (
-    ALIGNMENT,
-    EMPTY_FILTERED,
-    FRAMES,
-    MESHES,
-    METADATA,
-    PHOTOGRAMMETRY,
-    VOLUMES,
-)
+from bench.datasets.maroon import ALIGNMENT, EMPTY_FILTERED, FRAMES, MESHES, METADATA, PHOTOGRAMMETRY, VOLUMES
 from bench.datasets.maroon_frame import Frame, write_frame
 from bench.datasets.native import EMPTY, TRUE_TRANSFORM
-from bench.registry import method
 from calibration.alignment import save_alignment
-from calibration.meshes import read_triangles
 from calibration.transforms import Transform, load_transform
-from radar.arrays import AntennaArray, qar50
-from radar.capture import RadarCapture, load_capture
-from radar.errors import HandbenchError
-from radar.files import atomic_folder, atomic_path, write_json
+from groundtruth.mesh.mesh_files import read_triangles
+from radar.data.arrays import AntennaArray, qar50
+from radar.data.capture import RadarCapture, load_capture
+from radar.methods.registry import method
+from radar.support.errors import HandbenchError
+from radar.support.files import atomic_folder, atomic_path, write_json
 
 SAME_M = 1e-7  # positions that agree to this are the same
 
@@ -55,10 +47,15 @@ def export_maroon(path: str | Path, root: str | Path, overwrite: bool = False) -
         if empty.is_file():
             _write_frames(radar / FRAMES, _without(echoes, load_capture(empty)), f"_{EMPTY_FILTERED}")
         write_json(radar / VOLUMES, {f"{0:06d}": {"volume": _volume(capture)}})
-        write_json(temporary / METADATA, {
-            "distance_meters": about.distance_m, "mask_erosion": 0, "labels": [about.name],
-            "mask_bb": {"zmin": 0.0, "zmax": 2 * about.distance_m},
-        })
+        write_json(
+            temporary / METADATA,
+            {
+                "distance_meters": about.distance_m,
+                "mask_erosion": 0,
+                "labels": [about.name],
+                "mask_bb": {"zmin": 0.0, "zmax": 2 * about.distance_m},
+            },
+        )
         _write_surfaces(capture, temporary)
     return folder
 
@@ -67,7 +64,7 @@ def _require_radar(capture: Capture, echoes: RadarCapture) -> None:
     ours, radar = echoes.aperture, qar50()
     same = isinstance(ours, AntennaArray) and ours.channels == radar.channels
     if not same or max(np.abs(ours.tx_m - radar.tx_m).max(), np.abs(ours.rx_m - radar.rx_m).max()) > SAME_M:
-        raise HandbenchError(f"{capture.folder}: its antennas are not those of MAROON's radar, array = \"qar50\"")
+        raise HandbenchError(f'{capture.folder}: its antennas are not those of MAROON\'s radar, array = "qar50"')
 
 
 def _without(echoes: RadarCapture, empty: RadarCapture) -> RadarCapture:

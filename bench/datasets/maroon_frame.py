@@ -1,8 +1,8 @@
 """One radar frame of MAROON: echoes of 96 × 96 antennas, of which the inner 94 × 94 are used.
 
 What their public code says of `xr`: it is [receiver, transmitter, frequency]; rows and columns 1 to 94 are used, which
-are `radar.arrays.qar50` in its order; their image is Σ xr·e^{+j2πfτ}, so that the echo is e^{−j2πfτ} as with us, and
-nothing is conjugated. Pairs of antennas that the radar could not use may be zero; they stay so.
+are `radar.data.arrays.qar50` in its order; their image is Σ xr·e^{+j2πfτ}, so that the echo is e^{−j2πfτ} as with us,
+and nothing is conjugated. Pairs of antennas that the radar could not use may be zero; they stay so.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from bench.datasets.maroon_pickle import read_dictionary, write_dictionary
-from radar.errors import HandbenchError
+from radar.support.errors import HandbenchError
 
 ANTENNAS, USED = 96, slice(1, 95)
 RADAR_HZ = (1e9, 1e12)  # what a list of frequencies in hertz lies between
@@ -49,12 +49,15 @@ def write_frame(file: Path, number: int, frame: Frame) -> None:
     """Write a frame as theirs are; the antennas that are not used get zeros."""
     xr = np.zeros((ANTENNAS, ANTENNAS, len(frame.frequencies_hz)), np.complex64)
     xr[USED, USED] = frame.samples.transpose(2, 1, 0)
-    write_dictionary(file, {
-        "fvec": frame.frequencies_hz.astype(np.float64),
-        "xr": xr,
-        "number_of_measurements": frame.count,
-        "timestamp_us": np.array([round(1e6 * number * FRAME_S)]),
-    })
+    write_dictionary(
+        file,
+        {
+            "fvec": frame.frequencies_hz.astype(np.float64),
+            "xr": xr,
+            "number_of_measurements": frame.count,
+            "timestamp_us": np.array([round(1e6 * number * FRAME_S)]),
+        },
+    )
 
 
 def _frequencies_hz(file: Path, content: dict[str, Any]) -> np.ndarray:

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from radar.errors import HandbenchError
-from radar.files import atomic_path, require_file
+from radar.support.errors import HandbenchError
+from radar.support.files import atomic_path, require_file
 
 LARGEST_BYTES = 256 * 2**20  # 96 × 96 × 128 numbers of complex128 take 19 MB
 NUMBERS = re.compile(r"b1|[iu][1248]|f[248]|c(8|16)")  # what an array may hold

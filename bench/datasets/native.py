@@ -12,15 +12,15 @@ import tomlkit
 from pydantic import Field
 
 from bench.results import Name
-from calibration.array.file import load_array
+from calibration.array.array_file import load_array
 from calibration.transforms import Transform, load_transform
-from radar.capture import RadarCapture, load_capture
-from radar.config import Config, load
-from radar.depthmap import DepthMap
-from radar.effects.plan import Choice
-from radar.errors import HandbenchError
-from radar.files import content_hash, inside, require_folder, write_text
-from radar.progress import say
+from radar.data.capture import RadarCapture, load_capture
+from radar.data.depthmap import DepthMap
+from radar.simulation.selection import Choice
+from radar.support.config import Config, load
+from radar.support.errors import HandbenchError
+from radar.support.files import content_hash, inside, require_folder, write_text
+from radar.support.progress import say
 
 DESCRIPTION = "capture.toml"
 ECHOES, TRUTH, MESH, PHOTOS = "echoes.h5", "truth.ply", "mesh.ply", "photos"

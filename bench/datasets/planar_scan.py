@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from bench.datasets.native import ECHOES, CaptureFile, save_capture_file
-from radar.arrays import PlanarScan
-from radar.capture import RadarCapture, save_capture
-from radar.errors import HandbenchError
-from radar.files import atomic_folder, read_array, require_file, require_folder
+from radar.data.arrays import PlanarScan
+from radar.data.capture import RadarCapture, save_capture
+from radar.support.errors import HandbenchError
+from radar.support.files import atomic_folder, read_array, require_file, require_folder
 
 MOST_TONES, LARGEST = 100_000, 1e13
 

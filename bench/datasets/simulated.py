@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.datasets.native import ECHOES, EMPTY
-from bench.scenes.capture import write_photos
+from bench.scenes.build import Scene
+from bench.scenes.capture_folder import write_photos
 from bench.scenes.echoes import echoes
-from bench.scenes.scene import Scene
-from radar.capture import save_capture
-from radar.effects.plan import Choice
-from radar.files import atomic_folder
-from radar.progress import say
+from radar.data.capture import save_capture
+from radar.simulation.selection import Choice
+from radar.support.files import atomic_folder
+from radar.support.progress import say
 
 
 def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple[Choice, ...]:

@@ -12,17 +12,8 @@ depth/        CAPTURE__METHOD.npz (a depth map), CAPTURE__truth.npz, CAPTURE__ph
 photos/       CAPTURE.jpg, at most 600 pixels wide and high
 """
 
-from bench.errormap import ErrorMap
-from bench.results.about import (
-    SCHEMA_VERSION,
-    About,
-    CaptureFacts,
-    Failure,
-    MethodFacts,
-    MetricFacts,
-    Name,
-    checked_name,
-)
+from bench.results.about import SCHEMA_VERSION, About, CaptureFacts, Failure, MethodFacts, MetricFacts, Name
+from bench.results.error_map import ErrorMap
 from bench.results.folder import (
     Result,
     load,
@@ -36,12 +27,10 @@ from bench.results.folder import (
 from bench.results.maps import Surface, depth_path, errors_path, photo_path, write_errors, write_photo, write_surface
 from bench.results.records import Repeat, Row, Task
 from bench.results.tradeoff import Claim, Section, Setting, Tradeoff, TradeoffFacts, load_tradeoff, write_tradeoff
-from radar.errors import HandbenchError
-from radar.files import atomic_path, write_text
 
 REFERENCES = ("photogrammetry", "truth")
 
-__all__ = [  # with what the reports need, for they know this package alone
+__all__ = [
     "REFERENCES",
     "SCHEMA_VERSION",
     "About",
@@ -49,7 +38,6 @@ __all__ = [  # with what the reports need, for they know this package alone
     "Claim",
     "ErrorMap",
     "Failure",
-    "HandbenchError",
     "MethodFacts",
     "MetricFacts",
     "Name",
@@ -62,8 +50,6 @@ __all__ = [  # with what the reports need, for they know this package alone
     "Task",
     "Tradeoff",
     "TradeoffFacts",
-    "atomic_path",
-    "checked_name",
     "depth_path",
     "errors_path",
     "load",
@@ -78,6 +64,5 @@ __all__ = [  # with what the reports need, for they know this package alone
     "write_surface",
     "write_table",
     "write_tasks",
-    "write_text",
     "write_tradeoff",
 ]

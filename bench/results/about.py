@@ -7,20 +7,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
-from radar.config import Config, parse
-from radar.errors import HandbenchError
-from radar.files import read_json
+from radar.support.config import Config, parse
+from radar.support.errors import HandbenchError
+from radar.support.files import read_json
+from radar.support.names import checked_name
 
 SCHEMA_VERSION = 1
 Reference = Literal["photogrammetry", "truth"]
-
-
-def checked_name(name: str) -> str:
-    """`name` if it can be part of a file name: it neither leaves its folder, nor hides, nor holds our '__'."""
-    unfit = not name.isprintable() or name.startswith(".") or any(part in name for part in ("/", "\\", "__"))
-    if unfit or not 1 <= len(name) <= 80:
-        raise ValueError(f"{name[:80]!r} cannot name a file; use 1 to 80 letters, digits, '-' and single '_'")
-    return name
 
 
 Name = Annotated[str, AfterValidator(checked_name)]

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from bench.results.records import write_csv
-from radar.files import write_json
+from radar.support.files import write_json
 
 COMPARED_VERSION = 1
 

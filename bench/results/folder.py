@@ -6,13 +6,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.comparison import Comparison, best
-from bench.errormap import ErrorMap
 from bench.results.about import About, CaptureFacts, read_about
+from bench.results.error_map import ErrorMap
 from bench.results.maps import Surface, depth_path, errors_path, photo_path, read_map
-from bench.results.records import Repeat, Row, Task, read_csv, write_csv
-from radar.errors import HandbenchError
-from radar.files import require_file, require_folder, write_json, write_text
+from bench.results.records import Comparison, Repeat, Row, Task, best, read_csv, write_csv
+from radar.support.errors import HandbenchError
+from radar.support.files import require_file, require_folder, write_json, write_text
 
 
 @dataclass(frozen=True)

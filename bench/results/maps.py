@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.errormap import ErrorMap
-from bench.results.about import checked_name
-from radar.errors import HandbenchError
-from radar.files import atomic_path, read_npz, require_file, write_npz
+from bench.results.error_map import ErrorMap
+from radar.support.errors import HandbenchError
+from radar.support.files import atomic_path, read_npz, require_file, write_npz
+from radar.support.names import checked_name
 
 PHOTO_PX = 600
 

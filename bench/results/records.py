@@ -10,8 +10,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from radar.errors import HandbenchError
-from radar.files import atomic_path, require_file
+from radar.support.errors import HandbenchError
+from radar.support.files import atomic_path, require_file
+
+LEVEL = 0.95
 
 Record = TypeVar("Record")
 
@@ -105,3 +107,40 @@ def _value(field: Any, cell: str) -> Any:
     if convert is float and not np.isfinite(value):
         raise ValueError(f"'{field.name}' is {cell}; expected a finite number or nothing")
     return value
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One line of comparisons.csv: by how much `better` is better than `worse` in a metric, in its unit (≥ 0), with its
+    95 % interval; p_corrected after Holm over all pairs of the metric; effect: Cohen's dz, the difference over the
+    standard deviation of the paired differences between units (captures from five on, else blocks). None: two units
+    that could tell are missing, or (effect) all units agree."""
+
+    metric: str
+    better: str
+    worse: str
+    difference: float | None
+    low: float | None
+    high: float | None
+    unit: str
+    p_corrected: float | None
+    effect: float | None
+    reference: str
+    n_captures: int
+    n_blocks: int
+    sentence: str
+
+    @property
+    def shown(self) -> bool:
+        """Whether there is a difference, at 5 % for all pairs of the metric together."""
+        return self.p_corrected is not None and self.p_corrected < 1 - LEVEL
+
+
+def best(comparisons: Iterable[Comparison], metric: str, reference: str) -> tuple[str, ...]:
+    """The method with the best figure and all that are not shown to be worse, in order of appearance; () where nothing
+    was compared: without a test no figure stands out."""
+    lines = [c for c in comparisons if (c.metric, c.reference) == (metric, reference)]
+    methods = tuple(dict.fromkeys(name for c in lines for name in (c.better, c.worse)))
+    beaten = {c.worse for c in lines}
+    worse = {c.worse for c in lines if c.better not in beaten and c.shown}
+    return tuple(method for method in methods if method not in worse)

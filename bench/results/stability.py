@@ -15,8 +15,8 @@ from typing import Any, Literal
 from pydantic import Field
 
 from bench.results.records import read_csv, write_csv
-from radar.config import Config, parse
-from radar.files import read_json, write_json
+from radar.support.config import Config, parse
+from radar.support.files import read_json, write_json
 
 STABILITY_VERSION = 1
 VERDICTS = ("holds", "refused", "flagged", "fails")

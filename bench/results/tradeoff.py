@@ -19,9 +19,9 @@ from pydantic import Field
 
 from bench.results.about import Name
 from bench.results.records import read_csv, write_csv
-from radar.config import Config, parse
-from radar.errors import HandbenchError
-from radar.files import read_json, require_folder, write_json
+from radar.support.config import Config, parse
+from radar.support.errors import HandbenchError
+from radar.support.files import read_json, require_folder, write_json
 
 TRADEOFF_VERSION = 1
 

@@ -8,13 +8,13 @@ from functools import partial
 
 import numpy as np
 
-from bench.scenes.file import CalibrationTarget, HandTarget
-from bench.scenes.scene import Scene
-from bench.scenes.skin import Skin
+from bench.scenes.build import Scene
+from bench.scenes.scene_file import CalibrationTarget, HandTarget
+from bench.scenes.skin_texture import Skin
 from bench.scenes.stand import PLATE_M, TEXEL_M, cuboid, plate_print
 from bench.scenes.textures import foam, skin, styrodur
-from calibration.meshes import mesh
 from calibration.transforms import Transform
+from groundtruth.mesh.mesh_files import mesh
 
 Albedo = Callable[[np.ndarray], np.ndarray]  # points [n, 3] in the photo frame to reflectance [n, 3]
 

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.scenes.file import BUILT_IN_ARRAY, HandTarget
+from bench.scenes.build import Scene
 from bench.scenes.palm import palmar
-from bench.scenes.scene import Scene
+from bench.scenes.scene_file import BUILT_IN_ARRAY, HandTarget
 from bench.scenes.stand import PLATE_M, cuboid
 from calibration.transforms import Transform
-from radar.arrays import AntennaArray, load_positions, qar50
-from radar.effects.plan import Choice, choose
-from radar.effects.scene import Ball, Body, EchoScene
-from radar.effects.shadow import ShadowCentre
-from radar.effects.shot import Shot
-from radar.effects.simulate import Shots, shoot
-from radar.files import inside
-from radar.forward import Scatterers
+from radar.data.arrays import AntennaArray, load_positions, qar50
+from radar.simulation.effects.shadow import ShadowCentre
+from radar.simulation.forward import Scatterers
+from radar.simulation.scene import Ball, Body, EchoScene
+from radar.simulation.selection import Choice, choose
+from radar.simulation.simulate import Shots, shoot
+from radar.simulation.state import Shot
+from radar.support.files import inside
 
 ROOM_STEP_M = 5e-3
 

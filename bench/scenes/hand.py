@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bench.scenes.implicit import Field, round_cone, smooth_minimum, smooth_union, zero_set
-from bench.scenes.poses import Pose, WristPose
-from bench.scenes.skeleton import (
+from bench.scenes.bones import (
     DISTAL,
     FINGERS,
     HAND_AXES,
@@ -20,7 +18,9 @@ from bench.scenes.skeleton import (
     hand_from_palm,
     skeleton_of_palm,
 )
-from calibration.meshes import mesh
+from bench.scenes.implicit import Field, round_cone, smooth_minimum, smooth_union, zero_set
+from bench.scenes.poses import Pose, WristPose
+from groundtruth.mesh.mesh_files import mesh
 
 if TYPE_CHECKING:
     import open3d as o3d
@@ -119,20 +119,26 @@ def _phalanx(bone: Bone, base_m: float, end_m: float) -> Field:
     """A shaft that is waisted between its joints, with a pad on the palm's side."""
     length = bone.length_m
     waist = 0.97 * (base_m + end_m) / 2
-    return smooth_union([
-        round_cone(bone.at(0), bone.at(0.55 * length), base_m, waist),
-        round_cone(bone.at(0.5 * length), bone.at(length), waist, end_m),
-        round_cone(bone.at(0.33 * length, 2.2e-3), bone.at(0.72 * length, 2.0e-3), waist, 0.96 * waist),
-    ], 4e-3)
+    return smooth_union(
+        [
+            round_cone(bone.at(0), bone.at(0.55 * length), base_m, waist),
+            round_cone(bone.at(0.5 * length), bone.at(length), waist, end_m),
+            round_cone(bone.at(0.33 * length, 2.2e-3), bone.at(0.72 * length, 2.0e-3), waist, 0.96 * waist),
+        ],
+        4e-3,
+    )
 
 
 def _fingertip(bone: Bone, joint_m: float, tip_m: float) -> Field:
     """The end phalanx: flat towards the nail, with a full pulp."""
     reach = bone.length_m + 1e-3 * TIP_TISSUE_MM - tip_m
-    return smooth_union([
-        round_cone(bone.at(0), bone.at(reach, 0.3e-3), joint_m, tip_m),
-        round_cone(bone.at(0.45 * reach, 1.9e-3), bone.at(0.85 * reach, 1.2e-3), 0.97 * joint_m, 1.03 * tip_m),
-    ], 4e-3)
+    return smooth_union(
+        [
+            round_cone(bone.at(0), bone.at(reach, 0.3e-3), joint_m, tip_m),
+            round_cone(bone.at(0.45 * reach, 1.9e-3), bone.at(0.85 * reach, 1.2e-3), 0.97 * joint_m, 1.03 * tip_m),
+        ],
+        4e-3,
+    )
 
 
 def _palm(bones: dict[str, tuple[Bone, ...]], wrist: WristPose) -> Field:
@@ -156,10 +162,13 @@ def _palm(bones: dict[str, tuple[Bone, ...]], wrist: WristPose) -> Field:
 
 def _metacarpal(bone: Bone, base_m: float) -> Field:
     length = bone.length_m
-    return smooth_union([
-        round_cone(bone.at(0, 0.5e-3), bone.at(length, 0), 11e-3, base_m),
-        round_cone(bone.at(0.98 * length, 2.5e-3), bone.at(1.12 * length, 2e-3), base_m, base_m - 0.6e-3),
-    ], 6e-3)
+    return smooth_union(
+        [
+            round_cone(bone.at(0, 0.5e-3), bone.at(length, 0), 11e-3, base_m),
+            round_cone(bone.at(0.98 * length, 2.5e-3), bone.at(1.12 * length, 2e-3), base_m, base_m - 0.6e-3),
+        ],
+        6e-3,
+    )
 
 
 def _thenar(thumb: Bone, index: Bone, middle: Bone) -> list[Field]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from radar.parallel import for_each
+from radar.support.parallel import for_each
 
 SKIN_REFLECTANCE = 0.028  # at normal incidence: ((n - 1) / (n + 1))² with skin's refractive index n = 1.4
 GRAZING = 1e-3  # smallest cosine towards the eye: interpolated normals may turn a little beyond 90°

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from radar.parallel import for_each
+from radar.support.parallel import for_each
 
 Field = Callable[[np.ndarray], np.ndarray]  # points [n, 3] to signed distances [n], metres, negative inside
 
@@ -106,9 +106,7 @@ def _lattice_points(lower_m: np.ndarray, shape: np.ndarray, step_m: float) -> np
     return lower_m + step_m * np.indices(shape).reshape(3, -1).T
 
 
-def zero_set(
-    field: Field, lower_m: np.ndarray, upper_m: np.ndarray, edge_m: float
-) -> tuple[np.ndarray, np.ndarray]:
+def zero_set(field: Field, lower_m: np.ndarray, upper_m: np.ndarray, edge_m: float) -> tuple[np.ndarray, np.ndarray]:
     """The outer surface as vertices [n, 3] and triangles [m, 3] with edges of about `edge_m`, outward-oriented.
 
     Marching cubes, isotropic remeshing, then every vertex onto the zero set; relaxing evens the triangles and

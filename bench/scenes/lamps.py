@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.scenes.bodies import Body
-from calibration.meshes import load_open3d
+from groundtruth.mesh.mesh_files import load_open3d
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,9 @@ class Lamp:
 
 
 LAMPS = (
-    Lamp((-0.55, 0.75, 0.85), 0.14, 0.62), Lamp((0.85, 0.15, 0.80), 0.18, 0.34), Lamp((0.05, -0.55, 0.95), 0.18, 0.16)
+    Lamp((-0.55, 0.75, 0.85), 0.14, 0.62),
+    Lamp((0.85, 0.15, 0.80), 0.18, 0.34),
+    Lamp((0.05, -0.55, 0.95), 0.18, 0.16),
 )
 AMBIENT = 0.30
 FACING = AMBIENT + sum(lamp.irradiance * lamp.centre_m[2] / lamp.reach_m for lamp in LAMPS)  # on the board's centre

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from bench.scenes.bones import skeleton
 from bench.scenes.poses import Pose
-from bench.scenes.skeleton import skeleton
 
 WRIST_M = -0.010  # along a metacarpal: what lies behind its start is the wrist, with thin skin
 

@@ -8,15 +8,15 @@ from __future__ import annotations
 import numpy as np
 
 from bench.scenes.bodies import Body, bodies, texture_seed
-from bench.scenes.file import Photos
+from bench.scenes.build import Scene
 from bench.scenes.highlights import mirrored
 from bench.scenes.lamps import LAMPS, Light, bake, sunflower
 from bench.scenes.lens import ThinLens, blur_along, blur_by_discs, near_edges
 from bench.scenes.projector import Projector
-from bench.scenes.scene import Scene
+from bench.scenes.scene_file import Photos
 from bench.scenes.sensor import MOTION, develop, generator
-from calibration.meshes import load_open3d
-from groundtruth.cameras import Camera
+from groundtruth.cameras.cameras import Camera
+from groundtruth.mesh.mesh_files import load_open3d
 
 ROOM = 0.03  # radiance of the dark room behind the stand
 EDGE_STEP_M = 1.5e-3  # neighbouring pixels whose distance differs by more see an edge between them
@@ -127,9 +127,7 @@ class Studio:
                 total += self.shoot(centre_m, directions[edge] + u * right + v * down)[0]
         return total / EDGE_SAMPLES**2
 
-    def _through_lens(
-        self, camera: Camera, lens: ThinLens, directions: np.ndarray, pixels: np.ndarray
-    ) -> np.ndarray:
+    def _through_lens(self, camera: Camera, lens: ThinLens, directions: np.ndarray, pixels: np.ndarray) -> np.ndarray:
         """Mean radiance [n, 3] over the area of the `pixels` [height, width] and over the aperture."""
         right, down = _pixel_steps(directions, pixels)
         total = np.zeros((len(right), 3), dtype=np.float32)

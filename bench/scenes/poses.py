@@ -9,7 +9,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from calibration import Config
+from radar.support.config import Config
 
 Turn = Annotated[float, Field(ge=-180, le=180)]
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from bench.scenes.lamps import FACING, SHADOW_OFFSET_M, clear
 from bench.scenes.textures import solid_noise
-from calibration import HandbenchError
+from radar.support.errors import HandbenchError
 
 SHARPNESS = 10.0  # of the dots' borders
 NOISE_PER_DOT = 0.85  # the noise's wavelength over the dots' mean size along a line

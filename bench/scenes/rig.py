@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibration.transforms import Transform
-from groundtruth.cameras import Camera
+from groundtruth.cameras.cameras import Camera
 
 OFF_AXIS_DEG = (24.0, 30.0)  # alternate, seen from the target; clear of the aperture and its housing
 DISTANCE_M = (0.46, 0.50)
@@ -22,7 +22,12 @@ def rig(
 
 
 def _camera(
-    number: int, count: int, width: int, height: int, aim_m: np.ndarray, radar_from_photo: Transform,
+    number: int,
+    count: int,
+    width: int,
+    height: int,
+    aim_m: np.ndarray,
+    radar_from_photo: Transform,
     random: np.random.Generator,
 ) -> Camera:
     off_axis = np.radians(OFF_AXIS_DEG[number % 2] + random.uniform(-1, 1))
@@ -35,11 +40,11 @@ def _camera(
     rotation = camera_from_radar @ radar_from_photo.rotation
     focal_px = FOCAL_PER_WIDTH * width * random.uniform(0.99, 1.01)
     principal_px = np.array([width, height]) / 2 + 0.005 * width * random.uniform(-1, 1, 2)
-    distortion = (
-        random.uniform(-0.06, -0.04), random.uniform(0.02, 0.05), *random.uniform(-4e-4, 4e-4, 2)
-    )
+    distortion = (random.uniform(-0.06, -0.04), random.uniform(0.02, 0.05), *random.uniform(-4e-4, 4e-4, 2))
     return Camera(
-        name=f"cam{number:02d}.jpg", width=width, height=height,
+        name=f"cam{number:02d}.jpg",
+        width=width,
+        height=height,
         params=(focal_px, focal_px * random.uniform(0.999, 1.001), *principal_px, *distortion),
         R=tuple(map(tuple, rotation.tolist())),
         t=tuple((-rotation @ radar_from_photo.inverse().points(centre_m)).tolist()),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.scenes.file import Photos
+from bench.scenes.scene_file import Photos
 
 NOISE, EXPOSURE, WHITE_BALANCE, MOTION = 3, 4, 5, 6  # each effect draws from a generator of its own
 

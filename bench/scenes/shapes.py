@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bench.scenes.stand import cuboid
-from calibration.meshes import mesh
-from radar.effects.facets import MOST_FACETS
-from radar.errors import HandbenchError
-from radar.rays import load_open3d
+from groundtruth.mesh.mesh_files import mesh
+from radar.simulation.physics.facets import MOST_FACETS
+from radar.support.errors import HandbenchError
+from radar.support.rays import load_open3d
 
 if TYPE_CHECKING:
     import open3d as o3d

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from groundtruth.board import Board, Marker
+from groundtruth.board.board import Board, Marker
 
 PLATE_M = (0.400, 0.300, 0.020)  # width, height, thickness
 MARKER_M = 0.030
@@ -25,9 +25,11 @@ def stand_board() -> Board:
     """The markers on the plate."""
     half = MARKER_M / 2
     corner = np.array([(-half, half, 0.0), (half, half, 0.0), (half, -half, 0.0), (-half, -half, 0.0)])
-    return Board(marker=tuple(
-        Marker(id=i, corners_m=(corner + (x, y, 0.0)).tolist()) for i, (x, y) in enumerate(MARKER_CENTRES_M)
-    ))
+    return Board(
+        marker=tuple(
+            Marker(id=i, corners_m=(corner + (x, y, 0.0)).tolist()) for i, (x, y) in enumerate(MARKER_CENTRES_M)
+        )
+    )
 
 
 def plate_print(seed: int) -> np.ndarray:

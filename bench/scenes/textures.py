@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numba
 import numpy as np
 
-from radar.parallel import for_each
+from radar.support.parallel import for_each
 
 SKIN_RGB = (0.62, 0.36, 0.25)  # linear reflectances
 FOAM_RGB = (0.78, 0.78, 0.76)

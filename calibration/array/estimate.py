@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.array.file import ArrayCalibration, Side
+from calibration.array.array_file import ArrayCalibration, Side
 from calibration.array.model import (
     DELAY,
     EACH,
@@ -27,11 +27,11 @@ from calibration.array.model import (
 from calibration.array.prior import Settings, constrained_inverse, gauges, prior, surprises
 from calibration.array.quality import SINGLE, check, left_over
 from calibration.array.start import alive, fitted_gains, nominal_state, without
-from calibration.echoes import EchoSearch
-from calibration.target import Target
-from radar.arrays import AntennaArray
-from radar.capture import RadarCapture
-from radar.errors import HandbenchError
+from calibration.target.description import Target
+from calibration.target.radar_detection import EchoSearch
+from radar.data.arrays import AntennaArray
+from radar.data.capture import RadarCapture
+from radar.support.errors import HandbenchError
 
 MAX_STEPS = 20
 ENOUGH = 0.1  # a step that lowers χ² by less is no more than a small part of one standard deviation

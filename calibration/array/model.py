@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.target import Target
-from radar.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from radar.sphere import sphere_echo
+from calibration.target.description import Target
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from radar.simulation.mie import sphere_echo
 
 LEVEL, PHASE, DELAY, PLACE, EACH = 0, 1, 2, slice(3, 6), 6  # an antenna's unknowns: log level, phase, delay, offset
 BALL = 5  # a ball's unknowns: centre (all balls'), then log level (all), then phase (all)
@@ -72,9 +72,7 @@ class State:
     def moved(self, step: np.ndarray) -> State:
         """Changed by a step of all unknowns [u]."""
         tx, rx, centres, (level, phase) = split(step, *self.counts)
-        return State(
-            self.tx.moved(tx), self.rx.moved(rx), self.centres_m + centres, self.log_ball + level + 1j * phase
-        )
+        return State(self.tx.moved(tx), self.rx.moved(rx), self.centres_m + centres, self.log_ball + level + 1j * phase)
 
 
 def split(values: np.ndarray, n_tx: int, n_rx: int, n_balls: int) -> tuple[np.ndarray, ...]:

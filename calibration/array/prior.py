@@ -7,9 +7,9 @@ from pydantic import Field
 
 from calibration.array.model import BALL, DELAY, EACH, LEVEL, PHASE, PLACE, State, split
 from calibration.array.start import placed
-from calibration.target import Target
+from calibration.target.description import Target
 from calibration.transforms import perturbation_jacobian
-from radar.config import Config
+from radar.support.config import Config
 
 
 class Settings(Config):

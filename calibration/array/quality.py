@@ -6,9 +6,9 @@ import numpy as np
 
 from calibration.array.model import Echoes, State
 from calibration.array.prior import Settings, misplaced_m, shape_sigma_m
-from calibration.target import Target
-from radar.backprojection import path_lengths
-from radar.errors import HandbenchError
+from calibration.target.description import Target
+from radar.imaging.cpu.exact import path_lengths
+from radar.support.errors import HandbenchError
 
 SINGLE = 1e-5  # samples in single precision carry no less noise than this part of their amplitude
 GUARD_CELLS = 3  # of the sweep's range resolution, about the balls

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.array.model import Antennas, Echoes, State
-from calibration.echoes import EchoSearch, find_balls
-from calibration.matching import match
-from calibration.target import Target
+from calibration.target.description import Target
+from calibration.target.matching import match
+from calibration.target.radar_detection import EchoSearch, find_balls
 from calibration.transforms import umeyama
-from radar.capture import RadarCapture
-from radar.errors import HandbenchError
+from radar.data.capture import RadarCapture
+from radar.support.errors import HandbenchError
 
 SWEEPS = 30  # of alternation; it starts Gauss–Newton, which ends it
 SEARCH = EchoSearch(threshold_db=-10.0)  # a ball is stronger than the foam and than what an imperfect array smears

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.target import Candidate
+from calibration.target.description import Candidate
 
 ANY = tuple(range(5))
 

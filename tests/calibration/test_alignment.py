@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.alignment import load_alignment, save_alignment
 from calibration.transforms import Transform
-from radar.errors import HandbenchError
+from radar.support.errors import HandbenchError
 
 
 def ours(seed: int = 0, scale: float = 1.0) -> Transform:

@@ -6,7 +6,7 @@ import numpy as np
 from test_balls import capture, centres
 from test_spheres import scene
 
-from calibration.registration import calibrate, common_covariance
+from calibration.registration.register import calibrate, common_covariance
 
 
 def test_a_cloud_and_echoes_give_the_transform(rng, target):

@@ -13,14 +13,13 @@ from test_array import PAPER_RAD, C, Imperfect, centres_m, recorded, small_state
 
 from calibration.array.estimate import estimate_array
 from calibration.array.start import without
-from calibration.drawing import target_sheets
-from calibration.echoes import EchoSearch
-from calibration.fit import Pairs, fit
-from calibration.majority import TRIPLES, triples
-from calibration.rig import Motion
-from calibration.sheets import INCH_MM
-from calibration.target import Element, Target
-from calibration.transforms import umeyama
+from calibration.registration.combination import Motion
+from calibration.registration.rigid_fit import Pairs, fit
+from calibration.target.description import Element, Target
+from calibration.target.radar_detection import EchoSearch
+from calibration.transforms import TRIPLES, triples, umeyama
+from reports.drawings.sheets import INCH_MM
+from reports.drawings.target_drawing import target_sheets
 
 
 def test_few_pairs_propose_all_triples_and_many_a_fixed_draw():
@@ -91,10 +90,12 @@ def test_a_threshold_is_told_in_decibels_of_amplitude():
 def test_every_ordinate_stands_at_its_coordinate():
     """Far enough apart that no number has to give way. In the front view x grows to the left."""
     places_mm = [(11, -42, 5), (-63, 20, -17), (40, 55, 33)]
-    target = Target(element=tuple(
-        Element(centre_m=tuple(v / 1000 for v in place), sphere_radius_m=0.01, ball_radius_m=0.003)
-        for place in places_mm
-    ))
+    target = Target(
+        element=tuple(
+            Element(centre_m=tuple(v / 1000 for v in place), sphere_radius_m=0.01, ball_radius_m=0.003)
+            for place in places_mm
+        )
+    )
     figure = target_sheets(target, "three", "fit")[0]
     assert any("123.0 × 117.0 × 70.0 mm" in text.get_text() for text in figure.findobj(Text))  # over the foam
     upright = [text for text in figure.findobj(Text) if text.get_text() and text.get_rotation() == 90]

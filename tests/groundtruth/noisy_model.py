@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from groundtruth.cameras import load_pycolmap
+from groundtruth.cameras.cameras import load_pycolmap
 
 WIDTH, HEIGHT = 400, 300
 PARAMS = (440.0, 440.2, 201.0, 149.0, -0.05, 0.01, 3e-4, -3e-4)  # OPENCV's; all within what is known of any lens
@@ -38,9 +38,7 @@ class Noisy(NamedTuple):
         return error
 
 
-def noisy_model(
-    seed=0, *, views=5, points=40, seen_by=None, noise=1.0, off=1e-3, shared=False, params=PARAMS
-):
+def noisy_model(seed=0, *, views=5, points=40, seen_by=None, noise=1.0, off=1e-3, shared=False, params=PARAMS):
     """Cameras on an arc 0.6 m before the points, which all of them see (or `seen_by` of them, by turns), and a board of
     five markers behind. noise: times FEATURE_PX and CORNER_PX. off: of the poses at the start, radians and 1/3 m."""
     colmap, random = load_pycolmap(), np.random.default_rng(seed)

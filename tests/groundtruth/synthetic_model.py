@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from groundtruth.cameras import load_pycolmap
-from groundtruth.photos import Photo
+from groundtruth.cameras.cameras import load_pycolmap
+from groundtruth.photos.photos import Photo
 
 WIDTH, HEIGHT = 400, 300
 
@@ -15,9 +15,15 @@ def synthetic_model(centres, points=60):
     model = colmap.Reconstruction()
     random = np.random.default_rng(0)
     xyz = random.uniform(-0.2, 0.2, (points, 3))
-    model.add_camera_with_trivial_rig(colmap.Camera(
-        camera_id=1, model="OPENCV", width=WIDTH, height=HEIGHT, params=[440, 441, 201, 149, -0.05, 0.01, 1e-3, -1e-3]
-    ))
+    model.add_camera_with_trivial_rig(
+        colmap.Camera(
+            camera_id=1,
+            model="OPENCV",
+            width=WIDTH,
+            height=HEIGHT,
+            params=[440, 441, 201, 149, -0.05, 0.01, 1e-3, -1e-3],
+        )
+    )
     for i, centre in enumerate(np.asarray(centres, dtype=float)):
         R = Rotation.align_vectors([[0, 0, 1]], [-centre])[0].as_matrix()
         pose = colmap.Rigid3d(colmap.Rotation3d(R), -R @ centre)

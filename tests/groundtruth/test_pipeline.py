@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from calibration import HandbenchError
-from calibration.meshes import raycasting_scene
 from calibration.transforms import umeyama
-from groundtruth.cameras import Camera, load_pycolmap, save_cameras
+from groundtruth.cameras.cameras import Camera, load_pycolmap, save_cameras
+from groundtruth.mesh.mesh_files import raycasting_scene
 from groundtruth.options import Options
-from groundtruth.photos import find_photos
+from groundtruth.photos.photos import find_photos
 from groundtruth.pipeline import reconstruct
-from groundtruth.sfm import structure_from_motion
+from groundtruth.sparse.sfm import structure_from_motion
+from radar.support.errors import HandbenchError
 
 FOUNTAIN = Path(__file__).parents[2].parent / "shared" / "data" / "fountain-P11"
 
@@ -72,14 +72,16 @@ def fountain(folder, shrink):
             image.reduce(shrink).save(folder / path.name, quality=95)
         rows = [list(map(float, line.split())) for line in _lines(FOUNTAIN / "cameras" / f"{path.name}.camera")]
         K, R, centre_m = np.array(rows[:3]) / shrink, np.array(rows[4:7]).T, np.array(rows[7])
-        surveyed.append(Camera(
-            name=path.name,
-            width=3072 // shrink,
-            height=-(-2048 // shrink),
-            params=(K[0, 0], K[1, 1], K[0, 2], K[1, 2], 0, 0, 0, 0),
-            R=tuple(map(tuple, R.tolist())),
-            t=tuple((-R @ centre_m).tolist()),
-        ))
+        surveyed.append(
+            Camera(
+                name=path.name,
+                width=3072 // shrink,
+                height=-(-2048 // shrink),
+                params=(K[0, 0], K[1, 1], K[0, 2], K[1, 2], 0, 0, 0, 0),
+                R=tuple(map(tuple, R.tolist())),
+                t=tuple((-R @ centre_m).tolist()),
+            )
+        )
     save_cameras(folder / "cameras.json", tuple(surveyed))
     return {camera.name: camera for camera in surveyed}
 

@@ -4,21 +4,23 @@ import numpy as np
 import pytest
 from noisy_model import noisy_model, poses_of
 
-from calibration import HandbenchError
-from groundtruth import inputs, pipeline
-from groundtruth.adjust import adjust
-from groundtruth.bundle import Bundle
-from groundtruth.covariance import camera_covariance
-from groundtruth.frame import Scale
+from groundtruth import pipeline
 from groundtruth.options import Options
 from groundtruth.pipeline import STAMP, Stages, reconstruct
-from groundtruth.sparse import INTRINSICS, Sparse
-from radar.kept import MANIFEST
+from groundtruth.sparse import inputs
+from groundtruth.sparse.adjust import adjust
+from groundtruth.sparse.bundle import Bundle
+from groundtruth.sparse.covariance import camera_covariance
+from groundtruth.sparse.frame import Scale
+from groundtruth.sparse.sparse import INTRINSICS, Sparse
+from radar.support.errors import HandbenchError
+from radar.support.store import MANIFEST
 
 
 @pytest.fixture
 def make():
     """A stage that counts how often it was made."""
+
     class Made:
         count = 0
 
@@ -64,7 +66,7 @@ def test_a_stage_that_was_killed_leaves_nothing_and_is_made_again(tmp_path, make
 def test_changed_code_is_another_folder(tmp_path, make, monkeypatch):
     stages = Stages(tmp_path)
     before = stages("dense", ["a"], make)
-    monkeypatch.setattr(pipeline, "SOURCES", (*pipeline.SOURCES, "radar/errors.py"))
+    monkeypatch.setattr(pipeline, "SOURCES", (*pipeline.SOURCES, "radar/support/errors.py"))
     assert stages("dense", ["a"], make) != before
 
 
@@ -93,9 +95,7 @@ def counted(tmp_path, monkeypatch):
     points_m = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
     n = len(points_m)
     names = tuple(f"p{i}.png" for i in range(5))
-    cloud = pipeline.Cloud(
-        points_m, np.tile([0.0, 0, 1], (n, 1)), np.ones((n, 5), bool), np.full(n, 1e-4), names, 1e-3
-    )
+    cloud = pipeline.Cloud(points_m, np.tile([0.0, 0, 1], (n, 1)), np.ones((n, 5), bool), np.full(n, 1e-4), names, 1e-3)
     surface = pipeline.Surface(points_m[:3], np.array([(0, 1, 2)]), np.full(3, 1e-4), np.ones(3, bool))
     surface.vertices_m[2] += (0, 1e-3, 0)
     monkeypatch.setattr(pipeline, "gather", lambda _, options: (found, options))

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from pydantic import Field
 
-from radar import progress
-from radar.config import Config, load, parse, read_toml, suggest
-from radar.errors import HandbenchError
-from radar.files import (
+from radar.support import progress
+from radar.support.config import Config, load, parse, read_toml, suggest
+from radar.support.errors import HandbenchError
+from radar.support.files import (
     atomic_folder,
     atomic_path,
     content_hash,
@@ -141,7 +141,7 @@ def test_an_exception_leaves_the_old_file_and_nothing_else(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize("where", ["radar.files.os.replace", "radar.files.tempfile.mkstemp"])
+@pytest.mark.parametrize("where", ["radar.support.files.os.replace", "radar.support.files.tempfile.mkstemp"])
 def test_a_full_disk_leaves_the_old_file_and_says_so(tmp_path, monkeypatch, where):
     path = tmp_path / "result.json"
     path.write_text("old")
@@ -207,7 +207,7 @@ def test_a_failed_folder_leaves_the_old_one(tmp_path, monkeypatch):
             pass
 
     with monkeypatch.context() as patch:
-        patch.setattr("radar.files.os.replace", second_rename_fails)
+        patch.setattr("radar.support.files.os.replace", second_rename_fails)
         assert "No space left" in message(write)
     assert (path / "old").read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
@@ -347,9 +347,25 @@ def test_values_that_differ_hash_differently(tmp_path):
     other = long.copy()
     other[2500] = 1  # numpy's text of a long array leaves the middle out
     values = [
-        ("a",), ("b",), ("a", "b"), ("ab",), (1,), ("1",), (1.5,), ({"a": 1},), ({"a": 2},), ([1, 2],), (None,),
-        (tmp_path / "a",), (np.zeros(4),), (np.zeros(4, np.float32),), (np.zeros((2, 2)),), (long,), (other,),
-        ({"a": long},), ({"a": other},),
+        ("a",),
+        ("b",),
+        ("a", "b"),
+        ("ab",),
+        (1,),
+        ("1",),
+        (1.5,),
+        ({"a": 1},),
+        ({"a": 2},),
+        ([1, 2],),
+        (None,),
+        (tmp_path / "a",),
+        (np.zeros(4),),
+        (np.zeros(4, np.float32),),
+        (np.zeros((2, 2)),),
+        (long,),
+        (other,),
+        ({"a": long},),
+        ({"a": other},),
     ]
     hashes = [content_hash(*parts) for parts in values]
     assert len(set(hashes)) == len(values)

@@ -7,35 +7,35 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from radar.arrays import AntennaArray, PlanarScan, qar50
-from radar.backprojection import direct_sum, tone_images
-from radar.confidence import UNRELATED_RAD, incoherent
-from radar.effects import facets
-from radar.effects.causes import Converter
-from radar.effects.converter import full_scale
-from radar.effects.dielectric import Dielectric
-from radar.effects.glints import glints
-from radar.effects.material import Material
-from radar.effects.multipath import Multipath
-from radar.effects.noise import ThermalNoise
-from radar.effects.obliquity import Obliquity
-from radar.effects.oscillator import OscillatorNoise
-from radar.effects.pilot import CENTRE_M, change_db, change_mm, pilot, stand_in
-from radar.effects.scene import Body, EchoScene
-from radar.effects.shot import Shot, facing
-from radar.effects.tissue import skin_permittivity
-from radar.errors import HandbenchError
-from radar.forward import Scatterers, simulate
-from radar.fsk_config import ThreeToneConfig
-from radar.grid import VoxelGrid
-from radar.imaging import image_points
-from radar.progress import track
-from radar.tree import DIRECT, Family
-from radar.volume import VolumePlan
-from tests.radar.effects.closed_forms import sphere_body
-from tests.radar.effects.plates import dihedral, plate
-from tests.radar.effects.small_scenes import TONES_HZ, bead_scene, shots
+from radar.data.arrays import AntennaArray, PlanarScan, qar50
+from radar.data.grid import VoxelGrid
+from radar.imaging.api import image_points
+from radar.imaging.cpu.exact import direct_sum, tone_images
+from radar.imaging.cpu.volume import VolumePlan
+from radar.imaging.tree import DIRECT, Family
+from radar.methods.confidence import UNRELATED_RAD, incoherent
+from radar.methods.fsk_config import ThreeToneConfig
+from radar.simulation.causes import Converter
+from radar.simulation.effects.converter import full_scale
+from radar.simulation.effects.dielectric import Dielectric
+from radar.simulation.effects.multipath import Multipath
+from radar.simulation.effects.noise import ThermalNoise
+from radar.simulation.effects.obliquity import Obliquity
+from radar.simulation.effects.oscillator import OscillatorNoise
+from radar.simulation.forward import Scatterers, simulate
+from radar.simulation.physics import facets
+from radar.simulation.physics.glints import glints
+from radar.simulation.physics.material import Material
+from radar.simulation.physics.tissue import skin_permittivity
+from radar.simulation.pilot import CENTRE_M, change_db, change_mm, pilot, stand_in
+from radar.simulation.scene import Body, EchoScene
+from radar.simulation.state import Shot, facing
+from radar.support.errors import HandbenchError
+from radar.support.progress import track
 from tests.radar.samples import noise, relative_error
+from tests.radar.simulation.effects.closed_forms import sphere_body
+from tests.radar.simulation.effects.plates import dihedral, plate
+from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, shots
 
 SPARSE = AntennaArray(qar50().tx_m[::12], qar50().rx_m[::12])
 

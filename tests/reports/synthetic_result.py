@@ -9,11 +9,11 @@ import numpy as np
 from PIL import Image
 
 from bench import results
-from bench.floor import budget
-from bench.metrics import error_map
-from bench.table import accuracy_rows, metric_facts, precision_rows, time_rows
+from bench.evaluation.floor import budget
+from bench.evaluation.metrics import error_map
+from bench.evaluation.table import accuracy_rows, metric_facts, precision_rows, time_rows
 from calibration.transforms import Transform
-from groundtruth.depth import Reference
+from groundtruth.mesh.depth import Reference
 
 MESH_SIGMA_M, REGISTRATION_SIGMA_M = 5e-5, 1.5e-4
 METHODS = {  # name: title, standard deviation and bias of z in mm, share of pixels seen, seconds per frame
@@ -111,9 +111,7 @@ def about(
     captures: tuple[str, ...], methods: dict[str, tuple], references: tuple[str, ...], budgets: dict[str, dict]
 ) -> results.About:
     """Facts of the synthetic result."""
-    scored = [
-        results.CaptureFacts(name=c, pose=c, distance_m=0.29, references=references) for c in captures
-    ]
+    scored = [results.CaptureFacts(name=c, pose=c, distance_m=0.29, references=references) for c in captures]
     repeated = [results.CaptureFacts(name=f"hand{h}", kind="precision", distance_m=0.29) for h in range(3)]
     return results.About(
         name="synthetic",
@@ -138,7 +136,12 @@ def write_synthetic_tradeoff(folder: Path, name: str = "synthetic", tolerances: 
     meshes = [setting("", views, 0.3 / views**0.5, 3.0 * views, section="groundtruth") for views in (4, 8, 16)]
     sections = tuple(
         results.Section(
-            name=section, title=title, metric=metric, unit="mm", definition="mean of |z − z_ref|", reference=reference,
+            name=section,
+            title=title,
+            metric=metric,
+            unit="mm",
+            definition="mean of |z − z_ref|",
+            reference=reference,
             seconds="from files to the result",
         )
         for section, title, metric, reference in (
@@ -161,11 +164,22 @@ def setting(
     parts = (0.003, 2.0, 0.7 * seconds, 0.3 * seconds) if method else (None,) * 4
     title = METHODS[method][0] if method else "photographs"
     return results.Setting(
-        section=section, name=f"{method or 'views'}-{knob:.3g}", title=f"{title}, {knob:.2g}",
+        section=section,
+        name=f"{method or 'views'}-{knob:.3g}",
+        title=f"{title}, {knob:.2g}",
         knobs=json.dumps({"method": method, "tolerance": knob} if method else {"views": knob}),
-        metric="mae_mm", error=error_mm, low=0.8 * error_mm, high=1.3 * error_mm, unit="mm",
-        seconds=seconds, seconds_low=0.9 * seconds, seconds_high=1.2 * seconds, ratio=seconds / 0.3,
+        metric="mae_mm",
+        error=error_mm,
+        low=0.8 * error_mm,
+        high=1.3 * error_mm,
+        unit="mm",
+        seconds=seconds,
+        seconds_low=0.9 * seconds,
+        seconds_high=1.2 * seconds,
+        ratio=seconds / 0.3,
         **dict(zip(("acquisition_s", "plan_s", "imaging_s", "extraction_s"), parts, strict=True)),
-        operations=1e9 * seconds if method else None, peak_memory_mb=300.0, on_front=front,
+        operations=1e9 * seconds if method else None,
+        peak_memory_mb=300.0,
+        on_front=front,
         dominated_by="" if front else "3fsk-1e-05",
     )

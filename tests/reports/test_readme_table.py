@@ -10,8 +10,8 @@ import pytest
 from synthetic_result import METHODS, write_synthetic
 
 from bench import results
-from bench.comparison import Comparison
-from radar.errors import HandbenchError
+from bench.results.records import Comparison
+from radar.support.errors import HandbenchError
 from reports import readme
 
 CONFIG = 'name = "x"\n[[capture]]\nscene = "hand.toml"\n[[capture]]\npath = "elsewhere"\n'
@@ -21,8 +21,21 @@ CONFIG = 'name = "x"\n[[capture]]\nscene = "hand.toml"\n[[capture]]\npath = "els
 def result(result_folder, tmp_path) -> results.Result:
     """The synthetic result, of a scene, with two comparisons and a report's figure."""
     lines = tuple(
-        Comparison("mae_mm", better, worse, 1.0, 0.5, 1.5, "mm", 1e-4, 2.0, "photogrammetry", 3, 30,
-                   f"{better} is better than {worse}")
+        Comparison(
+            "mae_mm",
+            better,
+            worse,
+            1.0,
+            0.5,
+            1.5,
+            "mm",
+            1e-4,
+            2.0,
+            "photogrammetry",
+            3,
+            30,
+            f"{better} is better than {worse}",
+        )
         for better, worse in (("3fsk", "2fsk"), ("3fsk", "broadband"), ("3fsk", "narrowband"))
     )
     found = results.load(result_folder)
@@ -67,13 +80,16 @@ def test_what_was_written_is_the_results_and_not_stale(result, root):
     assert readme.stale(root) == readme.disagreements(result, root) == []
 
 
-@pytest.mark.parametrize(("file", "content", "problem"), [
-    ("README.md", "<!-- table: begin -->\nby hand\n<!-- table: end -->\n", "the table is not what"),
-    ("docs/depth_F.png", "another", "docs/depth_F.png: is not the figure"),
-    ("docs/depth_F.png", None, "docs/depth_F.png: is not the figure"),
-    ("bench/benchmarks/hand.toml", 'pose = "B"\n', "hand.toml: has changed"),
-    ("bench/benchmarks/hand.toml", None, "hand.toml: has changed"),
-])
+@pytest.mark.parametrize(
+    ("file", "content", "problem"),
+    [
+        ("README.md", "<!-- table: begin -->\nby hand\n<!-- table: end -->\n", "the table is not what"),
+        ("docs/depth_F.png", "another", "docs/depth_F.png: is not the figure"),
+        ("docs/depth_F.png", None, "docs/depth_F.png: is not the figure"),
+        ("bench/run/benchmarks/hand.toml", 'pose = "B"\n', "hand.toml: has changed"),
+        ("bench/run/benchmarks/hand.toml", None, "hand.toml: has changed"),
+    ],
+)
 def test_each_change_of_the_repository_is_noticed(root, file, content, problem):
     (root / file).unlink() if content is None else (root / file).write_text(content, "utf-8")
     [found] = readme.stale(root)

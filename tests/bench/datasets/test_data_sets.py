@@ -12,8 +12,8 @@ from bench.datasets.dataset import open_capture
 from bench.datasets.mapping import Mapping
 from bench.datasets.maroon_export import export_maroon
 from bench.datasets.native import load_capture_file
-from bench.protocol import BenchFile, Source, load_benchmark
-from radar.errors import HandbenchError
+from bench.run.benchmark_file import BenchFile, Source, load_benchmark
+from radar.support.errors import HandbenchError
 
 BENCH = """
 version = 1
@@ -44,14 +44,17 @@ def found(folder, selection):
     return [source.path for source in bench.capture]
 
 
-@pytest.mark.parametrize("selection, expected", [
-    ("", ["cup/30", "cup/40", "patch/30", "patch/40"]),
-    ("distances = [30]", ["cup/30", "patch/30"]),
-    ('objects = ["patch"]', ["patch/30", "patch/40"]),
-    ('objects = ["patch"]\ndistances = [40]', ["patch/40"]),
-    ("limit = 3", ["cup/30", "cup/40", "patch/30"]),
-    ("limit = 1\nempty_filtered = true", ["cup/30@emptyfiltered"]),
-])
+@pytest.mark.parametrize(
+    "selection, expected",
+    [
+        ("", ["cup/30", "cup/40", "patch/30", "patch/40"]),
+        ("distances = [30]", ["cup/30", "patch/30"]),
+        ('objects = ["patch"]', ["patch/30", "patch/40"]),
+        ('objects = ["patch"]\ndistances = [40]', ["patch/40"]),
+        ("limit = 3", ["cup/30", "cup/40", "patch/30"]),
+        ("limit = 1\nempty_filtered = true", ["cup/30@emptyfiltered"]),
+    ],
+)
 def test_a_data_set_becomes_its_captures(data_set, selection, expected):
     assert found(data_set, selection) == [f"maroon/{path}" for path in expected]
 
@@ -72,12 +75,15 @@ def test_captures_of_their_own_come_first(data_set):
     assert BenchFile(**content, capture=[Source(path="native")]).dataset is None
 
 
-@pytest.mark.parametrize("selection, reason", [
-    ('objects = ["cups"]', "has no captures of an object 'cups'; did you mean 'cup'"),
-    ("distances = [50]", "has no capture that was asked for"),
-    ('object = ["cup"]', r"unknown key 'dataset\.0\.object'; did you mean 'objects'"),
-    ("limit = 0", r"'dataset\.0\.limit' is 0"),
-])
+@pytest.mark.parametrize(
+    "selection, reason",
+    [
+        ('objects = ["cups"]', "has no captures of an object 'cups'; did you mean 'cup'"),
+        ("distances = [50]", "has no capture that was asked for"),
+        ('object = ["cup"]', r"unknown key 'dataset\.0\.object'; did you mean 'objects'"),
+        ("limit = 0", r"'dataset\.0\.limit' is 0"),
+    ],
+)
 def test_what_is_not_there_is_told(data_set, selection, reason):
     with pytest.raises(HandbenchError, match=reason):
         found(data_set, selection)

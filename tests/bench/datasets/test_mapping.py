@@ -7,8 +7,8 @@ import tomlkit
 
 from bench.datasets.dataset import import_capture, open_capture
 from bench.datasets.mapping import MAPPING
-from radar.arrays import AntennaArray
-from radar.errors import HandbenchError
+from radar.data.arrays import AntennaArray
+from radar.support.errors import HandbenchError
 
 RNG = np.random.default_rng(4)
 TX_M, RX_M = RNG.uniform(-0.1, 0.1, (3, 3)), RNG.uniform(-0.1, 0.1, (4, 3))
@@ -116,25 +116,38 @@ def test_it_becomes_a_capture_folder(folder, tmp_path_factory):
     assert open_capture(out).about.contains == ("echoes.h5",)
 
 
-@pytest.mark.parametrize("change, reason", [
-    ({"samples": {"dataset": "xs"}}, r"hand\.mat: has no 'xs' of its own; it has im, re, set/f, set/rx, set/tx, xr"),
-    ({"samples": {"axes": ["tx", "rx", "frequency", "frame"]}},
-     r"'xr' has shape \(2, 5, 3, 4\); expected \[frame, frequency 5, rx 4, tx 3\] as stored"),
-    ({"samples": {"axes": ["rx", "tx", "frequency"]}},
-     r"'xr' has shape \(2, 5, 3, 4\); expected \[frequency 5, tx 3, rx 4\] as stored"),
-    ({"samples": {"dataset": "re"}}, "'re' holds float32; expected complex numbers: name the data sets of both parts"),
-    ({"samples": {"dataset": "set"}}, "'set' is no data set of this file"),
-    ({"rx": {"reversed": False}}, r"'set/rx' has shape \(3, 4\); expected \[n, 3\] of rx"),
-    ({"rx": {"dataset": "xr"}}, "'xr' holds .*; expected real numbers"),
-    ({"frequencies": {"dataset": "re"}}, r"'re' has shape \(2, 5, 3, 4\); expected \[frequency\]"),
-    ({"frequencies": {"unit": "THz"}}, r"'frequencies\.unit' is 'THz'"),
-    ({"samples": {"order": "C"}}, r"unknown key 'samples\.order'"),
-    ({"samples": {"axes": ["rx", "frequency"]}}, "axes hold"),
-    ({"samples": {"real": "re"}}, "give either dataset"),
-    ({"position": {"dataset": "p", "unit": "m", "reversed": False, "x": "left"}}, r"the table \[position\]"),
-    ({"file": "../hand.mat"}, "leaves the folder"),
-    ({"file": "foot.mat"}, r"foot\.mat: expected the HDF5 file that mapping\.toml names, found nothing"),
-])
+@pytest.mark.parametrize(
+    "change, reason",
+    [
+        (
+            {"samples": {"dataset": "xs"}},
+            r"hand\.mat: has no 'xs' of its own; it has im, re, set/f, set/rx, set/tx, xr",
+        ),
+        (
+            {"samples": {"axes": ["tx", "rx", "frequency", "frame"]}},
+            r"'xr' has shape \(2, 5, 3, 4\); expected \[frame, frequency 5, rx 4, tx 3\] as stored",
+        ),
+        (
+            {"samples": {"axes": ["rx", "tx", "frequency"]}},
+            r"'xr' has shape \(2, 5, 3, 4\); expected \[frequency 5, tx 3, rx 4\] as stored",
+        ),
+        (
+            {"samples": {"dataset": "re"}},
+            "'re' holds float32; expected complex numbers: name the data sets of both parts",
+        ),
+        ({"samples": {"dataset": "set"}}, "'set' is no data set of this file"),
+        ({"rx": {"reversed": False}}, r"'set/rx' has shape \(3, 4\); expected \[n, 3\] of rx"),
+        ({"rx": {"dataset": "xr"}}, "'xr' holds .*; expected real numbers"),
+        ({"frequencies": {"dataset": "re"}}, r"'re' has shape \(2, 5, 3, 4\); expected \[frequency\]"),
+        ({"frequencies": {"unit": "THz"}}, r"'frequencies\.unit' is 'THz'"),
+        ({"samples": {"order": "C"}}, r"unknown key 'samples\.order'"),
+        ({"samples": {"axes": ["rx", "frequency"]}}, "axes hold"),
+        ({"samples": {"real": "re"}}, "give either dataset"),
+        ({"position": {"dataset": "p", "unit": "m", "reversed": False, "x": "left"}}, r"the table \[position\]"),
+        ({"file": "../hand.mat"}, "leaves the folder"),
+        ({"file": "foot.mat"}, r"foot\.mat: expected the HDF5 file that mapping\.toml names, found nothing"),
+    ],
+)
 def test_what_does_not_fit_is_told(folder, change, reason):
     told = mapping()
     for table, values in change.items():

@@ -12,16 +12,16 @@ from bench.datasets.maroon import MESHES, MaroonCapture
 from bench.datasets.maroon_export import export_maroon
 from bench.datasets.maroon_mask import eroded, radar_kernel_px
 from bench.datasets.native import NativeCapture
-from bench.registry import method
-from bench.stages import configuration, image_frames, reference_depth
+from bench.run.stages import configuration, image_frames, reference_depth
 from calibration.alignment import save_alignment
 from calibration.transforms import Transform, identity
-from radar.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
-from radar.backprojection import backproject
-from radar.capture import RadarCapture, save_capture
-from radar.depthmap import DepthMap
-from radar.errors import HandbenchError
-from radar.grid import Axis, PixelGrid
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
+from radar.data.capture import RadarCapture, save_capture
+from radar.data.depthmap import DepthMap
+from radar.data.grid import Axis, PixelGrid
+from radar.imaging.cpu.exact import backproject
+from radar.methods.registry import method
+from radar.support.errors import HandbenchError
 
 
 @pytest.fixture(scope="module")
@@ -100,9 +100,14 @@ def test_their_image_of_a_point_is_ours_with_x_negated(mine):
     content = {"fvec": TONES_HZ, "xr": xr, "number_of_measurements": np.array([1]), "timestamp_us": np.array([5])}
     np.save(file, np.array(content, dtype=object), allow_pickle=True)
     capture = open_capture(mine).echoes()
-    images = np.abs(backproject(capture.samples[0], capture.frequencies_hz, capture.aperture, np.stack([
-        PLACE_M, theirs_m, PLACE_M * [1, -1, 1], PLACE_M[[1, 0, 2]] * [-1, -1, 1],
-    ])))
+    images = np.abs(
+        backproject(
+            capture.samples[0],
+            capture.frequencies_hz,
+            capture.aperture,
+            np.stack([PLACE_M, theirs_m, PLACE_M * [1, -1, 1], PLACE_M[[1, 0, 2]] * [-1, -1, 1]]),
+        )
+    )
     assert images[0] == pytest.approx(xr[1:95, 1:95].size, rel=1e-5)
     assert images[1:].max() < 0.1 * images[0]
 
@@ -150,16 +155,19 @@ def test_the_whole_mesh_stands_in_for_a_masked_one_and_no_other_does(mine, capsy
     assert open_capture(mine).mesh() is None
 
 
-@pytest.mark.parametrize("change, reason", [
-    ({"xr": np.zeros((94, 94, 6), np.complex64)}, r"'xr' is complex64 \(94, 94, 6\); expected .* \(96, 96, 6\)"),
-    ({"xr": np.zeros((96, 96, 6))}, "'xr' is float64"),
-    ({"xr": np.full((96, 96, 6), np.nan + 0j)}, "calibrated_data: samples: 53016 of 53016 are NaN"),
-    ({"fvec": TONES_HZ / 1e9}, "'fvec' is float64 from 72 to 82; expected hertz"),
-    ({"number_of_measurements": 0}, "'number_of_measurements' is 0"),
-    ({"number_of_measurements": np.nan}, "'number_of_measurements' is nan"),
-    ({"number_of_measurements": 2}, "000001.npy: expected a radar frame"),
-    ({"fvec": "72e9"}, "'fvec' is <U4"),
-])
+@pytest.mark.parametrize(
+    "change, reason",
+    [
+        ({"xr": np.zeros((94, 94, 6), np.complex64)}, r"'xr' is complex64 \(94, 94, 6\); expected .* \(96, 96, 6\)"),
+        ({"xr": np.zeros((96, 96, 6))}, "'xr' is float64"),
+        ({"xr": np.full((96, 96, 6), np.nan + 0j)}, "calibrated_data: samples: 53016 of 53016 are NaN"),
+        ({"fvec": TONES_HZ / 1e9}, "'fvec' is float64 from 72 to 82; expected hertz"),
+        ({"number_of_measurements": 0}, "'number_of_measurements' is 0"),
+        ({"number_of_measurements": np.nan}, "'number_of_measurements' is nan"),
+        ({"number_of_measurements": 2}, "000001.npy: expected a radar frame"),
+        ({"fvec": "72e9"}, "'fvec' is <U4"),
+    ],
+)
 def test_frames_that_are_not_the_radar_s_are_refused(mine, change, reason):
     file = next(mine.glob("radar_*/calibrated_data/000000.npy"))
     (file.parent / "000001.npy").unlink()
@@ -170,12 +178,15 @@ def test_frames_that_are_not_the_radar_s_are_refused(mine, change, reason):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("volume, reason", [
-    ({"bb_min": [0, 0, 0], "bb_max": [1, 1, 1], "grid_size": [2, 2, 0]}, "whole numbers"),
-    ({"bb_min": [0, 0, 0], "bb_max": [1, 1, 1], "grid_size": [2, 2]}, "'grid_size'"),
-    ({"bb_min": [0, 0, 2], "bb_max": [1, 1, 1], "grid_size": [2, 2, 2]}, "bb_min below bb_max"),
-    ([1], "'bb_min' is None"),
-])
+@pytest.mark.parametrize(
+    "volume, reason",
+    [
+        ({"bb_min": [0, 0, 0], "bb_max": [1, 1, 1], "grid_size": [2, 2, 0]}, "whole numbers"),
+        ({"bb_min": [0, 0, 0], "bb_max": [1, 1, 1], "grid_size": [2, 2]}, "'grid_size'"),
+        ({"bb_min": [0, 0, 2], "bb_max": [1, 1, 1], "grid_size": [2, 2, 2]}, "bb_min below bb_max"),
+        ([1], "'bb_min' is None"),
+    ],
+)
 def test_boxes_that_are_none_are_refused(mine, volume, reason):
     next(mine.glob("radar_*")).joinpath("calibration.json").write_text(json.dumps({"000000": {"volume": volume}}))
     with pytest.raises(HandbenchError, match=reason):
@@ -261,9 +272,9 @@ def test_what_was_exported_is_not_replaced_unasked(written, tmp_path):
 
 
 def test_other_radars_and_captures_without_distance_are_not_exported(tmp_path):
-    array = write_native(tmp_path / "scan", RadarCapture(
-        np.ones((1, 2, 3), np.complex64), np.array([1e10, 2e10]), PlanarScan(np.eye(3))
-    ))
+    array = write_native(
+        tmp_path / "scan", RadarCapture(np.ones((1, 2, 3), np.complex64), np.array([1e10, 2e10]), PlanarScan(np.eye(3)))
+    )
     with pytest.raises(HandbenchError, match="antennas are not those of MAROON's radar"):
         export_maroon(array, tmp_path / "out")
     native = write_native(tmp_path / "native", echoes(1))

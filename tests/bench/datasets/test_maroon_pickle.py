@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.datasets.maroon_pickle import LARGEST_BYTES, read_dictionary, write_dictionary
-from radar.errors import HandbenchError
+from radar.support.errors import HandbenchError
 
 HEADER = io.BytesIO()
 np.lib.format.write_array_header_1_0(HEADER, {"descr": "|O", "fortran_order": False, "shape": ()})
@@ -70,12 +70,15 @@ class Runs:
         return os.system, (f"touch {self.file}",)
 
 
-@pytest.mark.parametrize("wrap", [
-    lambda bad: bad,
-    lambda bad: {"xr": bad},
-    lambda bad: {"xr": np.array([bad], dtype=object)},
-    lambda bad: {"xr": [bad]},
-])
+@pytest.mark.parametrize(
+    "wrap",
+    [
+        lambda bad: bad,
+        lambda bad: {"xr": bad},
+        lambda bad: {"xr": np.array([bad], dtype=object)},
+        lambda bad: {"xr": [bad]},
+    ],
+)
 def test_code_is_never_run(tmp_path, wrap):
     saved(tmp_path / "a.npy", wrap(Runs(tmp_path / "ran")))
     with pytest.raises(HandbenchError, match=r"it names (posix|nt)\.system") as caught:
@@ -86,16 +89,19 @@ def test_code_is_never_run(tmp_path, wrap):
     assert (tmp_path / "ran").exists()  # the file does run it when read without care: the test can fail
 
 
-@pytest.mark.parametrize("content, reason", [
-    ({"xr": np.array([None, 1], dtype=object)}, "an array of objects"),
-    ({"xr": np.array({"deeper": 1}, dtype=object)}, "'xr' is an array of objects"),
-    ({"xr": {"deeper": 1}}, "'xr' is dict"),
-    ({"xr": [1, 2]}, "'xr' is list"),
-    ({"xr": np.array(["text"])}, "numbers of type 'U4'"),
-    ({"xr": np.zeros(2, [("re", "f4"), ("im", "f4")])}, "numbers of type 'V8'"),
-    ({1: 2}, "a key is int"),
-    ([1], "it holds no dictionary"),
-])
+@pytest.mark.parametrize(
+    "content, reason",
+    [
+        ({"xr": np.array([None, 1], dtype=object)}, "an array of objects"),
+        ({"xr": np.array({"deeper": 1}, dtype=object)}, "'xr' is an array of objects"),
+        ({"xr": {"deeper": 1}}, "'xr' is dict"),
+        ({"xr": [1, 2]}, "'xr' is list"),
+        ({"xr": np.array(["text"])}, "numbers of type 'U4'"),
+        ({"xr": np.zeros(2, [("re", "f4"), ("im", "f4")])}, "numbers of type 'V8'"),
+        ({1: 2}, "a key is int"),
+        ([1], "it holds no dictionary"),
+    ],
+)
 def test_anything_but_numbers_is_refused(tmp_path, content, reason):
     outer = np.empty((), dtype=object)
     outer[()] = content
@@ -139,17 +145,20 @@ def test_a_shape_that_the_bytes_do_not_fill_takes_no_memory(tmp_path):
         read_dictionary(npy(tmp_path / "a.npy", huge))
 
 
-@pytest.mark.parametrize("bomb, reason", [
-    # remembers a list under the number 2³² − 1, which costs the unpickler in C 64 GB and this one nothing
-    (b"\x80\x04]r\xff\xff\xff\xff.", "it holds no dictionary"),
-    (b"\x80\x04\x8e" + b"\xff" * 7 + b"\x7f.", "is refused"),  # text of 2⁶³ bytes
-    (b"\x80\x04cnumpy\nndarray\n(I1000000000000\ntR.", "it holds no dictionary"),  # an array of 8 TB
-    (b"\x80\x04cnumpy\ndtype\n}b.", "a name that is changed"),
-    (b"\x80\x04cnumpy\ndtype\nN}X\x05\x00\x00\x00_makeNs\x86b.", "a name that is changed"),
-    (b"\x80\x04cbuiltins\neval\n.", r"it names builtins\.eval"),
-    (b"\x80\x04cnumpy\nload\n.", r"it names numpy\.load"),
-    (b"\x80\x04\x82\x01.", "is refused"),  # an extension that somebody may have registered
-])
+@pytest.mark.parametrize(
+    "bomb, reason",
+    [
+        # remembers a list under the number 2³² − 1, which costs the unpickler in C 64 GB and this one nothing
+        (b"\x80\x04]r\xff\xff\xff\xff.", "it holds no dictionary"),
+        (b"\x80\x04\x8e" + b"\xff" * 7 + b"\x7f.", "is refused"),  # text of 2⁶³ bytes
+        (b"\x80\x04cnumpy\nndarray\n(I1000000000000\ntR.", "it holds no dictionary"),  # an array of 8 TB
+        (b"\x80\x04cnumpy\ndtype\n}b.", "a name that is changed"),
+        (b"\x80\x04cnumpy\ndtype\nN}X\x05\x00\x00\x00_makeNs\x86b.", "a name that is changed"),
+        (b"\x80\x04cbuiltins\neval\n.", r"it names builtins\.eval"),
+        (b"\x80\x04cnumpy\nload\n.", r"it names numpy\.load"),
+        (b"\x80\x04\x82\x01.", "is refused"),  # an extension that somebody may have registered
+    ],
+)
 def test_bombs_are_refused(tmp_path, bomb, reason):
     with pytest.raises(HandbenchError, match=reason):
         read_dictionary(npy(tmp_path / "a.npy", bomb))

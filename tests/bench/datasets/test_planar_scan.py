@@ -7,9 +7,9 @@ import pytest
 
 from bench.datasets.native import load_capture_file, load_echoes
 from bench.datasets.planar_scan import import_planar_scan
-from bench.registry import method
-from radar.backprojection import backproject
-from radar.errors import HandbenchError
+from radar.imaging.cpu.exact import backproject
+from radar.methods.registry import method
+from radar.support.errors import HandbenchError
 
 SCAN = Path(__file__).parents[3].parent / "shared" / "data" / "planar-scan-24ghz"
 needs_scan = pytest.mark.skipif(not SCAN.is_dir(), reason=f"the recorded scan is not at {SCAN}")

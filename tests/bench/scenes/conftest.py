@@ -8,19 +8,28 @@ from functools import cache
 import pytest
 
 from bench.scenes.bodies import Body
-from bench.scenes.file import SceneFile
+from bench.scenes.build import Scene, build
 from bench.scenes.lamps import Light, bake
 from bench.scenes.photographs import Studio
-from bench.scenes.scene import Scene, build
+from bench.scenes.scene_file import SceneFile
 from bench.scenes.stand import plate_print
-from calibration import parse
+from radar.support.config import parse
 
 
 def ball_scene(**photos: object) -> Scene:
-    return build(parse(SceneFile, {
-        "version": 1, "name": "ball", "seed": 5, "target": {"kind": "sphere", "edge_m": 2e-3},
-        "photos": {"cameras": 3, "width": 150, "height": 100} | photos,
-    }, "test"))
+    return build(
+        parse(
+            SceneFile,
+            {
+                "version": 1,
+                "name": "ball",
+                "seed": 5,
+                "target": {"kind": "sphere", "edge_m": 2e-3},
+                "photos": {"cameras": 3, "width": 150, "height": 100} | photos,
+            },
+            "test",
+        )
+    )
 
 
 @pytest.fixture(scope="session")

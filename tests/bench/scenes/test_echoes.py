@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from bench.scenes.build import build
 from bench.scenes.echoes import echo_scene, echoes, visible_surface
-from bench.scenes.file import SceneFile
-from bench.scenes.scene import build
-from calibration.meshes import load_open3d, write_mesh
-from radar.config import parse
-from radar.errors import HandbenchError
+from bench.scenes.scene_file import SceneFile
+from groundtruth.mesh.mesh_files import load_open3d, write_mesh
+from radar.support.config import parse
+from radar.support.errors import HandbenchError
 
 TONES = {"sweep": [], "tones_hz": [82e9, 81.8e9]}
 

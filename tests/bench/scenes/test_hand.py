@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from bench.scenes.bones import HAND_AXES, LENGTHS_MM, PALMAR, RADIAL, hand_from_palm, skeleton
 from bench.scenes.hand import hand_field, hand_mesh
 from bench.scenes.implicit import triangle_quality
 from bench.scenes.poses import POSES, FingerPose, Pose, ThumbPose, WristPose
-from bench.scenes.skeleton import HAND_AXES, LENGTHS_MM, PALMAR, RADIAL, hand_from_palm, skeleton
-from bench.scenes.skin import Skin
-from bench.scenes.smoothness import crossing_facets
+from bench.scenes.skin_texture import Skin
 from bench.scenes.textures import skin
-from calibration.meshes import load_open3d, raycasting_scene
+from bench.studies.smoothness import crossing_facets
+from groundtruth.mesh.mesh_files import load_open3d, raycasting_scene
 
 if TYPE_CHECKING:
     import open3d as o3d
@@ -85,9 +85,7 @@ def test_size_is_a_hands(coarse: dict[str, o3d.geometry.TriangleMesh]) -> None:
     assert 0.055 < np.ptp(wrist[:, 0]) < 0.072
 
 
-def test_the_palm_faces_the_radar_and_the_thumb_is_a_right_hands(
-    coarse: dict[str, o3d.geometry.TriangleMesh],
-) -> None:
+def test_the_palm_faces_the_radar_and_the_thumb_is_a_right_hands(coarse: dict[str, o3d.geometry.TriangleMesh]) -> None:
     vertices = np.asarray(coarse["open"].vertices)
     assert vertices[:, 0].min() < -0.06 and vertices[:, 0].max() < 0.055  # the thumb's side is -x
     assert vertices[:, 2].min() < -0.04 and vertices[:, 2].max() < 0.02  # the thumb leans out of the palm, to -z

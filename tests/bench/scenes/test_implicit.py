@@ -60,9 +60,9 @@ def test_zero_set_of_a_sphere() -> None:
 
 
 def test_zero_set_keeps_the_largest_body_alone() -> None:
-    body = smooth_union([
-        round_cone([0, 0, 0], [0.01, 0, 0], 0.01, 0.01), round_cone([0.035, 0, 0], [0.036, 0, 0], 0.004, 0.004)
-    ], 1e-3)
+    body = smooth_union(
+        [round_cone([0, 0, 0], [0.01, 0, 0], 0.01, 0.01), round_cone([0.035, 0, 0], [0.036, 0, 0], 0.004, 0.004)], 1e-3
+    )
     vertices, _ = zero_set(body, np.full(3, -0.015), np.array([0.045, 0.015, 0.015]), 2e-3)
     assert vertices[:, 0].max() < 0.021
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from bench.scenes.file import Photos
 from bench.scenes.lens import ThinLens, blur_along, blur_by_discs, disc_kernel, line_kernel, near_edges
 from bench.scenes.photographs import Studio
+from bench.scenes.scene_file import Photos
 
 Ball = Callable[..., Studio]
 

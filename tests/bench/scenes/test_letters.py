@@ -7,9 +7,9 @@ import itertools
 import numpy as np
 import pytest
 
+from bench.scenes.bones import DISTAL, FINGERS, PALMAR, RADIAL, Bone, skeleton, skeleton_of_palm
 from bench.scenes.hand import RADII_MM, TIP_TISSUE_MM, hand_field
 from bench.scenes.poses import POSES, FingerPose, Pose
-from bench.scenes.skeleton import DISTAL, FINGERS, PALMAR, RADIAL, Bone, skeleton, skeleton_of_palm
 
 DIGITS = (*FINGERS, "thumb")
 CONTACT_M = 1.5e-3  # flesh gives way by this much where digits touch
@@ -125,8 +125,9 @@ def test_r_crosses_the_middle_finger_behind_the_index() -> None:
     assert abs(clearance_m(POSES["R"], "index", "middle")[0]) < CONTACT_M
 
 
-@pytest.mark.parametrize(("letter", "fingers"), [("M", ("index", "middle", "ring")), ("N", ("index", "middle")),
-                                                 ("T", ("index",))])
+@pytest.mark.parametrize(
+    ("letter", "fingers"), [("M", ("index", "middle", "ring")), ("N", ("index", "middle")), ("T", ("index",))]
+)
 def test_the_thumb_is_under_as_many_fingers_as_the_letter_asks_for(letter: str, fingers: tuple[str, ...]) -> None:
     bones = skeleton(POSES[letter])
     thumb = np.concatenate([bone.at(t * bone.length_m)[None] for bone in bones["thumb"][1:] for t in (0, 0.5, 1)])

@@ -11,7 +11,7 @@ from bench.scenes.highlights import SKIN_REFLECTANCE, ggx, mirrored
 from bench.scenes.photographs import Studio
 from bench.scenes.projector import Projector
 from bench.scenes.stand import MARKER_CENTRES_M
-from calibration import HandbenchError
+from radar.support.errors import HandbenchError
 
 Ball = Callable[..., Studio]
 

@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.scenes.file import SceneFile
+from bench.scenes.build import Scene, build
 from bench.scenes.photographs import Studio
 from bench.scenes.poses import POSES
-from bench.scenes.scene import Scene, build
-from bench.scenes.skin import Skin
+from bench.scenes.scene_file import SceneFile
+from bench.scenes.skin_texture import Skin
 from bench.scenes.textures import cells, foam, skin, solid_noise
-from calibration import parse
+from radar.support.config import parse
 
 
 def linear(image: np.ndarray) -> np.ndarray:
@@ -24,10 +24,19 @@ def linear(image: np.ndarray) -> np.ndarray:
 
 
 def make_scene(seed: int = 5, **photos: float) -> Scene:
-    return build(parse(SceneFile, {
-        "version": 1, "name": "t", "seed": seed, "target": {"kind": "calibration_target"},
-        "photos": {"cameras": 2, "width": 1200, "height": 800} | photos,
-    }, "test"))
+    return build(
+        parse(
+            SceneFile,
+            {
+                "version": 1,
+                "name": "t",
+                "seed": seed,
+                "target": {"kind": "calibration_target"},
+                "photos": {"cameras": 2, "width": 1200, "height": 800} | photos,
+            },
+            "test",
+        )
+    )
 
 
 @pytest.fixture(scope="module")
@@ -51,10 +60,12 @@ def test_markers_are_where_the_true_camera_projects_them(scene: Scene, image: np
     found, ids, _ = cv2.aruco.ArucoDetector(scene.board.cv_dictionary(), parameters).detectMarkers(linear(image))
     assert len(ids) >= 10
     corners_m = scene.board.corners_m()
-    error = np.stack([  # OpenCV's first pixel lies at 0, ours at 0.5
-        corners[0] + 0.5 - scene.cameras[0].project(corners_m[int(number)])
-        for corners, number in zip(found, ids.ravel(), strict=True)
-    ])
+    error = np.stack(
+        [  # OpenCV's first pixel lies at 0, ours at 0.5
+            corners[0] + 0.5 - scene.cameras[0].project(corners_m[int(number)])
+            for corners, number in zip(found, ids.ravel(), strict=True)
+        ]
+    )
     # OpenCV draws the corners of a blurred marker 0.15 to 0.3 px inwards, evenly: its centre stays. Medians, since
     # spheres hide some corners.
     assert np.median(np.linalg.norm(error, axis=2)) < 0.35
@@ -83,14 +94,26 @@ def test_same_seed_same_photograph(image: np.ndarray, scene: Scene) -> None:
 
 def test_effects_are_off_unless_told(ball: Callable[..., Studio]) -> None:
     off = {
-        "highlights": 0.0, "exposure_spread": 0.0, "white_balance_spread": 0.0, "motion_px": 0.0, "speckle": 0.0,
-        "speckle_on_board": True, "roughness": 0.2, "focus_m": 0.1,  # nothing is left for these to change
+        "highlights": 0.0,
+        "exposure_spread": 0.0,
+        "white_balance_spread": 0.0,
+        "motion_px": 0.0,
+        "speckle": 0.0,
+        "speckle_on_board": True,
+        "roughness": 0.2,
+        "focus_m": 0.1,  # nothing is left for these to change
     }
     camera = ball.scene().cameras[0]
     plain = ball().photograph(camera, 0)
     assert np.array_equal(ball(**off).photograph(camera, 0), plain)
-    for effect in ({"highlights": 1.0}, {"f_number": 4.0}, {"exposure_spread": 0.3}, {"white_balance_spread": 0.2},
-                   {"motion_px": 2.0}, {"speckle": 0.5}):
+    for effect in (
+        {"highlights": 1.0},
+        {"f_number": 4.0},
+        {"exposure_spread": 0.3},
+        {"white_balance_spread": 0.2},
+        {"motion_px": 2.0},
+        {"speckle": 0.5},
+    ):
         studio = ball(**effect)
         image = studio.photograph(camera, 0)
         assert (image != plain).mean() > 0.02, effect

@@ -8,16 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.scenes.capture import description, write_photos
-from bench.scenes.file import Photos, SceneFile, Sensor, Sweep
-from bench.scenes.scene import build, load_scene, spheres
+from bench.scenes.build import build, load_scene, spheres
+from bench.scenes.capture_folder import description, write_photos
+from bench.scenes.scene_file import Photos, SceneFile, Sensor, Sweep
 from bench.scenes.stand import PLATE_M, cuboid, plate_print, stand_board
-from calibration import HandbenchError, parse
-from calibration.meshes import read_mesh, write_mesh
-from calibration.target import default_target, load_target
+from calibration.target.description import default_target, load_target
 from calibration.transforms import load_transform
-from groundtruth.board import load_board
-from groundtruth.cameras import load_cameras
+from groundtruth.board.board import load_board
+from groundtruth.cameras.cameras import load_cameras
+from groundtruth.mesh.mesh_files import read_mesh, write_mesh
+from radar.support.config import parse
+from radar.support.errors import HandbenchError
 
 HAND = {"version": 1, "name": "b", "target": {"kind": "hand", "pose": "B", "edge_m": 4e-3}, "photos": {}}
 TARGET = {"version": 1, "name": "t", "target": {"kind": "calibration_target"}}
@@ -27,29 +28,32 @@ def scene_file(values: dict) -> SceneFile:
     return parse(SceneFile, values, "scene.toml")
 
 
-@pytest.mark.parametrize(("change", "message"), [
-    ({"sed": 1}, "unknown key 'sed'; did you mean 'seed'"),
-    ({"target": {"kind": "hand", "pos": "B"}}, "did you mean 'pose'"),
-    ({"target": {"kind": "hand", "pose": "J"}}, "unknown pose"),
-    ({"target": {"kind": "foot"}}, "'foot'"),
-    ({"target": {"kind": "mesh", "pth": "a.ply"}}, "did you mean 'path'"),
-    ({"target": {"kind": "hand", "pose": "B", "distance_m": 0}}, "greater than 0"),
-    ({"photos": {"camera": 8}}, "did you mean 'cameras'"),
-    ({"sensor": {"sweep": [{"start_hz": 1, "stop": 2, "count": 3}]}}, "did you mean 'stop_hz'"),
-    ({"version": 2}, "'version' is 2"),
-    ({"name": "../b"}, "'name'"),
-    ({"noise": {"phase_noise_rad": float("nan")}}, "finite"),
-    ({"noise": {"phase_noise_rad": 0.1, "snr_db": 20.0}}, "either"),
-    ({"effects": "all"}, "\"auto\" or a list"),
-    ({"effects": ["noise", "shadow"]}, "'shadow' is not an effect"),
-    ({"effects": ["noise", "noise"]}, "twice"),
-    ({"tolerance_mm": 0}, "greater than 0"),
-    ({"sensor": {"converter": {"bit": 12}}}, "did you mean 'bits'"),
-    ({"target": {"kind": "hand", "pose": {"index": {"mcp": 3}}}}, "did you mean 'mcp_deg'"),
-    ({"target": {"kind": "hand", "pose": {"index": {"mcp_deg": 300}}}}, "less than or equal to"),
-    ({"target": {"kind": "hand", "pose": "B", "material": {"kind": "gold"}}}, "'gold'"),
-    ({"target": {"kind": "sphere", "radius_m": -1}}, "greater than 0"),
-])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"sed": 1}, "unknown key 'sed'; did you mean 'seed'"),
+        ({"target": {"kind": "hand", "pos": "B"}}, "did you mean 'pose'"),
+        ({"target": {"kind": "hand", "pose": "J"}}, "unknown pose"),
+        ({"target": {"kind": "foot"}}, "'foot'"),
+        ({"target": {"kind": "mesh", "pth": "a.ply"}}, "did you mean 'path'"),
+        ({"target": {"kind": "hand", "pose": "B", "distance_m": 0}}, "greater than 0"),
+        ({"photos": {"camera": 8}}, "did you mean 'cameras'"),
+        ({"sensor": {"sweep": [{"start_hz": 1, "stop": 2, "count": 3}]}}, "did you mean 'stop_hz'"),
+        ({"version": 2}, "'version' is 2"),
+        ({"name": "../b"}, "'name'"),
+        ({"noise": {"phase_noise_rad": float("nan")}}, "finite"),
+        ({"noise": {"phase_noise_rad": 0.1, "snr_db": 20.0}}, "either"),
+        ({"effects": "all"}, '"auto" or a list'),
+        ({"effects": ["noise", "shadow"]}, "'shadow' is not an effect"),
+        ({"effects": ["noise", "noise"]}, "twice"),
+        ({"tolerance_mm": 0}, "greater than 0"),
+        ({"sensor": {"converter": {"bit": 12}}}, "did you mean 'bits'"),
+        ({"target": {"kind": "hand", "pose": {"index": {"mcp": 3}}}}, "did you mean 'mcp_deg'"),
+        ({"target": {"kind": "hand", "pose": {"index": {"mcp_deg": 300}}}}, "less than or equal to"),
+        ({"target": {"kind": "hand", "pose": "B", "material": {"kind": "gold"}}}, "'gold'"),
+        ({"target": {"kind": "sphere", "radius_m": -1}}, "greater than 0"),
+    ],
+)
 def test_mistakes_are_named(change: dict, message: str) -> None:
     with pytest.raises(HandbenchError, match=r"scene\.toml") as error:
         scene_file(HAND | change)
@@ -140,11 +144,14 @@ def test_a_target_in_the_plate_is_refused() -> None:
         build(scene_file(HAND | {"mount": {"offset_m": [0, 0, 0.32]}}))
 
 
-@pytest.mark.parametrize(("target", "size_m"), [
-    ({"kind": "sphere", "radius_m": 0.02}, (0.04, 0.04, 0.04)),
-    ({"kind": "plate", "width_m": 0.1, "height_m": 0.06}, (0.1, 0.06, 0.002)),
-    ({"kind": "dihedral", "side_m": 0.05}, (0.05 * 2**0.5, 0.05, 0.05 / 2**0.5 + 0.005)),
-])
+@pytest.mark.parametrize(
+    ("target", "size_m"),
+    [
+        ({"kind": "sphere", "radius_m": 0.02}, (0.04, 0.04, 0.04)),
+        ({"kind": "plate", "width_m": 0.1, "height_m": 0.06}, (0.1, 0.06, 0.002)),
+        ({"kind": "dihedral", "side_m": 0.05}, (0.05 * 2**0.5, 0.05, 0.05 / 2**0.5 + 0.005)),
+    ],
+)
 def test_shapes_are_closed_and_have_their_size(target: dict, size_m: tuple) -> None:
     scene = build(scene_file({"version": 1, "name": "s", "target": {**target, "edge_m": 2e-3, "distance_m": 0.3}}))
     assert np.asarray(scene.target_mesh.vertices).mean(axis=0)[:2] == pytest.approx([0, 0], abs=1e-3)
@@ -211,25 +218,31 @@ def test_photos_can_be_absent(tmp_path: Path) -> None:
     assert Photos().cameras == 8
 
 
-@pytest.mark.parametrize(("change", "message"), [
-    ({"sensor": {"sweep": []}}, "the radar measures nothing"),
-    ({"depth_step_hz": 90e9}, "expected less than the highest tone"),
-    ({"target": {"kind": "sphere", "motion": {"direction": [0, 0, 0]}}}, "expected a direction"),
-    ({"target": {"kind": "calibration_target", "material": {"kind": "skin"}}}, "unknown key"),
-    ({"noise": {"snr_db": -1e4}}, "greater than or equal to -200"),
-    ({"target": {"kind": "sphere", "offset_m": [1e300, 0]}}, "less than or equal to 100"),
-])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"sensor": {"sweep": []}}, "the radar measures nothing"),
+        ({"depth_step_hz": 90e9}, "expected less than the highest tone"),
+        ({"target": {"kind": "sphere", "motion": {"direction": [0, 0, 0]}}}, "expected a direction"),
+        ({"target": {"kind": "calibration_target", "material": {"kind": "skin"}}}, "unknown key"),
+        ({"noise": {"snr_db": -1e4}}, "greater than or equal to -200"),
+        ({"target": {"kind": "sphere", "offset_m": [1e300, 0]}}, "less than or equal to 100"),
+    ],
+)
 def test_what_cannot_be_simulated_is_refused(change: dict, message: str) -> None:
     with pytest.raises(HandbenchError, match=r"scene\.toml") as error:
         scene_file({"version": 1, "name": "s", "target": {"kind": "sphere"}} | change)
     assert message in str(error.value)
 
 
-@pytest.mark.parametrize(("target", "message"), [
-    ({"kind": "sphere", "radius_m": 0.25, "distance_m": 0.1}, "behind the array's plane"),
-    ({"kind": "sphere", "radius_m": 0.5, "edge_m": 1e-4, "distance_m": 1}, "triangles"),
-    ({"kind": "plate", "width_m": 1, "height_m": 1, "edge_m": 1e-4, "distance_m": 1}, "triangles"),
-])
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        ({"kind": "sphere", "radius_m": 0.25, "distance_m": 0.1}, "behind the array's plane"),
+        ({"kind": "sphere", "radius_m": 0.5, "edge_m": 1e-4, "distance_m": 1}, "triangles"),
+        ({"kind": "plate", "width_m": 1, "height_m": 1, "edge_m": 1e-4, "distance_m": 1}, "triangles"),
+    ],
+)
 def test_targets_that_no_scene_can_have_are_refused(target: dict, message: str) -> None:
     with pytest.raises(HandbenchError, match=message):
         build(scene_file({"version": 1, "name": "s", "target": target, "mount": {"offset_m": [0, 0, 3]}}))

@@ -1,0 +1,37 @@
+"""`handbench compare`: its arguments, and what they mean to the library."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from radar.support.errors import HandbenchError
+
+if TYPE_CHECKING:  # --help answers without it
+    from bench.results.compared import Compared
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """All of them."""
+    command.add_argument("a", type=Path, metavar="A", help="result folder")
+    command.add_argument("b", type=Path, metavar="B", help="result folder: another version, radar or pose")
+    command.add_argument("-o", "--out", type=Path, metavar="DIR", help="write compare.md, .tex, .csv and .json there")
+    command.add_argument("--overwrite", action="store_true", help="replace an earlier comparison in DIR")
+
+
+def run(options: argparse.Namespace) -> Compared:
+    """Two result folders → their differences; compare.csv and compare.json where -o asks for them."""
+    from bench.cli.commands import free
+    from bench.evaluation.statistics.results import compare_results
+    from bench.results import load
+    from bench.results.compared import write_compared
+
+    if options.out is not None:
+        if (options.out / "result.json").exists():
+            raise HandbenchError(f"{options.out}: is a result folder; choose another -o")
+        free(options.out / "compare.json", options.overwrite)
+    compared = compare_results(load(options.a), load(options.b))
+    if options.out is not None:
+        write_compared(options.out, compared)
+    return compared

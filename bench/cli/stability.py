@@ -1,0 +1,36 @@
+"""`handbench stability`: the catalogue of hard cases, measured."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from radar.support.errors import HandbenchError
+
+GROUPS = "phase, data, geometry, smoothing, registration, meshes, statistics"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Its options."""
+    command.add_argument("--groups", metavar="A,B", help=f"of {GROUPS} (default: all)")
+    command.add_argument("--seed", type=int, default=0, help="of the random scenes (default 0)")
+    command.add_argument("--scenes", type=int, default=10_000, help="random hard scenes (default 10000; 0: none)")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Measure, show, write; a case that fails ends with exit code 2."""
+    from bench.studies.stability.run import run_stability, show
+
+    if options.out is not None:
+        _free(options.out, options.overwrite)
+    facts, cases = run_stability(options.groups, options.seed, options.scenes, options.out)
+    show(facts, cases)
+    failed = [case.case for case in cases if case.verdict == "fails"]
+    if failed:
+        raise HandbenchError(f"stability: {len(failed)} of {len(cases)} cases fail: {'; '.join(failed)}")
+
+
+def _free(folder: Path, overwrite: bool) -> None:
+    from bench.cli.commands import free
+
+    free(folder / "stability.csv", overwrite)

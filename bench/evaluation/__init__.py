@@ -1,0 +1,1 @@
+"""Depth maps against references: error maps, metrics, scoring protocols."""

@@ -1,0 +1,91 @@
+"""The ground-truth floor: the mean absolute error that a perfect radar would show, because the reference errs itself.
+
+With an error e ~ N(0, σ²) at every pixel, the mean of |e| is expected to be √(2/π)·mean σ, however the pixels' errors
+hang together. How far it scatters about that does depend on it: the registration moves all pixels, of every capture
+that it carries, by one rigid motion; a mesh errs by patches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bench.evaluation.statistics.intervals import Interval, block_numbers
+from bench.results.error_map import ErrorMap
+from groundtruth.mesh.depth import Reference
+
+ABSOLUTE = np.sqrt(2 / np.pi)  # mean of |e| over σ, for a normal e
+PARTS = ("mesh", "registration")
+
+
+def floor_mm(maps: Sequence[ErrorMap], references: Sequence[Reference]) -> float | None:
+    """The floor over the observed pixels of all `maps` together, each compared with its reference.
+
+    None where nothing was observed or a part of σ is unknown.
+    """
+    total_m, pixels = 0.0, 0
+    for m, r in zip(maps, references, strict=True):
+        observed = np.isfinite(m.error_m)
+        total_m += float(r.sigma_m[observed].sum())
+        pixels += int(observed.sum())
+    return 1e3 * float(ABSOLUTE) * total_m / pixels if pixels and np.isfinite(total_m) else None
+
+
+def floor_interval(
+    maps: Sequence[ErrorMap],
+    references: Sequence[Reference],
+    seed: int = 0,
+    draws: int = 1000,
+    level: float = 0.95,
+    value: float | None = None,
+) -> Interval | None:
+    """Between what mean absolute errors a perfect radar would lie, in mm: quantiles of the mean of |e| over seeded
+    draws of the reference's error. value: the floor itself, where it is at hand. None where there is no floor, or one
+    of zero, which does not scatter."""
+    value = floor_mm(maps, references) if value is None else value
+    if not value:
+        return None
+    rng = np.random.default_rng(seed)
+    motions: dict[bytes, np.ndarray] = {}  # captures that share a registration share its error
+    total_m, pixels = np.zeros(draws), 0
+    for m, r in zip(maps, references, strict=True):
+        key, covariance = r.registration.matrix.tobytes(), r.registration.covariance
+        if key not in motions:
+            motions[key] = rng.multivariate_normal(np.zeros(len(covariance)), covariance, draws, check_valid="ignore")
+        total_m += _absolute_sum_m(m, r, motions[key], rng)
+        pixels += np.isfinite(m.error_m).sum()
+    low, high = np.quantile(1e3 * total_m / pixels, [(1 - level) / 2, (1 + level) / 2])
+    return Interval(float(min(low, value)), float(max(high, value)))
+
+
+def _absolute_sum_m(m: ErrorMap, r: Reference, motions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Sum [draws] of |e| over a capture's observed pixels, for errors `motions` [draws, 6 or 7] of the registration."""
+    observed = np.isfinite(m.error_m)
+    names, block = np.unique(block_numbers(m)[observed], return_inverse=True)
+    patches = rng.standard_normal((len(motions), len(names)))
+    leverage, mesh_sigma_m = r.leverage[observed].T, r.mesh_sigma_m[observed]
+    return np.array(
+        [
+            np.abs(motion @ leverage + patch[block] * mesh_sigma_m).sum()
+            for motion, patch in zip(motions, patches, strict=True)
+        ]
+    )
+
+
+def budget(reference: Reference) -> dict[str, float | list[str] | None]:
+    """What a reference's uncertainty is made of: root mean square of σ along z over its pixels, in mm, by the mesh, by
+    the registration and by both together. A part that is not known is None and named under "unknown"."""
+    surface = np.isfinite(reference.z_m)
+    sigmas_m = (reference.mesh_sigma_m, reference.registration_sigma_m, reference.sigma_m)
+    parts = {
+        f"{name}_mm": _rms_mm(sigma_m[surface]) for name, sigma_m in zip((*PARTS, "together"), sigmas_m, strict=True)
+    }
+    unknown = [name for name in PARTS if parts[f"{name}_mm"] is None]
+    return {**parts, "unknown": unknown} if unknown else parts
+
+
+def _rms_mm(sigma_m: np.ndarray) -> float | None:
+    if not len(sigma_m) or not np.isfinite(sigma_m).all():
+        return None
+    return float(1e3 * np.sqrt((sigma_m**2).mean()))

@@ -1,0 +1,299 @@
+"""What is measured: each metric's unit, direction and definition, and its value for a depth map."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from bench.evaluation.errors import error_map
+from bench.results.error_map import ErrorMap
+
+Values = dict[str, float | int | None]
+Terms = dict[str, np.ndarray]
+F_MM = (1, 2, 5)  # thresholds of the F-score
+BAND = 1.96  # 95 % of a normal error lie within so many standard deviations
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One figure of merit. better: the direction in which a method improves ("zero": nearer to zero)."""
+
+    key: str
+    title: str
+    unit: str
+    better: Literal["lower", "higher", "zero"]
+    definition: str
+
+
+METRICS = {
+    metric.key: metric
+    for metric in (
+        Metric("mae_mm", "MAE", "mm", "lower", "mean of |z − z_ref| over the observed pixels"),
+        Metric(
+            "floor_mm",
+            "ground-truth floor",
+            "mm",
+            "lower",
+            "MAE that a perfect radar would show against this reference, because the reference errs itself: mean of "
+            "√(2/π)·σ over the observed pixels, σ along z from mesh and registration together; 0 for a simulator's own "
+            "surface, none where a part of σ is unknown; its interval: 95 % of what such a radar would show, the "
+            "registration's error common to all pixels, the mesh's to blocks of 15 mm",
+        ),
+        Metric(
+            "max_mm",
+            "MAX of AE",
+            "mm",
+            "lower",
+            "largest |z − z_ref| of the observed pixels; its interval ends at the largest error that was seen",
+        ),
+        Metric("rmse_mm", "RMSE", "mm", "lower", "square root of the mean of (z − z_ref)² over the observed pixels"),
+        Metric("median_mm", "median of AE", "mm", "lower", "median of |z − z_ref| over the observed pixels"),
+        Metric(
+            "p95_mm",
+            "95th percentile of AE",
+            "mm",
+            "lower",
+            "95th percentile of |z − z_ref| over the observed pixels, linear between order statistics",
+        ),
+        Metric(
+            "bias_mm",
+            "bias",
+            "mm",
+            "zero",
+            "mean of z − z_ref over the observed pixels; positive: the map lies behind the reference",
+        ),
+        Metric(
+            "relative_accuracy_percent",
+            "relative accuracy",
+            "%",
+            "higher",
+            "100·(1 − MAE / mean z_ref of the observed pixels), z counted from the aperture's plane",
+        ),
+        Metric(
+            "completeness_percent", "completeness", "%", "higher", "share of the reference's pixels that are observed"
+        ),
+        Metric(
+            "n_observed",
+            "observed pixels",
+            "pixels",
+            "higher",
+            "number of observed pixels: map and reference both finite; pooled over the captures",
+        ),
+        Metric(
+            "deviation_mm",
+            "deviation of AE",
+            "mm",
+            "lower",
+            "standard deviation (n) of |z − z_ref| over the observed pixels",
+        ),
+        Metric(
+            "within_band_percent",
+            "errors explained by the ground truth",
+            "%",
+            "higher",
+            "share of the observed pixels with |z − z_ref| ≤ 1.96·σ, σ the reference's own standard deviation along z; "
+            "95 % for a perfect radar; none where σ is unknown at an observed pixel",
+        ),
+        Metric(
+            "false_alarm_percent",
+            "false alarms",
+            "%",
+            "lower",
+            "share of the map's judged pixels that have no reference surface in them or in their eight neighbours; "
+            "judged are pixels with a reference and such ones: not the outline, what it encloses, or invented surface",
+        ),
+        Metric(
+            "chamfer_to_reference_mm",
+            "chamfer, map to reference",
+            "mm",
+            "lower",
+            "mean distance of the map's judged points (false alarms among them) to the nearest point of the reference, "
+            "whose points are its depths at the pixel centres",
+        ),
+        Metric(
+            "chamfer_to_map_mm",
+            "chamfer, reference to map",
+            "mm",
+            "lower",
+            "mean distance of the reference's points to the nearest judged point of the map; none without one",
+        ),
+        Metric("chamfer_mm", "chamfer", "mm", "lower", "mean of the two one-sided chamfer distances"),
+        *(
+            Metric(
+                f"f_{mm}mm_percent",
+                f"F-score at {mm} mm",
+                "%",
+                "higher",
+                f"harmonic mean of the shares of the map's judged points and of the reference's points that have a "
+                f"point of the other within {mm} mm; 0 where there is none",
+            )
+            for mm in F_MM
+        ),
+        Metric(
+            "precision_mm",
+            "precision",
+            "mm",
+            "lower",
+            "standard deviation (n − 1) of the z of the strongest scatterer over the repeats, averaged over the hands",
+        ),
+        Metric(
+            "pixel_precision_mm",
+            "precision per pixel",
+            "mm",
+            "lower",
+            "standard deviation (n − 1) of z over the repeats at each pixel, median over the pixels that are observed "
+            "in all repeats; pooled over the captures",
+        ),
+        Metric(
+            "relative_precision_percent",
+            "relative precision",
+            "%",
+            "higher",
+            "100·(1 − precision / mean z of the strongest scatterer); the paper's own values (98.3 % for 3.6 mm, "
+            "99.99 % for 0.3 mm) share no reference distance, so compare the millimetres",
+        ),
+        Metric(
+            "seconds",
+            "time per frame",
+            "s",
+            "lower",
+            "median over the frames of the wall-clock time from echoes in memory to the depth map",
+        ),
+    )
+}
+
+
+def score(z_m: np.ndarray, reference_z_m: np.ndarray) -> Values:
+    """Metrics of one depth map against a reference of its shape, metres, on pixels of 1 mm; NaN: not observed, no
+    surface."""
+    y_m, x_m = (1e-3 * np.arange(n) for n in z_m.shape)
+    return pool([error_map(x_m, y_m, z_m, reference_z_m, met=np.isfinite(reference_z_m))])
+
+
+def terms(m: ErrorMap) -> Terms:
+    """What each pixel [ny, nx] adds to the sums that the metrics are made of; NaN: not known."""
+    surface, observed = np.isfinite(m.reference_z_m), np.isfinite(m.error_m)
+    unknown = np.full(m.error_m.shape, np.nan)
+    sigma_m, to_reference_m, to_map_m = (
+        unknown if known is None else known for known in (m.sigma_m, m.to_reference_m, m.to_map_m)
+    )
+    judged = np.isfinite(to_reference_m) | np.isinf(to_reference_m)
+    told = 0.0 if m.to_reference_m is not None else np.nan
+    error_m = np.where(observed, m.error_m, 0.0)
+    within = np.where(np.isnan(sigma_m), np.nan, np.abs(error_m) <= BAND * sigma_m)
+    return {
+        "surface": surface.astype(float),
+        "observed": observed.astype(float),
+        "depth_m": np.where(observed, m.reference_z_m, 0.0),
+        "error_m": error_m,
+        "absolute_m": np.abs(error_m),
+        "square_m2": error_m**2,
+        "within": np.where(observed, within, 0.0),
+        "judged": judged + told,
+        "alarm": (judged & ~observed) + told,
+        "to_reference_m": np.where(judged, to_reference_m, 0.0) + told,
+        "to_map_m": np.where(surface, to_map_m, 0.0),
+        **{f"near_{mm}": (to_reference_m <= 1e-3 * mm) + told for mm in F_MM},
+        **{f"reached_{mm}": (to_map_m <= 1e-3 * mm) + told for mm in F_MM},
+    }
+
+
+def figures(t: Terms) -> Terms:
+    """Metrics of the sums of `terms`, elementwise; NaN or infinite where a figure has nothing to stand on."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mae_m, mean_square_m2 = t["absolute_m"] / t["observed"], t["square_m2"] / t["observed"]
+        to_reference_m, to_map_m = t["to_reference_m"] / t["judged"], t["to_map_m"] / t["surface"]
+        return {
+            "mae_mm": 1e3 * mae_m,
+            "rmse_mm": 1e3 * np.sqrt(mean_square_m2),
+            "bias_mm": 1e3 * t["error_m"] / t["observed"],
+            "relative_accuracy_percent": 100 * (1 - t["absolute_m"] / t["depth_m"]),
+            "completeness_percent": 100 * t["observed"] / t["surface"],
+            "deviation_mm": 1e3 * np.sqrt(np.maximum(mean_square_m2 - mae_m**2, 0)),
+            "within_band_percent": 100 * t["within"] / t["observed"],
+            "false_alarm_percent": 100 * t["alarm"] / t["judged"],
+            "chamfer_to_reference_mm": 1e3 * to_reference_m,
+            "chamfer_to_map_mm": 1e3 * to_map_m,
+            "chamfer_mm": 1e3 * (to_reference_m + to_map_m) / 2,
+            **{f"f_{mm}mm_percent": _f_percent(t, mm) for mm in F_MM},
+        }
+
+
+def _f_percent(t: Terms, mm: int) -> np.ndarray:
+    near, reached = t[f"near_{mm}"], t[f"reached_{mm}"]
+    missed = (near * reached == 0) & (t["surface"] > 0)
+    return np.where(missed, 0.0, 100 * 2 / (t["judged"] / near + t["surface"] / reached))
+
+
+def pool(maps: Sequence[ErrorMap]) -> Values:
+    """Metrics over the pixels of all `maps` together (a mean over pixels, never a mean of means).
+
+    A figure that has nothing to stand on is None.
+    """
+    totals, observed = dict.fromkeys(TERMS, np.float64(0)), [np.empty(0)]
+    for m in maps:
+        totals = {name: totals[name] + values.sum() for name, values in terms(m).items()}
+        observed.append(np.abs(m.error_m[np.isfinite(m.error_m)]))
+    absolute_m = np.concatenate(observed)
+    values = {key: float(value) if np.isfinite(value) else None for key, value in figures(totals).items()}
+    ordered = dict.fromkeys(ORDERED)
+    if len(absolute_m):
+        median_m, p95_m = np.quantile(absolute_m, tuple(QUANTILES.values()))
+        ordered = dict(zip(ORDERED, (1e3 * float(v) for v in (absolute_m.max(), median_m, p95_m)), strict=True))
+    found = values | ordered | {"n_observed": len(absolute_m)}
+    return {key: found[key] for key in METRICS if key in found}
+
+
+QUANTILES = {"median_mm": 0.5, "p95_mm": 0.95}
+ORDERED = ("max_mm", *QUANTILES)  # what is no ratio of sums
+TERMS = tuple(terms(ErrorMap(np.empty(0), np.empty(0), np.empty((0, 0)), np.empty((0, 0)))))
+RATIOS = tuple(figures(dict.fromkeys(TERMS, np.float64(1))))  # the metrics that are
+
+
+def strongest_scatterer_z_m(z_m: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+    """Depth of the strongest scatterer in each repeat [n], from depths and linear amplitudes [n, ny, nx].
+
+    The scatterer is one and the same in all repeats: the pixel with the largest mean amplitude of those observed in
+    every repeat. (The strongest pixel of each repeat by itself may jump between glints of nearly equal strength, and
+    would measure the distance between them.) NaN when no pixel is observed in every repeat, depth and amplitude.
+    """
+    steady = np.isfinite(z_m).all(axis=0) & ~np.isnan(amplitude).any(axis=0)
+    if not steady.any():
+        return np.full(len(z_m), np.nan)
+    strongest = np.argmax(np.where(steady, amplitude.mean(axis=0), -np.inf))
+    return z_m.reshape(len(z_m), -1)[:, strongest]
+
+
+def precision(strongest_z_m: Sequence[np.ndarray]) -> Values:
+    """Precision from each hand's strongest depths [n_repeats], metres; None without `usable_repeats`."""
+    hands = usable_repeats(strongest_z_m)
+    if not hands:
+        return {"precision_mm": None, "relative_precision_percent": None}
+    precision_m = np.mean([deviation(z) for z in hands])
+    distance_m = np.mean([z.mean() for z in hands])
+    return {
+        "precision_mm": float(1e3 * precision_m),
+        "relative_precision_percent": float(100 * (1 - precision_m / distance_m)) if distance_m else None,
+    }
+
+
+def deviation(values: np.ndarray) -> float:
+    """Standard deviation (n − 1) of `values` [n ≥ 2]; 0 where all are equal, whatever their mean rounds to."""
+    return float(np.std(values, ddof=1)) if np.ptp(values) > 0 else 0.0
+
+
+def usable_repeats(strongest_z_m: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Each hand's depths without its NaN repeats (nothing imaged).
+
+    Empty when a hand keeps fewer than two: a mean over fewer hands would be another figure.
+    """
+    hands = [z[np.isfinite(z)] for z in (np.asarray(hand, dtype=np.float64) for hand in strongest_z_m)]
+    return hands if all(len(z) > 1 for z in hands) else []
+
+
+def definitions(keys: Sequence[str] = tuple(METRICS)) -> dict[str, str]:
+    """Metric → "definition [unit]; lower is better", as result and metric files carry it."""
+    return {k: f"{m.definition} [{m.unit}]; {m.better} is better" for k in keys if (m := METRICS.get(k))}

@@ -1,0 +1,87 @@
+"""Is B's figure better than A's? Three tests: on the same captures, on different ones, and of two precisions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import fdtr, fdtrc, fdtri
+
+from bench.evaluation.metrics import METRICS, deviation, pool, usable_repeats
+from bench.evaluation.statistics.intervals import Spread, contributions, cut, spread, units_of
+from bench.evaluation.statistics.paired import compare, p_value
+from bench.results.error_map import ErrorMap
+from bench.results.records import LEVEL
+
+
+class Tested(NamedTuple):
+    """B − A with its 95 % interval and the p of none, not corrected; None: unknown, or too little to test."""
+
+    difference: float | None
+    low: float | None = None
+    high: float | None = None
+    p: float | None = None
+
+
+def paired(maps_a: Sequence[ErrorMap], maps_b: Sequence[ErrorMap], metric: str) -> Tested:
+    """Of the same captures in the same order: what both suffer from cancels, block by block (`comparison.compare`)."""
+    lines = compare({"A": maps_a, "B": maps_b}, "", metric)
+    if not lines:
+        return Tested(None)
+    [line] = lines
+    ends = (line.difference, line.low, line.high)
+    if (line.better == "A") != (METRICS[metric].better == "lower"):
+        ends = tuple(None if end is None else 0.0 - end for end in (line.difference, line.high, line.low))
+    return Tested(*ends, line.p_corrected)
+
+
+def unpaired(maps_a: Sequence[ErrorMap], maps_b: Sequence[ErrorMap], metric: str) -> Tested:
+    """Of two independent samples (Welch 1947): the variances of the two figures add, and Student's t takes the degrees
+    of freedom that give the sum its own variance (Satterthwaite)."""
+    values = [pool(maps)[metric] for maps in (maps_a, maps_b)]
+    if None in values:
+        return Tested(None)
+    difference = values[1] - values[0]
+    spreads = [_spread(maps, metric) for maps in (maps_a, maps_b)]
+    if None in spreads:
+        return Tested(difference)
+    variances = [s.error**2 for s in spreads]
+    terms = sum(v**2 / s.freedom for v, s in zip(variances, spreads, strict=True))
+    freedom = sum(variances) ** 2 / terms if terms else min(s.freedom for s in spreads)
+    together = Spread(sum(variances) ** 0.5, freedom, sum(s.units for s in spreads))
+    reach = together.reach(LEVEL)
+    return Tested(difference, difference - reach, difference + reach, p_value(abs(difference), together))
+
+
+def _spread(maps: Sequence[ErrorMap], metric: str) -> Spread | None:
+    blocks = cut(maps)
+    units = units_of(blocks.place)
+    return spread(contributions(units, blocks.sums)[metric], units.weights)
+
+
+def f_test(hands_a: Sequence[np.ndarray], hands_b: Sequence[np.ndarray]) -> Tested:
+    """Of two precisions, mm, from each hand's strongest depths [n_repeats] in metres, as if all repeats were
+    independent: cautious where both image the same echoes. The interval is that of the ratio, times A's precision."""
+    if not usable_repeats(hands_a) or not usable_repeats(hands_b):
+        return Tested(None)
+    (a, freedom_a), (b, freedom_b) = _deviation(hands_a), _deviation(hands_b)
+    if a == b:
+        return Tested(0.0, 0.0, 0.0, 1.0)
+    if not a or not b:
+        return Tested(b - a)
+    ratio = b / a
+    p = 2 * min(test(freedom_b, freedom_a, ratio**2) for test in (fdtr, fdtrc))
+    tails = ((1 + LEVEL) / 2, (1 - LEVEL) / 2)
+    low, high = (a * (ratio / fdtri(freedom_b, freedom_a, tail) ** 0.5 - 1) for tail in tails)
+    return Tested(b - a, float(low), float(high), float(min(p, 1)))
+
+
+def _deviation(hands: Sequence[np.ndarray]) -> tuple[float, float]:
+    """Mean standard deviation over the hands, mm, and its degrees of freedom (as `statistics.precision_interval`)."""
+    usable = usable_repeats(hands)
+    each_mm = np.array([1e3 * deviation(z) for z in usable])
+    freedom = np.array([len(z) - 1 for z in usable])
+    if not each_mm.any():
+        return 0.0, float(freedom.sum())
+    return float(each_mm.mean()), float(each_mm.sum() ** 2 / (each_mm**2 / freedom).sum())

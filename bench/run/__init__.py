@@ -1,0 +1,1 @@
+"""The main job: benchmark file, jobs, stages, executors, runner."""

@@ -1,0 +1,127 @@
+"""Benchmark files: what a run does, and the protocol by which it is scored."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from bench.datasets.dataset import AT_EMPTY_FILTERED, captures
+from bench.results import Name
+from bench.run.sweep import Sweep, imaging_settings, known_configs
+from radar.methods.registry import method
+from radar.support.config import Config, load, suggest
+from radar.support.errors import HandbenchError
+from radar.support.files import inside
+
+EMBEDDED = Path(__file__).parent / "benchmarks"
+
+
+class Source(Config):
+    """A scene file to simulate or a capture folder, relative to the benchmark file. photos = false leaves out a scene's
+    photographs."""
+
+    scene: str | None = None
+    path: str | None = None
+    photos: bool = True
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Source:
+        if (self.scene is None) == (self.path is None):
+            raise ValueError('give either scene = "FILE.toml" or path = "CAPTURE_FOLDER"')
+        return self
+
+
+class DataSet(Config):
+    """All captures below a folder, relative to the benchmark file, or those of some objects (ROOT/OBJECT) and distances
+    (ROOT/OBJECT/DISTANCE), in order; at most `limit`. empty_filtered: MAROON's frames without their empty room."""
+
+    path: str
+    objects: tuple[str, ...] = ()
+    distances: tuple[int, ...] = ()
+    limit: int | None = Field(default=None, ge=1)
+    empty_filtered: bool = False
+
+    def sources(self, base: Path) -> tuple[Source, ...]:
+        """Its captures, one by one; paths start from `base`."""
+        root = inside(base, self.path, "dataset.path")
+        folders = captures(root, self.objects, self.distances)[: self.limit]
+        suffix = AT_EMPTY_FILTERED if self.empty_filtered else ""
+        return tuple(Source(path=f"{folder.relative_to(base.resolve()).as_posix()}{suffix}") for folder in folders)
+
+
+class GroundTruth(Config):
+    """How photographs become a mesh."""
+
+    quality: Literal["draft", "normal", "high"] = "draft"
+
+
+class MethodEntry(Config):
+    """A method with what its configuration changes; precision = true measures its precision too; every_nth_antenna: of
+    transmitters and receivers, in the order of the file (see `radar.data.capture.thinned`)."""
+
+    id: str
+    config: dict[str, Any] = Field(default_factory=dict)
+    precision: bool = False
+    every_nth_antenna: int = Field(default=1, ge=1)
+
+
+class BenchFile(Config):
+    """The content of a benchmark file."""
+
+    version: Literal[1]
+    name: Name
+    seed: int = Field(default=0, ge=0, lt=2**31)
+    repeats: int = Field(default=10, ge=2, le=1000, description="frames for the precision")
+    phase_noise_rad: float | None = Field(default=None, ge=0, description="replaces the noise of every scene")
+    protocol: Literal["paper", "maroon", "maroon-eroded"] = "paper"
+    groundtruth: GroundTruth = GroundTruth()
+    calibration: tuple[Source, ...] = Field(default=(), description="captures of one target, combined")
+    dataset: tuple[DataSet, ...] | None = Field(default=None, description="their captures join those of `capture`")
+    capture: tuple[Source, ...] = ()
+    method: tuple[MethodEntry, ...] = Field(min_length=1)
+    tradeoff: Sweep | None = Field(default=None, description="what `handbench tradeoff` sweeps")
+
+    @field_validator("calibration", mode="before")
+    @classmethod
+    def _one_or_several(cls, given: Any) -> Any:
+        return [given] if isinstance(given, dict) else given
+
+    @model_validator(mode="after")
+    def _something_to_run(self) -> BenchFile:
+        if not self.capture and not self.dataset:
+            raise ValueError("there is nothing to run; add [[capture]] or [[dataset]]")
+        return self
+
+    @model_validator(mode="after")
+    def _known_methods(self) -> BenchFile:
+        ids = [entry.id for entry in self.method]
+        for entry in self.method:
+            if ids.count(entry.id) > 1:
+                raise ValueError(f"method '{entry.id}' is listed twice; list it once")
+        return self
+
+
+def find_benchmark(name: str) -> Path:
+    """The file of a benchmark given by path, or by the name of an embedded one."""
+    path = Path(name)
+    if path.suffix == ".toml" or path.exists():
+        return path
+    embedded = {p.stem: p for p in EMBEDDED.glob("*_table.toml")}
+    if name not in embedded:
+        raise HandbenchError(f"benchmark: '{name}' is neither a file nor embedded; {suggest(name, list(embedded))}")
+    return embedded[name]
+
+
+def load_benchmark(name: str) -> tuple[BenchFile, Path]:
+    """A benchmark file, checked down to every method's configuration, its data sets taken apart into captures; and the
+    folder that its paths start from."""
+    path = find_benchmark(name)
+    bench = load(BenchFile, path, "a benchmark description")
+    for entry in bench.method:
+        method(entry.id).configure(entry.config, f"{path}: method '{entry.id}'")
+    if bench.tradeoff is not None:
+        imaging_settings(bench.tradeoff, known_configs(bench.method))
+    found = tuple(source for dataset in bench.dataset or () for source in dataset.sources(path.parent))
+    return bench.model_copy(update={"dataset": None, "capture": (*bench.capture, *found)}), path.parent

@@ -1,0 +1,102 @@
+"""What work costs: wall-clock time, CPU time and peak memory; and the machine that it ran on."""
+
+from __future__ import annotations
+
+import os
+import platform
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+import psutil
+
+SAMPLE_S = 0.05
+GEMM_SIZE = 1024  # large enough for the full rate, too small to show in a stage's peak memory
+GEMM_S = 0.5
+
+
+@dataclass
+class Cost:
+    """seconds and cpu_seconds of the whole process; peak_memory_mb: largest resident size while it ran, MB."""
+
+    seconds: float = 0.0
+    cpu_seconds: float = 0.0
+    peak_memory_mb: float = 0.0
+
+
+@contextmanager
+def measured() -> Iterator[Cost]:
+    """Yield a Cost that is filled in when the block ends."""
+    cost, done, process = Cost(), threading.Event(), psutil.Process()
+
+    def watch() -> None:
+        while True:
+            cost.peak_memory_mb = max(cost.peak_memory_mb, process.memory_info().rss / 1e6)
+            if done.wait(SAMPLE_S):
+                return
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    start, cpu_start = time.perf_counter(), time.process_time()
+    try:
+        yield cost
+    finally:
+        cost.seconds, cost.cpu_seconds = time.perf_counter() - start, time.process_time() - cpu_start
+        done.set()
+        watcher.join()
+
+
+@cache
+def calibrated_machine() -> dict[str, Any]:
+    """Facts of the machine with its name and `gemm_gflops`, by which times of different machines can be put beside
+    each other; measured once in this process."""
+    return {"host": platform.node(), **machine(), "gemm_gflops": round(gemm_gflops(), 1)}
+
+
+def gemm_gflops() -> float:
+    """Rate of a float32 matrix product on all cores, GFLOP/s: the best of half a second, for what else runs on a
+    machine only slows it down."""
+    from bench.run.cost import gemm
+
+    gemm(GEMM_SIZE)  # threads and buffers are made once
+    best_s, end = float("inf"), time.perf_counter() + GEMM_S
+    while (start := time.perf_counter()) < end:
+        gemm(GEMM_SIZE)
+        best_s = min(best_s, time.perf_counter() - start)
+    return 2e-9 * GEMM_SIZE**3 / best_s
+
+
+def machine() -> dict[str, str | int | float]:
+    """Facts that a time depends on."""
+    return {
+        "processor": _processor(),
+        "cores": len(os.sched_getaffinity(0)),
+        "memory_gb": round(psutil.virtual_memory().total / 1e9, 1),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+    }
+
+
+def _processor() -> str:
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as stream:
+            return next(line.split(":", 1)[1].strip() for line in stream if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
+
+
+def gemm(size: int) -> np.ndarray:
+    """One square product of float32 matrices: 2·size³ operations on all cores."""
+    return np.matmul(*_factors(size))
+
+
+@cache
+def _factors(size: int) -> tuple[np.ndarray, np.ndarray]:
+    generator = np.random.default_rng(0)
+    a, b = (generator.standard_normal((size, size), dtype=np.float32) for _ in range(2))
+    return a, b

@@ -1,0 +1,145 @@
+"""Who carries out the jobs of a run: this process, one after the other, or the workers of a Dask cluster.
+
+The jobs of one call depend on nothing in that call: what needs another stage's outcome is in a later call. So the order
+in which they end does not matter, and a worker's loss costs the jobs that it had.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from bench.run.tasks import Done, Job, perform
+from radar.support.errors import HandbenchError
+
+if TYPE_CHECKING:  # an extra
+    from distributed import Client, Future
+
+Group = tuple[int, ...]  # numbers of jobs that go to a worker together
+
+IN_FLIGHT = 256  # groups that the scheduler knows of at once: enough for as many workers, and little of anyone's memory
+BATCH = 64
+GROUPS_A_THREAD, LARGEST_GROUP = 16, 8  # so many groups at least, that no worker waits long for the last one
+CONNECT_S = 20.0
+
+
+class Executor(Protocol):
+    """Carries out jobs that do not depend on each other."""
+
+    def run(self, root: Path, jobs: Sequence[Job]) -> Iterator[tuple[int, Done]]:
+        """Yield each job's number and outcome as it ends; folders go under `root`. Unknown exceptions are raised."""
+        ...
+
+
+class InPlace:
+    """In this process, in the order of the list."""
+
+    def __init__(self, perform: Callable[[Path, Job], Done] = perform) -> None:
+        self.perform = perform
+
+    def run(self, root: Path, jobs: Sequence[Job]) -> Iterator[tuple[int, Done]]:
+        """See `Executor`."""
+        for number, job in enumerate(jobs):
+            yield number, self.perform(root, job)
+
+
+class Cluster:
+    """On the workers of a Dask scheduler. Few jobs are submitted ahead, so that neither side holds the whole run; of
+    many more than there are workers, some go together, for a Dask task by itself costs as much as a small job.
+
+    A group whose worker is lost is given to another one by the scheduler, which is safe, for a stage's folder appears
+    complete or not at all. Where several died over it, its jobs go again one by one, and the one to blame fails alone.
+    """
+
+    def __init__(self, client: Client, perform: Callable[[Path, Job], Done] = perform) -> None:
+        self.client, self.perform = client, perform
+
+    def run(self, root: Path, jobs: Sequence[Job]) -> Iterator[tuple[int, Done]]:
+        """See `Executor`."""
+        from distributed import as_completed
+
+        size = self._group_size(len(jobs))
+        waiting = [tuple(range(first, min(first + size, len(jobs)))) for first in range(0, len(jobs), size)][::-1]
+        groups: dict[str, Group] = {}  # those that the scheduler knows of
+
+        def submit() -> list[Future]:
+            batch = [waiting.pop() for _ in range(min(len(waiting), IN_FLIGHT - len(groups)))]
+            work = [[jobs[number] for number in group] for group in batch]
+            futures = self.client.map(partial(_perform, self.perform, root), work, pure=False)
+            groups.update(zip((future.key for future in futures), batch, strict=True))
+            return futures
+
+        ending = as_completed(submit(), loop=self.client.loop)
+        try:
+            for batch in ending.batches():  # what has ended by now, fetched together
+                ended = [(groups.pop(future.key), future) for future in batch]
+                for group, done in self._outcomes(ended, jobs):
+                    if done is None:
+                        waiting.extend((number,) for number in group)
+                    else:
+                        yield from zip(group, done, strict=True)
+                if waiting and len(groups) <= IN_FLIGHT - BATCH:
+                    ending.update(submit())
+        finally:
+            self.client.cancel(list(ending.futures))
+
+    def _group_size(self, jobs: int) -> int:
+        threads = sum(self.client.nthreads().values())
+        return min(max(jobs // (GROUPS_A_THREAD * max(threads, 1)), 1), LARGEST_GROUP)
+
+    def _outcomes(
+        self, ended: list[tuple[Group, Future]], jobs: Sequence[Job]
+    ) -> Iterator[tuple[Group, list[Done] | None]]:
+        """Each group with what its jobs came to; None where they have to go again one by one."""
+        well = [future for _, future in ended if future.status == "finished"]
+        fetched = dict(zip((future.key for future in well), self.client.gather(well), strict=True))
+        for group, future in ended:
+            yield group, fetched[future.key] if future.key in fetched else _unwell(future, [jobs[n] for n in group])
+
+
+def _perform(perform: Callable[[Path, Job], Done], root: Path, jobs: list[Job]) -> list[Done]:
+    return [perform(root, job) for job in jobs]
+
+
+def _unwell(future: Future, jobs: list[Job]) -> list[Done] | None:
+    from concurrent.futures import CancelledError
+
+    from distributed import KilledWorker
+
+    try:
+        return future.result()
+    except KilledWorker as error:
+        if len(jobs) > 1:
+            return None
+        deaths = error.allowed_failures + 1
+        return [Done(failure=f"{jobs[0].label}: {deaths} workers died over it; give the workers more memory")]
+    except CancelledError as error:
+        raise HandbenchError(
+            f"--scheduler: {jobs[0].label} was cancelled ({error}); is the scheduler alive? Run again, it resumes"
+        ) from error
+
+
+@contextmanager
+def executor(scheduler: str | None = None) -> Iterator[Executor]:
+    """In place, or the cluster of the Dask scheduler at this address, tcp://host:port."""
+    if scheduler is None:
+        yield InPlace()
+        return
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise HandbenchError(
+            f"--scheduler: needs Dask ({error}); pip install 'handbench[cluster]', or leave the option out"
+        ) from error
+    try:
+        client = Client(scheduler, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise HandbenchError(
+            f"--scheduler: no Dask scheduler answers at '{scheduler}' ({error}); expected tcp://host:port of a "
+            "running `dask scheduler`"
+        ) from error
+    with client:
+        yield Cluster(client)

@@ -1,0 +1,286 @@
+"""What a run found, scored and written as a result folder."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench import results
+from bench.datasets.native import CaptureFile
+from bench.evaluation.floor import budget
+from bench.evaluation.paper import TITLES
+from bench.evaluation.scoring_protocols import protocol
+from bench.evaluation.statistics.intervals import note
+from bench.evaluation.statistics.paired import block_sums, compare_sums
+from bench.evaluation.table import accuracy_rows, metric_facts, precision_rows, time_rows
+from bench.results import REFERENCES, About, CaptureFacts, Failure, MethodFacts, Repeat, Row, Surface, Task
+from bench.results.error_map import ErrorMap
+from bench.results.records import Comparison
+from bench.run.benchmark_file import BenchFile, MethodEntry
+from bench.run.cache import drop
+from bench.run.cost import calibrated_machine
+from bench.run.scoring import Files, read_errors, read_reference
+from bench.run.stages import read_repeats
+from calibration.transforms import Transform
+from groundtruth.mesh.depth import Reference
+from radar.imaging.device import describe
+from radar.support.errors import HandbenchError
+from radar.support.files import atomic_path
+from radar.support.progress import say
+from radar.support.store import versions
+
+FILES = (
+    "result.json",
+    "table.csv",
+    "tasks.csv",
+    "repeats.csv",
+    "comparisons.csv",
+    "config.toml",
+    "errors",
+    "depth",
+    "photos",
+)
+
+
+@dataclass
+class Capture:
+    """A capture of the run: its folder, the hash that stands for its content, its description."""
+
+    folder: Path
+    key: str
+    about: CaptureFile
+
+    @property
+    def name(self) -> str:
+        """The name of its files and of its rows."""
+        return self.about.name
+
+
+@dataclass
+class Outcome:
+    """What the stages of a run have found. Keys are names of captures and ids of methods; maps: files of depth maps;
+    deviations, scores: folders of the stages `repeat` and `score`; machines: facts of those that did the work, by name.
+    """
+
+    bench: BenchFile
+    captures: list[Capture]
+    tasks: list[Task]
+    failures: list[Failure] = field(default_factory=list)
+    references: dict[str, dict[str, tuple[Path, Transform]]] = field(default_factory=dict)
+    configs: dict[tuple[str, str], dict[str, Any]] = field(default_factory=dict)
+    maps: dict[tuple[str, str], Path] = field(default_factory=dict)
+    seconds: dict[tuple[str, str], list[float]] = field(default_factory=dict)
+    repeats: list[Repeat] = field(default_factory=list)
+    deviations: dict[tuple[str, str], Path] = field(default_factory=dict)
+    scores: dict[str, Path] = field(default_factory=dict)
+    views: dict[str, Path] = field(default_factory=dict)
+    inputs: dict[str, str] = field(default_factory=dict)
+    facts: dict[str, Any] = field(default_factory=dict)
+    machines: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.inputs |= {capture.name: capture.key for capture in self.captures}
+
+
+@dataclass(frozen=True)
+class Basis:
+    """The captures and methods that a table stands on: every method on the same captures."""
+
+    captures: tuple[Capture, ...]
+    methods: tuple[MethodEntry, ...]
+    text: str
+
+
+@contextmanager
+def failing(failures: list[Failure], capture: str, stage: str, method: str = "") -> Iterator[None]:
+    """An error that the user can mend is said and kept as a failure of the capture (for one method, if one is named),
+    and does not end the run."""
+    try:
+        yield
+    except HandbenchError as error:
+        failures.append(Failure(capture=capture, method=method, stage=stage, message=str(error)))
+        say(failures[-1].line)
+
+
+def basis(outcome: Outcome) -> Basis:
+    """The captures that all methods have finished, every stage of them. A method that finished fewer than half as many
+    as the best one is left out, for it would take the others' captures away; so is the weakest while no capture is
+    common to all. Nothing left is a HandbenchError."""
+    lost = {(failure.capture, failure.method) for failure in outcome.failures}
+    finished = {
+        entry.id: {c.name for c in outcome.captures if not lost & {(c.name, ""), (c.name, entry.id)}}
+        for entry in outcome.bench.method
+    }
+    most = max(map(len, finished.values()))
+    kept = [id for id, names in finished.items() if 2 * len(names) >= most > 0]
+    while kept and not set.intersection(*(finished[id] for id in kept)):
+        kept.remove(min(reversed(kept), key=lambda id: len(finished[id])))
+    if not kept:
+        raise HandbenchError(f"every capture failed; the first: {outcome.failures[0].message}")
+    common = set.intersection(*(finished[id] for id in kept))
+    total = len(outcome.bench.capture)
+    text = f"{len(common)} of {total} captures: those that every method of the table finished"
+    without = [f"{id} ({len(names)} of {total})" for id, names in finished.items() if id not in kept]
+    return Basis(
+        tuple(capture for capture in outcome.captures if capture.name in common),
+        tuple(entry for entry in outcome.bench.method if entry.id in kept),
+        text + (f"; methods left out, with the captures that they finished: {', '.join(without)}" if without else ""),
+    )
+
+
+def write(folder: Path, outcome: Outcome, config: str) -> None:
+    """Score everything, then write the result folder; earlier results give way only when the new ones stand, and
+    result.json, which says that the folder is complete, comes last."""
+    on = basis(outcome)
+    if outcome.failures:
+        say(f"the table stands on {on.text}")
+    rows, compared = tabulate(outcome, on), comparisons(outcome, on)
+    drop(folder, FILES)
+    for capture, entry in product(on.captures, on.methods):
+        name = capture.name
+        _copy(outcome.maps[name, entry.id], results.depth_path(folder, name, entry.id))
+        for reference in outcome.references[name]:
+            about_map = name, entry.id, reference
+            _copy(results.errors_path(outcome.scores[name], *about_map), results.errors_path(folder, *about_map))
+            if entry is on.methods[0]:  # references are drawn on the first method's grid
+                results.write_surface(folder, name, reference, _surface(outcome, *about_map))
+    for capture in on.captures:
+        if capture.name in outcome.views:
+            results.write_photo(folder, capture.name, outcome.views[capture.name])
+    results.write_config(folder, config)
+    results.write_table(folder, rows)
+    results.write_tasks(folder, outcome.tasks)
+    results.write_comparisons(folder, compared)
+    stands = set(product((c.name for c in on.captures), (entry.id for entry in on.methods)))
+    results.write_repeats(folder, [r for r in outcome.repeats if (r.capture, r.method) in stands])
+    results.write_about(folder, about(outcome, on))
+
+
+def _copy(source: Path, path: Path) -> None:
+    with atomic_path(path) as temporary:
+        shutil.copyfile(source, temporary)
+
+
+def _surface(outcome: Outcome, capture: str, method: str, reference: str) -> Surface:
+    """The reference on the method's grid."""
+    error, found = errors(outcome, [capture], method, reference)[0], surfaces(outcome, [capture], method, reference)[0]
+    return Surface(error.x_m, error.y_m, found.z_m, found.sigma_m)
+
+
+def errors(outcome: Outcome, captures: Sequence[str], method: str, reference: str) -> Sequence[ErrorMap]:
+    """A method's error maps of some captures, read one at a time."""
+    return Files(lambda name: read_errors(outcome.scores[name], name, method, reference), captures)
+
+
+def surfaces(outcome: Outcome, captures: Sequence[str], method: str, reference: str) -> Sequence[Reference]:
+    """The references with which `errors` were found."""
+
+    def read(name: str) -> Reference:
+        return read_reference(outcome.scores[name], method, reference, outcome.references[name][reference][1])
+
+    return Files(read, captures)
+
+
+def _deviations(outcome: Outcome, captures: Sequence[str], method: str) -> Sequence[ErrorMap]:
+    return Files(lambda name: read_repeats(outcome.deviations[name, method])[1], captures)
+
+
+def tabulate(outcome: Outcome, on: Basis) -> list[Row]:
+    """The table's rows, one block per reference."""
+    rows: list[Row] = []
+    seed, chosen = outcome.bench.seed, protocol(outcome.bench.protocol)
+    names = [capture.name for capture in on.captures]
+    for reference in REFERENCES:
+        for entry in on.methods:
+            scored = [name for name in names if reference in outcome.references[name]]
+            if not scored:
+                continue
+            maps, found = (read(outcome, scored, entry.id, reference) for read in (errors, surfaces))
+            rows += accuracy_rows(entry.id, reference, maps, seed, found, chosen)
+            if entry.precision and "precision_mm" in chosen.metrics:
+                repeated = [name for name in names if (name, entry.id) in outcome.deviations]
+                deviations = _deviations(outcome, repeated, entry.id) if repeated else None
+                rows += precision_rows(entry.id, reference, _strongest(outcome, names, entry.id), deviations)
+            seconds = [s for name in names for s in outcome.seconds[name, entry.id]]
+            rows += time_rows(entry.id, reference, seconds, seed)
+    return rows
+
+
+def comparisons(outcome: Outcome, on: Basis) -> list[Comparison]:
+    """Every pair of methods by the protocol's compared metrics, against each reference that all captures have."""
+    titles = {entry.id: TITLES.get(entry.id, entry.id) for entry in on.methods}
+    lines: list[Comparison] = []
+    for reference in REFERENCES:
+        names = [c.name for c in on.captures if reference in outcome.references[c.name]]
+        sums = {entry.id: block_sums(errors(outcome, names, entry.id, reference)) for entry in on.methods}
+        for metric in protocol(outcome.bench.protocol).compared if names else ():
+            lines += compare_sums(sums, reference, metric, titles)
+    return lines
+
+
+def about(outcome: Outcome, on: Basis) -> About:
+    """What result.json says."""
+    first = on.methods[0].id
+    measured = [c.name for c in on.captures if "photogrammetry" in outcome.references[c.name]]
+    budgets = dict(zip(measured, map(budget, surfaces(outcome, measured, first, "photogrammetry")), strict=True))
+    return About(
+        name=outcome.bench.name,
+        protocol={
+            **protocol(outcome.bench.protocol).about(),
+            "basis": on.text,
+            "repeats": outcome.bench.repeats,
+            "seed": outcome.bench.seed,
+        },
+        metrics=metric_facts(),
+        inputs=outcome.inputs,
+        versions=versions(),
+        machine=_machines(outcome),
+        captures=tuple(
+            CaptureFacts(
+                name=capture.name,
+                pose=capture.about.pose,
+                distance_m=capture.about.distance_m,
+                references=tuple(outcome.references[capture.name]),
+                effects=tuple(choice.model_dump(mode="json") for choice in capture.about.effects),
+            )
+            for capture in on.captures
+        ),
+        methods=tuple(
+            MethodFacts(
+                name=entry.id,
+                title=TITLES.get(entry.id, entry.id),
+                config={c.name: outcome.configs[c.name, entry.id] for c in on.captures},
+            )
+            for entry in on.methods
+        ),
+        facts={
+            **outcome.facts,
+            "intervals": note(len(on.captures)),
+            **({"groundtruth_sigma_rms": budgets} if budgets else {}),
+            "phase_noise_rad": outcome.bench.phase_noise_rad,
+        },
+        failures=tuple(outcome.failures),
+    )
+
+
+def _machines(outcome: Outcome) -> dict[str, Any]:
+    """This machine and, where others did some of the work, they too."""
+    here = calibrated_machine()
+    others = {name: facts for name, facts in outcome.machines.items() if name != here["host"]}
+    return {**here, "imaging_device": describe(), **({"others": others} if others else {})}
+
+
+def _strongest(outcome: Outcome, names: list[str], method_id: str) -> list[np.ndarray]:
+    """Each capture's depths of the strongest scatterer [repeats]."""
+    depths_m: dict[str, list[float]] = {name: [] for name in names}
+    for repeat in outcome.repeats:
+        if repeat.method == method_id and repeat.capture in depths_m:
+            depths_m[repeat.capture].append(repeat.z_m)
+    return [np.array(values) for values in depths_m.values()]

@@ -1,0 +1,231 @@
+"""The main job: every capture × method of a benchmark, from photographs and echoes to the table.
+
+The stages run in the three rounds of `bench.run.jobs`. Whoever carries them out, the folders are the same, and the
+table is made of these. What fails is said, recorded and done without.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+
+from bench import results
+from bench.datasets.dataset import open_capture
+from bench.datasets.native import TRUE_TRANSFORM
+from bench.results import REFERENCES, Failure, Repeat, Task
+from bench.run import jobs as plan
+from bench.run import outcome, stages, tasks
+from bench.run.benchmark_file import BenchFile
+from bench.run.cache import Stamp, claimed
+from bench.run.executors import Executor, executor
+from bench.run.outcome import Capture, Outcome, failing
+from bench.run.tasks import Done, Job
+from calibration.registration.combination import HAND_M
+from calibration.transforms import Transform, identity, load_transform
+from radar.support.errors import HandbenchError
+from radar.support.files import read_json
+from radar.support.progress import say
+
+
+def run(
+    bench: BenchFile,
+    base: Path,
+    folder: Path,
+    overwrite: bool = False,
+    scheduler: str | None = None,
+    command: str | None = None,
+) -> results.Result:
+    """Run a benchmark whose paths start from `base` into a result folder; stages done before are taken from there.
+
+    scheduler: address of a Dask scheduler whose workers find both folders under the same paths; None: run here.
+    command: what repeats the run, for the report.
+    """
+    config = tomlkit.dumps(bench.model_dump(mode="json", exclude_none=True))
+    with executor(scheduler) as workers, claimed(folder) as work:
+        _check_room(folder, config, overwrite)
+        found = Run(bench, base.resolve(), work.resolve(), workers).execute()
+        found.facts |= {} if command is None else {"command": command}
+        outcome.write(folder, found, config)
+    return results.load(folder)
+
+
+def _check_room(folder: Path, config: str, overwrite: bool) -> None:
+    """Refuse to mix with another benchmark's results."""
+    before = folder / "config.toml"
+    if before.exists() and before.read_text("utf-8", "replace") != config and not overwrite:
+        raise HandbenchError(
+            f"{folder}: holds the results of another configuration; choose another -o, or --overwrite to replace them"
+        )
+
+
+@dataclass
+class Run:
+    """A benchmark at work; paths start from `base`, the stages' folders lie under `work`."""
+
+    bench: BenchFile
+    base: Path
+    work: Path
+    executor: Executor
+    tasks: list[Task] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)
+    machines: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    def execute(self) -> Outcome:
+        """The list of steps."""
+        captures, targets = self.open()
+        found = Outcome(self.bench, captures, self.tasks, self.failures, machines=self.machines)
+        jobs = plan.calibration(self.bench, targets)
+        for capture in captures:
+            with failing(self.failures, capture.name, "groundtruth"):
+                jobs += plan.meshing(self.bench, capture)
+            for entry in self.bench.method:
+                with failing(self.failures, capture.name, "reconstruct", entry.id):
+                    jobs += plan.imaging(self.bench, capture, entry)
+        meshes: dict[str, Path] = {}
+        registration = None
+        for job, done in zip(jobs, self.perform(jobs), strict=True):
+            if job.stage == "calibrate":
+                registration = self.registration(job, done, targets, found)
+            elif done.failure is None and job.stage == "groundtruth":
+                meshes[job.capture] = job.folder(self.work)
+            elif done.failure is None:
+                collect(job, job.folder(self.work), found)
+        self.score(found, registration, meshes)
+        return found
+
+    def score(self, found: Outcome, registration: Transform | None, meshes: dict[str, Path]) -> None:
+        """The last round: the captures that have a reference and a depth map; meshes: folders of those that were
+        made."""
+        without, jobs = {failure.capture for failure in self.failures if not failure.method}, []
+        for capture in (c for c in found.captures if c.name not in without):
+            name = capture.name
+            with failing(self.failures, name, "references"):
+                found.references[name] = references(capture, registration, meshes.get(name), found)
+            maps = {method: file for (of, method), file in found.maps.items() if of == name}
+            if maps and name in found.references:
+                jobs.append(plan.scoring(self.bench, capture, maps, found.references[name]))
+        for job, done in zip(jobs, self.perform(jobs), strict=True):
+            if done.failure is None:
+                found.scores[job.capture] = job.folder(self.work)
+
+    def perform(self, jobs: list[Job]) -> list[Done]:
+        """Have the jobs carried out; outcomes are returned and recorded in the order of the list."""
+        ended: dict[int, Done] = {}
+        failures: dict[int, Failure] = {}
+        for number, done in self.executor.run(self.work, jobs):
+            job, ended[number] = jobs[number], done
+            if done.stamp is not None:
+                say(f"{job.label}: " + ("cached" if done.cached else f"{done.stamp.seconds:.1f} s"))
+            if done.failure is not None:
+                failures[number] = Failure(
+                    capture=job.capture, method=job.method, stage=job.stage, message=done.failure
+                )
+                say(failures[number].line)
+        self.failures += [failures[number] for number in sorted(failures)]
+        for number, job in enumerate(jobs):
+            if (stamp := ended[number].stamp) is not None:
+                self.machines.setdefault(stamp.machine.get("host", ""), stamp.machine)
+                self.tasks.append(_task(job, stamp, ended[number].cached, job.folder(self.work)))
+        return [ended[number] for number in range(len(jobs))]
+
+    def open(self) -> tuple[list[Capture], list[Capture]]:
+        """The first round: those of the benchmark's captures that can be opened, and all of the calibration's."""
+        repeats = self.bench.repeats if any(entry.precision for entry in self.bench.method) else 1
+        jobs = []
+        for source in self.bench.capture:
+            with failing(self.failures, source.scene or source.path or "", "open"):
+                jobs.append(plan.opening(self.bench, self.base, source, repeats))
+        _check_names([job.capture for job in jobs])
+        count = len(jobs)
+        jobs += [plan.opening(self.bench, self.base, source, frames=1) for source in self.bench.calibration]
+        captures, targets = [], []
+        for number, (job, done) in enumerate(zip(jobs, self.perform(jobs), strict=True)):
+            target = number >= count
+            if done.failure is not None:
+                if target:
+                    raise HandbenchError(f"calibration: {done.failure}")
+                continue
+            folder = Path(job.arguments["folder"]) if job.stage == tasks.HASH else job.folder(self.work) / "capture"
+            (targets if target else captures).append(Capture(folder, done.key, open_capture(folder).about))
+        return captures, targets
+
+    def registration(self, job: Job, done: Done, targets: list[Capture], found: Outcome) -> Transform:
+        """radar_from_photo from the benchmark's target captures; without it nothing has a reference."""
+        if done.failure is not None:
+            raise HandbenchError(f"calibration: {done.failure}")
+        transform = load_transform(job.folder(self.work) / tasks.TRANSFORM)
+        found.inputs |= {f"calibration {target.name}": target.key for target in targets}
+        found.facts["registration_residuals_mm"] = (1e3 * transform.residuals_m).tolist()
+        true = targets[0].folder / TRUE_TRANSFORM
+        if true.exists():
+            found_m = transform.points(load_transform(true).inverse().points(HAND_M))
+            found.facts["registration_error_at_hand_mm"] = 1e3 * float(np.linalg.norm(found_m - HAND_M))
+        return transform
+
+
+def collect(job: Job, folder: Path, found: Outcome) -> None:
+    """What a stage that images has left in its folder."""
+    about = job.capture, job.method
+    times = read_json(folder / stages.TIMING, "a stage's times")["seconds"]
+    found.seconds.setdefault(about, []).extend(times)
+    found.configs[about] = job.arguments["config"]
+    if job.stage == "reconstruct":
+        found.maps[about] = folder / stages.DEPTH
+    else:
+        strongest_m, _ = stages.read_repeats(folder)
+        found.deviations[about] = folder
+        found.repeats += [Repeat(*about, k, float(z)) for k, z in enumerate(strongest_m)]
+
+
+def references(
+    capture: Capture, registration: Transform | None, made: Path | None, found: Outcome
+) -> dict[str, tuple[Path, Transform]]:
+    """Reference name → mesh file and the transform that carries it into the radar frame. made: the folder with the mesh
+    of the capture's photographs."""
+    available: dict[str, tuple[Path, Transform]] = {}
+    data = open_capture(capture.folder)
+    transform, mesh = data.transform() or registration, data.mesh()
+    if transform is not None and transform.refined:
+        found.facts.setdefault("refined_transforms", {})[capture.name] = transform.refined["reason"]
+    if transform is not None and mesh is not None:
+        available["photogrammetry"] = mesh, transform
+    elif transform is not None and made is not None:
+        available["photogrammetry"] = made / stages.MESH, transform
+        found.views[capture.name] = made / stages.VIEW
+    if data.truth is not None:
+        available["truth"] = data.truth, identity("radar")
+    if not available:
+        raise HandbenchError(
+            f"{capture.folder}: nothing to score against; expected photographs or mesh.ply with a transform "
+            "(radar_from_photo.json or the benchmark's [calibration]), or truth.ply"
+        )
+    return {name: available[name] for name in REFERENCES if name in available}
+
+
+def _check_names(names: list[str]) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise HandbenchError(f"capture: two captures are named '{name}'; give each its own name")
+
+
+def _task(job: Job, stamp: Stamp, cached: bool, folder: Path) -> Task:
+    """A stage's line of tasks.csv."""
+    timing = folder / stages.TIMING
+    plan_s = read_json(timing, "a stage's times").get("plan_seconds") if job.method else None
+    return Task(
+        job.label,
+        job.capture,
+        job.method,
+        job.stage,
+        stamp.seconds,
+        stamp.cpu_seconds,
+        stamp.peak_memory_mb,
+        cached,
+        plan_s,
+        stamp.machine.get("host", ""),
+        stamp.machine.get("gemm_gflops"),
+    )

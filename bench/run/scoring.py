@@ -1,0 +1,101 @@
+"""The stage that scores a capture: its depth maps against its references; and what it leaves, read when asked for.
+
+errors/       CAPTURE__METHOD__REFERENCE.npz: an `ErrorMap`, as in a result folder
+references/   REFERENCE-N.npz: a `Reference`, of its registration the covariance, on the N-th of the methods' grids
+grids.json    method → N
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from bench.datasets.dataset import Capture, open_capture
+from bench.evaluation.errors import error_map
+from bench.evaluation.scoring_protocols import Protocol
+from bench.results import errors_path, write_errors
+from bench.results.error_map import ErrorMap
+from bench.run.stages import reference_depth
+from calibration.transforms import Transform
+from groundtruth.mesh.depth import Reference
+from radar.data.depthmap import DepthMap, load_depthmap
+from radar.data.grid import PixelGrid
+from radar.support.files import read_json, read_npz, write_json, write_npz
+
+GRIDS, REFERENCES = "grids.json", "references"
+KEPT = ("z_m", "mesh_sigma_m", "met", "leverage", "covariance")
+Key, Value = TypeVar("Key"), TypeVar("Value")
+
+
+class Files(Sequence[Value], Generic[Key, Value]):
+    """What lies in files, read each time that it is asked for: of a thousand maps, one is in memory."""
+
+    def __init__(self, read: Callable[[Key], Value], keys: Sequence[Key]) -> None:
+        self.read, self.keys = read, keys
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def __getitem__(self, index: Any) -> Any:
+        return Files(self.read, self.keys[index]) if isinstance(index, slice) else self.read(self.keys[index])
+
+
+def score(
+    capture: Path,
+    maps: Mapping[str, Path],
+    references: Mapping[str, tuple[Path, Transform]],
+    chosen: Protocol,
+    folder: Path,
+) -> None:
+    """Compare a capture's depth maps, by method, with its references, each a mesh file and the transform that carries
+    it into the radar frame, by a protocol. A reference that cannot be read is a HandbenchError."""
+    data = open_capture(capture)
+    numbers: dict[bytes, int] = {}
+    grids: dict[str, int] = {}
+    found: dict[tuple[str, int], Reference] = {}  # methods that share a grid share the reference's depth
+    for method, file in maps.items():
+        depth = load_depthmap(file)
+        number = grids[method] = numbers.setdefault(depth.x_m.tobytes() + b"|" + depth.y_m.tobytes(), len(numbers))
+        for name, (mesh, transform) in references.items():
+            if (name, number) not in found:
+                grid = PixelGrid(depth.x_m, depth.y_m)
+                found[name, number] = reference_depth(mesh, transform, grid, exact=name == "truth")
+                write_reference(folder, name, number, found[name, number])
+            write_errors(folder, data.about.name, method, name, compare(depth, found[name, number], chosen, data))
+    write_json(folder / GRIDS, grids)
+
+
+def compare(depth: DepthMap, reference: Reference, chosen: Protocol, data: Capture) -> ErrorMap:
+    """The errors of a depth map of `data` against a reference on its grid: of the pixels that the protocol scores."""
+    z_m = np.where(data.mask(depth, chosen.erodes), depth.z_m, np.nan) if chosen.masks else depth.z_m
+    return error_map(depth.x_m, depth.y_m, z_m, reference.z_m, reference.sigma_m, reference.met)
+
+
+def read_errors(folder: Path, capture: str, method: str, reference: str) -> ErrorMap:
+    """What `score` found for a depth map."""
+    names = ("x_m", "y_m", "error_m", "reference_z_m", "sigma_m", "to_reference_m", "to_map_m")
+    return ErrorMap(**read_npz(errors_path(folder, capture, method, reference), names))
+
+
+def read_reference(folder: Path, method: str, reference: str, transform: Transform) -> Reference:
+    """The reference with which `score` compared a method's depth map; transform: the one that carried it there."""
+    path = _reference_path(folder, reference, read_json(folder / GRIDS, "a scored capture's grids")[method])
+    z_m, mesh_sigma_m, met, leverage, covariance = read_npz(path, KEPT).values()
+    registered = (leverage, replace(transform, covariance=covariance)) if covariance.size else (None, None)
+    return Reference(z_m, mesh_sigma_m, *registered, met)
+
+
+def write_reference(folder: Path, name: str, number: int, reference: Reference) -> None:
+    """Keep a reference on the number-th grid."""
+    known = reference.registration is not None
+    uncertain = (reference.leverage, reference.registration.covariance) if known else (np.empty(0), np.empty(0))
+    values = (reference.z_m, reference.mesh_sigma_m, reference.met, *uncertain)
+    write_npz(_reference_path(folder, name, number), **dict(zip(KEPT, values, strict=True)))
+
+
+def _reference_path(folder: Path, name: str, number: int) -> Path:
+    return folder / REFERENCES / f"{name}-{number}.npz"

@@ -1,0 +1,195 @@
+"""What a trade-off sweeps: the [tradeoff] table of a benchmark file.
+
+An imaging entry names a method, what of its configuration is fixed (`config`) and what takes several values (`sweep`):
+
+    [[tradeoff.imaging]]
+    method = "broadband"
+    config = { tolerance = 1e-3 }
+    sweep = { "z.step_m" = [1e-3, 2e-3] }
+    every_nth_antenna = [1, 2]
+
+Each key of `sweep` is a parameter, with dots into tables; the list beside it holds its values, one setting each, and
+several keys multiply. A value may itself be a list (tones_hz = [[…], […]]). Parameters that change together share a
+key, with commas: "x.step_m,y.step_m".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field, field_validator
+
+from bench.evaluation.paper import TITLES
+from radar.methods.registry import method
+from radar.support.config import Config, load
+from radar.support.errors import HandbenchError
+from radar.support.names import checked_name
+
+SectionName = Literal["imaging", "groundtruth", "simulation", "registration"]
+SECTIONS: tuple[SectionName, ...] = ("imaging", "groundtruth", "simulation", "registration")
+UNITS = (("_hz", 1e-9, "GHz"), ("_m", 1e3, "mm"))  # what names say in place of suffixes
+DEFAULT = Path(__file__).parents[2] / "run" / "benchmarks" / "tradeoff.toml"
+
+
+@dataclass(frozen=True)
+class ImagingSetting:
+    """One setting: a method with what its configuration changes; varied: the knobs that it is named after, as
+    broadband-tolerance-1e-3."""
+
+    name: str
+    title: str
+    method: str
+    config: dict[str, Any]
+    every_nth_antenna: int
+    varied: dict[str, Any]
+
+
+class ImagingEntry(Config):
+    """A method's settings; every_nth_antenna: alternatives, each sparing transmitters and receivers alike."""
+
+    method: str
+    title: str = ""
+    config: dict[str, Any] = Field(default_factory=dict)
+    sweep: dict[str, tuple[Any, ...]] = Field(default_factory=dict)
+    every_nth_antenna: tuple[int, ...] = (1,)
+
+    @field_validator("sweep")
+    @classmethod
+    def _alternatives(cls, sweep: dict[str, tuple[Any, ...]]) -> dict[str, tuple[Any, ...]]:
+        for key, values in sweep.items():
+            if not values:
+                raise ValueError(f"'{key}' has no values; list at least one")
+        return sweep
+
+    @field_validator("every_nth_antenna")
+    @classmethod
+    def _from_one(cls, every: tuple[int, ...]) -> tuple[int, ...]:
+        if not every or min(every) < 1:
+            raise ValueError("expected a list of whole numbers ≥ 1 (1: all antennas)")
+        return every
+
+
+class Sweep(Config):
+    """The whole table. repeats: timed rounds, in turns over all settings; step_s: the sensor's time for one tone of all
+    antennas, which an acquisition takes for each; reference: the imaging setting that ratios are to (none: the first);
+    exact_planes: planes of the volume that are summed exactly, to be scaled. The other sections' knobs are those of
+    their modules."""
+
+    repeats: int = Field(default=3, ge=1, le=100)
+    step_s: float = Field(default=1e-3, ge=0)
+    reference: str | None = None
+    exact_planes: int = Field(default=1, ge=1)
+    sections: tuple[SectionName, ...] = Field(default=SECTIONS, min_length=1)
+    imaging: tuple[ImagingEntry, ...] = ()
+    groundtruth: dict[str, Any] = Field(default_factory=dict)
+    simulation: dict[str, Any] = Field(default_factory=dict)
+    registration: dict[str, Any] = Field(default_factory=dict)
+
+
+def completed(sweep: Sweep | None) -> Sweep:
+    """The sweep with what it leaves out: without imaging entries those of the default one, and their reference."""
+    if sweep is None:
+        return default()
+    if sweep.imaging:
+        return sweep
+    return sweep.model_copy(update={"imaging": default().imaging, "reference": sweep.reference or default().reference})
+
+
+@cache
+def default() -> Sweep:
+    """The sweep of a benchmark that declares none."""
+    return load(Sweep, DEFAULT, "a sweep")
+
+
+def imaging_settings(sweep: Sweep, known: dict[str, dict[str, Any]]) -> list[ImagingSetting]:
+    """All settings of the imaging section, checked. known: method → what the benchmark's own entry of it changes, which
+    holds unless the sweep says otherwise. A setting that the method does not take is a HandbenchError."""
+    settings: list[ImagingSetting] = []
+    for setting in (s for entry in sweep.imaging for s in _of_entry(entry, known.get(entry.method, {}))):
+        namesakes = [s for s in settings if s.name == setting.name or s.name.startswith(f"{setting.name}-no-")]
+        told = setting.method, setting.config, setting.every_nth_antenna
+        if any(told == (s.method, s.config, s.every_nth_antenna) for s in namesakes):
+            raise HandbenchError(f"tradeoff.imaging: '{setting.name}' is listed twice; list it once")
+        number = f"-no-{len(namesakes) + 1}" if namesakes else ""  # tables are told apart by no name
+        settings.append(replace(setting, name=_checked(setting.name + number)))
+    names = [setting.name for setting in settings]
+    if sweep.reference is not None and sweep.reference not in names:
+        raise HandbenchError(f"tradeoff.reference: no setting '{sweep.reference}'; known: {', '.join(names)}")
+    return settings
+
+
+def known_configs(entries: Iterable[Any]) -> dict[str, dict[str, Any]]:
+    """Method → what a benchmark's own entry of it changes."""
+    return {entry.id: entry.config for entry in entries}
+
+
+def _of_entry(entry: ImagingEntry, known: dict[str, Any]) -> list[ImagingSetting]:
+    chosen, settings = method(entry.method), []
+    where = f"tradeoff.imaging '{entry.method}'"
+    fixed = {key: value for key, value in entry.config.items() if not isinstance(value, dict)}
+    for values in product(*entry.sweep.values(), entry.every_nth_antenna):
+        swept, every = dict(zip(entry.sweep, values[:-1], strict=True)), values[-1]
+        config = {**known, **entry.config}
+        for keys, value in swept.items():
+            for key in keys.split(","):
+                config = _with(config, key.strip(), value, chosen.configure(config, where).model_dump(mode="json"))
+        chosen.configure(config, where)
+        varied = {**fixed, **swept, **({"every_nth_antenna": every} if every > 1 else {})}
+        name = "-".join([entry.method, *("-".join(_told(*knob)) for knob in varied.items())])
+        title = ", ".join([entry.title or TITLES.get(entry.method, entry.method), *map(_words, varied.items())])
+        settings.append(ImagingSetting(name, title, entry.method, config, every, varied))
+    return settings
+
+
+def _checked(name: str) -> str:
+    try:
+        return checked_name(name)
+    except ValueError as error:
+        raise HandbenchError(f"tradeoff.imaging: {error}; set fewer parameters") from None
+
+
+def _with(config: dict[str, Any], key: str, value: Any, resolved: dict[str, Any]) -> dict[str, Any]:
+    """The configuration with one parameter changed; a table is completed from `resolved`, with all defaults."""
+    first, *inner = key.split(".")
+    if not inner:
+        return {**config, key: value}
+    table = resolved.get(first)
+    if not isinstance(table, dict):
+        raise HandbenchError(f"tradeoff.imaging: '{key}' leads into '{first}', which is no table of the method")
+    return {**config, first: _with(table, ".".join(inner), value, table)}
+
+
+def _words(knob: tuple[str, Any]) -> str:
+    key, value = knob
+    if key == "every_nth_antenna":
+        return f"1 of {value} antennas"
+    return " ".join(_told(key, value)).replace("_", " ")
+
+
+def _told(keys: str, value: Any) -> tuple[str, str]:
+    """A knob and its value in short: z.step 2mm; of several that change together xyz.step."""
+    names = [key.strip() for key in keys.split(",")]
+    leaf = names[0].rpartition(".")[2]
+    together = len(names) > 1 and all(name.endswith(f".{leaf}") for name in names)
+    knob = "".join(name.removesuffix(f".{leaf}") for name in names) + f".{leaf}" if together else "+".join(names)
+    suffix, scale, unit = next((u for u in UNITS if knob.endswith(u[0])), ("", 1, ""))
+    return knob.removesuffix(suffix), _short(value, scale) + unit
+
+
+def _short(value: Any, scale: float = 1) -> str:
+    if isinstance(value, dict):
+        return "_".join(_short(v) for v in value.values())
+    if isinstance(value, list | tuple):
+        return "_".join(_short(v, scale) for v in value)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return str(value)
+    if scale == 1 and isinstance(value, int):
+        return str(value)
+    mantissa, _, exponent = f"{value * scale:.12e}".partition("e")
+    short = f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
+    return min(short, f"{value * scale:.12g}", key=len)

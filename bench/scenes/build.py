@@ -1,0 +1,156 @@
+"""Scenes: what stands before the radar and the cameras, with its true geometry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bench.scenes.bones import forearm_direction
+from bench.scenes.hand import hand_mesh
+from bench.scenes.rig import rig
+from bench.scenes.scene_file import (
+    BUILT_IN_ARRAY,
+    AnyTarget,
+    CalibrationTarget,
+    DihedralTarget,
+    HandTarget,
+    MeshTarget,
+    PlateTarget,
+    SceneFile,
+    SphereTarget,
+)
+from bench.scenes.shapes import dihedral_mesh, plate_mesh, sphere_mesh
+from bench.scenes.stand import stand_board
+from calibration.target.description import Target, default_target, load_target
+from calibration.transforms import Transform
+from groundtruth.board.board import Board
+from groundtruth.cameras.cameras import Camera
+from groundtruth.mesh.mesh_files import mesh, read_mesh
+from radar.support.config import Config, load
+from radar.support.errors import HandbenchError
+from radar.support.files import inside
+
+if TYPE_CHECKING:
+    import open3d as o3d
+
+CROP_MARGIN_M = 0.004
+BLOCK_GAP_M = 0.003  # the crop box ends this far above the block
+FOREARM_IN_BLOCK_M = 0.012
+STANDS = -0.8  # a forearm whose direction has less of the photo frame's y than this is held from the side
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene with its true geometry. `target` is None but for a calibration target; `cameras` is empty without
+    photographs; `box_m` [2, 3] is the crop box in the photo frame: the target without plate and block; `block_m`
+    [2, 3], likewise in the photo frame, is what the forearm stands on (None for other targets and raised forearms)."""
+
+    file: SceneFile
+    target_mesh: o3d.geometry.TriangleMesh  # radar frame
+    radar_from_target: Transform
+    radar_from_photo: Transform
+    board: Board
+    cameras: tuple[Camera, ...]
+    box_m: np.ndarray
+    folder: Path
+    block_m: np.ndarray | None = None
+    target: Target | None = None
+
+    @property
+    def balls_m(self) -> np.ndarray:
+        """Centres [n, 3] of the calibration target's balls in the radar frame."""
+        return self.radar_from_target.points(self.target.centres_m + self.target.ball_offsets_m)
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read a scene file and build the scene; other files that it names lie in its folder."""
+    return build(load(SceneFile, path, "a scene description"), Path(path).parent)
+
+
+def build(file: SceneFile, folder: str | Path = ".") -> Scene:
+    """The scene of a parsed scene file; files that it names are looked up in `folder`."""
+    target = _calibration_target(file.target, Path(folder))
+    surface = _surface(file.target, target, Path(folder))
+    radar_from_target = file.target.radar_from_target()
+    surface.transform(radar_from_target.matrix)
+    nearest_m = float(np.asarray(surface.vertices)[:, 2].min())
+    if nearest_m <= 0:
+        raise HandbenchError(
+            f"scene '{file.name}': the target reaches {-1e3 * nearest_m:.0f} mm behind the array's plane; enlarge "
+            "target.distance_m"
+        )
+    radar_from_photo = file.mount.radar_from_photo()
+    in_photo_m = radar_from_photo.inverse().points(np.asarray(surface.vertices))
+    lower_m, upper_m = in_photo_m.min(axis=0), in_photo_m.max(axis=0)
+    box_m = np.stack([lower_m - CROP_MARGIN_M, upper_m + CROP_MARGIN_M])
+    block_m = None
+    if isinstance(file.target, HandTarget):
+        down = radar_from_photo.rotation[:, 1] @ radar_from_target.rotation @ forearm_direction(file.target.angles)
+        if down < STANDS:
+            block_m = _block(in_photo_m)
+            box_m[0, 1] = block_m[1, 1] + BLOCK_GAP_M
+    if box_m[0, 2] < 0:
+        raise HandbenchError(
+            f"scene '{file.name}': the target reaches {-1e3 * lower_m[2]:.0f} mm behind the back plate or closer than "
+            f"{1e3 * CROP_MARGIN_M:.0f} mm to it; move mount.offset_m away from the radar"
+        )
+    aim_m = np.array([0.0, 0.0, file.target.distance_m])
+    photos = file.photos
+    cameras = rig(photos.cameras, photos.width, photos.height, aim_m, radar_from_photo, file.seed) if photos else ()
+    return Scene(
+        file, surface, radar_from_target, radar_from_photo, stand_board(), cameras, box_m, Path(folder), block_m, target
+    )
+
+
+def named_files(file: SceneFile, folder: str | Path) -> list[Path]:
+    """Files and folders beside the scene file that it names: their content belongs to the scene."""
+    folder = Path(folder)
+    names = [getattr(file.target, key, None) for key in ("file", "path")]
+    names += [] if file.sensor.array == BUILT_IN_ARRAY else [file.sensor.array]
+    paths = [inside(folder, name, f"scene '{file.name}'") for name in names if name]
+    for path in paths:
+        if not path.exists():
+            raise HandbenchError(f"{path}: is missing, but scene '{file.name}' names it; check the path")
+    return paths
+
+
+def _calibration_target(spec: Config, folder: Path) -> Target | None:
+    if not isinstance(spec, CalibrationTarget):
+        return None
+    return load_target(inside(folder, spec.file, "target.file")) if spec.file else default_target()
+
+
+def _surface(spec: AnyTarget, target: Target | None, folder: Path) -> o3d.geometry.TriangleMesh:
+    match spec:
+        case HandTarget():
+            return hand_mesh(spec.angles, spec.edge_m)
+        case SphereTarget():
+            return sphere_mesh(spec.radius_m, spec.edge_m)
+        case PlateTarget():
+            return plate_mesh(spec.width_m, spec.height_m, spec.thickness_m, spec.edge_m)
+        case DihedralTarget():
+            return dihedral_mesh(spec.side_m, spec.edge_m)
+        case MeshTarget():
+            surface = read_mesh(inside(folder, spec.path, "target.path"))
+            surface.scale({"m": 1.0, "mm": 1e-3}[spec.unit], np.zeros(3))
+            return surface
+    return spheres(target)
+
+
+def spheres(target: Target) -> o3d.geometry.TriangleMesh:
+    """The foam spheres' surfaces as one mesh in the target's frame, flat to 0.01 mm."""
+    whole = mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32))
+    for element in target.element:
+        whole += sphere_mesh(element.sphere_radius_m, np.pi * element.sphere_radius_m / 60).translate(element.centre_m)
+    return whole
+
+
+def _block(target_m: np.ndarray) -> np.ndarray:
+    """A block [2, 3] under the forearm, in the photo frame; the forearm sinks into it a little."""
+    lowest_m = target_m[:, 1].min()
+    x, z = target_m[target_m[:, 1] < lowest_m + 0.02][:, [0, 2]].mean(axis=0)
+    top = lowest_m + FOREARM_IN_BLOCK_M
+    return np.array([[x - 0.05, top - 0.04, z - 0.03], [x + 0.05, top, z + 0.03]])

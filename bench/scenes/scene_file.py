@@ -1,0 +1,247 @@
+"""The content of a scene file: what stands before the radar and the cameras, and which effects its echoes show."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+from scipy.spatial.transform import Rotation
+
+from bench.results import Name
+from bench.scenes.poses import POSES, Pose
+from calibration.transforms import Transform
+from radar.simulation.causes import Causes, Motion, Noise, SensorFaults
+from radar.simulation.effects.catalogue import check_names
+from radar.simulation.physics.material import Material
+from radar.simulation.scene import DEPTH_STEP_HZ
+from radar.support.config import Config, suggest
+from radar.support.errors import HandbenchError
+
+BUILT_IN_ARRAY = "qar50"
+PHOTO_AXES = np.diag([-1.0, 1.0, -1.0])  # the board faces the radar: its z is the radar's -z
+
+
+Offset = Annotated[float, Field(ge=-100, le=100)]
+
+
+class _Placed(Config):
+    """Where the target's own frame stands in the radar frame, and how it moves."""
+
+    distance_m: float = Field(default=0.30, gt=0, le=100)
+    offset_m: tuple[Offset, Offset] = (0.0, 0.0)
+    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # about the fixed x, y, z axes, in this order
+    motion: Motion = Motion()
+
+    def radar_from_target(self) -> Transform:
+        """The placement as a transform."""
+        return rigid("target", "radar", rotation(self.rotation_deg), (*self.offset_m, self.distance_m))
+
+
+class _Solid(_Placed):
+    """A target of one material."""
+
+    material: Material = Material()
+
+
+def _pose_kind(pose: Any) -> str:
+    return "letter" if isinstance(pose, str) else "Pose"
+
+
+class HandTarget(_Solid):
+    """A parametric hand, in the pose of a letter or with joint angles of its own ([target.pose]); `distance_m` is the
+    range of its palm's mid-plane."""
+
+    kind: Literal["hand"]
+    pose: Annotated[Annotated[str, Tag("letter")] | Annotated[Pose, Tag("Pose")], Discriminator(_pose_kind)]
+    distance_m: float = Field(default=0.31, gt=0, le=100)
+    offset_m: tuple[Offset, Offset] = (0.0, -0.030)
+    edge_m: float = Field(default=1e-3, ge=5e-4, le=5e-3)
+
+    @field_validator("pose")
+    @classmethod
+    def _known_pose(cls, pose: str | Pose) -> str | Pose:
+        if isinstance(pose, str) and pose not in POSES:
+            raise ValueError(f"unknown pose; {suggest(pose, list(POSES))}")
+        return pose
+
+    @property
+    def angles(self) -> Pose:
+        """The joint angles."""
+        return POSES[self.pose] if isinstance(self.pose, str) else self.pose
+
+
+class CalibrationTarget(_Placed):
+    """The calibration target; `file` (beside the scene file) replaces the default one."""
+
+    kind: Literal["calibration_target"]
+    file: str | None = None
+    rotation_deg: tuple[float, float, float] = (4.0, -6.0, 8.0)
+
+
+class MeshTarget(_Solid):
+    """Any closed mesh from a file beside the scene file."""
+
+    kind: Literal["mesh"]
+    path: str
+    unit: Literal["m", "mm"] = "m"
+
+
+class SphereTarget(_Solid):
+    """A sphere about the target's origin."""
+
+    kind: Literal["sphere"]
+    radius_m: float = Field(default=0.03, gt=0, le=0.5)
+    edge_m: float = Field(default=1e-3, ge=1e-4, le=5e-3)
+
+
+class PlateTarget(_Solid):
+    """A flat plate; its front, which faces the radar squarely, lies in the target's x and y."""
+
+    kind: Literal["plate"]
+    width_m: float = Field(default=0.12, gt=0, le=1)
+    height_m: float = Field(default=0.12, gt=0, le=1)
+    thickness_m: float = Field(default=2e-3, gt=0, le=0.1)
+    edge_m: float = Field(default=1e-3, ge=1e-4, le=5e-3)
+
+
+class DihedralTarget(_Solid):
+    """Two square plates at a right angle that opens towards the radar; they meet along the target's y axis."""
+
+    kind: Literal["dihedral"]
+    side_m: float = Field(default=0.06, gt=0, le=0.5)
+    edge_m: float = Field(default=1e-3, ge=1e-4, le=5e-3)
+
+
+AnyTarget = HandTarget | CalibrationTarget | MeshTarget | SphereTarget | PlateTarget | DihedralTarget
+
+
+class Sweep(Config):
+    """`count` equidistant frequencies, both ends included."""
+
+    start_hz: float = Field(gt=0)
+    stop_hz: float = Field(gt=0)
+    count: int = Field(ge=1, le=100_000)
+
+
+class Sensor(SensorFaults):
+    """The radar: a built-in array or an array file; its frequencies (sweeps, then tones), measured in this order, one
+    every `step_time_s`; and what is imperfect about it."""
+
+    array: str = BUILT_IN_ARRAY
+    sweep: tuple[Sweep, ...] = (Sweep(start_hz=72e9, stop_hz=82e9, count=128),)
+    tones_hz: tuple[Annotated[float, Field(gt=0)], ...] = ()
+    step_time_s: float = Field(default=1e-3, ge=0, le=100)
+    polarisation_deg: float = Field(default=90.0, ge=-360, le=360)  # of the antennas' field, from x towards y
+
+    @model_validator(mode="after")
+    def _some_tone(self) -> Sensor:
+        if not self.sweep and not self.tones_hz:
+            raise ValueError("expected a sweep or tones_hz; the radar measures nothing")
+        return self
+
+    @property
+    def frequencies_hz(self) -> np.ndarray:
+        """All frequencies [n] in the order of the file."""
+        return np.concatenate([*(np.linspace(s.start_hz, s.stop_hz, s.count) for s in self.sweep), self.tones_hz])
+
+
+class Photos(Config):
+    """The photographs to take."""
+
+    cameras: int = Field(default=8, ge=2, le=100)
+    width: int = Field(default=2400, ge=64, le=12_000)
+    height: int = Field(default=1600, ge=64, le=12_000)
+    full_well_e: float = Field(default=15_000.0, gt=0)  # electrons at white: sets the photon noise
+    read_noise_e: float = Field(default=6.0, ge=0)
+    blur_px: float = Field(default=0.5, ge=0)  # Gaussian, standard deviation
+    texture_contrast: float = Field(default=1.0, ge=0)  # 1 = natural skin or foam
+    highlights: float = Field(default=0.0, ge=0, le=20)  # lamps mirrored by the skin; 1 = refractive index 1.4
+    roughness: float = Field(default=0.3, ge=0.1, le=1)  # of the skin that mirrors: GGX's alpha; 0.15 = oily
+    f_number: float | None = Field(default=None, ge=0.5, le=1000)  # None: all depths are in focus
+    sensor_width_mm: float = Field(default=36.0, ge=1, le=100)
+    focus_m: float | None = Field(default=None, gt=0, le=100)  # along the optical axis; None: the target's origin
+    exposure_spread: float = Field(default=0.0, ge=0, le=3)  # standard deviation between photographs, stops
+    white_balance_spread: float = Field(default=0.0, ge=0, le=2)  # of red and blue against green, stops
+    motion_px: float = Field(default=0.0, ge=0, le=100)  # path of the moving camera, in a direction of its own
+    speckle: float = Field(default=0.0, ge=0, le=1)  # contrast of dots from a projector
+    speckle_dot_m: float = Field(default=1.5e-3, ge=1e-4, le=0.1)  # size at the target
+    speckle_from_m: tuple[float, float, float] = (0.0, 0.22, 0.0)  # the projector, radar frame
+    speckle_on_board: bool = False  # else the board is lit evenly
+
+
+class Mount(Config):
+    """The stand: pose of the board's frame in the radar frame, before which the board faces the radar squarely."""
+
+    offset_m: tuple[float, float, float] = (0.004, -0.006, 0.400)
+    rotation_deg: tuple[float, float, float] = (3.0, -4.0, 2.0)
+
+    def radar_from_photo(self) -> Transform:
+        """The true transform."""
+        return rigid("photo", "radar", rotation(self.rotation_deg) @ PHOTO_AXES, self.offset_m)
+
+
+class Stand(Config):
+    """What the radar sees of the stand: how strongly its plate and block reflect (None: absorber covers them); empty:
+    an empty-room capture is written too (empty.h5); subtract: and taken from the echoes."""
+
+    reflectivity_db: float | None = Field(default=None, le=0)
+    empty: bool = False
+    subtract: bool = False
+
+
+class SceneFile(Config):
+    """The content of a scene file. effects: "auto" leaves out what together changes depths by less than
+    tolerance_mm, or a list of names; depth_step_hz: the step between tones at which depths are told."""
+
+    version: Literal[1]
+    name: Name
+    seed: int = Field(default=0, ge=0)
+    effects: Literal["auto"] | tuple[str, ...] = "auto"
+    tolerance_mm: float = Field(default=0.1, gt=0)
+    depth_step_hz: float = Field(default=DEPTH_STEP_HZ, gt=0)
+    target: Annotated[AnyTarget, Field(discriminator="kind")]
+    sensor: Sensor = Sensor()
+    noise: Noise = Noise()
+    stand: Stand = Stand()
+    photos: Photos | None = None
+    mount: Mount = Mount()
+
+    @field_validator("effects", mode="before")
+    @classmethod
+    def _known_effects(cls, effects: Any) -> Any:
+        if isinstance(effects, str) and effects != "auto":
+            raise ValueError('expected "auto" or a list of effects, as ["obliquity", "shadow_centre", "noise"]')
+        if isinstance(effects, list | tuple):
+            try:
+                check_names(tuple(str(name) for name in effects))
+            except HandbenchError as error:
+                raise ValueError(str(error).removeprefix("effects: ")) from None
+        return effects
+
+    @model_validator(mode="after")
+    def _step_below_the_tones(self) -> SceneFile:
+        highest_hz = self.sensor.frequencies_hz.max()
+        if self.depth_step_hz >= highest_hz:
+            raise ValueError(
+                f"depth_step_hz is {self.depth_step_hz:g}; expected less than the highest tone, {highest_hz:g} Hz"
+            )
+        return self
+
+    @property
+    def causes(self) -> Causes:
+        """Everything that effects may come from."""
+        faults = {name: getattr(self.sensor, name) for name in SensorFaults.model_fields}
+        return Causes(noise=self.noise, motion=self.target.motion, **faults)
+
+
+def rigid(source: str, to: str, turn: np.ndarray, offset_m: tuple[float, ...]) -> Transform:
+    """A transform without scale from a rotation [3, 3] and an offset [3]."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = turn, offset_m
+    return Transform(source, to, matrix)
+
+
+def rotation(angles_deg: tuple[float, float, float]) -> np.ndarray:
+    """Rotation [3, 3] about the fixed x, y and z axes, in this order."""
+    return Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix()

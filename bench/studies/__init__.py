@@ -1,0 +1,1 @@
+"""Studies: cases, measured, as tables, figures and pages."""

@@ -1,0 +1,64 @@
+"""The cases: one hand scene with a plausible cause for every effect, and what is switched in each case."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from bench.scenes.scene_file import SceneFile
+from radar.simulation.effects.catalogue import IDS
+from radar.support.config import parse
+
+# What a radar like the paper's may suffer from. The noise is the paper table's; all else is a guess at a good sensor,
+# a hand held still and a stand without absorber: change them for yours.
+CAUSES: dict[str, Any] = {
+    "noise": {"phase_noise_rad": 0.0281},
+    "stand": {"reflectivity_db": -20.0},
+    "sensor": {
+        "tones_hz": [81.8e9, 79.5e9],
+        "sweep": [{"start_hz": 72e9, "stop_hz": 82e9, "count": 128}],
+        "oscillator": {"level_dbc_hz": -90.0},
+        "pattern": {"beamwidth_deg": 60.0},
+        "coupling": {"level_db": 0.0},
+        "positions": {"sigma_m": 2e-5},
+        "channels": {"gain_db": 0.5, "phase_rad": 0.09, "delay_m": 1e-4},
+        "dead": {"tx": [17, 60], "rx": [33]},
+        "converter": {"bits": 12},
+    },
+}
+TREMOR = {"amplitude_m": 5e-5, "frequency_hz": 9.0}
+SKIN, PRINTED = {"kind": "skin"}, {"kind": "plastic", "permittivity": 2.7, "loss_tangent": 0.01}
+REFERENCE = ("obliquity", "shadow_antennas", "skin", "multipath", "noise")  # what a hand before absorber calls for
+
+
+@dataclass(frozen=True)
+class Case:
+    """One row: the effects that are on, and the one by which it differs from the case `against`."""
+
+    name: str
+    effect: str
+    effects: tuple[str, ...]
+    material: dict[str, Any]
+    against: str = "reference"
+
+
+def cases() -> list[Case]:
+    """The reference, each of its effects left out, coarser shadows, and each other effect added."""
+    rows = [Case("reference", "", REFERENCE, SKIN)]
+    rows += [Case(f"without {name}", name, _without(name), SKIN) for name in REFERENCE]
+    rows.append(Case("shadow_centre instead", "shadow_centre", (*_without("shadow_antennas"), "shadow_centre"), SKIN))
+    printed = (*_without("skin"), "dielectric")
+    rows.append(Case("dielectric instead of metal", "dielectric", printed, PRINTED, against="without skin"))
+    known = {case.effect for case in rows} | set(REFERENCE)
+    return rows + [Case(name, name, (*REFERENCE, name), SKIN) for name in IDS if name not in known]
+
+
+def _without(name: str) -> tuple[str, ...]:
+    return tuple(effect for effect in REFERENCE if effect != name)
+
+
+def scene_file(pose: str, case: Case, seed: int = 1) -> SceneFile:
+    """The case's scene file."""
+    target = {"kind": "hand", "pose": pose, "material": case.material, "motion": TREMOR}
+    values = {"version": 1, "name": pose, "seed": seed, "target": target, "effects": list(case.effects), **CAUSES}
+    return parse(SceneFile, values, f"case '{case.name}'")

@@ -1,0 +1,131 @@
+"""The exact images that every row's error is taken against: random voxels, and whole columns of random pixels.
+
+Errors are relative to the whole volume's root mean square, so that random voxels speak for the whole volume.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.studies.engine.scope import Inputs
+from bench.studies.engine.textbook import numpy_sum
+from radar.data.depthmap import amplitude_db
+from radar.data.grid import VoxelGrid
+from radar.imaging.api import image_volume
+from radar.imaging.cpu.exact import backproject
+from radar.methods.projection import Peaks, peak_offset, peaks_of
+
+STAND_IN = 1e-6  # tolerance of the volume that gives the mask and the root mean square
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Of a projection from the exact one: mean |Δz| over the checked pixels between voxels and in whole voxels, and
+    the number of pixels that only one of both masks holds."""
+
+    subvoxel_mm: float
+    voxel_mm: float
+    mask_px: int
+
+
+@dataclass(frozen=True)
+class Reference:
+    """voxels [n] and pixels [p]: flat indices that are checked; per source: exact [n], image sums of every tone there,
+    and rms, the whole volume's size; direct [d]: the hand's float64 sums at the first voxels; columns: the peaks of
+    the checked pixels, from exact images; mask [ny, nx]: pixels on target."""
+
+    grid: VoxelGrid
+    threshold_db: float
+    voxels: np.ndarray
+    exact: dict[str, np.ndarray]
+    rms: dict[str, float]
+    direct: np.ndarray
+    pixels: np.ndarray
+    columns: Peaks
+    mask: np.ndarray
+    stand_in_error: float
+
+    def error(self, values: np.ndarray, source: str = "hand") -> float:
+        """Relative L2 error of an image's values [≤ n] at the checked voxels."""
+        return self._relative(values, self.exact[source], source)
+
+    def direct_error(self, values: np.ndarray) -> float:
+        """The same against the float64 sums: values [≤ d] of the hand."""
+        return self._relative(values, self.direct, "hand")
+
+    def deviation(self, peaks: Peaks) -> Deviation:
+        """Of the whole volume's peaks [ny, nx]."""
+        checked = Peaks(peaks.index.ravel()[self.pixels], peaks.magnitude.reshape(3, -1)[:, self.pixels])
+        mask = amplitude_db(peaks.magnitude[1]) >= self.threshold_db
+        return Deviation(*self.column_deviation(checked), int(np.count_nonzero(mask != self.mask)))
+
+    def column_deviation(self, checked: Peaks) -> tuple[float, float]:
+        """Mean |Δz| in mm, between voxels and in whole voxels, of the checked pixels' peaks [p]."""
+        differences = (
+            depth_m(checked, self.grid, subvoxel) - depth_m(self.columns, self.grid, subvoxel)
+            for subvoxel in (True, False)
+        )
+        between, whole = (1e3 * float(np.abs(difference).mean()) for difference in differences)
+        return between, whole
+
+    def _relative(self, values: np.ndarray, exact: np.ndarray, source: str) -> float:
+        known = min(len(values), len(exact))
+        difference = values[:known].astype(np.complex128) - exact[:known]
+        return float(np.sqrt(np.mean(np.abs(difference) ** 2)) / self.rms[source])
+
+
+def reference(inputs: Inputs) -> Reference:
+    """Choose what is checked, and image it exactly."""
+    scope, grid, array, tones_hz = inputs.scope, inputs.grid, inputs.array, inputs.tones_hz
+    random = np.random.default_rng(0)
+    voxels = random.choice(int(np.prod(grid.shape)), scope.checked_voxels, replace=False)
+    points_m = voxel_points_m(grid, voxels)
+    exact, rms, stand_in = {}, {}, {}
+    for source, samples in inputs.samples.items():
+        exact[source] = backproject(samples, tones_hz, array, points_m)
+        stand_in[source] = image_volume(samples, tones_hz, array, grid, STAND_IN)
+        rms[source] = float(np.sqrt(np.mean(np.abs(stand_in[source]) ** 2, dtype=np.float64)))
+    mask = amplitude_db(peaks_of(stand_in["hand"]).magnitude[1]) >= scope.config.threshold_db
+    on_target = np.flatnonzero(mask)
+    pixels = random.choice(on_target, min(scope.checked_pixels, len(on_target)), replace=False)
+    columns = backproject(inputs.samples["hand"], tones_hz, array, column_points_m(grid, pixels))
+    return Reference(
+        grid=grid,
+        threshold_db=scope.config.threshold_db,
+        voxels=voxels,
+        exact=exact,
+        rms=rms,
+        direct=numpy_sum(inputs.samples["hand"], tones_hz, array, points_m[: scope.numpy_voxels]),
+        pixels=pixels,
+        columns=column_peaks(columns, grid),
+        mask=mask,
+        stand_in_error=max(
+            float(np.sqrt(np.mean(np.abs(stand_in[s].ravel()[voxels] - exact[s]) ** 2)) / rms[s]) for s in exact
+        ),
+    )
+
+
+def depth_m(peaks: Peaks, grid: VoxelGrid, subvoxel: bool) -> np.ndarray:
+    """Depth of the peaks, in whole voxels or between them."""
+    z_m = grid.z_m[peaks.index]
+    return z_m + np.diff(grid.z_m)[0] * peak_offset(peaks.magnitude) if subvoxel else z_m
+
+
+def voxel_points_m(grid: VoxelGrid, voxels: np.ndarray) -> np.ndarray:
+    """Centres [n, 3] of the voxels with flat indices [n]."""
+    z, y, x = np.unravel_index(voxels, grid.shape)
+    return np.stack([grid.x_m[x], grid.y_m[y], grid.z_m[z]], axis=1)
+
+
+def column_points_m(grid: VoxelGrid, pixels: np.ndarray) -> np.ndarray:
+    """Centres [nz · p, 3] of all voxels behind the pixels with flat indices [p]."""
+    layer = np.prod(grid.shape[1:])
+    return voxel_points_m(grid, (np.arange(grid.shape[0])[:, None] * layer + pixels).ravel())
+
+
+def column_peaks(images: np.ndarray, grid: VoxelGrid) -> Peaks:
+    """Peaks [p] of images [nz · p] at `column_points_m`."""
+    peaks = peaks_of(images.astype(np.complex64).reshape(len(grid.z_m), 1, -1))
+    return Peaks(peaks.index[0], peaks.magnitude[:, 0])

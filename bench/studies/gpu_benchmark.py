@@ -1,0 +1,121 @@
+"""What imaging costs on a CUDA device, in milliseconds between CUDA events, copies to and from the device included.
+
+    python -m bench.studies.gpu_benchmark [--device cuda|cpu|numpy] [-o runs/gpu.json]
+
+The echoes are those of a bumpy surface at 0.28 m; grid, tones and array are the paper's. `first_ms` holds the plan and,
+once per machine, the compilation; `ms` is the median of what follows. --device cpu times the same on the processor.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.run.cost import machine
+from radar.data.arrays import qar50
+from radar.data.capture import RadarCapture
+from radar.data.grid import Axis, VoxelGrid
+from radar.imaging.api import image_volume, imaging_error, project_volume
+from radar.imaging.device import DEVICES, array_module, chosen, describe, use_device
+from radar.methods.fsk import three_tone
+from radar.methods.fsk_config import ThreeToneConfig
+from radar.methods.projection import BroadbandConfig
+from radar.simulation.forward import Scatterers, simulate
+from radar.support.errors import HandbenchError
+from radar.support.files import write_json
+from radar.warmup import compile_kernels
+
+TOLERANCE = 1e-3
+SHARE = Axis(start_m=-0.03, stop_m=0.03, step_m=0.001)  # x and y of the exact sum's part of the volume
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure, print and write the rows; 2 where the device is not there."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--device", choices=DEVICES, default="cuda")
+    parser.add_argument("--repeats", type=int, default=10)
+    parser.add_argument("-o", "--out", type=Path)
+    options = parser.parse_args(arguments)
+    try:
+        with use_device(options.device):
+            compile_kernels()
+            rows = measure(BroadbandConfig(), ThreeToneConfig(), SHARE, max(options.repeats, 1))
+            facts = {**machine(), "imaging_device": describe()}
+    except HandbenchError as error:
+        print(f"gpu_benchmark: {error}", file=sys.stderr)
+        return 2
+    print(f"imaging on {facts['imaging_device']}")
+    for row in rows:
+        print("  ".join(f"{key}={value:.3g}" if isinstance(value, float) else str(value) for key, value in row.items()))
+    if options.out:
+        write_json(options.out, {"machine": facts, "rows": rows})
+    return 0
+
+
+def measure(volume: BroadbandConfig, frame: ThreeToneConfig, share: Axis, repeats: int) -> list[dict[str, Any]]:
+    """One row each for the exact sum of a part of the volume (x, y: `share`), the volume and its projection at
+    TOLERANCE, and a 3-FSK frame, exact and at TOLERANCE."""
+    grid, part = volume.grid(), volume.model_copy(update={"x": share, "y": share}).grid()
+    wide = surface_echoes(volume.tones_hz())
+    tones = surface_echoes(np.array(frame.ladder_hz))
+    one = (wide.samples[0], wide.frequencies_hz, wide.aperture)
+    whole = int(np.prod(grid.shape)) / int(np.prod(part.shape))
+    exact, share_row = _timed("exact sum of a part", lambda: image_volume(*one, part, None), 1)
+    fast, volume_row = _timed("volume", lambda: image_volume(*one, grid, TOLERANCE), repeats)
+    _, peaks_row = _timed("projection", lambda: project_volume(*one, grid, TOLERANCE), repeats)
+    frames = [
+        _timed(name, partial(three_tone, tones, frame.model_copy(update={"tolerance": tolerance})), repeats)[1]
+        for name, tolerance in (("3-FSK frame, exact", None), ("3-FSK frame", TOLERANCE))
+    ]
+    share_row |= {"voxels": exact.size, "whole_volume_ms": share_row["ms"] * whole, "error": _error(exact, one, part)}
+    volume_row |= {"voxels": fast.size, "error": _error(fast, one, grid)}
+    return [share_row, volume_row, peaks_row, *frames]
+
+
+def surface_echoes(frequencies_hz: np.ndarray) -> RadarCapture:
+    """Echoes of a smooth bumpy surface, 6 × 6 cm."""
+    x, y = np.meshgrid(np.linspace(-0.03, 0.03, 121), np.linspace(-0.03, 0.03, 121))
+    z = 0.28 + 0.004 * np.sin(2 * np.pi * x / 0.03) * np.cos(2 * np.pi * y / 0.04)
+    points = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
+    samples = simulate(Scatterers(points, np.ones(len(points))), frequencies_hz, qar50())
+    return RadarCapture(samples[None], frequencies_hz, qar50())
+
+
+def _timed(name: str, work: Callable[[], Any], repeats: int) -> tuple[Any, dict[str, Any]]:
+    """What work() returns, and its row: the first call's milliseconds and the median of `repeats` further ones."""
+    result, first = _milliseconds(work)
+    return result, {
+        "what": name,
+        "first_ms": first,
+        "ms": statistics.median(_milliseconds(work)[1] for _ in range(repeats)),
+    }
+
+
+def _milliseconds(work: Callable[[], Any]) -> tuple[Any, float]:
+    if chosen() != "cuda":
+        start = time.perf_counter()
+        return work(), 1e3 * (time.perf_counter() - start)
+    cuda = array_module().cuda
+    begin, end = cuda.Event(), cuda.Event()
+    begin.record()
+    result = work()
+    end.record()
+    end.synchronize()
+    return result, float(cuda.get_elapsed_time(begin, end))
+
+
+def _error(image: np.ndarray, one: tuple, grid: VoxelGrid) -> float:
+    """Relative L2 error at random voxels against the processor's exact sum."""
+    return imaging_error(image, *one, grid)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,63 @@
+"""The hands that are photographed, and what is varied."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from bench.scenes.scene_file import SceneFile
+from radar.support.config import parse
+
+SPECKLE = {"speckle": 0.7, "texture_contrast": 1.0}
+# Several millimetres of depth of field, an f-number of a hand-held camera, skin that shines.
+REAL = {
+    "f_number": 11.0,
+    "highlights": 1.0,
+    "roughness": 0.25,
+    "exposure_spread": 0.15,
+    "white_balance_spread": 0.05,
+    "motion_px": 0.7,
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A hand in a pose, its photographs, and how they are reconstructed. known: the intrinsics are given."""
+
+    name: str
+    pose: str
+    seed: int
+    cameras: int = 8
+    width: int = 3000
+    quality: str = "normal"
+    known: bool = True
+    photos: dict[str, Any] = field(default_factory=dict)
+
+    def scene_file(self) -> SceneFile:
+        """The scene: skin on the stand, photographs of 3:2."""
+        photos = {"cameras": self.cameras, "width": self.width, "height": self.width * 2 // 3, **self.photos}
+        target = {"kind": "hand", "pose": self.pose, "material": {"kind": "skin"}}
+        values = {"version": 1, "name": self.name, "seed": self.seed, "target": target, "photos": photos}
+        return parse(SceneFile, values, f"case '{self.name}'")
+
+
+def bars(poses: tuple[str, ...]) -> Iterator[Case]:
+    """What a ground truth is held to, on each pose."""
+    for seed, pose in enumerate(poses, start=201):
+        yield Case("8 views", pose, seed)
+        yield Case("5 views, speckle", pose, seed, cameras=5, photos=SPECKLE)
+        yield Case("5 views", pose, seed, cameras=5)
+        yield Case("5 views, unknown intrinsics", pose, seed, cameras=5, known=False)
+        yield Case("8 views, shine, focus, motion, exposure", pose, seed, photos=REAL)
+        yield Case("8 views, contrast 0.3", pose, seed, photos={"texture_contrast": 0.3})
+
+
+def sweep(pose: str, seed: int = 301) -> Iterator[Case]:
+    """Views × image size × quality on one pose."""
+    for cameras in (5, 8, 12):
+        for width in (1500, 3000):
+            for quality in ("draft", "normal", "high"):
+                if quality == "high" and (cameras == 12 or (cameras, width) == (5, 3000)):
+                    continue  # minutes each, and no other answer
+                yield Case(f"{cameras} × {width} px, {quality}", pose, seed, cameras, width, quality)

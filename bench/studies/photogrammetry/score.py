@@ -1,0 +1,103 @@
+"""A reconstruction against the true scene: error, completeness, scale, and the honesty of its error bars."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bench.scenes.build import Scene
+from calibration.transforms import umeyama
+from groundtruth.cameras.cameras import Camera
+from groundtruth.mesh.depth import depth_on_grid
+from groundtruth.mesh.mesh_files import raycasting_scene
+from groundtruth.pipeline import Result
+
+if TYPE_CHECKING:
+    import open3d as o3d
+
+GRID_M = 5e-4  # of the rays from the radar's side that sample the true surface
+COMPLETE_M = 1e-3
+BAND = 1.96  # standard deviations of the 95 % band
+SCALED = 500  # points that the scale is told from
+
+
+@dataclass(frozen=True)
+class Score:
+    """Distances of the mesh's observed vertices to the true surface, metres; complete: share of the radar-side surface
+    that lies within 1 mm of them; scale: relative error of the frame's scale; centre_m: mean error of the cameras'
+    centres; within_1_sigma, within_2_sigma, within_95: share of the vertices whose distance is inside so many of their
+    own standard deviations."""
+
+    median_m: float
+    rms_m: float
+    p95_m: float
+    max_m: float
+    complete: float
+    scale: float
+    centre_m: float
+    within_1_sigma: float
+    within_2_sigma: float
+    within_95: float
+
+
+def score(result: Result, scene: Scene) -> Score:
+    """The result, whose frame is the photographs', against its scene."""
+    surface = result.surface
+    points_m = scene.radar_from_photo.points(surface.vertices_m)[surface.observed]
+    distance_m = raycasting_scene(scene.target_mesh).compute_distance(points_m.astype(np.float32)).numpy()
+    distance_m = distance_m.astype(np.float64)
+    side_m = radar_side(scene)
+    ratio = distance_m / surface.sigma_m[surface.observed]
+    true = {camera.name: camera for camera in scene.cameras}
+    off_m = [np.linalg.norm(camera.centre_m - true[camera.name].centre_m) for camera in result.cameras]
+    return Score(
+        float(np.median(distance_m)),
+        float(np.sqrt(np.mean(distance_m**2))),
+        float(np.quantile(distance_m, 0.95)),
+        float(distance_m.max()),
+        completeness(points_m, side_m),
+        scale_error(scene.radar_from_photo.inverse().points(side_m), result.cameras, true),
+        float(np.mean(off_m)),
+        *(float(np.mean(ratio <= k)) for k in (1.0, 2.0, BAND)),
+    )
+
+
+def completeness(points_m: np.ndarray, side_m: np.ndarray) -> float:
+    """Share of the points side_m [n, 3] that are within a millimetre of one of points_m [m, 3]."""
+    from scipy.spatial import KDTree
+
+    return float(np.mean(KDTree(points_m).query(side_m, distance_upper_bound=COMPLETE_M)[0] <= COMPLETE_M))
+
+
+def radar_side(scene: Scene) -> np.ndarray:
+    """Points [n, 3] of the true surface that rays along +z meet first, in the radar frame, one per cell of a grid,
+    those in the crop box."""
+    side_m = _first_met(scene.target_mesh)
+    in_photo_m = scene.radar_from_photo.inverse().points(side_m)
+    return side_m[((in_photo_m >= scene.box_m[0]) & (in_photo_m <= scene.box_m[1])).all(axis=1)]
+
+
+def _first_met(surface: o3d.geometry.TriangleMesh) -> np.ndarray:
+    vertices = np.asarray(surface.vertices)
+    low, high = vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)
+    x_m, y_m = (np.arange(a, b, GRID_M) for a, b in zip(low, high, strict=True))
+    z_m = depth_on_grid(surface, x_m, y_m)
+    return np.stack([*np.meshgrid(x_m, y_m), z_m], axis=-1)[np.isfinite(z_m)]
+
+
+def scale_error(points_m: np.ndarray, ours: tuple[Camera, ...], true: dict[str, Camera]) -> float:
+    """Relative error of the scale: points [n, 3] in the photo frame, photographed by the true cameras and triangulated
+    by ours, come out larger by so much."""
+    points_m = points_m[:: max(1, len(points_m) // SCALED)]
+    normal, right = np.zeros((len(points_m), 3, 3)), np.zeros((len(points_m), 3))
+    for camera in ours:
+        xy = np.asarray(camera.colmap().cam_from_img(true[camera.name].project(points_m)))
+        rays = np.concatenate([xy, np.ones((len(xy), 1))], axis=1) @ camera.rotation
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        across = np.eye(3) - rays[:, :, None] * rays[:, None, :]  # the nearest point to all rays
+        normal += across
+        right += across @ camera.centre_m
+    found_m = np.linalg.solve(normal, right[..., None])[..., 0]
+    return float(np.cbrt(np.linalg.det(umeyama(points_m, found_m, with_scale=True)[:3, :3])) - 1)

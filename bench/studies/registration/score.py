@@ -1,0 +1,78 @@
+"""Errors of a registration whose truth is known, and whether its covariance told them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from calibration.registration.combination import HAND_M
+from calibration.transforms import Transform, adjoint
+
+VOLUME_M = np.array(list(product(np.linspace(-0.06, 0.06, 5), np.linspace(-0.1, 0.1, 5), np.linspace(0.25, 0.35, 5))))
+
+
+@dataclass(frozen=True)
+class Score:
+    """shift_m [3]: how far the hand's centre is off; turn_rad [3]: the rotation's error; tre_m [n]: distance from the
+    truth at VOLUME_M, and predicted_m [n]: its root mean square by the covariance; nees: eᵀC⁻¹e, χ² of 6."""
+
+    shift_m: np.ndarray
+    turn_rad: np.ndarray
+    tre_m: np.ndarray
+    predicted_m: np.ndarray
+    nees: float
+
+
+def score(found: Transform, true: Transform) -> Score:
+    """Compare radar_from_photo with the truth."""
+    back = true.inverse()
+    shift_m = found.points(back.points(HAND_M)) - HAND_M
+    turn_rad = Rotation.from_matrix(found.rotation @ true.rotation.T).as_rotvec()
+    tre_m = np.linalg.norm(found.points(back.points(VOLUME_M)) - VOLUME_M, axis=1)
+    predicted_m = np.sqrt(np.trace(found.point_covariance(VOLUME_M), axis1=1, axis2=2))
+    error = np.concatenate([shift_m, turn_rad])
+    carry = adjoint(HAND_M, 6)
+    return Score(
+        shift_m, turn_rad, tre_m, predicted_m, float(error @ np.linalg.solve(carry @ found.covariance @ carry.T, error))
+    )
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Over all trials: root mean squares of shift and turn, the 95th percentile of the registration error over the
+    volume, its predicted root mean square over the one seen, and the mean NEES with the band that holds 95 % of what
+    honest covariances give."""
+
+    trials: int
+    shift_rms_m: float
+    turn_rms_rad: float
+    turn_max_rad: float
+    tre_p95_m: float
+    predicted_over_seen: float
+    nees: float
+    band: tuple[float, float]
+    within_95: float
+
+
+def summary(scores: Sequence[Score]) -> Summary:
+    """The figures of a set of trials."""
+    shift2, turn2 = (np.array([(getattr(s, key) ** 2).sum() for s in scores]) for key in ("shift_m", "turn_rad"))
+    tre_m, predicted_m = (np.concatenate([getattr(s, key) for s in scores]) for key in ("tre_m", "predicted_m"))
+    nees = np.array([s.nees for s in scores])
+    freedom = 6 * len(scores)
+    return Summary(
+        len(scores),
+        float(np.sqrt(shift2.mean())),
+        float(np.sqrt(turn2.mean())),
+        float(np.sqrt(turn2.max())),
+        float(np.quantile(tre_m, 0.95)),
+        float(np.sqrt((predicted_m**2).mean() / (tre_m**2).mean())),
+        float(nees.mean()),
+        tuple(float(chi2.ppf(p, freedom) / len(scores)) for p in (0.025, 0.975)),
+        float(np.mean(nees < chi2.ppf(0.95, 6))),
+    )

@@ -1,0 +1,201 @@
+"""How much each estimator amplifies its input's error, measured by perturbation, beside what theory expects; and
+whether the σ that FSK states follows its errors.
+
+A perturbation is small against what bends the estimator and large against rounding; it goes through the product, while
+theory is a formula that is written here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bench.evaluation.metrics import pool, precision
+from bench.results.error_map import ErrorMap
+from bench.results.stability import Table
+from bench.studies.stability.condition_fsk import METHODS, amplification, array, expected, ranks
+from bench.studies.stability.condition_rays import plane_depth, triangulated
+from bench.studies.stability.registration_spheres import PLACE_M, RADIUS_M
+from calibration.target.ball_fit import fit_balls
+from calibration.target.description import default_target
+from calibration.target.optical_detection import Cloud, fit_sphere
+from calibration.target.radar_detection import Ball
+from calibration.transforms import condition_number, umeyama
+from radar.data.arrays import SPEED_OF_LIGHT_M_S
+from radar.data.capture import RadarCapture
+from radar.methods.projection import peak_offset
+from radar.simulation.mie import sphere_echo
+
+COLUMNS = ("estimator", "input", "measured", "theory", "ratio", "unit")
+
+
+class Row(NamedTuple):
+    """One estimator's amplification; unit: of its output over its input's."""
+
+    estimator: str
+    input: str
+    measured: float
+    theory: float
+    unit: str
+
+
+def table() -> Table:
+    """All estimators, then the rank correlation of σ and |error|, with that of the true σ in theory's place."""
+    followed = [Row(f"σ of {name} against |error|", "rank correlation", *both, "1") for name, both in ranks().items()]
+    rows = [*amplifications(), *followed]
+    told = "; ".join(f"{row.measured:.2f} of {row.theory:.2f} ({row.estimator})" for row in followed)
+    return Table(
+        title="Condition",
+        text="how much an error of the input is amplified, by perturbation and by theory; and the rank correlation of "
+        f"FSK's confidence with its errors, of what the true σ would reach: {told}",
+        columns=COLUMNS,
+        rows=tuple((r.estimator, r.input, r.measured, r.theory, r.measured / r.theory, r.unit) for r in rows),
+    )
+
+
+def amplifications() -> Iterator[Row]:
+    """Estimator by estimator."""
+    for method in METHODS:
+        measured, theory = amplification(method), expected(method)
+        yield Row(f"{method.name} depth", "phase of the last tone", measured, theory, "m/rad")
+    for step_m in (1e-3, 2e-3):
+        yield Row(
+            f"subvoxel depth, voxels of {1e3 * step_m:g} mm",
+            "relative amplitude of a neighbour",
+            *_subvoxel(step_m),
+            "m",
+        )
+    for part in (0.45, 0.15, 0.1):
+        yield Row(
+            f"centre of a {part:.0%} cap, free radius",
+            "points' rms along the normal",
+            _cap(part),
+            np.sqrt(3) / part,
+            "m/m",
+        )
+    yield Row("radius of a 15% cap", "points' rms along the normal", *_cap_radius(0.15), "m/m")
+    yield Row("ball in the echoes", "delay of all channels, one way", *_ball(), "m/m")
+    yield from _rotation()
+    for degrees in (20, 60, 80):
+        yield Row(
+            f"depth of a plane tilted by {degrees}°",
+            "surface along its normal",
+            plane_depth(np.deg2rad(degrees)),
+            1 / np.cos(np.deg2rad(degrees)),
+            "m/m",
+        )
+    for base_m in (0.2, 0.02):
+        yield Row(f"triangulated point, 0.6 m away, base {base_m:g} m", "disparity", *triangulated(base_m, 0.6), "m/px")
+    yield Row("precision of 10 repeats", "repeats, their rms", *_precision(10), "m/m")
+    yield Row("MAE", "errors, each further out", *_mae(), "m/m")
+
+
+# --- depth -----------------------------------------------------------------------------------------------------------
+
+
+def _subvoxel(step_m: float, band_hz: float = 10e9) -> tuple[float, float]:
+    """Change of the vertex with one neighbour's relative amplitude: of a main lobe sinc(2Bz/c), whose logarithm bends
+    by π²/3 per resolution cell squared, 3ρ²/(2π²·step) with ρ = c/2B."""
+    cell_m = SPEED_OF_LIGHT_M_S / (2 * band_hz)
+    lobe = np.sinc(np.array([-1.0, 0.0, 1.0]) * step_m / cell_m)
+    moved = [float(peak_offset(lobe * [1 + change, 1, 1])) for change in (1e-4, -1e-4)]
+    return abs(moved[0] - moved[1]) / 2e-4 * step_m, 3 * cell_m**2 / (2 * np.pi**2 * step_m)
+
+
+# --- calibration -----------------------------------------------------------------------------------------------------
+
+
+def _cap_fit(part: float, along: Callable[[np.ndarray], np.ndarray], size_m: float = 1e-6) -> tuple[float, float]:
+    """Shift of the centre, and growth of the radius, per metre of the points' rms, when they err by `along` of their
+    cosine to the axis; the radius is free."""
+    n = 4000  # even in height, hence on the sphere
+    height = 1 - 2 * part * (np.arange(n) + 0.5) / n
+    azimuth = np.pi * (1 + np.sqrt(5)) * np.arange(n)
+    ring = np.sqrt(1 - height**2)
+    outward = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), height], axis=1)
+    error = along(height)
+    points_m = (RADIUS_M + size_m * error / np.sqrt(np.mean(error**2)))[:, None] * outward
+    found = fit_sphere(Cloud(points_m, outward, oriented=True), np.zeros(3), RADIUS_M, (0,), radius_sigma_m=1.0)
+    return float(np.linalg.norm(found.centre_m)) / size_m, abs(found.radius_m - RADIUS_M) / size_m
+
+
+def _cap(part: float) -> float:
+    """The worst pattern for the centre: as its height without what a radius explains; √3/part for even points, whose
+    heights deviate by 2·part/√12."""
+    return _cap_fit(part, lambda height: height - height.mean())[0]
+
+
+def _cap_radius(part: float) -> tuple[float, float]:
+    """The worst pattern for the radius: a constant without what the centre's height explains."""
+
+    def constant(height: np.ndarray) -> np.ndarray:
+        return 1 - height * height.mean() / np.mean(height**2)
+
+    mean, square = 1 - part, 1 - 2 * part + 4 * part**2 / 3  # of heights that are even from 1 − 2·part to 1
+    return _cap_fit(part, constant)[1], float(1 / np.sqrt(1 - mean**2 / square))
+
+
+def _ball() -> tuple[float, float]:
+    """Shift of a fitted ball with a delay that all channels share, and that of least squares on the phases of a point,
+    whose place and strength's phase are free: 2 over the path's rise, or nearly so."""
+    target, tones_hz, delay_m = default_target(), np.linspace(72e9, 82e9, 16), 1e-4
+    samples = sphere_echo(PLACE_M, target.element[0].ball_radius_m, target.foam_delay_m[0], tones_hz, array())
+    found_m = []
+    for sign in (1, -1):
+        late = np.exp(-2j * np.pi * tones_hz / SPEED_OF_LIGHT_M_S * 2 * sign * delay_m)
+        taken = RadarCapture((samples * late[:, None, None])[None].astype(np.complex64), tones_hz, array())
+        found_m.append(fit_balls(taken, target, {0: Ball(PLACE_M, np.eye(3), (0,), PLACE_M, 0.0)})[0].centre_m)
+    to, back = (PLACE_M - leg for leg in (array().tx_m, array().rx_m))
+    to, back = (leg / np.linalg.norm(leg, axis=1)[:, None] for leg in (to, back))
+    gradient = (to[:, None] + back[None]).reshape(-1, 3)
+    k = 2 * np.pi * tones_hz / SPEED_OF_LIGHT_M_S
+    places = np.multiply.outer(k, gradient).reshape(-1, 3)
+    design = np.concatenate([places, np.ones((len(places), 1))], axis=1)
+    expected = np.linalg.lstsq(design, np.repeat(2 * k, len(gradient)))[0][:3]
+    return float(np.linalg.norm(found_m[0] - found_m[1]) / 2 / delay_m), float(np.linalg.norm(expected))
+
+
+def _rotation() -> Iterator[Row]:
+    """Umeyama's rotation, about its worst axis and of the worst to the best: the singular values of how it turns with
+    each coordinate of each point. About axis i it is held by Σ(y² + z²) of the centred points in their own axes."""
+    points_m = default_target().centres_m * [1, 0.3, 1]  # a narrow target
+    step_m, columns = 1e-7, []
+    for point in range(len(points_m)):
+        for axis in range(3):
+            turned = []
+            for sign in (1, -1):
+                moved_m = points_m.copy()
+                moved_m[point, axis] += sign * step_m
+                turned.append(Rotation.from_matrix(umeyama(points_m, moved_m)[:3, :3]).as_rotvec())
+            columns.append((turned[0] - turned[1]) / (2 * step_m))
+    found = np.linalg.svd(np.array(columns), compute_uv=False)
+    squares_m2 = np.linalg.svd(points_m - points_m.mean(axis=0), compute_uv=False) ** 2
+    held_m2 = squares_m2.sum() - squares_m2
+    name = "rotation of a narrow target"
+    yield Row(f"{name}, worst axis", "centres, their norm", found[0], held_m2.min() ** -0.5, "rad/m")
+    yield Row(f"{name}, worst to best axis", "centres", found[0] / found[2], condition_number(points_m, points_m), "1")
+
+
+# --- figures ---------------------------------------------------------------------------------------------------------
+
+
+def _precision(repeats: int) -> tuple[float, float]:
+    """Change with depths that move apart, per metre of their rms: √(n/(n − 1))."""
+    z_m = 0.3 + 1e-3 * np.random.default_rng(0).standard_normal(repeats)
+    way = (z_m - z_m.mean()) / z_m.std()
+    found = [1e-3 * precision([z_m + sign * 1e-6 * way])["precision_mm"] for sign in (1, -1)]
+    return (found[0] - found[1]) / 2e-6, float(np.sqrt(repeats / (repeats - 1)))
+
+
+def _mae() -> tuple[float, float]:
+    """Change with errors that all grow by as much: 1, the most that it can be."""
+    error_m = 1e-3 * np.random.default_rng(0).standard_normal((40, 40))
+    axis_m, surface = 1e-3 * np.arange(40), np.full((40, 40), 0.3)
+    found = [
+        1e-3 * pool([ErrorMap(axis_m, axis_m, error_m + sign * 1e-8 * np.sign(error_m), surface)])["mae_mm"]
+        for sign in (1, -1)
+    ]
+    return (found[0] - found[1]) / 2e-8, 1.0

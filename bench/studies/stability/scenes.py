@@ -1,0 +1,90 @@
+"""What the hard cases look at: a small array, scatterers whose depth is known, and methods run on the pixels about
+them. Echoes are formed in float64."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from bench.studies.stability.cases import Worst, worst
+from radar.data.arrays import AntennaArray, qar50
+from radar.data.capture import RadarCapture
+from radar.data.depthmap import DepthMap
+from radar.data.grid import Axis
+from radar.methods.registry import method
+from radar.simulation.forward import direct_echoes
+from radar.support.config import Config
+
+FSK = ("2fsk", "3fsk", "3fsk-plus", "nfsk")
+METHODS = (*FSK, "broadband", "narrowband")
+LADDER_HZ = (82.0e9, 81.8e9, 81.3e9, 79.5e9, 72.0e9)
+ALL_HZ = np.unique(np.concatenate([np.linspace(72e9, 82e9, 128), LADDER_HZ]))
+POINT_M = (0.0, 0.0, 0.28)
+HALF_M, STEP_M = 0.012, 0.001
+VOXEL_MM = 0.5  # half a voxel of the projections
+
+
+@cache
+def small_array() -> AntennaArray:
+    """12 + 12 antennas of the paper's frame: as wide, and 60 times as fast."""
+    whole = qar50()
+    return AntennaArray(whole.tx_m[::8], whole.rx_m[::8])
+
+
+def echoes(
+    points_m: Any, weight: Any = None, frequencies_hz: Any = ALL_HZ, array: AntennaArray | None = None
+) -> np.ndarray:
+    """Samples complex128 [f, t, r] of points [n, 3] with a weight each (1), before the small array or another."""
+    points_m = np.atleast_2d(np.asarray(points_m, np.float64))
+    weight = np.ones(len(points_m)) if weight is None else weight
+    return direct_echoes(points_m, weight, np.asarray(frequencies_hz, np.float64), array or small_array())
+
+
+def capture(samples: np.ndarray, frequencies_hz: Any = ALL_HZ, array: AntennaArray | None = None) -> RadarCapture:
+    """One frame of samples [f, t, r], in single precision as a receiver's file has them."""
+    samples = np.asarray(samples, np.complex64)[None]
+    return RadarCapture(samples, np.asarray(frequencies_hz, np.float64), array or small_array())
+
+
+def config(id: str, centre_m: Any = POINT_M, half_m: float = HALF_M, **values: Any) -> Config:
+    """A method's configuration, for the pixels about a point."""
+    axes = {
+        axis: Axis(start_m=c - half_m, stop_m=c + half_m, step_m=STEP_M)
+        for axis, c in zip("xy", centre_m[:2], strict=True)
+    }
+    return method(id).configure({**axes, **values}, f"hard case of '{id}'")
+
+
+def depth_map(id: str, taken: RadarCapture, centre_m: Any = POINT_M, half_m: float = HALF_M, **values: Any) -> DepthMap:
+    """A method's depth map of the pixels about a point."""
+    return method(id).run(taken, config(id, centre_m, half_m, **values), 0).depth
+
+
+def middle(values: np.ndarray) -> Any:
+    """The map's middle pixel: the point's own."""
+    return values[values.shape[0] // 2, values.shape[1] // 2]
+
+
+def noisy(samples: np.ndarray, strongest: float, snr_db: float, seed: int) -> np.ndarray:
+    """Samples [f, t, r] with white noise; snr_db: of an image's strongest pixel, whose amplitude is `strongest`."""
+    channels = int(np.prod(samples.shape[1:]))
+    sigma = strongest / np.sqrt(2 * channels) * 10 ** (-snr_db / 20)
+    noise = np.random.default_rng(seed).normal(scale=sigma, size=(2, *samples.shape))
+    return samples + noise[0] + 1j * noise[1]
+
+
+@cache
+def bumpy_points() -> np.ndarray:
+    """Points [n, 3] of a smooth surface at 0.28 m, finer than a resolution cell."""
+    along = np.arange(-0.024, 0.0241, 0.002)
+    x, y = np.meshgrid(along, along)
+    return np.stack([x, y, 0.28 + 0.003 * np.sin(60 * x) * np.cos(60 * y)], axis=-1).reshape(-1, 3)
+
+
+def judged(seen: list[tuple[str, float, bool]], bound: float) -> Worst:
+    """The worst of (place, value, whether it was marked); flagged where every value beyond the bound was marked."""
+    found = worst((place, value) for place, value, _ in seen)
+    silent = [(place, value) for place, value, marked in seen if not value <= bound and not marked]
+    return worst(silent) if silent else Worst(found.value, found.at, flagged=True)

@@ -1,0 +1,168 @@
+"""Hard maps for the averaging filter: holes, borders, lone pixels, long rows, and weights that differ without end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+
+from bench.studies.stability.cases import Worst, case, worst
+from radar.methods.smoothing import masked_mean
+
+U = 2.0**-53  # rounding of double precision
+LONG = 10_000_000
+
+
+def _direct(values: np.ndarray, size_px: int, weight: np.ndarray) -> np.ndarray:
+    """The filter by its definition, every window's sums by themselves in long double."""
+    known, half = np.isfinite(values), size_px // 2
+    parts = (np.where(known, weight * np.where(known, values, 0), 0), np.where(known, weight, 0))
+    ny, nx = values.shape
+    total, count = (np.zeros(values.shape, np.longdouble) for _ in range(2))
+    for sums, part in zip((total, count), parts, strict=True):
+        padded = np.pad(part.astype(np.longdouble), half)
+        for dy, dx in product(range(size_px), repeat=2):
+            sums += padded[dy : dy + ny, dx : dx + nx]
+    return np.divide(total, count, out=np.full(values.shape, np.nan, np.longdouble), where=known & (count > 0))
+
+
+def _error(values: np.ndarray, size_px: int, weight: np.ndarray | None = None) -> float:
+    """Largest error over what the roundings of the filter allow; infinite where the holes differ."""
+    found = masked_mean(values, size_px, weight)
+    exact = _direct(values, size_px, np.ones(values.shape) if weight is None else weight)
+    known = np.isfinite(exact)
+    if not np.array_equal(np.isfinite(found), known):
+        return np.inf
+    allowed = (2 * size_px + 10) * U * np.abs(values[np.isfinite(values)]).max(initial=0.0)
+    return float(np.abs(found - exact)[known].max(initial=0.0) / allowed) if allowed else 0.0
+
+
+def _map(seed: int, holes: float, shape: tuple[int, int] = (37, 41)) -> np.ndarray:
+    generator = np.random.default_rng(seed)
+    values = 0.3 + 0.02 * generator.standard_normal(shape)
+    values[generator.random(shape) < holes] = np.nan
+    return values
+
+
+SUMS = "2k + 10 roundings of 2⁻⁵³ each: k products and k sums along each axis at most, the offset and the quotient"
+
+
+@case(
+    "smoothing",
+    "masked averages at borders and holes",
+    quantity="error of the average, over its roundings",
+    reference="direct sums in long double",
+    unit="1",
+    bound=1.0,
+    reason=SUMS,
+)
+def holes() -> Worst:
+    def seen() -> Iterator[tuple[str, float]]:
+        for size, share in product((1, 3, 5, 9, 31), (0.0, 0.2, 0.9, 0.99)):
+            values = _map(size, share)
+            weight = np.random.default_rng(size).random(values.shape) + 0.1
+            yield f"size {size}, {share:.0%} holes", _error(values, size)
+            yield f"size {size}, {share:.0%} holes, weighted", _error(values, size, weight)
+
+    return worst(seen())
+
+
+@case(
+    "smoothing",
+    "sums along 10⁷ samples",
+    quantity="drift of the average, over its roundings",
+    reference="direct sums in double precision",
+    unit="1",
+    bound=1.0,
+    reason=f"{SUMS}; each window is summed by itself, so that nothing adds up along the row's 10⁷ steps",
+)
+def drift() -> Worst:
+    size, row = 5, 0.3 + 0.02 * np.random.default_rng(0).standard_normal(LONG)
+    row[: LONG // 2] += 1e3  # a running sum would keep the rounding of these
+    found = masked_mean(row[None], size)[0]
+    offset = row.mean()
+    inner = row[2:-2] - offset
+    for shift in (-2, -1, 1, 2):
+        inner += row[2 + shift : LONG - 2 + shift] - offset
+    error = np.abs(found[2:-2] - (offset + inner / size))
+    allowed = 2 * (2 * size + 10) * U * 1e3  # of both
+    return worst([(f"sample {int(error.argmax())}", float(error.max() / allowed))])
+
+
+@case(
+    "smoothing",
+    "lone pixels and empty maps",
+    quantity="change of what has no neighbour",
+    reference="the pixel itself",
+    unit="1",
+    bound=1.0,
+    reason=SUMS,
+)
+def lone() -> Worst:
+    def seen() -> Iterator[tuple[str, float]]:
+        for size, (y, x) in product((1, 3, 31, 101), ((0, 0), (0, 6), (4, 3), (8, 6))):
+            values = np.full((9, 7), np.nan)
+            values[y, x] = 0.28
+            yield f"size {size}, pixel {y}, {x}", _error(values, size)
+        for shape in ((1, 1), (1, 7), (9, 1)):
+            yield f"a map of {shape}", _error(np.full(shape, 0.28), 5)
+        for hole in (np.nan, np.inf, -np.inf):
+            yield f"a map of {hole}", _error(np.full((5, 5), hole), 3)
+
+    return worst(seen())
+
+
+@case(
+    "smoothing",
+    "infinities among the values",
+    quantity="error of the average, over its roundings",
+    reference="direct sums without them",
+    unit="1",
+    bound=1.0,
+    reason=f"what is not finite is a hole and reaches no neighbour; {SUMS}",
+)
+def infinities() -> Worst:
+    values = _map(7, 0.1)
+    values[3, 4], values[20, 20], values[0, 0] = np.inf, -np.inf, np.inf
+    return worst((f"size {size}", _error(values, size)) for size in (3, 9))
+
+
+@case(
+    "smoothing",
+    "a strong pixel beside weak ones",
+    quantity="error of the average, over its roundings",
+    reference="direct sums in long double",
+    unit="1",
+    bound=1.0,
+    reason=f"{SUMS}: weights are positive and each window is summed by itself, so that no rounding of a strong pixel "
+    "reaches a window without it; float32 images span 166 decades of power",
+)
+def strong_and_weak() -> Worst:
+    def seen() -> Iterator[tuple[str, float]]:
+        for decades, size in product((1, 6, 12, 16, 20, 40, 80, 166, 280), (3, 5, 9)):
+            values = _map(decades, 0.1)
+            weight = np.full(values.shape, 10.0**-decades)
+            weight[::11, ::13] = 1.0
+            yield f"10^{decades}, size {size}", _error(values, size, weight)
+
+    return worst(seen())
+
+
+@case(
+    "smoothing",
+    "an outlier beside the surface",
+    quantity="error of the average, over its roundings",
+    reference="direct sums in long double",
+    unit="1",
+    bound=1.0,
+    reason=f"{SUMS}, of the largest value: what an outlier costs its map is 2⁻⁵³ of itself",
+)
+def outlier() -> Worst:
+    def seen() -> Iterator[tuple[str, float]]:
+        for value, size in product((1.0, 1e3, 1e9, 1e100, 1e300), (3, 9)):
+            values = _map(3, 0.1)
+            values[18, 20] = value
+            yield f"{value:g} m, size {size}", _error(values, size)
+
+    return worst(seen())

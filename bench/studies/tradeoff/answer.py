@@ -1,0 +1,76 @@
+"""Which setting to take: the cheapest that is accurate enough, or the most accurate that is fast enough.
+
+A setting is held to the upper end of its error's interval, and to a tenth more than the slowest of its rounds, so that
+a later run of it, which is one more draw, keeps what this one promised.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from bench.results import Setting, Tradeoff
+from bench.studies.tradeoff.pareto import with_acquisition
+from radar.support.errors import HandbenchError
+
+LENGTHS = {"mm": 1.0, "um": 1e-3, "µm": 1e-3, "cm": 10.0, "m": 1e3}  # in millimetres
+HEADROOM = 1.1  # of a later run over the slowest round: the rounds are few
+TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """setting: with its acquisition among its seconds, where that was asked for; asked: the question in words."""
+
+    setting: Setting
+    asked: str
+
+
+def quantity(text: str, units: dict[str, float], option: str) -> float:
+    """A number with its unit, 2mm or 33 ms, in the unit whose factor is 1; a HandbenchError for anything else."""
+    found = re.fullmatch(r"\s*(\d+\.?\d*(?:e[+-]?\d+)?|\.\d+)\s*([a-zµ]+)\s*", text)
+    if found is None or found[2] not in units or not 0 < float(found[1]) < float("inf"):
+        raise HandbenchError(f"{option}: is '{text}'; expected a number above 0 with its unit: {', '.join(units)}")
+    return float(found[1]) * units[found[2]]
+
+
+def answer(
+    tradeoff: Tradeoff,
+    max_error_mm: float | None = None,
+    max_seconds: float | None = None,
+    count_acquisition: bool = False,
+) -> Answer:
+    """The imaging setting for a largest error (the cheapest), a longest time (the most accurate), or both (the
+    cheapest). Raises HandbenchError where none keeps to it, naming the nearest."""
+    settings = [s for s in tradeoff.section("imaging") if s.error is not None and s.seconds is not None]
+    if count_acquisition:
+        settings = [with_acquisition(s) for s in settings if s.acquisition_s is not None]
+    if not settings:
+        raise HandbenchError(f"{tradeoff.folder}: has no imaging settings to choose from; sweep the section imaging")
+    time_of = "frame and acquisition" if count_acquisition else "frame"
+    limits = [f"MAE ≤ {max_error_mm:g} mm"] if max_error_mm is not None else []
+    limits += [f"{time_of} ≤ {1e3 * max_seconds:g} ms"] if max_seconds is not None else []
+    asked = " and ".join(limits)
+    fit = [s for s in settings if _excess(s, max_error_mm, max_seconds) <= 1]
+    if not fit:
+        near = min(settings, key=lambda s: _excess(s, max_error_mm, max_seconds))
+        bound = f"up to {near.high:.3g} mm" if near.high is not None else "with no interval"
+        raise HandbenchError(
+            f"no setting has {asked}; the nearest, '{near.name}', has {near.error:.3g} mm ({bound}) in "
+            f"{1e3 * near.seconds:.3g} ms (up to {1e3 * _slowest_s(near):.3g}): allow more, or sweep further"
+        )
+    cheapest = max_error_mm is not None
+    chosen = min(fit, key=lambda s: (s.seconds, s.error) if cheapest else (s.error, s.seconds))
+    return Answer(chosen, f"{'the cheapest' if cheapest else 'the most accurate'} with {asked}")
+
+
+def _excess(setting: Setting, max_error_mm: float | None, max_seconds: float | None) -> float:
+    """By what factor the setting goes beyond the limits at worst; at most 1: it keeps to them."""
+    error_mm = setting.high if setting.high is not None else float("inf")
+    factors = [error_mm / max_error_mm] if max_error_mm is not None else []
+    return max(factors + ([_slowest_s(setting) / max_seconds] if max_seconds is not None else []))
+
+
+def _slowest_s(setting: Setting) -> float:
+    """What a later run may take."""
+    return HEADROOM * setting.seconds_high

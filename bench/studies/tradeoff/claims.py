@@ -1,0 +1,105 @@
+"""The paper's claim that 3-FSK needs about a thousandth of broadband's operations: counted, and measured.
+
+Counted: tones × voxels of the configured volume over images × pixels of 3-FSK, channels being equal. Measured against
+two baselines: the exact sum, of both methods alike and as a few planes of the volume, scaled; and this engine.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from bench.datasets.dataset import open_capture
+from bench.results import Claim, Setting
+from bench.run.outcome import Capture
+from bench.run.stages import configuration
+from bench.run.sweep import ImagingSetting
+from bench.studies.tradeoff.operations import counted_factor
+from radar.data.capture import RadarCapture
+from radar.data.grid import VoxelGrid
+from radar.imaging.api import image_volume
+from radar.methods.registry import method
+from radar.support.config import Config
+from radar.support.progress import say
+
+PAPER = 1000.0
+FSK, VOLUME = "3fsk", "broadband"
+TEXT = "3-FSK takes about a thousandth of broadband backprojection"
+
+
+def claims(
+    settings: Sequence[ImagingSetting], lines: Sequence[Setting], capture: Capture, planes: int, repeats: int
+) -> tuple[Claim, ...]:
+    """The claim by exact sums of both, by the engine, and by 3-FSK of the engine against the exact volume; none where
+    the sweep lacks one of the two methods. Exact sums of one capture, in turns."""
+    chosen = {id: _most_accurate(settings, id) for id in (FSK, VOLUME)}
+    if None in chosen.values():
+        return ()
+    configs = {id: configuration(capture.folder, id, s.config) for id, s in chosen.items()}
+    seconds = {line.name: line.seconds for line in lines}
+    fast_s = {id: seconds[s.name] for id, s in chosen.items()}
+    counted = counted_factor(configs[VOLUME], configs[FSK])
+    exact_s, depth = exact_seconds(configs, open_capture(capture.folder).echoes(1), planes, repeats)
+    scaled = (
+        f"exact broadband: {exact_s[VOLUME]:.0f} s, from {min(planes, depth)} of {depth} planes of '{capture.name}', "
+        f"scaled; exact 3-FSK: {exact_s[FSK]:.3g} s, measured whole"
+    )
+    engine = "the engine's times: " + "; ".join(f"{chosen[id].title}, {fast_s[id]:.3g} s" for id in (VOLUME, FSK))
+    count = "counted: tones × voxels over images × pixels, every pixel on target; fewer are, so more is measured"
+    return (
+        Claim(
+            text=f"{TEXT}, both by exact sums",
+            paper=PAPER,
+            counted=counted,
+            measured=exact_s[VOLUME] / exact_s[FSK],
+            note=f"{count}; {scaled}",
+        ),
+        Claim(
+            text=f"{TEXT}, both by the fast engine",
+            paper=PAPER,
+            counted=counted,
+            measured=fast_s[VOLUME] / fast_s[FSK],
+            note=f"{count}; {engine}",
+        ),
+        Claim(
+            text=f"{TEXT}, 3-FSK by the engine against the exact volume",
+            paper=PAPER,
+            counted=counted,
+            measured=exact_s[VOLUME] / fast_s[FSK],
+            note=f"{count}; {scaled}; {engine}",
+        ),
+    )
+
+
+def exact_seconds(
+    configs: dict[str, Config], echoes: RadarCapture, planes: int, repeats: int
+) -> tuple[dict[str, float], int]:
+    """Median seconds of exact 3-FSK and of the exact volume, from its middle `planes`; and how many planes it has."""
+    fsk = configs[FSK].model_copy(update={"tolerance": None})
+    grid, chosen = configs[VOLUME].grid(), method(FSK)
+    samples, frequencies_hz = echoes.tones(configs[VOLUME].tones_hz(), 0)
+    depth = len(grid.z_m)
+    count = min(planes, depth)
+    start = (depth - count) // 2
+    part = VoxelGrid(grid.x_m, grid.y_m, grid.z_m[start : start + count])
+    work: dict[str, Callable[[], object]] = {
+        FSK: lambda: chosen.run(echoes, fsk, 0),
+        VOLUME: lambda: image_volume(samples, frequencies_hz, echoes.aperture, part, None),
+    }
+    times: dict[str, list[float]] = {name: [] for name in work}
+    for round_ in range(repeats):
+        say(f"exact sums, round {round_ + 1} of {repeats}")
+        for name, run in work.items():
+            started = time.perf_counter()
+            run()
+            times[name].append(time.perf_counter() - started)
+    medians = {name: float(np.median(found)) for name, found in times.items()}
+    return {**medians, VOLUME: medians[VOLUME] * depth / count}, depth
+
+
+def _most_accurate(settings: Sequence[ImagingSetting], id: str) -> ImagingSetting | None:
+    """The method's setting with all antennas that changes least: the finest tolerance of those with fewest knobs."""
+    own = [s for s in settings if s.method == id and s.every_nth_antenna == 1]
+    return min(own, key=lambda s: (len(s.varied), s.config.get("tolerance", 0)), default=None)

@@ -1,0 +1,63 @@
+"""The captures of a trade-off and what they are scored against: the true surface, where all have one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from bench.datasets.dataset import open_capture
+from bench.results import Failure
+from bench.run.benchmark_file import BenchFile
+from bench.run.executors import InPlace
+from bench.run.outcome import Capture, Outcome, failing
+from bench.run.runner import Run, references
+from radar.support.errors import HandbenchError
+
+
+@dataclass(frozen=True)
+class Opened:
+    """found: captures, references and failures of a run without methods; reference: the name of what scores all;
+    targets: the calibration's captures, where photographs have to score."""
+
+    found: Outcome
+    reference: str
+    targets: list[Capture] = field(default_factory=list)
+
+    @property
+    def captures(self) -> list[Capture]:
+        """Those that have the reference."""
+        return [c for c in self.found.captures if self.reference in self.found.references.get(c.name, {})]
+
+
+def opened(bench: BenchFile, base: Path, work: Path, photographed: int) -> Opened:
+    """Open or simulate the captures, frame 0 alone; photographs become meshes only where they have to score. Stages
+    that were done before are taken from `work`. Of scenes alone, which tell their true surface, no more than
+    `photographed` are photographed. Raises HandbenchError where nothing is left to score."""
+    sources = bench.capture
+    if all(source.scene is not None for source in sources):
+        unseen = (source.model_copy(update={"photos": False}) for source in sources[photographed:])
+        sources = (*sources[:photographed], *unseen)
+    alone = bench.model_copy(update={"capture": sources, "method": (), "calibration": (), "tradeoff": None})
+    run = Run(alone, base.resolve(), work.resolve(), InPlace())
+    captures, targets = run.open()
+    if captures and all(open_capture(capture.folder).truth is not None for capture in captures):
+        found, reference = Outcome(alone, captures, run.tasks, run.failures), "truth"
+        for capture in captures:
+            with failing(found.failures, capture.name, "references"):
+                given = references(capture, None, None, found)
+                found.references[capture.name] = {"truth": given["truth"]}
+    else:
+        whole = alone.model_copy(update={"calibration": bench.calibration})
+        _, targets = Run(whole, base.resolve(), work.resolve(), InPlace()).open()
+        found, reference = Run(whole, base.resolve(), work.resolve(), InPlace()).execute(), "photogrammetry"
+        for name, files in list(found.references.items()):
+            found.references[name] = {key: files[key] for key in files if key == reference}
+            if not found.references[name]:
+                found.failures.append(
+                    Failure(capture=name, stage="references", message="has no photogrammetry, which scores the others")
+                )
+    ready = Opened(found, reference, targets)
+    if not ready.captures:
+        reason = found.failures[0].message if found.failures else "no capture has a reference"
+        raise HandbenchError(f"every capture failed; the first: {reason}")
+    return ready

@@ -1,0 +1,179 @@
+"""How many captures of the calibration target are combined: how far the transform is off where hands are."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from bench.evaluation.statistics.intervals import Interval, spread
+from bench.results import Section, Setting
+from bench.scenes.build import build
+from bench.scenes.echoes import choices, echo_scene
+from bench.studies.registration.cases import Case, case
+from bench.studies.registration.cloud import seen_cloud
+from bench.studies.registration.score import VOLUME_M, score
+from bench.studies.tradeoff.context import Context
+from bench.studies.tradeoff.lines import line
+from calibration.registration import measure as registration
+from calibration.registration.combination import combine
+from calibration.registration.rigid_fit import Pairs
+from radar.simulation.simulate import shoot
+from radar.support.config import Config
+from radar.support.errors import HandbenchError
+from radar.support.progress import say, track
+from radar.warmup import compile_kernels
+
+METRIC = "target_registration_error_mm"
+MOST = 100  # captures of a rig, and rigs: numbers that are drawn from do not meet
+
+
+class RegistrationKnobs(Config):
+    """captures: how many are combined; trials: rigs, each with a target that is made anew within its tolerances."""
+
+    captures: tuple[Annotated[int, Field(ge=1, le=MOST)], ...] = Field(default=(1, 2, 4), min_length=1)
+    trials: int = Field(default=3, ge=1, le=MOST)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a rig's capture of the target gave (calibration.registration.register.measure), and in how many seconds."""
+
+    case: Case
+    pairs: Pairs
+    common_m2: np.ndarray
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Combined:
+    """Several captures of one rig as one transform: mean square of its error over the hand's volume (None: refused),
+    and the seconds of all of it."""
+
+    square_m2: float | None
+    seconds: float
+
+
+def measure(knobs: RegistrationKnobs, context: Context) -> tuple[Section, list[Setting]]:
+    """Capture the target `max(captures)` times before each of `trials` rigs, and combine as many as each setting says;
+    every capture takes part in one combination of each number at most."""
+    compile_kernels()
+    counts, most = list(dict.fromkeys(knobs.captures)), max(knobs.captures)
+    numbers = [MOST * (MOST * context.seed + trial) for trial in range(knobs.trials)]
+    found: dict[int, list[list[Combined]]] = {count: [] for count in counts}
+    acquisition_s = 0.0
+    with tempfile.TemporaryDirectory(dir=context.work, prefix=".registration-") as folder:
+        for number in track(numbers, "registration"):
+            measured = [m for m in (_measured(one) for one in placements(number, most, Path(folder))) if m is not None]
+            for count in counts:
+                groups = [measured[i : i + count] for i in range(0, len(measured) - count + 1, count)]
+                found[count].append([_combined(group) for group in groups])
+            for one in measured[:1]:
+                sensor = one.case.scene.file.sensor
+                acquisition_s = len(sensor.frequencies_hz) * sensor.step_time_s
+    section = _section(knobs.trials, _name(min(counts)))
+    return section, [_setting(section, count, rigs, count * acquisition_s) for count, rigs in found.items()]
+
+
+def placements(number: int, count: int, folder: Path) -> list[Case]:
+    """One rig and one target, which stands elsewhere in each of `count` captures."""
+    first = case(number, folder / str(number), photographs=False)
+    cases = [first]
+    for other in range(number + 1, number + count):
+        moved = case(other, folder / str(other), photographs=False).scene.file
+        file = first.scene.file.model_copy(update={"seed": other, "target": moved.target})
+        cases.append(Case(other, first.fault, build(file, folder / str(number)), first.described))
+    return cases
+
+
+def _measured(chosen: Case) -> Measured | None:
+    points_m, normals = seen_cloud(chosen)
+    radar_scene = echo_scene(chosen.scene)
+    echoes = shoot(radar_scene, choices(chosen.scene, radar_scene)).capture
+    start = time.perf_counter()
+    try:
+        pairs, common_m2 = registration.measure(points_m, normals, echoes, chosen.described)
+    except HandbenchError as error:
+        say(f"tradeoff: registration, placement {chosen.number}: {error}")
+        return None
+    return Measured(chosen, pairs, common_m2, time.perf_counter() - start)
+
+
+def _combined(group: Sequence[Measured]) -> Combined:
+    first = group[0].case
+    start = time.perf_counter()
+    try:
+        common_m2 = np.mean([one.common_m2 for one in group], axis=0)
+        offset_m = first.described.ball_offset_sigma_m
+        found = combine([one.pairs for one in group], common_m2=common_m2, ball_offset_sigma_m=offset_m)
+    except HandbenchError as error:
+        say(f"tradeoff: registration, placement {first.number}: {error}")
+        found = None
+    seconds = time.perf_counter() - start + sum(one.seconds for one in group)
+    if found is None:
+        return Combined(None, seconds)
+    return Combined(float((score(found, first.scene.radar_from_photo).tre_m ** 2).mean()), seconds)
+
+
+def _setting(section: Section, count: int, rigs: list[list[Combined]], acquisition_s: float) -> Setting:
+    """rigs: the combinations of each."""
+    tried = [one for rig in rigs for one in rig]
+    known = [[one.square_m2 for one in rig if one.square_m2 is not None] for rig in rigs]
+    square_m2 = np.array([np.mean(rig) for rig in known if rig])
+    refused = len(tried) - sum(map(len, known))
+    note = f" ({refused} of {len(tried)} refused)" if refused else ""
+    return line(
+        section,
+        _name(count),
+        _name(count).replace("-", " ") + note,
+        {"captures": count},
+        1e3 * float(np.sqrt(square_m2.mean())) if len(square_m2) else None,
+        rms_interval_mm(square_m2),
+        [one.seconds for one in tried],
+        acquisition_s,
+    )
+
+
+def rms_interval_mm(square_m2: np.ndarray) -> Interval | None:
+    """95 % interval of a root mean square from the mean squares [n] of n independent rigs, m², by the jackknife on the
+    scale of its logarithm (bench.evaluation.statistics.intervals); None for fewer than two."""
+    n = len(square_m2)
+    if n < 2:
+        return None
+    rms_m, without_m = np.sqrt(square_m2.mean()), np.sqrt((square_m2.sum() - square_m2) / (n - 1))
+    found = spread((rms_m - without_m) * (1 - 1 / n), None)
+    factor = float(np.exp(min(found.reach() / rms_m, 700.0))) if found and rms_m else 1.0
+    return Interval(1e3 * float(rms_m) / factor, 1e3 * float(rms_m) * factor)
+
+
+def _section(trials: int, reference: str) -> Section:
+    low_m, high_m = VOLUME_M.min(axis=0), VOLUME_M.max(axis=0)
+    volume = " × ".join(f"{1e3 * size:.0f}" for size in high_m - low_m)
+    return Section(
+        name="registration",
+        title="Registration",
+        metric=METRIC,
+        unit="mm",
+        definition=(
+            "target registration error: root mean square distance between where radar_from_photo puts a point and "
+            f"where it lies, over {volume} mm about the hand's place and over {trials} simulated rigs, each with a "
+            "target made within its tolerances, which is moved and turned between captures. In place of photographs "
+            "stand clouds of what eight cameras see. What is made wrong in a target is the same in all its captures: "
+            "no number of them averages all of it away. Interval: over the rigs"
+        ),
+        seconds=(
+            "detection in clouds and echoes of all captures, and the joint fit; median and range over all "
+            "combinations. The photogrammetry of each capture, which has a section of its own, comes on top"
+        ),
+        reference=reference,
+    )
+
+
+def _name(count: int) -> str:
+    return "1-capture" if count == 1 else f"{count}-captures"

@@ -1,0 +1,1 @@
+"""Problems of inputs, found before hours are spent."""

@@ -1,0 +1,211 @@
+"""What may be wrong with a capture folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.datasets.native import ARRAY, ECHOES, EMPTY, MESH, PHOTOS, TARGET, TRANSFORM, TRUTH, CaptureFile
+from bench.validation.problems import Found, Problem, Sheet, attempt, parsed
+from calibration.array.array_file import load_array
+from calibration.target.description import Target
+from calibration.transforms import load_transform
+from groundtruth.board.board import Board
+from groundtruth.cameras.camera_files import cameras_of
+from groundtruth.cameras.cameras import CameraFile
+from groundtruth.mesh.surface import Surface, read_surface
+from groundtruth.photos.photos import find_photos
+from radar.data.arrays import PlanarScan
+from radar.data.capture import RadarCapture, load_capture
+from radar.methods.registry import Method, method
+from radar.support.config import Config
+from radar.support.errors import HandbenchError
+from radar.support.files import inside
+
+FAR_M = 10.0  # further than anything near-field: a number of millimetres, most likely
+SMALL_M = 5e-3  # a surface that small is likelier to be told in another unit
+LOW_HZ = 1e6  # below any radar: a number of gigahertz, most likely
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a benchmark must know of a capture: its name, frequencies [f], number of frames (None: as many as asked
+    for), what its sensor asks of methods, whether it can be scored, without and with a transform from elsewhere, and
+    what it lacks to calibrate with."""
+
+    name: str | None
+    frequencies_hz: np.ndarray | None = None
+    frames: int | None = None
+    methods: dict[str, dict[str, Any]] | None = None
+    scored: tuple[bool, bool] = (True, True)
+    lacks: tuple[str, ...] = ()
+
+    def problem_of(self, chosen: Method, asked: dict[str, Any]) -> str | None:
+        """Why a method, configured as its sensor and `asked` want it, cannot image the capture."""
+        of_sensor = self.methods or {}
+        values = {**of_sensor.get(chosen.base, {}), **of_sensor.get(chosen.id, {}), **asked}
+        try:
+            config = chosen.configure(values, "configuration")
+        except HandbenchError:
+            return None  # told where it stands
+        asked_hz = getattr(config, "ladder_hz", None) or getattr(config, "tones_hz", None)
+        asked_hz = asked_hz() if callable(asked_hz) else asked_hz
+        if asked_hz is None or self.frequencies_hz is None:
+            return None
+        samples = np.zeros((1, len(self.frequencies_hz), 1), np.complex64)
+        try:
+            RadarCapture(samples, self.frequencies_hz, PlanarScan(np.zeros((1, 3)))).tones(np.asarray(asked_hz))
+        except HandbenchError as error:
+            return str(error)
+        return None
+
+
+def capture_problems(folder: Path) -> Found[Seen]:
+    """All problems of a capture folder; what is missing is one only where something needs it."""
+    found, about = yield from parsed(CaptureFile, folder / "capture.toml", "a capture description")
+    if found is not None and isinstance(found.values, dict):
+        yield from _described(folder, found)
+    echoes = yield from _echoes(folder)
+    surfaces = {}
+    for name in (TRUTH, MESH):
+        if (folder / name).exists():
+            surfaces[name] = yield from _surface(folder / name)
+    if (folder / TRANSFORM).exists():
+        yield from _transform(folder / TRANSFORM, surfaces.get(MESH))
+    if (folder / TARGET).exists():
+        yield from _target(folder / TARGET)
+    if (folder / PHOTOS).is_dir():
+        yield from _photos(folder / PHOTOS)
+    lacks = tuple(name for name in (TARGET, PHOTOS, ECHOES) if not (folder / name).exists())
+    kind = about.kind if about is not None else "other"
+    if kind == "target" and TARGET in lacks:
+        yield Problem(folder, None, f"is a target's capture without {TARGET}; copy the target's description here")
+    measured = any((folder / name).exists() for name in (MESH, PHOTOS))
+    if kind != "target" and not measured and TRUTH not in surfaces:
+        yield Problem(folder, None, f"nothing to score against; add {PHOTOS}, {MESH} or {TRUTH}")
+    true = TRUTH in surfaces
+    return Seen(
+        about and about.name,
+        echoes and echoes.frequencies_hz,
+        echoes and len(echoes.samples),
+        about and about.methods,
+        (true or (measured and (folder / TRANSFORM).exists()), true or measured),
+        lacks,
+    )
+
+
+def _described(folder: Path, sheet: Sheet) -> Iterator[Problem]:
+    """What its capture.toml says of files, of the scene and of methods."""
+    contains = sheet.values.get("contains")
+    for index, name in enumerate(contains if isinstance(contains, list) else ()):
+        if not isinstance(name, str):
+            continue
+        try:
+            if not inside(folder, name, "contains").exists():
+                yield sheet.problem(("contains", index), f"{name} is missing, but is said to be there; copy it again")
+        except HandbenchError as error:
+            yield sheet.problem(("contains", index), str(error))
+    distance_m, box_m = sheet.values.get("distance_m"), sheet.values.get("box_m")
+    if isinstance(distance_m, int | float) and abs(distance_m) > FAR_M:
+        yield sheet.problem(("distance_m",), f"distance_m is {distance_m:g}; is that millimetres?", warning=True)
+    if isinstance(box_m, list) and len(box_m) == 6 and all(isinstance(value, int | float) for value in box_m):
+        if any(low >= high for low, high in zip(box_m[:3], box_m[3:], strict=True)):
+            text = f"box_m is {box_m}; expected xmin, ymin, zmin, then the larger xmax, ymax, zmax"
+            yield sheet.problem(("box_m",), text)
+        if max(map(abs, box_m)) > FAR_M:
+            yield sheet.problem(("box_m",), f"box_m reaches {max(map(abs, box_m)):g} m; is that millimetres?", True)
+    methods = sheet.values.get("methods")
+    for id, values in methods.items() if isinstance(methods, dict) else ():
+        yield from method_problems(sheet, id, values, ("methods", id), ("methods", id))
+
+
+def method_problems(
+    sheet: Sheet, id: str, values: Any, at_id: tuple[str | int, ...], at_values: tuple[str | int, ...]
+) -> Found[Config | None]:
+    """An id that no method has, and what is wrong with its configuration."""
+    try:
+        config = method(id).config
+    except HandbenchError as error:
+        yield sheet.problem(at_id, str(error))
+        return None
+    return (yield from sheet.complaints(config, values, at_values))
+
+
+def _echoes(folder: Path) -> Found[RadarCapture | None]:
+    echoes = yield from attempt(folder / ECHOES, lambda: load_capture(folder / ECHOES))
+    for name in (ARRAY, EMPTY):
+        if echoes is None or not (folder / name).exists():
+            continue
+        file = folder / name
+        if name == ARRAY:
+            yield from attempt(file, lambda file=file: load_array(file).applied_to(echoes, file))
+        else:
+            yield from attempt(file, lambda file=file: load_capture(file))
+    if echoes is not None:
+        array = echoes.aperture
+        places_m = (array.position_m,) if isinstance(array, PlanarScan) else (array.tx_m, array.rx_m)
+        far_m = max(float(np.abs(place).max()) for place in places_m)
+        if far_m > FAR_M:
+            text = f"an antenna lies {far_m:g} m from the origin; are its positions millimetres?"
+            yield Problem(folder / ECHOES, None, text, warning=True)
+        highest_hz = float(echoes.frequencies_hz.max())
+        if highest_hz < LOW_HZ:
+            text = f"its highest frequency is {highest_hz:g} Hz; are these gigahertz?"
+            yield Problem(folder / ECHOES, None, text, warning=True)
+    return echoes
+
+
+def _surface(file: Path) -> Found[Surface | None]:
+    surface = yield from attempt(file, lambda: read_surface(file))
+    if surface is not None:
+        longest_m = float(np.ptp(surface.vertices_m[np.unique(surface.faces)], axis=0).max())
+        if not SMALL_M <= longest_m <= FAR_M:
+            text = f"is {longest_m:.3g} m long; is it in metres? `handbench groundtruth --unit` carries it over"
+            yield Problem(file, None, text, warning=True)
+    return surface
+
+
+def _transform(file: Path, surface: Surface | None) -> Iterator[Problem]:
+    transform = yield from attempt(file, lambda: load_transform(file).require("photo", "radar", file))
+    if transform is None:
+        return
+    offset_m = float(np.abs(transform.matrix[:3, 3]).max())
+    if offset_m > FAR_M:
+        yield Problem(file, None, f"it moves by {offset_m:g} m; are these millimetres?", warning=True)
+    if not 0.5 < transform.scale < 2:
+        yield Problem(file, None, f"its scale is {transform.scale:g}; are both frames in metres?", warning=True)
+    if surface is not None and (transform.points(surface.vertices_m)[:, 2] <= 0).all():
+        yield Problem(file, None, f"it carries all of {MESH} behind the radar; is it the inverse?", warning=True)
+
+
+def _target(file: Path) -> Iterator[Problem]:
+    found, target = yield from parsed(Target, file, "a calibration target description")
+    for index, element in enumerate(target.element if target is not None else ()):
+        for key in ("centre_m", "sphere_radius_m", "ball_radius_m"):
+            largest_m = float(np.abs(getattr(element, key)).max())
+            if largest_m > (FAR_M if key == "centre_m" else 1.0):
+                text = f"{key} is {largest_m:g} m; is that millimetres?"
+                yield found.problem(("element", index, key), text, warning=True)
+
+
+def _photos(folder: Path) -> Iterator[Problem]:
+    photos = yield from attempt(folder, lambda: find_photos(folder))
+    board, cameras = folder / "board.toml", folder / "cameras.json"
+    if board.exists():
+        _, content = yield from parsed(Board, board, "an ArUco board description")
+        reach_m = max((float(np.abs(c).max()) for c in content.corners_m().values()), default=0) if content else 0
+        if reach_m > FAR_M:
+            yield Problem(board, None, f"a corner lies {reach_m:g} m away; are these millimetres?", warning=True)
+    posed = 0
+    if cameras.exists():
+        _, content = yield from parsed(CameraFile, cameras, 'a cameras file {"cameras": [...]}')
+        if content is not None:
+            posed = sum(camera.R is not None and camera.t is not None for camera in content.cameras)
+            if photos is not None:
+                yield from attempt(cameras, lambda: cameras_of(photos, cameras))
+    if not board.exists() and posed < 3:
+        yield Problem(folder, None, "nothing gives the scale; add board.toml, or poses (R, t) to cameras.json")

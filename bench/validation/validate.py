@@ -1,0 +1,222 @@
+"""Everything that can be wrong with a benchmark or a data set, found before hours are spent."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from bench.datasets.dataset import AT_EMPTY_FILTERED, captures, open_capture
+from bench.datasets.native import DESCRIPTION, ECHOES, TARGET, TRANSFORM
+from bench.run.benchmark_file import BenchFile, DataSet, find_benchmark
+from bench.scenes.scene_file import BUILT_IN_ARRAY, SceneFile
+from bench.validation.capture_problems import Seen, capture_problems, method_problems
+from bench.validation.file_lines import Location
+from bench.validation.problems import Found, Problem, Sheet, attempt, parsed, sheet
+from calibration.target.description import Target, load_target
+from calibration.transforms import load_transform
+from groundtruth.board.board import Board
+from groundtruth.mesh.mesh_files import read_triangles
+from radar.data.arrays import load_positions
+from radar.data.capture import load_capture
+from radar.methods.registry import method
+from radar.support.errors import HandbenchError
+from radar.support.files import inside
+from radar.support.progress import track
+
+DESCRIPTIONS = {  # a key that tells what a TOML file is, if it is no benchmark
+    "target": (SceneFile, "a scene description"),
+    "element": (Target, "a calibration target description"),
+    "marker": (Board, "an ArUco board description"),
+    "charuco": (Board, "an ArUco board description"),
+}
+READERS = {
+    ".ply": read_triangles,
+    ".obj": read_triangles,
+    ".stl": read_triangles,
+    ".h5": load_capture,
+    ".json": load_transform,
+}
+
+
+def show(inputs: Sequence[str]) -> None:
+    """Print every problem of every input, FILE:LINE: problem; what to do, and at last how many there are. Raises
+    HandbenchError if there is one that is more than a warning."""
+    problems = warnings = 0
+    for name in inputs:
+        found = list(dict.fromkeys(problems_of(name)))
+        for problem in found:
+            print(problem)
+        if not found:
+            print(f"{name}: fine")
+        warnings += sum(problem.warning for problem in found)
+        problems += sum(not problem.warning for problem in found)
+    counts = ((problems, "problem"), (warnings, "warning"), (len(inputs), "input"))
+    counted = ", ".join(f"{count} {what}{'s' * (count > 1)}" for count, what in counts if count)
+    if problems:
+        raise HandbenchError(f"validate: {counted}; what is wrong is listed above")
+    if warnings:
+        print(f"{counted}; fine, if meant so")
+
+
+def problems_of(name: str) -> Iterator[Problem]:
+    """The problems of one input: a capture folder or a folder of them; a benchmark, by file or name; the file of a
+    scene, a target, a board, a mesh, echoes or a transform."""
+    path = Path(name)
+    if path.is_dir():
+        yield from _folder(path)
+        return
+    try:
+        path = find_benchmark(name)
+    except HandbenchError as error:
+        yield Problem(path, None, str(error))
+        return
+    if path.suffix.lower() in READERS:
+        yield from attempt(path, lambda: READERS[path.suffix.lower()](path))
+        return
+    found = yield from sheet(path, "a benchmark or a scene")
+    if found is None:
+        return
+    kind = next((kind for key, kind in DESCRIPTIONS.items() if key in found.values), None)
+    if kind is None:
+        yield from _benchmark(found)
+    elif kind[0] is SceneFile:
+        yield from _scene(path)
+    else:
+        yield from parsed(kind[0], path, kind[1])
+
+
+def _folder(path: Path) -> Iterator[Problem]:
+    if (path / ECHOES).exists() or (path / DESCRIPTION).exists():
+        yield from _capture(path)
+        return
+    folders = yield from attempt(path, lambda: captures(path))
+    names: dict[str, Path] = {}
+    for folder in track(folders or (), "captures"):
+        seen = yield from _capture(folder)
+        if seen.name is not None and names.setdefault(seen.name, folder) != folder:
+            text = f"is named '{seen.name}', as {names[seen.name]} is; no benchmark can hold both"
+            yield Problem(folder / DESCRIPTION, None, text, warning=True)
+
+
+def _capture(path: Path) -> Found[Seen]:
+    """A capture of any form; of those that are not ours, what their adapters complain of."""
+    if (path / ECHOES).exists() or (path / DESCRIPTION).exists():
+        return (yield from capture_problems(path))
+    capture = yield from attempt(path, lambda: open_capture(path))
+    if capture is None:
+        return Seen(None)
+    about = yield from attempt(path, lambda: capture.about)
+    echoes = yield from attempt(path, lambda: capture.echoes())
+    mesh = yield from attempt(path, capture.mesh)
+    if mesh is not None:
+        yield from attempt(mesh, lambda: read_triangles(mesh))
+    transform = yield from attempt(path, capture.transform)
+    measured, true = mesh is not None or capture.photos is not None, capture.truth is not None
+    return Seen(
+        about and about.name,
+        echoes and echoes.frequencies_hz,
+        echoes and len(echoes.samples),
+        about and about.methods,
+        (true or (measured and transform is not None), true or measured),
+        (TARGET,),
+    )
+
+
+def _scene(path: Path) -> Found[Seen]:
+    found, scene = yield from parsed(SceneFile, path, "a scene description")
+    if scene is None:
+        return Seen(None)
+    for key, read in (("file", load_target), ("path", read_triangles)):
+        name = getattr(scene.target, key, None)
+        if name is not None:
+            at = ("target", key)
+            yield from found.attempt(at, lambda name=name, read=read: read(inside(path.parent, name, "target")))
+    if scene.sensor.array != BUILT_IN_ARRAY:
+        at = ("sensor", "array")
+        array = yield from found.attempt(at, lambda: inside(path.parent, scene.sensor.array, "array"))
+        for name in ("tx_m.csv", "rx_m.csv") if array is not None else ():
+            yield from found.attempt(at, lambda name=name: load_positions(array / name))
+    return Seen(scene.name, scene.sensor.frequencies_hz)
+
+
+def _benchmark(found: Sheet) -> Iterator[Problem]:
+    """Its own keys; every method with its configuration; every capture and scene, and whether the methods can image it
+    and something can score it."""
+    yield from found.complaints(BenchFile, found.values)
+    configs = yield from _methods(found)
+    calibrated = "calibration" in found.values
+    for at, source in _tables(found, "calibration"):
+        seen = yield from _source(found, source, at)
+        if seen is not None and seen.lacks:
+            yield found.problem(at, f"calibration by a capture without {', '.join(seen.lacks)}; add what is missing")
+    sources = list(_tables(found, "capture"))
+    for at, values in _tables(found, "dataset"):
+        if list(found.complaints(DataSet, values)):
+            continue
+        dataset = DataSet.model_validate(values)
+        below = yield from found.attempt((*at, "path"), lambda dataset=dataset: dataset.sources(found.file.parent))
+        sources += [(at, source.model_dump()) for source in below or ()]
+    names: dict[str, str] = {}
+    for at, source in track(sources, "captures"):
+        seen = yield from _source(found, source, at)
+        if seen is None or seen.name is None:
+            continue
+        here = source.get("scene") or source.get("path")
+        if seen.name in names:
+            text = f"capture '{seen.name}' in {here} is named as the one in {names[seen.name]}; give one another name"
+            yield found.problem(at, text)
+        names.setdefault(seen.name, here)
+        if not seen.scored[calibrated]:
+            text = f"capture '{seen.name}': nothing carries its surface into the radar frame"
+            yield found.problem(at, f"{text}; add {TRANSFORM} to it, or [calibration] to the benchmark")
+        yield from _imaged(found, seen, at, configs)
+
+
+def _tables(found: Sheet, key: str) -> Iterator[tuple[Location, dict[str, Any]]]:
+    """The tables of a key, each with its place, also where there is but one; what is no table is left out."""
+    given = found.values.get(key, [])
+    if isinstance(given, dict):
+        yield (key,), given
+    for index, entry in enumerate(given if isinstance(given, list) else ()):
+        if isinstance(entry, dict):
+            yield (key, index), entry
+
+
+def _methods(found: Sheet) -> Found[dict[str, dict[str, Any]]]:
+    """Method id → its entry, of those that are well formed."""
+    good = {}
+    for at, entry in _tables(found, "method"):
+        if isinstance(entry.get("id"), str):
+            values = entry.get("config", {})
+            config = yield from method_problems(found, entry["id"], values, (*at, "id"), (*at, "config"))
+            if config is not None:
+                good[entry["id"]] = entry
+    return good
+
+
+def _source(found: Sheet, source: dict[str, Any], at: Location) -> Found[Seen | None]:
+    """The scene or the capture that a benchmark names."""
+    for key, check in (("scene", _scene), ("path", _capture)):
+        name = source.get(key)
+        if not isinstance(name, str):
+            continue
+        path = yield from found.attempt((*at, key), lambda name=name, key=key: inside(found.file.parent, name, key))
+        if path is not None and not path.exists() and not name.endswith(AT_EMPTY_FILTERED):
+            yield found.problem((*at, key), f"{name} is missing beside the benchmark; check the path")
+            path = None
+        return path and (yield from check(path))
+    return None
+
+
+def _imaged(found: Sheet, seen: Seen, at: Location, entries: dict[str, dict[str, Any]]) -> Iterator[Problem]:
+    """Whether the capture has the tones and the frames that each method takes."""
+    repeats = found.values.get("repeats", BenchFile.model_fields["repeats"].default)
+    frames = repeats if seen.frames is None else seen.frames
+    for id, entry in entries.items():
+        if entry.get("precision") is True and isinstance(repeats, int) and frames < repeats:
+            text = f"capture '{seen.name}' has {frames} frames, but the precision of '{id}' takes repeats = {repeats}"
+            yield found.problem(at, f"{text}; record more, or ask for fewer")
+        problem = seen.problem_of(method(id), entry.get("config", {}))
+        if problem is not None:
+            yield found.problem(at, f"capture '{seen.name}' with method '{id}': {problem}")

@@ -1,0 +1,144 @@
+"""What is known of an array's antennas: its file `array.json`, and its use on captures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from radar.data.capture import RadarCapture
+from radar.support.config import Config, parse
+from radar.support.errors import HandbenchError
+from radar.support.files import read_json, write_json
+
+SAME_M = 1e-7  # positions that agree to this are the same; offsets are larger
+Gain = Annotated[float, Field(ge=-100, le=100)]
+Metres = Annotated[float, Field(ge=-10, le=10)]
+Offset = Annotated[float, Field(ge=-5e-3, le=5e-3)]
+Delay = Annotated[float, Field(ge=-0.1, le=0.1)]
+Sigma = Annotated[float, Field(ge=0, le=100)]
+
+
+class Side(Config):
+    """All transmitters, or all receivers. nominal_m: where captures say that they are; gain: [re, im], 0 for a dead
+    antenna; delay_m: of its cable, as a path, about the reference frequency; offset_m: from the nominal place to the
+    true one. level_sigma: standard deviation of |gain|, relative; phase_sigma_rad: of the phase with which the target's
+    middle is seen, gain and place together; the others of what their names say."""
+
+    nominal_m: tuple[tuple[Metres, Metres, Metres], ...] = Field(min_length=1)
+    gain: tuple[tuple[Gain, Gain], ...]
+    delay_m: tuple[Delay, ...]
+    offset_m: tuple[tuple[Offset, Offset, Offset], ...]
+    level_sigma: tuple[Sigma, ...]
+    phase_sigma_rad: tuple[Sigma, ...]
+    delay_sigma_m: tuple[Sigma, ...]
+    offset_sigma_m: tuple[tuple[Sigma, Sigma, Sigma], ...]
+
+    @model_validator(mode="after")
+    def _one_of_each(self) -> Side:
+        for name in type(self).model_fields:
+            if len(getattr(self, name)) != len(self.nominal_m):
+                raise ValueError(
+                    f"'{name}' has {len(getattr(self, name))} entries; expected one for each of the "
+                    f"{len(self.nominal_m)} antennas of 'nominal_m'"
+                )
+        if not any(part for gain in self.gain for part in gain):
+            raise ValueError("every gain is 0; expected an antenna that lives")
+        return self
+
+    @property
+    def gains(self) -> np.ndarray:
+        """Complex gains [n] at the reference frequency."""
+        return np.array(self.gain) @ [1, 1j]
+
+    @property
+    def positions_m(self) -> np.ndarray:
+        """True places [n, 3]."""
+        return np.array(self.nominal_m) + self.offset_m
+
+    def response(self, frequencies_hz: np.ndarray, reference_hz: float) -> np.ndarray:
+        """Gain with its delay at each frequency: complex [f, n]."""
+        turns_per_m = (np.asarray(frequencies_hz) - reference_hz) / SPEED_OF_LIGHT_M_S
+        return self.gains * np.exp(-2j * np.pi * np.multiply.outer(turns_per_m, self.delay_m))
+
+
+class ArrayCalibration(Config):
+    """The content of `array.json`. residual_*_db: what nominal and calibrated array leave unexplained of the target's
+    echoes, noise deducted."""
+
+    format: Literal["handbench-array"] = "handbench-array"
+    version: Literal[1] = 1
+    source: str
+    reference_hz: float = Field(gt=0)
+    tx: Side
+    rx: Side
+    residual_before_db: float
+    residual_after_db: float
+
+    @property
+    def array(self) -> AntennaArray:
+        """The antennas where they truly are."""
+        return AntennaArray(self.tx.positions_m, self.rx.positions_m)
+
+    def applied_to(self, capture: RadarCapture, where: object = "array calibration") -> RadarCapture:
+        """The capture of the true array: samples / (a_t · b_r), 0 for dead antennas, and the true positions. where: the
+        calibration's file, which opens errors.
+
+        Raises HandbenchError when the capture's antennas are not the nominal ones: another array, or one to which this
+        calibration has been applied already.
+        """
+        self._require_nominal(capture, where)
+        f_hz = capture.frequencies_hz
+        tx, rx = (_inverse(side.response(f_hz, self.reference_hz)) for side in (self.tx, self.rx))
+        samples = capture.samples * tx[:, :, None] * rx[:, None]
+        return RadarCapture(samples.astype(np.complex64), f_hz, self.array)
+
+    def summary(self) -> str:
+        """One line about it."""
+        dead = sum(int((side.gains == 0).sum()) for side in (self.tx, self.rx))
+        return (
+            f"{len(self.tx.gain)} + {len(self.rx.gain)} antennas, {dead} dead, from {self.source}; unexplained "
+            f"{self.residual_before_db:.1f} → {self.residual_after_db:.1f} dB"
+        )
+
+    def _require_nominal(self, capture: RadarCapture, where: object) -> None:
+        if not isinstance(capture.aperture, AntennaArray):
+            raise HandbenchError(f"{where}: is for a MIMO array, but the capture is a planar scan")
+        if _same(capture.aperture, self.array) and not _same(self.array, self._nominal):
+            raise HandbenchError(f"{where}: has been applied to this capture already; apply it once")
+        if not _same(capture.aperture, self._nominal):
+            raise HandbenchError(
+                f"{where}: is of an array of {self._nominal.channels} antennas in other places than the "
+                f"capture's {capture.aperture.channels}; calibrate this array"
+            )
+
+    @property
+    def _nominal(self) -> AntennaArray:
+        return AntennaArray(np.array(self.tx.nominal_m), np.array(self.rx.nominal_m))
+
+
+def save_array(path: str | Path, calibration: ArrayCalibration) -> None:
+    """Write `array.json`, atomically."""
+    write_json(path, calibration.model_dump())
+
+
+def load_array(path: str | Path) -> ArrayCalibration:
+    """Read `array.json`; refuses unknown keys, wrong shapes, NaN and values that no array has."""
+    content = read_json(path, "an array calibration (array.json)")
+    if not isinstance(content, dict):
+        raise HandbenchError(f"{path}: is a {type(content).__name__}; expected an array calibration (array.json)")
+    return parse(ArrayCalibration, content, str(path))
+
+
+def _inverse(response: np.ndarray) -> np.ndarray:
+    """1 / response, 0 where it is 0."""
+    return np.divide(1, response, out=np.zeros_like(response), where=response != 0)
+
+
+def _same(one: AntennaArray, other: AntennaArray) -> bool:
+    return one.channels == other.channels and all(
+        np.abs(a.position_m - b.position_m).max() < SAME_M for a, b in zip(one.legs, other.legs, strict=True)
+    )

@@ -1,0 +1,1 @@
+"""From matched points to `radar_from_photo` with its covariance."""

@@ -1,0 +1,175 @@
+"""Pairs of centres, and the similarity that carries one side to the other by weighted least squares.
+
+All is reckoned about the pairs' own middle: far from it, a turn and a shift look alike, and no arithmetic would tell
+them apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from calibration.target.description import Candidate
+from calibration.transforms import adjoint, condition_number, perturbation_jacobian, umeyama
+from radar.support.errors import HandbenchError
+
+HUBER = float(np.sqrt(chi2.ppf(0.99, 3)))  # residuals beyond this many standard deviations lose weight
+MAX_STEPS = 50
+SETTLED = 1e-13  # of the centres' extent: a step that moves no centre further is the last
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """The same centres as two sensors see them: source_m and target_m [n, 3], metres, each in its own frame, their
+    covariances source_m2 and target_m2 [n, 3, 3], and the names [n] that messages call them by."""
+
+    source_m: np.ndarray
+    target_m: np.ndarray
+    source_m2: np.ndarray
+    target_m2: np.ndarray
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, source: Sequence[Candidate], target: Sequence[Candidate], names: Sequence[str] = ()) -> Pairs:
+        """Pairs of candidates. Raises HandbenchError for fewer than three of them, for numbers that are not finite and
+        for covariances that are not positive."""
+        if len(source) != len(target) or len(source) < 3:
+            raise HandbenchError(
+                f"target: photographs and echoes share {min(len(source), len(target))} elements; expected 3 or more"
+            )
+        names = tuple(names) or tuple(f"pair {i + 1}" for i in range(len(source)))
+        sides = [np.array([c.centre_m for c in side], np.float64) for side in (source, target)]
+        spreads = [np.array([c.covariance_m2 for c in side], np.float64) for side in (source, target)]
+        for name, *numbers in zip(names, *sides, *spreads, strict=True):
+            if not all(np.isfinite(n).all() for n in numbers) or np.linalg.eigvalsh(numbers[2] + numbers[3])[0] <= 0:
+                raise HandbenchError(
+                    f"{name}: its centre or covariance is not finite, or its covariance not positive; expected metres "
+                    "and a positive 3×3 matrix in square metres"
+                )
+        return cls(*sides, *spreads, names)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __getitem__(self, chosen: np.ndarray | Sequence[int]) -> Pairs:
+        """The pairs of these indices, or where a mask [n] is true."""
+        chosen = np.arange(len(self))[np.asarray(chosen)]
+        arrays = (a[chosen] for a in (self.source_m, self.target_m, self.source_m2, self.target_m2))
+        return Pairs(*arrays, tuple(self.names[i] for i in chosen))
+
+    def __add__(self, other: Pairs) -> Pairs:
+        sides = ("source_m", "target_m", "source_m2", "target_m2")
+        return Pairs(*(np.concatenate([getattr(self, s), getattr(other, s)]) for s in sides), self.names + other.names)
+
+    def mirrored(self) -> Pairs:
+        """The same, with the source as a mirror shows it."""
+        flip = np.array([1.0, 1.0, -1.0])
+        return replace(self, source_m=self.source_m * flip, source_m2=self.source_m2 * np.outer(flip, flip))
+
+    def weights(self, with_scale: bool) -> np.ndarray:
+        """Inverse mean variance [n] of each pair in the target's frame, 1/m²: what a closed form can make use of."""
+        extents = [np.linalg.norm(side - side.mean(axis=0)) for side in (self.source_m, self.target_m)]
+        scale2 = (extents[1] / extents[0]) ** 2 if with_scale and extents[0] > 0 else 1.0
+        return 3 / np.trace(scale2 * self.source_m2 + self.target_m2, axis1=1, axis2=2)
+
+    def covariances(self, linear: np.ndarray) -> np.ndarray:
+        """L·C_p·Lᵀ + C_q [n, 3, 3] of what is left between the sides after `linear` [3, 3] = s·R, m²."""
+        return linear @ self.source_m2 @ linear.T + self.target_m2
+
+    def offsets(self, matrix: np.ndarray) -> np.ndarray:
+        """q − s·R·p − t [n, 3] under a 4×4 similarity, metres."""
+        return self.target_m - self.source_m @ matrix[:3, :3].T - matrix[:3, 3]
+
+    def distances(self, matrix: np.ndarray) -> np.ndarray:
+        """[n]: how many of its own standard deviations each pair is apart under a 4×4 similarity."""
+        return mahalanobis(self.offsets(matrix), np.linalg.inv(self.covariances(matrix[:3, :3])))
+
+    def condition(self, with_scale: bool) -> float:
+        """The condition number of the rotation, see `condition_number`."""
+        return condition_number(self.source_m, self.target_m, self.weights(with_scale))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A 4×4 similarity; covariance: [6, 6] or [7, 7] of its perturbation about pivot_m [3] in the target's frame;
+    distances: [n] of the pairs in their own standard deviations; freedom: degrees of freedom."""
+
+    matrix: np.ndarray
+    pivot_m: np.ndarray
+    covariance: np.ndarray
+    distances: np.ndarray
+    freedom: int
+
+    def covariance_about_origin(self) -> np.ndarray:
+        """The covariance as a Transform carries it."""
+        carry = adjoint(-self.pivot_m, len(self.covariance))
+        return carry @ self.covariance @ carry.T
+
+    def predicted_distances(self, pairs: Pairs) -> np.ndarray:
+        """[n]: how many standard deviations, their own and the fit's, pairs that took no part lie off."""
+        offsets = pairs.offsets(self.matrix)
+        jacobian = perturbation_jacobian(pairs.target_m - offsets - self.pivot_m)[..., : len(self.covariance)]
+        spread = jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2)
+        return mahalanobis(offsets, np.linalg.inv(pairs.covariances(self.matrix[:3, :3]) + spread))
+
+
+def fit(pairs: Pairs, with_scale: bool = False) -> Fit:
+    """The similarity that carries source centres to target centres, by maximum likelihood; they must hold a rotation.
+
+    Starts from the closed form (Umeyama 1991, weighted). Gauss–Newton on Σ dᵀC⁻¹d with d = q − s·R·p − t and
+    C = s²·R·C_p·Rᵀ + C_q, Huber's weights on what is left. The covariance is the inverse normal matrix, enlarged by
+    χ²/dof when the residuals contradict it (99 %).
+    """
+    unknowns = 7 if with_scale else 6
+    p_mean, q_mean = pairs.source_m.mean(axis=0), pairs.target_m.mean(axis=0)
+    near = replace(pairs, source_m=pairs.source_m - p_mean, target_m=pairs.target_m - q_mean)
+    extent_m = np.linalg.norm(near.target_m, axis=1).max()
+    matrix = umeyama(near.source_m, near.target_m, with_scale, near.weights(with_scale))
+    for _ in range(MAX_STEPS):
+        offsets = near.offsets(matrix)
+        information = np.linalg.inv(near.covariances(matrix[:3, :3]))
+        distances = mahalanobis(offsets, information)
+        information *= np.minimum(1, HUBER / np.maximum(distances, HUBER))[:, None, None]
+        jacobian = perturbation_jacobian(near.target_m - offsets)[:, :, :unknowns]
+        normal = np.einsum("nia,nij,njb->ab", jacobian, information, jacobian)
+        step = _solve(normal, np.einsum("nia,nij,nj->a", jacobian, information, offsets))
+        step /= max(1.0, np.abs(step[3:]).max())  # pairs that contradict one another drive it anywhere
+        matrix = _perturb(matrix, step)
+        if np.abs(jacobian @ step).max() <= SETTLED * extent_m:
+            break
+    freedom = 3 * len(pairs) - unknowns
+    misfit = float(distances @ distances)
+    inflation = max(1.0, misfit / freedom) if misfit > chi2.ppf(0.99, freedom) else 1.0
+    whole = matrix.copy()
+    whole[:3, 3] += q_mean - matrix[:3, :3] @ p_mean
+    return Fit(whole, q_mean, inflation * _solve(normal, np.eye(unknowns)), distances, freedom)
+
+
+def mahalanobis(offsets: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """√(dᵀ·I·d) [n] of offsets [n, 3] under information matrices [n, 3, 3]."""
+    return np.sqrt(np.einsum("ni,nij,nj->n", offsets, information, offsets))
+
+
+def _solve(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """normal⁻¹·right, with the unknowns, of different units, scaled to ones on the diagonal."""
+    root = np.sqrt(np.diag(normal))
+    right = (right.T / root).T
+    try:
+        return (np.linalg.solve(normal / np.outer(root, root), right).T / root).T
+    except np.linalg.LinAlgError as error:
+        raise HandbenchError(
+            "target: its pairs of centres contradict one another so far that no transform can be fitted to them; check "
+            "the matching and the covariances"
+        ) from error
+
+
+def _perturb(matrix: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Apply [translation, rotation vector(, log scale)] in the target frame."""
+    change = np.eye(4)
+    change[:3, :3] = np.exp(step[6] if len(step) == 7 else 0.0) * Rotation.from_rotvec(step[3:6]).as_matrix()
+    change[:3, 3] = step[:3]
+    return change @ matrix

@@ -1,0 +1,1 @@
+"""The calibration target: its description, and its detection by radar and by photographs."""

@@ -1,0 +1,1 @@
+"""Boards of markers, which give scale and frame."""

@@ -1,0 +1,123 @@
+"""Boards of ArUco markers and ChArUco boards: the metric scale and the frame of photographs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+from pydantic import Field, field_validator, model_validator
+
+from radar.support.config import Config, load
+from radar.support.errors import HandbenchError
+from radar.support.files import write_text
+
+CHESSBOARD = -1  # stands for the ChArUco board where the others stand by their markers' ids
+
+
+class Marker(Config):
+    """One marker: its id and its four corners [4][x, y, z] in metres, OpenCV's order (clockwise from top left)."""
+
+    id: int = Field(ge=0)
+    corners_m: tuple[tuple[float, float, float], ...] = Field(min_length=4, max_length=4)
+
+
+class Charuco(Config):
+    """A chessboard with a marker in each white square, as OpenCV draws it: `columns` × `rows` squares of side
+    `square_m`, markers of side `marker_m`; legacy: the pattern of OpenCV before 4.6. Its frame: origin at the top left
+    corner, x along the upper edge, y upwards, z out of the print."""
+
+    columns: int = Field(ge=3, le=100)
+    rows: int = Field(ge=3, le=100)
+    square_m: float = Field(gt=0)
+    marker_m: float = Field(gt=0)
+    dictionary: str = "DICT_4X4_50"
+    legacy: bool = False
+
+    @model_validator(mode="after")
+    def _fits(self) -> Charuco:
+        if self.marker_m >= self.square_m:
+            raise ValueError(f"marker_m is {self.marker_m}; a marker is smaller than its square, {self.square_m}")
+        return self
+
+    def corners_m(self) -> np.ndarray:
+        """Where four squares meet [(rows − 1)(columns − 1), 3], metres, row by row from the top left."""
+        column, row = np.meshgrid(np.arange(1, self.columns), np.arange(1, self.rows))
+        corners = np.stack([column, -row, np.zeros_like(row)], axis=-1)
+        return self.square_m * corners.reshape(-1, 3).astype(np.float64)
+
+    def cv_board(self) -> Any:
+        """OpenCV's board object; HandbenchError for a dictionary with too few markers."""
+        import cv2
+
+        dictionary = cv_dictionary(self.dictionary)
+        needed, there = self.columns * self.rows // 2, len(dictionary.bytesList)
+        if needed > there:
+            raise HandbenchError(
+                f"board: charuco has {needed} markers, the dictionary '{self.dictionary}' {there}; use a larger one"
+            )
+        board = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, self.marker_m, dictionary)
+        board.setLegacyPattern(self.legacy)
+        return board
+
+
+class Board(Config):
+    """A rigid set of ArUco markers, a ChArUco board, or both; its frame is the photographs' world frame."""
+
+    dictionary: str = "DICT_4X4_50"
+    marker: tuple[Marker, ...] = ()
+    charuco: Charuco | None = None
+
+    @field_validator("marker")
+    @classmethod
+    def _ids_differ(cls, markers: tuple[Marker, ...]) -> tuple[Marker, ...]:
+        if len({marker.id for marker in markers}) < len(markers):
+            raise ValueError("two markers have the same id")
+        return markers
+
+    @model_validator(mode="after")
+    def _names_something(self) -> Board:
+        if not self.marker and self.charuco is None:
+            raise ValueError("names neither a [[marker]] nor a [charuco] board")
+        if self.charuco is not None and self.charuco.dictionary == self.dictionary:
+            taken = [m.id for m in self.marker if m.id < self.charuco.columns * self.charuco.rows // 2]
+            if taken:
+                raise ValueError(f"marker {taken[0]} is in the charuco board too; use other ids or another dictionary")
+        return self
+
+    def corners_m(self) -> dict[int, np.ndarray]:
+        """Marker id → corners [4, 3], and CHESSBOARD → the ChArUco board's corners [n, 3], metres."""
+        corners = {m.id: np.array(m.corners_m, dtype=np.float64) for m in self.marker}
+        return corners if self.charuco is None else corners | {CHESSBOARD: self.charuco.corners_m()}
+
+    def cv_dictionary(self) -> Any:
+        """OpenCV's dictionary object of the single markers."""
+        return cv_dictionary(self.dictionary)
+
+    def describe(self) -> str:
+        """What is looked for, in words."""
+        ids = sorted(marker.id for marker in self.marker)
+        markers = [f"markers of {self.dictionary}, ids {ids}"] if ids else []
+        c = self.charuco
+        return " and ".join(markers + ([] if c is None else [f"{c.columns} × {c.rows} squares with {c.dictionary}"]))
+
+
+def cv_dictionary(name: str) -> Any:
+    """OpenCV's dictionary object of a name; HandbenchError for one that it does not have."""
+    import cv2
+
+    number = getattr(cv2.aruco, name, None)
+    if not name.startswith("DICT_") or number is None:
+        raise HandbenchError(f"board: unknown dictionary '{name}'; use one of OpenCV's, as DICT_4X4_50")
+    return cv2.aruco.getPredefinedDictionary(number)
+
+
+def load_board(path: str | Path) -> Board:
+    """Read `board.toml`."""
+    return load(Board, path, "an ArUco board description")
+
+
+def save_board(path: str | Path, board: Board) -> None:
+    """Write `board.toml`, atomically."""
+    write_text(path, tomlkit.dumps(board.model_dump(exclude_none=True)))

@@ -1,0 +1,147 @@
+"""Cameras that something else has found: handbench's cameras.json, a COLMAP model, Metashape's XML."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from groundtruth.cameras.cameras import Camera, load_cameras, load_pycolmap, registered
+from groundtruth.cameras.metashape import read_metashape
+from groundtruth.cameras.model_files import check_model
+from groundtruth.cameras.upright import stored_camera
+from groundtruth.photos.orientation import sides_swapped
+from groundtruth.photos.photos import FEWEST, Photo
+from radar.support.errors import HandbenchError
+from radar.support.files import require_folder
+from radar.support.progress import say
+
+if TYPE_CHECKING:
+    import pycolmap
+
+FEWEST_POINTS = 20  # that a photograph of a model must see
+PLAUSIBLE = (0.1, 20.0, 100.0)  # least and largest focal length over the picture's longer side, largest distortion
+
+
+def cameras_of(photos: tuple[Photo, ...], path: Path, metric: bool = False) -> tuple[Camera, ...]:
+    """Each photograph's camera, of its stored pixels, from a cameras.json, a COLMAP model's folder or Metashape's XML.
+
+    metric: the poses of the COLMAP model are in metres; without it they are left out, since COLMAP's own have no unit.
+    """
+    if path.is_dir():
+        known = tuple(camera_of(image) for image in registered(read_model(path)))
+        if not metric:
+            say(f"{path}: COLMAP's poses have no unit, the intrinsics alone are used; --metric if they are metres")
+            known = tuple(camera.model_copy(update={"R": None, "t": None}) for camera in known)
+    else:
+        known = read_metashape(path) if path.suffix.lower() == ".xml" else load_cameras(path)
+    cameras = []
+    for photo, camera in _pairs(photos, known, path):
+        if camera is None:
+            raise HandbenchError(f"{path}: has no camera for {photo.name}; add one, or remove the photograph")
+        if sides_swapped(photo, camera.width, camera.height):
+            camera = stored_camera(photo, camera)
+        _require_size(photo, camera.width, camera.height, path)
+        camera.colmap()
+        cameras.append(camera.model_copy(update={"name": photo.name}))
+    return tuple(cameras)
+
+
+def load_model(folder: Path, photos: tuple[Photo, ...]) -> pycolmap.Reconstruction:
+    """A COLMAP model (text or binary) of these photographs, its images under the photographs' names; images without a
+    photograph and images that see next to nothing are left out, and said.
+
+    A HandbenchError when fewer than three photographs remain, or one has another size in the model.
+    """
+    model = read_model(folder)
+    images = registered(model)
+    if any(len(frame.data_ids) > 1 for frame in model.frames.values()):
+        raise HandbenchError(f"{folder}: has rigs of several cameras; expected single ones: export it without rigs")
+    photo_of = {image.name: photo for photo, image in _pairs(photos, images, folder) if image is not None}
+    for image in images:
+        photo = photo_of.get(image.name)
+        if photo is not None:
+            _require_size(photo, image.camera.width, image.camera.height, folder)
+        if not image.has_pose:  # gone with another image of its rig
+            continue
+        if photo is None or image.num_points3D < FEWEST_POINTS:
+            why = "is not among the photographs" if photo is None else f"sees {image.num_points3D} points only"
+            say(f"{folder}: {image.name} {why}; left out")
+            model.deregister_frame(image.frame_id)
+        else:
+            image.name = photo.name
+    if len(registered(model)) < FEWEST:
+        raise HandbenchError(
+            f"{folder}: holds {len(registered(model))} of the {len(photos)} photographs; expected at least {FEWEST}, "
+            "by the same names"
+        )
+    return model
+
+
+def read_model(folder: Path) -> pycolmap.Reconstruction:
+    """A COLMAP model of any origin; a HandbenchError for a broken one."""
+    require_folder(folder, "a COLMAP model (cameras, images and points3D, .bin or .txt)")
+    check_model(folder)
+    colmap = load_pycolmap()
+    colmap.logging.minloglevel = int(colmap.logging.FATAL)
+    try:
+        model = colmap.Reconstruction(str(folder))
+    except (ValueError, IndexError, RuntimeError, MemoryError, OverflowError) as error:
+        raise HandbenchError(
+            f"{folder}: is not readable as a COLMAP model ({str(error)[:200]}); expected cameras, images and points3D, "
+            ".bin or .txt"
+        ) from error
+    finally:
+        colmap.logging.minloglevel = int(colmap.logging.ERROR)
+    numbers = [image.cam_from_world().matrix() for image in registered(model)]
+    numbers += [camera.params for camera in model.cameras.values()]
+    numbers += [point.xyz for point in model.points3D.values()]
+    broken = not all(np.isfinite(part).all() for part in numbers) or not all(map(_is_rigid, registered(model)))
+    if broken or any(camera.has_bogus_params(*PLAUSIBLE) for camera in model.cameras.values()):
+        raise HandbenchError(f"{folder}: its cameras, poses or points are no sensible numbers; make the model again")
+    return model
+
+
+def _is_rigid(image: pycolmap.Image) -> bool:
+    """Whether an image's pose has a rotation; a quaternion of another length makes something else."""
+    R = image.cam_from_world().rotation.matrix()
+    return bool(np.abs(R).max() < 2 and np.abs(R @ R.T - np.eye(3)).max() < 1e-3)
+
+
+def camera_of(image: pycolmap.Image) -> Camera:
+    """A registered image's camera and pose."""
+    camera, pose = image.camera, image.cam_from_world()
+    return Camera(
+        name=image.name,
+        width=camera.width,
+        height=camera.height,
+        model=camera.model_name,
+        params=tuple(camera.params.tolist()),
+        R=tuple(map(tuple, pose.rotation.matrix().tolist())),
+        t=tuple(pose.translation.tolist()),
+    )
+
+
+def _pairs(
+    photos: tuple[Photo, ...], named: Sequence[Camera] | Sequence[pycolmap.Image], where: Path
+) -> list[tuple[Photo, Any]]:
+    """Each photograph with what bears its name: all of it, else without folders, else without suffix too (None:
+    nothing). A HandbenchError where two things do."""
+    short = (str, lambda name: PurePosixPath(name).name, lambda name: PurePosixPath(name).stem)
+    pairs = []
+    for photo in photos:
+        found = next(filter(None, ([n for n in named if cut(n.name) == cut(photo.name)] for cut in short)), [None])
+        if len(found) > 1:
+            raise HandbenchError(f"{where}: {' and '.join(n.name for n in found)} may both be {photo.name}; rename one")
+        pairs.append((photo, found[0]))
+    return pairs
+
+
+def _require_size(photo: Photo, width: int, height: int, where: Path) -> None:
+    if (width, height) != (photo.width, photo.height):
+        raise HandbenchError(
+            f"{where}: {photo.name} is {width} × {height} there, the photograph has {photo.width} × {photo.height} "
+            "pixels; use what was made from these very files"
+        )

@@ -1,0 +1,131 @@
+"""Cameras: COLMAP's models and pixel convention (the first pixel's centre is at 0.5, 0.5)."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from radar.support.config import Config, parse
+from radar.support.errors import HandbenchError
+from radar.support.files import read_json, write_json
+
+if TYPE_CHECKING:
+    import pycolmap
+
+
+def load_pycolmap() -> ModuleType:
+    """Import pycolmap without the SIGTERM handler that it installs (it prints a stack trace); Python lets only the main
+    thread put the old one back, so import it there first."""
+    first, before = "pycolmap" not in sys.modules, signal.getsignal(signal.SIGTERM)
+    import pycolmap
+
+    if first and before is not None:
+        signal.signal(signal.SIGTERM, before)
+    return pycolmap
+
+
+def cuda_devices() -> int:
+    """How many CUDA devices pycolmap can use; none where it was built without CUDA."""
+    colmap = load_pycolmap()
+    return int(colmap.get_num_cuda_devices()) if colmap.has_cuda else 0
+
+
+class Camera(Config):
+    """One photograph's camera. `R` [3, 3] and `t` [3] (metres) carry world points into the camera frame
+    (x right, y down, z forward); both may be unknown."""
+
+    name: str
+    width: int = Field(gt=0)
+    height: int = Field(gt=0)
+    model: str = "OPENCV"
+    params: tuple[float, ...]
+    R: tuple[tuple[float, float, float], ...] | None = None
+    t: tuple[float, float, float] | None = None
+
+    @field_validator("R")
+    @classmethod
+    def _is_rotation(
+        cls, rows: tuple[tuple[float, float, float], ...] | None
+    ) -> tuple[tuple[float, float, float], ...] | None:
+        if rows is not None:
+            R = np.array(rows)
+            small = R.shape == (3, 3) and np.abs(R).max() < 2  # what is not might overflow
+            if not small or np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
+                raise ValueError("not a rotation matrix (3×3, orthonormal, no reflection)")
+        return rows
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """R as an array [3, 3]."""
+        return np.array(self.R, dtype=np.float64)
+
+    @property
+    def translation_m(self) -> np.ndarray:
+        """t as an array [3], metres."""
+        return np.array(self.t, dtype=np.float64)
+
+    @property
+    def centre_m(self) -> np.ndarray:
+        """Projection centre [3] in the world frame, metres."""
+        return -self.rotation.T @ self.translation_m
+
+    def colmap(self) -> pycolmap.Camera:
+        """The same intrinsics as a pycolmap camera; HandbenchError for a model or parameters COLMAP does not know."""
+        try:
+            camera = load_pycolmap().Camera(
+                model=self.model, width=self.width, height=self.height, params=list(self.params)
+            )
+        except (ValueError, RuntimeError, KeyError):
+            camera = None
+        if camera is None or not camera.verify_params():
+            raise HandbenchError(
+                f"camera {self.name}: COLMAP has no model '{self.model}' with {len(self.params)} parameters; use one "
+                "of its models, as OPENCV with fx, fy, cx, cy, k1, k2, p1, p2"
+            )
+        return camera
+
+    def project(self, points_m: np.ndarray) -> np.ndarray:
+        """World points [n, 3] to pixels [n, 2], lens distortion included."""
+        return np.asarray(self.colmap().img_from_cam(points_m @ self.rotation.T + self.translation_m))
+
+    def ray_directions(self) -> np.ndarray:
+        """World-frame unit directions [height, width, 3] through every pixel's centre (distortion undone)."""
+        u, v = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
+        xy = np.asarray(self.colmap().cam_from_img(np.stack([u.ravel(), v.ravel()], axis=1)))
+        rays = np.concatenate([xy, np.ones((len(xy), 1))], axis=1) @ self.rotation
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        return rays.reshape(self.height, self.width, 3)
+
+
+class CameraFile(Config):
+    """The content of `cameras.json`."""
+
+    cameras: tuple[Camera, ...]
+
+    @field_validator("cameras")
+    @classmethod
+    def _names_differ(cls, cameras: tuple[Camera, ...]) -> tuple[Camera, ...]:
+        if len({camera.name for camera in cameras}) < len(cameras):
+            raise ValueError("two cameras have the same name")
+        return cameras
+
+
+def load_cameras(path: str | Path) -> tuple[Camera, ...]:
+    """Read `cameras.json`."""
+    return parse(CameraFile, read_json(path, 'a cameras file {"cameras": [...]}'), str(path)).cameras
+
+
+def save_cameras(path: str | Path, cameras: tuple[Camera, ...]) -> None:
+    """Write `cameras.json`, atomically."""
+    write_json(path, {"cameras": [camera.model_dump(exclude_none=True) for camera in cameras]})
+
+
+def registered(model: pycolmap.Reconstruction) -> list[pycolmap.Image]:
+    """The registered photographs, by name."""
+    return sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)

@@ -1,0 +1,129 @@
+"""Cameras that Metashape exported as XML (File > Export > Export Cameras; MAROON's `cams.xml`).
+
+Metashape's frame camera (user manual, appendix "Camera models"): a point (X, Y, Z) of the camera frame (x right, y
+down, z forward) has x = X / Z, y = Y / Z, r² = x² + y² and is seen at the pixel
+
+    x' = x (1 + K1 r² + K2 r⁴ + K3 r⁶ + K4 r⁸) + P1 (r² + 2 x²) + 2 P2 x y
+    y' = y (1 + K1 r² + K2 r⁴ + K3 r⁶ + K4 r⁸) + P2 (r² + 2 y²) + 2 P1 x y
+    u = 0.5 w + cx + x' f + x' B1 + y' B2
+    v = 0.5 h + cy + y' f
+
+with the first pixel's centre at (0.5, 0.5), as in COLMAP. So cx and cy count from the picture's middle, P1 and P2 are
+COLMAP's p2 and p1, f + B1 is the focal length along x, and K3 needs COLMAP's FULL_OPENCV. A camera's 4 × 4 `transform`
+(row order) carries its frame to the chunk's; the `transform` of the chunk, or of the camera's component, carries that
+to the world by X ↦ scale · rotation · X + translation, in metres where the project has a scale.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path, PureWindowsPath
+from xml.etree import ElementTree
+
+import numpy as np
+
+from groundtruth.cameras.cameras import Camera
+from radar.support.errors import HandbenchError
+from radar.support.files import require_file
+
+LARGEST_BYTES = 64 * 2**20
+LARGEST = 1e12  # metres or pixels; nothing overflows
+NOT_IN_COLMAP = ("k4", "p3", "p4")
+SMALLEST_SKEW_PX = 0.05  # what B2 may move at the picture's edge and is left out
+
+Similarity = tuple[float, np.ndarray, np.ndarray]  # scale, rotation [3, 3], translation [3]
+
+
+def read_metashape(path: str | Path) -> tuple[Camera, ...]:
+    """The file's cameras, named by their labels (which may lack the photographs' suffix). Cameras that were not aligned
+    have no pose, and none has one in a project without a scale. A HandbenchError for lenses that COLMAP does not have.
+    """
+    root = _parse(require_file(path, "cameras exported by Metashape"))
+    chunks = root.findall("chunk")
+    if root.tag != "document" or len(chunks) != 1:
+        raise HandbenchError(f"{path}: has {len(chunks)} Metashape chunks; expected one: export its cameras again")
+    try:
+        sensors = {_id(s, "id"): s for s in chunks[0].iterfind("sensors/sensor")}
+        components = {_id(c, "id"): _similarity(c) for c in chunks[0].iterfind("components/component")}
+        whole = _similarity(chunks[0])
+        return tuple(
+            _camera(camera, sensors, components.get(camera.get("component_id", "")) or whole)
+            for camera in chunks[0].iterfind("cameras//camera")
+        )
+    except (ValueError, KeyError, TypeError) as error:
+        raise HandbenchError(f"{path}: is no cameras file of Metashape ({error}); export the cameras again") from error
+    except HandbenchError as error:
+        raise HandbenchError(f"{path}: {error}") from error
+
+
+def _parse(path: Path) -> ElementTree.Element:
+    """The file's root. Document types are refused: entities are what attacks by XML are made of."""
+    try:
+        if path.stat().st_size > LARGEST_BYTES:
+            raise ValueError(f"more than {LARGEST_BYTES} bytes")
+        text = path.read_bytes().decode("utf-8-sig")
+        if "<!DOCTYPE" in text.upper():
+            raise ValueError("it holds a DOCTYPE")
+        return ElementTree.fromstring(text)
+    except (ValueError, OSError, ElementTree.ParseError) as error:
+        raise HandbenchError(f"{path}: is not readable as XML ({error}); export the cameras again") from error
+
+
+def _camera(element: ElementTree.Element, sensors: dict[str, ElementTree.Element], world: Similarity | None) -> Camera:
+    label = PureWindowsPath(element.get("label", "")).name  # cuts at / and at \
+    sensor = sensors[_id(element, "sensor_id")]
+    width, height, params = _intrinsics(sensor, label)
+    pose = {}
+    if element.find("transform") is not None and world is not None:
+        scale, rotation, translation_m = world
+        matrix = _numbers(element, "transform", 16).reshape(4, 4)
+        R = (rotation @ matrix[:3, :3]).T
+        centre_m = scale * rotation @ matrix[:3, 3] + translation_m
+        pose = {"R": tuple(map(tuple, R.tolist())), "t": tuple((-R @ centre_m).tolist())}
+    return Camera(name=label, width=width, height=height, model="FULL_OPENCV", params=params, **pose)
+
+
+def _intrinsics(sensor: ElementTree.Element, label: str) -> tuple[int, int, tuple[float, ...]]:
+    """Width, height and FULL_OPENCV's parameters of a sensor."""
+    calibrations = {c.get("class", "adjusted"): c for c in sensor.iterfind("calibration")}
+    calibration = calibrations.get("adjusted", calibrations.get("initial"))
+    if calibration is None or {sensor.get("type", "frame"), calibration.get("type", "frame")} != {"frame"}:
+        raise HandbenchError(f"camera {label}: has no calibration of type 'frame'; handbench reads no other")
+    size = calibration.find("resolution")
+    size = sensor.find("resolution") if size is None else size
+    width, height = int(_id(size, "width")), int(_id(size, "height"))
+    value = {child.tag: float(child.text or "") for child in calibration if child.tag != "resolution"}
+    unknown = [name for name in NOT_IN_COLMAP if value.get(name, 0) != 0]
+    skew_px = abs(value.get("b2", 0)) * height / 2 / value["f"]
+    if unknown or skew_px > SMALLEST_SKEW_PX:
+        raise HandbenchError(
+            f"camera {label}: has {' and '.join(unknown) or 'b2'}, which no lens model of COLMAP has; optimise the "
+            f"cameras in Metashape with f, cx, cy, k1, k2, k3, p1, p2 (and b1) only"
+        )
+    f, cx, cy, k1, k2, k3, p1, p2, b1 = (
+        value.get(name, 0.0) for name in ("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2", "b1")
+    )
+    return width, height, (f + b1, f, width / 2 + cx, height / 2 + cy, k1, k2, p2, p1, k3, 0.0, 0.0, 0.0)
+
+
+def _similarity(element: ElementTree.Element) -> Similarity | None:
+    """From the chunk's frame to the world; None without a scale."""
+    if element.find("transform/scale") is None:
+        return None
+    scale = float(_numbers(element, "transform/scale", 1)[0])
+    rotation = _numbers(element, "transform/rotation", 9).reshape(3, 3)
+    return scale, rotation, _numbers(element, "transform/translation", 3)
+
+
+def _numbers(element: ElementTree.Element, path: str, count: int) -> np.ndarray:
+    """The `count` numbers below LARGEST in the text of an element's descendant."""
+    values = np.array([float(word) for word in (element.findtext(path) or "").split()])
+    if len(values) != count or not (np.abs(values) < LARGEST).all():
+        raise ValueError(f"{path} has {len(values)} numbers, expected {count} below {LARGEST:g}")
+    return values
+
+
+def _id(element: ElementTree.Element | None, name: str) -> str:
+    """An attribute that must be there."""
+    if element is None or element.get(name) is None:
+        raise ValueError(f"the attribute {name} is missing")
+    return element.get(name)

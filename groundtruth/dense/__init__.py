@@ -1,0 +1,1 @@
+"""Dense depth from photographs, and its fusion."""

@@ -1,0 +1,172 @@
+"""Depth maps on a CUDA device: COLMAP's PatchMatch searches, our own last step measures.
+
+Schönberger et al., "Pixelwise view selection for unstructured multi-view stereo", ECCV 2016. COLMAP replaces the sweep
+and the iterations of `groundtruth.dense.dense`, from the same views, with the same sources and windows. Its planes then
+go through `dense.refined` without iterations: a polish with curved windows and the same limits of cost, incidence and
+jumps (COLMAP writes no costs), so that maps from either machine mean the same to the fusion and its uncertainty.
+COLMAP's random numbers are the same in every run; there is no seed to set.
+
+COLMAP's workspace is made of our views and not by its `undistort_images`: they are cropped to the box, and its stereo
+puts pixels' centres at whole numbers, as our K does and its own models do not (colmap issue 1515: half a pixel). All
+pictures are filled up with black to one size: some versions shear what is narrower (colmap pull request 4634).
+
+COLMAP's `stereo_fusion` is left out. It takes depths for equal within 1 % (5 mm on a hand, `fusion` within 1.7 pixels)
+and gives medians, without the views' spread that `uncertainty` is made of.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from groundtruth.cameras.cameras import load_pycolmap
+from groundtruth.dense.dense import STEEPEST, DepthMap, Stereo, choose_sources, refined
+from groundtruth.dense.fusion import CONFIRMATIONS
+from groundtruth.dense.patchmatch import RADIUS
+from groundtruth.dense.views import View
+from radar.support.errors import HandbenchError
+from radar.support.progress import say, track
+
+
+class Search(NamedTuple):
+    """Iterations of four sweeps each; whether a second run asks the sources' depth maps to agree."""
+
+    iterations: int
+    geometric: bool
+
+    @property
+    def suffix(self) -> str:
+        """What COLMAP appends to the names of the maps."""
+        return "geometric.bin" if self.geometric else "photometric.bin"
+
+
+SEARCH = {"draft": Search(3, False), "normal": Search(5, True), "high": Search(5, True)}  # COLMAP's lowest, its default
+CHILD = """
+import json, sys, pycolmap
+pycolmap.patch_match_stereo(sys.argv[1], options=pycolmap.PatchMatchOptions(**json.loads(sys.argv[2])))
+"""
+INSTEAD = "--dense cpu, or an empty CUDA_VISIBLE_DEVICES, does without"
+TELLING = ("Check failed", "rror")  # lines that name what went wrong
+
+
+def depth_maps(views: list[View], tracks: np.ndarray, points_m: np.ndarray, quality: str) -> list[DepthMap]:
+    """Depth of every view, as `dense.depth_maps`; a HandbenchError when COLMAP fails.
+
+    tracks [n, views]: which view saw which of the sparse points_m [n, 3].
+    """
+    sources = choose_sources(views, tracks, points_m)
+    with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
+        folder = Path(scratch)
+        write_workspace(folder, views, sources)
+        say("depth maps: COLMAP searches on the CUDA device")
+        search(folder, _options(views, SEARCH[quality]))
+        return [
+            _depth_map(folder, views, i, sources[i], SEARCH[quality]) for i in track(range(len(views)), "depth maps")
+        ]
+
+
+def write_workspace(folder: Path, views: list[View], sources: list[list[int]]) -> None:
+    """Pictures, cameras and each view's sources in an empty folder, as COLMAP's stereo takes them."""
+    from PIL import Image
+
+    colmap = load_pycolmap()
+    for part in ("images", "sparse", "stereo/depth_maps", "stereo/normal_maps", "stereo/consistency_graphs"):
+        (folder / part).mkdir(parents=True)
+    height, width = _size(views)
+    model = colmap.Reconstruction()
+    for i, view in enumerate(views):
+        (fx, _, cx), (_, fy, cy), _ = view.K
+        pose = colmap.Rigid3d(colmap.Rotation3d(view.R), view.t)
+        model.add_camera_with_trivial_rig(
+            colmap.Camera(camera_id=i + 1, model="PINHOLE", width=width, height=height, params=[fx, fy, cx, cy])
+        )
+        model.add_image_with_trivial_frame(colmap.Image(_name(i), [], i + 1, i + 1), pose)
+        picture = np.zeros((height, width), dtype=np.uint8)
+        h, w = view.gray.shape
+        picture[:h, :w] = (view.gray.clip(0, 1) * 255).round()
+        Image.fromarray(picture).save(folder / "images" / _name(i))
+    model.write_binary(folder / "sparse")
+    lines = (f"{_name(i)}\n{', '.join(map(_name, chosen))}\n" for i, chosen in enumerate(sources))
+    (folder / "stereo" / "patch-match.cfg").write_text("".join(lines))
+
+
+def read_map(file: Path, shape: tuple[int, int, int]) -> np.ndarray:
+    """A depth or normal map [h, w, channels] that COLMAP wrote: width&height&channels& in ASCII, then float32 by
+    channel, row, column. A HandbenchError when it is not of that shape."""
+    content = file.read_bytes() if file.is_file() else b""
+    h, w, channels = shape
+    head = f"{w}&{h}&{channels}&".encode()
+    if not content.startswith(head) or len(content) != len(head) + 4 * h * w * channels:
+        raise HandbenchError(
+            f"{file.parent.name}/{file.name}: is missing or broken ({len(content)} bytes; expected {channels} channels "
+            f"of {w} × {h}), COLMAP did not finish; is there memory and disk left? {INSTEAD}"
+        )
+    return np.moveaxis(np.frombuffer(content, dtype="<f4", offset=len(head)).reshape(channels, h, w), 0, -1)
+
+
+def guessed_planes(view: View, depth_m: np.ndarray, normals: np.ndarray, unit: float) -> np.ndarray:
+    """Planes [h, w, 3] (disparity, slope per column, slope per row) of points at depths [h, w] with unit normals
+    [h, w, 3] in the camera frame; NaN where the depth is not of interest or the normal looks away.
+
+    n·X = d is 1/z = (n·K⁻¹x)/d.
+    """
+    depth_m = depth_m.astype(np.float64)
+    towards = (normals * view.rays()).sum(axis=-1)
+    known = (view.near_m <= depth_m) & (depth_m <= view.far_m) & (towards < 0)
+    depth_m, towards = np.where(known, depth_m, np.nan), np.where(known, towards, np.nan)
+    slopes = normals[..., :2] / view.K[[0, 1], [0, 1]] / (depth_m * towards * unit)[..., None]
+    planes = np.concatenate([1 / (depth_m * unit)[..., None], np.clip(slopes, -STEEPEST, STEEPEST)], axis=-1)
+    return np.ascontiguousarray(planes, dtype=np.float32)
+
+
+def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
+    """COLMAP's PatchMatch with these of its options, in a process of its own: it ends the process when it fails."""
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", CHILD, str(workspace), json.dumps(options)],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        errors="replace",
+    )
+    if done.returncode != 0:
+        told = [line.strip() for line in done.stderr.splitlines() if any(word in line for word in TELLING)]
+        reason = told[-1] if told else f"exit code {done.returncode}"
+        raise HandbenchError(f"COLMAP's stereo failed on the CUDA device ({reason}); {INSTEAD}")
+
+
+def _options(views: list[View], chosen: Search) -> dict[str, float | int | bool]:
+    return {
+        "depth_min": float(min(np.nanmin(view.near_m) for view in views)),
+        "depth_max": float(max(np.nanmax(view.far_m) for view in views)),
+        "window_radius": RADIUS,
+        "num_iterations": chosen.iterations,
+        "geom_consistency": chosen.geometric,
+        "filter_min_num_consistent": CONFIRMATIONS if len(views) > CONFIRMATIONS + 1 else 1,
+    }
+
+
+def _depth_map(folder: Path, views: list[View], i: int, sources: list[int], chosen: Search) -> DepthMap:
+    view = views[i]
+    h, w = view.gray.shape
+    depth_m, normals = (
+        read_map(folder / "stereo" / kind / f"{_name(i)}.{chosen.suffix}", (*_size(views), channels))[:h, :w]
+        for kind, channels in (("depth_maps", 1), ("normal_maps", 3))
+    )
+    stereo = Stereo.of(view, [views[s] for s in sources])
+    return refined(view, stereo, guessed_planes(view, depth_m[..., 0], normals, stereo.unit), iterations=0)
+
+
+def _size(views: list[View]) -> tuple[int, int]:
+    """Height and width that hold every view."""
+    height, width = np.max([view.gray.shape for view in views], axis=0)
+    return int(height), int(width)
+
+
+def _name(i: int) -> str:
+    return f"{i}.png"

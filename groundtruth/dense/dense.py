@@ -1,0 +1,205 @@
+"""Dense stage: a depth map for every view, on the CPU.
+
+Every threshold is in pixels of the working resolution, never in millimetres, so that a hand, a façade and an unscaled
+scene are treated alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtruth.cameras.cameras import registered
+from groundtruth.dense import patchmatch, planesweep
+from groundtruth.dense.views import View, open_view
+from groundtruth.photos.masks import Masks
+from groundtruth.photos.photos import Photo
+from radar.support.errors import HandbenchError
+from radar.support.progress import track
+
+if TYPE_CHECKING:
+    import pycolmap
+
+FEWEST_VIEWS = 3
+DEPTH_QUANTILES, DEPTH_MARGIN = (0.01, 0.99), 0.15  # of the sparse points a view sees
+SOURCES = 4
+BEST_ANGLE_RAD, SPREAD_BELOW_RAD, SPREAD_ABOVE_RAD = np.deg2rad([12, 6, 25])  # between a view and a good source
+MOST_PLANES = 320
+STEEPEST = 1.5  # disparities per pixel, of the first guess
+HIGHEST_COST = 0.3  # 1 − NCC
+LOWEST_COSINE = 0.35  # of incidence
+JUMP_PX = 1.0  # of disparity, between a pixel and its neighbour on another surface
+
+
+@dataclass(frozen=True)
+class DepthMap:
+    """A view with its depth [h, w] along z (NaN where unknown) and the surface's normals [h, w, 3], world frame."""
+
+    view: View
+    depth_m: np.ndarray
+    normals: np.ndarray
+
+
+def open_views(
+    photos: tuple[Photo, ...], model: pycolmap.Reconstruction, shrink: int, box_m: np.ndarray | None, masks: Masks
+) -> tuple[list[View], np.ndarray, np.ndarray]:
+    """The registered photographs as views of the region of interest; which of them [n, views] saw which of the sparse
+    points [n, 3] (metres)."""
+    by_name = {photo.name: photo for photo in photos}
+    images = registered(model)
+    points = list(model.points3D.values())
+    points_m = np.array([point.xyz for point in points])
+    column = {image.image_id: i for i, image in enumerate(images)}
+    tracks = np.zeros((len(points), len(images)), dtype=bool)
+    for row, point in zip(tracks, points, strict=True):
+        row[[column[element.image_id] for element in point.track.elements]] = True
+    views = []
+    for image, seen in zip(track(images, "undistorting"), tracks.T, strict=True):
+        photo, camera, pose = by_name[image.name], image.camera, image.cam_from_world()
+        mask = masks.of(photo, camera, pose, box_m)
+        views.append(open_view(photo, camera, pose, shrink, _depths(image, points_m[seen]), box_m, mask))
+    showing = [i for i, view in enumerate(views) if view is not None]
+    if len(showing) < FEWEST_VIEWS:
+        raise HandbenchError(
+            f"box_m: {len(showing)} of the {len(views)} registered photographs show the box, {FEWEST_VIEWS} are "
+            "needed; it is in metres in the frame of the board (or of the camera poses): check its numbers"
+        )
+    return [view for view in views if view is not None], tracks[:, showing], points_m
+
+
+def _depths(image: pycolmap.Image, points_m: np.ndarray) -> tuple[float, float]:
+    """Nearest and farthest depth where a photograph may see a surface."""
+    depths = (image.cam_from_world() * points_m)[:, 2]
+    near, far = np.quantile(depths, DEPTH_QUANTILES)
+    return float(near * (1 - DEPTH_MARGIN)), float(far * (1 + DEPTH_MARGIN))
+
+
+def depth_maps(
+    views: list[View], tracks: np.ndarray, points_m: np.ndarray, iterations: int, seed: int
+) -> list[DepthMap]:
+    """Depth of every view from its best sources.
+
+    tracks [n, views]: which view saw which of the sparse points_m [n, 3].
+    """
+    sources = choose_sources(views, tracks, points_m)
+    coarse = [view.halved() for view in views]
+    return [_depth_map(views, coarse, i, sources[i], iterations, seed) for i in track(range(len(views)), "depth maps")]
+
+
+def choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) -> list[list[int]]:
+    """For each view, the others that share most sparse points under a useful angle (Yao et al., ECCV 2018)."""
+    rays = np.stack([points_m - view.centre_m for view in views])
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    chosen = []
+    for i in range(len(views)):
+        angle = np.arccos(np.clip((rays * rays[i]).sum(axis=-1), -1, 1))
+        spread = np.where(angle < BEST_ANGLE_RAD, SPREAD_BELOW_RAD, SPREAD_ABOVE_RAD)
+        use = np.exp(-(((angle - BEST_ANGLE_RAD) / spread) ** 2) / 2)
+        score = (use * (1e-3 + tracks.T * tracks[:, i])).sum(axis=1)
+        score[i] = -1
+        chosen.append([int(s) for s in np.argsort(-score, kind="stable")[: min(SOURCES, len(views) - 1)]])
+    return chosen
+
+
+@dataclass(frozen=True)
+class Stereo:
+    """One reference and its sources as the kernels want them; `unit` is inverse depth per disparity (1/m)."""
+
+    sources: np.ndarray
+    sizes: np.ndarray
+    A: np.ndarray
+    b: np.ndarray
+    unit: float
+
+    @classmethod
+    def of(cls, view: View, others: list[View]) -> Stereo:
+        sizes = np.array([other.gray.shape for other in others])
+        sources = np.zeros((len(others), *sizes.max(axis=0)), dtype=np.float32)
+        for padded, other in zip(sources, others, strict=True):
+            padded[: other.gray.shape[0], : other.gray.shape[1]] = other.gray
+        A, b = (np.stack(parts) for parts in zip(*(view.to(other) for other in others), strict=True))
+        unit = 1 / max(_motion(view, a, c) for a, c in zip(A, b, strict=True))
+        return cls(sources, sizes, A, b * unit, unit)
+
+
+def _motion(view: View, A: np.ndarray, b: np.ndarray) -> float:
+    """Source pixels per unit of inverse depth, at the middle of the view and of its depths."""
+    h, w = view.gray.shape
+    inverse_depth = np.nanmean(2 / (view.near_m + view.far_m))
+    q = A @ [w / 2, h / 2, 1] + b * inverse_depth
+    return float(np.linalg.norm((b[:2] - b[2] * q[:2] / q[2]) / q[2]))
+
+
+def _depth_map(
+    views: list[View], coarse: list[View], i: int, sources: list[int], iterations: int, seed: int
+) -> DepthMap:
+    view = views[i]
+    stereo = Stereo.of(view, [views[s] for s in sources])
+    planes = _first_guess(view, coarse[i], [coarse[s] for s in sources], stereo.unit)
+    return refined(view, stereo, planes, iterations, seed)
+
+
+def refined(view: View, stereo: Stereo, planes: np.ndarray, iterations: int, seed: int = 0) -> DepthMap:
+    """The depth map that a guess of the planes [h, w, 3] (changed in place; NaN: none) becomes by PatchMatch, a polish
+    with curved windows, and the filters. No iterations: polish and filters alone."""
+    low, high = (
+        np.where(np.isfinite(planes[..., 0]), 1 / (z * stereo.unit), np.nan) for z in (view.far_m, view.near_m)
+    )
+    planes[..., 0] = np.clip(planes[..., 0], low, high)
+    cost = patchmatch.refine(
+        view.gray, stereo.sources, stereo.sizes, stereo.A, stereo.b, planes, low, high, iterations, seed
+    )
+    normals, cosine = _normals(view, planes)
+    good = (cost < HIGHEST_COST) & (cosine > LOWEST_COSINE) & (low <= high) & ~_beside_jump(planes)
+    depth_m = np.where(good, 1 / (planes[..., 0].astype(np.float64) * stereo.unit), np.nan)
+    return DepthMap(view, depth_m, normals @ view.R)
+
+
+def _first_guess(view: View, half: View, sources: list[View], unit: float) -> np.ndarray:
+    """Planes [h, w, 3] float32 in units of the full view, from a sweep at half its resolution."""
+    import cv2
+
+    stereo = Stereo.of(half, sources)
+    first, last = (1 / (z * stereo.unit) for z in (np.nanmax(half.far_m), np.nanmin(half.near_m)))
+    count = int(np.clip(np.ceil(last - first), 16, MOST_PLANES))
+    step = (last - first) / (count - 1)
+    found = planesweep.swept_disparity(
+        half.gray, stereo.sources, stereo.sizes, stereo.A, stereo.b * step, first / step, count
+    )
+    disparity = cv2.medianBlur(found, 5) * (step * stereo.unit / unit)
+    h, w = view.gray.shape
+    disparity = cv2.resize(disparity, (w, h), interpolation=cv2.INTER_LINEAR)
+    slope_y, slope_x = np.gradient(cv2.GaussianBlur(disparity, (0, 0), 3))
+    planes = np.stack([disparity, slope_x, slope_y], axis=-1)
+    planes[..., 1:] = np.clip(planes[..., 1:], -STEEPEST, STEEPEST)
+    return np.ascontiguousarray(planes, dtype=np.float32)
+
+
+def _normals(view: View, planes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit normals [h, w, 3] in the camera frame, towards the camera, and the cosine of incidence [h, w].
+
+    ω(x) = m·x over pixels x = K X / z is the plane (Kᵀ m)·X = 1.
+    """
+    h, w = view.gray.shape
+    v, u = np.mgrid[:h, :w]
+    slope_x, slope_y = planes[..., 1].astype(np.float64), planes[..., 2].astype(np.float64)
+    m = np.stack([slope_x, slope_y, planes[..., 0] - slope_x * u - slope_y * v], axis=-1)
+    normals = -m @ view.K
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    rays = view.rays()
+    return normals, -(normals * rays).sum(axis=-1) / np.linalg.norm(rays, axis=-1)
+
+
+def _beside_jump(planes: np.ndarray) -> np.ndarray:
+    """Pixels [h, w] whose neighbour does not continue their plane: a window there has seen two surfaces, and depth is
+    fattened."""
+    disparity, slope_x, slope_y = np.moveaxis(planes, -1, 0)
+    beside = np.zeros(disparity.shape, dtype=bool)
+    for axis, slope in ((1, slope_x), (0, slope_y)):
+        here, there = ((slice(None),) * axis + (part,) for part in (slice(None, -1), slice(1, None)))
+        jump = np.abs(np.diff(disparity, axis=axis) - (slope[here] + slope[there]) / 2) > JUMP_PX
+        beside[here] |= jump
+        beside[there] |= jump
+    return beside

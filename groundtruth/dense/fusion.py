@@ -1,0 +1,137 @@
+"""Fusion: points on which the depth maps of several views agree."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+from numba import njit, prange
+
+from groundtruth.dense.dense import DepthMap
+from groundtruth.dense.planesweep import LESS
+from radar.support.files import read_npz, write_npz
+from radar.support.memory import require_free
+
+CONFIRMATIONS, FEW_VIEWS = 2, 5  # other views that must agree; 1 where there are no more than a few views
+AGREEMENT_PX = 1.7  # how far, in pixels times depth over focal length, two depths may be apart
+WIDEST_COSINE = 0.5  # normals that agree
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Points [n, 3] and outward normals [n, 3] (not quite unit vectors) in the mesh's frame.
+
+    views [n, views]: which views, by `names`, agree on a point. spread_m [n]: standard deviation, along the normal, of
+    one view's depth from the others'. pixel_m: what one pixel of the depth maps measures on the surface (median).
+    """
+
+    points_m: np.ndarray
+    normals: np.ndarray
+    views: np.ndarray
+    spread_m: np.ndarray
+    names: tuple[str, ...]
+    pixel_m: float
+
+    def at(self, index: np.ndarray) -> Cloud:
+        """The cloud of some of the points."""
+        per_point = ("points_m", "normals", "views", "spread_m")
+        return replace(self, **{name: getattr(self, name)[index] for name in per_point})
+
+    def save(self, file: Path) -> None:
+        """Write the cloud as .npz."""
+        write_npz(file, **asdict(self))
+
+    @classmethod
+    def load(cls, file: Path) -> Cloud:
+        """Read what `save` wrote."""
+        found = read_npz(file, tuple(field.name for field in fields(cls)))
+        return cls(**{**found, "names": tuple(found["names"].tolist()), "pixel_m": float(found["pixel_m"])})
+
+
+def fuse(maps: list[DepthMap], box_m: np.ndarray | None) -> Cloud:
+    """Every pixel in the box [2, 3] whose depth enough other views confirm, moved to the mean of all that agree."""
+    fewest = CONFIRMATIONS if len(maps) > FEW_VIEWS else 1
+    shape = tuple(max(m.depth_m.shape[axis] for m in maps) for axis in (0, 1))
+    needed = ((32 + 1) * len(maps) + 56) * shape[0] * shape[1]
+    require_free(needed, f"dense: {len(maps)} depth maps of {shape[1]} × {shape[0]} pixels", LESS)
+    depths = np.full((len(maps), *shape), np.nan)
+    normals = np.zeros((len(maps), *shape, 3))
+    for i, m in enumerate(maps):
+        h, w = m.depth_m.shape
+        depths[i, :h, :w], normals[i, :h, :w] = m.depth_m, m.normals
+    K, R, t = (np.stack([getattr(m.view, key) for m in maps]) for key in ("K", "R", "t"))
+    parts = []
+    for i in range(len(maps)):
+        point, normal, agreeing, spread = _agree(i, depths, normals, K, R, t)
+        kept = agreeing.sum(axis=-1) > fewest
+        if box_m is not None:
+            kept &= ((point >= box_m[0]) & (point <= box_m[1])).all(axis=-1)
+        parts.append((point[kept], normal[kept], agreeing[kept], spread[kept], depths[i][kept] / K[i, 0, 0]))
+    points_m, normals, agreeing, spread_m, pixel_m = (np.concatenate(column) for column in zip(*parts, strict=True))
+    names = tuple(m.view.name for m in maps)
+    return Cloud(points_m, normals, agreeing, spread_m, names, float(np.median(pixel_m)) if len(pixel_m) else np.nan)
+
+
+@njit(parallel=True, cache=True)
+def _agree(reference, depths, normals, K, R, t):
+    """Mean point and normal [h, w, 3] of a pixel and the views that agree with it, which these are [h, w, views],
+    itself among them, and the standard deviation [h, w] of their points along the normal."""
+    count, h, w = depths.shape
+    point, normal = np.zeros((h, w, 3)), np.zeros((h, w, 3))
+    agreeing = np.zeros((h, w, count), dtype=np.bool_)
+    spread = np.zeros((h, w))
+    for y in prange(h):
+        here, seen, there = np.empty(3), np.empty(3), np.empty(3)
+        for x in range(w):
+            if np.isnan(depths[reference, y, x]):
+                continue
+            _world(x, y, depths[reference, y, x], K[reference], R[reference], t[reference], here)
+            point[y, x] += here
+            normal[y, x] += normals[reference, y, x]
+            agreeing[y, x, reference] = True
+            votes, total, square = 1, 0.0, 0.0  # of the offsets along the reference's normal, whose own is 0
+            for s in range(count):
+                _project(here, K[s], R[s], t[s], seen)
+                j, i, depth = int(np.floor(seen[0] + 0.5)), int(np.floor(seen[1] + 0.5)), seen[2]
+                if s == reference or depth <= 0 or not (0 <= i < h and 0 <= j < w):
+                    continue
+                if not abs(depths[s, i, j] - depth) * K[s, 0, 0] <= AGREEMENT_PX * depth:
+                    continue
+                cosine = 0.0
+                for axis in range(3):
+                    cosine += normals[s, i, j, axis] * normals[reference, y, x, axis]
+                if cosine < WIDEST_COSINE:
+                    continue
+                _world(j, i, depths[s, i, j], K[s], R[s], t[s], there)
+                offset = 0.0
+                for axis in range(3):
+                    offset += (there[axis] - here[axis]) * normals[reference, y, x, axis]
+                point[y, x] += there
+                normal[y, x] += normals[s, i, j]
+                agreeing[y, x, s] = True
+                votes, total, square = votes + 1, total + offset, square + offset * offset
+            point[y, x] /= votes
+            normal[y, x] /= votes
+            if votes > 1:
+                spread[y, x] = np.sqrt(max(square - total * total / votes, 0.0) / (votes - 1))
+    return point, normal, agreeing, spread
+
+
+@njit(cache=True)
+def _world(x, y, depth, K, R, t, point):
+    """The world point that pixel (x, y) sees at a depth."""
+    a = (x - K[0, 2]) / K[0, 0] * depth - t[0]
+    b = (y - K[1, 2]) / K[1, 1] * depth - t[1]
+    c = depth - t[2]
+    for axis in range(3):
+        point[axis] = R[0, axis] * a + R[1, axis] * b + R[2, axis] * c
+
+
+@njit(cache=True, error_model="numpy")  # a point in the camera's plane is seen at infinity
+def _project(point, K, R, t, seen):
+    """Column, row and depth at which a view sees a world point."""
+    a = R[0, 0] * point[0] + R[0, 1] * point[1] + R[0, 2] * point[2] + t[0]
+    b = R[1, 0] * point[0] + R[1, 1] * point[1] + R[1, 2] * point[2] + t[1]
+    c = R[2, 0] * point[0] + R[2, 1] * point[1] + R[2, 2] * point[2] + t[2]
+    seen[0], seen[1], seen[2] = K[0, 0] * a / c + K[0, 2], K[1, 1] * b / c + K[1, 2], c

@@ -1,0 +1,248 @@
+"""PatchMatch multi-view stereo with slanted windows.
+
+Bleyer, Rhemann & Rother, "PatchMatch Stereo", BMVC 2011; red-black order after Galliani, Lasinger & Schindler,
+"Massively parallel multiview stereopsis by surface normal diffusion", ICCV 2015; bilaterally weighted NCC after
+Schönberger et al., "Pixelwise view selection for unstructured multi-view stereo", ECCV 2016.
+
+A hypothesis is a plane: disparity δ (inverse depth in steps of about one source pixel) and its slope per column and
+row. Pixels of one colour of the chessboard read only those of the other, and randomness is a hash of the pixel, so that
+the result does not depend on the number of threads.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+from groundtruth.dense.curvature import bends
+
+RADIUS = 3  # a window of 7 × 7 pixels; larger ones flatten what is curved, and put a finger too far away
+SAMPLES = (2 * RADIUS + 1) ** 2
+SIGMA_GRAY, SIGMA_PX = 0.08, 3.0  # bilateral weights
+DIRECTIONS = np.array([(-1, 0), (1, 0), (0, -1), (0, 1)])
+POLISHES = 2
+SIDE = 0.25  # pixels from a disparity to the two others of its parabola
+REACH = 5  # neighbours at distances 1, 3, 5 are of the other colour
+PERTURBATIONS = 3
+WORST = 2.0  # a hypothesis that a source does not see
+
+
+def refine(
+    reference: np.ndarray,
+    sources: np.ndarray,
+    sizes: np.ndarray,
+    A: np.ndarray,
+    b: np.ndarray,
+    planes: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    iterations: int,
+    seed: int,
+) -> np.ndarray:
+    """Improve `planes` [h, w, 3] float32 (disparity, slope per column, slope per row) in place; returns the cost
+    [h, w] float32, 1 − NCC averaged over the better half of the sources.
+
+    low, high [h, w]: allowed disparities, NaN where there is nothing to do. Other arguments as `swept_disparity`.
+    """
+    cost = np.full(reference.shape, WORST, dtype=np.float32)
+    for step in range(2 * iterations + 2):  # the first two passes only evaluate what is there
+        _pass(reference, sources, sizes, A, b, planes, cost, low, high, step, seed)
+    for _ in range(POLISHES):
+        _polish(reference, sources, sizes, A, b, planes, cost, low, high, bends(planes, low <= high))
+    return cost
+
+
+@njit(cache=True)
+def _random(pixel, step, draw, seed):
+    """Uniform in −1 … 1 from counters (the finaliser of MurmurHash3)."""
+    k = np.uint64(pixel) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(step) * np.uint64(0xBF58476D1CE4E5B9)
+    k += np.uint64(draw) * np.uint64(0x94D049BB133111EB) + np.uint64(seed)
+    k ^= k >> np.uint64(33)
+    k *= np.uint64(0xFF51AFD7ED558CCD)
+    k ^= k >> np.uint64(33)
+    k *= np.uint64(0xC4CEB9FE1A85EC53)
+    k ^= k >> np.uint64(33)
+    return np.float64(k >> np.uint64(11)) / 2.0**52 - 1.0
+
+
+@njit(cache=True)
+def _window(reference, y, x, values, weights):
+    """Values relative to the centre, and normalised bilateral weights, of the window; returns its weighted variance."""
+    h, w = reference.shape
+    centre = reference[y, x]
+    k = 0
+    total = 0.0
+    for dy in range(-RADIUS, RADIUS + 1):
+        for dx in range(-RADIUS, RADIUS + 1):
+            value = reference[min(max(y + dy, 0), h - 1), min(max(x + dx, 0), w - 1)] - centre
+            weight = np.exp(-abs(value) / SIGMA_GRAY - (dx * dx + dy * dy) / (2 * SIGMA_PX * SIGMA_PX))
+            values[k] = value
+            weights[k] = weight
+            total += weight
+            k += 1
+    mean = 0.0
+    for k in range(SAMPLES):
+        weights[k] /= total
+        mean += weights[k] * values[k]
+    variance = 0.0
+    for k in range(SAMPLES):
+        values[k] -= mean
+        variance += weights[k] * values[k] ** 2
+    return variance
+
+
+@njit(cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
+def _mismatch(values, weights, variance, source, rows, columns, A, b, x, y, plane, bend=None):
+    """1 − NCC between the window and the source under the plane, WORST where the source does not see all of it.
+
+    The plane's homography is taken as affine across the window. bend: second derivatives of the disparity (per column²,
+    column and row, row²), which make a paraboloid of the plane.
+    """
+    disparity, slope_x, slope_y = plane
+    q = A[2, 0] * x + A[2, 1] * y + A[2, 2] + b[2] * disparity
+    if q <= 0:
+        return WORST
+    u = (A[0, 0] * x + A[0, 1] * y + A[0, 2] + b[0] * disparity) / q
+    v = (A[1, 0] * x + A[1, 1] * y + A[1, 2] + b[1] * disparity) / q
+    qx, qy = A[2, 0] + b[2] * slope_x, A[2, 1] + b[2] * slope_y
+    ux, uy = (A[0, 0] + b[0] * slope_x - u * qx) / q, (A[0, 1] + b[0] * slope_y - u * qy) / q
+    vx, vy = (A[1, 0] + b[1] * slope_x - v * qx) / q, (A[1, 1] + b[1] * slope_y - v * qy) / q
+    reach_u, reach_v = RADIUS * (abs(ux) + abs(uy)), RADIUS * (abs(vx) + abs(vy))
+    if bend is not None:
+        rise = RADIUS * RADIUS * (0.5 * abs(bend[0]) + 0.5 * abs(bend[2]) + abs(bend[1]))
+        reach_u, reach_v = reach_u + rise * abs(b[0] - u * b[2]) / q, reach_v + rise * abs(b[1] - v * b[2]) / q
+    if not (u - reach_u >= 0 and u + reach_u < columns - 1 and v - reach_v >= 0 and v + reach_v < rows - 1):
+        return WORST
+    origin = source[int(v), int(u)]  # sums about a value nearby do not cancel
+    mean, square, product = 0.0, 0.0, 0.0
+    k = 0
+    for dy in range(-RADIUS, RADIUS + 1):
+        for dx in range(-RADIUS, RADIUS + 1):
+            su, sv = u + dx * ux + dy * uy, v + dx * vx + dy * vy
+            if bend is not None:
+                rise = 0.5 * (bend[0] * dx * dx + bend[2] * dy * dy) + bend[1] * dx * dy
+                su, sv = su + rise * (b[0] - u * b[2]) / q, sv + rise * (b[1] - v * b[2]) / q
+            i, j = int(sv), int(su)
+            fv, fu = sv - i, su - j
+            top = source[i, j] + fu * (source[i, j + 1] - source[i, j])
+            bottom = source[i + 1, j] + fu * (source[i + 1, j + 1] - source[i + 1, j])
+            value = top + fv * (bottom - top) - origin
+            weighted = weights[k] * value
+            mean += weighted
+            square += weighted * value
+            product += weighted * values[k]
+            k += 1
+    power = variance * max(square - mean * mean, 0.0)
+    if power < 1e-14:
+        return 1.0
+    return 1.0 - product / np.sqrt(power)
+
+
+@njit(cache=True)
+def _rank_sources(values, weights, variance, sources, sizes, A, b, x, y, plane, chosen, mismatch, bend=None):
+    """Order the sources in `chosen`, best first under the plane; returns the better half's mean mismatch."""
+    for s in range(len(sources)):
+        mismatch[s] = _mismatch(
+            values, weights, variance, sources[s], sizes[s, 0], sizes[s, 1], A[s], b[s], x, y, plane, bend
+        )
+        place = s
+        while place > 0 and mismatch[s] < mismatch[chosen[place - 1]]:
+            chosen[place] = chosen[place - 1]
+            place -= 1
+        chosen[place] = s
+    used = max(1, len(sources) // 2)
+    total = 0.0
+    for n in range(used):
+        total += mismatch[chosen[n]]
+    return total / used
+
+
+@njit(cache=True)
+def _cost(values, weights, variance, sources, sizes, A, b, x, y, plane, chosen, bend=None):
+    """Mean mismatch of the better half of the ranked sources."""
+    used = max(1, len(sources) // 2)
+    total = 0.0
+    for n in range(used):
+        s = chosen[n]
+        total += _mismatch(
+            values, weights, variance, sources[s], sizes[s, 0], sizes[s, 1], A[s], b[s], x, y, plane, bend
+        )
+    return total / used
+
+
+@njit(cache=True)
+def _best_neighbour(cost, y, x, direction):
+    """The pixel of least cost among those at odd distances in a direction; (-1, -1) at the border."""
+    h, w = cost.shape
+    best_i, best_j, least = -1, -1, WORST
+    for distance in range(1, REACH + 1, 2):
+        i, j = y + distance * DIRECTIONS[direction, 0], x + distance * DIRECTIONS[direction, 1]
+        if 0 <= i < h and 0 <= j < w and cost[i, j] < least:
+            best_i, best_j, least = i, j, cost[i, j]
+    return best_i, best_j
+
+
+@njit(parallel=True, cache=True)
+def _pass(reference, sources, sizes, A, b, planes, cost, low, high, step, seed):
+    """One colour of one iteration: try the planes of neighbours, then random variations of the best.
+
+    The sources are ranked under the plane that a pixel has; what is tried is compared on the better half of them.
+    """
+    h, w = reference.shape
+    iteration = step // 2
+    for y in prange(h):
+        values, weights, mismatch = np.empty(SAMPLES), np.empty(SAMPLES), np.empty(len(sources))
+        chosen = np.zeros(len(sources), dtype=np.int64)
+        for x in range((y + step) % 2, w, 2):
+            if not low[y, x] <= high[y, x]:
+                continue
+            variance = _window(reference, y, x, values, weights)
+            best = (float(planes[y, x, 0]), float(planes[y, x, 1]), float(planes[y, x, 2]))
+            least = _rank_sources(values, weights, variance, sources, sizes, A, b, x, y, best, chosen, mismatch)
+            for n in range(len(DIRECTIONS) + PERTURBATIONS if iteration > 0 else 0):
+                if n < len(DIRECTIONS):
+                    i, j = _best_neighbour(cost, y, x, n)
+                    if i < 0:
+                        continue
+                    slope_x, slope_y = float(planes[i, j, 1]), float(planes[i, j, 2])
+                    plane = (planes[i, j, 0] + slope_x * (x - j) + slope_y * (y - i), slope_x, slope_y)
+                else:
+                    reach = 2.0 ** (len(DIRECTIONS) + 1 - iteration - n)  # 1, 1/2, 1/4 … of a pixel
+                    pixel = y * w + x
+                    plane = (
+                        best[0] + reach * _random(pixel, step, 3 * n, seed),
+                        best[1] + 0.3 * reach * _random(pixel, step, 3 * n + 1, seed),
+                        best[2] + 0.3 * reach * _random(pixel, step, 3 * n + 2, seed),
+                    )
+                if not low[y, x] <= plane[0] <= high[y, x]:
+                    continue
+                tried = _cost(values, weights, variance, sources, sizes, A, b, x, y, plane, chosen)
+                if tried < least:
+                    least, best = tried, plane
+            cost[y, x] = least
+            planes[y, x, 0], planes[y, x, 1], planes[y, x, 2] = best
+
+
+@njit(parallel=True, cache=True)
+def _polish(reference, sources, sizes, A, b, planes, cost, low, high, bends):
+    """Move every disparity to the vertex of the parabola through the costs a quarter of a pixel to either side."""
+    h, w = reference.shape
+    for y in prange(h):
+        values, weights, mismatch = np.empty(SAMPLES), np.empty(SAMPLES), np.empty(len(sources))
+        chosen = np.zeros(len(sources), dtype=np.int64)
+        for x in range(w):
+            if not low[y, x] <= high[y, x] or cost[y, x] >= 1:
+                continue
+            variance = _window(reference, y, x, values, weights)
+            disparity, slope_x, slope_y = float(planes[y, x, 0]), float(planes[y, x, 1]), float(planes[y, x, 2])
+            bend = (float(bends[y, x, 0]), float(bends[y, x, 1]), float(bends[y, x, 2]))
+            plane = (disparity, slope_x, slope_y)
+            here = _rank_sources(values, weights, variance, sources, sizes, A, b, x, y, plane, chosen, mismatch, bend)
+            plane = (disparity - SIDE, slope_x, slope_y)
+            left = _cost(values, weights, variance, sources, sizes, A, b, x, y, plane, chosen, bend)
+            plane = (disparity + SIDE, slope_x, slope_y)
+            right = _cost(values, weights, variance, sources, sizes, A, b, x, y, plane, chosen, bend)
+            opening = left - 2 * here + right
+            if opening > 0:
+                planes[y, x, 0] += SIDE * min(max(0.5 * (left - right) / opening, -1.0), 1.0)
+            cost[y, x] = here

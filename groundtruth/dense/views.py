@@ -1,0 +1,156 @@
+"""Undistorted, cropped and shrunk photographs: what the dense stage works on.
+
+Depth is measured along the camera's z axis. Both the sweep and PatchMatch think in inverse depth ω = 1/z, because a
+plane in space is exactly an affine function of the pixel in ω, and because a source view sees a pixel x move along a
+line with ω: x_source ~ A x + b ω (Hartley & Zisserman, section 13.1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtruth.photos.photos import Photo
+
+if TYPE_CHECKING:
+    import pycolmap
+
+BORDER_PX = 8  # kept around the region of interest, so that a matching window never leaves the picture
+
+
+@dataclass(frozen=True)
+class View:
+    """A pinhole picture of a part of the scene.
+
+    gray [h, w] float32. K [3, 3] carries camera coordinates to *indices* (column, row): the first pixel's centre is at
+    0. R, t (metres): camera from world. near_m, far_m [h, w] float32: depths between which the surface may lie at a
+    pixel, NaN where it is of no interest.
+    """
+
+    name: str
+    gray: np.ndarray
+    K: np.ndarray
+    R: np.ndarray
+    t: np.ndarray
+    near_m: np.ndarray
+    far_m: np.ndarray
+
+    @cached_property
+    def centre_m(self) -> np.ndarray:
+        """Projection centre [3] in the world frame."""
+        return -self.R.T @ self.t
+
+    def halved(self) -> View:
+        """The same view at half the resolution."""
+        with np.errstate(invalid="ignore"):
+            near, far = (_blocks(depth, 2).min((1, 3)) for depth in (self.near_m, -self.far_m))
+        K = self.K / 2
+        K[:2, 2] -= 0.25  # index i of the half picture is centred at index 2 i + 1/2 of the whole one
+        K[2, 2] = 1
+        return View(self.name, _shrink(self.gray, 2), K, self.R, self.t, near, -far)
+
+    def rays(self) -> np.ndarray:
+        """Directions [h, w, 3] of the pixels in the camera frame, with z = 1."""
+        return _rays(self.K, *self.gray.shape)
+
+    def world_points_m(self, depth_m: np.ndarray) -> np.ndarray:
+        """World points [h, w, 3] at the depths [h, w]."""
+        return (self.rays() * depth_m[..., None] - self.t) @ self.R
+
+    def to(self, source: View) -> tuple[np.ndarray, np.ndarray]:
+        """A [3, 3] and b [3] such that pixel x = [column, row, 1] at inverse depth ω is seen at A x + b ω."""
+        R = source.R @ self.R.T
+        return source.K @ R @ np.linalg.inv(self.K), source.K @ (source.t - R @ self.t)
+
+
+def open_view(
+    photo: Photo,
+    camera: pycolmap.Camera,
+    pose: pycolmap.Rigid3d,
+    shrink: int,
+    depth_range_m: tuple[float, float],
+    box_m: np.ndarray | None,
+    mask: np.ndarray | None = None,
+) -> View | None:
+    """Read a photograph, shrink it by a whole number and undo its distortion.
+
+    depth_range_m: where the surface may lie. box_m [2, 3]: lowest and highest corner, in the world frame, of the region
+    of interest; it crops the picture and replaces the depth range. mask: True at the photograph's pixels
+    [height, width] that are of interest. None when the picture shows nothing of interest.
+    """
+    import cv2
+
+    R, t = pose.rotation.matrix(), pose.translation
+    K = camera.calibration_matrix()
+    K[0, 1] = 0
+    K[:2] /= shrink
+    width, height = camera.width // shrink, camera.height // shrink
+    left, top, right, bottom = (0, 0, width, height) if box_m is None else _extent(box_m, K, R, t, width, height)
+    right, bottom = right - (right - left) % 2, bottom - (bottom - top) % 2
+    if right - left < 4 * BORDER_PX or bottom - top < 4 * BORDER_PX:
+        return None
+    K[:2, 2] -= (left + 0.5, top + 0.5)  # COLMAP's corner origin to indices of the crop
+    rays = _rays(K, bottom - top, right - left)
+    seen = np.asarray(camera.img_from_cam(rays.reshape(-1, 3))).reshape(*rays.shape[:2], 2) / shrink - 0.5
+    gray = cv2.remap(
+        _shrink(photo.gray(), shrink),
+        *np.moveaxis(seen.astype(np.float32), -1, 0),
+        cv2.INTER_CUBIC,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    near, far = (np.full(gray.shape, z) for z in depth_range_m)
+    if box_m is not None:
+        near, far = _box_depths(box_m, rays, R, t)
+        near = np.maximum(near, depth_range_m[0] / 4)  # for a camera that stands in the box
+    outside = ((seen < 0) | (seen > (width - 1, height - 1))).any(axis=2) | ~(near < far)
+    if mask is not None:
+        outside |= ~_at(mask, (seen + 0.5) * shrink)
+    near[outside] = far[outside] = np.nan
+    if outside.all():
+        return None
+    return View(photo.name, np.clip(gray, 0, 1), K, R, t, near.astype(np.float32), far.astype(np.float32))
+
+
+def _at(mask: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """The mask [height, width] at pixels [..., 2] (COLMAP's convention); beyond its edges, what is at the edge."""
+    column, row = np.moveaxis(np.floor(pixels).astype(int), -1, 0)
+    return mask[row.clip(0, mask.shape[0] - 1), column.clip(0, mask.shape[1] - 1)]
+
+
+def _rays(K: np.ndarray, height: int, width: int) -> np.ndarray:
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    return np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(u.shape)], axis=-1)
+
+
+def _blocks(picture: np.ndarray, factor: int) -> np.ndarray:
+    """[h, w] as [h / factor, factor, w / factor, factor]; what does not fill a block at the end is dropped."""
+    h, w = (n // factor for n in picture.shape)
+    return picture[: h * factor, : w * factor].reshape(h, factor, w, factor)
+
+
+def _shrink(picture: np.ndarray, factor: int) -> np.ndarray:
+    return picture if factor == 1 else _blocks(picture, factor).mean((1, 3), dtype=np.float32)
+
+
+def _extent(
+    box_m: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray, width: int, height: int
+) -> tuple[int, int, int, int]:
+    """Left, top, right, bottom in pixels of the picture's part that may show the box."""
+    corners = np.stack(np.meshgrid(*box_m.T), axis=-1).reshape(-1, 3) @ R.T + t
+    if (corners[:, 2] <= 0).any():  # the camera stands beside or in the box
+        return (0, 0, width, height)
+    pixels = corners @ K.T
+    pixels = pixels[:, :2] / pixels[:, 2:]
+    low = np.maximum(np.floor(pixels.min(axis=0)) - BORDER_PX, 0).astype(int)
+    high = np.minimum(np.ceil(pixels.max(axis=0)) + BORDER_PX, (width, height)).astype(int)
+    return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+
+
+def _box_depths(box_m: np.ndarray, rays: np.ndarray, R: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Depths [h, w] at which each ray enters and leaves the box (slab method); near ≥ far: a miss."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossings = (box_m[:, None, None] + R.T @ t) / (rays @ R)
+    return crossings.min(axis=0).max(axis=-1), crossings.max(axis=0).min(axis=-1)

@@ -1,0 +1,1 @@
+"""The surface: files, reconstruction, uncertainty, depth on the grid of the radar."""

@@ -1,0 +1,159 @@
+"""Depth of a surface on the radar's grid: what the radar's depth maps are compared with."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from calibration.transforms import Transform, perturbation_jacobian
+from groundtruth.mesh.mesh_files import mesh, raycasting_scene
+from groundtruth.mesh.surface import Surface
+from radar.support.errors import HandbenchError
+
+if TYPE_CHECKING:
+    import open3d as o3d
+
+CLEARANCE_M = 1e-3
+LARGEST_M = np.array([50.0, 50.0, 250.0])  # beside a radar, and in depth, which single precision tells to 0.06 mm
+EDGE_ON = 1e-4  # cosine between a triangle's normal and z below which rays along z must miss it
+STEEPEST = 0.1  # cosine between a surface's normal and z below which its uncertainty along z grows no more
+
+
+class Reference(NamedTuple):
+    """Depth z [ny, nx] of a surface, metres (NaN: none that was seen), and what is known of its error along z.
+
+    mesh_sigma_m [ny, nx]: standard deviation that the surface gives itself, NaN where it does not know. leverage
+    [ny, nx, 6 or 7]: change of depth with each parameter of `registration`, which carried the surface here; its error
+    is common to all pixels. Both are None where the registration tells no covariance. met [ny, nx]: whether a pixel's
+    ray meets any surface, seen or invented; None: not told.
+    """
+
+    z_m: np.ndarray
+    mesh_sigma_m: np.ndarray
+    leverage: np.ndarray | None
+    registration: Transform | None
+    met: np.ndarray | None = None
+
+    @property
+    def registration_sigma_m(self) -> np.ndarray:
+        """Standard deviation [ny, nx] that the registration gives to the depth, √(g·C·gᵀ); NaN: unknown."""
+        if self.leverage is None:
+            return np.full(self.z_m.shape, np.nan)
+        variance = np.einsum("yxi,yxi->yx", self.leverage @ self.registration.covariance, self.leverage)
+        return np.sqrt(np.maximum(variance, 0))  # rounding may leave a covariance not quite positive
+
+    @property
+    def sigma_m(self) -> np.ndarray:
+        """Standard deviation [ny, nx] of the depth: mesh and registration, which are independent; NaN: unknown."""
+        return np.hypot(self.mesh_sigma_m, self.registration_sigma_m)
+
+
+class _Hits(NamedTuple):
+    """What rays along +z meet first: whether anything [ny, nx]; of those that do [n] x, y and the triangle's number."""
+
+    hit: np.ndarray
+    x_m: np.ndarray
+    y_m: np.ndarray
+    triangle: np.ndarray
+
+
+def depth_on_grid(surface: o3d.geometry.TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
+    """Orthographic depth z [ny, nx] (metres, float64) of a mesh, in the radar frame, seen from the radar (from −z).
+
+    NaN where a ray along +z at (x, y) meets nothing but triangles on edge. HandbenchError for a mesh that spans more
+    than anything before a radar does, as one in millimetres. The ray caster works in single precision: rays start just
+    in front of the mesh, and the depth is computed again in double precision on the triangle that was hit.
+    """
+    vertices_m, faces = np.asarray(surface.vertices), np.asarray(surface.triangles)
+    hits = _cast(vertices_m, faces, x_m, y_m)
+    corners = vertices_m[faces[hits.triangle]]
+    return _spread(hits.hit, _depth_of_plane(corners, hits.x_m, hits.y_m), np.nan)
+
+
+def reference_on_grid(
+    surface: Surface, x_m: np.ndarray, y_m: np.ndarray, registration: Transform | None = None
+) -> Reference:
+    """As `depth_on_grid`, with its uncertainty. Where a ray meets invented surface nothing is known, neither of that
+    nor of what lies behind it.
+
+    surface: in the radar frame already; registration: the transform that carried it there, for its covariance. Along
+    its ray a pixel's depth changes by n·δ/n_z when the surface, with normal n, moves by δ: σ/|n_z| for an error σ along
+    the normal, and n·J(p)·ξ/n_z for an error ξ of the registration, of first order.
+    """
+    hits = _cast(surface.vertices_m, surface.faces, x_m, y_m)
+    met = hits.hit
+    seen = surface.observed[surface.faces[hits.triangle]].all(axis=1)
+    hits = _Hits(_spread(hits.hit, seen, False), hits.x_m[seen], hits.y_m[seen], hits.triangle[seen])
+    faces = surface.faces[hits.triangle]
+    corners = surface.vertices_m[faces]
+    z_m = _depth_of_plane(corners, hits.x_m, hits.y_m)
+    slant = _slant(corners)
+    mesh_sigma_m = surface.sigma_m[faces].mean(axis=1) * np.linalg.norm(slant, axis=1)
+    depth = (_spread(hits.hit, values, np.nan) for values in (z_m, mesh_sigma_m))
+    if registration is None or registration.covariance is None:
+        return Reference(*depth, None, None, met)
+    jacobian = perturbation_jacobian(np.stack([hits.x_m, hits.y_m, z_m], axis=1))[..., : len(registration.covariance)]
+    leverage = np.einsum("ni,nij->nj", slant, jacobian)
+    return Reference(*depth, _spread(hits.hit, leverage, np.nan), registration, met)
+
+
+def _cast(vertices_m: np.ndarray, faces: np.ndarray, x_m: np.ndarray, y_m: np.ndarray) -> _Hits:
+    shown = np.flatnonzero(_shown(vertices_m[faces]))
+    used_m = vertices_m[faces[shown].ravel()]
+    if len(shown) == 0:
+        return _Hits(np.zeros((len(y_m), len(x_m)), bool), *np.zeros((2, 0)), shown)
+    spans_m = np.ptp(used_m, axis=0)
+    if (spans_m > LARGEST_M).any():
+        raise HandbenchError(
+            f"mesh: spans {_by(spans_m)} m in the radar's frame; expected at most {_by(LARGEST_M)} m: is it in "
+            "millimetres? `handbench groundtruth --unit` carries it over"
+        )
+    # Single precision counts from the middle of the grid and the front of the mesh, wherever these are.
+    origin_m = np.array([np.mean(x_m), np.mean(y_m), used_m[:, 2].min()])
+    rays = np.zeros((len(y_m), len(x_m), 6), dtype=np.float32)
+    rays[..., 0], rays[..., 1] = np.meshgrid(x_m - origin_m[0], y_m - origin_m[1])
+    rays[..., 2] = -CLEARANCE_M
+    rays[..., 5] = 1
+    found = raycasting_scene(mesh(vertices_m - origin_m, faces[shown])).cast_rays(rays)
+    hit = np.isfinite(found["t_hit"].numpy())
+    row, column = np.nonzero(hit)
+    triangle = shown[found["primitive_ids"].numpy().astype(np.int64)[hit]]
+    return _Hits(hit, np.asarray(x_m)[column], np.asarray(y_m)[row], triangle)
+
+
+def _shown(corners: np.ndarray) -> np.ndarray:
+    """Which triangles [n, 3, 3] show a face to rays along z. Of one on edge a ray can tell no depth: rounding would
+    choose it before its neighbours, and any z of it."""
+    normal = _normal(corners)
+    return np.abs(normal[:, 2]) > EDGE_ON * np.linalg.norm(normal, axis=1)
+
+
+def _normal(corners: np.ndarray) -> np.ndarray:
+    """Of triangles [n, 3, 3]: [n, 3], as long as twice their area."""
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def _by(spans_m: np.ndarray) -> str:
+    return " × ".join(f"{span_m:.3g}" for span_m in spans_m)
+
+
+def _spread(hit: np.ndarray, values: np.ndarray, elsewhere: float) -> np.ndarray:
+    """Values [n, ...] at the places [ny, nx] that were hit, and `elsewhere`."""
+    grid = np.full((*hit.shape, *values.shape[1:]), elsewhere)
+    grid[hit] = values
+    return grid
+
+
+def _slant(corners: np.ndarray) -> np.ndarray:
+    """n/n_z [n, 3] of triangles [n, 3, 3], of length 1/STEEPEST at most."""
+    normal = _normal(corners)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    return normal / np.copysign(np.maximum(np.abs(normal[:, 2:]), STEEPEST * length), normal[:, 2:])
+
+
+def _depth_of_plane(corners: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """z [n] at (x, y) [n] of the planes through corners [n, 3, 3], not beyond the corners (a steep triangle)."""
+    origin, normal = corners[:, 0], _normal(corners)
+    z = origin[:, 2] - (normal[:, 0] * (x - origin[:, 0]) + normal[:, 1] * (y - origin[:, 1])) / normal[:, 2]
+    return np.clip(z, corners[..., 2].min(axis=1), corners[..., 2].max(axis=1))

@@ -1,0 +1,175 @@
+"""Triangle meshes on disk: the one place that reads mesh files of strangers.
+
+They are read with numpy alone, since the libraries that know more formats believe what a file says of itself: a header
+that lies makes them crash, or take all memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibration.transforms import LARGEST_M
+from groundtruth.mesh.ply import MOST, MOST_CORNERS, read_ply
+from radar.support.errors import HandbenchError
+from radar.support.files import atomic_path, require_file
+from radar.support.memory import require_free
+from radar.support.rays import embree, load_open3d
+
+if TYPE_CHECKING:
+    import open3d as o3d
+
+
+def mesh(vertices_m: np.ndarray, faces: np.ndarray) -> o3d.geometry.TriangleMesh:
+    """A mesh from vertices [n, 3] in metres and vertex indices [m, 3], counter-clockwise seen from outside."""
+    o3d = load_open3d()
+    return o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(np.ascontiguousarray(vertices_m, dtype=np.float64)),
+        o3d.utility.Vector3iVector(np.ascontiguousarray(faces, dtype=np.int32)),
+    )
+
+
+def point_cloud(points_m: np.ndarray, normals: np.ndarray) -> o3d.geometry.PointCloud:
+    """A cloud from points [n, 3] in metres and normals [n, 3]."""
+    o3d = load_open3d()
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points_m))
+    cloud.normals = o3d.utility.Vector3dVector(normals)
+    return cloud
+
+
+def read_mesh(path: str | Path) -> o3d.geometry.TriangleMesh:
+    """`read_triangles` as an Open3D mesh."""
+    vertices_m, faces, _ = read_triangles(path)
+    return mesh(vertices_m, faces)
+
+
+def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Read a triangle mesh (PLY, OBJ, STL; metres): vertices [n, 3] float64, faces [m, 3] int64 (polygons are cut into
+    fans), and what else each vertex of a PLY carries, [n] by name.
+
+    Raises HandbenchError for a file that is cut short, that is not what its header promises, without triangles, with
+    NaN, infinite or absurdly far vertices, or with faces that name vertices that there are not.
+    """
+    path = require_file(path, "a triangle mesh (PLY, OBJ or STL)")
+    readers = {".ply": (read_ply, 8), ".obj": (_read_obj, 12), ".stl": (_read_stl, 6)}
+    if path.suffix.lower() not in readers:
+        raise HandbenchError(f"{path}: is no {', '.join(readers)} file; convert the mesh to one of them")
+    read, times = readers[path.suffix.lower()]  # the memory that reading takes, over the file's size
+    require_free(times * path.stat().st_size, str(path), "end other programs, or simplify the mesh")
+    try:
+        told, faces = read(path)
+    except ValueError as error:
+        raise HandbenchError(f"{path}: holds no triangles to read: {error}; copy or export it again") from None
+    except (OSError, MemoryError) as error:
+        reason = getattr(error, "strerror", None) or "too large for this machine's memory"
+        raise HandbenchError(f"{path}: cannot be read ({reason}); check the file") from None
+    vertices_m = np.stack([told.pop(axis) for axis in "xyz"], axis=1)
+    if len(faces) == 0:
+        raise HandbenchError(f"{path}: holds no triangles; expected a triangle mesh (PLY, OBJ or STL)")
+    if not np.isfinite(vertices_m).all():
+        bad = int((~np.isfinite(vertices_m)).any(axis=1).sum())
+        raise HandbenchError(f"{path}: {bad} vertices are NaN or infinite; clean the mesh first")
+    if np.abs(vertices_m).max(initial=0) > LARGEST_M:
+        raise HandbenchError(f"{path}: a vertex lies {np.abs(vertices_m).max():.3g} m away; expected metres")
+    if faces.min() < 0 or faces.max() >= len(vertices_m):
+        named = faces.min() if faces.min() < 0 else faces.max()
+        raise HandbenchError(f"{path}: a face names vertex {named}, but there are {len(vertices_m)}")
+    if len(faces) > MOST:
+        raise HandbenchError(f"{path}: has {len(faces)} triangles; at most {MOST} are read: simplify the mesh")
+    return vertices_m.astype(np.float64), faces, told
+
+
+def _read_obj(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """The v and f lines of a Wavefront OBJ file: vertices by axis, faces [m, 3]."""
+    vertices: list[tuple[float, ...]] = []
+    faces: list[tuple[int, int, int]] = []
+    with path.open("rb") as stream:
+        for number, line in enumerate(stream, 1):
+            try:
+                match line.split():
+                    case [b"v", x, y, z, *_]:
+                        vertices.append((float(x), float(y), float(z)))
+                    case [b"f", *words] if 3 <= len(words) <= MOST_CORNERS:
+                        first, *others = (_corner(word, len(vertices)) for word in words)
+                        faces += [(first, *pair) for pair in pairwise(others)]
+                    case [b"v" | b"f", *_]:
+                        raise ValueError
+            except ValueError:
+                shown = line.decode("latin-1").strip()[:60]
+                raise ValueError(f"line {number} is '{shown}', which is no vertex or face") from None
+    return _by_axis(np.array(vertices, np.float64)), np.array(faces, np.int64).reshape(-1, 3)
+
+
+def _corner(word: bytes, vertices: int) -> int:
+    """The vertex that a corner as 7, 7/1/2 or -1 (the last one so far) names, counted from 0."""
+    index = int(word.partition(b"/")[0])
+    if index == 0 or abs(index) > MOST:
+        raise ValueError
+    return index - 1 if index > 0 else vertices + index
+
+
+def _read_stl(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """An STL file, binary if it is as long as its count says, else ASCII; equal corners become one vertex."""
+    content = path.read_bytes()
+    count = int.from_bytes(content[80:84], "little")
+    if len(content) >= 84 and len(content) == 84 + 50 * count:
+        facet = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+        corners = np.frombuffer(content, facet, count, 84)["corners"].reshape(-1, 3)
+    elif content.lstrip()[:5] == b"solid":
+        corners = _text_corners(content)
+    else:
+        takes = 84 + 50 * count
+        raise ValueError(f"its {count} triangles take {takes} bytes, but it has {len(content)}")
+    vertices, names = np.unique(corners, axis=0, return_inverse=True)
+    return _by_axis(vertices), names.reshape(-1, 3).astype(np.int64)
+
+
+def _text_corners(content: bytes) -> np.ndarray:
+    """The corners [3 m, 3] of an ASCII STL file."""
+    corners, ends, last = [], 0, b""
+    for number, line in enumerate(content.splitlines(), 1):
+        match line.split():
+            case [b"vertex", x, y, z]:
+                try:
+                    corners.append((float(x), float(y), float(z)))
+                except ValueError:
+                    raise ValueError(f"line {number} is no vertex") from None
+            case [word, *_]:
+                last = word
+                ends += word == b"endfacet"
+    if len(corners) != 3 * ends or last != b"endsolid":
+        raise ValueError(f"it has {len(corners)} corners and {ends} whole triangles, and should end with 'endsolid'")
+    return np.array(corners, np.float64).reshape(-1, 3)
+
+
+def _by_axis(points: np.ndarray) -> dict[str, np.ndarray]:
+    return dict(zip("xyz", points.reshape(-1, 3).T, strict=True))
+
+
+def write_mesh(path: str | Path, surface: o3d.geometry.TriangleMesh) -> None:
+    """Write a mesh as binary PLY, atomically."""
+    _write(path, load_open3d().io.write_triangle_mesh, surface)
+
+
+def write_cloud(path: str | Path, points_m: np.ndarray, normals: np.ndarray) -> None:
+    """Write points [n, 3] in metres with their normals [n, 3] as binary PLY, atomically."""
+    _write(path, load_open3d().io.write_point_cloud, point_cloud(points_m, normals))
+
+
+def _write(path: str | Path, write: Callable[..., bool], what: object) -> None:
+    with atomic_path(path) as temporary:
+        if not write(str(temporary), what, write_ascii=False):
+            raise OSError(f"open3d could not write {path}")
+        try:
+            read_ply(temporary)
+        except ValueError as error:  # open3d does not mind a full disk
+            raise OSError("what was written is cut short; is there space left on the disk?") from error
+
+
+def raycasting_scene(surface: o3d.geometry.TriangleMesh) -> o3d.t.geometry.RaycastingScene:
+    """An Embree scene of one mesh, for `cast_rays` (rows [ox, oy, oz, dx, dy, dz], float32, metres)."""
+    return embree(np.asarray(surface.vertices), np.asarray(surface.triangles))

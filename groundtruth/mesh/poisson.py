@@ -1,0 +1,104 @@
+"""From a cloud of points to a clean surface.
+
+Poisson reconstruction (Kazhdan & Hoppe, TOG 2013) closes holes; what it invents, far from every point, is cut off
+again. Thresholds are in pixels of the depth maps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from groundtruth.dense.fusion import Cloud
+from groundtruth.mesh.mesh_files import load_open3d, point_cloud
+from radar.support.errors import HandbenchError
+from radar.support.progress import say
+
+if TYPE_CHECKING:
+    import open3d as o3d
+
+VOXEL_PX = 1.0
+NEIGHBOURS, OUTLIER_SIGMA = 20, 2.0
+NORMAL_NEIGHBOURS = 24
+FARTHEST_PX = 4.0  # between a vertex of the mesh and the nearest point
+DEEPEST = 11  # Poisson's octree; 2¹¹ cells a side
+FEWEST_POINTS = 500
+SMALLEST_PART = 0.01  # of the largest part's triangles
+
+Components = Literal["largest", "all"]
+
+
+def clean(cloud: Cloud) -> Cloud:
+    """One point per voxel, without outliers, its normal from its neighbours and towards the cameras."""
+    o3d = load_open3d()
+    if len(cloud.points_m) < FEWEST_POINTS:
+        raise HandbenchError(
+            f"dense stage: the views agree on {len(cloud.points_m)} points only, {FEWEST_POINTS} are needed; take "
+            "sharper photographs with more overlap, project a speckle pattern, or check the crop box"
+        )
+    cloud = _one_per_voxel(cloud)
+    points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points_m))
+    _, kept = points.remove_statistical_outlier(NEIGHBOURS, OUTLIER_SIGMA)
+    cloud = cloud.at(np.asarray(kept))
+    points = points.select_by_index(kept)
+    points.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(NORMAL_NEIGHBOURS))
+    normals = np.array(points.normals)
+    normals[(normals * cloud.normals).sum(axis=1) < 0] *= -1
+    return replace(cloud, normals=normals)
+
+
+def _one_per_voxel(cloud: Cloud) -> Cloud:
+    """Means over the points of each voxel; a view that agrees on one of them agrees on their mean."""
+    voxel = np.floor((cloud.points_m - cloud.points_m.min(axis=0)) / (VOXEL_PX * cloud.pixel_m)).astype(np.int64)
+    size = voxel.max(axis=0) + 1
+    _, place, count = np.unique(np.ravel_multi_index(voxel.T, size), return_inverse=True, return_counts=True)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        columns = [np.bincount(place, weights=column) / count for column in values.reshape(len(place), -1).T]
+        return np.stack(columns, axis=1).reshape(-1, *values.shape[1:])
+
+    return replace(
+        cloud,
+        points_m=mean(cloud.points_m),
+        normals=mean(cloud.normals),
+        views=mean(cloud.views) > 0,
+        spread_m=np.sqrt(mean(cloud.spread_m**2)),
+    )
+
+
+def surface(cloud: Cloud, components: Components, box_m: np.ndarray | None = None) -> o3d.geometry.TriangleMesh:
+    """The cloud's surface: Poisson, cut where no point is near and at the box [2, 3], manifold, its largest part (or
+    all but tiny ones)."""
+    o3d = load_open3d()
+    say(f"surface of {len(cloud.points_m)} points")
+    points = point_cloud(cloud.points_m, cloud.normals)
+    extent = np.ptp(cloud.points_m, axis=0).max() * 1.1  # Poisson's cube is 1.1 times the points' box
+    depth = int(np.clip(np.round(np.log2(extent / (1.5 * cloud.pixel_m))), 6, DEEPEST))
+    mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(points, depth=depth, n_threads=1)
+    mesh.remove_vertices_by_mask(_distance(mesh, points) > FARTHEST_PX * cloud.pixel_m)
+    if box_m is not None:
+        mesh = mesh.crop(o3d.geometry.AxisAlignedBoundingBox(*box_m))
+    _keep_components(repair(mesh), components)
+    return mesh.remove_unreferenced_vertices()
+
+
+def repair(mesh: o3d.geometry.TriangleMesh) -> o3d.geometry.TriangleMesh:
+    """The mesh itself, without what ray casting and scoring stumble over: duplicates, triangles without area, edges of
+    more than two triangles, vertices of none."""
+    for kind in ("duplicated_vertices", "degenerate_triangles", "duplicated_triangles", "non_manifold_edges"):
+        getattr(mesh, f"remove_{kind}")()
+    return mesh.remove_unreferenced_vertices()
+
+
+def _distance(mesh: o3d.geometry.TriangleMesh, points: o3d.geometry.PointCloud) -> np.ndarray:
+    from scipy.spatial import KDTree
+
+    return KDTree(np.asarray(points.points)).query(np.asarray(mesh.vertices))[0]
+
+
+def _keep_components(mesh: o3d.geometry.TriangleMesh, components: Components) -> None:
+    label, triangles, _ = (np.asarray(part) for part in mesh.cluster_connected_triangles())
+    fewest = triangles.max() * (1 if components == "largest" else SMALLEST_PART)
+    mesh.remove_triangles_by_mask(triangles[label] < fewest)

@@ -1,0 +1,69 @@
+"""A surface that knows how far to trust each of its points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibration.transforms import Transform
+from groundtruth.mesh.mesh_files import mesh, read_triangles
+from radar.support.files import atomic_path
+
+if TYPE_CHECKING:
+    import open3d as o3d
+
+VERTEX = np.dtype([("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("sigma_m", "<f4"), ("observed", "u1")])
+FACE = np.dtype([("count", "u1"), ("vertices", "<i4", (3,))])
+PLY_NAMES = {"<f8": "double", "<f4": "float", "|u1": "uchar"}
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangles over vertices [n, 3] (metres), faces [m, 3] counter-clockwise seen from outside.
+
+    sigma_m [n]: standard deviation of the surface along its normal (NaN: unknown). observed [n]: False where no two
+    views saw the surface, which is invented then and must not be scored.
+    """
+
+    vertices_m: np.ndarray
+    faces: np.ndarray
+    sigma_m: np.ndarray
+    observed: np.ndarray
+
+    @property
+    def mesh(self) -> o3d.geometry.TriangleMesh:
+        """The triangles alone."""
+        return mesh(self.vertices_m, self.faces)
+
+    def moved(self, transform: Transform) -> Surface:
+        """The surface in the transform's target frame; the transform's own uncertainty is not added."""
+        sigma_m = self.sigma_m * transform.scale
+        return Surface(transform.points(self.vertices_m), self.faces, sigma_m, self.observed)
+
+    def save(self, file: str | Path) -> None:
+        """Write binary PLY with the vertex properties sigma_m and observed, atomically."""
+        vertices = np.empty(len(self.vertices_m), dtype=VERTEX)
+        for name, column in zip("xyz", self.vertices_m.T, strict=True):
+            vertices[name] = column
+        vertices["sigma_m"], vertices["observed"] = self.sigma_m, self.observed
+        faces = np.empty(len(self.faces), dtype=FACE)
+        faces["count"], faces["vertices"] = 3, self.faces
+        properties = "".join(f"property {PLY_NAMES[VERTEX[name].str]} {name}\n" for name in VERTEX.names)
+        header = (
+            f"ply\nformat binary_little_endian 1.0\ncomment handbench, metres\nelement vertex {len(vertices)}\n"
+            f"{properties}element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+        )
+        with atomic_path(file) as temporary:
+            temporary.write_bytes(header.encode() + vertices.tobytes() + faces.tobytes())
+
+
+def read_surface(file: str | Path) -> Surface:
+    """Read a mesh (PLY, OBJ, STL; metres) with what it says of itself; a mesh without sigma_m and observed was observed
+    everywhere, with unknown uncertainty."""
+    vertices_m, faces, told = read_triangles(file)
+    sigma_m = np.asarray(told.get("sigma_m", np.full(len(vertices_m), np.nan)), np.float64)
+    observed = np.asarray(told.get("observed", np.ones(len(vertices_m)))) > 0
+    return Surface(vertices_m, faces, sigma_m, observed)

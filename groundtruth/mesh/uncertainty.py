@@ -1,0 +1,64 @@
+"""The standard deviation of a surface: matching, cameras and the distance to what was seen.
+
+Three independent parts are added as variances. *Matching*: n views agree on a point, and their depths differ by s along
+the normal. They are not n independent measurements: a depth map is matched between images, so that two maps out of n
+have one of their images in common with a chance that makes their errors correlated by ρ = 1/(n − 1); two maps of the
+same pair are the same measurement. Hence the spread shows (1 − ρ) of the variance of one map, and their mean keeps
+(1 + (n − 1) ρ)/n of it: var = 2 (n − 1)/(n (n − 2)) s². *Cameras*: `covariance.point_covariance`. *Distance*: where the
+surface runs on beyond the points that were seen, its slope is known to SLOPE only.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtruth.dense.fusion import Cloud
+from groundtruth.sparse.covariance import CameraCovariance, point_covariance
+
+if TYPE_CHECKING:
+    import pycolmap
+
+NEIGHBOURS = 16  # points whose variances a vertex takes the mean of
+SLOPE = 0.25  # of a surface that was not seen
+REACH_PX = 0.5  # of a point: as far as neighbouring points are from what lies between them
+OBSERVED_PX = 1.5  # a surface farther from every point was not seen
+CHUNK = 1_000_000  # points times camera parameters that are worked on at once
+
+
+def surface_sigma(
+    cloud: Cloud, vertices_m: np.ndarray, images: list[pycolmap.Image], known: CameraCovariance
+) -> tuple[np.ndarray, np.ndarray]:
+    """Standard deviation [n] along the normal, metres, of the vertices [n, 3] of a surface made of a cloud's points,
+    and whether [n] they were seen."""
+    from scipy.spatial import KDTree
+
+    distance_m, near = KDTree(cloud.points_m).query(vertices_m, k=min(NEIGHBOURS, len(cloud.points_m)))
+    beyond_m = np.maximum(distance_m[:, 0] - REACH_PX * cloud.pixel_m, 0)
+    variance = (matching_variance(cloud) + camera_variance(cloud, images, known))[near].mean(axis=1)
+    return np.sqrt(variance + (SLOPE * beyond_m) ** 2), distance_m[:, 0] <= OBSERVED_PX * cloud.pixel_m
+
+
+def matching_variance(cloud: Cloud) -> np.ndarray:
+    """Variance [n] along the normals, m², of the mean of the views that agree on a cloud's points."""
+    n = cloud.views.sum(axis=1)
+    by_many = n > 2
+    spread_m = cloud.spread_m
+    if by_many.any():  # two maps of one pair agree however wrong they are: they take the others' spread
+        spread_m = np.where(by_many, spread_m, np.sqrt(np.mean(spread_m[by_many] ** 2)))
+    return np.where(by_many, 2 * (n - 1) / (n * np.maximum(n - 2, 1)), 2.0) * spread_m**2
+
+
+def camera_variance(cloud: Cloud, images: list[pycolmap.Image], known: CameraCovariance) -> np.ndarray:
+    """Variance [n] along the normals, m², that the cameras' own uncertainty gives to a cloud's points."""
+    images = [image for image in images if image.name in cloud.names]
+    seen = cloud.views[:, [cloud.names.index(image.name) for image in images]]
+    unit = cloud.normals / np.linalg.norm(cloud.normals, axis=1, keepdims=True)
+    variances = []
+    size = max(1, CHUNK // len(known.matrix))
+    for first in range(0, len(unit), size):
+        part = slice(first, first + size)
+        covariance = point_covariance(images, known, cloud.points_m[part], seen[part])
+        variances.append(np.einsum("na,nab,nb->n", unit[part], covariance, unit[part]))
+    return np.concatenate(variances)

@@ -1,0 +1,1 @@
+"""Photographs: files, EXIF, masks, and checks before the work."""

@@ -1,0 +1,134 @@
+"""Which pixels show the target: masks from files, or cut out by colour."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from groundtruth.photos.orientation import sides_swapped, stored_picture
+from groundtruth.photos.photos import Photo, read_gray
+from radar.support.errors import HandbenchError
+from radar.support.files import content_hash, require_folder
+from radar.support.progress import say
+
+if TYPE_CHECKING:
+    import pycolmap
+
+LONGEST_SIDE_PX = 500  # of the picture that colours are told apart in
+ITERATIONS = 5
+CENTRE = 0.8  # of the picture's sides: the ellipse that holds the target when there is no box
+SMALLEST = 0.002  # share of the picture below which nothing was found
+
+
+@dataclass(frozen=True)
+class Masks:
+    """files: each photograph's mask, by the photograph's name; by_colour: cut the target out where there are none."""
+
+    files: dict[str, Path] = field(default_factory=dict)
+    by_colour: bool = False
+
+    def of(
+        self, photo: Photo, camera: pycolmap.Camera, pose: pycolmap.Rigid3d, box_m: np.ndarray | None
+    ) -> np.ndarray | None:
+        """True [height, width] at the pixels that show the target; None where every pixel may. box_m [2, 3]: region of
+        interest in the frame that `pose` starts from."""
+        if self.files:
+            return read_mask(self.files[photo.name], photo)
+        if not self.by_colour:
+            return None
+        found = cut_out(photo, _may_show(photo, camera, pose, box_m))
+        if found is None:
+            say(f"{photo.name}: no target stands out by its colour; used without a mask")
+        return found
+
+    def content(self) -> list[Any]:
+        """Everything in here, as `content_hash` takes it."""
+        files = (part for name in sorted(self.files) for part in (name, self.files[name]))
+        return [content_hash(*files), self.by_colour]
+
+
+def find_masks(folder: str | Path, photos: tuple[Photo, ...]) -> dict[str, Path]:
+    """Each photograph's mask in a folder: NAME.jpg.png (as for COLMAP) or NAME.png, nonzero on the target; all are
+    read once. A HandbenchError where one is missing, empty or of another size."""
+    folder = require_folder(folder, "masks (NAME.jpg.png or NAME.png)")
+    found = {photo.name: _mask_file(folder, photo) for photo in photos}
+    missing = [name for name, path in found.items() if path is None]
+    if missing:
+        raise HandbenchError(
+            f"{folder}: has no mask for {', '.join(missing)}; expected {missing[0]}.png or {Path(missing[0]).stem}.png "
+            "with nonzero pixels on the target"
+        )
+    for photo in photos:
+        read_mask(found[photo.name], photo)
+        if photo.orientation == 3:
+            say(f"{photo.name}: EXIF turns it by 180°; its mask is taken to be of the stored pixels")
+    return found
+
+
+def read_mask(path: Path, photo: Photo) -> np.ndarray:
+    """True [height, width] at the mask's nonzero pixels. One made for the upright picture of a photograph with an EXIF
+    orientation is turned to the stored pixels."""
+    mask = read_gray(path) > 0
+    height, width = mask.shape
+    if sides_swapped(photo, width, height):
+        mask = stored_picture(photo, mask)
+    elif (width, height) != (photo.width, photo.height):
+        raise HandbenchError(
+            f"{path}: is {width} × {height}, {photo.name} has {photo.width} × {photo.height} pixels; make the mask at "
+            "the photograph's size"
+        )
+    if not mask.any():
+        raise HandbenchError(f"{path}: is zero everywhere; expected nonzero pixels on the target")
+    return mask
+
+
+def cut_out(photo: Photo, candidates: np.ndarray) -> np.ndarray | None:
+    """The largest thing [height, width] within `candidates` [height, width] whose colours are not those around it, by
+    GrabCut (Rother, Kolmogorov & Blake, SIGGRAPH 2004); None when nothing stands out."""
+    import cv2
+
+    scale = min(1.0, LONGEST_SIDE_PX / max(photo.width, photo.height))
+    size = (round(photo.width * scale), round(photo.height * scale))
+    picture = cv2.resize(photo.colours(), size, interpolation=cv2.INTER_AREA)
+    inside = cv2.resize(candidates.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+    if inside.all() or not inside.any():
+        return None
+    label = np.where(inside > 0, cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8)
+    models = np.zeros((2, 1, 65))
+    cv2.setRNGSeed(0)
+    cv2.grabCut(picture, label, None, models[0], models[1], ITERATIONS, cv2.GC_INIT_WITH_MASK)
+    found = ((label == cv2.GC_FGD) | (label == cv2.GC_PR_FGD)).astype(np.uint8)
+    found = cv2.morphologyEx(found, cv2.MORPH_OPEN, np.ones((3, 3)))
+    count, parts, figures, _ = cv2.connectedComponentsWithStats(found)
+    if count < 2:
+        return None
+    areas = figures[1:, cv2.CC_STAT_AREA]
+    if areas.max() < SMALLEST * parts.size:
+        return None
+    target = (parts == 1 + areas.argmax()).astype(np.float32)
+    return cv2.resize(target, (photo.width, photo.height), interpolation=cv2.INTER_LINEAR) > 0.5
+
+
+def _mask_file(folder: Path, photo: Photo) -> Path | None:
+    names = (f"{photo.name}.png", f"{Path(photo.name).stem}.png")
+    return next((folder / name for name in names if (folder / name).is_file()), None)
+
+
+def _may_show(photo: Photo, camera: pycolmap.Camera, pose: pycolmap.Rigid3d, box_m: np.ndarray | None) -> np.ndarray:
+    """True [height, width] where the box, or the ellipse in the picture's middle, is seen."""
+    import cv2
+
+    candidates = np.zeros((photo.height, photo.width), dtype=np.uint8)
+    if box_m is None:
+        axes = (round(CENTRE * photo.width / 2), round(CENTRE * photo.height / 2))
+        cv2.ellipse(candidates, (photo.width // 2, photo.height // 2), axes, 0, 0, 360, 1, -1)
+        return candidates > 0
+    corners = pose * np.stack(np.meshgrid(*box_m.T), axis=-1).reshape(-1, 3)
+    if (corners[:, 2] <= 0).any():  # the camera stands in the box or beside it
+        return candidates == 0
+    pixels = np.asarray(camera.img_from_cam(corners)).astype(np.float32)
+    cv2.fillConvexPoly(candidates, cv2.convexHull(pixels).round().astype(np.int32), 1)
+    return candidates > 0

@@ -1,0 +1,133 @@
+"""Photographs on disk: found, checked and read.
+
+Pixels are taken as the sensor stored them: an EXIF orientation turns nothing here, as in COLMAP, because intrinsics
+belong to the sensor, and a camera that was turned is nothing but another pose. What somebody made for the upright
+picture, a mask or a calibration, is turned instead (`groundtruth.photos.orientation`).
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtruth.photos.exif import body_of, focal_length_px, orientation_of, read_exif
+from radar.support.errors import HandbenchError
+from radar.support.files import require_folder
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+FEWEST = 3
+LARGEST_PX = 100_000_000  # a hundred megapixels take a GB to decode
+PACKED_PX = 10_000  # no picture packs more into a byte: a blank mask of one bit a pixel has 8000
+MIRRORED = (2, 4, 5, 7)  # EXIF orientations that no camera writes
+
+
+@dataclass(frozen=True)
+class Photo:
+    """One photograph: `name` inside its folder, size in pixels, and what its EXIF data say: `body`, equal for
+    photographs of the same camera at the same focal length (None without such data), `orientation`, how a viewer turns
+    it (1, 3, 6 or 8), and `focal_px`, a first guess of the focal length (None without such data)."""
+
+    path: Path
+    name: str
+    width: int
+    height: int
+    body: tuple[str, ...] | None = None
+    orientation: int = 1
+    focal_px: float | None = None
+
+    def gray(self) -> np.ndarray:
+        """Intensities [height, width], float32 in 0 … 1."""
+        return read_gray(self.path)
+
+    def colours(self) -> np.ndarray:
+        """Colours [height, width, 3], uint8, red first."""
+        return _decode(self.path, lambda image: _colours(image, self.path))
+
+
+def find_photos(folder: str | Path) -> tuple[Photo, ...]:
+    """The photographs in `folder` or in `folder/images`, by name; every one is decoded once, so that a broken file is
+    reported before any work starts. At least three are needed."""
+    folder = require_folder(folder, "photographs")
+    paths = _pictures(folder) or _pictures(folder / "images")
+    if len(paths) < FEWEST:
+        raise HandbenchError(
+            f"{folder}: found {len(paths)} photographs ({', '.join(SUFFIXES)}), here and in images/; "
+            f"at least {FEWEST} are needed, 5 to 12 from different sides are good"
+        )
+    return tuple(_open(path) for path in paths)
+
+
+def read_gray(path: Path) -> np.ndarray:
+    """A picture file as intensities [height, width], float32 in 0 … 1: grey, colours, a palette or CMYK, of 8 or 16
+    bits a channel; transparency is ignored, as in COLMAP."""
+    return _decode(path, lambda image: _gray(image, path))
+
+
+def _gray(image: Image.Image, path: Path) -> np.ndarray:
+    import cv2
+
+    if image.mode in ("I", "F"):
+        raise HandbenchError(f"{path}: has 32 bits a pixel; expected 8 or 16 bits a channel, save it so")
+    if ";16" not in str(image.tile):  # how Pillow tells what it would shorten to 8 bits
+        return np.asarray(image.convert("L"), dtype=np.float32) / 255
+    image.load()  # complains of a truncated file, where OpenCV fills up
+    deep = cv2.imread(str(path), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
+    if deep is None:
+        raise ValueError("OpenCV cannot read its 16 bits")
+    deep = deep.astype(np.float32) / 65535
+    return deep if deep.ndim == 2 else cv2.cvtColor(deep[..., :3], cv2.COLOR_BGR2GRAY)
+
+
+def _colours(image: Image.Image, path: Path) -> np.ndarray:
+    if image.mode.startswith("I"):
+        return np.repeat((_gray(image, path) * 255).round().astype(np.uint8)[..., None], 3, axis=2)
+    return np.asarray(image.convert("RGB"))
+
+
+def _decode(path: Path, convert: Callable[[Image.Image], np.ndarray]) -> np.ndarray:
+    """convert(the opened picture); a HandbenchError for what Pillow cannot read."""
+    from PIL import Image
+
+    try:
+        with warnings.catch_warnings(action="ignore"), Image.open(path) as image:  # of odd EXIF data, of many pixels
+            _require_plausible(image, path.stat().st_size)
+            return convert(image)
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise HandbenchError(f"{path}: is not a readable photograph ({error}); replace or remove it") from error
+
+
+def _require_plausible(image: Image.Image, size_bytes: int) -> None:
+    """Refuse what would take long or much memory before a pixel of it is decoded."""
+    pixels = image.width * image.height
+    if pixels > min(LARGEST_PX, PACKED_PX * size_bytes):
+        raise ValueError(
+            f"it has {image.width} × {image.height} pixels in {size_bytes} bytes; at most {LARGEST_PX} are read, and "
+            f"{PACKED_PX} a byte"
+        )
+
+
+def _pictures(folder: Path) -> list[Path]:
+    if not folder.is_dir():
+        return []
+    return sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith("."))
+
+
+def _open(path: Path) -> Photo:
+    height, width = read_gray(path).shape
+    exif = read_exif(path)
+    orientation = orientation_of(exif)
+    if orientation in MIRRORED:
+        raise HandbenchError(
+            f"{path}: its EXIF orientation {orientation} says that it is mirrored, and such a picture has no camera; "
+            "save it as it was taken"
+        )
+    body = body_of(exif, (width, height))
+    return Photo(path, path.name, width, height, body, orientation, focal_length_px(exif, width, height))

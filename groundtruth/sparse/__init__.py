@@ -1,0 +1,1 @@
+"""Poses and points: structure from motion, bundle adjustment, covariance."""

@@ -1,0 +1,258 @@
+"""The normal equations of a bundle adjustment with the board in it, everything with a weight of its own.
+
+Triggs et al., "Bundle Adjustment – A Modern Synthesis", 2000; Cauchy's weights for what fits badly. The board's corners
+are points whose places are known, seen some ten times sharper than features, which COLMAP cannot be told. They fix
+frame and scale, and tell what features tell badly: focal lengths and principal points. Features that only two of many
+photographs show are left out: nothing contradicts a false one, as where two contours seem to cross, and many of them
+bend the cameras. The normal matrix of the cameras, without the points, is the information on all of them together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from groundtruth.board.markers import Corners
+from groundtruth.cameras.cameras import load_pycolmap, registered
+from groundtruth.sparse.jacobians import POSE, pixel_jacobians, project
+
+if TYPE_CHECKING:
+    import pycolmap
+
+LEAST_NOISE_PX = 0.03  # nothing is located better
+CAUCHY = 2.385  # standard deviations at which a residual weighs half: 95 % efficient where errors are normal
+MAD = 1.4826  # of a normal distribution: standard deviation over median absolute deviation
+# What is known of any lens: standard deviation of principal point (of the width), fx/fy, and distortion k and p.
+CENTRE, SQUARE, RADIAL, TANGENTIAL = 0.01, 1e-3, 0.2, 1e-3
+LEAST_SHARE = 0.05  # of the residuals' numbers that must be left, for a noise to be told from them
+FEWEST_SIGHTINGS = 3  # of a feature; 2 where there are three photographs only
+GAUGE = 1e-12  # eigenvalues of an information matrix below this share are a freedom of the frame
+
+
+class Seen(NamedTuple):
+    """What a photograph shows: pixels [n, 2], their standard deviation, and the points [n]: numbers among those of the
+    model, or, of the board, places [n, 3] that are known."""
+
+    image: pycolmap.Image
+    pixels: np.ndarray
+    noise_px: float
+    numbers: np.ndarray | None
+    places_m: np.ndarray | None
+
+    def only(self, kept: np.ndarray) -> Seen:
+        """Some [n] of the observations."""
+        numbers, places_m = (None if part is None else part[kept] for part in (self.numbers, self.places_m))
+        return self._replace(pixels=self.pixels[kept], numbers=numbers, places_m=places_m)
+
+    def places(self, xyz: np.ndarray) -> np.ndarray:
+        """Where the points are [n, 3], of which those of the model are at xyz [p, 3]."""
+        return xyz[self.numbers] if self.places_m is None else self.places_m
+
+    def off_px(self, places_m: np.ndarray) -> np.ndarray:
+        """The pixels [n, 2] against where the photograph would show points at these places [n, 3]."""
+        return self.pixels - project(self.image, places_m)
+
+
+class Normal(NamedTuple):
+    """Normal equations of d camera parameters and p points: cameras [d, d] and their right side [d], the points' blocks
+    [p, 3, 3] and right sides [p, 3], what couples both [p, d, 3]; the cost."""
+
+    cameras: np.ndarray
+    right: np.ndarray
+    points: np.ndarray
+    points_right: np.ndarray
+    coupling: np.ndarray
+    cost: float
+
+    @classmethod
+    def empty(cls, d: int, p: int) -> Normal:
+        """Nothing is seen yet."""
+        return cls(*(np.zeros(shape) for shape in ((d, d), d, (p, 3, 3), (p, 3), (p, d, 3))), 0.0)
+
+    def reduced(self, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Normal matrix and right side of the cameras alone, and the inverse of the points' blocks [p, 3, 3]."""
+        diagonal = np.einsum("pii->pi", self.points)
+        inverse = np.linalg.inv(self.points + np.eye(3) * (damping * diagonal + 1e-12)[:, None])
+        eliminated = self.coupling @ inverse
+        matrix = self.cameras - np.tensordot(eliminated, self.coupling, axes=([0, 2], [0, 2]))
+        return matrix, self.right - np.einsum("pdi,pi->d", eliminated, self.points_right), inverse
+
+
+@dataclass
+class Bundle:
+    """A model, what its photographs show, and the intrinsics that are unknown, by their places among the parameters of
+    COLMAP's camera OPENCV (fx, fy, cx, cy, k1, k2, p1, p2); others may be held only as a whole.
+
+    place: photograph → its columns among all unknowns: its pose's six and then its camera's, which others may share.
+    """
+
+    model: pycolmap.Reconstruction
+    corners: dict[str, Corners]
+    corners_m: dict[int, np.ndarray]
+    free: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.images = registered(self.model)
+        cameras = sorted({image.camera_id for image in self.images})
+        first, k = POSE * len(self.images), len(self.free)
+        self.size = first + k * len(cameras)
+        self.intrinsics = {c: first + k * i + np.arange(k) for i, c in enumerate(cameras)}
+        self.place = {
+            image.name: np.concatenate([POSE * i + np.arange(POSE), self.intrinsics[image.camera_id]])
+            for i, image in enumerate(self.images)
+        }
+        self.start = {c: np.array(self.model.cameras[c].params) for c in cameras}
+        fewest = min(FEWEST_SIGHTINGS, len(self.images) - 1)
+        self.points = [p for _, p in sorted(self.model.points3D.items()) if _views(p) >= fewest]
+        self.features, self.known = self._features(), self._known()
+        self._count_unknowns()
+
+    def _features(self) -> list[Seen]:
+        row = {image.image_id: i for i, image in enumerate(self.images)}
+        pairs: list[list[tuple[int, int]]] = [[] for _ in self.images]
+        for number, point in enumerate(self.points):
+            for element in point.track.elements:
+                pairs[row[element.image_id]].append((number, element.point2D_idx))
+        seen = [
+            Seen(image, np.array([image.points2D[k].xy for _, k in at]), 1.0, np.array([n for n, _ in at]), None)
+            for image, at in zip(self.images, pairs, strict=True)
+            if at
+        ]
+        return self._with_noise(seen)
+
+    def _known(self) -> list[Seen]:
+        seen = []
+        for image in self.images:
+            corners = self.corners.get(image.name, {})
+            if corners:
+                places_m = np.array([self.corners_m[name][k] for name, k in corners])
+                seen.append(Seen(image, np.array(list(corners.values())), 1.0, None, places_m))
+        return self._with_noise(seen)
+
+    def _with_noise(self, seen: list[Seen]) -> list[Seen]:
+        """The observations, save of points behind the camera, with the noise that what is left of them shows."""
+        xyz = self._xyz()
+        off_px = [s.off_px(s.places(xyz)) for s in seen]
+        before = [np.isfinite(off).all(axis=1) for off in off_px]
+        left_px = np.concatenate([np.empty(0), *(np.abs(o[b]).ravel() for o, b in zip(off_px, before, strict=True))])
+        noise_px = max(MAD * float(np.median(left_px)), LEAST_NOISE_PX) if len(left_px) else np.nan
+        return [s.only(b)._replace(noise_px=noise_px) for s, b in zip(seen, before, strict=True) if b.any()]
+
+    def _count_unknowns(self) -> None:
+        """Make the noise larger by what the unknowns have fitted of it, each kind of observation its own share of them
+        (Förstner, "Ein Verfahren zur Schätzung von Varianz- und Kovarianzkomponenten", AVN 1979)."""
+        information, _, _ = self.normal().reduced(0.0)
+        of_known = Normal.empty(self.size, 0)
+        for seen in self.known:
+            self._add(of_known, seen, seen.places_m, seen.off_px(seen.places_m) / seen.noise_px)
+        inverse = pseudo_inverse(information)
+        by_known = float(np.sum(of_known.cameras * inverse))
+        by_features = float(np.sum(information * inverse)) - by_known
+        self.features = _with_redundancy(self.features, by_features + 3 * len(self.points))
+        self.known = _with_redundancy(self.known, by_known)
+
+    def _xyz(self) -> np.ndarray:
+        """Where the points are: [p, 3]."""
+        return np.array([point.xyz for point in self.points]).reshape(-1, 3)
+
+    def normal(self, jacobians: bool = True) -> Normal:
+        """The normal equations where the model stands; without jacobians, the cost alone."""
+        equations = Normal.empty(self.size, len(self.points))
+        cost, xyz = self._add_priors(equations), self._xyz()
+        for seen in (*self.features, *self.known):
+            places_m = seen.places(xyz)
+            off = seen.off_px(places_m) / seen.noise_px
+            cost += CAUCHY**2 * float(np.log1p((off**2).sum(axis=1) / CAUCHY**2).sum())
+            if jacobians:
+                self._add(equations, seen, places_m, off)
+        return equations._replace(cost=cost)
+
+    def _add(self, equations: Normal, seen: Seen, places_m: np.ndarray, off: np.ndarray) -> None:
+        by_point, by_camera = pixel_jacobians(seen.image, places_m, self.free)
+        weight = (1 / (1 + (off**2).sum(axis=1) / CAUCHY**2) / seen.noise_px)[:, None]
+        columns = self.place[seen.image.name]
+        weighted = by_camera * weight[..., None] / seen.noise_px
+        equations.cameras[np.ix_(columns, columns)] += np.einsum("nia,nib->ab", weighted, by_camera)
+        equations.right[columns] += np.einsum("nia,ni->a", by_camera, weight * off)
+        if seen.numbers is not None:
+            at = seen.numbers
+            np.add.at(equations.coupling, (at[:, None], columns), np.einsum("nia,nij->naj", weighted, by_point))
+            by_weight = by_point * weight[..., None] / seen.noise_px
+            np.add.at(equations.points, at, np.einsum("nia,nib->nab", by_weight, by_point))
+            np.add.at(equations.points_right, at, np.einsum("nia,ni->na", by_point, weight * off))
+
+    def _add_priors(self, equations: Normal) -> float:
+        """Add what is known of any lens; returns its cost."""
+        cost = 0.0
+        for camera_id, columns in self.intrinsics.items():
+            camera = self.model.cameras[camera_id]
+            value, start = np.array(camera.params), self.start[camera_id]
+            middle = np.array([0, 0, camera.width / 2, camera.height / 2, 0, 0, 0, 0])
+            sigma = np.array([np.inf, np.inf, *[CENTRE * camera.width] * 2, RADIAL, RADIAL, TANGENTIAL, TANGENTIAL])
+            for column, k in zip(columns, self.free, strict=True):
+                equations.cameras[column, column] += 1 / sigma[k] ** 2
+                equations.right[column] += (middle[k] - value[k]) / sigma[k] ** 2
+                cost += ((middle[k] - value[k]) / sigma[k]) ** 2
+            if {0, 1} <= set(self.free):
+                fx, fy = columns[list(self.free).index(0)], columns[list(self.free).index(1)]
+                slope = np.array([1, -1]) / (SQUARE * start[0])
+                both = [fx, fy]
+                equations.cameras[np.ix_(both, both)] += np.outer(slope, slope)
+                equations.right[both] -= slope * (slope @ value[:2])
+                cost += float(slope @ value[:2]) ** 2
+        return cost
+
+    def move(self, step: np.ndarray, points_step: np.ndarray) -> None:
+        """Add a step of the camera parameters [d] and of the points [p, 3]."""
+        poses, intrinsics, xyz = self.state()
+        for n, (image, pose) in enumerate(zip(self.images, poses, strict=True)):
+            poses[n] = _moved(pose, step[self.place[image.name][:POSE]])
+        for camera_id, columns in self.intrinsics.items():
+            intrinsics[camera_id][list(self.free)] += step[columns]
+        self.restore((poses, intrinsics, xyz + points_step))
+
+    def state(self) -> tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]:
+        """Poses, intrinsics and points, to come back to."""
+        poses = [image.cam_from_world() for image in self.images]
+        intrinsics = {c: np.array(self.model.cameras[c].params) for c in self.intrinsics}
+        return poses, intrinsics, self._xyz()
+
+    def restore(self, state: tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]) -> None:
+        """Go to a state."""
+        poses, intrinsics, points = state
+        for image, pose in zip(self.images, poses, strict=True):
+            image.frame.set_cam_from_world(image.camera_id, pose)
+        for camera_id, params in intrinsics.items():
+            self.model.cameras[camera_id].params = params
+        for point, xyz in zip(self.points, points, strict=True):
+            point.xyz = xyz
+
+
+def _views(point: pycolmap.Point3D) -> int:
+    return len({element.image_id for element in point.track.elements})
+
+
+def _moved(pose: pycolmap.Rigid3d, step: np.ndarray) -> pycolmap.Rigid3d:
+    """The pose after a step [6]: x → x + τ + ω × x."""
+    colmap, (tau, omega) = load_pycolmap(), np.split(step, 2)
+    turn = Rotation.from_rotvec(omega).as_matrix()
+    return colmap.Rigid3d(colmap.Rotation3d(turn @ pose.rotation.matrix()), turn @ pose.translation + tau)
+
+
+def pseudo_inverse(information: np.ndarray) -> np.ndarray:
+    """Inverse of an information matrix [d, d], in units of its own diagonal; what nothing determines is left out."""
+    unit = 1 / np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
+    kept = values > GAUGE * values[-1]
+    vectors = vectors[:, kept] * unit[:, None]
+    return (vectors / values[kept]) @ vectors.T
+
+
+def _with_redundancy(seen: list[Seen], unknowns: float) -> list[Seen]:
+    """The observations with the noise of which residuals are what `unknowns` of their numbers have left."""
+    count = 2 * sum(len(s.pixels) for s in seen)
+    share = max(1 - unknowns / count, LEAST_SHARE) if count else 1.0
+    return [s._replace(noise_px=s.noise_px / share**0.5) for s in seen]

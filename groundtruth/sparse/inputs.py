@@ -1,0 +1,139 @@
+"""What goes into a reconstruction, gathered and checked: everything that can be refused before the work starts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from groundtruth.board.board import Board, load_board
+from groundtruth.board.markers import Corners, detect_corners, focal_length_px, require_board
+from groundtruth.cameras.camera_files import cameras_of
+from groundtruth.cameras.cameras import Camera, cuda_devices
+from groundtruth.options import Options
+from groundtruth.photos.looks import usable
+from groundtruth.photos.masks import Masks, find_masks
+from groundtruth.photos.photos import Photo, find_photos
+from radar.support.config import suggest
+from radar.support.errors import HandbenchError
+from radar.support.files import content_hash
+from radar.support.progress import track
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """The photographs; the known camera of each (None: unknown); the board (None: none) and its corners in each; a
+    COLMAP model of the photographs to start from (None: they have to be registered); the target's masks."""
+
+    photos: tuple[Photo, ...]
+    cameras: tuple[Camera, ...] | None
+    board: Board | None
+    corners: dict[str, Corners]
+    model: Path | None = None
+    masks: Masks = field(default_factory=Masks)
+
+    def content(self) -> list[Any]:
+        """Everything that the cameras' poses depend on, as `content_hash` takes it (the masks have their own)."""
+        cameras = None if self.cameras is None else [camera.model_dump() for camera in self.cameras]
+        board = None if self.board is None else self.board.model_dump()
+        model = None if self.model is None else content_hash(self.model)
+        photos = content_hash(*(part for photo in self.photos for part in (photo.name, photo.path)))
+        return [photos, cameras, board, model]
+
+    def focal_lengths_px(self) -> dict[str, float]:
+        """A focal length for each photograph, from the board or, where it shows too little of it, from the others."""
+        if self.board is None:
+            return {}
+        found = {photo.name: focal_length_px(photo, self.corners[photo.name], self.board) for photo in self.photos}
+        known = [focal for focal in found.values() if focal is not None]
+        return {name: focal or float(np.median(known)) for name, focal in found.items()} if known else {}
+
+    def guessed_focal_lengths_px(self) -> dict[str, float]:
+        """The focal lengths that EXIF data tell, by photograph: to start from, not to hold on to."""
+        return {photo.name: photo.focal_px for photo in self.photos if photo.focal_px is not None}
+
+
+def gather(folder: Path, options: Options) -> tuple[Inputs, Options]:
+    """The inputs in a folder of photographs, and the options with the files found there and the machine that computes
+    the depth maps filled in."""
+    options.box()
+    options = options.model_copy(update={"dense": _dense_on(options.dense)})
+    photos = find_photos(folder)
+    options = _found_beside(folder, options)
+    _require_consistent(photos, options)
+    photos = usable(photos)
+    cameras = None if options.cameras is None else cameras_of(photos, options.cameras, options.metric)
+    board = None if options.board is None else load_board(options.board)
+    _require_scale(folder, photos, options, cameras)
+    masks = Masks({} if options.masks is None else find_masks(options.masks, photos), options.mask == "colour")
+    return Inputs(photos, cameras, board, _find_board(photos, board), options.model, masks), options
+
+
+def _dense_on(choice: str) -> str:
+    """cpu or cuda; a HandbenchError where CUDA is asked for and is not there."""
+    devices = 0 if choice == "cpu" else cuda_devices()
+    if choice == "cuda" and not devices:
+        raise HandbenchError(
+            "dense: cuda is asked for, but pycolmap finds no CUDA device; on a machine with an NVIDIA card and its "
+            "driver, pip install 'handbench[cuda]' (see `handbench doctor`), or leave the option out"
+        )
+    return "cuda" if devices else "cpu"
+
+
+def _found_beside(folder: Path, options: Options) -> Options:
+    """The options with the cameras.json and board.toml that lie beside the photographs, unless others are given."""
+    beside = {"cameras": folder / "cameras.json", "board": folder / "board.toml"}
+    if options.intrinsics is not None:
+        del beside["cameras"]
+    if options.distances:
+        del beside["board"]
+    found = {key: path for key, path in beside.items() if getattr(options, key) is None and path.is_file()}
+    return options.model_copy(update=found)
+
+
+def _require_consistent(photos: tuple[Photo, ...], options: Options) -> None:
+    """A HandbenchError for options of which each could stand alone."""
+    for first, second, advice in (
+        ("cameras", "intrinsics", "give the intrinsics in one of them"),
+        ("model", "intrinsics", "the model has its own"),
+        ("board", "distances", "give the one you trust more"),
+        ("masks", "mask", "the masks suffice"),
+    ):
+        if all(getattr(options, name) not in (None, (), "none") for name in (first, second)):
+            raise HandbenchError(f"{first} and {second}: both are given; {advice}")
+    posed_by_colmap = options.model is not None or (options.cameras is not None and options.cameras.is_dir())
+    if options.metric and not posed_by_colmap:
+        raise HandbenchError("metric: there is no COLMAP model; give one with --model or --cameras, or leave it out")
+    sizes = sorted({(photo.width, photo.height) for photo in photos})
+    if options.intrinsics is not None and len(sizes) > 1:
+        listed = ", ".join(f"{width} × {height}" for width, height in sizes)
+        raise HandbenchError(
+            f"intrinsics: the photographs are of different sizes ({listed}), and one camera has one; give --cameras "
+            "with a camera for each"
+        )
+
+
+def _require_scale(
+    folder: Path, photos: tuple[Photo, ...], options: Options, cameras: tuple[Camera, ...] | None
+) -> None:
+    """A HandbenchError when nothing tells how long a metre is."""
+    names = [photo.name for photo in photos]
+    for name in (name for distance in options.distances for name in (distance.first, distance.second)):
+        if name not in names:
+            raise HandbenchError(f"distances: {name} is none of the photographs used; {suggest(name, names)}")
+    posed = cameras is not None and sum(c.R is not None and c.t is not None for c in cameras) >= 3
+    metric = options.model is not None and options.metric
+    if not (options.board or options.distances or posed or metric or options.unscaled):
+        raise HandbenchError(
+            f"{folder}: nothing gives the scale: no board.toml and no camera poses (R, t in cameras.json); add "
+            "--board, --cameras or --distance (--metric, if a COLMAP model is in metres), or give --unscaled for a "
+            "mesh of arbitrary size"
+        )
+
+
+def _find_board(photos: tuple[Photo, ...], board: Board | None) -> dict[str, Corners]:
+    if board is None:
+        return {}
+    return require_board({p.name: detect_corners(p, board) for p in track(photos, "markers")}, board)

@@ -1,0 +1,1 @@
+"""The data of a radar: arrays, captures, grids, depth maps."""

@@ -1,0 +1,116 @@
+"""Antenna arrays. Radar frame: origin at the aperture's centre, z away from the array, y up, x = y × z."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from radar.support.errors import HandbenchError
+from radar.support.files import require_file
+
+SPEED_OF_LIGHT_M_S = 299_792_458.0
+FARTHEST_M = 1e7  # float64 tells a path to 4e-9 m there, a phase at 80 GHz to 1e-5 rad, and worse beyond
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One end of every path: antennas at position_m [n, 3] that the wave meets `passes` times."""
+
+    position_m: np.ndarray
+    passes: int
+
+    def lengths_m(self, point_m: np.ndarray) -> np.ndarray:
+        """What the leg adds to the path over a point [3]: [n]."""
+        return self.passes * np.linalg.norm(point_m - self.position_m, axis=1)
+
+
+@dataclass(frozen=True)
+class AntennaArray:
+    """A MIMO array: every transmitter tx_m [t, 3] is heard by every receiver rx_m [r, 3] (metres)."""
+
+    tx_m: np.ndarray
+    rx_m: np.ndarray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tx_m", positions("tx_m", self.tx_m))
+        object.__setattr__(self, "rx_m", positions("rx_m", self.rx_m))
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """Shape of one tone's samples: (t, r)."""
+        return len(self.tx_m), len(self.rx_m)
+
+    @property
+    def legs(self) -> tuple[Leg, Leg]:
+        """From the transmitters, to the receivers."""
+        return Leg(self.tx_m, 1), Leg(self.rx_m, 1)
+
+
+@dataclass(frozen=True)
+class PlanarScan:
+    """One transceiver moved over position_m [n, 3] (metres): each position hears only itself."""
+
+    position_m: np.ndarray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position_m", positions("position_m", self.position_m))
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """Shape of one tone's samples: (n,)."""
+        return (len(self.position_m),)
+
+    @property
+    def legs(self) -> tuple[Leg, Leg]:
+        """There and back from the same antenna; the second leg is there only so that a scan looks like an array of
+        one receiver."""
+        return Leg(self.position_m, 2), Leg(self.position_m[:1], 0)
+
+
+Aperture = AntennaArray | PlanarScan
+
+
+def qar50() -> AntennaArray:
+    """The 94 + 94 used antennas of the paper's radar: a square frame of 14 cm with 3 mm pitch. Transmitters stand on
+    the two vertical sides (the outermost 1.5 mm further out), receivers lie on the two horizontal ones."""
+    along = np.linspace(-0.069, 0.069, 47)
+    side = 0.0705
+    outward = np.where(np.abs(along) > 0.068, side + 0.0015, side)
+    zero = np.zeros_like(along)
+    tx = [np.stack([sign * outward, along, zero], axis=1) for sign in (-1, 1)]
+    rx = [np.stack([along, sign * side + zero, zero], axis=1) for sign in (-1, 1)]
+    return AntennaArray(np.concatenate(tx), np.concatenate(rx))
+
+
+def load_positions(path: str | Path) -> np.ndarray:
+    """Antenna positions [n, 3] in metres from a CSV file with the header x_m,y_m,z_m."""
+    path = require_file(path, "a CSV file with the columns x_m,y_m,z_m")
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.reader(stream))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise HandbenchError(f"{path}: is no CSV file ({error}); expected the columns x_m,y_m,z_m") from None
+    if not rows or rows[0] != ["x_m", "y_m", "z_m"]:
+        raise HandbenchError(f"{path}: the first line is {rows[:1]}; expected x_m,y_m,z_m")
+    try:
+        return positions(str(path), np.array(rows[1:], dtype=np.float64))
+    except ValueError as error:
+        raise HandbenchError(f"{path}: holds something that is no number ({error})") from None
+
+
+def positions(name: str, values: np.ndarray) -> np.ndarray:
+    """Places [n, 3] in metres as float64; `name` is refused where it holds none, or such as no phase can be told of."""
+    values = np.ascontiguousarray(values, dtype=np.float64)
+    if values.ndim != 2 or values.shape[1] != 3 or len(values) == 0:
+        raise HandbenchError(f"{name}: has shape {values.shape}; expected [n, 3] positions in metres")
+    if not np.isfinite(values).all():
+        raise HandbenchError(f"{name}: holds NaN or infinity; every antenna and point needs a position in metres")
+    if np.abs(values).max() > FARTHEST_M:
+        raise HandbenchError(
+            f"{name}: reaches {np.abs(values).max():.3g} m; expected metres, at most {FARTHEST_M:g}: beyond, float64 "
+            "cannot tell a wave's phase"
+        )
+    return values

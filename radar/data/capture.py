@@ -1,0 +1,157 @@
+"""Radar captures: the echoes of one scene, and their file `echoes.h5`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from radar.data.arrays import AntennaArray, Aperture, PlanarScan
+from radar.support.errors import HandbenchError
+from radar.support.files import atomic_path, require_file
+from radar.support.hdf5 import opened, read
+
+if TYPE_CHECKING:
+    import h5py
+
+FORMAT, VERSION = "handbench-echoes", 1
+
+
+@dataclass(frozen=True)
+class RadarCapture:
+    """samples: complex64 [frame, f, t, r] (or [frame, f, n] of a PlanarScan); frequencies_hz: [f], ascending or not."""
+
+    samples: np.ndarray
+    frequencies_hz: np.ndarray
+    aperture: Aperture
+
+    def __post_init__(self) -> None:
+        if self.frequencies_hz.ndim != 1:
+            raise HandbenchError(f"frequencies_hz: has shape {self.frequencies_hz.shape}; expected [f] hertz")
+        expected = (len(self.frequencies_hz), *self.aperture.channels)
+        if self.samples.ndim != 1 + len(expected) or self.samples.shape[1:] != expected or len(self.samples) == 0:
+            raise HandbenchError(
+                f"samples: have shape {self.samples.shape}; expected [frame, {', '.join(map(str, expected))}] "
+                "from the numbers of frequencies and antennas"
+            )
+        if not np.isfinite(self.frequencies_hz).all() or (self.frequencies_hz <= 0).any():
+            raise HandbenchError("frequencies_hz: holds values that are not positive numbers; expected hertz")
+        bad = int(np.count_nonzero(~np.isfinite(self.samples)))
+        if bad:
+            first = tuple(int(i) for i in np.argwhere(~np.isfinite(self.samples))[0])
+            raise HandbenchError(
+                f"samples: {bad} of {self.samples.size} are NaN or infinite, the first at {first}; "
+                "repair or leave out the capture"
+            )
+
+    def tones(self, wanted_hz: np.ndarray, frame: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Samples and true frequencies of the measured tones nearest to wanted_hz: ([f, …], [f]).
+
+        A tone further away than half the median spacing of the measured ones (at least 1 MHz) is an error: the method
+        asks for what was not measured. Formulas use the true frequencies.
+        """
+        wanted_hz = np.asarray(wanted_hz, np.float64)
+        index = np.abs(self.frequencies_hz[None] - wanted_hz[:, None]).argmin(axis=1)
+        off = np.abs(self.frequencies_hz[index] - wanted_hz)
+        spacing = np.median(np.diff(np.sort(self.frequencies_hz))) if len(self.frequencies_hz) > 1 else 0.0
+        worst = int(off.argmax())
+        if off[worst] > max(0.5 * spacing * (1 + 1e-6), 1e6):
+            low, high = self.frequencies_hz.min() / 1e9, self.frequencies_hz.max() / 1e9
+            raise HandbenchError(
+                f"frequencies: the method asks for {wanted_hz[worst] / 1e9:.4f} GHz, but the capture has "
+                f"{len(self.frequencies_hz)} tones in {low:.4f}–{high:.4f} GHz, the nearest "
+                f"{off[worst] / 1e6:.1f} MHz away; set the method's tones to measured ones"
+            )
+        if len(np.unique(index)) < len(index):
+            raise HandbenchError(
+                f"frequencies: two of the {len(wanted_hz)} tones asked for fall on the same measured tone; "
+                "choose tones further apart"
+            )
+        return self.samples[frame][index], self.frequencies_hz[index]
+
+
+def near_one(samples: np.ndarray) -> np.ndarray:
+    """The samples times the power of two that brings the largest near 1: not a digit is lost, and powers and sums of
+    them stay within float32, whatever the receiver's unit."""
+    largest = max(np.abs(part).max(initial=0.0) for part in (samples.real, samples.imag))
+    if not 0 < largest < np.inf:
+        return samples
+    exponent = int(np.frexp(largest)[1])
+    apart = np.ascontiguousarray(samples).view(samples.real.dtype)
+    return np.ldexp(apart, -exponent).view(samples.dtype)
+
+
+def thinned(capture: RadarCapture, every: int) -> RadarCapture:
+    """The capture of an array with fewer antennas: every `every`-th transmitter and receiver in the order of the file,
+    from the first; of a planar scan every `every`-th position. HandbenchError for less than 1."""
+    if every < 1:
+        raise HandbenchError(f"every_nth_antenna: is {every}; expected a whole number ≥ 1 (1: all antennas)")
+    if every == 1:
+        return capture
+    if isinstance(capture.aperture, AntennaArray):
+        aperture: Aperture = AntennaArray(capture.aperture.tx_m[::every], capture.aperture.rx_m[::every])
+        samples = capture.samples[:, :, ::every, ::every]
+    else:
+        aperture = PlanarScan(capture.aperture.position_m[::every])
+        samples = capture.samples[:, :, ::every]
+    return RadarCapture(np.ascontiguousarray(samples), capture.frequencies_hz, aperture)
+
+
+def save_capture(path: str | Path, capture: RadarCapture) -> None:
+    """Write `echoes.h5`, atomically."""
+    import h5py
+
+    with atomic_path(path) as temporary:
+        try:
+            with h5py.File(temporary, "w") as file:
+                _fill(file, capture)
+        except RuntimeError as error:  # what the library calls a disk that is full by the time the file is closed
+            raise OSError("the library could not close the file; is there space left on the disk?") from error
+
+
+def _fill(file: h5py.File, capture: RadarCapture) -> None:
+    file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
+    file["samples"] = capture.samples.astype(np.complex64, copy=False)
+    file["frequencies_hz"] = capture.frequencies_hz
+    if isinstance(capture.aperture, AntennaArray):
+        file["tx_m"], file["rx_m"] = capture.aperture.tx_m, capture.aperture.rx_m
+    else:
+        file["position_m"] = capture.aperture.position_m
+
+
+def load_capture(path: str | Path) -> RadarCapture:
+    """Read `echoes.h5`; a broken, foreign or inconsistent file is a HandbenchError."""
+    path = require_file(path, "an echoes.h5 file")
+    try:
+        with opened(path) as file:
+            found = file.attrs.get("format"), file.attrs.get("version")
+            if not np.array_equal(found, (FORMAT, VERSION)):
+                raise HandbenchError(f"{path}: has format {found}; expected ('{FORMAT}', {VERSION})")
+            samples = _numbers(file, "samples", path, "iufc").astype(np.complex64, copy=False)
+            frequencies_hz = _numbers(file, "frequencies_hz", path).astype(np.float64)
+            if "position_m" in file:
+                aperture: Aperture = PlanarScan(_numbers(file, "position_m", path))
+            else:
+                aperture = AntennaArray(_numbers(file, "tx_m", path), _numbers(file, "rx_m", path))
+    except HandbenchError:
+        raise
+    except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
+        raise HandbenchError(f"{path}: is not a readable echoes.h5 ({error}); record or copy it again") from error
+    try:
+        return RadarCapture(samples, frequencies_hz, aperture)
+    except HandbenchError as error:
+        raise HandbenchError(f"{path}: {error}") from None
+
+
+def _numbers(file: h5py.File, name: str, path: Path, kinds: str = "iuf") -> np.ndarray:
+    """A data set of numbers that lie in this very file; kinds: numpy's, of real numbers by default."""
+    import h5py
+
+    if isinstance(file.get(name, getlink=True), h5py.ExternalLink):
+        raise ValueError(f"'{name}' is a link into another file")
+    values = read(file[name], name, path)
+    if values.dtype.kind not in kinds:
+        raise ValueError(f"'{name}' holds {values.dtype}, no {'' if 'c' in kinds else 'real '}numbers")
+    return values

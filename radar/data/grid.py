@@ -1,0 +1,84 @@
+"""Pixel and voxel grids: regular axes in the radar frame, metres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from radar.data.arrays import positions
+from radar.support.config import Config
+from radar.support.errors import HandbenchError
+
+
+class Axis(Config):
+    """A closed range with a step, metres; the paper's axes are the defaults of the methods that use it."""
+
+    start_m: float
+    stop_m: float
+    step_m: float = Field(gt=0)
+
+    @model_validator(mode="after")
+    def _ascending(self) -> Axis:
+        if self.stop_m < self.start_m:
+            raise ValueError("stop_m lies before start_m; swap them")
+        return self
+
+    def values_m(self) -> np.ndarray:
+        """Samples from start to stop, both included when the step divides the range."""
+        count = int(np.floor((self.stop_m - self.start_m) / self.step_m + 1e-6)) + 1
+        return np.round(self.start_m + self.step_m * np.arange(count), 12)  # −0.098, not −0.09799999999999999
+
+
+@dataclass(frozen=True)
+class PixelGrid:
+    """Pixels at x_m [nx] × y_m [ny]; images are stored [ny, nx] with y upwards."""
+
+    x_m: np.ndarray
+    y_m: np.ndarray
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(ny, nx)."""
+        return len(self.y_m), len(self.x_m)
+
+    def points_at_m(self, index: np.ndarray, z_m: np.ndarray | float) -> np.ndarray:
+        """Points [n, 3] of the pixels with the flat indices [n], at one depth or one each."""
+        y, x = np.unravel_index(index, self.shape)
+        return np.stack([self.x_m[x], self.y_m[y], np.broadcast_to(z_m, len(x))], axis=1)
+
+    def points_m(self, z_m: np.ndarray | float) -> np.ndarray:
+        """Points [ny, nx, 3] with one depth for all pixels or one each [ny, nx]."""
+        x, y = np.meshgrid(self.x_m, self.y_m)
+        return np.stack([x, y, np.broadcast_to(z_m, x.shape)], axis=-1)
+
+
+@dataclass(frozen=True)
+class VoxelGrid:
+    """Voxels at x_m [nx] × y_m [ny] × z_m [nz], each ascending, even or not; volumes are stored [nz, ny, nx]."""
+
+    x_m: np.ndarray
+    y_m: np.ndarray
+    z_m: np.ndarray
+
+    def __post_init__(self) -> None:
+        for name, axis in (("x_m", self.x_m), ("y_m", self.y_m), ("z_m", self.z_m)):
+            if np.ndim(axis) != 1 or len(axis) == 0 or not (np.diff(axis) >= 0).all():
+                raise HandbenchError(f"{name}: is no ascending axis [n] of voxels; sort it, and the volume with it")
+        positions("x_m, y_m or z_m", [[axis[i] for axis in (self.x_m, self.y_m, self.z_m)] for i in (0, -1)])
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(nz, ny, nx)."""
+        return len(self.z_m), len(self.y_m), len(self.x_m)
+
+    @property
+    def pixels(self) -> PixelGrid:
+        """The grid seen along z."""
+        return PixelGrid(self.x_m, self.y_m)
+
+    def points_m(self) -> np.ndarray:
+        """Voxel centres [nz, ny, nx, 3]."""
+        z, y, x = np.meshgrid(self.z_m, self.y_m, self.x_m, indexing="ij")
+        return np.stack([x, y, z], axis=-1)

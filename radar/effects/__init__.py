@@ -1,1 +1,0 @@
-"""Effects that change echoes, one file each."""

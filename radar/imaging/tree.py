@@ -1,0 +1,216 @@
+"""The tree of boxes behind fast imaging: each box knows the few tones and antennas that it needs of its parent's.
+
+Seen from a small box, most tones and most antennas tell the same story. With ΔR_a(p) = R_a(p) − R_a(c) about the box's
+centre c and samples S in the parent's local phases, a box's samples are
+
+    M[m, a, b] = Σ_f Σ_t Σ_r  L[m, f] X[a, t] Y[b, r] e^{jk_f(R_t(c) + R_r(c))} S[f, t, r],
+
+and O(p) = Σ_m Σ_ab e^{jk_mΔR_a(p)} M[m, a, b] e^{jk_mΔR_b(p)} for every p of the box (a butterfly: Michielssen & Boag
+1996; Candès, Demanet & Ying 2009). L, X and Y are the real weights of interpolative decompositions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
+from radar.imaging.cpu.steering import steered_differences
+from radar.imaging.skeleton import band_skeleton, skeleton
+
+# Of the tolerance, for each skeleton: residuals are held below it at their worst member, so that their sum over levels,
+# tones and antennas stays at about half of it (0.2 to 0.6 measured: noise and single channels, from 2 cm to 20 m).
+SHARE = 1.0
+# So small a skeleton leaves residuals that are all alike and near their bound: those of both legs in limb and leaf, and
+# of tones, add up to √6 of it (1.2 of the tolerance was measured 100 m away).
+FEW, ALIKE = 5, 0.4
+PROBES = 4  # points at which a family of antennas is sampled, per antenna
+DIRECT = 512  # antennas that are decomposed at once
+SPARSE = 1e9  # half-wavelengths cubed in a box: 2 m by 2 m by 2 m at 77 GHz
+CROWDED = 1024  # antennas of a leg above which skeletons would outgrow what they save
+
+
+class Box(NamedTuple):
+    """An axis-aligned box, metres."""
+
+    low_m: np.ndarray
+    high_m: np.ndarray
+
+    @property
+    def centre_m(self) -> np.ndarray:
+        """[3]."""
+        return (self.low_m + self.high_m) / 2
+
+    @property
+    def corners_m(self) -> np.ndarray:
+        """[8, 3]."""
+        ends = np.array([self.low_m, self.high_m])
+        return np.array([[ends[i, 0], ends[j, 1], ends[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+
+
+@dataclass(frozen=True)
+class LocalLeg:
+    """Antennas position_m [n, 3] that a box keeps, `passes` of its leg, and length_m [n] = passes · |c − a|: the phase
+    already taken out of the samples (zero above the root)."""
+
+    position_m: np.ndarray
+    passes: int
+    length_m: np.ndarray
+
+
+@dataclass(frozen=True)
+class Node:
+    """A box with the tones turns_per_m [k] = f/c and antennas it keeps, and how its samples follow from its parent's:
+    tone_weights [k, parent's k], leg_weights [n, parent's n] for each leg, shifts_m [parent's n] for each leg."""
+
+    box: Box
+    turns_per_m: np.ndarray
+    legs: tuple[LocalLeg, LocalLeg]
+    tone_weights: np.ndarray
+    leg_weights: tuple[np.ndarray, np.ndarray]
+    shifts_m: tuple[np.ndarray, np.ndarray]
+
+
+class Family(NamedTuple):
+    """What a tree's boxes have in common: the tolerance, whether tones stay apart (one image each), how much longer
+    than geometry a path can be (delays), and whether all antennas are kept."""
+
+    tolerance: float
+    apart: bool
+    delay_m: float = 0.0
+    whole: bool = False
+
+
+def crowded(aperture: Aperture) -> bool:
+    """Whether the aperture has too many antennas for skeletons: a raster scan of tens of thousands of positions."""
+    return max(aperture.channels) > CROWDED
+
+
+def trunk(frequencies_hz: np.ndarray, aperture: Aperture) -> Node:
+    """The node above the root: all tones, all antennas, no phase taken out."""
+    legs = tuple(LocalLeg(leg.position_m, leg.passes, np.zeros(len(leg.position_m))) for leg in aperture.legs)
+    nothing = np.zeros((0, 0), np.float32)
+    everywhere = Box(np.full(3, -np.inf), np.full(3, np.inf))
+    turns_per_m = np.asarray(frequencies_hz, np.float64) / SPEED_OF_LIGHT_M_S
+    return Node(everywhere, turns_per_m, legs, nothing, (nothing, nothing), (np.zeros(0), np.zeros(0)))
+
+
+def branch(parent: Node, box: Box, family: Family, keep_antennas: bool = False) -> Node:
+    """The node of a box within its parent's."""
+    lengths = [leg.passes * _distances(leg.position_m, box.centre_m[None])[:, 0] for leg in parent.legs]
+    shifts = tuple(length - leg.length_m for length, leg in zip(lengths, parent.legs, strict=True))
+    tones, tone_weights = _tones(parent, box, lengths, family)
+    turns_per_m = parent.turns_per_m[tones]
+    legs, weights = [], []
+    for leg, length in zip(parent.legs, lengths, strict=True):
+        index, leg_weights = _antennas(leg, box, turns_per_m, family, keep_antennas)
+        legs.append(LocalLeg(leg.position_m[index], leg.passes, length[index]))
+        weights.append(leg_weights)
+    return Node(box, turns_per_m, tuple(legs), tone_weights, tuple(weights), shifts)
+
+
+def split(box: Box, parts: np.ndarray) -> list[Box]:
+    """The box in parts [3] equal pieces along each axis."""
+    edges = [np.linspace(low, high, n + 1) for low, high, n in zip(*box, parts, strict=True)]
+    return [
+        Box(
+            np.array([edges[0][i], edges[1][j], edges[2][k]]),
+            np.array([edges[0][i + 1], edges[1][j + 1], edges[2][k + 1]]),
+        )
+        for i in range(parts[0])
+        for j in range(parts[1])
+        for k in range(parts[2])
+    ]
+
+
+def clusters(points_m: np.ndarray, frequencies_hz: np.ndarray) -> list[np.ndarray]:
+    """Indices of points [n, 3] that lie near enough together for one tree: halves of halves, until the half-wavelengths
+    in their box are few enough to be counted out."""
+    half_wavelength_m = SPEED_OF_LIGHT_M_S / np.max(frequencies_hz) / 2
+    parts, near = [np.arange(len(points_m))], []
+    while parts:
+        part = parts.pop()
+        extent = np.ptp(points_m[part], axis=0)
+        if np.prod(1 + extent / half_wavelength_m) <= SPARSE or len(part) == 1:
+            near.append(part)
+            continue
+        axis = int(extent.argmax())
+        beyond = points_m[part, axis] > points_m[part, axis].min() + extent[axis] / 2
+        parts += [part[beyond], part[~beyond]]
+    return near
+
+
+def _tones(parent: Node, box: Box, lengths: list[np.ndarray], family: Family) -> tuple[np.ndarray, np.ndarray]:
+    """Tones whose paths differ by at most d = Σ_legs max|ΔR| over the box: half-band d over wavenumbers."""
+    every = np.arange(len(parent.turns_per_m))
+    if family.apart or len(every) <= 2:
+        return every, np.zeros((0, 0), np.float32)
+    reach_m = sum(  # distances are convex, so that they are largest in a corner; the lowest may be the centre's
+        np.abs(leg.passes * _distances(leg.position_m, box.corners_m) - length[:, None]).max()
+        for leg, length in zip(parent.legs, lengths, strict=True)
+    )
+    reach_m += family.delay_m
+    wavenumber = 2 * np.pi * parent.turns_per_m[:, None]
+    index, weights = band_skeleton(wavenumber, np.array([reach_m]), SHARE * family.tolerance)
+    return index, np.ascontiguousarray(weights, np.float32)
+
+
+def _antennas(
+    leg: LocalLeg, box: Box, turns_per_m: np.ndarray, family: Family, keep: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Antennas of one leg that carry e^{jk(R_a(p) − R_a(c))} of all others, for p in the box and all k.
+
+    The family is sampled rather than bounded by a band: near the aperture its waves are chirps, whose spectrum leaks
+    out of any band. Real weights that fit a family fit its conjugate: the real part of its Gram matrix is enough.
+    Around an antenna, where its distance has a kink that no sample may meet, all are kept.
+    """
+    n = len(leg.position_m)
+    if keep or family.whole or n == 1:
+        return np.arange(n), np.zeros((0, 0), np.float32)
+    if (np.abs(leg.position_m - box.centre_m) <= box.high_m - box.low_m).all(axis=1).any():
+        return np.arange(n), np.eye(n, dtype=np.float32)
+    index, weights = family_skeleton(leg, box, turns_per_m, SHARE * family.tolerance)
+    if len(index) <= FEW:
+        index, weights = family_skeleton(leg, box, turns_per_m, ALIKE * family.tolerance)
+    return index, np.ascontiguousarray(weights, np.float32)
+
+
+def family_skeleton(
+    leg: LocalLeg, box: Box, turns_per_m: np.ndarray, tolerance: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Skeleton of a leg's antennas over a box; more than DIRECT are thinned half by half, each for itself."""
+    n = len(leg.position_m)
+    if n > DIRECT:
+        order = np.argsort(leg.position_m[:, np.argmax(np.ptp(leg.position_m, axis=0))], kind="stable")
+        halves = np.array_split(order, 2)
+        parts = [family_skeleton(_only(leg, half), box, turns_per_m, tolerance) for half in halves]
+        weights = np.zeros((sum(len(index) for index, _ in parts), n))
+        weights[: len(parts[0][0]), halves[0]] = parts[0][1]
+        weights[len(parts[0][0]) :, halves[1]] = parts[1][1]
+        return np.concatenate([half[index] for half, (index, _) in zip(halves, parts, strict=True)]), weights
+    points_m, turns = _probes(box, turns_per_m, PROBES * n)
+    waves = steered_differences(leg.position_m, leg.passes * turns, points_m, box.centre_m).astype(np.float64)
+    return skeleton(waves.T @ waves / len(points_m), tolerance)
+
+
+def _only(leg: LocalLeg, index: np.ndarray) -> LocalLeg:
+    return LocalLeg(leg.position_m[index], leg.passes, leg.length_m[index])
+
+
+def _probes(box: Box, turns_per_m: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points [count, 3] of the box, crowded towards its faces, where skeletons err most, and f/c [count] of the tones:
+    an additive sequence (Roberts' generalised golden ratio), the same every time."""
+    golden = 1.1673039782614187  # g⁵ = g + 1: the ratio for four dimensions
+    u = (0.5 + np.arange(count)[:, None] / golden ** np.arange(1, 5)) % 1.0
+    across = (1 - np.cos(np.pi * u[:, :3])) / 2
+    across[:8] = np.indices((2, 2, 2)).reshape(3, 8).T[: len(across)]  # the corners first
+    low, high = turns_per_m.min(), turns_per_m.max()
+    turns = low + (high - low) * np.where(np.arange(count) % 2, u[:, 3], 1.0)
+    return box.low_m + (box.high_m - box.low_m) * across, turns
+
+
+def _distances(antennas_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+    """[a, p] for antennas [a, 3] and points [p, 3]."""
+    return np.sqrt(((antennas_m[:, None] - points_m[None]) ** 2).sum(axis=2))

@@ -1,0 +1,1 @@
+"""Depth maps from images: the methods, their presets and their registry."""

@@ -1,0 +1,132 @@
+"""What the FSK methods may be told; the defaults are the paper's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Annotated
+
+import numpy as np
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator
+
+from radar.data.grid import Axis, PixelGrid
+from radar.support.config import Config
+
+PAPER_LATERAL = Axis(start_m=-0.15, stop_m=0.15, step_m=0.001)
+SIGMAS = 3  # a rung is out of reach when the last one's error, times this, exceeds its ambiguity
+
+
+def _odd(size_px: int) -> int:
+    if size_px < 1 or size_px % 2 == 0:
+        raise ValueError("expected an odd number ≥ 1: an even window would shift the map by half a pixel")
+    return size_px
+
+
+OddPixels = Annotated[int, AfterValidator(_odd)]
+Tone = Annotated[float, Field(gt=0)]
+
+
+class FskConfig(Config):
+    """What all FSK methods share."""
+
+    x: Axis = PAPER_LATERAL
+    y: Axis = PAPER_LATERAL
+    first_depth_m: float = Field(default=0.45, gt=0, description="z_e of the first images")
+    threshold_db: float = Field(default=-10.0, lt=0, description="pixels weaker than this are off target")
+    settled_m: float = Field(default=0.005, gt=0, description="z_e is corrected again while it moves by more than this")
+    off_axis: bool = Field(default=False, description="use the path's true derivative along z instead of 2")
+    tolerance: float | None = Field(default=1e-5, gt=0, lt=1, description="relative error of the images; null: exact")
+    spread_px: OddPixels = Field(default=9, description="window of the predicted error, pixels: two resolution cells")
+
+    def grid(self) -> PixelGrid:
+        """The pixels."""
+        return PixelGrid(self.x.values_m(), self.y.values_m())
+
+
+class TwoToneConfig(FskConfig):
+    """2-FSK with the paper's parameters."""
+
+    f1_hz: float = Field(default=82.0e9, gt=0, description="first tone")
+    f2_hz: float = Field(default=81.8e9, gt=0, description="second tone; |f1 − f2| sets the unambiguous range")
+
+    @property
+    def ladder_hz(self) -> tuple[float, ...]:
+        """The tones, as `LadderConfig` lists them."""
+        return self.f1_hz, self.f2_hz
+
+
+class RefinedConfig(FskConfig):
+    """What the methods with further tones share; the paper does not give its filters' sizes."""
+
+    coarse_filter_px: OddPixels = Field(default=5, description="averaging filter before each further tone, pixels")
+    fine_filter_px: OddPixels = Field(default=5, description="averaging filter of the result, pixels")
+    fine_refinements: int = Field(default=1, ge=1, description="times a further tone corrects each pixel (paper: once)")
+    weighted: bool = Field(default=False, description="the filters weigh each pixel with its power")
+    wrap_probability: float = Field(default=0.1, gt=0, lt=1, description="pixels likelier than this are flagged")
+    drop_wrapped: bool = Field(default=False, description="flagged pixels are dropped (NaN) instead of kept")
+
+
+class ThreeToneConfig(TwoToneConfig, RefinedConfig):
+    """3-FSK with the paper's parameters."""
+
+    f3_hz: float = Field(default=79.5e9, gt=0, description="third tone, far from the other two")
+
+    @property
+    def ladder_hz(self) -> tuple[float, ...]:
+        """The tones, as `LadderConfig` lists them."""
+        return self.f1_hz, self.f2_hz, self.f3_hz
+
+
+class LadderConfig(RefinedConfig):
+    """Any number of tones: the first pair finds the depth, each further tone refines it."""
+
+    phase_noise_rad: float = Field(
+        default=0.03, gt=0, description="expected between two tones at the strongest pixel; judges the ladder on paper"
+    )
+    tones_hz: tuple[Tone, ...] = Field(
+        default=(82.0e9, 81.8e9, 81.3e9, 79.5e9, 72.0e9),
+        description="the closest pair first, then each further away from it",
+    )
+
+    @property
+    def ladder_hz(self) -> tuple[float, ...]:
+        """The tones."""
+        return self.tones_hz
+
+    @field_validator("tones_hz")
+    @classmethod
+    def _climbable(cls, tones_hz: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+        if len(tones_hz) < 3:
+            raise ValueError("expected three tones or more; 2fsk makes do with two")
+        if "phase_noise_rad" in info.data:  # else that is the error to report
+            check_ladder(tones_hz, info.data["phase_noise_rad"])
+        return tones_hz
+
+
+def check_ladder(tones_hz: tuple[float, ...], phase_noise_rad: float) -> None:
+    """ValueError for a ladder that even the strongest pixel cannot climb.
+
+    σ_z = cσ_φ/(4πΔf) of one rung, times SIGMAS, must stay within the next one's ±c/(4Δf'): Δf'/Δf ≤ π/(SIGMAS·σ_φ).
+    """
+    most = np.pi / (SIGMAS * phase_noise_rad)
+    reaches_hz = [reach_hz(tones_hz[:count]) for count in range(2, len(tones_hz) + 1)]
+    for rung, (last_hz, next_hz) in enumerate(pairwise(reaches_hz), start=2):
+        tone = f"rung {rung} ({tones_hz[rung] / 1e9:.4g} GHz)"
+        if next_hz <= last_hz or last_hz == 0:
+            raise ValueError(
+                f"{tone} reaches {next_hz / 1e9:.4g} GHz from the first tones and the rung before it "
+                f"{last_hz / 1e9:.4g} GHz; order the tones so that every rung reaches further"
+            )
+        if next_hz / last_hz > most:
+            between_hz = tones_hz[0] + np.sign(tones_hz[rung] - tones_hz[0]) * np.sqrt(last_hz * next_hz)
+            raise ValueError(
+                f"{tone} reaches {next_hz / last_hz:.1f} times as far as the rung before it; a phase noise of "
+                f"{phase_noise_rad:.3g} rad allows {most:.1f}: put a tone near {between_hz / 1e9:.4g} GHz between them"
+            )
+
+
+def reach_hz(tones_hz: Sequence[float]) -> float:
+    """How far the last tone lies from the first two (of two tones, from the other), hertz: the larger distance, which
+    makes the step from them unambiguous within ±c/(4·reach)."""
+    *others, last = tones_hz
+    return max(abs(last - tone) for tone in others[:2])

@@ -1,0 +1,143 @@
+"""Surfaces from volumes by maximum intensity projection: the state of the art that FSK is compared with.
+
+A projection needs little of a volume: the strongest voxel of each pixel and, between voxels, its neighbours along z.
+An engine that never holds a whole volume hands over its `Peaks`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pydantic import Field
+
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
+from radar.data.capture import RadarCapture, near_one
+from radar.data.depthmap import DepthMap, amplitude_db
+from radar.data.grid import Axis, VoxelGrid
+from radar.imaging.api import image_points, image_volume, project_volume
+from radar.imaging.cpu.volume import strongest_voxels
+from radar.methods.confidence import least_coherence
+from radar.methods.fsk_config import PAPER_LATERAL
+from radar.support.config import Config
+
+CHECKED = 8  # tones imaged once more, to see whether a depth is an echo's: 3 to 8 % of the paper's frame
+
+
+class _VolumeConfig(Config):
+    x: Axis = PAPER_LATERAL
+    y: Axis = PAPER_LATERAL
+    z: Axis = Axis(start_m=0.245, stop_m=0.325, step_m=0.001)
+    threshold_db: float = Field(default=-13.0, lt=0, description="pixels weaker than this are off target")
+    subvoxel: bool = Field(default=False, description="depth between voxels, by a parabola (paper: whole voxels)")
+    tolerance: float | None = Field(default=1e-5, gt=0, lt=1, description="relative error of the image; null: exact")
+
+    def grid(self) -> VoxelGrid:
+        """The voxels."""
+        return VoxelGrid(self.x.values_m(), self.y.values_m(), self.z.values_m())
+
+
+class BroadbandConfig(_VolumeConfig):
+    """Broadband backprojection with the paper's parameters."""
+
+    start_hz: float = Field(default=72e9, gt=0)
+    stop_hz: float = Field(default=82e9, gt=0)
+    count: int = Field(default=128, ge=2, description="stepped tones from start to stop, both included")
+
+    def tones_hz(self) -> np.ndarray:
+        """The stepped tones."""
+        return np.linspace(self.start_hz, self.stop_hz, self.count)
+
+
+class NarrowbandConfig(_VolumeConfig):
+    """The same projection with the three tones of 3-FSK only."""
+
+    f1_hz: float = Field(default=82.0e9, gt=0)
+    f2_hz: float = Field(default=81.8e9, gt=0)
+    f3_hz: float = Field(default=79.5e9, gt=0)
+
+    def tones_hz(self) -> np.ndarray:
+        """The three tones."""
+        return np.array([self.f1_hz, self.f2_hz, self.f3_hz])
+
+
+def volume(capture: RadarCapture, config: BroadbandConfig | NarrowbandConfig, frame: int = 0) -> np.ndarray:
+    """Complex image of the configured voxels: complex64 [nz, ny, nx]."""
+    samples, frequencies_hz = capture.tones(config.tones_hz(), frame)
+    return image_volume(samples, frequencies_hz, capture.aperture, config.grid(), config.tolerance)
+
+
+def project(capture: RadarCapture, config: BroadbandConfig | NarrowbandConfig, method: str, frame: int = 0) -> DepthMap:
+    """`maximum_projection` of the configured voxels, which are never held all at once; flagged as well are the pixels
+    at whose depth the tones do not agree."""
+    samples, frequencies_hz = capture.tones(config.tones_hz(), frame)
+    tones = near_one(samples), frequencies_hz, capture.aperture
+    peaks = Peaks(*project_volume(*tones, config.grid(), config.tolerance))
+    depth = maximum_projection(peaks, config, method)
+    return replace(depth, wrapped=depth.wrapped | _incoherent(*tones, config.grid(), peaks, np.isfinite(depth.z_m)))
+
+
+@dataclass(frozen=True)
+class Peaks:
+    """The strongest voxel along z of each pixel: its index [ny, nx], and the magnitudes [3, ny, nx] of the voxel before
+    it, of itself and of the one behind it (NaN beyond the volume)."""
+
+    index: np.ndarray
+    magnitude: np.ndarray
+
+
+def peaks_of(image: np.ndarray) -> Peaks:
+    """The peaks of a complex volume [nz, ny, nx]."""
+    return Peaks(*strongest_voxels(image))
+
+
+def maximum_projection(image: np.ndarray | Peaks, config: BroadbandConfig | NarrowbandConfig, method: str) -> DepthMap:
+    """Maximum intensity projection along z of a volume [nz, ny, nx] or its peaks: each pixel takes the depth of its
+    strongest voxel, whole voxels as in the paper or between them; pixels below the threshold are NaN. Flagged are the
+    pixels whose strongest voxel is the first or the last: the echo may lie beyond."""
+    grid = config.grid()
+    peaks = image if isinstance(image, Peaks) else peaks_of(image)
+    db = amplitude_db(peaks.magnitude[1])
+    z_m = grid.z_m[peaks.index]
+    if config.subvoxel:
+        z_m = z_m + config.z.step_m * peak_offset(peaks.magnitude)
+    seen = db >= config.threshold_db
+    return DepthMap(
+        x_m=grid.x_m,
+        y_m=grid.y_m,
+        z_m=np.where(seen, z_m, np.nan),
+        amplitude_db=db,
+        method=method,
+        config=config.model_dump(),
+        wrapped=seen & np.isin(peaks.index, (0, len(grid.z_m) - 1)),
+    )
+
+
+def _incoherent(
+    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, peaks: Peaks, seen: np.ndarray
+) -> np.ndarray:
+    """Whether at a seen pixel's peak the tones agree no better than those of noise or of a sidelobe: bool [ny, nx]."""
+    count, flagged = len(frequencies_hz), np.zeros(seen.shape, bool)
+    range_cells = 2 * np.ptp(frequencies_hz) * np.ptp(grid.z_m) / SPEED_OF_LIGHT_M_S
+    least = least_coherence(count, CHECKED, range_cells)
+    if least >= 1:  # noise aligns so few tones as well as an echo does
+        return flagged
+    some = np.linspace(0, count - 1, CHECKED).round().astype(int)
+    points = grid.pixels.points_at_m(np.flatnonzero(seen), grid.z_m[peaks.index[seen]])
+    images = image_points(samples[some], frequencies_hz[some], aperture, points, None, apart=True)
+    power = count**2 * np.mean(np.abs(images) ** 2, axis=0)  # of all tones, were they in phase
+    flagged[seen] = peaks.magnitude[1][seen] ** 2 < least * power
+    return flagged
+
+
+def peak_offset(magnitude: np.ndarray) -> np.ndarray:
+    """Where the maximum lies between three voxels [3, ...], in voxels about the middle one, within ±½; 0 where one of
+    them is NaN, since the maximum may lie beyond the volume.
+
+    The vertex of the parabola through their decibels: the logarithm of a band-limited main lobe is closer to a parabola
+    than the lobe itself (the quartic term of sinc x over the quadratic is π²/20, that of its logarithm π²/30).
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        before, middle, behind = np.log(magnitude.astype(np.float64))
+        offset = 0.5 * (before - behind) / (before - 2 * middle + behind)
+    return np.where(np.isfinite(offset), offset, 0.0)  # not for NaN, and three equal voxels have no vertex

@@ -1,0 +1,1 @@
+"""Echoes of a scene with the effects that it calls for."""

@@ -1,0 +1,121 @@
+"""Hand tremor and other motion of the target while one tone after another is measured.
+
+A target that moves by δ along e is a target at rest before an array that has moved by −δe. Echoes are computed at few
+displacements; between them each channel is turned by the path to the target's middle, and what is left, the small
+difference between the target's parts, is interpolated linearly.
+Extra echoes (two bounces, foam) are computed once and turned alone: they are weak, and what is left of them is less.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from radar.data.arrays import SPEED_OF_LIGHT_M_S
+from radar.imaging.cpu.steering import phasor
+from radar.simulation.causes import Motion
+from radar.simulation.effects.base import Effect, Estimate
+from radar.simulation.scene import EchoScene
+from radar.simulation.state import Shot, require_facets
+from radar.support.errors import HandbenchError
+
+MOST_NODES = 30  # displacements, each a simulation of its own
+RESIDUAL_RAD = 0.06  # between two displacements: linear interpolation then errs by (0.06)²/8 = 5e-4 at the target's rim
+
+
+class TargetMotion(Effect):
+    """The target moves between tones."""
+
+    id = "motion"
+    does = "hand tremor and steady motion between the tones of a frame"
+    source = "Δz = (f/Δf)·Δδ, the motion between two tones as a phase; tremor 6–12 Hz: Elble & Randall 1978"
+
+    def missing(self, scene: EchoScene) -> str:
+        motion = scene.causes.motion
+        return "" if motion.amplitude_m or motion.velocity_m_s else "[target.motion] with an amplitude or a velocity"
+
+    def estimate(self, scene: EchoScene) -> Estimate:
+        motion = scene.causes.motion
+        top, other = scene.pair
+        apart_s = float(abs(scene.time_s[top] - scene.time_s[other]))
+        # A sine's mean |δ(t + T) − δ(t)| over its phase: 2a|sin πfT| · 2/π.
+        sine_m = motion.amplitude_m * 4 / np.pi * abs(np.sin(np.pi * motion.frequency_hz * apart_s))
+        moved_m = sine_m + abs(motion.velocity_m_s) * apart_s
+        gain = 4 * np.pi * scene.frequencies_hz[top] / SPEED_OF_LIGHT_M_S * scene.depth_m_per_rad  # f/Δf
+        towards = abs(_cosine(np.array(motion.direction), scene.middle_m))
+        why = f"(f/Δf)·Δδ = {gain:.0f} · {1e3 * moved_m:.3f} mm in {1e3 * apart_s:.0f} ms between the tones"
+        turned_rad = 2 * np.pi * scene.frequencies_hz[top] / SPEED_OF_LIGHT_M_S * 2 * moved_m
+        return Estimate(1e3 * towards * gain * moved_m, 20 * np.log10(turned_rad + 1e-12), why, cost_s=2.0)
+
+    def apply(self, shot: Shot) -> None:
+        if not shot.with_target:
+            return
+        motion = shot.scene.causes.motion
+        along = np.array(motion.direction) / np.linalg.norm(motion.direction)
+        phases = [shot.random(shot.frame_seed(self.id, frame)).uniform(0, 2 * np.pi) for frame in range(shot.frames)]
+        offset_m = np.stack([displacement_m(motion, shot.scene.time_s, phase) for phase in phases])
+        shot.samples = echoes_of_moving(shot, along, offset_m, reach_m(motion, shot.scene.time_s))
+
+
+def _cosine(a: np.ndarray, b: np.ndarray) -> float:
+    return float(a @ b / np.linalg.norm(a) / np.linalg.norm(b))
+
+
+def displacement_m(motion: Motion, time_s: np.ndarray, phase_rad: float) -> np.ndarray:
+    """Displacement [f] at each tone's time, counted from where the target is when the frame begins."""
+    sine = np.sin(2 * np.pi * motion.frequency_hz * time_s + phase_rad) - np.sin(phase_rad)
+    return motion.amplitude_m * sine + motion.velocity_m_s * time_s
+
+
+def reach_m(motion: Motion, time_s: np.ndarray) -> tuple[float, float]:
+    """What no displacement leaves, whatever the tremor's phase: frames do not depend on which others there are."""
+    drift_m = motion.velocity_m_s * time_s
+    return float(drift_m.min() - 2 * motion.amplitude_m), float(drift_m.max() + 2 * motion.amplitude_m)
+
+
+def echoes_of_moving(shot: Shot, along: np.ndarray, offset_m: np.ndarray, reach: tuple[float, float]) -> np.ndarray:
+    """Samples [frame, f, t, r] of the target displaced by offset_m [frame, f], all within `reach`, along the unit
+    vector `along`."""
+    frequencies_hz = shot.scene.frequencies_hz
+    middle_m, spread = _middle(shot, along)
+    low, high = reach
+    residual_rad = 4 * np.pi * frequencies_hz.max() / SPEED_OF_LIGHT_M_S * spread * (high - low)
+    if residual_rad > MOST_NODES * RESIDUAL_RAD:
+        raise HandbenchError(
+            f"target.motion: moves the target by {1e3 * (high - low):.0f} mm within a frame; expected a motion of "
+            "millimetres: lower velocity_m_s, or shorten the frame by fewer tones or a smaller sensor.step_time_s"
+        )
+    nodes_m = np.linspace(low, high, 2 + int(residual_rad / RESIDUAL_RAD))
+    slope = _slope(shot, along, middle_m)
+    # Turned by −slope·δ, the echoes of all displacements look alike.
+    extra = shot.extra_echoes()
+    still = [_turned(shot.echo(shot.moved(node * along)), -node * slope, frequencies_hz) + extra for node in nodes_m]
+    place = np.clip((offset_m - low) / max(high - low, 1e-12) * (len(nodes_m) - 1), 0, len(nodes_m) - 1)
+    below = np.minimum(place.astype(int), len(nodes_m) - 2)
+    samples = np.empty((*offset_m.shape, *shot.array.channels), np.complex64)
+    for frame, tone in np.ndindex(*offset_m.shape):
+        n, part = below[frame, tone], np.float32(place[frame, tone] - below[frame, tone])
+        mixed = still[n][tone] * (1 - part) + still[n + 1][tone] * part
+        samples[frame, tone] = mixed * phasor(offset_m[frame, tone] * slope, frequencies_hz[tone], -1)
+    return samples
+
+
+def _middle(shot: Shot, along: np.ndarray) -> tuple[np.ndarray, float]:
+    """The target's middle [3], and how far its parts' direction cosines to `along` differ from the middle's."""
+    parts = [] if shot.surface is None else [require_facets(shot.surface.facets).position_m]
+    parts += [ball.centre_m[None] for ball in shot.scene.balls]
+    points_m = np.concatenate(parts)
+    middle_m = points_m.mean(axis=0)
+    cosine = points_m @ along / np.linalg.norm(points_m, axis=1)
+    return middle_m, float(np.abs(cosine - middle_m @ along / np.linalg.norm(middle_m)).max())
+
+
+def _slope(shot: Shot, along: np.ndarray, middle_m: np.ndarray) -> np.ndarray:
+    """How the path of each channel [t, r] to the middle grows per metre of displacement."""
+    towards = [middle_m - leg.position_m for leg in shot.array.legs]
+    cosines = [leg @ along / np.linalg.norm(leg, axis=1) for leg in towards]
+    return cosines[0][:, None] + cosines[1]
+
+
+def _turned(samples: np.ndarray, path_m: np.ndarray, frequencies_hz: np.ndarray) -> np.ndarray:
+    """Samples [f, t, r] · exp(−j2πf·path/c)."""
+    return np.stack([tone * phasor(path_m, f, -1) for tone, f in zip(samples, frequencies_hz, strict=True)])

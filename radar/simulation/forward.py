@@ -1,0 +1,212 @@
+"""The forward model: scatterers → samples, the adjoint of backprojection.
+
+    S_f[t, r] = Σ_p w(p) g_t(p) g_r(p) exp(−j2πf(|p − t| + |p − r| + 2δ(p))/c)
+
+with an optional one-way delay δ (foam) and the spreading and obliquity of each leg, g_a(p) = √max(n·û_a, 0) / |p − a|:
+the physical-optics integrand of a smooth surface, whose obliquity is shared evenly by both legs so that it stays
+separable and reciprocal (exact where transmitter and receiver see the facet under the same angle).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from scipy.spatial import cKDTree
+
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, positions
+from radar.imaging.api import points_engine
+from radar.imaging.cpu.exact import path_lengths
+from radar.imaging.cpu.leaf import Source
+from radar.imaging.cpu.steering import cis_turns
+from radar.imaging.tree import Box, Family, clusters
+from radar.support.errors import HandbenchError
+from radar.support.parallel import for_each
+
+CHUNK = 2048  # scatterers per matrix product
+# Gains that bend too sharply across the array to be carried by few antennas:
+GRAZING = 0.05  # √(n·û) where the cosine falls below this,
+FADED = 0.35  # a pattern that falls below this (half the tolerance was measured at 0.3 m),
+NEAR = 5.0  # wavelengths from the array within which 1/R changes by a fifth and more from one to the next.
+TINY_M = 4e-3  # extent of points below which these antennas are too few for the gains (measured: 2 mm)
+
+
+@dataclass(frozen=True)
+class Scatterers:
+    """position_m [p, 3]; weight [p] (surface area in m² for physical optics, any amplitude for points); normal [p, 3]
+    unit vectors, or None for points that scatter evenly; delay_m [p] extra one-way optical path, or None; seen: which
+    antennas see each point, (bool [t, p], bool [r, p]), or None for all."""
+
+    position_m: np.ndarray
+    weight: np.ndarray
+    normal: np.ndarray | None = None
+    delay_m: np.ndarray | None = None
+    seen: tuple[np.ndarray, np.ndarray] | None = None
+
+    def where(self, chosen: np.ndarray) -> Scatterers:
+        """Some of them, by mask or index [n]."""
+        seen = None if self.seen is None else (self.seen[0][:, chosen], self.seen[1][:, chosen])
+        normal, delay_m = (None if values is None else values[chosen] for values in (self.normal, self.delay_m))
+        return Scatterers(self.position_m[chosen], self.weight[chosen], normal, delay_m, seen)
+
+
+def simulate(
+    scatterers: Scatterers,
+    frequencies_hz: np.ndarray,
+    array: AntennaArray,
+    spreading: bool = True,
+    tolerance: float | None = 1e-5,
+    pattern: float = 0.0,
+) -> np.ndarray:
+    """Noise-free samples complex64 [f, t, r]. spreading=False leaves out g: the exact adjoint of backprojection.
+    pattern: exponent q of the antennas' amplitude pattern cosᵠθ, θ from the z axis; a factor of g.
+
+    tolerance: relative L2 error of the fast chain (see `radar.imaging.api`); None sums every tone of every scatterer.
+    """
+    scatterers, partly = _in_sight(scatterers)
+    if len(scatterers.position_m) > 0:
+        _check(scatterers, array, spreading)
+    if tolerance is None:
+        return _simulate_exactly(scatterers, frequencies_hz, array, spreading, pattern)
+    position = np.ascontiguousarray(scatterers.position_m, np.float64)
+    delay_m = 0.0 if scatterers.delay_m is None else 2 * float(np.max(scatterers.delay_m, initial=0.0))
+    family = Family(tolerance, apart=False, delay_m=delay_m)
+    kinked = partly | _bent(scatterers, frequencies_hz, array, pattern) if spreading else partly
+    samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
+    for whole in (False, True):  # a gain with a kink is not smooth enough to be carried by few antennas
+        alike = np.flatnonzero(kinked == whole)
+        for near in clusters(position[alike], frequencies_hz) if len(alike) else []:
+            chosen = alike[near]
+            # Within a tiny box few antennas tell all phases, but not how 1/R differs from one to the next.
+            keep = whole or (spreading and np.ptp(position[chosen], axis=0).max() < TINY_M)
+            engine = points_engine(frequencies_hz, array, position[chosen], family._replace(whole=keep))
+            where = engine.sort(position[chosen])
+            part = scatterers.where(chosen[where.order])
+            samples += engine.echoes(_source(part, where.points_m, spreading, pattern, masked=whole), where)
+    return samples
+
+
+def _in_sight(scatterers: Scatterers) -> tuple[Scatterers, np.ndarray]:
+    """The scatterers that some transmitter and some receiver see, and which of these some antenna does not see [p]."""
+    if scatterers.seen is None:
+        return scatterers, np.zeros(len(scatterers.position_m), bool)
+    tx, rx = scatterers.seen
+    some = tx.any(axis=0) & rx.any(axis=0)
+    scatterers = scatterers if some.all() else scatterers.where(some)
+    tx, rx = scatterers.seen
+    return scatterers, ~(tx.all(axis=0) & rx.all(axis=0))
+
+
+def _check(scatterers: Scatterers, array: AntennaArray, spreading: bool) -> None:
+    """Refuse places that no phase can be told of and, where echoes fade as 1/R, those without an R."""
+    places_m = positions("scatterers.position_m", scatterers.position_m)
+    if not spreading:
+        return
+    antennas_m = np.concatenate([array.tx_m, array.rx_m])
+    among = (places_m >= antennas_m.min(axis=0)) & (places_m <= antennas_m.max(axis=0))
+    inside = np.flatnonzero(among.all(axis=1))
+    on = inside[cKDTree(antennas_m).query(places_m[inside])[0] == 0]
+    if len(on) > 0:
+        raise HandbenchError(
+            f"scatterers.position_m: point {on[0]} at {places_m[on[0]].tolist()} lies on an antenna, where its echo is "
+            "infinite; leave it out, or simulate without spreading"
+        )
+
+
+def _source(part: Scatterers, points_m: np.ndarray, spreading: bool, pattern: float, masked: bool) -> Source:
+    """Scatterers for the kernels; points_m [3, p]: their positions."""
+    count = len(part.position_m)
+    delay_m = np.zeros(count) if part.delay_m is None else np.asarray(part.delay_m, np.float64)
+    normal = np.zeros((3, 0)) if part.normal is None else np.ascontiguousarray(part.normal.T, np.float64)
+    everyone = np.zeros((0, 0), np.uint8)
+    seen = part.seen if masked and part.seen is not None else (everyone, everyone)
+    seen = (np.ascontiguousarray(leg, np.uint8) for leg in seen)
+    return Source(points_m, np.asarray(part.weight, np.complex64), delay_m, normal, spreading, float(pattern), *seen)
+
+
+def _bent(scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArray, pattern: float) -> np.ndarray:
+    """Which points [p] have a gain with a bend within the corners of the array's box: those close to it, facets that
+    some antenna sees at grazing incidence or from behind, and points far off the axis of some antenna's pattern."""
+    antennas = np.concatenate([array.tx_m, array.rx_m])
+    box = Box(antennas.min(axis=0), antennas.max(axis=0))
+    beside_m = scatterers.position_m - np.clip(scatterers.position_m, *box)
+    bent = np.linalg.norm(beside_m, axis=1) < NEAR * SPEED_OF_LIGHT_M_S / np.min(frequencies_hz)
+    if scatterers.normal is None and pattern == 0:
+        return bent
+    towards = box.corners_m - scatterers.position_m[:, None]
+    distance = np.linalg.norm(towards, axis=2)
+    if scatterers.normal is not None:
+        cosine = np.einsum("pci,pi->pc", towards, scatterers.normal) / distance
+        bent |= (cosine.min(axis=1) < GRAZING) & (cosine.max(axis=1) > 0)
+    if pattern != 0:
+        cosine = -towards[:, :, 2] / distance
+        bent |= cosine.min(axis=1) < max(GRAZING, FADED ** (1 / pattern))
+    return bent
+
+
+def direct_echoes(
+    position_m: np.ndarray, weight: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture
+) -> np.ndarray:
+    """Echoes without spreading by the formula as it stands, in float64: complex128 [f, t, r] or [f, n]. The adjoint of
+    `direct_sum`, and the reference of every faster path."""
+    samples = np.zeros((len(frequencies_hz), *aperture.channels), np.complex128)
+    for point, w in zip(np.asarray(position_m, np.float64), weight, strict=True):
+        path_m = path_lengths(aperture, point)
+        for sample, f in zip(samples, frequencies_hz, strict=True):
+            sample += w * np.exp(-2j * np.pi * f * path_m / SPEED_OF_LIGHT_M_S)
+    return samples
+
+
+def _simulate_exactly(
+    scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArray, spreading: bool, pattern: float
+) -> np.ndarray:
+    position = np.ascontiguousarray(scatterers.position_m, np.float64)
+    delay = np.zeros(len(position)) if scatterers.delay_m is None else np.asarray(scatterers.delay_m, np.float64)
+    antennas = [leg.position_m for leg in array.legs]
+    gains = [np.ones((len(legs), len(position)), np.float32) for legs in antennas]
+    if spreading:
+        gains = [_gain(position, scatterers.normal, legs, pattern) for legs in antennas]
+    if scatterers.seen is not None:
+        gains = [gain * seen for gain, seen in zip(gains, scatterers.seen, strict=True)]
+    gains[0] = gains[0] * np.asarray(scatterers.weight, np.float32)
+    distances = [np.linalg.norm(position[None] - legs[:, None], axis=2) + delay for legs in antennas]
+    samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
+
+    def work(f: int) -> None:
+        turns_per_m = frequencies_hz[f] / SPEED_OF_LIGHT_M_S
+        total = np.zeros(array.channels, np.complex128)
+        for start in range(0, len(position), CHUNK):
+            chunk = slice(start, start + CHUNK)
+            a, b = (
+                _conjugate_steering(d[:, chunk], g[:, chunk], turns_per_m)
+                for d, g in zip(distances, gains, strict=True)
+            )
+            total += a @ b.T
+        samples[f] = total
+
+    for_each(work, range(len(samples)))
+    return samples
+
+
+def _gain(points_m: np.ndarray, normal: np.ndarray | None, antennas_m: np.ndarray, pattern: float) -> np.ndarray:
+    """g [a, p]: 1/R, times the square root of the obliquity n·û where the scatterers have normals, and cosᵠθ."""
+    gains = np.empty((len(antennas_m), len(points_m)), np.float32)
+    for gain, antenna in zip(gains, antennas_m, strict=True):
+        towards = antenna - points_m
+        distance = np.linalg.norm(towards, axis=1)
+        obliquity = 1.0 if normal is None else np.maximum((normal * towards).sum(axis=1) / distance, 0.0)
+        gain[:] = np.sqrt(obliquity) / distance
+        if pattern != 0:
+            gain *= np.maximum(-towards[:, 2] / distance, 0.0) ** pattern
+    return gains
+
+
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+def _conjugate_steering(distance_m, gain, turns_per_m):  # type: ignore[no-untyped-def]
+    out = np.empty(distance_m.shape, np.complex64)
+    for a in range(distance_m.shape[0]):
+        for p in range(distance_m.shape[1]):
+            cosine, sine = cis_turns(turns_per_m * distance_m[a, p])
+            out[a, p] = gain[a, p] * (cosine - np.complex64(1j) * sine)
+    return out

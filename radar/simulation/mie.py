@@ -1,0 +1,114 @@
+"""Echo of a metal sphere: Mie's exact series."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebpts1, chebvander
+from scipy.special import spherical_jn, spherical_yn
+
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from radar.imaging.cpu.exact import path_lengths
+from radar.imaging.cpu.steering import phasor
+
+NODES = 16  # angles at which the series is summed; between them a polynomial is good to 1e-5 for ka ≤ 40 and 2β ≤ 60°
+
+
+def mie_backscatter(ka: np.ndarray) -> np.ndarray:
+    """Backscattering amplitude of a perfectly conducting sphere over that of geometrical optics: complex [n].
+
+    |F|² = σ/(πa²); its phase counts from the sphere's centre (e^{+jωt}: F → e^{+2jka} for ka → ∞, an echo from the near
+    surface).
+    """
+    return mie_amplitudes(ka, np.ones(1))[0][:, 0]
+
+
+def mie_amplitudes(ka: np.ndarray, cos_beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same for bistatic angles 2β: complex [n, m] each for ka [n] and cos β [m], with the field across the plane of
+    scattering (2j/ka·S₁ of the series) and in it (−2j/ka·S₂).
+
+    Bohren & Huffman 1983, sec. 4.4 with infinite conductivity: S₁ = Σ (2n+1)/(n(n+1)) (aₙπₙ + bₙτₙ), S₂ likewise with
+    πₙ and τₙ exchanged; the scattering angle is π − 2β.
+    """
+    x = np.atleast_1d(np.asarray(ka, np.float64))[:, None]
+    n = np.arange(1, int(np.ceil(x.max() + 4.05 * np.cbrt(x.max()) + 10)))  # Wiscombe's rule, with some to spare
+    j, y = spherical_jn(n, x), spherical_yn(n, x)
+    h = j - 1j * y
+    j_before, y_before = spherical_jn(n - 1, x), spherical_yn(n - 1, x)
+    a = (x * j_before - n * j) / (x * (j_before - 1j * y_before) - n * h)
+    b = j / h
+    pi, tau = _angular(len(n), 1 - 2 * np.asarray(cos_beta) ** 2)
+    weight = 2j / x * (2 * n + 1) / (n * (n + 1))
+    return (weight * a) @ pi + (weight * b) @ tau, -(weight * a) @ tau - (weight * b) @ pi
+
+
+def _angular(count: int, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """πₙ and τₙ [count, m] of mu = cos θ [m], by upward recurrence."""
+    pi = np.zeros((count + 1, len(mu)))
+    pi[1] = 1
+    for n in range(2, count + 1):
+        pi[n] = ((2 * n - 1) * mu * pi[n - 1] - n * pi[n - 2]) / (n - 1)
+    n = np.arange(1, count + 1)[:, None]
+    return pi[1:], n * mu * pi[1:] - (n + 1) * pi[:-1]
+
+
+def sphere_echo(
+    centre_m: np.ndarray,
+    radius_m: float,
+    delay_m: float,
+    frequencies_hz: np.ndarray,
+    array: AntennaArray,
+    polarisation: np.ndarray | None = None,
+) -> np.ndarray:
+    """Samples complex64 [f, t, r] of a metal sphere by Mie's series at each channel's bistatic angle.
+
+    delay_m: extra one-way path (foam). polarisation [3]: the antennas' electric field, both alike; None: not known, the
+    mean over its directions in the array's plane. Scale and phase are those of `radar.simulation.forward`, whose
+    surface integral tends to πa/(jk)·e^{2jka} here.
+    """
+    directions = tuple(np.eye(3)[:2]) if polarisation is None else (np.asarray(polarisation, np.float64),)
+    across, along = np.mean([_shares(centre_m, array, field) for field in directions], axis=0)
+    cos_beta = half_angle_cosine(centre_m, array)
+    spreading = np.multiply.outer(*(leg.lengths_m(centre_m) for leg in array.legs))
+    path_m = path_lengths(array, centre_m) + 2 * delay_m - 2 * radius_m * cos_beta
+    k = 2 * np.pi * np.asarray(frequencies_hz) / SPEED_OF_LIGHT_M_S
+    nodes, blend = _nodes(cos_beta)
+    specular = np.exp(-2j * np.multiply.outer(k * radius_m, nodes))  # taken out: what is left is smooth
+    s1, s2 = ((s * specular).astype(np.complex64) @ blend for s in mie_amplitudes(k * radius_m, nodes))
+    turned = (across / spreading).ravel().astype(np.float32) * s1 + (along / spreading).ravel().astype(np.float32) * s2
+    samples = turned.reshape(len(k), *array.channels)
+    for sample, f in zip(samples, frequencies_hz, strict=True):
+        sample *= phasor(path_m, f, -1) * np.complex64(SPEED_OF_LIGHT_M_S * radius_m / (2j * f))  # πa/jk
+    return samples
+
+
+def half_angle_cosine(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
+    """cos β of each channel [t, r], 2β the angle between transmitter and receiver as the point [3] sees them."""
+    unit_t, unit_r = ((leg.position_m - point_m) / leg.lengths_m(point_m)[:, None] for leg in array.legs)
+    return np.linalg.norm(unit_t[:, None] + unit_r[None], axis=2) / 2
+
+
+def _shares(point_m: np.ndarray, array: AntennaArray, field: np.ndarray) -> np.ndarray:
+    """[2, t, r]: products of what the transmitter's and the receiver's field, `field` less its part along the ray, have
+    across the plane of scattering and in it."""
+    to, back = ((point_m - leg.position_m) / leg.lengths_m(point_m)[:, None] for leg in array.legs)
+    normal = np.cross(to[:, None], back[None])
+    length = np.linalg.norm(normal, axis=2, keepdims=True)
+    normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 1e-9)
+    sent, heard = (field - (ray @ field)[:, None] * ray for ray in (to, back))
+    sent, heard = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (sent, heard))
+    across = np.einsum("tk,trk->tr", sent, normal) * np.einsum("rk,trk->tr", heard, normal)
+    in_plane_sent = np.einsum("tk,trk->tr", sent, np.cross(normal, to[:, None]))
+    in_plane_heard = np.einsum("rk,trk->tr", heard, np.cross(normal, -back[None]))
+    along = -in_plane_sent * in_plane_heard
+    monostatic = length[..., 0] <= 1e-9  # any plane will do: the two amplitudes are one
+    return np.stack([np.where(monostatic, 1.0, across), np.where(monostatic, 0.0, along)])
+
+
+def _nodes(cos_beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Angles' cosines [NODES] over the range of cos_beta [t, r], and the matrix complex64 [NODES, t·r] that carries
+    values there to every channel."""
+    low, high = float(cos_beta.min()) - 1e-6, float(cos_beta.max()) + 1e-6
+    points = chebpts1(NODES)
+    place = (2 * cos_beta.ravel() - low - high) / (high - low)
+    blend = np.linalg.solve(chebvander(points, NODES - 1).T, chebvander(place, NODES - 1).T)
+    return np.minimum((low + high) / 2 + (high - low) / 2 * points, 1.0), blend.astype(np.complex64)

@@ -1,0 +1,97 @@
+"""A body's surface as facets small against the wavelength."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from radar.simulation.forward import Scatterers
+from radar.simulation.scene import Body
+from radar.support.errors import HandbenchError
+
+MOST_FACETS = 4_000_000
+
+
+@dataclass(frozen=True)
+class Facets:
+    """position_m [p, 3], area_m2 [p], normal [p, 3] (outwards, interpolated between the vertices), face [p]: the face
+    of the body's mesh that each is a part of."""
+
+    position_m: np.ndarray
+    area_m2: np.ndarray
+    normal: np.ndarray
+    face: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.area_m2)
+
+    @property
+    def optics(self) -> Scatterers:
+        """As physical optics' scatterers."""
+        return Scatterers(self.position_m, self.area_m2, self.normal)
+
+    def where(self, chosen: np.ndarray) -> Facets:
+        """Some of them, by mask or index."""
+        return Facets(self.position_m[chosen], self.area_m2[chosen], self.normal[chosen], self.face[chosen])
+
+
+def facets_of(body: Body, longest_m: float = np.inf, faces: np.ndarray | None = None) -> Facets:
+    """The body's faces (those at the indices `faces`, or all), each split into 4ⁿ until none of its edges is longer
+    than `longest_m`."""
+    chosen = np.arange(len(body.faces)) if faces is None else faces
+    corners = body.vertices_m[body.faces[chosen]]
+    edges_m = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1, initial=0)
+    splits = np.ceil(np.log2(np.maximum(edges_m / longest_m, 1))).astype(int)
+    if (4.0**splits).sum() > MOST_FACETS:
+        raise HandbenchError(
+            f"target: its longest edge, {1e3 * edges_m.max():.1f} mm, would have to be split {splits.max()} times to "
+            f"sample the wavelength (edges of {1e3 * longest_m:.2g} mm), which makes more than {MOST_FACETS} "
+            "facets; remesh it evenly"
+        )
+    normals = vertex_normals(body)[body.faces[chosen]]
+    area_m2 = np.linalg.norm(face_vectors(body.vertices_m, body.faces[chosen]), axis=1)
+    every = np.unique(splits) if len(splits) else [0]
+    parts = [_split(corners, normals, area_m2, chosen, splits == n, n) for n in every]
+    return Facets(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def face_vectors(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Each face's outward normal times its area [m, 3]."""
+    a, b, c = (vertices_m[faces[:, i]] for i in range(3))
+    return np.cross(b - a, c - a) / 2
+
+
+def vertex_normals(body: Body) -> np.ndarray:
+    """Unit normals [n, 3]: the mean over the faces around each vertex, by their area."""
+    normals = np.zeros_like(body.vertices_m)
+    vectors = face_vectors(body.vertices_m, body.faces)
+    for corner in range(3):
+        for axis in range(3):
+            normals[:, axis] += np.bincount(body.faces[:, corner], vectors[:, axis], len(normals))
+    return _unit(normals)
+
+
+def _split(
+    corners: np.ndarray, normals: np.ndarray, area_m2: np.ndarray, face: np.ndarray, chosen: np.ndarray, splits: int
+) -> tuple[np.ndarray, ...]:
+    centres = _centres(splits)
+    position = np.einsum("kc,mci->mki", centres, corners[chosen]).reshape(-1, 3)
+    normal = _unit(np.einsum("kc,mci->mki", centres, normals[chosen]).reshape(-1, 3))
+    area = np.repeat(area_m2[chosen] / len(centres), len(centres))
+    return position, area, normal, np.repeat(face[chosen], len(centres))
+
+
+def _centres(splits: int) -> np.ndarray:
+    """Barycentric coordinates [4ⁿ, 3] of the centres of a triangle split n times at its edges' midpoints."""
+    triangles = np.eye(3)[None]
+    for _ in range(splits):
+        a, b, c = (triangles[:, i] for i in range(3))
+        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        triangles = np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+    return triangles.mean(axis=1)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors / np.where(length > 0, length, 1)

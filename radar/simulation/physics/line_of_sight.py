@@ -1,0 +1,83 @@
+"""Which antennas see which facets of a body.
+
+Rays go to the vertices of the mesh, from few antennas first: where two antennas of a line agree, those between them do
+too. Then every face whose corners disagree, and every coarse face, is asked facet by facet. What is missed is narrower
+than a fine face, or so thin that its shadow on the array is narrower than the first antennas' distance.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numba
+import numpy as np
+
+from radar.simulation.physics.facets import Facets, face_vectors
+from radar.simulation.scene import Body, EchoScene
+from radar.support.rays import Rays
+
+STRIDE_M = 0.02  # between the first antennas: the shadow of what is 2 mm thin and a tenth of the range before the skin
+COARSE = 16  # facets of a face above which its corners say too little
+
+
+def rays_of(scene: EchoScene, body: Body) -> Rays:
+    """The body's rays, set up once per scene."""
+    return scene.kept(("rays", id(body)), lambda: Rays(body.vertices_m, body.faces))
+
+
+def facets_in_sight(rays: Rays, body: Body, facets: Facets, antennas_m: np.ndarray) -> np.ndarray:
+    """bool [a, p]: whether antenna a [a, 3] sees facet p: its face turns its front to the antenna, and nothing stands
+    between them."""
+    faces, place, parts = np.unique(facets.face, return_inverse=True, return_counts=True)
+    used, corners = np.unique(body.faces[faces], return_inverse=True)
+    clear = points_in_sight(rays, body.vertices_m[used], antennas_m)
+    vectors = face_vectors(body.vertices_m, body.faces[faces])
+    offset = (vectors * body.vertices_m[body.faces[faces, 0]]).sum(axis=1)
+    coarse = np.flatnonzero((parts > COARSE)[place])
+    seen = np.empty((len(antennas_m), len(facets)), bool)
+    for row, antenna, corner in zip(seen, antennas_m, clear, strict=True):
+        front = vectors @ antenna > offset
+        count = _corners_in_sight(corner, corners.reshape(-1, 3))
+        row[:] = (front & (count == 3))[place]
+        mixed = np.flatnonzero((front & (parts <= COARSE) & (count % 3 > 0))[place])
+        row[mixed] = rays.in_sight(facets.position_m[mixed], antenna)
+        row[coarse] = front[place[coarse]]
+    seen[:, coarse] &= points_in_sight(rays, facets.position_m[coarse], antennas_m)
+    return seen
+
+
+def points_in_sight(rays: Rays, points_m: np.ndarray, antennas_m: np.ndarray) -> np.ndarray:
+    """bool [a, n]: whether nothing stands between antenna and point."""
+    clear = np.empty((len(antennas_m), len(points_m)), bool)
+    for line in lines(antennas_m):
+        step_m = np.linalg.norm(np.diff(antennas_m[line], axis=0), axis=1).max(initial=0)
+        stride = max(1, int(STRIDE_M / step_m)) if step_m > 0 else 1
+        first = [*range(0, len(line) - 1, stride), len(line) - 1]
+        for n in first:
+            clear[line[n]] = rays.in_sight(points_m, antennas_m[line[n]])
+        for start, stop in pairwise(first):
+            before, behind = clear[line[start]], clear[line[stop]]
+            differ = np.flatnonzero(before != behind)
+            for antenna in line[start + 1 : stop]:
+                clear[antenna] = before
+                clear[antenna, differ] = rays.in_sight(points_m[differ], antennas_m[antenna])
+    return clear
+
+
+def lines(antennas_m: np.ndarray) -> list[np.ndarray]:
+    """Antennas [a, 3] as runs of neighbours in the order of their numbers: a new one begins where the distance to the
+    one before is more than twice the median."""
+    if len(antennas_m) < 2:
+        return [np.arange(len(antennas_m))]
+    steps_m = np.linalg.norm(np.diff(antennas_m, axis=0), axis=1)
+    return np.split(np.arange(len(antennas_m)), 1 + np.flatnonzero(steps_m > 2 * np.median(steps_m)))
+
+
+@numba.njit(nogil=True, cache=True)
+def _corners_in_sight(clear, corners):  # type: ignore[no-untyped-def]
+    """How many of each face's corners [m, 3] (places in clear [n]) are clear: uint8 [m]."""
+    count = np.zeros(len(corners), np.uint8)
+    for m in range(len(corners)):
+        for i in range(3):
+            count[m] += clear[corners[m, i]]
+    return count

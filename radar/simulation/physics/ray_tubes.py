@@ -1,0 +1,147 @@
+"""Ray tubes from every transmitter over one mirror onto the same body, traced once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from radar.data.arrays import AntennaArray
+from radar.simulation.physics.bounces import Patches, Tubes, land, mirror
+from radar.simulation.physics.facets import face_vectors, vertex_normals
+from radar.simulation.physics.line_of_sight import lines, points_in_sight
+from radar.simulation.scene import Body
+from radar.support.rays import OWN_SURFACE_M, Rays
+
+CREASE = 0.85  # cosine between a face and its corner's normal below which the corner lies on an edge of the body
+COARSE = 2  # times as long are the patches that are tried first,
+TRIAL_M = 0.02  # with transmitters so far apart
+
+
+class Hits(NamedTuple):
+    """n rays of transmitters that a mirror throws back onto the body: transmitter, patch (the mirror) and face (where
+    it lands) [n], end_m [n, 3] there."""
+
+    transmitter: np.ndarray
+    patch: np.ndarray
+    face: np.ndarray
+    end_m: np.ndarray
+
+
+@dataclass(frozen=True)
+class Traced:
+    """Hits in the order of the transmitters tx_m; the mirrors as patches, and the body's face that each is part of; all
+    of the body's faces as patches; seen float32 [faces, r]: 1 where a receiver sees the face."""
+
+    hits: Hits
+    patches: Patches
+    patch_face: np.ndarray
+    surface: Patches
+    seen: np.ndarray
+    tx_m: np.ndarray
+
+    def tubes(self, chosen: np.ndarray) -> Tubes:
+        """The tubes around some of the hits, by index [n]."""
+        hits = (column[chosen] for column in self.hits[:3])
+        return _landed(*hits, self.patches, self.surface, self.tx_m)
+
+
+def _landed(
+    transmitter: np.ndarray, patch: np.ndarray, face: np.ndarray, patches: Patches, surface: Patches, tx_m: np.ndarray
+) -> Tubes:
+    n = len(face)
+    start_m, end_m, normal, longer_m = (np.empty((n, 3)) for _ in range(4))
+    length_m, root_m2 = (np.empty(n) for _ in range(2))
+    tubes = Tubes(transmitter, patch, face, start_m, end_m, normal, length_m, root_m2, np.empty((n, 3, 3)), longer_m)
+    land(tubes, patches, tx_m, surface)
+    return tubes
+
+
+def trace(rays: Rays, body: Body, array: AntennaArray, longest_m: float) -> Traced:
+    """All hits.
+
+    longest_m: patches are split until no edge is longer. Coarser ones that make no tube with a few of the transmitters
+    are left out. Both legs to the antennas are clear of the body, by the patches' and faces' middles.
+    """
+    surface = _patches(body.vertices_m[body.faces], corner_normals(body))
+    whole, whole_face = split(surface, COARSE * longest_m)
+    mirrors = np.flatnonzero(_mirrors(rays, whole, surface, array.tx_m))
+    patches, part = split(Patches(*(column[mirrors] for column in whole)), longest_m)
+    clear = points_in_sight(rays, patches.middle_m, array.tx_m)
+    found = [
+        _hits(rays, patches, antenna_m, np.flatnonzero(seen)) for antenna_m, seen in zip(array.tx_m, clear, strict=True)
+    ]
+    transmitter = np.repeat(np.arange(len(found)), [len(face) for _, face, _ in found])
+    hits = Hits(transmitter, *(np.concatenate(column) for column in zip(*found, strict=True)))
+    seen = np.zeros((len(body.faces), len(array.rx_m)), np.float32)
+    faces = np.unique(hits.face)
+    seen[faces] = points_in_sight(rays, surface.middle_m[faces], array.rx_m).T
+    return Traced(hits, patches, whole_face[mirrors[part]], surface, seen, array.tx_m)
+
+
+def split(surface: Patches, longest_m: float) -> tuple[Patches, np.ndarray]:
+    """Patches split into four until no edge is longer than longest_m, and the face that each is a part of."""
+    corners_m, normals, face = surface.corners_m, surface.normals, np.arange(len(surface.normal))
+    done = []
+    while True:
+        long = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(axis=1) > longest_m
+        if not done and not long.any():
+            return surface, face
+        done.append((corners_m[~long], normals[~long], face[~long]))
+        if not long.any():
+            break
+        face = np.tile(face[long], 4)
+        corners_m, normals = _quarters(corners_m[long]), _quarters(normals[long])
+        normals = normals / np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-30)
+    corners_m, normals, face = (np.concatenate(column) for column in zip(*done, strict=True))
+    return _patches(corners_m, normals), face
+
+
+def _patches(corners_m: np.ndarray, normals: np.ndarray) -> Patches:
+    a, b, c = (corners_m[:, i] for i in range(3))
+    normal = normals.sum(axis=1)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+    return Patches(corners_m, normals, corners_m.mean(axis=1), normal, np.cross(b - a, c - a) / 2)
+
+
+def _quarters(corners: np.ndarray) -> np.ndarray:
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    return np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+
+
+def corner_normals(body: Body) -> np.ndarray:
+    """Unit normals [m, 3, 3] at the corners of each face: the vertex's, or the face's own at the edges of a body."""
+    flat = face_vectors(body.vertices_m, body.faces)
+    flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30)
+    smooth = vertex_normals(body)[body.faces]
+    crease = np.einsum("mci,mi->mc", smooth, flat) < CREASE
+    return np.where(crease[:, :, None], flat[:, None], smooth)
+
+
+def _mirrors(rays: Rays, patches: Patches, surface: Patches, tx_m: np.ndarray) -> np.ndarray:
+    """Which patches [m] make tubes with some of a few transmitters."""
+    some = np.zeros(len(patches.normal), bool)
+    everything = np.arange(len(some))
+    for line in lines(tx_m):
+        length_m = np.linalg.norm(np.ptp(tx_m[line], axis=0))
+        for n in np.unique(np.linspace(0, len(line) - 1, 2 + int(length_m / TRIAL_M)).astype(int)):
+            patch, face, _ = _hits(rays, patches, tx_m[line[n]], everything)
+            tubes = _landed(np.full(len(patch), line[n]), patch, face, patches, surface, tx_m)
+            some[patch[tubes.root_m2 > 0]] = True
+    return some
+
+
+def _hits(
+    rays: Rays, patches: Patches, antenna_m: np.ndarray, chosen: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Those of the chosen patches that mirror the antenna onto the body [n], the face that each meets [n] and where
+    [n, 3]."""
+    direction = np.empty((len(chosen), 3))
+    front = mirror(patches, antenna_m, chosen, direction)
+    chosen, direction = chosen[front], direction[front]
+    start_m = patches.middle_m[chosen] + OWN_SURFACE_M * direction
+    distance, face = rays.first_hits(start_m, direction)
+    hit = np.isfinite(distance)
+    return chosen[hit], face[hit].astype(np.int64), start_m[hit] + distance[hit, None] * direction[hit]

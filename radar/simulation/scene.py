@@ -1,0 +1,111 @@
+"""What effects are asked about: bodies with their materials before an array, and the causes that a scene names."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from radar.simulation.causes import Causes
+from radar.simulation.physics.material import Material
+
+DEPTH_STEP_HZ = 2.5e9  # f1 − f3 of the paper's 3-FSK: the step that its depths come from
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Closed triangle mesh in the radar frame, counter-clockwise seen from outside: vertices_m [n, 3], faces [m, 3].
+    palm [m]: which faces carry the palm's thick horny layer (None: none does); reflectivity_db: its echo against
+    metal's where that is known instead of the material."""
+
+    vertices_m: np.ndarray
+    faces: np.ndarray
+    material: Material = field(default_factory=Material)
+    palm: np.ndarray | None = None
+    reflectivity_db: float | None = None
+
+    @property
+    def transparent(self) -> bool:
+        """Whether waves pass through: it hides nothing and casts no shadow."""
+        return self.material.kind == "foam"
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A steel ball, perhaps at the centre of a sphere of foam (foam_radius_m 0: none)."""
+
+    centre_m: np.ndarray
+    radius_m: float
+    foam_radius_m: float = 0.0
+    foam_permittivity: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class EchoScene:
+    """A scene as the radar meets it. frequencies_hz [f] ascending, time_s [f]: when each tone of a frame is measured.
+
+    target: what is measured (it may be None where there are balls alone); room: what stands around it and stays when
+    it is taken away; depth_step_hz: the step between tones by which an effect's phase is told in millimetres;
+    polarisation_deg: the antennas' electric field, from x towards y (balls alone mind it).
+    """
+
+    array: AntennaArray
+    frequencies_hz: np.ndarray
+    time_s: np.ndarray
+    target: Body | None = None
+    balls: tuple[Ball, ...] = ()
+    room: tuple[Body, ...] = ()
+    causes: Causes = field(default_factory=Causes)
+    seed: int = 0
+    depth_step_hz: float = DEPTH_STEP_HZ
+    polarisation_deg: float = 90.0
+    _kept: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def wavelength_m(self) -> float:
+        """The shortest wavelength."""
+        return SPEED_OF_LIGHT_M_S / float(self.frequencies_hz.max())
+
+    @property
+    def pair(self) -> tuple[int, int]:
+        """The tones between which depths are told, by index: the highest, and of the others the one nearest to a depth
+        step below it; twice the same where there is one tone only."""
+        descending = np.argsort(-self.frequencies_hz, kind="stable")
+        if len(descending) == 1:
+            return 0, 0
+        top, others = int(descending[0]), descending[1:]
+        below_hz = self.frequencies_hz[top] - self.depth_step_hz
+        return top, int(others[np.abs(self.frequencies_hz[others] - below_hz).argmin()])
+
+    @property
+    def pair_hz(self) -> tuple[float, float]:
+        """Their frequencies; a lone tone has a partner that is not measured, a depth step below it."""
+        high_hz, low_hz = (float(self.frequencies_hz[tone]) for tone in self.pair)
+        return high_hz, low_hz if low_hz < high_hz else high_hz - self.depth_step_hz
+
+    @property
+    def depth_m_per_rad(self) -> float:
+        """Depth per phase between the tones of the pair: c / (4πΔf)."""
+        high_hz, low_hz = self.pair_hz
+        return SPEED_OF_LIGHT_M_S / (4 * np.pi * (high_hz - low_hz))
+
+    @property
+    def middle_m(self) -> np.ndarray:
+        """The middle [3] of the target and its balls."""
+        middles = [ball.centre_m for ball in self.balls]
+        middles += [] if self.target is None else [self.target.vertices_m.mean(axis=0)]
+        return np.mean(middles, axis=0)
+
+    @property
+    def lacks_surface(self) -> str:
+        """What effects of opaque surfaces miss here, as a phrase; "" if nothing."""
+        return "" if self.target is not None and not self.target.transparent else "a target with an opaque surface"
+
+    def kept(self, key: Hashable, make: Any) -> Any:
+        """make(), computed once per scene: estimates share what they look at."""
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]

@@ -1,0 +1,149 @@
+"""A shot: the state that effects change one after another, from the array to the recorded samples."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from radar.data.arrays import AntennaArray
+from radar.simulation.forward import Scatterers, simulate
+from radar.simulation.physics.balls import ball_echoes
+from radar.simulation.physics.facets import Facets, face_vectors, facets_of
+from radar.simulation.scene import Body, EchoScene
+from radar.support.errors import HandbenchError
+
+
+@dataclass
+class Surface:
+    """A body's facets that scatter. oblique: by physical optics, else evenly; reflection: complex amplitude [f] per
+    layer; layer [p] of each facet; seen: which antennas see it, (bool [t, p], bool [r, p]), None: all; delay_m [p]:
+    extra one-way path."""
+
+    body: Body
+    facets: Facets
+    oblique: bool = False
+    reflection: np.ndarray | None = None  # [layers, f]
+    layer: np.ndarray | None = None
+    seen: tuple[np.ndarray, np.ndarray] | None = None
+    delay_m: np.ndarray | None = None
+
+    def keep(self, chosen: np.ndarray) -> None:
+        """Only the facets that the mask [p] chooses."""
+        self.facets = self.facets.where(chosen)
+        self.layer = None if self.layer is None else self.layer[chosen]
+        self.delay_m = None if self.delay_m is None else self.delay_m[chosen]
+        self.seen = None if self.seen is None else (self.seen[0][:, chosen], self.seen[1][:, chosen])
+
+
+class Shot:
+    """The echoes of a scene in the making.
+
+    Effects come in the order of the catalogue: first those that change the `array` or the antennas' `pattern` (the
+    exponent of cos θ), then those that change the target's `surface` or add an `extra` echo of it; the first that asks
+    for `samples` has them computed, and the rest change those.
+    """
+
+    def __init__(
+        self, scene: EchoScene, frames: int, tolerance: float | None = 1e-5, levels: dict[str, float] | None = None
+    ) -> None:
+        """levels: as another shot with the target left them; this one is then of the room without it."""
+        self.scene, self.frames, self.tolerance = scene, frames, tolerance
+        self.array = scene.array
+        self.pattern = 0.0
+        self.with_target = with_target = levels is None
+        self.levels = {} if levels is None else levels
+        has_surface = with_target and scene.target is not None
+        self.surface = Surface(scene.target, facing(scene, scene.target)) if has_surface else None
+        self.ball_delay_m = np.zeros(len(scene.balls))  # extra one-way path of each ball's echo
+        self.extra: list[Callable[[], np.ndarray]] = []  # what else of the target echoes: samples [f, t, r]
+        self._samples: np.ndarray | None = None
+
+    def seed(self, effect: str, *keys: int) -> tuple[int, ...]:
+        """What one effect alone draws from, so that no other's draws depend on whether it is on."""
+        return (self.scene.seed, zlib.crc32(effect.encode()), *keys)
+
+    def frame_seed(self, effect: str, frame: int) -> tuple[int, ...]:
+        """The same for one frame; the empty room has its own."""
+        return self.seed(effect, 0 if self.with_target else 1, frame)
+
+    @staticmethod
+    def random(seed: tuple[int, ...]) -> np.random.Generator:
+        """Random numbers from such a seed."""
+        return np.random.default_rng(np.random.SeedSequence(seed))
+
+    def level(self, name: str, measure: Callable[[], float]) -> float:
+        """A level that is measured with the target and kept for the room without it."""
+        if self.with_target:
+            self.levels[name] = measure()
+        return self.levels[name]
+
+    def moved(self, offset_m: np.ndarray) -> AntennaArray:
+        """The array as the target sees it when the target has moved by offset_m [3]."""
+        return AntennaArray(self.array.tx_m - offset_m, self.array.rx_m - offset_m)
+
+    def echo(self, array: AntennaArray) -> np.ndarray:
+        """The target's samples complex64 [f, t, r] at antennas that are where `array` says, without extra echoes."""
+        samples = np.zeros((len(self.scene.frequencies_hz), *array.channels), np.complex64)
+        if self.surface is not None:
+            require_facets(self.surface.facets)
+            samples += surface_echo(self.surface, self, array)
+        if self.with_target:
+            samples += ball_echoes(self.scene, self.scene.frequencies_hz, array, self.ball_delay_m, self.pattern)
+        return samples
+
+    def extra_echoes(self) -> np.ndarray | int:
+        """The sum of the extra echoes, complex64 [f, t, r]; 0 where there are none."""
+        return sum(extra() for extra in self.extra)
+
+    @property
+    def samples(self) -> np.ndarray:
+        """Samples complex64 [frame, f, t, r]; the target's echoes, the same in every frame, until an effect differs."""
+        if self._samples is None:
+            self._samples = np.repeat((self.echo(self.array) + self.extra_echoes())[None], self.frames, axis=0)
+        return self._samples
+
+    @samples.setter
+    def samples(self, samples: np.ndarray) -> None:
+        self._samples = samples
+
+
+def require_facets(facets: Facets) -> Facets:
+    """The facets, if there are any."""
+    if len(facets) == 0:
+        raise HandbenchError(
+            "target: no facet faces the array; check the mesh's orientation (normals point outwards) and place"
+        )
+    return facets
+
+
+def facing(scene: EchoScene, body: Body, longest: float = 0.25) -> Facets:
+    """The body's facets, with edges of `longest` wavelengths at most, whose face turns its front to some antenna. Made
+    once."""
+    return scene.kept(("facing", id(body), longest), lambda: _facing(scene, body, longest))
+
+
+def _facing(scene: EchoScene, body: Body, longest: float) -> Facets:
+    vectors = face_vectors(body.vertices_m, body.faces)
+    centres = body.vertices_m[body.faces].mean(axis=1)
+    antennas = np.concatenate([scene.array.tx_m, scene.array.rx_m])
+    low, high = antennas.min(axis=0), antennas.max(axis=0)
+    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in {low[2], high[2]}])
+    front = (vectors @ corners.T > (vectors * centres).sum(axis=1)[:, None]).any(axis=1)
+    return facets_of(body, longest * scene.wavelength_m, np.flatnonzero(front))
+
+
+def surface_echo(surface: Surface, shot: Shot, array: AntennaArray) -> np.ndarray:
+    """Samples complex64 [f, t, r] of a surface: each layer's echoes times its reflection."""
+    frequencies_hz = shot.scene.frequencies_hz
+    facets, layer = surface.facets, surface.layer
+    normal = facets.normal if surface.oblique else None
+    everything = Scatterers(facets.position_m, facets.area_m2, normal, surface.delay_m, surface.seen)
+    layers = [everything] if layer is None else [everything.where(layer == n) for n in range(layer.max(initial=0) + 1)]
+    samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
+    for n, part in enumerate(layers):
+        echoes = simulate(part, frequencies_hz, array, tolerance=shot.tolerance, pattern=shot.pattern)
+        samples += echoes if surface.reflection is None else echoes * surface.reflection[n][:, None, None]
+    return samples

@@ -1,0 +1,1 @@
+"""What every package stands on: errors, configuration, files, progress, parallel work, the store of stages."""

@@ -1,0 +1,109 @@
+"""Strict configuration: every key known, every value checked, the nearest key suggested for a typo."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from pathlib import Path
+from typing import Any, Literal, TypeVar, get_args, get_origin
+
+import pydantic
+
+from radar.support.errors import HandbenchError
+from radar.support.files import require_file
+
+DEEP = re.compile(  # tomllib takes time and memory by the square of a key's parts
+    r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}"""
+)
+ConfigT = TypeVar("ConfigT", bound="Config")
+
+
+class Config(pydantic.BaseModel):
+    """Base of every configuration: immutable, no unknown key at any level, no NaN, defaults checked too."""
+
+    model_config = pydantic.ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True, protected_namespaces=()
+    )
+
+
+def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
+    """Build `model` from plain `values`; `where` (a file or an option) opens the one-line error."""
+    try:
+        return model.model_validate(values)
+    except pydantic.ValidationError as error:
+        raise HandbenchError(_one_line(model, error, where)) from None
+
+
+def read_toml(path: str | Path, what: str) -> dict[str, Any]:
+    """Parse a TOML file into plain values; a missing or broken file is a HandbenchError."""
+    path = require_file(path, what)
+    try:
+        text = path.read_text(encoding="utf-8")
+        if DEEP.search(text):
+            raise ValueError("a key has more than 100 parts")
+        return tomllib.loads(text)
+    except (ValueError, RecursionError, OSError) as error:  # whole numbers of 5000 digits are no TOMLDecodeError
+        raise HandbenchError(f"{path}: is not readable as TOML ({error}); expected {what}") from error
+
+
+def load(model: type[ConfigT], path: str | Path, what: str) -> ConfigT:
+    """`read_toml` and `parse` in one."""
+    return parse(model, read_toml(path, what), str(path))
+
+
+def suggest(name: str, known: list[str]) -> str:
+    """ "did you mean 'x'?" for the nearest known name, or the list of all when nothing is near."""
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
+
+
+def _one_line(model: type[Config], error: pydantic.ValidationError, where: str) -> str:
+    problems = error.errors()
+    first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    return f"{where}: {complaint(model, first)}{more}"
+
+
+def complaint(model: type[Config], problem: Any, prefix: tuple[int | str, ...] = ()) -> str:
+    """One of the problems that pydantic found with a `model`, in words; prefix: the keys that its values lie under."""
+    models, keys = _follow(model, problem["loc"])
+    location = ".".join(map(str, (*prefix, *keys))) or "the file"
+    if problem["type"] == "extra_forbidden":
+        known = [name for m in models for name in m.model_fields]
+        return f"unknown key '{location}'; {suggest(str(problem['loc'][-1]), known)}"
+    if problem["type"] == "missing":
+        return f"key '{location}' is missing; add it"
+    try:
+        got = repr(problem["input"])
+    except RecursionError:
+        got = "nested without end"
+    got = got if len(got) < 80 else got[:77] + "..."
+    message = problem["msg"].removeprefix("Value error, ")
+    return f"'{location}' is {got}; {message[0].lower()}{message[1:]}"
+
+
+def _follow(model: type[Config], location: tuple[int | str, ...]) -> tuple[list[type[Config]], list[str]]:
+    """The models that an error's location leads to, and its keys as the file has them: pydantic adds the tag of a
+    union's member, which is no key."""
+    models, keys = [model], []
+    for part in location:
+        tagged = [m for m in models if len(models) > 1 and _is_tagged(m, part)]
+        if tagged:
+            models = tagged
+            continue
+        keys.append(str(part))
+        fields = [m.model_fields[part] for m in models if part in m.model_fields]
+        models = [inner for field in fields for inner in _models_in(field.annotation)] or models
+    return models, keys
+
+
+def _is_tagged(model: type[Config], part: int | str) -> bool:
+    literals = (f.annotation for f in model.model_fields.values() if get_origin(f.annotation) is Literal)
+    return part == model.__name__ or any(part in get_args(literal) for literal in literals)
+
+
+def _models_in(annotation: Any) -> list[type[Config]]:
+    if isinstance(annotation, type) and issubclass(annotation, Config):
+        return [annotation]
+    return [m for argument in get_args(annotation) for m in _models_in(argument)]

@@ -1,0 +1,227 @@
+"""Reading and writing files so that a crash, a full disk or a stranger's file does no harm."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import math
+import os
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from radar.support.errors import HandbenchError
+
+LARGEST_BYTES = 2**30  # of the arrays read from one .npz file
+NPY_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+
+
+@contextmanager
+def atomic_path(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary path beside `path` (same suffix); it takes `path`'s place when the block succeeds and is
+    removed when the block fails. An OSError (a full disk, a read-only folder) becomes a HandbenchError."""
+    path = Path(path)
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+        os.close(handle)
+        temporary = Path(name)
+        temporary.chmod(0o666 & ~_umask())  # mkstemp is private; a result is as open as any other file
+        yield temporary
+        os.replace(temporary, path)
+    except OSError as error:
+        raise HandbenchError(
+            f"{path}: cannot be written ({error.strerror or error}); nothing was changed: free the space or "
+            "choose another place"
+        ) from error
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic_folder(path: str | Path) -> Iterator[Path]:
+    """As `atomic_path`, for a whole folder: it appears complete or not at all. An existing folder is replaced at the
+    very end; a file in its place is refused."""
+    path = Path(path)
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
+        temporary.chmod(0o777 & ~_umask())
+        yield temporary
+        _replace_folder(temporary, path)
+    except OSError as error:
+        raise HandbenchError(
+            f"{path}: cannot be written ({error.strerror or error}); nothing was changed: free the space or "
+            "choose another place"
+        ) from error
+    finally:
+        if temporary is not None:
+            shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _replace_folder(new: Path, path: Path) -> None:
+    """Rename `new` to `path`; what stood there is moved aside first, and back when the second rename fails."""
+    if not path.exists():
+        os.replace(new, path)
+        return
+    if not path.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, "a file stands in the folder's place")
+    aside = new.with_name(f"{new.name}-old")
+    os.replace(path, aside)  # refuses the current folder and mount points, where deleting first would empty them
+    try:
+        os.replace(new, path)
+    except OSError:
+        os.replace(aside, path)
+        raise
+    shutil.rmtree(aside, ignore_errors=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def require_file(path: str | Path, what: str) -> Path:
+    """`path` as a Path if it is a file, else a HandbenchError that says `what` was expected there."""
+    path = Path(path)
+    if not path.is_file():
+        found = "a folder" if path.is_dir() else "nothing"
+        raise HandbenchError(f"{path}: expected {what}, found {found}; check the path")
+    return path
+
+
+def require_folder(path: str | Path, what: str) -> Path:
+    """`path` as a Path if it is a folder, else a HandbenchError that says `what` was expected there."""
+    path = Path(path)
+    if not path.is_dir():
+        found = "a file" if path.is_file() else "nothing"
+        raise HandbenchError(f"{path}: expected a folder with {what}, found {found}; check the path")
+    return path
+
+
+def inside(folder: Path, name: str, where: str) -> Path:
+    """`folder / name`, refused when it would leave `folder` (names in TOML files and reports are untrusted)."""
+    target = (folder / name.replace("\0", "")).resolve()
+    if "\0" in name or not target.is_relative_to(folder.resolve()):
+        raise HandbenchError(f"{where}: '{name}' leaves the folder {folder}; use a path inside it")
+    return target
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text file (UTF-8), atomically."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_json(path: str | Path, content: Any) -> None:
+    """Write `content` as indented JSON, atomically; NaN is refused by the standard and written as null."""
+    write_text(path, json.dumps(_finite(content), indent=2, allow_nan=False) + "\n")
+
+
+def read_json(path: str | Path, what: str) -> Any:
+    """Parse a JSON file; a missing or broken one is a HandbenchError naming the line."""
+    path = require_file(path, what)
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError, OSError) as error:
+        raise HandbenchError(f"{path}: is not readable as JSON ({error}); expected {what}") from error
+
+
+def write_npz(path: str | Path, **arrays: Any) -> None:
+    """Write named arrays as compressed .npz, atomically and without pickles."""
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:  # given a name, numpy would add a suffix
+        np.savez_compressed(stream, allow_pickle=False, **arrays)
+
+
+def read_npz(path: str | Path, names: tuple[str, ...], optional: tuple[str, ...] = ()) -> dict[str, np.ndarray]:
+    """Read the arrays `names` from an .npz file, and those of `optional` that are there; pickled content is refused,
+    never run, and so is a file that says of itself what would take all memory."""
+    path = require_file(path, "an .npz file")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            there = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+            missing = [name for name in names if name not in there]
+            if missing:
+                raise HandbenchError(f"{path}: lacks {', '.join(missing)}; expected {', '.join(names)}")
+            wanted = [name for name in (*names, *optional) if name in there]
+            size = sum(there[name].file_size for name in wanted)
+            if size > LARGEST_BYTES:
+                raise ValueError(f"its arrays take {size} bytes; at most {LARGEST_BYTES} are read")
+            return {name: _member(archive, there[name]) for name in wanted}
+    except HandbenchError:
+        raise
+    except Exception as error:  # zip, zlib, header and pickle errors have no common base
+        raise HandbenchError(f"{path}: is not a readable .npz file ({error}); write it again") from error
+
+
+def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
+    with archive.open(info) as stream:
+        return read_array(stream, info.file_size)
+
+
+def read_array(stream: IO[bytes], room_bytes: int) -> np.ndarray:
+    """The array in .npy form where a stream stands, of which `room_bytes` are left. ValueError for pickled content and
+    where less is left than the header promises, before any memory is taken."""
+    start = stream.tell()
+    version = np.lib.format.read_magic(stream)
+    if version not in NPY_HEADERS:
+        raise ValueError(f"its arrays are in version {version} of numpy's format")
+    shape, _, dtype = NPY_HEADERS[version](stream)
+    if dtype.hasobject or min(shape, default=1) < 0 or math.prod(shape) * dtype.itemsize > room_bytes:
+        raise ValueError(f"an array says that it is {dtype} {shape}, but {room_bytes} bytes are there")
+    stream.seek(start)
+    return np.lib.format.read_array(stream, allow_pickle=False)
+
+
+def content_hash(*parts: Any) -> str:
+    """SHA-256 over strings, numbers, JSON-like values (arrays inside them too), arrays, files and folders (name and
+    content of each file). Anything else is a TypeError: its text need not tell two values apart."""
+    digest = hashlib.sha256()
+    for part in parts:
+        if isinstance(part, Path) and part.is_dir():
+            walked = (Path(folder) / name for folder, _, names in os.walk(part, followlinks=True) for name in names)
+            for file in sorted(walked):
+                digest.update(str(file.relative_to(part)).encode())
+                digest.update(content_hash(file).encode())
+        elif isinstance(part, Path):
+            with part.open("rb") as stream:
+                digest.update(hashlib.file_digest(stream, "sha256").digest())
+        elif isinstance(part, np.ndarray):
+            digest.update(str((part.shape, part.dtype)).encode() + np.ascontiguousarray(part).tobytes())
+        else:
+            digest.update(json.dumps(part, sort_keys=True, default=_json_like).encode())
+        digest.update(b"|")
+    return digest.hexdigest()
+
+
+def _json_like(value: Any) -> Any:
+    if isinstance(value, (np.ndarray, Path)):
+        return content_hash(value) if isinstance(value, np.ndarray) else str(value)
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"content_hash: cannot tell values of {type(value).__name__} apart; give plain values or arrays")
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return _finite(value.tolist())
+    if isinstance(value, np.generic):
+        return _finite(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,69 @@
+"""HDF5 files of strangers: what a file says of itself is compared with its size before the library believes it."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from radar.support.memory import require_free
+
+if TYPE_CHECKING:
+    import h5py
+
+PACKED = 1100  # deflate makes nothing smaller by more
+UNPACKED_BYTES = 2**26  # that a data set may have without being looked at so closely
+HEAP = b"GCOL\x01\0\0\0"  # begins a collection of texts and other things without a fixed length
+CHUNKS = 2**20  # of one data set
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[h5py.File]:
+    """The file, open to be read. Raises ValueError where the library would run in circles."""
+    import h5py
+
+    with path.open("rb") as stream:
+        if os.fstat(stream.fileno()).st_size:
+            with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
+                _check_heaps(content)
+    with h5py.File(path, "r") as file:
+        yield file
+
+
+def _check_heaps(content: mmap.mmap) -> None:
+    """Refuse a heap with an object of size 0, from which HDF5's library (2.0) goes on to the same one for ever."""
+    at = content.find(HEAP)
+    while at >= 0:
+        end = min(at + int.from_bytes(content[at + 8 : at + 16], "little"), len(content))
+        place = at + 16
+        while place + 16 <= end:
+            number, _, _, size = struct.unpack("<HHIQ", content[place : place + 16])
+            place += size if number == 0 else 16 + (size + 7) // 8 * 8
+            if number == 0 and size == 0:
+                raise ValueError("a heap of texts in it is broken")
+        at = content.find(HEAP, at + 8)
+
+
+def read(found: Any, name: str, path: Path) -> np.ndarray:
+    """A data set whole. Raises ValueError for what is no data set of numbers that lie in this very file, and where it
+    declares more than the file can hold; HandbenchError where it is more than memory holds."""
+    import h5py
+
+    if not isinstance(found, h5py.Dataset) or found.external or found.is_virtual:
+        raise ValueError(f"'{name}' is no data set of this file")
+    if found.dtype.hasobject or found.shape is None:
+        raise ValueError(f"'{name}' holds {found.dtype}")
+    size = found.size * found.dtype.itemsize
+    stored = min(found.id.get_storage_size(), path.stat().st_size)
+    if size > (stored if found.chunks is None else max(UNPACKED_BYTES, PACKED * stored)):
+        raise ValueError(f"'{name}' has shape {found.shape}, {size} bytes, of which the file holds {stored}")
+    if found.chunks is not None and -(-found.size // max(int(np.prod(found.chunks)), 1)) > CHUNKS:
+        raise ValueError(f"'{name}' has shape {found.shape} in pieces of {found.chunks}; expected larger pieces")
+    require_free(2 * size, f"{path}: '{name}' {found.shape}", "end other programs, or cut the file into parts")
+    return found[()]

@@ -1,0 +1,80 @@
+"""Threads over independent blocks; results never depend on how many there are."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import AbstractContextManager
+from functools import cache
+from threading import Event, local
+from typing import TypeVar
+
+from threadpoolctl import ThreadpoolController
+
+from radar.support.errors import HandbenchError
+
+Item = TypeVar("Item")
+
+
+def workers() -> int:
+    """Threads to use: HANDBENCH_WORKERS if set, else the cores this process may run on."""
+    wanted = os.environ.get("HANDBENCH_WORKERS", "")
+    if wanted and not (wanted.isdigit() and int(wanted)):
+        raise HandbenchError(f"HANDBENCH_WORKERS: is '{wanted}'; expected a whole number of threads, or nothing")
+    return int(wanted) if wanted else len(os.sched_getaffinity(0))
+
+
+def for_each(function: Callable[[Item], None], items: Iterable[Item]) -> None:
+    """Call function(item) for all items on all cores. BLAS keeps to one thread inside, since nested threads would
+    cost 2.5–3 times the CPU time. The first exception stops the work that has not begun and is raised. A single item
+    or a single worker works in place, without the threads' overhead."""
+    items = list(items)
+    with one_blas_thread():
+        if len(items) == 1 or workers() == 1 or getattr(_inside, "worker", False):
+            for item in items:
+                function(item)
+            return
+        _spread(function, items)
+
+
+def one_blas_thread() -> AbstractContextManager[None]:
+    """A context in which BLAS keeps to one thread, for small products outside `for_each`."""
+    return _blas().limit(limits=1, user_api="blas")
+
+
+def _spread(function: Callable[[Item], None], items: list[Item]) -> None:
+    """One task per worker, each taking the next item until none is left: cheaper than a task per item."""
+    remaining = iter(items)  # a list's iterator hands every item to one thread only
+    stop = Event()
+
+    def drain() -> None:
+        _inside.worker = True
+        for item in remaining:
+            if stop.is_set():
+                return
+            function(item)
+
+    futures = [_pool(workers()).submit(drain) for _ in range(min(workers(), len(items)))]
+    try:
+        for future in futures:
+            future.result()
+    except BaseException:
+        stop.set()
+        wait(futures)
+        raise
+
+
+_inside = local()  # work within a worker stays there: waiting for the pool's other threads could wait for ever
+
+
+@cache
+def _pool(count: int) -> ThreadPoolExecutor:
+    """Threads are kept: starting them takes longer than imaging a plane's leaf."""
+    return ThreadPoolExecutor(count)
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    """The process's BLAS, found once: looking for it takes milliseconds."""
+    return ThreadpoolController()

@@ -1,0 +1,199 @@
+"""Drawings at true scale on sheets of paper: sizes, tiles with crop marks, PDF and SVG.
+
+A drawing is painted in millimetres. Each sheet shows a window of it on axes of exactly the window's size, above a bar
+that tells whether the printer kept the scale.
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from radar.support.errors import HandbenchError
+from radar.support.files import atomic_path
+
+INCH_MM = 25.4
+PAPERS_MM = {"A4": (297.0, 210.0), "A3": (420.0, 297.0), "letter": (279.4, 215.9)}
+FIT = "fit"  # one sheet as large as the drawing needs, for a print shop or a plotter
+MARGIN_MM, FOOTER_MM = 7.0, 14.0  # printers leave up to 6.4 mm white; crop marks stand in the margin
+OVERLAP_MM = 10.0  # neighbouring sheets show this much of each other, at least
+BAR_MM = 100.0
+LARGEST_MM = 5000.0  # a PDF's page ends at 5080 mm
+LEAST_WIDTH_MM = 200.0  # of a fitted sheet: the bar, and the title beside it
+STYLE = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib
+    "font.size": 6.5,
+    "text.usetex": False,
+    "text.parse_math": False,  # a file's name is no formula
+    "savefig.bbox": None,  # the page is the page
+    "savefig.dpi": "figure",
+    "svg.fonttype": "path",  # looks the same without the font
+    "svg.hashsalt": "handbench",  # same drawing, same bytes
+    "pdf.fonttype": 42,
+}
+THIN, GREY = 0.25, "0.55"  # points; colour of what is no edge
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Something to print at true scale. paint: draws it on axes in millimetres, origin at the lower left, y up; title
+    and note: two lines of text for the foot of each sheet."""
+
+    width_mm: float
+    height_mm: float
+    title: str
+    note: str
+    paint: Callable[[Axes], None]
+
+
+def sheets(drawings: Sequence[Drawing], paper: str = FIT) -> list[Figure]:
+    """One figure of the paper's size for each sheet: a drawing that does not fit is cut into overlapping tiles. Raises
+    HandbenchError for an unknown paper and for a drawing beyond LARGEST_MM."""
+    for drawing in drawings:
+        if max(drawing.width_mm, drawing.height_mm) > LARGEST_MM:
+            size = f"{drawing.width_mm:.0f} × {drawing.height_mm:.0f} mm"
+            raise HandbenchError(f"drawing: is {size}; expected at most {LARGEST_MM:.0f} mm; are all lengths metres?")
+    plan = [(drawing, *tiles(drawing, paper)) for drawing in drawings]
+    total = sum(len(windows) for _, _, windows in plan)
+    figures: list[Figure] = []
+    with matplotlib.rc_context(STYLE):
+        for drawing, page_mm, windows in plan:
+            for window in windows:
+                figures.append(_sheet(drawing, page_mm, window, f"sheet {len(figures) + 1} of {total}"))
+    return figures
+
+
+def usable_mm(paper: str) -> tuple[float, float]:
+    """Width and height of what fits on a sheet held sideways; unlimited for `fit`."""
+    if paper == FIT:
+        return np.inf, np.inf
+    if paper not in PAPERS_MM:
+        raise HandbenchError(f"paper: is '{paper}'; expected one of {', '.join([*PAPERS_MM, FIT])}")
+    width, height = PAPERS_MM[paper]
+    return width - 2 * MARGIN_MM, height - 2 * MARGIN_MM - FOOTER_MM
+
+
+def tiles(drawing: Drawing, paper: str) -> tuple[tuple[float, float], list[np.ndarray]]:
+    """The page's width and height, and the windows [left, bottom, width, height] (mm) that cover the drawing row by
+    row from the top, upright or sideways, whichever takes fewer sheets."""
+    landscape = usable_mm(paper)
+    if paper == FIT:
+        width = max(drawing.width_mm + 2 * MARGIN_MM, LEAST_WIDTH_MM)
+        page = (width, drawing.height_mm + 2 * MARGIN_MM + FOOTER_MM)
+        return page, [np.array([0.0, 0.0, drawing.width_mm, drawing.height_mm])]
+    turn = PAPERS_MM[paper][0] - PAPERS_MM[paper][1]
+    choices = []
+    for page, (width, height) in (
+        (PAPERS_MM[paper], landscape),
+        (PAPERS_MM[paper][::-1], (landscape[0] - turn, landscape[1] + turn)),
+    ):
+        lefts, bottoms = _starts(drawing.width_mm, width), _starts(drawing.height_mm, height)
+        size = min(width, drawing.width_mm), min(height, drawing.height_mm)
+        choices.append((page, [np.array([left, bottom, *size]) for bottom in bottoms[::-1] for left in lefts]))
+    return min(choices, key=lambda choice: len(choice[1]))
+
+
+def _starts(length_mm: float, window: float) -> np.ndarray:
+    """Where windows begin that cover a length and overlap by OVERLAP_MM or more; all are full."""
+    if length_mm <= window + 1e-9:
+        return np.zeros(1)
+    count = int(np.ceil((length_mm - OVERLAP_MM) / (window - OVERLAP_MM) - 1e-9))
+    return np.linspace(0, length_mm - window, count)
+
+
+def _sheet(drawing: Drawing, page_mm: tuple[float, float], window: np.ndarray, number: str) -> Figure:
+    figure = Figure(figsize=(page_mm[0] / INCH_MM, page_mm[1] / INCH_MM))
+    page = _axes(figure, page_mm, np.array([0, 0, *page_mm]), np.array([0, 0, *page_mm]))
+    corner = (np.array(page_mm) - window[2:] + (0, FOOTER_MM)) / 2  # centred, above the foot
+    drawing.paint(_axes(figure, page_mm, np.array([*corner, *window[2:]]), window))
+    if (window[2:] < (drawing.width_mm, drawing.height_mm)).any():
+        _marks(page, corner, window, drawing)
+        number += ": trim left and upper edge, lay on the neighbours' ticks"
+    bar_x, bar_y, right = MARGIN_MM + 6, MARGIN_MM + 1.5, page_mm[0] - MARGIN_MM - 6
+    bar = line(page, [bar_x, bar_x + BAR_MM], [bar_y, bar_y], 0.6)
+    bar.set_gid("scale-bar")
+    for x in np.linspace(bar_x, bar_x + BAR_MM, 11):
+        line(page, [x, x], [bar_y, bar_y + (2 if x in (bar_x, bar_x + BAR_MM) else 1)])
+    page.text(bar_x + BAR_MM / 2, bar_y + 3, f"measure me: {BAR_MM:.1f} mm; print at 100 %", ha="center", fontsize=8)
+    for height, text, weight in ((7.2, drawing.title, "bold"), (3.8, drawing.note, "normal"), (0.4, number, "normal")):
+        page.text(right, MARGIN_MM + height, _plain(text), ha="right", weight=weight)
+    return figure
+
+
+def _axes(figure: Figure, page_mm: tuple[float, float], place: np.ndarray, window: np.ndarray) -> Axes:
+    """Axes at `place` on the page that show `window` ([left, bottom, width, height], mm) at true scale."""
+    axes = figure.add_axes(tuple(place / (*page_mm, *page_mm)))
+    axes.set(xlim=(window[0], window[0] + window[2]), ylim=(window[1], window[1] + window[3]))
+    axes.set_axis_off()
+    return axes
+
+
+def _marks(page: Axes, corner: np.ndarray, window: np.ndarray, drawing: Drawing) -> None:
+    """Crop marks outside the window's corners, and ticks where the right and the lower neighbour's edge comes."""
+    (left, bottom), (right, top) = corner, corner + window[2:]
+    for x, outward in ((left, -1), (right, 1)):
+        for y, upward in ((bottom, -1), (top, 1)):
+            line(page, [x + outward, x + 4 * outward], [y, y])
+            line(page, [x, x], [y + upward, y + 3 * upward])
+    lefts, bottoms = _starts(drawing.width_mm, window[2]), _starts(drawing.height_mm, window[3])
+    for start in lefts[lefts > window[0]][:1]:
+        x = left + start - window[0]
+        for y in (bottom - 2, top + 2):
+            line(page, [x, x], [y - 1, y + 1], 0.8)
+    for start in bottoms[bottoms < window[1]][-1:]:
+        y = top + start - window[1]
+        for x in (left - 2, right + 2):
+            line(page, [x - 1, x + 1], [y, y], 0.8)
+
+
+def line(axes: Axes, x_mm: Sequence[float], y_mm: Sequence[float], width: float = THIN, **style: object) -> Line2D:
+    """A line of `width` points on axes in millimetres."""
+    return axes.add_line(Line2D(x_mm, y_mm, **{"lw": width, "color": "black", "solid_capstyle": "butt", **style}))
+
+
+def _plain(text: str) -> str:
+    """A line that the font can show: names of files may hold anything."""
+    shown = "".join(c if c.isprintable() else "?" for c in text.encode("latin-1", "replace").decode("latin-1"))
+    return textwrap.shorten(shown, 76, placeholder="…") if " " in shown else shown[:76]
+
+
+def save(path: str | Path, figures: Sequence[Figure]) -> None:
+    """Write the sheets as PDF or, if there is only one, as SVG; atomically, and the same bytes every time. Raises
+    HandbenchError for another suffix and for an SVG of several sheets."""
+    path = Path(path)
+    check_suffix(path, (".pdf", ".svg"))
+    svg = path.suffix.lower() == ".svg"
+    if svg and len(figures) > 1:
+        raise HandbenchError(
+            f"{path}: an SVG has one page, the drawing {len(figures)} sheets; write a PDF, or choose a larger --paper"
+        )
+    with matplotlib.rc_context(STYLE), atomic_path(path) as temporary:
+        if svg:
+            figures[0].savefig(temporary, format="svg", metadata={"Date": None})
+            temporary.write_text(_in_millimetres(temporary.read_text("utf-8"), figures[0]), encoding="utf-8")
+            return
+        with PdfPages(temporary, metadata={"CreationDate": None}) as pages:
+            for figure in figures:
+                pages.savefig(figure)
+
+
+def check_suffix(path: Path, known: Sequence[str]) -> None:
+    """Refuse a file whose suffix names none of the `known` formats."""
+    if path.suffix.lower() not in known:
+        raise HandbenchError(f"{path}: ends in '{path.suffix}'; expected {', '.join(known)}")
+
+
+def _in_millimetres(svg: str, figure: Figure) -> str:
+    """matplotlib gives the page in points, which some programs take for pixels."""
+    width, height = figure.get_size_inches() * INCH_MM
+    return re.sub(r'width="[\d.]+pt" height="[\d.]+pt"', f'width="{width:.6g}mm" height="{height:.6g}mm"', svg, count=1)

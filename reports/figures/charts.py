@@ -1,0 +1,122 @@
+"""What the errors cost in time, how they are distributed, and how far repeats scatter."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from bench.results import Result, Row
+from reports.figures.style import AGAINST, Picture, log_axis, looks, methods, time_text
+from reports.tables.blocks import floor_note
+
+EDGES_MM = np.geomspace(0.02, 100, 400)
+
+
+def accuracy_against_time(result: Result) -> Picture:
+    """MAE over seconds per frame with both intervals; the paper's MAE as an open marker at our time."""
+    references = [r for r in AGAINST if any((row.metric, row.reference) == ("mae_mm", r) for row in result.rows)]
+    figure, axes = _side_by_side(len(references))
+    look = looks(m.name for m in methods(result))
+    notes, handles = [], {}
+    for axis, reference in zip(axes, references, strict=True):
+        for method in methods(result):
+            mae, time = (result.row(metric, method.name, reference) for metric in ("mae_mm", "seconds"))
+            if not (mae and time and mae.value and time.value):
+                continue
+            colour, marker = look[method.name]
+            x, y = time.value, mae.value
+            style = {"color": colour, "marker": marker, "markersize": 6, "capsize": 3, "elinewidth": 1}
+            handles[method.title] = axis.errorbar(x, y, _whiskers(mae), _whiskers(time), linestyle="none", **style)
+            if mae.paper:
+                axis.plot(x, mae.paper, marker, color=colour, markersize=6, fillstyle="none")
+            notes.append(f"{method.title} {AGAINST[reference]}: {mae.value:.2f} mm in {time_text(result, method)}")
+        axis.set(xlabel="seconds per frame", title=AGAINST[reference])
+        axis.margins(0.15)
+        for side in ("x", "y"):
+            log_axis(axis, side)
+    axes[0].set_ylabel("MAE in mm")
+    handles["paper (at our time)"] = Line2D([], [], color="0.3", marker="o", linestyle="none", fillstyle="none")
+    figure.legend(handles.values(), handles.keys(), loc="outside right center", frameon=False)
+    return Picture(
+        "accuracy_time",
+        "Accuracy against time: mean absolute error over seconds per frame, with 95 % intervals. "
+        f"Open markers: the paper's error, drawn at our time.{floor_note(result)}",
+        f"Mean absolute error against time per frame. {'; '.join(notes)}.",
+        figure,
+    )
+
+
+def error_distributions(result: Result) -> Picture:
+    """Share of the observed pixels whose error is smaller than e: the whole distribution, not only its mean."""
+    references = [r for r in AGAINST if any(r in capture.references for capture in result.scored())]
+    figure, axes = _side_by_side(len(references))
+    look = looks(m.name for m in methods(result))
+    for axis, reference in zip(axes, references, strict=True):
+        for i, method in enumerate(methods(result)):
+            colour, marker = look[method.name]
+            share = _shares(result, method.name, reference)
+            every = (4 * i % 40, 40)  # markers of different methods do not fall on each other
+            axis.plot(EDGES_MM, share, color=colour, marker=marker, markevery=every, markersize=4, label=method.title)
+        log_axis(axis, "x")
+        axis.set(xlim=EDGES_MM[[0, -1]], ylim=(0, 100), xlabel="|z − z_ref| in mm", title=AGAINST[reference])
+        axis.grid(alpha=0.25, linewidth=0.4)
+    axes[0].set_ylabel("share of observed pixels in %")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", frameon=False)
+    return Picture(
+        "error_distribution",
+        "Share of the observed pixels, of all captures together, whose absolute error is not above the abscissa.",
+        "Cumulative distribution of the absolute errors of each method.",
+        figure,
+    )
+
+
+def _shares(result: Result, method: str, reference: str) -> np.ndarray:
+    """Percentage of the observed pixels of all captures with an absolute error up to each of EDGES_MM; read capture by
+    capture, for there may be a thousand."""
+    below, observed = np.zeros(len(EDGES_MM)), 0
+    for capture in result.scored():
+        if reference in capture.references:
+            error_m = result.errors(capture.name, method, reference).error_m
+            error_mm = np.sort(1e3 * np.abs(error_m[np.isfinite(error_m)]))
+            below += np.searchsorted(error_mm, EDGES_MM, side="right")
+            observed += len(error_mm)
+    return 100 * below / observed if observed else np.full(len(EDGES_MM), np.nan)
+
+
+def repeats(result: Result) -> Picture:
+    """Every repeat's depth of the strongest scatterer, from its hand's mean."""
+    hands = sorted({repeat.capture for repeat in result.repeats})
+    repeated = [m for m in methods(result) if any(repeat.method == m.name for repeat in result.repeats)]
+    figure = Figure(figsize=(1.6 + 0.95 * max(len(repeated), 3), 3.2), layout="constrained")
+    axis = figure.subplots()
+    look = looks(m.name for m in methods(result))
+    for column, method in enumerate(repeated):
+        colour, marker = look[method.name]
+        for i, hand in enumerate(hands):
+            z_m = [r.z_m for r in result.repeats if (r.capture, r.method) == (hand, method.name) and r.z_m is not None]
+            deviation_mm = 1e3 * (np.array(z_m) - np.mean(z_m)) if z_m else np.empty(0)
+            place = column + 0.5 * (i - (len(hands) - 1) / 2) / max(len(hands), 1)
+            axis.plot(np.full(len(z_m), place), deviation_mm, marker, color=colour, markersize=4, alpha=0.6, mew=0)
+    axis.axhline(0, color="0.6", linewidth=0.6)
+    axis.set_xticks(range(len(repeated)), [method.title for method in repeated])
+    axis.set_ylabel("z − mean z of the hand in mm")
+    axis.grid(axis="y", alpha=0.25, linewidth=0.4)
+    return Picture(
+        "repeats",
+        f"Precision: depth of the strongest scatterer in each repeat, from the mean of its hand; a column for each of "
+        f"{len(hands)} hands.",
+        "Scatter of the strongest scatterer's depth over the repeats, for each method and hand.",
+        figure,
+    )
+
+
+def _side_by_side(columns: int) -> tuple[Figure, np.ndarray]:
+    figure = Figure(figsize=(3.6 * columns + 1.6, 3.2), layout="constrained")
+    return figure, figure.subplots(1, columns, sharex=True, sharey=True, squeeze=False)[0]
+
+
+def _whiskers(row: Row) -> list[list[float]] | None:
+    if row.low is None or row.high is None:
+        return None
+    return [[row.value - row.low], [row.high - row.value]]

@@ -1,0 +1,178 @@
+"""Depth maps and error maps, as seen from the array: x grows to the left, so that they look like the photograph."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize, SymLogNorm
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.ticker import MaxNLocator
+
+from bench.results import CaptureFacts, Result, Surface
+from reports.figures.style import AGAINST, Picture, methods, time_text
+from reports.tables.blocks import floor_note
+
+DEPTH_COLOURS, ERROR_COLOURS, EMPTY = "viridis_r", "RdBu_r", "#d9d9d9"
+ERROR_TICKS_MM = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
+X_LABEL = "x in mm, growing to the left (as seen from the array)"
+ABREAST = 6  # depth maps in a row, at most
+PANEL, GAP, LEFT, RIGHT, TOP, BOTTOM = 1.9, 0.14, 0.8, 0.75, 0.45, 0.55  # inches
+
+Box = tuple[float, float, float, float]  # left, right, bottom, top in mm; left > right
+
+
+def depth_maps(result: Result, capture: CaptureFacts) -> Picture:
+    """Like the paper's Fig. 3: photograph | ground truth | methods, one colour scale."""
+    panels = [
+        (f"{m.title}\n{time_text(result, m)} per frame", result.surface(capture.name, m.name)) for m in methods(result)
+    ]
+    truth = next((r for r in AGAINST if r in capture.references), None)
+    if truth:
+        name = {"truth": "true surface", "photogrammetry": "photogrammetry"}[truth]
+        panels.insert(0, (f"ground truth\n({name})", result.surface(capture.name, truth)))
+    photo = result.photo(capture.name)
+    box, norm = _box([surface for _, surface in panels]), depth_scale(panels[0][1])
+    rows = math.ceil(len(panels) / ABREAST)
+    figure, axes, bar_axis = _panels(rows, math.ceil(len(panels) / rows), box, photo)
+    for axis, (title, surface) in zip((axis for row in axes for axis in row), panels, strict=False):
+        image = _draw(axis, surface, DEPTH_COLOURS, norm, box)
+        axis.set_title(title)
+    _finish(axes, len(panels))
+    figure.colorbar(image, cax=bar_axis, label="z in mm", extend="both")
+    names = ", ".join(title.replace("\n", " ") for title, _ in panels)
+    return Picture(
+        f"depth_{capture.name}",
+        f"Capture {capture.name}: depth maps on one colour scale; grey: not observed.",
+        f"Depth maps of capture {capture.name}, side by side: {'photograph, ' if photo else ''}{names}.",
+        figure,
+    )
+
+
+def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture:
+    """Like the paper's Fig. 4: signed errors of every method, on one diverging scale for every capture."""
+    maps = [(method, result.errors(capture.name, method.name, reference)) for method in methods(result)]
+    box = _box([Surface(e.x_m, e.y_m, e.reference_z_m) for _, e in maps])
+    rows = math.ceil(len(maps) / ABREAST)
+    figure, axes, bar_axis = _panels(rows, math.ceil(len(maps) / rows), box)
+    notes = []
+    for axis, (method, errors) in zip((axis for row in axes for axis in row), maps, strict=False):
+        image = _draw(axis, Surface(errors.x_m, errors.y_m, errors.error_m), ERROR_COLOURS, error_scale(), box)
+        _outline(axis, errors.x_m, errors.y_m, errors.reference_z_m)
+        axis.set_title(f"{method.title}\n{mae_text(errors.error_m)}, {time_text(result, method)}")
+        notes.append(f"{method.title}: {mae_text(errors.error_m)}")
+    _finish(axes, len(maps))
+    bar = figure.colorbar(image, cax=bar_axis, label="z − z_ref in mm", extend="both")
+    bar.set_ticks(ERROR_TICKS_MM, labels=[f"{tick:+d}".replace("-", "−").replace("+0", "0") for tick in ERROR_TICKS_MM])
+    bar.minorticks_off()
+    first = next(r for r in AGAINST if r in capture.references)
+    return Picture(
+        f"error_{capture.name}" + ("" if reference == first else f"__{reference}"),
+        f"Capture {capture.name}: signed errors {AGAINST[reference]}; red lies behind the reference, blue before it, "
+        "grey was not observed; the line is the reference's outline. The scale, the same for every capture, is linear "
+        f"within ±1 mm and logarithmic beyond.{floor_note(result)}",
+        f"Error maps of capture {capture.name} {AGAINST[reference]}. {'; '.join(notes)}.",
+        figure,
+    )
+
+
+def error_scale() -> SymLogNorm:
+    """The scale of signed errors in mm, the same everywhere: linear within ±1 mm, logarithmic to ±50 mm."""
+    return SymLogNorm(linthresh=1, linscale=0.6, vmin=-50, vmax=50)
+
+
+def mae_text(error_m: np.ndarray) -> str:
+    """Mean absolute error of one map, in words."""
+    seen = error_m[np.isfinite(error_m)]
+    return f"MAE {1e3 * np.abs(seen).mean():.2f} mm" if len(seen) else "nothing observed"
+
+
+def _panels(rows: int, columns: int, box: Box, photo: Path | None = None) -> tuple[Figure, list[list[Axes]], Axes]:
+    """A figure, its panels [rows][columns] and the colour bar's axes; a photograph stands at the left."""
+    shape = min(max((box[3] - box[2]) / (box[0] - box[1]), 0.5), 2.2)
+    wide, high = PANEL, PANEL * shape
+    picture = _rgb(photo) if photo else np.zeros((1, 0, 3))
+    photo_wide = min(high * picture.shape[1] / picture.shape[0], 1.4 * wide)
+    left = photo_wide + LEFT
+    width, height = left + columns * (wide + GAP) + RIGHT, BOTTOM + rows * (high + TOP)
+    figure = Figure(figsize=(width, height))
+
+    def place(x: float, y: float, w: float, h: float) -> Axes:
+        return figure.add_axes((x / width, y / height, w / width, h / height))
+
+    if photo:
+        axis = place(0.1, BOTTOM + (rows - 1) * (high + TOP), photo_wide, high)
+        axis.imshow(picture)
+        axis.set(title="photograph", anchor="N")
+        axis.set_axis_off()
+    bottoms = [BOTTOM + (rows - 1 - row) * (high + TOP) for row in range(rows)]
+    axes = [[place(left + column * (wide + GAP), y, wide, high) for column in range(columns)] for y in bottoms]
+    bar = place(width - RIGHT, BOTTOM, 0.14, bottoms[0] + high - BOTTOM)
+    figure.text(left / width + columns * (wide + GAP) / 2 / width, 0.08 / height, X_LABEL, ha="center", va="bottom")
+    return figure, axes, bar
+
+
+def _rgb(path: Path) -> np.ndarray:
+    from PIL import Image
+
+    with Image.open(path) as photo:
+        return np.asarray(photo.convert("RGB"))
+
+
+def _box(surfaces: list[Surface], margin_mm: float = 8) -> Box:
+    """The box around every pixel that any surface has."""
+    x_mm = 1e3 * np.concatenate([s.x_m[np.isfinite(s.z_m).any(axis=0)] for s in surfaces])
+    y_mm = 1e3 * np.concatenate([s.y_m[np.isfinite(s.z_m).any(axis=1)] for s in surfaces])
+    if not len(x_mm):
+        x_mm, y_mm = 1e3 * surfaces[0].x_m, 1e3 * surfaces[0].y_m
+    return x_mm.max() + margin_mm, x_mm.min() - margin_mm, y_mm.min() - margin_mm, y_mm.max() + margin_mm
+
+
+def depth_scale(surface: Surface) -> Normalize:
+    """The scale of depths in mm: the surface's range and 2.5 mm more, rounded outwards to 5 mm."""
+    z_mm = 1e3 * surface.z_m[np.isfinite(surface.z_m)]
+    if not len(z_mm):
+        return Normalize(0, 1)
+    return Normalize(5 * math.floor(z_mm.min() / 5 - 0.5), 5 * math.ceil(z_mm.max() / 5 + 0.5))
+
+
+def _draw(axis: Axes, surface: Surface, colours: str, norm: Normalize, box: Box) -> AxesImage:
+    """One map in mm, pixel for pixel on its even grid, cut to `box`."""
+    axis.set_facecolor(EMPTY)
+    colour_map = colormaps[colours].with_extremes(bad=EMPTY)
+    values_mm = np.ma.masked_invalid(1e3 * surface.z_m)
+    extent = (*_edges_mm(surface.x_m), *_edges_mm(surface.y_m))
+    image = axis.imshow(values_mm, colour_map, norm, interpolation="nearest", origin="lower", extent=extent)
+    axis.set(xlim=box[:2], ylim=box[2:], aspect="equal")
+    axis.yaxis.set_major_locator(MaxNLocator(5))
+    axis.xaxis.set_major_locator(MaxNLocator(4, prune="both"))  # numbers at the edges would meet the next panel's
+    axis.tick_params(labelbottom=False, labelleft=False, length=2.5, width=0.6)
+    return image
+
+
+def _edges_mm(centres_m: np.ndarray) -> tuple[float, float]:
+    """Outer edges of the first and the last pixel."""
+    half_m = (centres_m[-1] - centres_m[0]) / (len(centres_m) - 1) / 2
+    return 1e3 * (centres_m[0] - half_m), 1e3 * (centres_m[-1] + half_m)
+
+
+def _finish(axes: list[list[Axes]], panels: int) -> None:
+    """Numbers and names on the outer axes only, and nothing where no panel is."""
+    for axis in axes[-1]:
+        axis.tick_params(labelbottom=True)
+    for axis, *_ in axes:
+        axis.tick_params(labelleft=True)
+        axis.set_ylabel("y in mm")
+    for axis in [axis for row in axes for axis in row][panels:]:
+        axis.set_axis_off()
+
+
+def _outline(axis: Axes, x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> None:
+    """A thin line around what the reference covers: where a sparse map lies on the hand."""
+    covered = np.isfinite(z_m)
+    if covered.any() and not covered.all():
+        axis.contour(1e3 * x_m, 1e3 * y_m, covered, levels=[0.5], colors="0.35", linewidths=0.4)

@@ -1,0 +1,104 @@
+"""What every picture shares: fonts, colours and markers of the methods, how times are written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from bench.results import MethodFacts, Result
+
+STYLE = {
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.linewidth": 0.6,
+    "savefig.dpi": 200,
+    "pdf.fonttype": 42,
+    "text.parse_math": False,  # names are text, whatever dollars they hold
+}
+ORDER = (  # as the paper's Fig. 3, then ours; each has its colour and marker everywhere
+    "broadband",
+    "2fsk",
+    "3fsk",
+    "narrowband",
+    "3fsk-offaxis",
+    "3fsk-weighted",
+    "3fsk-plus",
+    "nfsk-plus",
+    "broadband-subvoxel",
+)
+COLOURS = (  # Okabe and Ito, then Tol's muted ones
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#E69F00",
+    "#56B4E9",
+    "#000000",
+    "#882255",
+    "#44AA99",
+    "#999933",
+)
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")
+AGAINST = {"photogrammetry": "against photogrammetry", "truth": "against the true surface"}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure with its file name's stem, its caption and a description for those who cannot see it."""
+
+    stem: str
+    caption: str
+    alt: str
+    figure: Figure
+
+
+@dataclass(frozen=True)
+class Saved:
+    """A picture that has been written: what a page says of it, and where its PNG lies."""
+
+    stem: str
+    caption: str
+    alt: str
+    png: Path
+
+
+def methods(result: Result) -> list[MethodFacts]:
+    """Known methods in the paper's order, then the others."""
+    rank = {name: i for i, name in enumerate(ORDER)}
+    return sorted(result.about.methods, key=lambda method: rank.get(method.name, len(rank)))
+
+
+def looks(names: Iterable[str]) -> dict[str, tuple[str, str]]:
+    """Method → colour and marker: those of its place in ORDER, of others in order of appearance."""
+    places = dict.fromkeys((*ORDER, *names))
+    return {name: look(i) for i, name in enumerate(places)}
+
+
+def look(i: int) -> tuple[str, str]:
+    """The i-th colour and marker; no two of the first hundred are the same pair."""
+    return COLOURS[i % len(COLOURS)], MARKERS[(i + i // len(COLOURS)) % len(MARKERS)]
+
+
+def time_text(result: Result, method: MethodFacts) -> str:
+    """The method's time per frame, as a title writes it."""
+    rows = (result.row("seconds", method.name, reference) for reference in AGAINST)
+    seconds = next((row.value for row in rows if row and row.value is not None), None)
+    if seconds is None:
+        return "time unknown"
+    return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
+
+
+def log_axis(axis: Axes, side: str) -> None:
+    """A logarithmic axis that reads 0.1, 0.2, 0.5, 1 rather than powers of ten."""
+    axis.set(**{f"{side}scale": "log"})
+    ticks = axis.xaxis if side == "x" else axis.yaxis
+    low, high = ticks.get_view_interval()
+    ticks.set_major_locator(LogLocator(subs=(1, 2, 5) if high / low < 300 else (1,)))
+    ticks.set_major_formatter("{x:g}")
+    ticks.set_minor_formatter(NullFormatter())
+    axis.grid(axis=side, alpha=0.25, linewidth=0.4)

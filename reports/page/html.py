@@ -1,0 +1,131 @@
+"""The report: tables, figures and pages that need nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from bench.results import CaptureFacts, Result, load
+from radar.support.errors import HandbenchError
+from radar.support.files import write_text
+from reports.figures import overview as figures
+from reports.figures.style import methods
+from reports.page import scene3d, sections, tradeoff_section
+from reports.page.page import Image, picture_file, picture_of, render
+from reports.tables import latex, tables
+
+ABREAST = 12  # captures on a page
+FIRST = 3  # captures on the first page where there are more
+
+
+def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) -> Path:
+    """Read the result in `folder`, or the trade-off; write table.md, table.tex, table.csv, comparisons.*,
+    figures/*.png, *.pdf, index.html and, of many captures, pages/*.html to `out`.
+
+    sweep: a trade-off folder to show beside the result; else the one that `folder` is or holds. Files of an earlier
+    report are replaced, its further pages removed, others left alone. Returns the path of index.html.
+    """
+    folder, out = Path(folder), Path(out)
+    sweep = _sweep(folder) if sweep is None else Path(sweep)
+    if sweep == folder and not (folder / "result.json").exists():
+        return tradeoff_section.build(folder, out)
+    result = load(folder)
+    if out.resolve() == result.folder.resolve():
+        raise HandbenchError(f"{out}: is the result folder itself, whose table.csv must stay; choose another place")
+    trade = tradeoff_section.load_tradeoff(sweep) if sweep else None
+    _tables(result, out)
+    for old in out.glob("pages/[0-9][0-9][0-9]*.html"):
+        old.unlink()
+    groups = pages(result.scored())
+    parts = [f"pages/{i:03d}.html" for i in range(1, len(groups))]
+    overview = images(figures.save(figures.overview(result), out / "figures"))
+    swept = tradeoff_section.section(trade, out) if trade else None
+    for i, captures in enumerate(groups):
+        facts = _captures(result, captures, out / "figures") | {"parts": parts, "part": i, "groups": groups}
+        if i:
+            write_text(out / parts[i - 1], render("captures.html", about=result.about, **facts))
+        else:
+            write_text(out / "index.html", render("index.html", **_summary(result, overview, swept), **facts))
+    return out / "index.html"
+
+
+def _sweep(folder: Path) -> Path | None:
+    """The trade-off that `folder` is or holds."""
+    return next((place for place in (folder, folder / "tradeoff") if (place / "tradeoff.json").exists()), None)
+
+
+def pages(captures: Sequence[CaptureFacts]) -> list[tuple[CaptureFacts, ...]]:
+    """The captures of the first page and of each further one."""
+    first = len(captures) if len(captures) <= ABREAST else FIRST
+    rest = [tuple(captures[i : i + ABREAST]) for i in range(first, len(captures), ABREAST)]
+    return [tuple(captures[:first]), *rest]
+
+
+def _tables(result: Result, out: Path) -> None:
+    texts = {
+        "table.md": tables.markdown(result),
+        "table.tex": latex.latex(result),
+        "table.csv": tables.csv_text(result),
+        "comparisons.md": tables.comparisons_markdown(result),
+        "comparisons.tex": latex.comparisons(result),
+    }
+    for name, text in texts.items():
+        if text:
+            write_text(out / name, text)
+
+
+def _summary(result: Result, overview: list[Image], swept: Any) -> dict[str, Any]:
+    """What index.html says of all captures together."""
+    return {
+        "about": result.about,
+        "config": result.config,
+        "caption": tables.caption(result),
+        "blocks": sections.all_blocks(result),
+        "verdicts": sections.verdicts(result),
+        "overview": overview,
+        "tradeoff": swept,
+        "stages": tables.stages(result),
+        "effects": sections.effects(result),
+        "uncertainty": sections.uncertainty(result),
+        "stability": sections.stability(result.folder),
+        "provenance": sections.provenance(result),
+        "command": sections.command(result),
+        "settings": sections.settings(result),
+        "captures": sections.captures(result),
+    }
+
+
+def _captures(result: Result, captures: Sequence[CaptureFacts], folder: Path) -> dict[str, Any]:
+    """What a page shows of its captures: their pictures, and what turns in 3-D."""
+    details = [(capture, images(figures.save(figures.panels(result, capture), folder))) for capture in captures]
+    scenes = [scene for scene in (scene3d.scene(result, capture) for capture in captures) if scene]
+    shown = _first_method(result)
+    still = None
+    if scenes:
+        first = next(capture for capture in captures if capture.name == scenes[0]["capture"])
+        title = next((method.title for method in methods(result) if method.name == shown), "")
+        still = picture_of(
+            scene3d.still(result, first, shown),
+            f"Capture {first.name} seen from the array, lit from the upper left, with the pixels of {title} in the "
+            "colours of their errors.",
+        )
+    return {
+        "details": details,
+        "scenes": scenes,
+        "scales": scene3d.scales(),
+        "still": still,
+        "methods": methods(result),
+        "shown": shown,
+    }
+
+
+def _first_method(result: Result) -> str | None:
+    """The method that the 3-D view begins with: the paper's own, else the first."""
+    names = [method.name for method in methods(result)]
+    return "3fsk" if "3fsk" in names else next(iter(names), None)
+
+
+def images(saved: Sequence[figures.Saved]) -> list[Image]:
+    """Written pictures, ready to lie inside a page."""
+    return [picture_file(picture.png, picture.alt, picture.caption, picture.stem) for picture in saved]

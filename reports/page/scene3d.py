@@ -1,0 +1,133 @@
+"""What the 3-D view shows: each capture's reference and radar surfaces, small enough to lie inside the page."""
+
+from __future__ import annotations
+
+import base64
+import math
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+
+from bench.results import CaptureFacts, ErrorMap, Result, Surface
+from reports.figures.depth_maps import DEPTH_COLOURS, ERROR_COLOURS, depth_scale, error_scale, mae_text
+from reports.figures.style import AGAINST, methods
+
+PIXELS = 60_000  # of one surface at most: of a finer one every second, third, … row and column is shown
+LEVELS = 65_535  # a depth is one of so many steps between the capture's nearest and farthest
+ERROR_STEP_MM, NO_ERROR = 0.002, -32_768
+COLOURS = 65  # samples of each colour scale
+SKIN = (0.93, 0.77, 0.67)
+LIGHT = np.array([-0.45, 0.55, 0.70])  # as the view's own: x to the right, y up, z towards the eye
+STILL_PX = 3  # pixels of the still picture for one of the map, each way
+
+
+def scene(result: Result, capture: CaptureFacts) -> dict[str, Any] | None:
+    """One capture for the view; None where nothing was observed at all."""
+    references = [reference for reference in AGAINST if reference in capture.references]
+    found = {name: result.surface(capture.name, name) for name in references}
+    maps = {method.name: result.surface(capture.name, method.name) for method in methods(result)}
+    everything = np.concatenate([s.z_m[np.isfinite(s.z_m)] for s in (*found.values(), *maps.values())])
+    if not len(everything):
+        return None
+    low_mm, high_mm = 1e3 * everything.min(), 1e3 * everything.max()
+    step_mm = max((high_mm - low_mm) / LEVELS, 1e-6)
+    norm = depth_scale(next(iter((*found.values(), *maps.values()))))
+    surfaces = [_surface(name, AGAINST[name], s, low_mm, step_mm) for name, s in found.items()]
+    for method in methods(result):
+        errors = {r: result.errors(capture.name, method.name, r) for r in references}
+        surfaces.append(_surface(method.name, method.title, maps[method.name], low_mm, step_mm, errors))
+    return {
+        "capture": capture.name,
+        "low_mm": low_mm,
+        "step_mm": step_mm,
+        "depth_mm": [norm.vmin, norm.vmax],
+        "references": references,
+        "surfaces": surfaces,
+    }
+
+
+def scales() -> dict[str, Any]:
+    """The colours of depth and error, and where an error of so many mm stands on its scale (0 to 1)."""
+    norm = error_scale()
+    ticks_mm = [-30, -10, -3, -1, 0, 1, 3, 10, 30]
+    at = np.linspace(0, 1, COLOURS)
+    return {
+        "skin": SKIN,
+        "depth": _hex(DEPTH_COLOURS, at),
+        "error": _hex(ERROR_COLOURS, at),
+        "error_mm": [round(float(value), 6) for value in norm.inverse(at)],  # the error at each colour, rising
+        "ticks": [[tick, round(float(norm(tick)), 4)] for tick in ticks_mm],
+        "error_step_mm": ERROR_STEP_MM,
+        "no_error": NO_ERROR,
+    }
+
+
+def _surface(
+    name: str, title: str, surface: Surface, low_mm: float, step_mm: float, errors: dict[str, ErrorMap] | None = None
+) -> dict[str, Any]:
+    """Depths of the observed pixels alone, in rows, with a bit for each pixel of their box."""
+    inside = _box(surface.z_m)
+    z_mm = 1e3 * surface.z_m[inside]
+    x_mm, y_mm = 1e3 * surface.x_m[inside[1]], 1e3 * surface.y_m[inside[0]]
+    seen = np.isfinite(z_mm)
+    against = {}
+    for reference, errors_of in (errors or {}).items():
+        error_mm = 1e3 * errors_of.error_m[inside][seen]
+        steps = np.clip(np.nan_to_num(error_mm) / ERROR_STEP_MM, NO_ERROR + 1, -NO_ERROR - 1)
+        against[reference] = {
+            "steps": _base64(np.where(np.isfinite(error_mm), np.round(steps), NO_ERROR).astype("<i2")),
+            "note": f"{mae_text(errors_of.error_m)} {AGAINST[reference]}",
+        }
+    return {
+        "name": name,
+        "title": title,
+        "pixels": int(np.isfinite(surface.z_m).sum()),
+        "x_mm": [float(x_mm[0]), float(x_mm[-1])],
+        "y_mm": [float(y_mm[0]), float(y_mm[-1])],
+        "shape": list(z_mm.shape),
+        "seen": _base64(np.packbits(seen)),
+        "z": _base64(np.round((z_mm[seen] - low_mm) / step_mm).astype("<u2")),
+        "errors": against,
+    }
+
+
+def _box(z_m: np.ndarray) -> tuple[slice, slice]:
+    """Rows and columns around what was observed, thinned to PIXELS of them; everything where nothing was."""
+    rows, columns = (np.flatnonzero(np.isfinite(z_m).any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return slice(0, 2), slice(0, 2)
+    high, wide = rows[-1] + 1 - rows[0], columns[-1] + 1 - columns[0]
+    thin = max(math.ceil(math.sqrt(high * wide / PIXELS)), 1)
+    return slice(rows[0], rows[-1] + 1, thin), slice(columns[0], columns[-1] + 1, thin)
+
+
+def _base64(array: np.ndarray) -> str:
+    return base64.b64encode(array.tobytes()).decode("ascii")
+
+
+def _hex(colours: str, at: np.ndarray) -> list[str]:
+    return ["#" + "".join(f"{round(255 * c):02x}" for c in colour[:3]) for colour in colormaps[colours](at)]
+
+
+def still(result: Result, capture: CaptureFacts, method: str | None) -> np.ndarray:
+    """The capture's reference [rows, columns, 3] in 8 bits, lit from the upper left, seen from the array, with the
+    method's pixels in the colours of their errors: what paper and browsers without WebGL show."""
+    reference = next((r for r in AGAINST if r in capture.references), None)
+    source = reference or method
+    surface = result.surface(capture.name, source)
+    inside = _box(surface.z_m)
+    z_m, x_m, y_m = surface.z_m[inside], surface.x_m[inside[1]], surface.y_m[inside[0]]
+    slope_y, slope_x = np.gradient(z_m, y_m, x_m)
+    normal = np.stack([-slope_x, slope_y, np.ones_like(z_m)], axis=-1)  # in the eye's axes, where x and z are turned
+    light = normal @ (LIGHT / np.linalg.norm(LIGHT)) / np.linalg.norm(normal, axis=-1)
+    shade = np.nan_to_num(0.35 + 0.65 * np.clip(light, 0, 1), nan=0.6)[..., None]
+    picture = np.where(np.isfinite(z_m)[..., None], np.array(SKIN) * shade, 1.0)
+    if reference and method:
+        errors = result.errors(capture.name, method, reference)
+        if errors.error_m.shape == surface.z_m.shape:
+            error_mm = 1e3 * errors.error_m[inside]
+            colours = colormaps[ERROR_COLOURS](error_scale()(np.nan_to_num(error_mm)))[..., :3]
+            picture = np.where(np.isfinite(error_mm)[..., None], colours * shade, picture)
+    picture = picture[::-1, ::-1]  # y up, x to the left
+    return np.round(255 * picture.repeat(STILL_PX, 0).repeat(STILL_PX, 1)).astype(np.uint8)

@@ -1,0 +1,224 @@
+"""What the page says besides tables and pictures: findings in words, effects, uncertainty, stability, provenance."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.results import Result
+from bench.results.stability import VERDICTS, load_stability
+from reports.figures.style import AGAINST
+from reports.tables.blocks import NONE, Block, Line, blocks, figure, number, p_text, three_digits
+from reports.tables.tables import HEADLINE
+
+LEADING = 4  # sentences of a metric that are read without opening the list
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table to show: the first `texts` columns are texts, the others numbers."""
+
+    caption: str
+    headings: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    texts: int = 1
+
+
+def table_one(block: Block) -> tuple[Block, Block]:
+    """The block in two: the lines that the paper prints or that stand for the result, and the others."""
+    printed = {line.metric for line in block.lines if line.source == "paper"} | set(HEADLINE)
+
+    def part(lines: Iterable[Line]) -> Block:
+        return Block(block.reference, block.heading, block.methods, tuple(lines))
+
+    return (
+        part(line for line in block.lines if line.metric in printed),
+        part(line for line in block.lines if line.metric not in printed),
+    )
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the tests say of one metric. best: titles of the methods that none is shown to beat, the best figure
+    first; leading: its smallest differences that are shown; shown: how many are; table: every pair."""
+
+    heading: str
+    best: tuple[str, ...]
+    leading: tuple[str, ...]
+    shown: int
+    table: Grid
+
+
+def verdicts(result: Result) -> list[Verdict]:
+    """One for each metric and reference that was compared."""
+    titles = {method.name: method.title for method in result.about.methods}
+    found = []
+    for metric, reference in dict.fromkeys((c.metric, c.reference) for c in result.comparisons):
+        lines = [c for c in result.comparisons if (c.metric, c.reference) == (metric, reference)]
+        beaten = {c.worse for c in lines}
+        best = sorted(result.best(metric, reference), key=lambda name: name in beaten)  # the best figure comes first
+        ahead = [c for c in lines if c.shown and c.better == best[0]]
+        ahead.sort(key=lambda c: c.difference or 0)
+        rows = tuple((c.sentence, p_text(c.p_corrected), number(c.effect, 2)) for c in lines)
+        facts = result.about.metrics.get(metric)
+        heading = f"{facts.title if facts else metric} {AGAINST.get(reference, reference)}"
+        caption = f"{heading}: every pair of {lines[0].n_captures} captures ({lines[0].n_blocks} blocks)"
+        grid = Grid(caption, ("difference", "p, corrected", "effect (dz)"), rows)
+        found.append(
+            Verdict(
+                heading,
+                tuple(titles.get(name, name) for name in best),
+                tuple(c.sentence for c in ahead[:LEADING]),
+                sum(c.shown for c in lines),
+                grid,
+            )
+        )
+    return found
+
+
+def effects(result: Result) -> Grid | None:
+    """What the scenes called for: each effect's rows over the captures that tell them; None where none does."""
+    rows: dict[str, list[dict[str, Any]]] = {}
+    for capture in result.scored():
+        for row in capture.effects:
+            rows.setdefault(str(row.get("effect", "")), []).append(row)
+    if not rows:
+        return None
+    return Grid(
+        "Effects of the simulated echoes: largest estimate, and seconds that they cost, over the captures",
+        ("effect", "why", "on in", "changes depths by (mm)", "level (dB)", "expected (s)", "took (s)"),
+        tuple(
+            (
+                name,
+                "; ".join(dict.fromkeys(str(row.get("why", "")) for row in found)),
+                f"{sum(bool(row.get('on')) for row in found)} of {len(found)}",
+                *(_largest(found, key) for key in ("depth_mm", "level_db", "cost_s", "seconds")),
+            )
+            for name, found in rows.items()
+        ),
+        texts=2,
+    )
+
+
+def _largest(rows: list[dict[str, Any]], key: str) -> str:
+    values = [row[key] for row in rows if isinstance(row.get(key), int | float)]
+    return number(max(values), three_digits(max(values))) if values else NONE
+
+
+def uncertainty(result: Result) -> list[Grid]:
+    """Where the ground truth's own error comes from, and the floor that it sets to every MAE."""
+    grids = []
+    budgets = result.about.facts.get("groundtruth_sigma_rms")
+    if isinstance(budgets, dict) and budgets:
+        rows = tuple(
+            (name, *(_mm(budget.get(key)) for key in ("mesh_mm", "registration_mm", "together_mm")))
+            for name, budget in budgets.items()
+            if isinstance(budget, dict)
+        )
+        caption = "Standard deviation of the photogrammetric reference along z: root mean square over its pixels"
+        grids.append(Grid(caption, ("capture", "mesh (mm)", "registration (mm)", "together (mm)"), rows))
+    floors = [
+        (title, *(_floor(result, method, r) for r in AGAINST))
+        for method, title in ((m.name, m.title) for m in result.about.methods)
+        if any(result.row("floor_mm", method, r) for r in AGAINST)
+    ]
+    if floors:
+        headings = ("method", *(f"{against} (mm)" for against in AGAINST.values()))
+        grids.append(Grid("Ground-truth floor: the MAE that a perfect radar would show", headings, tuple(floors)))
+    residuals = result.about.facts.get("registration_residuals_mm")
+    if isinstance(residuals, list) and residuals:
+        rows = [(f"marker {i + 1}", _mm(value)) for i, value in enumerate(residuals)]
+        rows.append(("error at the hand", _mm(result.about.facts.get("registration_error_at_hand_mm"))))
+        grids.append(Grid("Registration on the calibration target", ("residual of", "mm"), tuple(rows)))
+    return grids
+
+
+def _mm(value: Any) -> str:
+    return number(value, three_digits(value)) if isinstance(value, int | float) else NONE
+
+
+def _floor(result: Result, method: str, reference: str) -> str:
+    row = result.row("floor_mm", method, reference)
+    return NONE if row is None else figure(row.value, row.low, row.high, row.unit)
+
+
+def stability(folder: Path) -> list[tuple[str, Grid]]:
+    """The hard cases that `handbench stability` measured into the folder, failed ones first, and the tables beside
+    them, each with a sentence; [] where it has none."""
+    if not (folder / "stability.json").is_file():
+        return []
+    facts, cases = load_stability(folder)
+    counts = ", ".join(f"{sum(c.verdict == verdict for c in cases)} {verdict}" for verdict in VERDICTS)
+    text = (
+        "Holds: within its bound; refused: by an error in words, where no answer is the right one; flagged: wrong, and "
+        "every wrong value was marked as such; fails: none of these."
+    )
+    headings = ("case", "group", "quantity", "verdict", "worst at", "bound", "measured", "unit")
+    rows = tuple(
+        (c.case, c.group, c.quantity, c.verdict, c.at or NONE, _short(c.bound), _short(c.measured), c.unit)
+        for c in sorted(cases, key=lambda c: -VERDICTS.index(c.verdict) if c.verdict in VERDICTS else 0)
+    )
+    grids = [(text, Grid(f"{len(cases)} hard cases: {counts}", headings, rows, texts=5))]
+    for found in facts.tables:
+        cells = tuple(tuple(_short(cell) for cell in row) for row in found.rows)
+        texts = max((i + 1 for row in found.rows for i, cell in enumerate(row) if isinstance(cell, str)), default=1)
+        grids.append((found.text, Grid(found.title, found.columns, cells, texts)))
+    return grids
+
+
+def _short(value: str | float | None) -> str:
+    """A number as short as four digits tell it; a text as it is."""
+    if isinstance(value, str):
+        return value
+    return NONE if value is None else f"{value:.4g}".replace("-", "−")
+
+
+def provenance(result: Result) -> list[tuple[str, Any]]:
+    """Headings and facts of what the result stands on."""
+    about = result.about
+    told = {"groundtruth_sigma_rms", "registration_residuals_mm", "registration_error_at_hand_mm", "command"}
+    facts = {name: fact for name, fact in about.facts.items() if name not in told}
+    parts = (
+        ("Protocol", about.protocol),
+        ("Noise and ground truth", facts),
+        ("Versions", about.versions),
+        ("Machine", about.machine),
+    )
+    return [(heading, facts) for heading, facts in parts if facts]
+
+
+def captures(result: Result) -> Grid:
+    """What was captured."""
+    rows = tuple(
+        (c.name, c.pose or NONE, c.kind, ", ".join(c.references) or NONE, number(c.distance_m, 3))
+        for c in result.about.captures
+    )
+    return Grid("Captures", ("capture", "pose", "use", "scored against", "distance (m)"), rows, texts=4)
+
+
+def settings(result: Result) -> list[tuple[str, list[tuple[str, Any]]]]:
+    """Each method's resolved settings, told once for all captures that share them: title, [(captures, settings)]."""
+    found = []
+    for method in result.about.methods:
+        groups: dict[str, tuple[list[str], Any]] = {}
+        for capture, config in method.config.items():
+            groups.setdefault(json.dumps(config, sort_keys=True, default=str), ([], config))[0].append(capture)
+        every = len(groups) == 1 and len(method.config) > 1
+        told = [("all captures" if every else ", ".join(names), config) for names, config in groups.values()]
+        found.append((method.title, told))
+    return found
+
+
+def command(result: Result) -> str:
+    """What repeats the run, as told by the result; else in general."""
+    told = result.about.facts.get("command")
+    run = told if isinstance(told, str) else "handbench run BENCH.toml -o DIR"
+    return f"{run}\nhandbench report DIR -o REPORT"
+
+
+def all_blocks(result: Result) -> list[tuple[Block, Block]]:
+    """Each reference's table in its two parts."""
+    return [table_one(block) for block in blocks(result)]

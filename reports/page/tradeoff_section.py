@@ -1,0 +1,97 @@
+"""The trade-off of a sweep as tables, pictures and a page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from bench.results import Section, Setting, Tradeoff, load_tradeoff
+from radar.support.errors import HandbenchError
+from radar.support.files import write_text
+from reports.figures import overview
+from reports.figures.fronts import error_text, metric_words, pictures, plotted, seconds_text
+from reports.page.page import picture_file, render
+from reports.page.sections import Grid
+from reports.tables import latex, tables
+from reports.tables.blocks import NONE, number, three_digits
+
+
+def build(folder: str | Path, out: str | Path) -> Path:
+    """Read the trade-off in `folder`; write front.md, front.tex, front_*.png, *.pdf and index.html to `out`, which may
+    be the folder itself. Returns the path of index.html."""
+    found, out = load_tradeoff(folder), Path(out)
+    if not found.settings:
+        raise HandbenchError(f"{found.folder / 'tradeoff.csv'}: holds no setting; run `handbench tradeoff` again")
+    write_text(out / "index.html", render("tradeoff.html", facts=found.facts, up="", tradeoff=section(found, out)))
+    return out / "index.html"
+
+
+def section(found: Tradeoff, out: Path) -> dict[str, Any]:
+    """Write tables and pictures to `out`; what a page shows of them."""
+    for name, text in {"front.md": tables.tradeoff_markdown(found), "front.tex": latex.tradeoff(found)}.items():
+        write_text(out / name, text)
+    saved = {picture.stem: picture for picture in overview.save(pictures(found), out / "figures")}
+    parts = []
+    for about in found.facts.sections:
+        stems = [stem for stem in (f"front_{about.name}", f"time_{about.name}") if stem in saved]
+        shown = [picture_file(saved[s].png, saved[s].alt, saved[s].caption, s) for s in stems]
+        parts.append((about, shown, settings_grid(about, found.section(about.name))))
+    return {"parts": parts, "claims": claims_grid(found)}
+
+
+def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
+    """Every setting, the front's first, in the numbers of the picture."""
+    best = sorted((s for s in settings if s.on_front), key=lambda s: s.seconds or 0)
+    rest = [s for s in settings if not s.on_front]
+    titles = {s.name: s.title for s in settings}
+    numbers = {s.name: str(i) for i, s in enumerate((s for s in best if plotted(s)), 1)}
+    return Grid(
+        f"{about.title}: {len(best)} settings on the front, {len(rest)} beaten",
+        (
+            "setting",
+            "number, or beaten by",
+            f"{metric_words(about)} ({about.unit})",
+            "seen (%)",
+            "time (s)",
+            "÷ reference",
+            "operations",
+            "memory (MB)",
+        ),
+        tuple(
+            (
+                s.title,
+                numbers.get(s.name) or _beaten(s, titles),
+                error_text(s, False),
+                number(s.seen_percent, 2),
+                seconds_text(s, False),
+                number(s.ratio, three_digits(s.ratio)),
+                _count(s.operations),
+                number(s.peak_memory_mb, 0),
+            )
+            for s in (*best, *rest)
+        ),
+        texts=2,
+    )
+
+
+def _beaten(setting: Setting, titles: dict[str, str]) -> str:
+    """By which setting; or that it is on the front, where no number can say so."""
+    return "front" if setting.on_front else titles.get(setting.dominated_by, setting.dominated_by) or NONE
+
+
+def claims_grid(found: Tradeoff) -> Grid | None:
+    """What the paper says of time, beside what was counted and measured; None without a claim."""
+    rows = tuple(
+        (claim.text, claim.note, *(_factor(value) for value in (claim.paper, claim.counted, claim.measured)))
+        for claim in found.facts.claims
+    )
+    headings = ("claim", "how", "paper", "operations, counted", "time, measured")
+    return Grid("The paper's factors beside ours", headings, rows, texts=2) if rows else None
+
+
+def _factor(value: float | None) -> str:
+    return NONE if value is None else f"× {value:.3g}" if value < 1000 else f"× {value:.0f}"
+
+
+def _count(value: float | None) -> str:
+    return NONE if value is None else f"{value:.2g}"

@@ -1,0 +1,148 @@
+"""Two results side by side, as `bench.evaluation.statistics.results` found them: on the terminal, as Markdown and as
+LaTeX."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bench.results.compared import Change, Compared, Difference, Time
+from radar.support.files import write_text
+from reports.tables import latex
+from reports.tables.blocks import NONE, figure, number, p_text
+from reports.tables.markdown import bold, escaped, table
+from reports.tables.tables import terminal_table, wide_console
+
+CHANGES = 12  # of one kind are shown; compare.json has all
+HEAD = ("A", "B", "B − A", "p")
+NOTE = (
+    "In brackets 95 % confidence intervals; p corrected for all lines (Holm); precisions by the F test, as if all "
+    "repeats were independent."
+)
+TIMES = (
+    "Times are not tested, for the repeats of one run do not know how two runs differ. GFLOP/s: what the machine "
+    "reaches in products of matrices."
+)
+
+
+def show(compared: Compared) -> None:
+    """Print the comparison on stdout."""
+    console = wide_console()
+    for text in _head(compared):
+        console.print(text, markup=False)
+    lines = [(line.title, _metric(line), *_cells(line), line.better) for line in compared.differences]
+    console.print(terminal_table("Differences", ("", "", *HEAD, "better"), lines))
+    if compared.times:
+        lines = [_time(time) for time in compared.times]
+        console.print(terminal_table("Time per frame (s)", ("", *_machines(compared), "B / A"), lines))
+        console.print(TIMES, markup=False)
+    for text in _changes(compared):
+        console.print(text, markup=False)
+    for line in compared.differences:
+        if line.better:
+            console.print(line.sentence, markup=False)
+    if not any(line.better for line in compared.differences):
+        console.print("no difference shown between A and B", markup=False)
+
+
+def write(compared: Compared, folder: Path) -> None:
+    """Write compare.md and compare.tex."""
+    for name, render in (("compare.md", markdown), ("compare.tex", tex)):
+        write_text(folder / name, render(compared))
+
+
+def markdown(compared: Compared) -> str:
+    """What differs, in words and figures; bold: what is shown to be better."""
+    shown = [f"- {escaped(line.sentence)}" for line in compared.differences if line.better]
+    differences = (
+        (escaped(d.title), escaped(_metric(d)), *_marked(d), p_text(d.p_corrected)) for d in compared.differences
+    )
+    parts = [
+        "# A and B side by side\n",
+        *(f"{escaped(text)}\n" for text in _head(compared)),
+        "\n".join(shown or ["No difference shown."]) + "\n",
+        table(("method", "metric", *HEAD), differences, texts=2),
+    ]
+    if compared.times:
+        lines = (tuple(map(escaped, _time(time))) for time in compared.times)
+        parts += [table(("time per frame (s)", *_machines(compared), "B / A"), lines), f"{TIMES}\n"]
+    changes = [f"- {escaped(text)}" for text in _changes(compared)]
+    parts += ["## What else differs\n", "\n".join(changes or ["Nothing."]) + "\n"]
+    return "\n".join(parts)
+
+
+def _marked(line: Difference) -> tuple[str, ...]:
+    a, b, difference, _ = (escaped(cell) for cell in _cells(line))
+    return bold(a) if line.better == "A" else a, bold(b) if line.better == "B" else b, difference
+
+
+def tex(compared: Compared) -> str:
+    """The differences as LaTeX tables, one against each reference; bold: what is shown to be better."""
+    texts = []
+    for reference in dict.fromkeys(line.reference for line in compared.differences):
+        lines = [line for line in compared.differences if line.reference == reference]
+        body = [
+            latex.row([latex.escaped(line.title), latex.titled(line.metric_title, line.unit), *_tex_cells(line)])
+            for line in lines
+        ]
+        stands = (text for text in _basis(compared) if reference and text.startswith(f"Against {reference}:"))
+        text = f"{'; '.join(_sides(compared))}. {' '.join((*stands, NOTE))} Bold: shown to be better."
+        texts.append(latex.float_table(text, "llrrrr", ("Method", "Metric", "A", "B", "B - A", "p"), body))
+    return "\n".join(texts)
+
+
+def _tex_cells(line: Difference) -> tuple[str, ...]:
+    a = latex.num_figure(line.a, line.a_low, line.a_high, line.unit, bold=line.better == "A")
+    b = latex.num_figure(line.b, line.b_low, line.b_high, line.unit, bold=line.better == "B")
+    difference = latex.num_figure(line.difference, line.low, line.high, line.unit)
+    return a, b, difference, latex.p_value(line.p_corrected)
+
+
+def _head(compared: Compared) -> list[str]:
+    """Which is A, which is B, and what the differences stand on."""
+    return [*_sides(compared), *_basis(compared), NOTE]
+
+
+def _sides(compared: Compared) -> list[str]:
+    sides = (("A", compared.a), ("B", compared.b))
+    return [f"{side}: {of.folder} ({of.name}; {', '.join(of.captures)})" for side, of in sides]
+
+
+def _basis(compared: Compared) -> list[str]:
+    return [f"{text[0].upper()}{text[1:]}." for text in compared.basis]
+
+
+def _metric(line: Difference) -> str:
+    return " ".join(filter(None, (line.metric_title, f"({line.unit})", line.reference and f"against {line.reference}")))
+
+
+def _cells(line: Difference) -> tuple[str, str, str, str]:
+    return (
+        figure(line.a, line.a_low, line.a_high, line.unit),
+        figure(line.b, line.b_low, line.b_high, line.unit),
+        figure(line.difference, line.low, line.high, line.unit),
+        p_text(line.p_corrected),
+    )
+
+
+def _time(time: Time) -> tuple[str, str, str, str]:
+    a, b = figure(time.a, time.a_low, time.a_high, "s"), figure(time.b, time.b_low, time.b_high, "s")
+    return time.title, a, b, number(time.ratio, 2)
+
+
+def _machines(compared: Compared) -> list[str]:
+    """A and B, each with its machine's rate."""
+    rates = (("A", compared.a.gemm_gflops), ("B", compared.b.gemm_gflops))
+    return [f"{side} (rate unknown)" if rate is None else f"{side} ({rate:.0f} GFLOP/s)" for side, rate in rates]
+
+
+def _changes(compared: Compared) -> list[str]:
+    """What the two do not share, a line each, of each kind the first ones."""
+    kinds: dict[str, list[Change]] = {}
+    for change in compared.changes:
+        kinds.setdefault(change.what, []).append(change)
+    texts = []
+    for what, changes in kinds.items():
+        texts += [f"{what} {c.key}: {c.a or NONE} in A, {c.b or NONE} in B" for c in changes[:CHANGES]]
+        if len(changes) > CHANGES:
+            texts.append(f"{what}: {len(changes) - CHANGES} more, see compare.json")
+    return texts

@@ -1,0 +1,295 @@
+r"""LaTeX tables for papers: booktabs rules, siunitx numbers and units, whatever text they are given.
+
+Each text is a row of floats to \input: the document needs \usepackage{booktabs} and \usepackage{siunitx} (version 3),
+and no particular encoding, for every character that is not ASCII is written as a command.
+"""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Iterable
+from itertools import groupby, pairwise, zip_longest
+
+from bench.results import Result, Setting, Tradeoff
+from reports.tables.blocks import NONE, Block, Line, best_note, blocks, caption, decimals, p_text, three_digits
+
+COLUMNS = 5  # methods that fit beside each other
+TITLE = "30mm"  # width of the column of metrics, whose titles are long
+UNITS = {"mm": r"\unit{\milli\metre}", "s": r"\unit{\second}", "%": r"\unit{\percent}", "m": r"\unit{\metre}"}
+CHARACTERS = {
+    "\\": r"\textbackslash{}",
+    "{": r"\{",
+    "}": r"\}",
+    "&": r"\&",
+    "%": r"\%",
+    "$": r"\$",
+    "#": r"\#",
+    "_": r"\_",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    '"': "''",
+    "[": "{[}",
+    "]": "{]}",
+    "−": "$-$",
+    "–": "--",
+    "—": "---",
+    "…": r"\ldots{}",
+    "‘": "`",
+    "’": "'",
+    "“": "``",
+    "”": "''",
+    "ß": r"\ss{}",
+    "æ": r"\ae{}",
+    "Æ": r"\AE{}",
+    "ø": r"\o{}",
+    "Ø": r"\O{}",
+    "ł": r"\l{}",
+    "Ł": r"\L{}",
+    "ı": r"\i{}",
+    "§": r"\S{}",
+    "°": r"$^\circ$",
+    "±": r"$\pm$",
+    "×": r"$\times$",
+    "·": r"$\cdot$",
+    "≤": r"$\leq$",
+    "≥": r"$\geq$",
+    "≈": r"$\approx$",
+    "→": r"$\rightarrow$",
+    "∞": r"$\infty$",
+    "√": r"$\surd$",
+    "²": "$^2$",
+    "³": "$^3$",
+    "µ": r"$\mu$",
+    "α": r"$\alpha$",
+    "β": r"$\beta$",
+    "γ": r"$\gamma$",
+    "δ": r"$\delta$",
+    "Δ": r"$\Delta$",
+    "θ": r"$\theta$",
+    "λ": r"$\lambda$",
+    "μ": r"$\mu$",
+    "π": r"$\pi$",
+    "σ": r"$\sigma$",
+    "Σ": r"$\Sigma$",
+    "τ": r"$\tau$",
+    "φ": r"$\varphi$",
+    "χ": r"$\chi$",
+    "ω": r"$\omega$",
+    "Ω": r"$\Omega$",
+    "\N{NO-BREAK SPACE}": "~",
+}
+ACCENTS = {
+    "\u0300": "`",
+    "\u0301": "'",
+    "\u0302": "^",
+    "\u0303": "~",
+    "\u0304": "=",
+    "\u0306": "u",
+    "\u0307": ".",
+    "\u0308": '"',
+    "\u030a": "r",
+    "\u030b": "H",
+    "\u030c": "v",
+    "\u0323": "d",
+    "\u0327": "c",
+}
+
+
+def document(*files: str) -> str:
+    r"""A document of its own that \inputs `files`, which lie beside it: for pdflatex, lualatex or xelatex."""
+    return "\n".join(
+        [
+            r"\documentclass[10pt,a4paper]{article}",
+            r"\usepackage[margin=18mm]{geometry}",
+            r"\usepackage{booktabs}",
+            r"\usepackage{siunitx}",
+            r"\begin{document}",
+            *(rf"\input{{{file}}}" for file in files),
+            r"\end{document}",
+            "",
+        ]
+    )
+
+
+def escaped(text: str) -> str:
+    """`text` on one line of ASCII that no LaTeX reads as a command; a character that fonts need not have becomes its
+    number, as U+624B."""
+    return "".join(map(_character, " ".join(unicodedata.normalize("NFC", text).split())))
+
+
+def _character(character: str) -> str:
+    if character in CHARACTERS:
+        return CHARACTERS[character]
+    if character.isascii() and character.isprintable():
+        return character
+    letter, *marks = unicodedata.normalize("NFD", character)
+    if len(marks) == 1 and marks[0] in ACCENTS and letter.isascii() and letter.isalpha():
+        return rf"\{ACCENTS[marks[0]]}{{{letter}}}"
+    return f"U+{ord(character):04X}"
+
+
+def latex(result: Result) -> str:
+    """Every block as tables of at most COLUMNS methods: under our figure its interval and the paper's figure."""
+    found = blocks(result)
+    facts = caption(result) + best_note(found)
+    return "\n".join(_block_table(result.about.name, block, part, facts) for block in found for part in _parts(block))
+
+
+def _parts(block: Block) -> list[slice]:
+    """The methods in as few parts as fit, of sizes that differ by one at most."""
+    count = len(block.methods)
+    parts = max(-(-count // COLUMNS), 1)
+    edges = [count * i // parts for i in range(parts + 1)]
+    return [slice(*pair) for pair in pairwise(edges)]
+
+
+def _block_table(name: str, block: Block, part: slice, facts: str) -> str:
+    body: list[str] = []
+    for _, group in groupby(block.lines, key=lambda line: line.metric):
+        body += ([r"\addlinespace"] if body else []) + [row for line in group for row in _line_rows(line, part)]
+    columns = [_s_column(cells) for cells in zip(*(line.cells[part] for line in block.lines), strict=True)]
+    text = f"{name}. {block.heading}{' (continued)' if part.start else ''}. {facts}"
+    head = ("Metric", "", *map(escaped, block.methods[part]))
+    return float_table(text, f"p{{{TITLE}}}l{''.join(columns)}", head, body)
+
+
+def _line_rows(line: Line, part: slice) -> list[str]:
+    """The figures, and under them, if there are any, their intervals; nothing where the paper has no figure."""
+    if line.source != "ours" and not set(line.cells[part]) - {NONE}:
+        return []
+    cells = [cell.partition(" ")[::2] for cell in line.cells[part]]
+    stars = [star for star, _ in zip_longest(line.best[part], cells, fillvalue=False)]
+    title = titled(line.title.removesuffix(f" ({line.unit})"), line.unit) if line.title else ""
+    known = any(interval for _, interval in cells)
+    if known and title:  # hangs down beside the intervals, where it takes two lines
+        title = rf"\raisebox{{0pt}}[0pt][0pt]{{\parbox[t]{{{TITLE}}}{{\raggedright {title}}}}}"
+    rows = [row([title, escaped(line.source), *map(_s_cell, (value for value, _ in cells), stars)])]
+    if known:
+        rows.append(row(["", "", *(f"{{\\scriptsize {escaped(interval)}}}" for _, interval in cells)]))
+    return rows
+
+
+def _s_column(cells: Iterable[str]) -> str:
+    """A column with room for the widest number on both sides of the decimal point."""
+    numbers = [cell.partition(" ")[0].partition(".") for cell in cells if cell != NONE]
+    sign = "-" if any(whole.startswith("−") for whole, _, _ in numbers) else ""
+    before = max((len(whole.lstrip("−")) for whole, _, _ in numbers), default=1)
+    after = max((len(fraction) for _, _, fraction in numbers), default=0)
+    return f"S[table-format={sign}{before}.{after},detect-weight]"
+
+
+def _s_cell(value: str, star: bool) -> str:
+    if value == NONE:
+        return "{--}"
+    return (r"\bfseries " if star else "") + value.replace("−", "-")
+
+
+def comparisons(result: Result) -> str:
+    """Every tested difference, a table for each metric and reference; empty where nothing was compared."""
+    titles = {method.name: method.title for method in result.about.methods}
+    texts = []
+    known = (c for c in result.comparisons if c.metric in result.about.metrics)
+    for (reference, metric), group in groupby(known, key=lambda c: (c.reference, c.metric)):
+        facts = result.about.metrics[metric]
+        body = [
+            row(
+                [
+                    escaped(titles.get(c.better, c.better)),
+                    escaped(titles.get(c.worse, c.worse)),
+                    num_figure(c.difference, c.low, c.high, c.unit),
+                    p_value(c.p_corrected),
+                    num(c.effect, 2),
+                ]
+            )
+            for c in group
+        ]
+        texts.append(
+            float_table(
+                f"{result.about.name}. {facts.title} against {reference}: differences with their 95 % confidence "
+                "intervals, p corrected for all pairs (Holm), and the difference over the standard deviation of the "
+                "paired differences (effect).",
+                "llrrr",
+                ("Ahead", "Behind", titled("Difference", facts.unit), "p", "Effect"),
+                body,
+            )
+        )
+    return "\n".join(texts)
+
+
+def tradeoff(found: Tradeoff) -> str:
+    """The front of each section: the settings that none beats in accuracy, completeness and time together."""
+    texts = []
+    for section in found.facts.sections:
+        front = [setting for setting in found.section(section.name) if setting.on_front]
+        text = (
+            f"{found.facts.name}. {section.title}: the settings that no other beats in accuracy, completeness "
+            f"and time together. "
+            f"{section.metric}: {section.definition}. Time: {section.seconds}; in brackets the 95 % confidence "
+            f"interval, and of times the range of the repeats; ratio: to {section.reference}."
+        )
+        seen = [titled("Seen", "%")] if any(s.seen_percent is not None for s in front) else []
+        head = ["Setting", titled(section.metric, section.unit), *seen, titled("Time", "s"), "Ratio"]
+        texts.append(float_table(text, f"l{'r' * len(head[1:])}", head, (_setting(s, bool(seen)) for s in front)))
+    return "\n".join(texts)
+
+
+def _setting(s: Setting, with_seen: bool) -> str:
+    seconds = num_figure(s.seconds, s.seconds_low, s.seconds_high, "s")
+    ratio = num(s.ratio, three_digits(s.ratio))
+    seen = [num(s.seen_percent, 2)] if with_seen else []
+    return row([escaped(s.title), num_figure(s.error, s.low, s.high, s.unit), *seen, seconds, ratio])
+
+
+def float_table(text: str, columns: str, head: Iterable[str], body: Iterable[str]) -> str:
+    """A float over the page's width. text: its caption, plain; head: cells that are LaTeX already; body: rows made by
+    `row`."""
+    return "\n".join(
+        [
+            r"% needs \usepackage{booktabs} and \usepackage{siunitx}",
+            r"\begin{table*}[p]",
+            r"\centering\footnotesize",
+            rf"\caption{{{escaped(text)}}}\smallskip",
+            r"\setlength{\tabcolsep}{3.5pt}",
+            rf"\begin{{tabular}}{{{columns}}}",
+            r"\toprule",
+            row(f"{{{title}}}" for title in head),
+            r"\midrule",
+            *body,
+            r"\bottomrule",
+            r"\end{tabular}",
+            r"\end{table*}",
+            "",
+        ]
+    )
+
+
+def titled(title: str, unit: str) -> str:
+    """A title with its unit, as MAE / mm; what is counted names itself."""
+    return escaped(title) + ("" if unit == title.partition(" ")[2] else f" /~{UNITS.get(unit, escaped(unit))}")
+
+
+def row(cells: Iterable[str]) -> str:
+    r"""Cells that are LaTeX already → a line of a table."""
+    return " & ".join(cells) + r" \\"
+
+
+def num(value: float | None, places: int) -> str:
+    r"""\num{…} with so many decimals; a dash for None."""
+    return "--" if value is None else rf"\num{{{value:.{places}f}}}"
+
+
+def num_figure(value: float | None, low: float | None, high: float | None, unit: str, bold: bool = False) -> str:
+    """A figure, bold or not, with its interval in brackets; a dash for None."""
+    if value is None:
+        return "--"
+    places = decimals(value, low, high, unit)
+    ends = "" if low is None or high is None else f" {{[}}{num(low, places)}, {num(high, places)}{{]}}"
+    return (rf"\textbf{{{num(value, places)}}}" if bold else num(value, places)) + ends
+
+
+def p_value(p: float | None) -> str:
+    """A p-value; what is smaller than 0.001 is said to be."""
+    return "--" if p is None else rf"\num{{{p_text(p)}}}"

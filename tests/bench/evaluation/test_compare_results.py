@@ -1,0 +1,227 @@
+"""Two results side by side: known differences and none, same captures and others, honest intervals, refusals."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bench import results
+from bench.evaluation.errors import error_map
+from bench.evaluation.statistics.results import compare_results
+from bench.evaluation.statistics.two_samples import f_test, unpaired
+from bench.evaluation.table import metric_facts
+from bench.results.compared import Compared, Difference, write_compared
+from bench.results.error_map import ErrorMap
+from radar.support.errors import HandbenchError
+
+AXIS_M = 2.5e-3 * np.arange(36)
+REFERENCE_M = np.full((36, 36), 0.3)
+NAMES = ("B", "F", "U")
+
+
+def speckle(seed: int, captures: int = 3) -> np.ndarray:
+    """Errors [capture, y, x] of 1 mm that are one over 7.5 mm."""
+    return np.kron(np.random.default_rng(seed).normal(size=(captures, 12, 12)), np.ones((3, 3)))
+
+
+def seen(errors_mm: np.ndarray, reference_m: np.ndarray = REFERENCE_M) -> ErrorMap:
+    return error_map(AXIS_M, AXIS_M, reference_m + 1e-3 * errors_mm, reference_m)
+
+
+def result(
+    folder: Path, errors_mm: np.ndarray, names: tuple[str, ...] = NAMES, shift_m: float = 0.0, **facts: object
+) -> results.Result:
+    """A result of one method on flat hands that lie shift_m further away; facts: of its About."""
+    for name, errors in zip(names, errors_mm, strict=True):
+        results.write_errors(folder, name, "3fsk", "truth", seen(errors, REFERENCE_M + shift_m))
+        results.write_surface(folder, name, "truth", results.Surface(AXIS_M, AXIS_M, REFERENCE_M + shift_m))
+    rng = np.random.default_rng(len(names))
+    repeats = [results.Repeat("B", "3fsk", i, z) for i, z in enumerate(0.3 + 1e-3 * rng.normal(size=10))]
+    about = results.About(
+        name="flat",
+        protocol={"id": "paper", "version": 2, "compared": ["mae_mm", "completeness_percent"]},
+        metrics=metric_facts(),
+        inputs={},
+        versions={"handbench": "1"},
+        machine={"gemm_gflops": 100.0},
+        captures=tuple(results.CaptureFacts(name=name, references=("truth",)) for name in names),
+        methods=(results.MethodFacts(name="3fsk", title="3-FSK", config={n: {"step_m": 0.001} for n in names}),),
+    )
+    row = results.Row("seconds", "3fsk", 0.5, 0.4, 0.6, "s", None, "truth")
+    about = about.model_copy(update=facts)
+    return results.Result(folder, about, (row,), (), tuple(repeats), 'name = "flat"\n[[method]]\nid = "3fsk"\n')
+
+
+def line(compared: Compared, metric: str = "mae_mm") -> Difference:
+    [found] = [d for d in compared.differences if d.metric == metric]
+    return found
+
+
+def test_a_result_does_not_differ_from_itself(tmp_path):
+    a = result(tmp_path, speckle(0))
+    compared = compare_results(a, a)
+    assert [d.metric for d in compared.differences] == ["mae_mm", "completeness_percent", "precision_mm"]
+    for d in compared.differences:
+        assert (d.difference, d.low, d.high, d.p_corrected, d.better) == (0, 0, 0, 1, "")
+        assert d.a == d.b and str(d.difference) == "0.0"
+    assert line(compared).sentence == (
+        "3-FSK: no difference shown between A and B in MAE against truth: 0.000 mm [0.000, 0.000]"
+    )
+    assert compared.changes == ()
+
+
+@pytest.mark.parametrize("captures", [3, 6])
+def test_a_shift_of_a_millimetre_is_found_with_its_size(tmp_path, captures):
+    """|e| and |e| + 1 mm at every pixel of the same captures: nothing is left to doubt (float64: 1e-9 mm)."""
+    errors_mm, names = np.abs(speckle(0, captures)), tuple("BFUVWX"[:captures])
+    a, b = result(tmp_path / "a", errors_mm, names), result(tmp_path / "b", errors_mm + 1, names)
+    for compared, sign, better, worse in ((compare_results(a, b), 1, "A", "B"), (compare_results(b, a), -1, "B", "A")):
+        d = line(compared)
+        assert (d.difference, d.low, d.high) == pytest.approx((sign, sign, sign), abs=1e-9)
+        assert (d.better, d.paired, d.n_a, d.n_b) == (better, True, captures, captures) and d.p_corrected < 1e-6
+        assert d.sentence == f"3-FSK: {better} is better than {worse} by 1.0 mm [1.0, 1.0] (MAE against truth)"
+
+
+def test_more_of_a_share_is_better(tmp_path):
+    """B misses a third of every capture, so A is better."""
+    errors_mm = np.abs(speckle(0, 6))
+    holed = errors_mm.copy()
+    holed[:, :12] = np.nan
+    names = tuple("BFUVWX")
+    d = line(
+        compare_results(result(tmp_path / "a", errors_mm, names), result(tmp_path / "b", holed, names)),
+        "completeness_percent",
+    )
+    assert d.difference == pytest.approx(-100 / 3, rel=1e-9)
+    assert (d.better, d.high < 0) == ("A", True) and "percentage points" in d.sentence
+
+
+@pytest.mark.parametrize(("names", "shift_m"), [(("G", "H", "I"), 0.0), (NAMES, 2e-3)], ids=["names", "places"])
+def test_other_captures_are_two_samples(tmp_path, names, shift_m):
+    """Other names, or the same names on a hand that lies 2 mm further away."""
+    a, b = result(tmp_path / "a", speckle(0)), result(tmp_path / "b", 3 * speckle(1), names, shift_m)
+    compared = compare_results(a, b)
+    d = line(compared)
+    assert not d.paired and d.better == "A" and d.low < d.difference < d.high
+    assert "different captures (B, F, U; " in compared.basis[0] and "independent" in compared.basis[0]
+
+
+def test_the_captures_that_both_have_are_compared(tmp_path):
+    errors_mm = speckle(0)
+    a, b = result(tmp_path / "a", errors_mm), result(tmp_path / "b", errors_mm[1:], NAMES[1:])
+    compared = compare_results(a, b)
+    assert line(compared).difference == 0 and line(compared).n_a == line(compared).n_b == 2
+    assert "(F, U, without the 1 that only one has)" in compared.basis[0]
+
+
+def test_six_captures_against_seven_have_welchs_test():
+    """Captures of one size, an even error in each: Welch's t-test of their MAEs."""
+    rng = np.random.default_rng(2)
+    samples = 1 + 0.1 * rng.normal(size=6), 1.1 + 0.3 * rng.normal(size=7)
+    found = unpaired(*([seen(np.full((36, 36), e)) for e in sample] for sample in samples), "mae_mm")
+    expected = stats.ttest_ind(samples[1], samples[0], equal_var=False)
+    interval = expected.confidence_interval(0.95)
+    assert (found.low, found.high, found.p) == pytest.approx((interval.low, interval.high, expected.pvalue), rel=1e-6)
+
+
+def test_intervals_of_two_samples_hold_the_difference_as_often_as_promised():
+    """Half-normal errors that are one over 7.5 mm, of 1 and 1.3 mm: the true difference is 0.3·√(2/π). 300 seeded
+    trials; between 92 and 98 %, which 300 trials of a coverage of 95 % leave once in a hundred."""
+    held = 0
+    for trial in range(300):
+        found = unpaired(
+            [seen(e) for e in speckle(2 * trial)], [seen(e) for e in 1.3 * speckle(2 * trial + 1, 2)], "mae_mm"
+        )
+        held += found.low <= 0.3 * np.sqrt(2 / np.pi) <= found.high
+    assert 0.92 <= held / 300 <= 0.98
+
+
+def test_precisions_are_compared_by_the_f_test():
+    rng = np.random.default_rng(0)
+    a, b = [1e-3 * rng.normal(size=10)], [3e-3 * rng.normal(size=12)]
+    found = f_test(a, b)
+    ratio = np.var(b[0], ddof=1) / np.var(a[0], ddof=1)
+    assert found.p == pytest.approx(2 * stats.f.sf(ratio, 11, 9), rel=1e-9)
+    assert found.difference == pytest.approx(1e3 * (np.std(b[0], ddof=1) - np.std(a[0], ddof=1)), rel=1e-9)
+    assert 0 < found.low < found.difference < found.high and found.p < 0.05
+
+
+def test_precisions_differ_falsely_as_often_as_promised():
+    """5 % of 400 seeded trials with three hands of unlike precision, between the binomial's 0.1 % and 99.9 %."""
+    low, high = stats.binom.ppf([0.001, 0.999], 400, 0.05)
+    scales = np.array([[1.0], [2.0], [0.5]])
+    draws = (np.random.default_rng(trial).normal(size=(2, 3, 10)) for trial in range(400))
+    assert low <= sum(f_test(scales * a, scales * b).p < 0.05 for a, b in draws) <= high
+
+
+def test_nothing_is_made_of_nothing(tmp_path):
+    """A method that saw nothing, one that saw a single block, precisions of no repeats."""
+    nothing, lonely = np.full((3, 36, 36), np.nan), np.full((3, 36, 36), np.nan)
+    lonely[0, :6, :6] = 1.0
+    a = replace(result(tmp_path / "a", speckle(0)), repeats=())
+    for name, errors_mm, words in (("n", nothing, "no figures to compare"), ("l", lonely, "too little to test")):
+        for names in (NAMES, ("G", "H", "I")):
+            d = line(compare_results(a, result(tmp_path / (name + names[0]), errors_mm, names)))
+            assert d.p_corrected is d.low is d.high is None and d.better == "" and words in d.sentence
+    assert [d.metric for d in compare_results(a, a).differences] == ["mae_mm", "completeness_percent"]
+    assert f_test([], [np.arange(5.0)]).difference is None
+    assert f_test([np.zeros(5)], [np.arange(5.0)]).p is None
+
+
+def test_what_else_differs_is_named(tmp_path):
+    a = result(tmp_path, speckle(0), inputs={"B": "a" * 64, "F": "b" * 64})
+    config = {"B": {"step_m": 0.002}, "F": {"step_m": 0.002}, "U": {"step_m": 0.001}}
+    b = replace(
+        a,
+        config='name = "flat"\n[[method]]\nid = "3fsk"\nprecision = true\n',
+        about=a.about.model_copy(
+            update={
+                "versions": {"handbench": "2"},
+                "machine": {"gemm_gflops": 50.0},
+                "inputs": {"B": "c" * 64, "F": "b" * 64},
+                "methods": (a.about.methods[0].model_copy(update={"config": config}),),
+            }
+        ),
+    )
+    compared = compare_results(a, b)
+    assert [(c.what, c.key, c.a, c.b) for c in compared.changes] == [
+        ("configuration", "method.3fsk.precision", "", "True"),
+        ("settings", "3fsk.step_m", "0.001", "0.002 / 0.001"),
+        ("version", "handbench", "1", "2"),
+        ("machine", "gemm_gflops", "100.0", "50.0"),
+        ("input", "B", "a" * 12, "c" * 12),
+    ]
+    assert compared.times[0].sentence == (
+        "3-FSK: B takes 1.00 times as long as A (0.5 s at 100 GFLOP/s, 0.5 s at 50 GFLOP/s)"
+    )
+    assert "config.toml" in {change.key for change in compare_results(a, replace(b, config="[broken")).changes}
+
+
+def test_refuses_what_does_not_compare(tmp_path):
+    a = result(tmp_path, speckle(0))
+
+    def other(**facts: object) -> results.Result:
+        return replace(a, about=a.about.model_copy(update=facts))
+
+    with pytest.raises(HandbenchError, match="protocols 'paper 2' and 'paper 3', whose figures do not compare"):
+        compare_results(a, other(protocol={"id": "paper", "version": 3}))
+    metrics = dict(a.about.metrics)
+    metrics["mae_mm"] = metrics["mae_mm"].model_copy(update={"definition": "median"})
+    with pytest.raises(HandbenchError, match="define mae_mm differently"):
+        compare_results(a, other(metrics=metrics))
+    with pytest.raises(HandbenchError, match="have no method in common"):
+        compare_results(a, other(methods=()))
+    with pytest.raises(HandbenchError, match="have no reference in common"):
+        compare_results(a, other(captures=()))
+
+
+def test_comes_as_the_documented_columns(tmp_path):
+    a = result(tmp_path / "a", speckle(0))
+    write_compared(tmp_path / "out", compare_results(a, a))
+    header, *lines = (tmp_path / "out" / "compare.csv").read_text("utf-8").splitlines()
+    assert header.split(",") == [field.name for field in fields(Difference)] and len(lines) == 3
+    assert '"schema_version": 1' in (tmp_path / "out" / "compare.json").read_text("utf-8")

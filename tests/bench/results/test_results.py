@@ -1,0 +1,195 @@
+"""The result folder: what is written comes back, and a broken folder is one line."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from bench import results
+from bench.evaluation.metrics import error_map
+from bench.evaluation.table import accuracy_rows, metric_facts, precision_rows, time_rows
+from radar.support.errors import HandbenchError
+from radar.support.files import read_json, write_json, write_npz
+
+AXIS = np.arange(-0.01, 0.0101, 0.002)
+Z = np.where(np.hypot(*np.meshgrid(AXIS, AXIS)) < 0.01, 0.3, np.nan)
+ERRORS = error_map(AXIS, AXIS, Z + 1e-3, Z)
+TASK = results.Task("B, 3-FSK", "B", "3fsk", "image", 0.5, 0.9, None, True)
+REPEATS = tuple(results.Repeat("hand1", "3fsk", i, z) for i, z in enumerate((0.3, None, 0.301)))
+
+
+def rows() -> list[results.Row]:
+    return [
+        *accuracy_rows("3fsk", "truth", [ERRORS]),
+        *precision_rows("3fsk", "truth", [np.array([0.3, np.nan, 0.301])]),
+        *time_rows("3fsk", "truth", []),
+    ]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """The smallest complete result: one capture, one method, one reference."""
+    results.write_surface(tmp_path, "B", "truth", results.Surface(AXIS, AXIS, Z))
+    results.write_surface(tmp_path, "B", "3fsk", results.Surface(AXIS, AXIS, Z + 1e-3))
+    results.write_errors(tmp_path, "B", "3fsk", "truth", ERRORS)
+    results.write_table(tmp_path, rows())
+    results.write_tasks(tmp_path, [TASK])
+    results.write_repeats(tmp_path, REPEATS)
+    results.write_config(tmp_path, 'name = "ü"\n')
+    results.write_about(
+        tmp_path,
+        results.About(
+            name="test",
+            protocol={"nested": {"list": [1, 2]}},
+            metrics=metric_facts(),
+            inputs={},
+            versions={},
+            machine={},
+            captures=(
+                results.CaptureFacts(name="B", references=("truth",)),
+                results.CaptureFacts(name="hand1", kind="precision"),
+            ),
+            methods=(results.MethodFacts(name="3fsk", title="3-FSK", config={"filter_px": 3}),),
+        ),
+    )
+    return tmp_path
+
+
+def test_round_trip(folder):
+    result = results.load(folder)
+    assert list(result.rows) == rows()
+    assert result.tasks == (TASK,) and result.repeats == REPEATS
+    assert result.config == 'name = "ü"\n'
+    assert result.about.protocol == {"nested": {"list": [1, 2]}} and result.about.metrics == metric_facts()
+    errors = result.errors("B", "3fsk", "truth")
+    for name in ("x_m", "y_m", "error_m", "reference_z_m"):
+        np.testing.assert_array_equal(getattr(errors, name), getattr(ERRORS, name))
+    np.testing.assert_array_equal(result.surface("B", "truth").z_m, Z)
+    assert [capture.name for capture in result.scored()] == ["B"]
+    assert result.photo("B") is None
+
+
+def test_the_table_has_exactly_the_agreed_columns(folder):
+    lines = (folder / "table.csv").read_text().splitlines()
+    assert lines[0] == "metric,method,value,low,high,unit,paper,reference"
+    assert "seconds,3fsk,,,,s,,truth" in lines  # no frame was timed: no figure
+    assert results.load(folder).row("mae_mm", "3fsk", "truth").paper == 1.7
+    assert results.load(folder).row("mae_mm", "3fsk", "photogrammetry") is None
+
+
+def test_the_floor_stands_directly_after_the_mae(folder):
+    """It is unknown here, since nothing tells how the reference errs: an empty cell, never a zero."""
+    lines = (folder / "table.csv").read_text().splitlines()
+    assert [line.split(",")[0] for line in lines[:4]] == ["metric", "mae_mm", "floor_mm", "max_mm"]
+    assert lines[2] == "floor_mm,3fsk,,,,mm,,truth"
+    assert results.load(folder).row("floor_mm", "3fsk", "truth").value is None
+
+
+def test_figures_in_the_table_are_those_of_the_raw_errors(folder):
+    """A reader can recompute the mean from the stored pixels."""
+    result = results.load(folder)
+    error_m = result.errors("B", "3fsk", "truth").error_m
+    assert result.row("mae_mm", "3fsk", "truth").value == pytest.approx(1e3 * np.nanmean(np.abs(error_m)), rel=1e-12)
+
+
+def test_times_have_a_median_and_an_interval():
+    (row,) = time_rows("3fsk", "truth", [0.1, 0.2, 0.4, 0.3, 0.2])
+    assert row.value == 0.2 and row.low <= 0.2 <= row.high and row.unit == "s"
+
+
+@pytest.mark.parametrize(
+    "missing",
+    [
+        "result.json",
+        "table.csv",
+        "tasks.csv",
+        "config.toml",
+        "depth/B__truth.npz",
+        "depth/B__3fsk.npz",
+        "errors/B__3fsk__truth.npz",
+    ],
+)
+def test_a_partial_folder_names_what_is_missing(folder, missing):
+    (folder / missing).unlink()
+    with pytest.raises(HandbenchError, match=missing.split("/")[-1]) as caught:
+        results.load(folder)
+    assert "\n" not in str(caught.value)
+
+
+def test_no_folder(tmp_path):
+    with pytest.raises(HandbenchError, match="expected a folder"):
+        results.load(tmp_path / "nothing")
+
+
+def test_repeats_are_optional(folder):
+    (folder / "repeats.csv").unlink()
+    assert results.load(folder).repeats == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"schema_version": 2}, "schema_version is 2"),
+        ({"surprise": 1}, "unknown key 'surprise'"),
+        ({"captures": [{"name": "../B"}]}, "cannot name a file"),
+        ({"captures": [{"name": "B", "references": ["guess"]}]}, "references"),
+    ],
+)
+def test_refuses_what_it_does_not_know(folder, change, message):
+    write_json(folder / "result.json", read_json(folder / "result.json", "") | change)
+    with pytest.raises(HandbenchError, match=message) as caught:
+        results.load(folder)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "metric,method\n",
+        "metric,method,value,low,high,unit,paper,reference\nmae_mm,3fsk,abc,,,mm,,truth\n",
+        "metric,method,value,low,high,unit,paper,reference\nmae_mm,3fsk,nan,,,mm,,truth\n",
+        "metric,method,value,low,high,unit,paper,reference\nmae_mm,3fsk\n",
+    ],
+)
+def test_refuses_a_broken_table(folder, text):
+    (folder / "table.csv").write_text(text)
+    with pytest.raises(HandbenchError, match=r"table\.csv"):
+        results.load(folder)
+
+
+def test_refuses_maps_of_other_shapes_and_pickles(folder):
+    path = results.depth_path(folder, "B", "3fsk")
+    write_npz(path, x_m=AXIS, y_m=AXIS, z_m=Z[1:])
+    with pytest.raises(HandbenchError, match="'z_m' is float64"):
+        results.load(folder).surface("B", "3fsk")
+    np.savez(path, x_m=AXIS, y_m=AXIS, z_m=np.array([[{}]], dtype=object))
+    with pytest.raises(HandbenchError, match="not a readable"):
+        results.load(folder).surface("B", "3fsk")
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "../x", "a/b", "a\\b", "a__b", "a\nb", "x" * 81])
+def test_names_stay_inside_the_folder(tmp_path, name):
+    with pytest.raises(HandbenchError, match="cannot name a file"):
+        results.depth_path(tmp_path, name, "3fsk")
+
+
+def test_photographs_are_small_upright_and_anonymous(tmp_path):
+    source = tmp_path / "source.jpg"
+    exif = Image.Exif()
+    exif[0x0112] = 6  # to be turned by 90°
+    exif[0x010F] = "camera"
+    Image.new("RGB", (1500, 900), "red").save(source, exif=exif)
+    results.write_photo(tmp_path, "B", source)
+    with Image.open(tmp_path / "photos" / "B.jpg") as photo:
+        assert photo.size == (360, 600)
+        assert not photo.getexif()
+
+
+def test_a_photograph_that_is_none(tmp_path):
+    shutil.copy(__file__, tmp_path / "photo.jpg")
+    with pytest.raises(HandbenchError, match="not a readable photograph"):
+        results.write_photo(tmp_path, "B", tmp_path / "photo.jpg")

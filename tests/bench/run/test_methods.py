@@ -1,0 +1,52 @@
+"""The registered methods: presets of a few functions, each named after itself."""
+
+import numpy as np
+import pytest
+
+from radar.data.arrays import qar50
+from radar.data.capture import RadarCapture
+from radar.methods.fsk_config import LadderConfig, ThreeToneConfig
+from radar.methods.projection import BroadbandConfig
+from radar.methods.registry import PAPER, method, methods
+from radar.simulation.forward import Scatterers, simulate
+
+PAPERS = ["2fsk", "3fsk", "broadband", "narrowband"]
+PRESETS = {  # improved method: the one it starts from, and what it changes
+    "3fsk-offaxis": ("3fsk", {"off_axis": True}),
+    "3fsk-weighted": ("3fsk", {"weighted": True}),
+    "3fsk-plus": ("3fsk", {"off_axis": True, "weighted": True, "fine_refinements": 2, "drop_wrapped": True}),
+    "nfsk-plus": ("nfsk", {"off_axis": True, "weighted": True, "fine_refinements": 2, "drop_wrapped": True}),
+    "broadband-subvoxel": ("broadband", {"subvoxel": True}),
+}
+PIXELS = {axis: {"start_m": -0.006, "stop_m": 0.006, "step_m": 0.001} for axis in "xy"}
+SWEEP_HZ = np.unique([*np.linspace(72e9, 82e9, 128), 81.8e9, 79.5e9])  # what the embedded benchmark's radar measures
+
+
+@pytest.fixture(scope="module")
+def capture() -> RadarCapture:
+    point = Scatterers(np.array([[0.0, 0.0, 0.29]]), np.ones(1))
+    return RadarCapture(simulate(point, SWEEP_HZ, qar50())[None], SWEEP_HZ, qar50())
+
+
+def test_the_papers_methods_come_first_and_change_nothing():
+    assert [m.id for m in methods()][:4] == PAPERS
+    assert all((m.source == PAPER) == (m.id in PAPERS) for m in methods())
+    plain = {"3fsk": ThreeToneConfig(), "broadband": BroadbandConfig(), "nfsk": LadderConfig()}
+    assert all(method(name).config() == config for name, config in plain.items())
+    for name in PAPERS:
+        config = method(name).config().model_dump()
+        assert not any(config.get(key) for key in ("off_axis", "weighted", "drop_wrapped", "subvoxel"))
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_preset_changes_what_it_says_and_nothing_else(name):
+    base, changes = PRESETS[name]
+    assert method(name).config().model_dump() == method(base).config().model_dump() | changes
+
+
+@pytest.mark.parametrize("name", [m.id for m in methods()])
+def test_every_method_finds_the_point_with_measured_tones_and_says_its_name(capture, name):
+    depth = method(name).run(capture, method(name).configure(PIXELS, name), 0).depth
+    assert depth.method == name
+    # Without noise on the axis, voxels of 1 mm or better; narrowband's next lobe is 62 mm away, outside its volume.
+    assert abs(depth.z_m[6, 6] - 0.29) < 0.5e-3 + 1e-9

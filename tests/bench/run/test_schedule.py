@@ -1,0 +1,193 @@
+"""Runs that outgrow one process: the same jobs in place and on a Dask cluster, failures and lost workers included."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from bench.run import executors
+from bench.run.benchmark_file import load_benchmark
+from bench.run.runner import run
+from bench.run.tasks import HASH, Done, Job, job, perform
+from radar.support.errors import HandbenchError
+
+CAPTURES = 3
+ENVIRONMENT = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "3"}
+
+
+@pytest.fixture
+def balls(small_bench) -> Path:
+    """The small benchmark with several captures, which differ in distance and noise."""
+    scene = (small_bench.parent / "ball.toml").read_text()
+    for k in range(CAPTURES):
+        changed = scene.replace('"ball"', f'"ball{k}"').replace("0.30", f"{0.295 + 0.002 * k:.3f}")
+        (small_bench.parent / f"ball{k}.toml").write_text(changed.replace("seed = 3", f"seed = {k}"))
+    several = "[[capture]]\n".join(["", *(f'scene = "ball{k}.toml"\n' for k in range(CAPTURES))])
+    small_bench.write_text(small_bench.read_text().replace('[[capture]]\nscene = "ball.toml"\n', several))
+    return small_bench
+
+
+class Workers:
+    """A scheduler and two worker processes on the loopback interface."""
+
+    def __init__(self, folder: Path) -> None:
+        self.file, self.folder = folder / "scheduler.json", folder
+        self.scheduler = self.start("dask_scheduler", "--port", "0", "--no-dashboard")
+        self.workers = [self.start("dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard") for _ in "ab"]
+
+    def start(self, command: str, *options: str) -> subprocess.Popen:
+        with (self.folder / f"{command}.log").open("a") as log:
+            return subprocess.Popen(
+                [sys.executable, "-m", f"distributed.cli.{command}", "--scheduler-file", str(self.file),
+                 "--host", "127.0.0.1", *options],
+                stdout=log, stderr=log, env=ENVIRONMENT, cwd=self.folder,
+            )  # fmt: skip
+
+    @property
+    def address(self) -> str:
+        from distributed import Client
+
+        deadline = time.monotonic() + 60
+        while not self.file.exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        with Client(scheduler_file=str(self.file), set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=60)
+            return client.scheduler.address
+
+    def stop(self) -> None:
+        for process in (*self.workers, self.scheduler):
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def workers(tmp_path) -> Iterator[Workers]:
+    pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install 'handbench[cluster]'")
+    started = Workers(tmp_path)
+    yield started
+    started.stop()
+
+
+def table(folder: Path) -> list[str]:
+    """The table without its times."""
+    return [line for line in (folder / "table.csv").read_text().splitlines() if not line.startswith("seconds")]
+
+
+def python(*arguments: str) -> None:
+    subprocess.run([sys.executable, *arguments], check=True, capture_output=True)
+
+
+def finished(work: Path) -> int:
+    return len(list(work.glob("[!.]*-*")))
+
+
+def test_a_cluster_that_loses_a_worker_gives_the_serial_table(balls, workers, tmp_path):
+    python("-c", "from radar.warmup import compile_kernels; compile_kernels()")  # just compiled, they round otherwise
+    python("-m", "bench.cli.main", "run", str(balls), "-o", str(tmp_path / "serial"))
+    bench, base = load_benchmark(str(balls))
+    work, stages = tmp_path / "cluster" / "work", 5 * CAPTURES
+    killed_at: list[int] = []
+
+    def kill_in_the_middle() -> None:
+        while finished(work) < 2:
+            time.sleep(0.005)
+        os.kill(workers.workers[0].pid, signal.SIGKILL)
+        killed_at.append(finished(work))
+
+    address = workers.address
+    killer = threading.Thread(target=kill_in_the_middle, daemon=True)
+    killer.start()
+    result = run(bench, base, tmp_path / "cluster", scheduler=address)
+    assert 2 <= killed_at[0] < stages and workers.workers[0].wait() == -signal.SIGKILL
+    assert table(tmp_path / "cluster") == table(tmp_path / "serial")
+    for path in (tmp_path / "serial").glob("*/*.npz"):
+        assert path.read_bytes() == (tmp_path / "cluster" / path.relative_to(tmp_path / "serial")).read_bytes()
+    assert len(result.tasks) == stages and result.about.failures == ()
+    again = run(bench, base, tmp_path / "cluster", scheduler=address)
+    assert all(task.cached for task in again.tasks)
+
+
+def _fails_or_ends(root: Path, job: Job) -> Done:
+    if job.capture == "bug":
+        raise ZeroDivisionError("a bug")
+    return Done(failure="mend me") if job.capture == "bad" else Done(key=job.capture)
+
+
+@pytest.fixture(params=["in place", "cluster"])
+def executor(request, tmp_path) -> Iterator[executors.Executor]:
+    if request.param == "in place":
+        yield executors.InPlace(_fails_or_ends)
+        return
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    # Threads of this process: what is tested is the client's side.
+    with distributed.Client(processes=False, n_workers=1, threads_per_worker=2, dashboard_address=":0") as client:
+        yield executors.Cluster(client, _fails_or_ends)
+
+
+def test_every_job_comes_back_once_with_its_number(executor, tmp_path, monkeypatch):
+    monkeypatch.setattr(executors, "IN_FLIGHT", 5)
+    monkeypatch.setattr(executors, "BATCH", 2)
+    names = ["bad" if k % 5 == 2 else f"c{k}" for k in range(20)]
+    ended = dict(executor.run(tmp_path, [Job(HASH, name) for name in names]))
+    assert sorted(ended) == list(range(20))
+    assert [ended[k].failure or ended[k].key for k in range(20)] == [n.replace("bad", "mend me") for n in names]
+    assert list(executor.run(tmp_path, [])) == []
+
+
+def _dies(root: Path, job: Job) -> Done:
+    if job.capture == "deadly":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return Done(key=job.capture)
+
+
+def test_the_job_that_kills_its_workers_fails_alone(tmp_path, monkeypatch):
+    """Jobs go in groups of four; the deadly one takes its group with it once, then fails by itself. (Dask blames what a
+    worker merely had waiting too; with this saturation nothing waits there.)"""
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    import dask
+
+    monkeypatch.setattr(executors, "GROUPS_A_THREAD", 1)
+    monkeypatch.setattr(executors, "LARGEST_GROUP", 4)
+    names = ["a", "b", "deadly", "c", "d", "e", "f", "g"]
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0, "distributed.scheduler.worker-saturation": 1.0}),
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0") as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):
+        ended = dict(executors.Cluster(client, _dies).run(tmp_path, [Job(HASH, name) for name in names]))
+    assert [ended[k].key for k in range(8) if k != 2] == [name for name in names if name != "deadly"]
+    assert ended[2].failure == "hash-deadly: 1 workers died over it; give the workers more memory"
+
+
+def test_a_bug_keeps_its_exception(executor, tmp_path):
+    with pytest.raises(ZeroDivisionError, match="a bug"):
+        list(executor.run(tmp_path, [Job(HASH, "a"), Job(HASH, "bug"), Job(HASH, "b")]))
+
+
+def test_no_scheduler_is_one_line(monkeypatch):
+    monkeypatch.setattr(executors, "CONNECT_S", 0.5)
+    pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    for address in ("tcp://127.0.0.1:1", "nonsense://x"):
+        with pytest.raises(HandbenchError, match="no Dask scheduler answers"), executors.executor(address):
+            pass
+
+
+def test_a_missing_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(HandbenchError, match=r"handbench\[cluster\]"), executors.executor("tcp://127.0.0.1:1"):
+        pass
+
+
+def test_a_worker_with_other_code_or_without_the_folder_refuses(tmp_path):
+    known = job("simulate", "a", "", [], ("radar/support/files.py",), {})
+    assert "differ from the client's" in perform(tmp_path, replace(known, code="0" * 64)).failure
+    assert "shared by all workers" in perform(tmp_path / "elsewhere", known).failure

@@ -1,0 +1,79 @@
+"""Every hard case holds its bound, is refused in words, or flags what is wrong; and the catalogue itself can fail."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+from bench.results.stability import StabilityFacts, Table, load_stability, write_stability
+from bench.studies.stability import random_scenes
+from bench.studies.stability.cases import GROUPS, Case, Refused, Worst, cases, measured, refused, worst
+from bench.studies.stability.run import run_stability
+from radar.support.errors import HandbenchError
+
+
+@pytest.mark.parametrize("chosen", cases(), ids=lambda chosen: f"{chosen.group}: {chosen.name}")
+def test_hard_case(chosen):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = measured(chosen)
+    assert found.verdict in ("holds", "refused", "flagged"), f"{found.measured} at {found.at}: {found.reason}"
+
+
+def test_every_group_has_hard_cases_with_a_reason():
+    found = cases()
+    assert len(found) >= 60 and {case.group for case in found} == set(GROUPS)
+    assert all(np.isfinite(case.bound) and len(case.reason) > 10 and case.reference for case in found)
+
+
+def raises():
+    raise ZeroDivisionError("a bug")
+
+
+@pytest.mark.parametrize(
+    ("measure", "verdict"),
+    [
+        (lambda: 0.5, "holds"),
+        (lambda: 2.0, "fails"),
+        (lambda: Worst(2.0, "here", flagged=True), "flagged"),
+        (lambda: Worst(2.0, "here"), "fails"),
+        (lambda: worst([("a", 0.1), ("b", np.nan)]), "fails"),
+        (lambda: Refused("no"), "refused"),
+        (raises, "fails"),
+        (lambda: refused(lambda: 1, "too large"), "fails"),
+    ],
+)
+def test_verdicts(measure, verdict):
+    assert measured(Case("x", "data", "q", "r", "mm", 1.0, "because", measure)).verdict == verdict
+
+
+def test_a_refusal_has_to_say_why():
+    def refuse():
+        raise HandbenchError("volume: needs 300 GB; make the grid coarser")
+
+    assert refused(refuse, "300 GB") == Refused("volume: needs 300 GB; make the grid coarser")
+    assert refused(refuse, "antenna").value == np.inf
+
+
+def test_random_scenes_are_the_same_for_a_seed_and_count_what_is_silent(monkeypatch):
+    """With a σ of nothing every pixel that is off at all counts."""
+    first, again = random_scenes.table(3, 8), random_scenes.table(3, 8)
+    assert first == again != random_scenes.table(4, 8)
+    monkeypatch.setattr(random_scenes, "SIGMAS", 0.0)
+    assert sum(row[4] for row in random_scenes.table(3, 8).rows[:2]) > sum(row[4] for row in first.rows[:2])
+
+
+def test_what_was_written_is_read_back(tmp_path):
+    facts, found = run_stability("statistics", folder=tmp_path)
+    kept, lines = load_stability(tmp_path)
+    assert kept == facts and list(lines) == found
+    table = Table(title="t", text="x", columns=("a", "b"), rows=(("1", 2.5), (None, 3)))
+    write_stability(tmp_path, StabilityFacts(seed=1, seconds=2.0, tables=(table,)), found)
+    assert load_stability(tmp_path)[0].tables == (table,)
+
+
+def test_an_unknown_group_names_the_nearest():
+    with pytest.raises(HandbenchError, match="phase"):
+        run_stability("phases")

@@ -1,0 +1,325 @@
+"""The trade-off of photogrammetry, simulation and registration: what each section counts, and one small real run."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from groundtruth_stage.cameras.cameras import load_cameras
+from groundtruth_stage.mesh.surface import Surface
+from groundtruth_stage.photos.photos import find_photos
+
+from bench.datasets.dataset import open_capture
+from bench.run.benchmark_file import load_benchmark
+from bench.run.outcome import Capture
+from bench.scenes.build import build, load_scene
+from bench.scenes.capture_folder import write_photos
+from bench.scenes.echoes import echo_scene
+from bench.scenes.scene_file import SceneFile
+from bench.studies.tradeoff import groundtruth_stage, registration_stage, simulation_stage
+from bench.studies.tradeoff.context import Context
+from bench.studies.tradeoff.groundtruth_stage import GroundTruthKnobs
+from bench.studies.tradeoff.registration_stage import RegistrationKnobs
+from bench.studies.tradeoff.simulation_stage import SimulationKnobs, Way
+from calibration.registration.rigid_fit import Pairs
+from calibration.target.description import Candidate
+from calibration.transforms import load_transform
+from radar.simulation.state import Shot
+from radar.support.config import parse
+from radar.support.errors import HandbenchError
+
+ANY = tuple(range(5))
+BALL = {
+    "version": 1,
+    "name": "ball",
+    "seed": 3,
+    "target": {"kind": "sphere", "radius_m": 0.03, "edge_m": 0.004, "material": {"kind": "skin"}},
+    "photos": {"cameras": 4, "width": 900, "height": 600},
+}
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory) -> Capture:
+    """A capture without echoes: photographs, truth and description."""
+    folder = tmp_path_factory.mktemp("ball") / "capture"
+    write_photos(build(parse(SceneFile, BALL, "the ball")), folder)
+    return Capture(folder, "", open_capture(folder).about)
+
+
+def context(folder: Path, *captures: Capture, bench=None, base: Path | None = None, repeats: int = 1) -> Context:
+    return Context(bench, base or folder, folder, list(captures), seed=1, repeats=repeats)
+
+
+# --- ground truth ---------------------------------------------------------------------------------------------------
+
+
+def test_a_ball_is_photographed_and_measured(ball, tmp_path):
+    knobs = GroundTruthKnobs(views=(4, 9), long_px=(5000,), quality=("normal",))  # there are 4 photographs of 900 px
+    section, (setting,) = groundtruth_stage.measure(knobs, context(tmp_path, ball))
+    assert setting.name == section.reference == "4-views-900-px-normal"
+    assert json.loads(setting.knobs) == {"views": 4, "long_px": 900, "quality": "normal"}
+    assert 0.005 < setting.low < setting.error < setting.high < 1  # mm, at 0.5 mm a pixel
+    assert setting.seconds > 0 and setting.seconds_low is None
+    assert 0 < setting.seen_percent < 100
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.fixture
+def shifted(monkeypatch):
+    """In place of reconstructions: the true surface, 0.2 mm too small in radius but for its lower half, which was not
+    seen. Keeps what was asked for; draft is refused when `refuse` is set."""
+    asked = []
+
+    def reconstruct(photos, options, work):
+        asked.append(
+            SimpleNamespace(
+                photos=find_photos(photos),
+                cameras=load_cameras(photos / "cameras.json"),
+                quality=options.quality,
+                fresh=not work.exists(),
+            )
+        )
+        work.mkdir(exist_ok=True)
+        if options.quality == "draft" and reconstruct.refuse:
+            raise HandbenchError("too blurred")
+        time.sleep(0.02)
+        return SimpleNamespace(surface=reconstruct.surface, seconds={"sparse": 10.0})
+
+    reconstruct.refuse, reconstruct.asked = False, asked
+    monkeypatch.setattr(groundtruth_stage, "reconstruct", reconstruct)
+    return reconstruct
+
+
+def too_small(ball: Capture) -> Surface:
+    photo_from_radar = load_transform(ball.folder / "truth_radar_from_photo.json").inverse()
+    scene = build(parse(SceneFile, {**BALL, "target": {**BALL["target"], "edge_m": 0.002}}, "the ball"))
+    vertices_m = np.asarray(scene.target_mesh.vertices)
+    centre_m = np.array([0, 0, 0.3])
+    vertices_m = centre_m + (vertices_m - centre_m) * (1 - 2e-4 / 0.03)
+    seen = vertices_m[:, 1] > 0
+    faces = np.asarray(scene.target_mesh.triangles)
+    return Surface(photo_from_radar.points(vertices_m), faces, np.full(len(seen), 1e-4), seen)
+
+
+def test_the_error_is_the_distance_where_both_surfaces_are(ball, shifted, tmp_path):
+    shifted.surface = too_small(ball)
+    knobs = GroundTruthKnobs(views=(3, 4), long_px=(450, 900), quality=("draft", "normal"))
+    section, settings = groundtruth_stage.measure(knobs, context(tmp_path, ball))
+    assert [s.name for s in settings] == [
+        f"{n}-views-{px}-px-{q}" for n in (3, 4) for px in (450, 900) for q in ("draft", "normal")
+    ]
+    assert section.reference == settings[-1].name
+    for setting in settings:
+        assert setting.error == pytest.approx(0.2, abs=0.06)  # the true surface has edges of 4 mm: flat to 0.06 mm
+        share = setting.seen_percent
+        assert share == pytest.approx(49, abs=2)  # half the disc, less the rim
+    assert all(s.seconds < 1 for s in settings[::2])  # the cameras' poses are in their own time,
+    assert all(10 < s.seconds < 11 for s in settings[1::2])  # or counted with what shares them
+
+
+def test_pictures_shrink_with_their_cameras(ball, shifted, tmp_path):
+    shifted.surface = too_small(ball)
+    groundtruth_stage.measure(GroundTruthKnobs(views=(3,), long_px=(450,), quality=("draft",)), context(tmp_path, ball))
+    first, timed = shifted.asked
+    assert first.fresh and timed.fresh  # the first is not counted, and leaves nothing for the second
+    assert [photo.name for photo in timed.photos] == ["cam00.jpg", "cam01.jpg", "cam02.jpg"]
+    assert {(photo.width, photo.height) for photo in timed.photos} == {(450, 300)}
+    whole = {camera.name: camera for camera in load_cameras(ball.folder / "photos" / "cameras.json")}
+    for camera in timed.cameras:
+        before = whole[camera.name]
+        assert (camera.width, camera.height) == (450, 300)
+        np.testing.assert_allclose(camera.params[:4], np.array(before.params[:4]) / 2)
+        np.testing.assert_allclose(camera.params[4:], before.params[4:])
+
+
+def test_what_is_refused_has_no_figures(ball, shifted, tmp_path, capsys):
+    shifted.surface, shifted.refuse = too_small(ball), True
+    knobs = GroundTruthKnobs(views=(4,), long_px=(900,), quality=("draft", "normal"))
+    _, (draft, normal) = groundtruth_stage.measure(knobs, context(tmp_path, ball))
+    assert draft.error is None and draft.seconds is None and draft.title.endswith("(refused)")
+    assert normal.error is not None and normal.seconds < 1  # what the refused one left is not shared
+    assert shifted.asked[-1].fresh
+    assert "too blurred" in capsys.readouterr().err
+
+
+def test_without_a_known_surface_there_is_nothing_to_measure(ball, tmp_path, capsys):
+    assert groundtruth_stage.measure(GroundTruthKnobs(), context(tmp_path)) is None
+    assert "no capture has photographs, truth.ply" in capsys.readouterr().err
+
+
+def test_views_are_spread_over_the_rig(ball):
+    photos = find_photos(ball.folder / "photos") * 2
+    assert [photo.name for photo in groundtruth_stage.spread(photos, 5)] == [f"cam0{i}.jpg" for i in (0, 1, 3, 0, 2)]
+    assert groundtruth_stage.spread(photos, 8) == photos
+
+
+# --- simulation -----------------------------------------------------------------------------------------------------
+
+
+def test_echoes_of_a_ball_come_nearer_with_more_facets_and_effects(small_bench, tmp_path):
+    bench, base = load_benchmark(str(small_bench))
+    knobs = SimulationKnobs(
+        facets_per_wavelength=(1, 4), without=((), ("shadow_antennas", "shadow_centre")), tolerance_mm=(0.1,), finest=6
+    )
+    section, settings = simulation_stage.measure(knobs, context(tmp_path, bench=bench, base=base, repeats=2))
+    found = {setting.name: setting for setting in settings}
+    assert section.reference == settings[0].name == "6-facets-all-effects"
+    assert found.pop(section.reference).error is None  # what the others are held against
+    errors = {name: setting.error for name, setting in found.items()}
+    assert set(errors) == {
+        "1-facets-all-effects",
+        "1-facets-without-shadow_antennas-shadow_centre",
+        "4-facets-all-effects",
+        "4-facets-without-shadow_antennas-shadow_centre",
+        "4-facets-auto-at-0.1-mm",
+    }
+    assert errors["4-facets-all-effects"] < errors["1-facets-all-effects"] < 100
+    assert errors["4-facets-all-effects"] < errors["4-facets-without-shadow_antennas-shadow_centre"]
+    assert all(s.seconds_low <= s.seconds <= s.seconds_high and s.low is None for s in found.values())
+
+
+def test_sampling_is_of_facets(small_bench):
+    scene = echo_scene(load_scene(small_bench.parent / "ball.toml"))
+    given = {name: getattr(scene, name) for name in ("array", "frequencies_hz", "time_s", "target")}
+    counts = [
+        len(Shot(simulation_stage.Sampled(**given, facets_per_wavelength=n), 1).surface.facets) for n in (1.0, 4.0, 8.0)
+    ]
+    assert counts[1] == len(Shot(scene, 1).surface.facets)
+    assert counts[0] < counts[1] < counts[2]
+
+
+def test_noise_is_no_error(small_bench, tmp_path, monkeypatch):
+    """The scene has noise in this benchmark; two simulations that differ in nothing else are the same."""
+    scene_file = small_bench.parent / "ball.toml"
+    scene_file.write_text(scene_file.read_text() + "[noise]\nphase_noise_rad = 0.5\n")
+    bench, base = load_benchmark(str(small_bench))
+    monkeypatch.setattr(
+        simulation_stage.Way,
+        "simulate",
+        lambda way, scene: np.array([1.0 + bool(scene.file.causes.noise.between_tones_rad)]),
+    )
+    knobs = SimulationKnobs(facets_per_wavelength=(4,), without=((),), tolerance_mm=())
+    _, settings = simulation_stage.measure(knobs, context(tmp_path, bench=bench, base=base))
+    assert [setting.error for setting in settings] == [None, 0.0]
+    assert simulation_stage.difference_percent(np.array([3 + 4j, 0]), np.array([3 + 4j, 5])) == pytest.approx(
+        100 / 2**0.5
+    )
+
+
+def test_what_another_does_is_not_listed_beside_it(small_bench):
+    """Shadows for each antenna contain those of the centre, which are on where the former are left out."""
+    scene = echo_scene(load_scene(small_bench.parent / "ball.toml"))
+
+    def on(*without: str) -> set[str]:
+        return {choice.effect for choice in Way(4.0, without)._choices(scene) if choice.on}
+
+    assert "shadow_antennas" in on() and "shadow_centre" not in on()
+    assert "shadow_centre" in on("shadow_antennas")
+    assert not {"shadow_centre", "shadow_antennas"} & on("shadow_antennas", "shadow_centre")
+    assert "noise" not in on()  # the scene has no cause for it
+
+
+def test_recorded_captures_cannot_be_simulated(small_bench, tmp_path, capsys):
+    bench, base = load_benchmark(str(small_bench))
+    recorded = bench.model_copy(update={"capture": ()})
+    assert simulation_stage.measure(SimulationKnobs(), context(tmp_path, bench=recorded, base=base)) is None
+    assert "simulates no capture" in capsys.readouterr().err
+
+
+def test_an_unknown_effect_is_refused():
+    with pytest.raises(HandbenchError, match="'multipth' is not an effect; did you mean 'multipath'"):
+        parse(SimulationKnobs, {"without": [["multipth"]]}, "tradeoff.simulation")
+
+
+# --- registration ---------------------------------------------------------------------------------------------------
+
+
+def test_the_target_is_registered(tmp_path, monkeypatch):
+    """With the echoes' first, coarse centres: fitting them to the samples takes most of the time."""
+    monkeypatch.setattr("calibration.registration.register.fit_balls", lambda capture, target, found, balls: found)
+    section, (setting,) = registration_stage.measure(RegistrationKnobs(captures=(1,), trials=1), context(tmp_path))
+    assert setting.name == section.reference == "1-capture"
+    assert 0.005 < setting.error < 2  # mm
+    assert (setting.low, setting.high) == (None, None)  # one rig tells of no other
+    assert setting.acquisition_s == pytest.approx(0.128)  # 128 tones
+    assert setting.seconds > 0
+    assert not any(tmp_path.iterdir())
+
+
+def test_the_rig_stands_still_while_the_target_moves(tmp_path):
+    first, *others = registration_stage.placements(300, 3, tmp_path)
+    for case in others:
+        scene = case.scene
+        np.testing.assert_array_equal(scene.radar_from_photo.matrix, first.scene.radar_from_photo.matrix)
+        assert scene.target == first.scene.target  # made once
+        assert scene.file.sensor == first.scene.file.sensor
+        shift_m = scene.radar_from_target.matrix[:3, 3] - first.scene.radar_from_target.matrix[:3, 3]
+        assert np.linalg.norm(shift_m) > 1e-3
+        assert scene.file.seed != first.scene.file.seed  # for its noise
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """In place of simulation and detection: centres with errors of 0.1 mm, and 1 s each."""
+    sigma_m, refused = 1e-4, set()
+
+    def measured(case):
+        if case.number in refused:
+            return None
+        scene = case.scene
+        rng = np.random.default_rng(case.number)
+        radar_m = scene.radar_from_target.points(scene.target.centres_m)
+        photo_m = scene.radar_from_photo.inverse().points(radar_m)
+        sides = (
+            [Candidate(p, sigma_m**2 * np.eye(3), ANY) for p in side + sigma_m * rng.standard_normal(side.shape)]
+            for side in (photo_m, radar_m)
+        )
+        return registration_stage.Measured(case, Pairs.of(*sides), np.zeros((3, 3)), 1.0)
+
+    monkeypatch.setattr(registration_stage, "_measured", measured)
+    return refused
+
+
+def test_independent_errors_average_out(drawn, tmp_path):
+    knobs = RegistrationKnobs(captures=(1, 4, 16), trials=6)
+    section, settings = registration_stage.measure(knobs, context(tmp_path))
+    one, four, sixteen = (setting.error for setting in settings)
+    assert section.reference == "1-capture"
+    assert one / four == pytest.approx(2, rel=0.25)
+    assert four / sixteen == pytest.approx(2, rel=0.5)  # six combinations alone
+    assert [setting.seconds for setting in settings] == pytest.approx([1, 4, 16], abs=0.5)
+    assert [setting.acquisition_s for setting in settings] == pytest.approx([0.128, 0.512, 2.048])
+    assert all(setting.low < setting.error < setting.high for setting in settings)
+
+
+def test_the_same_seed_gives_the_same_errors(drawn, tmp_path):
+    knobs = RegistrationKnobs(captures=(2,), trials=2)
+    once, again, other = (
+        registration_stage.measure(knobs, replace(context(tmp_path), seed=seed))[1][0].error for seed in (1, 1, 2)
+    )
+    assert once == again != other
+
+
+def test_refused_captures_are_done_without(drawn, tmp_path):
+    first = 100 * 100
+    drawn |= {first, first + 1, first + 2}
+    _, (one, four) = registration_stage.measure(RegistrationKnobs(captures=(1, 4), trials=1), context(tmp_path))
+    assert one.error is not None
+    assert four.error is None and four.seconds is None
+
+
+def test_the_interval_of_a_root_mean_square_holds_it():
+    """Of mean squares of 3 degrees of freedom over 8 rigs: 95 % of 2000 intervals, less what the jackknife's own lack
+    of so small a sample takes (it is measured, 92 %)."""
+    rng = np.random.default_rng(5)
+    held = 0
+    for _ in range(2000):
+        interval = registration_stage.rms_interval_mm(1e-6 * rng.chisquare(3, 8) / 3)
+        held += interval.low < 1 < interval.high
+    assert 0.89 < held / 2000 < 0.97
+    assert registration_stage.rms_interval_mm(np.array([1e-6])) is None

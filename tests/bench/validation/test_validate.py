@@ -1,0 +1,277 @@
+"""`handbench validate`: every problem, in the file and on the line where it stands."""
+
+import json
+import re
+import shutil
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.datasets.native import CaptureFile, save_capture_file
+from bench.validation.file_lines import line_of, lines_of
+from bench.validation.validate import problems_of, show
+from calibration.target.description import default_target, save_target
+from calibration.transforms import Transform
+from groundtruth.mesh.mesh_files import mesh, write_mesh
+from radar.data.arrays import AntennaArray
+from radar.data.capture import RadarCapture, save_capture
+from radar.support.errors import HandbenchError
+
+VERTICES_M = np.array([(0, 0, 0.3), (0.1, 0, 0.4), (0, 0.1, 0.3)])
+TONES_HZ = np.array([82e9, 81.8e9, 79.5e9])
+
+
+def make_capture(folder: Path, name="ball", frames=1, scale=1.0, tones_hz=TONES_HZ, **about) -> Path:
+    folder.mkdir(parents=True)
+    generator = np.random.default_rng(0)
+    array = AntennaArray(0.1 * scale * generator.uniform(size=(3, 3)), 0.1 * scale * generator.uniform(size=(4, 3)))
+    samples = np.ones((frames, len(tones_hz), 3, 4), np.complex64)
+    save_capture(folder / "echoes.h5", RadarCapture(samples, tones_hz, array))
+    write_mesh(folder / "truth.ply", mesh(scale * VERTICES_M, [(0, 2, 1)]))
+    save_capture_file(folder, CaptureFile(name=name, contains=("echoes.h5", "truth.ply"), **about))
+    return folder
+
+
+def told(name) -> list[str]:
+    """The problems without the folder that they lie in."""
+    base = Path(name) if Path(name).is_dir() else Path(name).parent
+    return [str(problem).replace(f"{base}/", "").replace(str(base), ".") for problem in problems_of(str(name))]
+
+
+def same(found: list[str], *expected: tuple[str, str]) -> None:
+    """One problem for each place and what is said there, in whatever order, and no other."""
+    left = list(found)
+    for place, words in expected:
+        [match] = [p for p in left if p.startswith(f"{place}: ") and re.search(words, p)]
+        left.remove(match)
+    assert left == []
+
+
+TEXT = """# a comment with [brackets] and a = b
+top = '''
+several = lines # of text
+[none]
+'''
+[one.two]
+key = { a = 1.5, "b" = [ "x]", # here
+  2, { deep.er = 3 } ] }
+[[list]]
+a = 'its' # 1
+[[list]]
+a = 1979-05-27T07:32:00
+[list.under]
+b = [[1, 2],
+     [3, 4]]
+[[list.inner]]
+c = 1
+"""
+
+
+def test_every_key_has_its_line():
+    assert tomllib.loads(TEXT)["list"][1]["inner"] == [{"c": 1}]
+    found = lines_of(TEXT)
+    places = {
+        ("top",): 2, ("one", "two"): 6, ("one", "two", "key"): 7, ("one", "two", "key", "a"): 7,
+        ("one", "two", "key", "b", 0): 7, ("one", "two", "key", "b", 1): 8, ("one", "two", "key", "b", 2): 8,
+        ("one", "two", "key", "b", 2, "deep", "er"): 8, ("list", 0): 9, ("list", 0, "a"): 10, ("list", 1, "a"): 12,
+        ("list", 1, "under", "b", 1, 0): 15, ("list", 1, "inner", 0, "c"): 17,
+    }  # fmt: skip
+    assert {place: found.get(place) for place in places} == places
+    assert line_of(found, ("list", 1, "missing")) == 11 and line_of(found, ("nothing",)) is None
+    text = json.dumps({"cameras": [{"name": "a: {b}"}, {"R": [[1, 0], [0, 1]]}]}, indent=1)
+    assert text.splitlines()[lines_of(text, toml=False)["cameras", 1, "R"] - 1].strip() == '"R": ['
+
+
+def test_what_is_fine_is_said_to_be(tmp_path, small_bench, capsys):
+    make_capture(tmp_path / "data" / "a", "a")
+    make_capture(tmp_path / "data" / "b", "b")
+    show([str(tmp_path / "data"), str(small_bench), str(small_bench.parent / "ball.toml"), "paper_table"])
+    assert capsys.readouterr().out.count(": fine\n") == 4
+
+
+def test_every_key_of_a_capture_file_that_is_wrong(tmp_path):
+    folder = make_capture(tmp_path / "a")
+    (folder / "capture.toml").write_text(
+        'version = 2\nname = "a/b"\nkint = "hand"\ndistance_m = "near"\nunits = "mm"\n'
+        'contains = [\n  "echoes.h5",\n  "photos",\n  "../secret",\n]\n'
+        "[methods.2fsk]\nf1_hz = -1.0\nf3_hz = 1e9\n[methods.2fks]\nf1_hz = 1.0\n"
+    )
+    same(
+        told(folder),
+        ("capture.toml:1", "'version' is 2; input should be 1"),
+        ("capture.toml:2", "'a/b' cannot name a file"),
+        ("capture.toml:3", "unknown key 'kint'; did you mean 'kind'"),
+        ("capture.toml:4", "'distance_m' is 'near'"),
+        ("capture.toml:5", "'units' is 'mm'; input should be 'm'"),
+        ("capture.toml:8", "photos is missing"),
+        ("capture.toml:9", r"'\.\./secret' leaves the folder"),
+        ("capture.toml:12", "'methods.2fsk.f1_hz' is -1.0"),
+        ("capture.toml:13", "unknown key 'methods.2fsk.f3_hz'; did you mean 'f[12]_hz'"),
+        ("capture.toml:14", "unknown id '2fks'; did you mean '2fsk'"),
+    )
+    (folder / "capture.toml").write_text('version = 1\nname = "a\n')
+    [problem] = told(folder)
+    assert problem.startswith("capture.toml:2: is not readable as TOML")
+
+
+def test_every_file_of_a_capture_that_is_wrong(tmp_path):
+    folder = make_capture(tmp_path / "a")
+    for name in ("echoes.h5", "truth.ply"):
+        (folder / name).write_bytes((folder / name).read_bytes()[:-20])
+    (folder / "mesh.ply").write_text("ply\n")
+    (folder / "array.json").write_text("{}")
+    (folder / "empty.h5").write_bytes(b"")
+    (folder / "radar_from_photo.json").write_text('{\n "from": "photo",\n "to" "radar"}')
+    target = folder / "target.toml"
+    save_target(target, default_target())
+    lines = target.read_text().splitlines()
+    wrong = next(number for number, line in enumerate(lines) if line.startswith("sphere_radius_m"))
+    target.write_text("\n".join([*lines[:wrong], "sphere_radius_m = 0", "colour = 'white'", *lines[wrong + 1 :]]))
+    (folder / "photos").mkdir()
+    (folder / "photos" / "board.toml").write_text("[[marker]]\nid = 1\n")
+    (folder / "photos" / "cameras.json").write_text('{"cameras": [\n{"name": "a.jpg"},\n{"nome": "b.jpg"}\n]}')
+    found = told(folder)
+    places = {problem.split(": ")[0] for problem in found}
+    assert places >= {
+        "truth.ply", "mesh.ply", "radar_from_photo.json:3", f"target.toml:{wrong + 1}", f"target.toml:{wrong + 2}",
+        "photos", "photos/board.toml:1", "photos/cameras.json:2", "photos/cameras.json:3",
+    }  # fmt: skip
+    assert any("found 0 photographs" in problem for problem in found)
+    assert sum(problem.startswith("photos/cameras.json:3: unknown key 'cameras.1.nome'; did you mean 'name'")
+               for problem in found) == 1  # fmt: skip
+    assert "echoes.h5" in places
+    shutil.copyfile(make_capture(tmp_path / "b") / "echoes.h5", folder / "echoes.h5")
+    assert {problem.split(": ")[0] for problem in told(folder)} >= {"array.json", "empty.h5"}  # they need the echoes
+
+
+def test_a_capture_without_its_parts_is_named(tmp_path):
+    folder = make_capture(tmp_path / "a", kind="target")
+    same(told(folder), (".", "target's capture without target.toml"))
+    for name in ("capture.toml", "truth.ply"):
+        (folder / name).unlink()
+    same(told(folder), ("capture.toml", "expected a capture description"), (".", "nothing to score against"))
+    assert len(told(tmp_path / "nowhere.toml")) == 1 and "found nothing" in told(tmp_path / "nowhere.toml")[0]
+    (tmp_path / "none").mkdir()
+    assert len(told(tmp_path / "none")) == 1
+
+
+def test_millimetres_are_suspected_in_words_that_say_so(tmp_path, capsys):
+    folder = make_capture(tmp_path / "a", scale=1e3, tones_hz=TONES_HZ / 1e9, distance_m=300.0,
+                          box_m=(-50, -50, 10, 50, 50, 90))  # fmt: skip
+    matrix = np.eye(4)
+    matrix[:3, 3] = (4.0, -6.0, 400.0)
+    Transform("photo", "radar", matrix).save(folder / "radar_from_photo.json")
+    found = told(folder)
+    assert len(found) == 6 and all(": warning: " in problem for problem in found)
+    words = "distance_m is 300", "box_m reaches 90", "an antenna lies", "gigahertz", "is 100 m long", "moves by 400 m"
+    for word in words:
+        assert sum(word in problem for problem in found) == 1
+    show([str(folder)])
+    assert capsys.readouterr().out.endswith("6 warnings, 1 input; fine, if meant so\n")
+    matrix[:3, 3] = (0, 0, -0.5)
+    folder = make_capture(tmp_path / "b")
+    shutil.copyfile(folder / "truth.ply", folder / "mesh.ply")
+    Transform("photo", "radar", matrix).save(folder / "radar_from_photo.json")
+    same(told(folder), ("radar_from_photo.json", "behind the radar; is it the inverse"))
+    (folder / "capture.toml").write_text('version = 1\nname = "b"\nbox_m = [0, 0, 0, 1, 1, -1]\n')
+    assert any(re.match(r"capture.toml:3: box_m is", problem) for problem in told(folder))
+
+
+BENCH = """version = 1
+name = "b"
+repeats = 4
+sead = 3
+[groundtruth]
+quality = "best"
+[[capture]]
+path = "a"
+[[capture]]
+path = "again"
+[[capture]]
+path = "../a"
+[[capture]]
+path = "missing"
+[[capture]]
+scene = "scene.toml"
+[[capture]]
+path = "unregistered"
+[[method]]
+id = "2fsk"
+precision = true
+[[method]]
+id = "3fks"
+[[method]]
+id = "narrowband"
+[method.config]
+threshold_db = "low"
+[method.config.x]
+stap_m = 0.1
+"""
+
+
+def test_every_problem_of_a_benchmark(tmp_path):
+    base = tmp_path / "bench"
+    for name in ("a", "again"):
+        make_capture(base / name, frames=4)
+    unregistered = make_capture(base / "unregistered", name="u", frames=3)
+    (unregistered / "truth.ply").rename(unregistered / "mesh.ply")
+    (unregistered / "capture.toml").write_text('version = 1\nname = "u"\n')
+    (base / "scene.toml").write_text('version = 1\nname = "s"\n[target]\nkind = "mesh"\npath = "x.ply"\nradius_m = 1\n')
+    (base / "b.toml").write_text(BENCH)
+    same(
+        told(base / "b.toml"),
+        ("b.toml:4", "unknown key 'sead'; did you mean 'seed'"),
+        ("b.toml:6", "'groundtruth.quality' is 'best'"),
+        ("b.toml:9", "capture 'ball' in again is named as the one in a"),
+        ("b.toml:12", r"'\.\./a' leaves the folder"),
+        ("b.toml:14", "missing is missing"),
+        ("scene.toml:6", "unknown key 'target.radius_m'"),
+        ("b.toml:17", "'u' has 3 frames, but the precision of '2fsk' takes repeats = 4"),
+        ("b.toml:17", "'u': nothing carries its surface into the radar frame"),
+        ("b.toml:23", "unknown id '3fks'; did you mean '3fsk'"),
+        ("b.toml:27", "'method.2.config.threshold_db' is 'low'"),
+        ("b.toml:28", "'method.2.config.x.start_m' is missing"),
+        ("b.toml:28", "'method.2.config.x.stop_m' is missing"),
+        ("b.toml:28", "'method.2.config.x.step_m' is missing"),
+        ("b.toml:29", "unknown key 'method.2.config.x.stap_m'; did you mean 'st[a-z]+_m'"),
+    )
+
+
+def test_a_scene_s_files_are_checked_where_it_names_them(tmp_path):
+    (tmp_path / "x.ply").write_text("ply")
+    for name, words in (("x.ply", "holds no triangles"), ("../x.ply", "leaves the folder"), ("y.ply", "nothing")):
+        text = f'version = 1\nname = "s"\n[target]\nkind = "mesh"\npath = "{name}"\n[sensor]\narray = "radar"\n'
+        (tmp_path / "scene.toml").write_text(text)
+        same(told(tmp_path / "scene.toml"), ("scene.toml:5", words), ("scene.toml:7", "tx"), ("scene.toml:7", "rx"))
+
+
+def test_a_method_needs_measured_tones(tmp_path):
+    base = tmp_path / "bench"
+    make_capture(base / "a")
+    (base / "s.toml").write_text(
+        'version = 1\nname = "s"\n[target]\nkind = "sphere"\n[sensor]\nsweep = []\ntones_hz = [82e9, 81.8e9]\n'
+    )
+    (base / "b.toml").write_text(
+        'version = 1\nname = "b"\n[[capture]]\npath = "a"\n[[capture]]\nscene = "s.toml"\n'
+        '[[method]]\nid = "3fsk"\n[[method]]\nid = "nfsk"\nconfig = { tones_hz = [82e9, 81.8e9, 79.5e9] }\n'
+    )
+    same(
+        told(base / "b.toml"),
+        ("b.toml:5", "'s' with method '3fsk': frequencies: the method asks for 79.5000 GHz"),
+        ("b.toml:5", "'s' with method 'nfsk': frequencies: the method asks for 79.5000 GHz"),
+    )
+    (base / "a" / "capture.toml").write_text('version = 1\nname = "a"\n[methods.3fsk]\nf3_hz = 72e9\n')
+    assert any("'a' with method '3fsk': frequencies: the method asks for 72" in line for line in told(base / "b.toml"))
+
+
+def test_the_command_counts_and_fails(tmp_path, capsys):
+    for number in range(20):
+        folder = make_capture(tmp_path / "data" / f"c{number:02}", name=f"c{number // 2}")
+        if number % 10 == 0:
+            (folder / "truth.ply").write_bytes(b"")
+    with pytest.raises(HandbenchError, match="validate: 2 problems, 10 warnings, 1 input"):
+        show([str(tmp_path / "data")])
+    out = capsys.readouterr().out.splitlines()
+    assert len(out) == 12 and sum("no benchmark can hold both" in line for line in out) == 10

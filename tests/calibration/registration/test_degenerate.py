@@ -1,0 +1,407 @@
+"""The registration where geometry is unkind, against arithmetic of 50 digits and closed forms of its own.
+
+The reference takes the float64 coordinates as exact. Rotation and scale are then wanted to 1e-9 (absolute, relative);
+carried points to 1e-9 of the target's extent, plus four roundings of the largest number on the way: with coordinates of
+1e6 m a float64 matrix cannot say where a point is to better than some 1e-10 m.
+"""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from seen_target import candidates
+
+from calibration.registration.register import align
+from calibration.registration.rigid_fit import Pairs, fit
+from calibration.target.description import Candidate
+from calibration.transforms import Transform, adjoint, condition_number, perturbation_jacobian, umeyama
+from radar.support.errors import HandbenchError
+
+mp.mp.dps = 50
+BAR = 1e-9
+seeds = st.integers(0, 2**32 - 1)
+EXTENT_M = 0.12
+FIVE = EXTENT_M * np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0], [0.15, 0.25, -0.08]])
+PLANE = FIVE * [1, 1, 0]
+SOLID = EXTENT_M * np.array([[0.0, 0, 0], [1, 0, 0], [0, 0.8, 0], [0, 0, 0.6], [0.5, 0.4, 0.7]])
+RIBBON = EXTENT_M * np.array([[-0.5, 0, 0], [-0.2, 0.06, 0], [0.1, -0.05, 0], [0.3, 0.02, 0], [0.5, 0, 0.0]])
+TWINS = SOLID[[0, 1, 1, 2, 2]]
+SHAPES = {"five": FIVE, "plane": PLANE, "solid": SOLID, "ribbon": RIBBON, "twins": TWINS}
+
+
+def horn(p: np.ndarray, q: np.ndarray, with_scale: bool) -> tuple[mp.matrix, mp.mpf, mp.matrix]:
+    """Rotation, scale and translation of least squares (Horn 1987): the unit quaternion that is the eigenvector of the
+    greatest eigenvalue."""
+    p, q = mp.matrix(p.tolist()), mp.matrix(q.tolist())
+    n = p.rows
+    p_mean, q_mean = (mp.matrix([mp.fsum(x[:, k]) / n for k in range(3)]) for x in (p, q))
+    p, q = (mp.matrix([[x[i, k] - m[k] for k in range(3)] for i in range(n)]) for x, m in ((p, p_mean), (q, q_mean)))
+    s = p.T * q
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = (s[i, j] for i in range(3) for j in range(3))
+    matrix = mp.matrix(
+        [
+            [xx + yy + zz, yz - zy, zx - xz, xy - yx],
+            [yz - zy, xx - yy - zz, xy + yx, zx + xz],
+            [zx - xz, xy + yx, yy - xx - zz, yz + zy],
+            [xy - yx, zx + xz, yz + zy, zz - xx - yy],
+        ]
+    )
+    values, vectors = mp.eigsy(matrix)
+    a, b, c, d = vectors[:, max(range(4), key=lambda k: values[k])]
+    rotation = mp.matrix(
+        [
+            [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
+            [2 * (b * c + a * d), a * a - b * b + c * c - d * d, 2 * (c * d - a * b)],
+            [2 * (b * d - a * c), 2 * (c * d + a * b), a * a - b * b - c * c + d * d],
+        ]
+    )
+    turned = p * rotation.T
+    scale = sum_of(turned, q) / sum_of(p, p) if with_scale else mp.mpf(1)
+    return rotation, scale, q_mean - scale * rotation * p_mean
+
+
+def sum_of(a: mp.matrix, b: mp.matrix) -> mp.mpf:
+    return mp.fsum(x * y for x, y in zip(a, b, strict=True))
+
+
+def numbers(matrix: mp.matrix) -> np.ndarray:
+    return np.array(matrix.tolist(), dtype=float)
+
+
+def errors(matrix: np.ndarray, p: np.ndarray, q: np.ndarray, with_scale: bool) -> tuple[float, float, float]:
+    """Of the rotation, the scale and the carried points; the last relative to the target's extent, after what four
+    roundings explain."""
+    rotation, scale, shift = horn(p, q, with_scale)
+    found = Transform("photo", "radar", matrix)
+    linear = scale * rotation
+    wanted = [linear * mp.matrix(x.tolist()) + shift for x in p]
+    got = found.points(p)
+    miss_m = max(abs(mp.mpf(got[i, k]) - wanted[i][k]) for i in range(len(p)) for k in range(3))
+    rounding_m = 4 * np.finfo(float).eps * max(found.scale * np.abs(p).max(), np.abs(q).max())
+    return (
+        float(np.abs(numbers(mp.matrix(matrix[:3, :3].tolist()) / scale - rotation)).max()),
+        float(abs(found.scale / scale - 1)),
+        float(max(0, miss_m - rounding_m) / np.ptp(q, axis=0).max()),
+    )
+
+
+def scenario(
+    seed: int,
+    shape: np.ndarray,
+    scale: float = 1.0,
+    source_far: bool = False,
+    target_far: bool = False,
+    rotation: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Centres in both frames, the target's with errors of 0.2 % of the extent, so that no transform fits exactly."""
+    rng = np.random.default_rng(seed)
+    p = shape @ Rotation.random(rng=rng).as_matrix().T + rng.uniform(-1, 1, 3) * (1e6 if source_far else 0.5)
+    rotation = Rotation.random(rng=rng).as_matrix() if rotation is None else rotation
+    q = scale * (p - p.mean(axis=0)) @ rotation.T + scale * 2e-3 * EXTENT_M * rng.standard_normal(p.shape)
+    return p, q + rng.uniform(-1, 1, 3) * (1e6 if target_far else 0.5)
+
+
+def aligned(p: np.ndarray, q: np.ndarray, with_scale: bool, scale: float = 1.0) -> Transform:
+    """With covariances alike and so large that all pairs agree: then weighted least squares are plain ones."""
+    spread_m2 = (0.01 * EXTENT_M) ** 2 * np.eye(3)
+    return align(candidates(p, covariance_m2=spread_m2), candidates(q, covariance_m2=scale**2 * spread_m2), with_scale)
+
+
+# --- against 50 digits ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("with_scale", [False, True])
+@pytest.mark.parametrize("shape", SHAPES)
+@given(seed=seeds)
+@settings(max_examples=8, deadline=None)
+def test_the_shapes_of_targets(shape, with_scale, seed):
+    """A plane, a ribbon (condition 12 or so), points that coincide."""
+    p, q = scenario(seed, SHAPES[shape])
+    assert max(errors(umeyama(p, q, with_scale), p, q, with_scale)) < BAR
+    assert max(errors(aligned(p, q, with_scale).matrix, p, q, with_scale)) < BAR
+
+
+@pytest.mark.parametrize("short_rad", [0.0, 1e-15, 1e-12, 1e-8, 1e-4])
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, -2, 3)])
+def test_half_turns(axis, short_rad):
+    turn = Rotation.from_rotvec((np.pi - short_rad) * np.array(axis) / np.linalg.norm(axis)).as_matrix()
+    p, q = scenario(1, FIVE, rotation=turn)
+    assert max(errors(aligned(p, q, False).matrix, p, q, False)) < BAR
+
+
+@pytest.mark.parametrize(("source_far", "target_far"), [(True, False), (False, True), (True, True)])
+@pytest.mark.parametrize("with_scale", [False, True])
+@given(seed=seeds)
+@settings(max_examples=8, deadline=None)
+def test_a_million_metres_from_the_origin(source_far, target_far, with_scale, seed):
+    p, q = scenario(seed, FIVE, source_far=source_far, target_far=target_far)
+    assert max(errors(aligned(p, q, with_scale).matrix, p, q, with_scale)) < BAR
+
+
+@pytest.mark.parametrize("scale", [1e-3, 0.03, 1.0, 30.0, 1e3])
+@given(seed=seeds, far=st.booleans())
+@settings(max_examples=8, deadline=None)
+def test_scales_from_a_thousandth_to_a_thousand(scale, seed, far):
+    p, q = scenario(seed, FIVE, scale, source_far=far)
+    assert max(errors(aligned(p, q, True, scale).matrix, p, q, True)) < BAR
+
+
+def weighted(pairs: Pairs, found: np.ndarray, unknowns: int) -> tuple[mp.matrix, mp.matrix]:
+    """Ten further Gauss–Newton steps of 50 digits from a 4×4 matrix, about the origin: the matrix and the covariance
+    [6 or 7]."""
+    matrix = mp.matrix(found.tolist())
+    for _ in range(10):
+        normal, right = mp.zeros(unknowns), mp.zeros(unknowns, 1)
+        for p, q, c_p, c_q in zip(pairs.source_m, pairs.target_m, pairs.source_m2, pairs.target_m2, strict=True):
+            linear = matrix[:3, :3]
+            x, y, z = carried = linear * mp.matrix(p.tolist()) + matrix[:3, 3]
+            jacobian = mp.matrix([[1, 0, 0, 0, z, -y, x], [0, 1, 0, -z, 0, x, y], [0, 0, 1, y, -x, 0, z]])[:, :unknowns]
+            information = (linear * mp.matrix(c_p.tolist()) * linear.T + mp.matrix(c_q.tolist())) ** -1
+            normal += jacobian.T * information * jacobian
+            right += jacobian.T * information * (mp.matrix(q.tolist()) - carried)
+        t = mp.lu_solve(normal, right)
+        growth = t[6] if unknowns == 7 else mp.mpf(0)
+        change = mp.expm(mp.matrix([[growth, -t[5], t[4]], [t[5], growth, -t[3]], [-t[4], t[3], growth]]))
+        matrix[:3, :3] = change * matrix[:3, :3]
+        matrix[:3, 3] = change * matrix[:3, 3] + t[:3]
+    return matrix, normal**-1
+
+
+@pytest.mark.parametrize("with_scale", [False, True])
+@pytest.mark.parametrize("target_far", [False, True])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_weighted_refinement_and_its_covariance(with_scale, target_far, seed):
+    """Each pair with two ellipsoids of its own, four times as large as the errors, so that Huber's weights are one. The
+    covariance is compared in units of its own standard deviations."""
+    rng = np.random.default_rng(seed)
+    p, q = scenario(seed, SOLID, target_far=target_far)
+    roots = 8e-3 * EXTENT_M * (np.eye(3) + 0.3 * rng.standard_normal((2, 5, 3, 3)))
+    source, target = (
+        [Candidate(c, r @ r.T, ()) for c, r in zip(side, root, strict=True)]
+        for side, root in zip((p, q), roots, strict=True)
+    )
+    pairs = Pairs.of(source, target)
+    found = fit(pairs, with_scale)
+    assert found.distances @ found.distances < found.freedom
+    wanted, covariance = weighted(pairs, found.matrix, 7 if with_scale else 6)
+    np.testing.assert_allclose(found.matrix[:3, :3], numbers(wanted[:3, :3]), atol=BAR)
+    miss = mp.matrix(pairs.offsets(found.matrix).tolist()) - mp.matrix(
+        [
+            list(mp.matrix(b.tolist()) - wanted[:3, :3] * mp.matrix(a.tolist()) - wanted[:3, 3])
+            for a, b in zip(p, q, strict=True)
+        ]
+    )
+    assert np.abs(numbers(miss)).max() < BAR * EXTENT_M + 4 * np.finfo(float).eps * np.abs(q).max()
+    covariance = numbers(covariance)
+    deviations = np.sqrt(np.diag(covariance))
+    off = (found.covariance_about_origin() - covariance) / np.outer(deviations, deviations)
+    assert np.abs(off).max() < BAR
+
+
+def test_far_from_the_origin_a_points_covariance_stays_that_of_its_near_twin():
+    """The covariance about the origin holds (1e6 m · 4 mrad)² = 1e7 m²; what of it remains at the target, 1e-6 m²,
+    survives four roundings of that: 1e-8 m²."""
+    p, q = scenario(3, FIVE)
+    near, far = aligned(p, q, False), aligned(p, q + [6e5, -7e5, 4e5], False)
+    expected = near.point_covariance(q)
+    largest = np.abs(far.covariance).max()
+    got = far.point_covariance(q + [6e5, -7e5, 4e5])
+    np.testing.assert_allclose(got, expected, atol=16 * np.finfo(float).eps * largest)
+
+
+# --- what stays open is refused, with its number --------------------------------------------------------------------
+
+
+def test_the_condition_is_that_of_the_centred_points(rng):
+    """A rotation about an axis is held by the squared distances from it: for σ = (3, 2, 1), (9 + 4)/(4 + 1)."""
+    basis = np.linalg.qr(np.column_stack([np.ones(6), rng.standard_normal((6, 3))]))[0][:, 1:]
+    points = basis * [3, 2, 1] + [5, 6, 7]
+    turn = Rotation.random(rng=rng).as_matrix()
+    assert condition_number(points, 20 * points @ turn.T) == pytest.approx(np.sqrt(13 / 5), rel=1e-12)
+    # seen in a mirror, what held the axis apart now pulls the other way
+    assert condition_number(points, points * [1, 1, -1]) == pytest.approx(np.sqrt(13 / 3), rel=1e-12)
+    assert condition_number(points[:, [0, 1, 1]], points[:, [0, 1, 1]]) > 1
+    ball = basis * [1, 1, 1]
+    assert condition_number(ball, -ball) > 1e7  # its mirror image fits any rotation about any axis alike
+    weights = np.array([1.0, 2, 1, 1, 1, 3])
+    often = points[[0, 1, 1, 2, 3, 4, 5, 5, 5]]
+    assert condition_number(points, points, weights) == pytest.approx(condition_number(often, often), rel=1e-12)
+
+
+LINE = np.array([[0.0, 0, 0], [0.03, 0, 0], [0.05, 0, 0], [0.09, 0, 0], [0.12, 0, 0]])
+
+
+@pytest.mark.parametrize("with_scale", [False, True])
+@pytest.mark.parametrize(
+    "points",
+    [LINE, LINE[[0, 0, 4, 4, 4]], LINE[[1, 1, 1, 1, 1]], LINE + [0, 0, 1e6]],
+    ids=["line", "two points", "one point", "far line"],
+)
+def test_lines_and_points_are_refused_with_their_condition(points, with_scale, rng):
+    turn = Rotation.random(rng=rng).as_matrix()
+    with pytest.raises(HandbenchError, match=r"\(condition number (inf|\d.\d*e\+\d\d), expected at most 20\)"):
+        align(candidates(points), candidates(points @ turn.T + 0.1), with_scale)
+
+
+@pytest.mark.parametrize(("half_width_m", "open_"), [(0.0035, False), (0.0025, True)])
+def test_the_limit_lies_at_a_condition_of_20(half_width_m, open_):
+    """A narrow rectangle of half length a and half width b: √((a² + b²)/b²), 17.2 and 24.02."""
+    corners = np.array([[x, y, 0] for x in (-0.06, 0.06) for y in (-half_width_m, half_width_m)])
+    if open_:
+        with pytest.raises(HandbenchError, match=r"condition number 24, expected at most 20"):
+            align(candidates(corners), candidates(corners))
+    else:
+        np.testing.assert_allclose(align(candidates(corners), candidates(corners)).matrix, np.eye(4), atol=1e-12)
+
+
+def test_a_badly_known_centre_does_not_hold_a_rotation():
+    """The one centre off the line is known a thousand times worse than the others."""
+    pairs = candidates([*LINE, [0.05, 0.06, 0]])
+    pairs[5] = Candidate(pairs[5].centre_m, 1e-2 * np.eye(3), ())
+    with pytest.raises(HandbenchError, match="condition number"):
+        align(pairs, pairs)
+
+
+def test_when_the_pair_that_held_the_rotation_is_wrong_what_is_left_is_refused():
+    wobble = 1e-3 * np.array([[0, 0, 0], [0, 1, 0], [0, 0, 1], [0, -1, 0], [0, 0, -1]])
+    p = np.array([*(LINE + wobble), [0.05, 0.06, 0]])
+    q = p.copy()
+    q[5] += [0.03, 0, 0]  # not explained by any rotation about the line
+    with pytest.raises(HandbenchError, match="condition number"):
+        align(candidates(p), candidates(q))
+
+
+@pytest.mark.parametrize("with_scale", [False, True])
+@pytest.mark.parametrize(("shape", "count"), [(SOLID, 5), (SOLID[:4], 4), (FIVE, 5)])
+@given(seed=seeds)
+@settings(max_examples=10, deadline=None)
+def test_a_mirror_image_is_named_as_one(shape, count, with_scale, seed):
+    """Also of the five, of which four lie in a plane and would outvote the fifth."""
+    p, _ = scenario(seed, shape)
+    with pytest.raises(HandbenchError, match=rf"{count} of {count} pairs of centres lie as the target's mirror image"):
+        align(candidates(p), candidates(mirror(seed, p)), with_scale)
+
+
+def mirror(seed: int, points: np.ndarray) -> np.ndarray:
+    return points * [1, 1, -1] @ Rotation.random(rng=np.random.default_rng(seed)).as_matrix().T
+
+
+def test_a_plane_is_its_own_mirror_image(rng):
+    q = mirror(5, PLANE)
+    np.testing.assert_allclose(align(candidates(PLANE), candidates(q)).points(PLANE), q, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        Candidate(np.array([0, np.nan, 0]), np.eye(3), ()),
+        Candidate(np.zeros(3), np.full((3, 3), np.inf), ()),
+        Candidate(np.zeros(3), -np.eye(3), ()),
+    ],
+)
+def test_numbers_that_are_none_are_refused(broken):
+    with pytest.raises(HandbenchError, match="pair 2: its centre or covariance"):
+        align([candidates(FIVE)[0], broken, *candidates(FIVE)[2:]], candidates(FIVE))
+
+
+# --- one in five is wrong -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("with_scale", [False, True])
+@given(
+    seed=seeds,
+    which=st.integers(0, 4),
+    log_size=st.floats(-1.5, 6),
+    at_source=st.booleans(),
+    shape=st.sampled_from(["five", "plane", "solid"]),
+)
+@settings(max_examples=25, deadline=None)
+def test_one_wrong_pair_in_five_of_any_size_changes_nothing(with_scale, seed, which, log_size, at_source, shape):
+    """The answer is that of the other four (of 50 digits), and so is the covariance; 30 mm to 1000 km off, where the
+    centres err by 0.24 mm and a deviation is 0.4 mm."""
+    p, q = scenario(seed, SHAPES[shape])
+    rng = np.random.default_rng(seed + 1)
+    way = rng.standard_normal(3)
+    (p if at_source else q)[which] += 10**log_size * way / np.linalg.norm(way)
+    rest = np.delete(np.arange(5), which)
+    spread_m2 = 9e-8 * np.eye(3)
+    source, target = (candidates(side, covariance_m2=spread_m2) for side in (p, q))
+    found = align(source, target, with_scale)
+    if not with_scale or shape != "plane":
+        assert found.residuals_m.argmax() == which
+    alone = align([source[i] for i in rest], [target[i] for i in rest], with_scale)
+    np.testing.assert_allclose(found.covariance, alone.covariance, rtol=1e-9, atol=1e-20)
+    assert max(errors(found.matrix, p[rest], q[rest], with_scale)) < BAR
+
+
+def test_the_wrong_pair_is_named(capsys):
+    q = FIVE.copy()
+    q[2] += [0, 0.5, 0]
+    residuals_m = align(candidates(FIVE), candidates(q)).residuals_m
+    assert capsys.readouterr().err == "registration: pair 3 lies 500 mm off where the others agree; left out\n"
+    np.testing.assert_allclose(residuals_m, [0, 0, 0.5, 0, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize(("count", "wrong"), [(6, 2), (10, 4), (15, 5), (40, 16)])
+@given(seed=seeds)
+@settings(max_examples=5, deadline=None)
+def test_a_majority_of_60_percent_suffices(count, wrong, seed):
+    """Beyond 12 pairs the triples are drawn: 220, of which a fifth are without a wrong pair at 40 %."""
+    rng = np.random.default_rng(seed)
+    p, q = scenario(seed, rng.uniform(-0.5, 0.5, (count, 3)) * EXTENT_M)
+    bad = rng.choice(count, wrong, replace=False)
+    good = np.setdiff1d(np.arange(count), bad)
+    q[bad] = q.mean(axis=0) + rng.uniform(-1, 1, (wrong, 3))
+    spread_m2 = 9e-8 * np.eye(3)
+    found = align(candidates(p, covariance_m2=spread_m2), candidates(q, covariance_m2=spread_m2))
+    assert max(errors(found.matrix, p[good], q[good], False)) < BAR
+
+
+@pytest.mark.parametrize(("count", "wrong"), [(3, 1), (4, 1), (5, 2), (6, 3)])
+@given(seed=seeds)
+@settings(max_examples=5, deadline=None)
+def test_without_a_majority_the_residuals_are_shown(count, wrong, seed):
+    """Of four, three that agree are no majority: triangles that fit are no rarity."""
+    rng = np.random.default_rng(seed)
+    p = [SOLID[:3], SOLID[:4], SOLID, np.array([*SOLID, [0.1, 0.09, -0.05]])][count - 3]
+    q = p.copy()
+    q[:wrong] += 0.05 * rng.uniform(0.5, 1, (wrong, 3)) * rng.choice([-1, 1], (wrong, 3))
+    with pytest.raises(HandbenchError, match=rf"its {count} pairs of centres contradict .*residuals in mm: pair 1 \d"):
+        align(candidates(p), candidates(q))
+
+
+# --- frames -----------------------------------------------------------------------------------------------------------
+
+
+@given(seed=seeds, with_scale=st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_another_frame_gives_the_same_answer_there(seed, with_scale):
+    """Over poses and covariances: with the target's frame turned and moved, the transform is turned and moved, and its
+    covariance with it (the adjoint of the motion)."""
+    rng = np.random.default_rng(seed)
+    p, q = scenario(seed, SOLID)
+    roots = 4e-3 * EXTENT_M * (np.eye(3) + 0.3 * rng.standard_normal((2, 5, 3, 3)))
+    turn, shift = Rotation.random(rng=rng).as_matrix(), rng.uniform(-1, 1, 3)
+    source = [Candidate(c, r @ r.T, ()) for c, r in zip(p, roots[0], strict=True)]
+    here = align(source, [Candidate(c, r @ r.T, ()) for c, r in zip(q, roots[1], strict=True)], with_scale)
+    there = align(
+        source,
+        [Candidate(turn @ c + shift, turn @ r @ r.T @ turn.T, ()) for c, r in zip(q, roots[1], strict=True)],
+        with_scale,
+    )
+    np.testing.assert_allclose(there.points(p), here.points(p) @ turn.T + shift, atol=BAR * EXTENT_M)
+    both = np.eye(len(here.covariance))
+    both[:3, :3] = both[3:6, 3:6] = turn
+    carry = adjoint(-shift, len(both)) @ both
+    expected = carry @ here.covariance @ carry.T
+    np.testing.assert_allclose(there.covariance, expected, atol=1e-8 * np.abs(expected).max())
+
+
+def test_the_adjoint_moves_the_pivot(rng):
+    step, pivot, point = rng.standard_normal(7), rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3)
+    expected = perturbation_jacobian(point) @ step
+    np.testing.assert_allclose(perturbation_jacobian(point - pivot) @ adjoint(pivot, 7) @ step, expected, atol=1e-12)

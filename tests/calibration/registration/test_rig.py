@@ -1,0 +1,189 @@
+"""Several captures of the target: combined, and whether the rig moved between them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from seen_target import candidates, pose
+
+from calibration.registration.combination import HAND_M, combine, motion, require_rest
+from calibration.registration.register import align, solve
+from calibration.registration.rigid_fit import Pairs
+from calibration.target.description import default_target
+from calibration.transforms import Transform, identity
+from radar.support.errors import HandbenchError
+
+SPREAD_M = 5e-5
+COMMON_M2 = np.diag([0, 0, 1.3e-4]) ** 2
+
+
+def captured(
+    rng: np.random.Generator,
+    moved_m: tuple[float, ...] = (0, 0, 0),
+    turned_rad: tuple[float, ...] = (0, 0, 0),
+    shared_m: float = 0.0,
+    scale: float = 1.0,
+) -> Pairs:
+    """The target somewhere near the hand, seen by a rig whose radar frame moved against the photographs' (about the
+    hand's centre), with errors of 0.05 mm and one along z that all balls share."""
+    rotation, _ = pose(rng)
+    photo = default_target().centres_m @ rotation.T + HAND_M + rng.uniform(-0.02, 0.02, 3)
+    radar = (photo - HAND_M) @ Rotation.from_rotvec(turned_rad).as_matrix().T * scale + HAND_M + moved_m
+    radar = radar + [0, 0, shared_m]
+    sides = (side + SPREAD_M * rng.standard_normal(side.shape) for side in (photo, radar))
+    return Pairs.of(*(candidates(side, covariance_m2=SPREAD_M**2 * np.eye(3)) for side in sides))
+
+
+# --- one transform of all captures ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("with_scale", [False, True])
+def test_captures_are_combined_as_one_set_of_pairs(rng, with_scale):
+    captures = [captured(rng) for _ in range(3)]
+    together = combine(captures, with_scale, COMMON_M2)
+    alone = solve(captures[0] + captures[1] + captures[2], with_scale)
+    np.testing.assert_array_equal(together.matrix, alone.matrix)
+    expected = alone.covariance.copy()
+    expected[:3, :3] += COMMON_M2  # once and whole: the same balls err alike
+    np.testing.assert_allclose(together.covariance, expected, rtol=1e-12)
+    assert len(together.residuals_m) == 15
+
+
+def test_one_capture_is_itself(rng):
+    capture = captured(rng)
+    np.testing.assert_array_equal(combine([capture]).matrix, solve(capture).matrix)
+
+
+def test_the_combined_covariance_is_honest(rng):
+    """Over 300 rigs with three captures each, the squared error at the hand in units of what is predicted averages 3
+    (four standard errors √(6/300), and 3 % for the enlarged ones), the error that all captures share included."""
+    nees, single = [], []
+    for _ in range(300):
+        shared_m = np.sqrt(COMMON_M2[2, 2]) * rng.standard_normal()
+        captures = [captured(rng, shared_m=shared_m) for _ in range(3)]
+        found = solve(captures[0] + captures[1] + captures[2], common_m2=COMMON_M2)
+        miss = found.points(HAND_M) - HAND_M
+        nees.append(miss @ np.linalg.solve(found.point_covariance(HAND_M), miss))
+        single.append(found.point_covariance(HAND_M)[2, 2])
+    assert np.mean(nees) == pytest.approx(3, abs=4 * np.sqrt(6 / 300) + 0.09)
+    assert min(single) > COMMON_M2[2, 2]  # no number of captures averages it away
+
+
+def test_a_wrong_pair_is_named_with_its_capture(rng, capsys):
+    captures = [captured(rng) for _ in range(2)]
+    captures[1].target_m[3] += [0, 0.04, 0]
+    combine(captures, names=["monday", "friday"])
+    assert "registration: friday, pair 4 lies 40" in capsys.readouterr().err
+
+
+def test_captures_between_which_the_rig_moved_are_not_combined(rng):
+    captures = [captured(rng), captured(rng), captured(rng, moved_m=(0.002, 0, 0))]
+    expected = (
+        r"the rig moved between (first|second) and third: (1\.9|2)\S* mm at the hand's centre "
+        r"\(95 % interval 1\.\S+ to 2\.\S+ mm; χ² = \S+ for 6 degrees of freedom, p = \S+\); "
+        r"use the captures on one side of the move alone"
+    )
+    with pytest.raises(HandbenchError, match=expected):
+        combine(captures, names=["first", "second", "third"])
+
+
+# --- whether the rig moved ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("with_scale", [False, True])
+def test_a_rig_at_rest_is_seldom_said_to_move(rng, with_scale):
+    """400 repeats. χ² averages 6 or 7 (four standard errors, and 3 % for covariances that the residuals enlarge); 1 %
+    are false alarms, 10 of 400 being four standard errors and more."""
+    repeats = [
+        motion(solve(captured(rng, shared_m=1e-4), with_scale), solve(captured(rng, shared_m=1e-4), with_scale))
+        for _ in range(400)
+    ]
+    unknowns = 7 if with_scale else 6
+    assert np.mean([m.chi2 for m in repeats]) == pytest.approx(
+        unknowns, abs=4 * np.sqrt(2 * unknowns / 400) + 0.03 * unknowns
+    )
+    assert sum(m.moved for m in repeats) <= 12
+    assert sum(m.interval_m[0] > 0 for m in repeats) <= 20  # nothing moved: the interval starts at nothing in 95 %
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=3, deadline=None)
+def test_the_interval_holds_the_true_shift(seed):
+    """150 moves of 0 to 0.5 mm and 2 mrad: at least 95 %, less three standard errors (1.8 % each)."""
+    rng = np.random.default_rng(seed)
+    held = []
+    for _ in range(150):
+        shift_m, turn_rad = rng.uniform(0, 5e-4) * direction(rng), 2e-3 * direction(rng)
+        found = motion(solve(captured(rng)), solve(captured(rng, shift_m, turn_rad)))
+        low_m, high_m = found.interval_m
+        held.append(low_m <= np.linalg.norm(shift_m) <= high_m)
+    assert np.mean(held) > 0.95 - 3 * 0.018
+
+
+def direction(rng: np.random.Generator) -> np.ndarray:
+    way = rng.standard_normal(3)
+    return way / np.linalg.norm(way)
+
+
+@pytest.mark.parametrize("move", [{"moved_m": (3e-4, 0, 0)}, {"turned_rad": (0, 0, 0.005)}, {"scale": 1.01}])
+def test_a_shift_a_turn_and_a_change_of_scale_are_each_seen(rng, move):
+    """A turn about the hand's centre leaves that point where it was, and is seen all the same."""
+    with_scale = "scale" in move
+    found = motion(solve(captured(rng), with_scale), solve(captured(rng, **move), with_scale))
+    assert found.moved
+    assert found.sentence.startswith("the rig moved between the first capture and the second: ")
+    expected = np.zeros(len(found.step))
+    expected[:3], expected[3:6] = move.get("moved_m", (0, 0, 0)), move.get("turned_rad", (0, 0, 0))
+    expected[6:] = np.log(move.get("scale", 1.0))
+    assert (np.abs(found.step - expected) < 5 * np.sqrt(np.diag(found.covariance))).all()
+
+
+def test_what_all_balls_share_cancels(rng):
+    first, second = captured(rng), captured(rng)
+    plain = motion(solve(first), solve(second))
+    shared = motion(solve(first, common_m2=COMMON_M2), solve(second, common_m2=COMMON_M2), COMMON_M2)
+    np.testing.assert_allclose(shared.covariance, plain.covariance, atol=1e-9 * np.abs(plain.covariance).max())
+    assert shared.chi2 == pytest.approx(plain.chi2, rel=1e-6)
+    assert not plain.moved
+    assert "the rig did not measurably move between" in plain.sentence
+
+
+def test_many_captures_of_a_rig_at_rest_raise_no_more_alarms(rng):
+    """Six captures give 15 comparisons; each is tested at 1 %/15. Of 40 such rigs, one in a hundred is expected to be
+    refused; four are less likely than 1 in 1000."""
+    refused = 0
+    for _ in range(40):
+        try:
+            require_rest([solve(captured(rng)) for _ in range(6)], [f"capture {i}" for i in range(6)])
+        except HandbenchError:
+            refused += 1
+    assert refused < 4
+
+
+def test_transforms_that_cannot_be_compared_are_refused(rng):
+    pairs = captured(rng)
+    rigid, similar = solve(pairs), solve(pairs, with_scale=True)
+    with pytest.raises(HandbenchError, match="sizes 6 and 7; expected 6 and 6, or 7 and 7 with scale"):
+        motion(rigid, similar)
+    with pytest.raises(HandbenchError, match="sizes 6 and 0"):
+        motion(rigid, Transform("photo", "radar", np.eye(4)))
+    with pytest.raises(HandbenchError, match="the second: leads from 'radar' to 'radar'; expected one from 'photo'"):
+        motion(rigid, identity("radar"))
+    with pytest.raises(HandbenchError, match="do not hold the common error given"):
+        motion(rigid, rigid, COMMON_M2)
+
+
+def test_pairs_keep_their_order_and_names(rng):
+    pairs = captured(rng)
+    both = pairs + replace(pairs, names=tuple("abcde"))
+    assert both[[5, 2]].names == ("a", "pair 3")
+    np.testing.assert_array_equal(both[np.arange(10) >= 5].source_m, pairs.source_m)
+    np.testing.assert_array_equal(
+        align(candidates(pairs.source_m), candidates(pairs.target_m)).matrix,
+        solve(replace(pairs, source_m2=pairs.source_m2 * 4, target_m2=pairs.target_m2 * 4)).matrix,
+    )

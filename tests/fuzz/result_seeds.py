@@ -1,0 +1,161 @@
+"""Small valid inputs of the readers of pictures and results, each written into an empty folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tests.fuzz.geometry_seeds import AXIS_M, SIZE, depth
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+
+def _picture(mode: str = "RGB") -> Image.Image:
+    from PIL import Image
+
+    return Image.fromarray(np.random.default_rng(1).integers(0, 255, (SIZE[1], SIZE[0], 3), np.uint8)).convert(mode)
+
+
+def _exif() -> Image.Exif:
+    from PIL import Image
+
+    exif = Image.Exif()
+    exif[0x0110], exif[0x0112] = "Camera", 6
+    exif.get_ifd(0x8769).update({0x920A: 35.0, 0xA405: 50, 0xA20E: 1000.0, 0xA210: 2, 0xA002: SIZE[0]})
+    return exif
+
+
+def pictures(folder: Path) -> None:
+    """Photographs in every form, the first with EXIF data."""
+    from PIL import Image
+
+    _picture().save(folder / "a.jpg", exif=_exif(), quality=60)
+    _picture().save(folder / "b.png")
+    Image.fromarray(np.arange(1200, dtype=np.uint16).reshape(30, 40)).save(folder / "c.tif")
+    _picture("P").save(folder / "d.png")
+
+
+def masks(folder: Path) -> None:
+    """A mask for each of `photos`, the last of the upright picture."""
+    (folder / "masks").mkdir()
+    for name in ("a.jpg.png", "b.png", "d.png"):
+        picture = _picture("L")
+        (picture.rotate(90, expand=True) if name == "d.png" else picture).save(folder / "masks" / name)
+
+
+def small_photo(folder: Path) -> None:
+    """A photograph to make small."""
+    _picture().save(folder / "hand.jpg", exif=_exif(), quality=60)
+
+
+def result(folder: Path) -> None:
+    """A complete result of one method on one capture."""
+    from bench import results
+    from bench.results.records import Comparison
+    from radar.data.depthmap import DepthMap
+
+    z_m, flat = np.full((5, 5), 0.3), np.zeros((5, 5))
+    DepthMap(AXIS_M, AXIS_M, z_m, flat, "2fsk").save(results.depth_path(folder, "F", "2fsk"))
+    results.write_surface(folder, "F", "truth", results.Surface(AXIS_M, AXIS_M, z_m, flat))
+    results.write_errors(folder, "F", "2fsk", "truth", results.ErrorMap(AXIS_M, AXIS_M, flat, z_m))
+    small_photo(folder)
+    results.write_photo(folder, "F", folder / "hand.jpg")
+    results.write_table(folder, [results.Row("mae_mm", "2fsk", 6.0, 5.5, 6.5, "mm", 6.6, "truth")])
+    task = results.Task("a", "F", "2fsk", "reconstruct", 0.1, 0.2, 300.0, False, 0.01, "here", 9.0)
+    results.write_tasks(folder, [task])
+    results.write_repeats(folder, [results.Repeat("F", "2fsk", 0, 0.3)])
+    results.write_comparisons(
+        folder,
+        [Comparison("mae_mm", "2fsk", "3fsk", 1.0, 0.5, 1.5, "mm", 0.01, 2.0, "truth", 1, 20, "2-FSK is better")],
+    )
+    results.write_config(folder, 'name = "small"\n')
+    results.write_about(
+        folder,
+        results.About(
+            name="small",
+            protocol={"id": "paper", "repeats": 3},
+            metrics={"mae_mm": results.MetricFacts(title="MAE", unit="mm", better="lower", definition="mean")},
+            inputs={"F": "0" * 64},
+            versions={"numpy": "2"},
+            machine={"cores": 2},
+            captures=(results.CaptureFacts(name="F", pose="F", distance_m=0.3, references=("truth",)),),
+            methods=(results.MethodFacts(name="2fsk", title="2-FSK", config={"F": {"tolerance": 1e-5}}),),
+        ),
+    )
+
+
+def tradeoff(folder: Path) -> None:
+    """A trade-off of one setting."""
+    from bench import results
+
+    section = results.Section(
+        name="imaging", title="Imaging", metric="mae_mm", unit="mm", definition="mean", seconds="all", reference="one"
+    )
+    facts = results.TradeoffFacts(
+        name="small",
+        scored_against="truth",
+        sections=(section,),
+        captures=("F",),
+        claims=(results.Claim(text="faster", paper=1000.0),),
+    )
+    figures = dict.fromkeys(
+        (
+            "error",
+            "low",
+            "high",
+            "seconds",
+            "seconds_low",
+            "seconds_high",
+            "ratio",
+            "acquisition_s",
+            "plan_s",
+            "imaging_s",
+            "extraction_s",
+            "operations",
+            "peak_memory_mb",
+        ),
+        1.5,
+    )
+    results.write_tradeoff(
+        folder,
+        facts,
+        [
+            results.Setting(
+                section="imaging",
+                name="one",
+                title="One",
+                knobs=json.dumps({"tolerance": 1e-3}),
+                metric="mae_mm",
+                unit="mm",
+                on_front=True,
+                dominated_by="",
+                **figures,
+            )
+        ],
+    )
+
+
+def stability(folder: Path) -> None:
+    """A stability run of one case."""
+    from bench.results.stability import HardCase, StabilityFacts, Table, write_stability
+
+    row = HardCase("wrap", "phase", "depth", "closed form", "mm", 1.0, 0.5, "holds", "0.3 m", "rounding", 0.1)
+    table = Table(title="Errors", text="small", columns=("a", "b"), rows=(("x", 1.5), ("y", None)))
+    write_stability(folder, StabilityFacts(seed=0, seconds=1.0, tables=(table,)), [row])
+
+
+def stage(folder: Path) -> None:
+    """What the kept stage makes."""
+    depth(folder)
+
+
+def kept(folder: Path) -> None:
+    """A kept stage, and what it made once more beside it."""
+    from bench.run.cache import kept_stage
+
+    kept_stage(folder / "stage", "stage", stage)
+    (folder / "fresh.npz").write_bytes((folder / "stage" / "depth.npz").read_bytes())

@@ -1,0 +1,46 @@
+"""The scale from distances between cameras."""
+
+import numpy as np
+import pytest
+from synthetic_model import synthetic_model
+
+from groundtruth.cameras.cameras import registered
+from groundtruth.options import Distance
+from groundtruth.sparse.distances import distances_from_model
+from groundtruth.sparse.frame import apply
+from radar.support.errors import HandbenchError
+
+CENTRES = np.array([(1.0, 0.0, 0.2), (1.0, 0.3, 0.2), (1.0, 0.3, 0.6), (0.9, -0.2, 0.1)])  # 0.3, 0.4 and 0.5 apart
+
+
+def pair(a, b, metres):
+    return Distance(first=f"p{a}.png", second=f"p{b}.png", distance_m=metres)
+
+
+@pytest.fixture
+def model():
+    return synthetic_model(CENTRES)
+
+
+def test_one_distance_scales_and_leaves_the_frame(model):
+    matrix, scale = distances_from_model(model, (pair(0, 2, 1.25),))
+    np.testing.assert_allclose(matrix, np.diag([2.5, 2.5, 2.5, 1]))
+    assert (scale.source, scale.features, scale.used, scale.residual_m) == ("distances", 1, 1, None)
+    apply(model, matrix)
+    np.testing.assert_allclose([image.projection_center() for image in registered(model)], 2.5 * CENTRES, atol=1e-9)
+
+
+def test_several_are_balanced_and_their_residual_reported(model):
+    matrix, scale = distances_from_model(model, (pair(0, 1, 0.302), pair(1, 2, 0.399)))
+    assert matrix[0, 0] == pytest.approx((0.3 * 0.302 + 0.4 * 0.399) / 0.25)
+    off_m = matrix[0, 0] * np.array([0.3, 0.4]) - (0.302, 0.399)
+    assert scale.residual_m == pytest.approx(np.sqrt((off_m**2).mean()))
+
+
+def test_what_cannot_be_is_refused(model):
+    with pytest.raises(HandbenchError, match=r"p9\.png is not among the registered photographs \(p0\.png, p1"):
+        distances_from_model(model, (pair(0, 9, 1.0),))
+    with pytest.raises(HandbenchError, match=r"p0\.png to p1\.png is given as 0\.3 m.*agree to 2%"):
+        distances_from_model(model, (pair(0, 1, 0.3), pair(1, 2, 0.45)))
+    with pytest.raises(HandbenchError, match="taken from the same point"):
+        distances_from_model(model, (pair(0, 0, 0.3),))

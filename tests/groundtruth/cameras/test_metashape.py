@@ -1,0 +1,120 @@
+"""Metashape's camera export, against its manual's formulas written anew."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from groundtruth.cameras.metashape import read_metashape
+from radar.support.errors import HandbenchError
+
+WIDTH, HEIGHT = 640, 480
+LENS = {"f": 700.0, "cx": 5.5, "cy": -3.25, "b1": 1.5, "k1": -0.08, "k2": 0.05, "k3": -0.02, "p1": 8e-4, "p2": -5e-4}
+CAMERA_TO_CHUNK = np.eye(4)
+CAMERA_TO_CHUNK[:3, :3] = Rotation.from_euler("xyz", (170, 10, -20), degrees=True).as_matrix()
+CAMERA_TO_CHUNK[:3, 3] = (0.7, -1.1, 9.0)
+TURN = Rotation.from_euler("xyz", (-60, 30, 15), degrees=True).as_matrix()
+SCALE, SHIFT_M = 0.05, np.array([10.0, 20.0, -3.0])
+
+
+def words(numbers):
+    return " ".join(repr(float(number)) for number in np.ravel(numbers))
+
+
+def export(path, lens=LENS, world=None, label="DSC_1", place="components"):
+    """A file as Metashape 2 writes it ("components") or as PhotoScan did ("chunk"); one camera is not aligned."""
+    world = (
+        world
+        if world is not None
+        else (
+            f"<transform><rotation locked='true'>{words(TURN)}</rotation><translation locked='true'>{words(SHIFT_M)}"
+            f"</translation><scale locked='true'>{SCALE}</scale></transform>"
+        )
+    )
+    components = f"<components><component id='0' label='Component 1'>{world}</component></components>"
+    calibration = "".join(f"<{name}>{value!r}</{name}>" for name, value in lens.items())
+    path.write_text(
+        f"""<?xml version="1.0" encoding="UTF-8"?>
+<document version="2.0.0"><chunk label="Chunk 1" enabled="true">
+  <sensors next_id="1"><sensor id="0" label="unknown" type="frame">
+    <resolution width="{WIDTH}" height="{HEIGHT}"/><property name="layer_index" value="0"/>
+    <calibration type="frame" class="initial"><resolution width="{WIDTH}" height="{HEIGHT}"/><f>1</f></calibration>
+    <calibration type="frame" class="adjusted">
+      <resolution width="{WIDTH}" height="{HEIGHT}"/>{calibration}</calibration>
+  </sensor></sensors>
+  {components if place == "components" else world}
+  <cameras next_id="2"><group id="0" label="Group 1" type="folder">
+    <camera id="0" sensor_id="0" {"component_id='0'" if place == "components" else ""} label="{label}">
+      <transform>{words(CAMERA_TO_CHUNK)}</transform><orientation>1</orientation></camera>
+    <camera id="1" sensor_id="0" label="DSC_2"/>
+  </group></cameras></chunk></document>""",
+        encoding="utf-8",
+    )
+    return path
+
+
+def by_the_manual(points_m):
+    """Pixels [n, 2] of world points, by Metashape's user manual, appendix on camera models."""
+    chunk = ((points_m - SHIFT_M) @ TURN) / SCALE
+    X, Y, Z = (np.linalg.inv(CAMERA_TO_CHUNK) @ np.c_[chunk, np.ones(len(chunk))].T)[:3]
+    x, y = X / Z, Y / Z
+    r = np.hypot(x, y)
+    c = dict.fromkeys(("k4", "b2"), 0.0) | LENS
+    radial = 1 + c["k1"] * r**2 + c["k2"] * r**4 + c["k3"] * r**6 + c["k4"] * r**8
+    xd = x * radial + (c["p1"] * (r**2 + 2 * x**2) + 2 * c["p2"] * x * y)
+    yd = y * radial + (c["p2"] * (r**2 + 2 * y**2) + 2 * c["p1"] * x * y)
+    u = WIDTH * 0.5 + c["cx"] + xd * c["f"] + xd * c["b1"] + yd * c["b2"]
+    return np.stack([u, HEIGHT * 0.5 + c["cy"] + yd * c["f"]], axis=1)
+
+
+@pytest.mark.parametrize("place", ["components", "chunk"])
+def test_a_camera_projects_as_the_manual_says(tmp_path, place):
+    aligned, other = read_metashape(export(tmp_path / "cams.xml", place=place))
+    assert (aligned.name, aligned.width, aligned.height) == ("DSC_1", WIDTH, HEIGHT)
+    in_camera = np.random.default_rng(0).uniform((-3, -2, 8), (3, 2, 12), (50, 3))
+    in_chunk = in_camera @ CAMERA_TO_CHUNK[:3, :3].T + CAMERA_TO_CHUNK[:3, 3]
+    points_m = SCALE * in_chunk @ TURN.T + SHIFT_M
+    np.testing.assert_allclose(aligned.project(points_m), by_the_manual(points_m), atol=1e-8)
+    assert other.name == "DSC_2" and other.R is None and other.t is None
+
+
+def test_without_a_scale_there_are_no_poses(tmp_path):
+    for camera in read_metashape(export(tmp_path / "cams.xml", world="")):
+        assert camera.R is None and camera.t is None
+
+
+def test_labels_may_be_paths(tmp_path):
+    for label in ("C:\\photos\\a.JPG", "/home/b/a.JPG"):
+        assert read_metashape(export(tmp_path / "cams.xml", label=label))[0].name == "a.JPG"
+
+
+@pytest.mark.parametrize(
+    ("lens", "what"),
+    [({"k4": 0.1}, "has k4"), ({"p3": 0.1}, "has p3"), ({"b2": 0.5}, "has b2"), ({"f": "x"}, "could not convert")],
+)
+def test_what_colmap_cannot_express_is_refused(tmp_path, lens, what):
+    with pytest.raises(HandbenchError, match=rf"cams\.xml: .*{what}"):
+        read_metashape(export(tmp_path / "cams.xml", lens=LENS | lens))
+    assert read_metashape(export(tmp_path / "cams.xml", lens=LENS | {"k4": 0.0, "b2": 0.01}))
+
+
+@pytest.mark.parametrize(
+    ("find", "put", "what"),
+    [
+        ("<document", "<!DOCTYPE d [<!ENTITY a 'b'>]><document", "holds a DOCTYPE"),
+        ("</document>", "", "not readable as XML"),
+        ("frame", "fisheye", "no calibration of type 'frame'"),
+        ("sensor_id='0'", "sensor_id='9'", "no cameras file of Metashape"),
+        ("<document", "<doc", "not readable as XML"),
+        ("chunk", "piece", "has 0 Metashape chunks"),
+        ("<transform>", "<transform>7 ", "has 17 numbers, expected 16"),
+        (words(CAMERA_TO_CHUNK[0])[:10], "nan ", "expected 16"),
+        ("<f>700.0", "<f>nan", "cams.xml"),
+    ],
+)
+def test_broken_files_are_refused(tmp_path, find, put, what):
+    path = export(tmp_path / "cams.xml")
+    text = path.read_text("utf-8").replace('sensor_id="0"', "sensor_id='0'")
+    assert find in text
+    path.write_text(text.replace(find, put), encoding="utf-8")
+    with pytest.raises(HandbenchError, match=what):
+        read_metashape(path)

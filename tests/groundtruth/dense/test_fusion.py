@@ -1,0 +1,113 @@
+"""Fusion of depth maps made by hand: parallel cameras before a wall, whole pixels apart."""
+
+import numpy as np
+import pytest
+
+from groundtruth.dense.dense import DepthMap
+from groundtruth.dense.fusion import AGREEMENT_PX, FEW_VIEWS, Cloud, fuse
+from groundtruth.dense.views import View
+from radar.support.errors import HandbenchError
+
+FOCAL_PX, WALL_M = 100.0, 1.0
+PIXEL_M = WALL_M / FOCAL_PX
+SIZE = (12, 16)
+TOWARDS = np.array([0.0, 0.0, -1.0])
+
+
+def wall(i, off_m=0.0, normal=TOWARDS, size=SIZE):
+    """The depth map of camera i, i pixels to the right, whose depths are `off_m` too large."""
+    K = np.array([[FOCAL_PX, 0, 7], [0, FOCAL_PX, 5], [0, 0, 1]])
+    depth_m = np.full(size, WALL_M + off_m)
+    flat = np.zeros(size, np.float32)
+    view = View(f"v{i}", flat, K, np.eye(3), np.array([-i * PIXEL_M, 0, 0]), flat, flat)
+    return DepthMap(view, depth_m, np.broadcast_to(normal, (*size, 3)).copy())
+
+
+def test_points_are_means_and_spreads_are_standard_deviations():
+    """In units of a pixel; all four agree, and those of camera 0 at pixels that all of them show."""
+    offs_m = PIXEL_M * np.array([0.0, 0.3, -0.2, 0.5])
+    cloud = fuse([wall(i, off_m) for i, off_m in enumerate(offs_m)], None)
+    everyone = cloud.views.all(axis=1)
+    assert everyone.sum() == 4 * SIZE[0] * (SIZE[1] - 3)
+    np.testing.assert_allclose(cloud.points_m[everyone, 2], WALL_M + offs_m.mean(), rtol=1e-12)
+    np.testing.assert_allclose(cloud.spread_m[everyone], offs_m.std(ddof=1), rtol=1e-9)
+    np.testing.assert_allclose(cloud.normals[everyone], np.tile(TOWARDS, (everyone.sum(), 1)))
+    assert cloud.names == ("v0", "v1", "v2", "v3")
+    assert cloud.pixel_m == pytest.approx(PIXEL_M, rel=0.01)
+    # seen by three: the offsets of the three that do
+    first = (cloud.views == (False, True, True, True)).all(axis=1)
+    assert first.any()
+    np.testing.assert_allclose(cloud.spread_m[first], offs_m[1:].std(ddof=1), rtol=1e-9)
+
+
+def test_who_agrees_is_told_by_name():
+    """The third is farther off than AGREEMENT_PX allows, the fourth looks elsewhere: nobody agrees with them, nor do
+    they with anybody; all others do where they look."""
+    maps = [wall(0), wall(1), wall(2, 1.1 * AGREEMENT_PX * PIXEL_M), wall(3, 0.0, (0.9, 0.0, -(0.19**0.5))), wall(4)]
+    cloud = fuse(maps, None)
+    assert not cloud.views[:, 2].any() and not cloud.views[:, 3].any()
+    middle = np.abs(cloud.points_m[:, 0]) < 2.5 * PIXEL_M
+    assert middle.sum() == 3 * 5 * SIZE[0] and cloud.views[middle][:, [0, 1, 4]].all()
+    nearer = fuse([*maps[:2], wall(2, 0.9 * AGREEMENT_PX * PIXEL_M), *maps[3:]], None)
+    assert nearer.views[:, 2].any()
+
+
+def test_spread_is_along_the_normal():
+    """A wall that leans by 45°: an error of depth is 1/√2 of itself across it."""
+    lean = np.array([0.0, 1.0, -1.0]) / 2**0.5
+
+    def leaning(i, off_m):
+        tilted = wall(i, 0.0, lean)
+        slope_m = WALL_M / (1 - (np.arange(SIZE[0]) - 5) / FOCAL_PX)  # z = WALL + y
+        tilted.depth_m[:] = slope_m[:, None] + off_m
+        return tilted
+
+    offs_m = 1e-3 * np.array([0.0, 1.0, -1.0])
+    cloud = fuse([leaning(i, off_m) for i, off_m in enumerate(offs_m)], None)
+    everyone = cloud.views.all(axis=1)
+    # the three are one depth along one pixel's ray, which leans by up to 7 pixels of 100
+    np.testing.assert_allclose(cloud.spread_m[everyone], offs_m.std(ddof=1) / 2**0.5, rtol=0.1)
+
+
+def test_of_few_views_two_suffice_of_more_three_are_needed():
+    def pair_among(count):
+        return fuse([wall(0), wall(1), *(wall(i, 0.2 * (i - 1)) for i in range(2, count))], None)
+
+    for count in (3, FEW_VIEWS):
+        few = pair_among(count)
+        assert len(few.points_m) and (few.views == (np.arange(count) < 2)).all()
+    nothing = pair_among(FEW_VIEWS + 1)
+    assert nothing.views.shape == (0, FEW_VIEWS + 1) and np.isnan(nothing.pixel_m)
+
+
+def test_unknown_depths_pictures_of_other_sizes_and_the_box():
+    maps = [wall(0), wall(1, size=(10, 16)), wall(2, size=(12, 9))]
+    maps[1].depth_m[4] = np.nan
+    cloud = fuse(maps, None)
+    assert np.isfinite(cloud.points_m).all() and np.isfinite(cloud.spread_m).all()
+    row = np.round(cloud.points_m[:, 1] / PIXEL_M).astype(int) + 5
+    column = np.round(cloud.points_m[:, 0] / PIXEL_M).astype(int) + 7
+    assert not cloud.views[row == 4, 1].any() and not cloud.views[row >= 10, 1].any()
+    assert not cloud.views[column >= 11, 2].any() and cloud.views[column < 9, 2].any()
+    box_m = np.array([(-0.02, -0.02, 0.5), (0.02, 0.0, 1.5)])
+    boxed = fuse(maps, box_m)
+    inside = ((cloud.points_m >= box_m[0]) & (cloud.points_m <= box_m[1])).all(axis=1)
+    np.testing.assert_array_equal(boxed.points_m, cloud.points_m[inside])
+    np.testing.assert_array_equal(boxed.views, cloud.views[inside])
+
+
+def test_a_cloud_comes_back_from_a_file_and_in_part(tmp_path):
+    cloud = fuse([wall(i, 1e-3 * i) for i in range(4)], None)
+    cloud.save(tmp_path / "c.npz")
+    found = Cloud.load(tmp_path / "c.npz")
+    for name in ("points_m", "normals", "views", "spread_m"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(cloud, name))
+    assert (found.names, found.pixel_m) == (cloud.names, cloud.pixel_m)
+    assert found.views.dtype == bool and isinstance(found.names[0], str) and isinstance(found.pixel_m, float)
+    some = found.at(np.array([5, 2]))
+    np.testing.assert_array_equal(some.spread_m, cloud.spread_m[[5, 2]])
+    np.testing.assert_array_equal(some.views, cloud.views[[5, 2]])
+    assert len(some.points_m) == len(some.normals) == 2 and some.names == cloud.names
+    (tmp_path / "c.npz").write_bytes(b"PK")
+    with pytest.raises(HandbenchError, match=r"c\.npz: is not a readable"):
+        Cloud.load(tmp_path / "c.npz")

@@ -1,0 +1,234 @@
+"""Mesh files of strangers: what they promise is checked against what they hold, and none of it stops the program."""
+
+import re
+import struct
+
+import numpy as np
+import pytest
+
+from groundtruth.mesh.mesh_files import mesh, read_mesh, read_triangles, write_mesh
+from groundtruth.mesh.ply import MOST, read_ply
+from radar.support.errors import HandbenchError
+from radar.support.rays import load_open3d
+
+VERTICES_M = np.array([(0, 0, 0.3), (0.1, 0, 0.4), (0, 0.1, 0.3), (0.1, 0.1, 0.35)], np.float32).astype(np.float64)
+FACES = np.array([(0, 2, 1), (1, 2, 3)])
+XYZ = "property float x\nproperty float y\nproperty float z\n"
+LIST = "property list uchar int vertex_indices\n"
+
+
+def header(kind="binary_little_endian", vertices=4, faces=2, of_vertex=XYZ, of_face=LIST) -> bytes:
+    text = f"ply\nformat {kind} 1.0\ncomment c\nelement vertex {vertices}\n{of_vertex}element face {faces}\n{of_face}"
+    return (text + "end_header\n").encode()
+
+
+def rows(order="<", faces=FACES, values=VERTICES_M) -> bytes:
+    corners = b"".join(struct.pack(f"{order}B{len(face)}i", len(face), *face) for face in faces)
+    return values.astype(f"{order}f4").tobytes() + corners
+
+
+def ply() -> bytes:
+    return header() + rows()
+
+
+def ascii_ply(lines=("3 0 2 1", "3 1 2 3"), **promises) -> bytes:
+    body = [" ".join(f"{value:.9g}" for value in vertex) for vertex in VERTICES_M]
+    return header("ascii", **promises) + "\n".join([*body, *lines, ""]).encode()
+
+
+def obj() -> bytes:
+    lines = ["# a hand", "o hand", *(f"v {x} {y} {z}" for x, y, z in VERTICES_M), "vn 0 0 1", "usemtl skin"]
+    return "\n".join([*lines, "f 1 3 2", "f -3/1/1 -2//1 -1", ""]).encode()
+
+
+def stl(faces=FACES) -> bytes:
+    facets = b"".join(bytes(12) + VERTICES_M[face].astype("<f4").tobytes() + bytes(2) for face in faces)
+    return b"solid as some exporters begin".ljust(80) + struct.pack("<I", len(faces)) + facets
+
+
+def ascii_stl() -> bytes:
+    facets = [
+        "facet normal 0 0 1\nouter loop\n"
+        + "".join(f"vertex {x} {y} {z}\n" for x, y, z in VERTICES_M[face])
+        + "endloop\nendfacet\n"
+        for face in FACES
+    ]
+    return f"solid a\n{''.join(facets)}endsolid a\n".encode()
+
+
+GOOD = {"a.ply": ply(), "b.ply": ascii_ply(), "a.obj": obj(), "a.stl": stl(), "b.stl": ascii_stl()}
+
+
+def written(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    return tmp_path / name
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_every_form_holds_the_same_triangles(tmp_path, name):
+    vertices_m, faces, told = read_triangles(written(tmp_path, name, GOOD[name]))
+    np.testing.assert_allclose(vertices_m[faces], VERTICES_M[FACES], atol=1e-9)  # nine digits are written of float32
+    assert len(vertices_m) == 4 and told == {}  # STL's equal corners are one vertex
+
+
+def test_what_open3d_writes_comes_back_in_both_byte_orders_and_with_colours(tmp_path):
+    sphere = load_open3d().geometry.TriangleMesh.create_sphere(0.05, resolution=7)
+    sphere.compute_vertex_normals()
+    sphere.paint_uniform_color((0.2, 0.4, 0.6))
+    write_mesh(tmp_path / "a.ply", sphere)
+    again = read_mesh(tmp_path / "a.ply")
+    assert np.array_equal(np.asarray(again.vertices), np.asarray(sphere.vertices))
+    assert np.array_equal(np.asarray(again.triangles), np.asarray(sphere.triangles))
+    assert {"nx", "red"} < read_triangles(tmp_path / "a.ply")[2].keys()
+    big = read_triangles(written(tmp_path, "b.ply", header("binary_big_endian") + rows(">")))
+    assert np.array_equal(big[0], VERTICES_M) and np.array_equal(big[1], FACES)
+
+
+@pytest.mark.parametrize("faces", [[(0, 1, 3, 2)], [(0, 2, 1), (0, 1, 3, 2)]], ids=["squares", "mixed"])
+def test_polygons_are_cut_into_fans(tmp_path, faces):
+    content = header(faces=len(faces)) + rows(faces=faces)
+    lines = tuple(f"{len(face)} {' '.join(map(str, face))}" for face in faces)
+    for name, given in (("a.ply", content), ("b.ply", ascii_ply(lines, faces=len(faces)))):
+        found = read_triangles(written(tmp_path, name, given))[1]
+        assert found.tolist() == [list(f) for f in faces if len(f) == 3] + [[0, 1, 3], [0, 3, 2]]
+
+
+LIES = {  # a PLY's content, and what is said of it
+    "more faces than there can be": (header(faces=10**8) + rows(), f"promises 100000000 of 'face'; at most {MOST}"),
+    "more faces than follow": (header(faces=MOST) + rows(), "promises 50000000 of 'face', at least 50000000 bytes"),
+    "a number beyond all": (header(vertices=10**30) + rows(), "line 4 of its header is 'element vertex 1000000"),
+    "a negative number": (header(faces=-1) + rows(), "line 8 of its header is 'element face -1'"),
+    "fewer faces than follow": (header(faces=1) + rows(), "13 bytes follow what its header promises"),
+    "rows without columns": (header(faces=MOST, of_face="") + rows(), "26 bytes follow"),
+    "no faces": (header(faces=0) + rows(faces=()), "holds no triangles; expected"),
+    "a type that is none": (header(of_vertex=XYZ.replace("float", "half")), "line 5 of its header is 'property half"),
+    "a length that is a fraction": (header(of_face=LIST.replace("uchar", "float")), "length that is no whole number"),
+    "a column twice": (header(of_vertex=XYZ + "property float x\n"), "declared twice"),
+    "flat vertices": (header(of_vertex=XYZ[:-17]) + rows(values=VERTICES_M[:, :2]), "lack x, y or z"),
+    "a list of coordinates": (
+        header(of_vertex="property list uchar float x\n" + XYZ[17:], vertices=0, faces=0),
+        "lack x, y or z",
+    ),
+    "lines as faces": (header() + rows(faces=[(0, 1), (1, 2)]), "a face has 2 corners"),
+    "a face without corners": (header() + rows(faces=[(), (1, 2, 3)]), "a face has 0 corners"),
+    "an endless face": (
+        header(of_face=LIST.replace("uchar", "uint")) + rows(faces=()) + b"\xff" * 60,
+        "has 4.29497e+09 entries",
+    ),
+    "a negative face": (header(of_face=LIST.replace("uchar", "char")) + rows()[:48] + b"\xff" * 26, "-1 entries"),
+    "cut amid the faces": (ply()[:-1], "it ends amid the 2 of 'face'"),
+    "cut amid the vertices": (ply()[:-40], "promises 4 of 'vertex', at least 48 bytes, but 34 follow"),
+    "cut amid the header": (ply()[:60], "no header from 'ply' to 'end_header'"),
+    "nothing at all": (b"", "no header"),
+    "a header without an end": (b"ply\n" + b"comment\n" * 100_000, "no header"),
+    "no format": (header().replace(b"format binary_little_endian 1.0\n", b""), "names no format"),
+    "words for numbers": (ascii_ply(("3 0 2 one", "3 1 2 3")), "is not numbers alone"),
+    "a broken index": (ascii_ply(("3 0 2 1.5", "3 1 2 3")), "by what is no whole number"),
+    "an index beyond all": (ascii_ply(("3 0 2 1e300", "3 1 2 3")), "by what is no whole number"),
+    "too few numbers": (ascii_ply(("3 0 2 1", "3 1 2")), "it ends amid"),
+    "too many numbers": (ascii_ply(("3 0 2 1", "3 1 2 3", "4")), "8 bytes follow"),
+    "an index too large": (header() + rows(faces=FACES + 1), "names vertex 4, but there are 4"),
+    "an index below zero": (header() + rows(faces=FACES - 1), "names vertex -1, but there are 4"),
+    "NaN": (header() + rows(values=np.where(VERTICES_M < 0.31, VERTICES_M, np.nan)), "2 vertices are NaN"),
+    "infinity": (ascii_ply().replace(b"0.4", b"1e999"), "1 vertices are NaN or infinite"),
+    "another galaxy": (ascii_ply().replace(b"0.400000006", b"1e30"), "a vertex lies 1e+30 m away"),
+}
+
+
+@pytest.mark.parametrize("name", LIES)
+def test_a_ply_that_lies_is_refused_in_one_line(tmp_path, name):
+    content, message = LIES[name]
+    with pytest.raises(HandbenchError, match=r"a\.ply: .*" + message.replace("+", r"\+")) as caught:
+        read_triangles(written(tmp_path, "a.ply", content))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.obj", b"", "holds no triangles"),
+        ("a.obj", obj().replace(b"f 1 3 2", b"f 1 3 9"), "names vertex 8, but there are 4"),
+        ("a.obj", obj().replace(b"f 1 3 2", b"f 1 3 0"), "line 9 is 'f 1 3 0'"),
+        ("a.obj", obj().replace(b"f 1 3 2", b"f 1 3 -9"), "names vertex -5"),
+        ("a.obj", obj().replace(b"f 1 3 2", b"f 1 3 " + b"9" * 4000), "line 9 is 'f 1 3 999"),
+        ("a.obj", obj().replace(b"f 1 3 2", b"f 1 3"), "line 9 is 'f 1 3'"),
+        ("a.obj", obj().replace(b"f 1 3 2", b"f" + b" 1" * 2000), "line 9 is 'f 1 1 1"),
+        ("a.obj", obj().replace(b"v 0.0 0.0", b"v nan 0.0"), "1 vertices are NaN"),
+        ("a.obj", obj().replace(b"v 0.0 0.0", b"v 0.0"), "line 3 is 'v 0.0 0.3"),
+        ("a.stl", b"", "has 0"),
+        ("a.stl", stl()[:-1], "its 2 triangles take 184 bytes, but it has 183|corners"),
+        ("a.stl", b"x" + stl()[1:-7], "its 2 triangles take 184 bytes, but it has 177"),
+        ("a.stl", b"x" * 80 + struct.pack("<I", 10**8), "its 100000000 triangles take 5000000084 bytes, but it has 84"),
+        ("a.stl", stl(FACES[:0]), "holds no triangles"),
+        ("a.stl", ascii_stl()[:-30], "6 corners and 1 whole triangles"),
+        ("a.stl", ascii_stl()[:-11], "should end with 'endsolid'"),
+        ("a.stl", ascii_stl().replace(b"vertex 0.0", b"vertex O.O", 1), "line 4 is no vertex"),
+        ("a.stl", stl().replace(np.float32(0.1).tobytes(), np.float32(np.nan).tobytes()), "are NaN"),
+        ("a.gltf", b"{}", r"is no \.ply, \.obj, \.stl file"),
+    ],
+)  # fmt: skip
+def test_other_forms_that_lie_are_refused_in_one_line(tmp_path, name, content, message):
+    with pytest.raises(HandbenchError, match=message) as caught:
+        read_triangles(written(tmp_path, name, content))
+    assert str(caught.value).startswith(str(tmp_path / name)) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_a_cut_at_any_byte_is_refused_or_loses_nothing(tmp_path, name):
+    """ASCII forms may lose the last line's end, or digits that nobody can miss: those of the last corner's index."""
+    for length in range(len(GOOD[name])):
+        try:
+            _, faces, _ = read_triangles(written(tmp_path, name, GOOD[name][:length]))
+        except HandbenchError:
+            continue
+        assert name != "a.ply" and name != "a.stl"
+        assert name == "a.obj" or len(faces) == len(FACES)  # OBJ alone does not tell how many there are
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_mutations_are_read_or_refused(tmp_path, name):
+    """300 seeded mutations each: bytes changed, runs removed or doubled, numbers made huge. No other exception than
+    ours comes out, and what is read is whole."""
+    generator = np.random.default_rng(1)
+    for _ in range(300):
+        content = bytearray(GOOD[name])
+        for _ in range(generator.integers(1, 5)):
+            at, size = int(generator.integers(len(content))), int(generator.integers(1, 9))
+            match generator.integers(5):
+                case 0:
+                    content[at : at + size] = generator.bytes(size)
+                case 1:
+                    del content[at : at + size]
+                case 2:
+                    content[at:at] = content[at : at + size]
+                case 3:
+                    content[at] ^= 1 << int(generator.integers(8))
+                case 4:
+                    numbers = list(re.finditer(rb"\d+", content))
+                    if numbers:
+                        chosen = numbers[generator.integers(len(numbers))]
+                        content[slice(*chosen.span())] = generator.choice([b"-1", b"0", b"99999999", b"1e999", b"nan"])
+        try:
+            vertices_m, faces, _ = read_triangles(written(tmp_path, name, bytes(content)))
+        except HandbenchError as error:
+            assert "\n" not in str(error)
+            continue
+        assert np.isfinite(vertices_m).all() and len(faces) and 0 <= faces.min() <= faces.max() < len(vertices_m)
+
+
+def test_columns_beside_the_coordinates_are_told(tmp_path):
+    """Of any type, in any order, lists among them left out."""
+    of_vertex = "property uchar label\nproperty list uchar short tags\n" + XYZ + "property double sigma_m\n"
+    vertices = b"".join(
+        struct.pack("<BB", 7 + k, k % 2) + bytes(2 * (k % 2)) + struct.pack("<fffd", *vertex, 1e-4 * k)
+        for k, vertex in enumerate(VERTICES_M)
+    )
+    told, faces = read_ply(written(tmp_path, "a.ply", header(of_vertex=of_vertex) + vertices + rows()[48:]))
+    assert told["label"].tolist() == [7, 8, 9, 10] and np.allclose(told["sigma_m"], [0, 1e-4, 2e-4, 3e-4])
+    assert "tags" not in told and np.array_equal(faces, FACES)
+    assert np.array_equal(np.stack([told[axis] for axis in "xyz"], axis=1), VERTICES_M)
+
+
+def test_a_mesh_made_of_numbers_is_open3ds(tmp_path):
+    write_mesh(tmp_path / "a.ply", mesh(VERTICES_M, FACES))
+    assert np.array_equal(np.asarray(read_mesh(tmp_path / "a.ply").triangles), FACES)

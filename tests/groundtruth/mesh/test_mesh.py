@@ -1,0 +1,89 @@
+"""From points to a surface."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from groundtruth.dense.fusion import Cloud
+from groundtruth.mesh.poisson import _one_per_voxel, clean, surface
+from radar.support.errors import HandbenchError
+
+RADIUS_M = 0.05
+PIXEL_M = 1e-3
+
+
+def cap(count, centre=(0.0, 0.0, 0.0), lowest=-0.3):
+    """Points on the part of a sphere with z above `lowest` radii, a Fibonacci lattice."""
+    k = np.arange(count) + 0.5
+    z, turn = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
+    ring = np.sqrt(1 - z**2)
+    normals = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)[z > lowest]
+    return RADIUS_M * normals + centre, normals
+
+
+def cloud_of(points_m, normals):
+    """A cloud that three views agree on, to a tenth of a pixel."""
+    n = len(points_m)
+    return Cloud(points_m, normals, np.ones((n, 3), bool), np.full(n, 0.1 * PIXEL_M), ("a", "b", "c"), PIXEL_M)
+
+
+@pytest.fixture
+def cloud():
+    points_m, normals = cap(60_000)
+    noise = np.random.default_rng(0).normal(scale=0.1 * PIXEL_M, size=points_m.shape)
+    return cloud_of(points_m + noise, normals)
+
+
+def test_cleaning_thins_and_drops_what_stands_alone(cloud):
+    stray = cloud_of(np.r_[cloud.points_m, [[0, 0, 0.2], [0.2, 0, 0]]], np.r_[cloud.normals, np.eye(3)[[2, 0]]])
+    cleaned = clean(stray)
+    radius = np.linalg.norm(cleaned.points_m, axis=1)
+    assert 10_000 < len(cleaned.points_m) < 40_000  # about one a voxel that the surface crosses
+    assert np.abs(radius - RADIUS_M).max() < PIXEL_M
+    assert (cleaned.normals * cleaned.points_m).sum(axis=1).min() > 0.9 * RADIUS_M
+
+
+def test_the_surface_follows_the_points_and_keeps_its_opening(cloud):
+    mesh = surface(clean(cloud), "largest")
+    vertices = np.asarray(mesh.vertices)
+    radius = np.linalg.norm(vertices, axis=1)
+    assert np.median(np.abs(radius - RADIUS_M)) < 0.1 * PIXEL_M
+    assert np.abs(radius - RADIUS_M).max() < PIXEL_M
+    assert vertices[:, 2].min() > -0.3 * RADIUS_M - 5 * PIXEL_M  # Poisson alone would close the sphere
+    assert mesh.is_edge_manifold() and not mesh.is_watertight()
+
+
+def test_all_components_or_the_largest(cloud):
+    other_m, normals = cap(30_000, centre=(0.0, 0.0, 0.15), lowest=0.2)
+    both = cloud_of(np.r_[cloud.points_m, other_m], np.r_[cloud.normals, normals])
+    assert np.asarray(surface(clean(both), "largest").vertices)[:, 2].max() < 0.06
+    assert np.asarray(surface(clean(both), "all").vertices)[:, 2].max() > 0.19
+
+
+def test_next_to_no_points_are_refused():
+    with pytest.raises(HandbenchError, match="agree on 5 points only"):
+        clean(cloud_of(np.eye(5, 3), np.eye(5, 3)))
+
+
+def test_a_voxel_keeps_means_and_everybody_who_agreed():
+    points_m = PIXEL_M * np.array([(0.1, 0.1, 0.1), (0.5, 0.3, 0.9), (1.5, 0.1, 0.1)])  # two in the first voxel
+    views = np.array([(1, 1, 0), (0, 1, 1), (1, 0, 1)], dtype=bool)
+    normals = np.array([(0, 0, 1.0), (0, 1.0, 0), (1.0, 0, 0)])
+    cloud = Cloud(points_m, normals, views, np.array([3e-4, 4e-4, 1e-4]), ("a", "b", "c"), PIXEL_M)
+    for order in ([0, 1, 2], [2, 1, 0]):
+        thin = _one_per_voxel(cloud.at(np.array(order)))
+        np.testing.assert_allclose(thin.points_m, PIXEL_M * np.array([(0.3, 0.2, 0.5), (1.5, 0.1, 0.1)]))
+        np.testing.assert_allclose(thin.normals, [(0, 0.5, 0.5), (1, 0, 0)])
+        np.testing.assert_array_equal(thin.views, [(True, True, True), (True, False, True)])
+        np.testing.assert_allclose(thin.spread_m, [(12.5e-8) ** 0.5, 1e-4])  # as variances
+    assert thin.names == cloud.names and thin.pixel_m == PIXEL_M
+
+
+def test_cleaning_keeps_what_belongs_to_a_point_with_it(cloud):
+    """Spreads and views that say where a point is: still true afterwards, of the mean of a voxel."""
+    tagged = replace(cloud, spread_m=cloud.points_m[:, 2] + 0.1, views=cloud.points_m > 0)
+    cleaned = clean(tagged)
+    np.testing.assert_allclose(cleaned.spread_m - 0.1, cleaned.points_m[:, 2], atol=0.02 * PIXEL_M)
+    far = np.abs(cleaned.points_m) > PIXEL_M
+    np.testing.assert_array_equal(cleaned.views[far], cleaned.points_m[far] > 0)

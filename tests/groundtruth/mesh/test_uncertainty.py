@@ -1,0 +1,133 @@
+"""The standard deviation of a surface: what it is told from, and where it grows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from noisy_model import noisy_model
+
+from groundtruth.dense.fusion import Cloud
+from groundtruth.mesh.uncertainty import (
+    NEIGHBOURS,
+    OBSERVED_PX,
+    REACH_PX,
+    SLOPE,
+    camera_variance,
+    matching_variance,
+    surface_sigma,
+)
+from groundtruth.sparse.bundle import Bundle
+from groundtruth.sparse.covariance import CameraCovariance, camera_covariance, point_covariance
+from groundtruth.sparse.frame import Scale
+
+PIXEL_M = 1e-3
+NAMES = tuple(f"p{i}.png" for i in range(5))
+
+
+def plate(spread_m=1e-4, views=5):
+    """A cloud on the plane z = 0 about the origin, a point a pixel, on which the first `views` of five views agree."""
+    x, y = np.meshgrid(*[PIXEL_M * np.arange(-15.0, 16)] * 2)
+    points_m = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+    n = len(points_m)
+    seen = np.tile(np.arange(5) < views, (n, 1))
+    return Cloud(points_m, np.tile([0.0, 0, 1], (n, 1)), seen, np.full(n, spread_m), NAMES, PIXEL_M)
+
+
+@pytest.fixture(scope="module")
+def cameras():
+    """Photographs and their covariance, and the same photographs known exactly."""
+    scene = noisy_model()
+    bundle = Bundle(scene.model, scene.corners, scene.corners_m)
+    known = camera_covariance(bundle, Scale("board"))
+    return scene, bundle.images, known, replace(known, matrix=0 * known.matrix)
+
+
+@pytest.mark.parametrize("n", [3, 4, 5, 9])
+def test_matching_as_the_model_says(n):
+    """n maps with errors that correlate by 1/(n − 1); 40000 draws tell either variance to 1 %."""
+    random = np.random.default_rng(n)
+    rho = 1 / (n - 1)
+    own, common = (random.normal(size=(40_000, count)) for count in (n, 1))
+    errors_m = 2e-4 * (np.sqrt(1 - rho) * own + np.sqrt(rho) * common)
+    spread_m = errors_m.std(axis=1, ddof=1)
+    cloud = Cloud(*[np.zeros((40_000, 3))] * 2, np.ones((40_000, n), bool), spread_m, NAMES, PIXEL_M)
+    assert matching_variance(cloud).mean() == pytest.approx(errors_m.mean(axis=1).var(), rel=0.04)
+
+
+def test_two_maps_of_one_pair_take_the_spread_of_the_others():
+    """Fusion takes two views only of three, and one map's variance is twice the spread that three show."""
+    seen = np.array([(1, 1, 0), (1, 1, 1), (1, 1, 1)], dtype=bool)
+    cloud = Cloud(np.zeros((3, 3)), np.zeros((3, 3)), seen, np.array([0.0, 3e-4, 4e-4]), NAMES[:3], PIXEL_M)
+    mean = (3e-4**2 + 4e-4**2) / 2
+    np.testing.assert_allclose(matching_variance(cloud), [2 * mean, 4 / 3 * 3e-4**2, 4 / 3 * 4e-4**2])
+    alone = replace(cloud, views=seen & (True, True, False), spread_m=np.full(3, 2e-4))
+    np.testing.assert_allclose(matching_variance(alone), 2 * 2e-4**2)
+
+
+def test_cameras_count_along_the_normal_whatever_its_length(cameras):
+    _, images, known, _ = cameras
+    cloud = plate()
+    tilted = np.array([0.3, -0.2, 0.5])
+    cloud = replace(cloud, normals=np.tile(tilted, (len(cloud.points_m), 1)), views=cloud.views.copy())
+    cloud.views[::2, 1] = False
+    variance = camera_variance(cloud, images[::-1], known)  # named, not counted
+    for i in (0, 1, 480):
+        [covariance] = point_covariance(images, known, cloud.points_m[[i]], cloud.views[[i]])
+        assert variance[i] == pytest.approx(tilted @ covariance @ tilted / (tilted @ tilted), rel=1e-9)
+    assert variance[0] != pytest.approx(variance[1], rel=1e-3)
+
+
+def test_views_that_showed_nothing_have_no_say(cameras):
+    """A cloud of some of the photographs: the others are no columns of it."""
+    _, images, known, _ = cameras
+    cloud = plate()
+    some = replace(cloud, views=np.ones((len(cloud.points_m), 3), bool), names=NAMES[:3])
+    none_of_the_rest = replace(cloud, views=np.tile(np.arange(5) < 3, (len(cloud.points_m), 1)))
+    np.testing.assert_allclose(camera_variance(some, images, known), camera_variance(none_of_the_rest, images, known))
+
+
+def test_chunks_change_nothing(cameras, monkeypatch):
+    _, images, known, _ = cameras
+    whole = camera_variance(plate(), images, known)
+    monkeypatch.setattr("groundtruth.mesh.uncertainty.CHUNK", 100)
+    np.testing.assert_allclose(camera_variance(plate(), images, known), whole, rtol=1e-12)
+
+
+def test_the_parts_add_as_variances(cameras):
+    _, images, known, exact = cameras
+    cloud, middle = plate(), np.zeros((1, 3))
+    both, _ = surface_sigma(cloud, middle, images, known)
+    matching, _ = surface_sigma(cloud, middle, images, exact)
+    of_cameras, _ = surface_sigma(replace(cloud, spread_m=0 * cloud.spread_m), middle, images, known)
+    assert both[0] == pytest.approx(np.hypot(matching[0], of_cameras[0]), rel=1e-9)
+    assert matching[0] == pytest.approx(1e-4 * np.sqrt(8 / 15), rel=1e-9)  # 2 · 4/(5 · 3)
+    assert of_cameras[0] > 2e-5
+
+
+def test_beyond_the_points_it_grows_and_was_not_seen(cameras):
+    _, images, _, exact = cameras
+    beyond_px = np.array([0.0, 0.4, 0.9, 1.4, 1.6, 4.0])
+    vertices_m = np.stack([PIXEL_M * (15 + beyond_px), 0 * beyond_px, 0 * beyond_px], axis=1)
+    sigma_m, observed = surface_sigma(plate(), vertices_m, images, exact)
+    grown_m = SLOPE * PIXEL_M * np.maximum(beyond_px - REACH_PX, 0)
+    np.testing.assert_allclose(sigma_m, np.hypot(1e-4 * np.sqrt(8 / 15), grown_m), rtol=1e-9)
+    np.testing.assert_array_equal(observed, beyond_px < OBSERVED_PX)
+
+
+def test_a_vertex_takes_the_mean_of_its_neighbours(cameras):
+    _, images, _, exact = cameras
+    cloud = plate()
+    at = np.argmin(np.linalg.norm(cloud.points_m, axis=1))
+    cloud.spread_m[at] = 1e-3  # a draw of few views, by chance
+    sigma_m, _ = surface_sigma(cloud, np.zeros((1, 3)), images, exact)
+    expected = 8 / 15 * ((NEIGHBOURS - 1) * 1e-4**2 + 1e-3**2) / NEIGHBOURS
+    assert sigma_m[0] ** 2 == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_camera_that_is_known_worse_makes_a_worse_surface(cameras):
+    _, images, known, _ = cameras
+    worse = CameraCovariance(4 * known.matrix, known.places, known.free)
+    cloud = replace(plate(), spread_m=np.zeros(31 * 31))
+    one, _ = surface_sigma(cloud, np.zeros((1, 3)), images, known)
+    other, _ = surface_sigma(cloud, np.zeros((1, 3)), images, worse)
+    assert other[0] == pytest.approx(2 * one[0], rel=1e-9)

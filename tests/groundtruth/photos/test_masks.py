@@ -1,0 +1,89 @@
+"""Masks: from files, by colour, and what they leave of a view."""
+
+import cv2
+import numpy as np
+import pytest
+
+from groundtruth.cameras.cameras import load_pycolmap
+from groundtruth.dense.views import open_view
+from groundtruth.photos.masks import Masks, cut_out, find_masks, read_mask
+from groundtruth.photos.photos import Photo
+from radar.support.errors import HandbenchError
+
+WIDTH, HEIGHT = 240, 160
+DISC = np.hypot(*np.meshgrid(np.arange(WIDTH) - 130, np.arange(HEIGHT) - 80)) < 45
+
+
+@pytest.fixture
+def photo(tmp_path):
+    """A pinkish disc before a noisy blue ground."""
+    random = np.random.default_rng(0)
+    picture = np.where(DISC[..., None], (150, 170, 220), (140, 90, 60)) + random.normal(0, 12, (HEIGHT, WIDTH, 3))
+    cv2.imwrite(str(tmp_path / "a.png"), picture.clip(0, 255).astype(np.uint8))
+    return Photo(tmp_path / "a.png", "a.png", WIDTH, HEIGHT)
+
+
+@pytest.fixture
+def camera():
+    return load_pycolmap().Camera(model="PINHOLE", width=WIDTH, height=HEIGHT, params=[240, 240, 120, 80])
+
+
+def write(folder, name, mask):
+    folder.mkdir(exist_ok=True)
+    cv2.imwrite(str(folder / name), mask.astype(np.uint8))
+
+
+@pytest.mark.parametrize("name", ["a.png.png", "a.png"])
+def test_masks_are_found_under_both_names(tmp_path, photo, name):
+    write(tmp_path / "masks", name, DISC * 3)  # any nonzero number
+    files = find_masks(tmp_path / "masks", (photo,))
+    assert np.array_equal(Masks(files).of(photo, None, None, None), DISC)
+    write(tmp_path / "masks", name, DISC * 255)
+    assert Masks(files).content() != Masks().content() != Masks(by_colour=True).content()
+
+
+def test_masks_that_do_not_fit_are_refused(tmp_path, photo):
+    with pytest.raises(HandbenchError, match=r"has no mask for a\.png, b\.jpg; expected a\.png\.png or a\.png"):
+        find_masks(tmp_path / "..", (photo, Photo(tmp_path / "b.jpg", "b.jpg", 4, 4)))
+    write(tmp_path / "masks", "a.png", DISC[::2, ::2])
+    with pytest.raises(HandbenchError, match=r"is 120 × 80, a\.png has 240 × 160 pixels"):
+        find_masks(tmp_path / "masks", (photo,))
+    write(tmp_path / "masks", "a.png", np.zeros_like(DISC))
+    with pytest.raises(HandbenchError, match="is zero everywhere"):
+        find_masks(tmp_path / "masks", (photo,))
+
+
+@pytest.mark.parametrize(("orientation", "turns"), [(6, 3), (8, 1)])
+def test_a_mask_of_the_upright_picture_is_turned(tmp_path, photo, orientation, turns):
+    turned = Photo(photo.path, photo.name, WIDTH, HEIGHT, orientation=orientation)
+    write(tmp_path / "masks", "a.png", np.rot90(DISC, turns))  # 90° clockwise for 6
+    assert np.array_equal(read_mask(tmp_path / "masks" / "a.png", turned), DISC)
+    write(tmp_path / "masks", "a.png", DISC)  # of the stored pixels
+    assert np.array_equal(read_mask(tmp_path / "masks" / "a.png", turned), DISC)
+
+
+def test_the_target_is_cut_out_by_its_colour(photo, camera):
+    pose = load_pycolmap().Rigid3d()
+    box_m = np.array([(-0.25, -0.25, 0.95), (0.35, 0.25, 1.05)])
+    for box in (box_m, None):
+        mask = Masks(by_colour=True).of(photo, camera, pose, box)
+        assert (mask & DISC).sum() / (mask | DISC).sum() > 0.93
+    assert Masks().of(photo, camera, pose, box_m) is None
+
+
+def test_nothing_is_cut_out_of_an_even_picture(tmp_path, capsys, camera):
+    cv2.imwrite(str(tmp_path / "plain.png"), np.full((HEIGHT, WIDTH, 3), 90, dtype=np.uint8))
+    plain = Photo(tmp_path / "plain.png", "plain.png", WIDTH, HEIGHT)
+    assert Masks(by_colour=True).of(plain, camera, load_pycolmap().Rigid3d(), None) is None
+    assert "plain.png: no target stands out" in capsys.readouterr().err
+    assert cut_out(plain, np.ones((HEIGHT, WIDTH), dtype=bool)) is None
+
+
+def test_a_view_is_unknown_outside_the_mask(photo, camera):
+    pose = load_pycolmap().Rigid3d()
+    for shrink in (1, 2):
+        view = open_view(photo, camera, pose, shrink, (0.5, 2.0), None, DISC)
+        inside = DISC[shrink // 2 :: shrink, shrink // 2 :: shrink]
+        assert np.array_equal(np.isfinite(view.near_m), inside) and np.array_equal(np.isfinite(view.far_m), inside)
+        assert (view.near_m[inside] == 0.5).all()
+    assert open_view(photo, camera, pose, 1, (0.5, 2.0), None, np.zeros_like(DISC)) is None

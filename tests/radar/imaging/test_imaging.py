@@ -1,0 +1,196 @@
+"""Fast imaging meets its tolerance, on white noise and on a single channel, for any geometry."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from radar.data.arrays import AntennaArray, PlanarScan, qar50
+from radar.data.grid import VoxelGrid
+from radar.imaging.api import image_points, image_volume, imaging_error, points_engine, project_volume
+from radar.imaging.cpu.exact import direct_sum
+from radar.imaging.cpu.volume import strongest_voxels
+from radar.imaging.tree import Family
+from radar.support.errors import HandbenchError
+from tests.radar.samples import noise, relative_error
+
+PAPER_HZ = np.linspace(72e9, 82e9, 128)
+FEW_HZ = PAPER_HZ[::8]
+
+
+def cut(nx=41, ny=43, nz=33, x_m=0.1, y_m=-0.15) -> VoxelGrid:
+    """A corner of the paper's volume, where waves come in most obliquely."""
+    return VoxelGrid(x_m + 1e-3 * np.arange(nx), y_m + 1e-3 * np.arange(ny), 0.245 + 1e-3 * np.arange(nz))
+
+
+def at_random_voxels(grid: VoxelGrid, count: int = 60) -> tuple[np.ndarray, np.ndarray]:
+    chosen = np.random.default_rng(2).integers(0, np.prod(grid.shape), count)
+    return chosen, grid.points_m().reshape(-1, 3)[chosen]
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-4, 1e-5, None])
+def test_volume_of_white_noise_meets_the_tolerance(tolerance):
+    grid, samples = cut(), noise((128, 94, 94))
+    volume = image_volume(samples, PAPER_HZ, qar50(), grid, tolerance)
+    chosen, points = at_random_voxels(grid)
+    reference = direct_sum(samples, PAPER_HZ, qar50(), points)
+    # The exact path is a float32 sum of N terms of random sign: √N · 6e-8 of its size; 1e-5 is the project's bar.
+    assert relative_error(volume.ravel()[chosen], reference) < (tolerance or 1e-5)
+
+
+def test_a_looser_tolerance_is_not_wasted():
+    grid, samples = cut(), noise((16, 94, 94))
+    exact = image_volume(samples, FEW_HZ, qar50(), grid, None)
+    errors = [relative_error(image_volume(samples, FEW_HZ, qar50(), grid, t), exact) for t in (1e-2, 1e-4)]
+    assert errors[0] > 10 * errors[1]
+
+
+@pytest.mark.parametrize("channel", [(0, 0), (46, 93), (60, 3)])
+def test_one_live_channel_meets_the_tolerance(channel):
+    # All the image's energy at one end of the band: what is good on average only fails here.
+    samples = np.zeros((16, 94, 94), np.complex64)
+    samples[:, *channel] = noise((16,))
+    grid = cut()
+    volume = image_volume(samples, FEW_HZ, qar50(), grid, 1e-3)
+    chosen, points = at_random_voxels(grid, 300)
+    assert relative_error(volume.ravel()[chosen], direct_sum(samples, FEW_HZ, qar50(), points)) < 1e-3
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    t=st.integers(1, 30),
+    r=st.integers(1, 30),
+    tones=st.integers(1, 12),
+    size_m=st.tuples(*[st.sampled_from([0.0, 0.003, 0.02, 0.1])] * 3),
+    range_m=st.sampled_from([0.1, 0.3, 1.0, 20.0]),
+    tolerance=st.sampled_from([1e-2, 1e-3, 1e-4, 1e-5]),
+    apart=st.booleans(),
+    seed=st.integers(0, 2**31),
+)
+def test_points_of_any_box_and_array_meet_the_tolerance(t, r, tones, size_m, range_m, tolerance, apart, seed):
+    generator = np.random.default_rng(seed)
+    array = AntennaArray(generator.uniform(-0.07, 0.07, (t, 3)), generator.uniform(-0.07, 0.07, (r, 3)))
+    tones_hz = np.sort(generator.uniform(70e9, 85e9, tones))
+    points = generator.uniform(-0.5, 0.5, (200, 3)) * size_m + [0.0, 0.05, 0.07 + range_m]
+    samples = noise((tones, t, r), seed)
+    image = image_points(samples, tones_hz, array, points, tolerance, apart)
+    each = range(tones)
+    if apart:
+        reference = np.stack([direct_sum(samples[i : i + 1], tones_hz[i : i + 1], array, points) for i in each])
+    else:
+        reference = direct_sum(samples, tones_hz, array, points)
+    # Where all points lie together, the terms may cancel there by chance: compare with the terms' own size.
+    size = np.linalg.norm(samples) * np.sqrt(len(points))
+    assert np.linalg.norm(image - reference) < tolerance * max(np.linalg.norm(reference), size)
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    counts=st.tuples(*[st.integers(1, 40)] * 3),
+    step_m=st.sampled_from([2e-4, 1e-3, 4e-3]),
+    tolerance=st.sampled_from([1e-2, 1e-4]),
+    seed=st.integers(0, 2**31),
+)
+def test_volumes_of_any_shape_meet_the_tolerance(counts, step_m, tolerance, seed):
+    generator = np.random.default_rng(seed)
+    array = AntennaArray(generator.uniform(-0.1, 0.1, (9, 3)), generator.uniform(-0.1, 0.1, (8, 3)))
+    tones_hz = np.sort(generator.uniform(70e9, 85e9, 5))
+    # Steps of the axes differ by up to two, uneven ones included.
+    x_m, y_m, z_m = (np.cumsum(step_m * generator.uniform(1, 2, n)) for n in counts)
+    grid = VoxelGrid(x_m - 0.02, y_m, z_m + 0.2)
+    samples = noise((5, 9, 8), seed)
+    volume = image_volume(samples, tones_hz, array, grid, tolerance)
+    exact = image_volume(samples, tones_hz, array, grid, None)
+    size = np.linalg.norm(samples) * np.sqrt(volume.size)
+    assert np.linalg.norm(volume - exact) < tolerance * max(np.linalg.norm(exact), size)
+
+
+@pytest.mark.parametrize("positions", [300, 1500])  # with skeletons of positions, and too many for them
+def test_a_scan_meets_the_tolerance(positions):
+    generator = np.random.default_rng(3)
+    scan = PlanarScan(np.c_[generator.uniform(-0.1, 0.1, (positions, 2)), np.zeros(positions)])
+    tones_hz, samples = np.linspace(22.2e9, 26.2e9, 11), noise((11, positions))
+    grid = VoxelGrid(2e-3 * np.arange(30), 2e-3 * np.arange(25), 0.07 + 1e-3 * np.arange(20))
+    chosen, points = at_random_voxels(grid)
+    volume = image_volume(samples, tones_hz, scan, grid, 1e-3)
+    assert relative_error(volume.ravel()[chosen], direct_sum(samples, tones_hz, scan, points)) < 1e-3
+
+
+def test_a_plane_serves_any_depth_with_one_plan():
+    tones_hz, samples = np.array([82e9, 81.8e9]), noise((2, 94, 94))
+    for z_m in (0.29, 0.2917):
+        grid = VoxelGrid(1e-3 * np.arange(60), 1e-3 * np.arange(50), np.array([z_m]))
+        images = image_volume(samples, tones_hz, qar50(), grid, 1e-4, apart=True)
+        exact = image_volume(samples, tones_hz, qar50(), grid, None, apart=True)
+        assert images.shape == (2, 1, 50, 60)
+        assert relative_error(images, exact) < 1e-4
+
+
+def test_projection_equals_the_volume_s():
+    grid, samples = cut(), noise((16, 94, 94))
+    index, magnitude = project_volume(samples, FEW_HZ, qar50(), grid, 1e-3)
+    volume = image_volume(samples, FEW_HZ, qar50(), grid, 1e-3)
+    expected_index, expected = strongest_voxels(volume)
+    assert np.array_equal(expected_index, np.abs(volume).argmax(axis=0))
+    assert np.array_equal(index, expected_index)
+    np.testing.assert_allclose(magnitude, expected, rtol=1e-5)  # float32: with and without the carrier
+    assert np.isnan(magnitude[0][index == 0]).all()
+
+
+def test_the_check_after_the_fact_finds_a_wrong_volume():
+    grid, samples = cut(), noise((16, 94, 94))
+    volume = image_volume(samples, FEW_HZ, qar50(), grid, 1e-3)
+    assert imaging_error(volume, samples, FEW_HZ, qar50(), grid) < 1e-3
+    assert imaging_error(1.01 * volume, samples, FEW_HZ, qar50(), grid) == pytest.approx(0.01, rel=0.2)
+
+
+def test_plans_are_kept_and_rebuilt_when_the_geometry_changes():
+    points, family = np.array([[0.0, 0.0, 0.3], [0.1, 0.1, 0.31]]), Family(1e-3, apart=False)
+    kept = points_engine(PAPER_HZ, qar50(), points, family)
+    assert points_engine(PAPER_HZ, qar50(), points + 1e-4, family) is kept
+    moved = AntennaArray(qar50().tx_m + [1e-6, 0, 0], qar50().rx_m)
+    assert points_engine(PAPER_HZ, moved, points, family) is not kept
+    assert points_engine(PAPER_HZ + 1.0, qar50(), points, family) is not kept
+    assert points_engine(PAPER_HZ, qar50(), points + 0.2, family) is not kept
+    assert points_engine(PAPER_HZ, qar50(), points, Family(1e-4, apart=False)) is not kept
+
+
+def test_images_do_not_depend_on_the_number_of_workers(monkeypatch):
+    grid, samples = cut(), noise((16, 94, 94))
+    volumes = []
+    for workers in ("1", "3"):
+        monkeypatch.setenv("HANDBENCH_WORKERS", workers)
+        volumes.append(image_volume(samples, FEW_HZ, qar50(), grid, 1e-4))
+    assert relative_error(*volumes) < 1e-6
+
+
+def test_volumes_beyond_the_memory_limit_are_refused_and_projected_all_the_same(monkeypatch):
+    monkeypatch.setenv("HANDBENCH_MEMORY_GB", "0.005")
+    fine = VoxelGrid(2e-4 * np.arange(200), 2e-4 * np.arange(150), 0.25 + 2e-4 * np.arange(100))
+    samples = noise((16, 94, 94))
+    with pytest.raises(HandbenchError, match=r"needs 0\.024 GB.*limit of 0\.005 GB.*steps 1\.7 times larger"):
+        image_volume(samples, FEW_HZ, qar50(), fine, 1e-3)
+    assert project_volume(samples, FEW_HZ, qar50(), fine, 1e-3)[0].shape == fine.shape[1:]
+    monkeypatch.setenv("HANDBENCH_MEMORY_GB", "0.00001")
+    with pytest.raises(HandbenchError, match=r"grid of \(100, 150, 200\) voxels.*limit of 1e-05 GB"):
+        project_volume(samples, FEW_HZ + 1, qar50(), fine, 1e-3)
+    monkeypatch.setenv("HANDBENCH_MEMORY_GB", "much")
+    with pytest.raises(HandbenchError, match="HANDBENCH_MEMORY_GB: is 'much'"):
+        image_volume(samples, FEW_HZ, qar50(), fine, 1e-3)
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 1e-9, 0.5, float("nan")])
+def test_a_tolerance_that_cannot_be_met_is_refused(tolerance):
+    with pytest.raises(HandbenchError, match=r"expected 1e-06 to 0\.1"):
+        image_points(noise((16, 94, 94)), FEW_HZ, qar50(), np.zeros((1, 3)) + 0.3, tolerance)
+
+
+def test_points_metres_apart_do_not_plan_what_lies_between_them():
+    samples = noise((16, 94, 94))
+    points = np.array([[0.0, 0.0, 0.3], [3.0, 0.1, 0.4], [0.01, 0.0, 0.31], [-2.0, 9.0, 30.0]])
+    reference = direct_sum(samples, FEW_HZ, qar50(), points)
+    assert relative_error(image_points(samples, FEW_HZ, qar50(), points, 1e-3), reference) < 2e-3  # four points only
+
+
+def test_no_points_make_no_image():
+    assert image_points(noise((2, 94, 94)), FEW_HZ[:2], qar50(), np.zeros((0, 3)), 1e-3, apart=True).shape == (2, 0)

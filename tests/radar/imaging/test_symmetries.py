@@ -1,0 +1,240 @@
+"""What physics and algebra say of imaging and simulation without any reference: nothing changes with the frame, the
+order, the direction or the unit, and sums go through.
+
+Tolerances: exact sums are compared to ROUNDING of the terms' own size, since terms may cancel at single points:
+steering is good to 1e-7 rad, and float32 sums of N terms to √N · 6e-8. Two fast images, each within its tolerance of
+the truth, are within twice of it of each other; where both come from the same plan, one linear map, ROUNDING holds.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import ortho_group
+
+from radar.data.arrays import AntennaArray, PlanarScan, qar50
+from radar.data.capture import RadarCapture
+from radar.data.grid import VoxelGrid
+from radar.imaging.api import fresh_plans, image_points, image_volume, project_volume
+from radar.imaging.cpu.exact import tone_images
+from radar.simulation.forward import Scatterers, simulate
+from tests.radar.samples import noise, relative_error
+
+ROUNDING = 1e-6
+seeds = st.integers(0, 2**31)
+tolerances = st.sampled_from([None, 1e-2, 1e-4])
+few = settings(max_examples=5, deadline=None)
+
+
+class Scene:
+    """A random array, points before it, tones, samples and facets."""
+
+    def __init__(self, seed: int, points: int = 60) -> None:
+        generator = self.generator = np.random.default_rng(seed)
+        antennas = generator.uniform(-0.07, 0.07, (17, 3))
+        self.array = AntennaArray(antennas[:9], antennas[9:])
+        self.points_m = generator.uniform([-0.05, -0.05, 0.2], [0.05, 0.05, 0.3], (points, 3))
+        self.tones_hz = generator.uniform(70e9, 85e9, 6)
+        self.samples = noise((6, 9, 8), seed)
+        normal = generator.normal([0, 0, -1], 0.3, (points, 3))
+        self.normal = normal / np.linalg.norm(normal, axis=1)[:, None]
+        self.facets = Scatterers(self.points_m, generator.uniform(0.5, 1, points), self.normal)
+
+    def image(self, tolerance: float | None, **changes) -> np.ndarray:
+        """The image, with samples, tones_hz, array or points_m changed."""
+        given_ = {name: getattr(self, name) for name in ("samples", "tones_hz", "array", "points_m")} | changes
+        return image_points(*given_.values(), tolerance)
+
+    def assert_alike(self, found: np.ndarray, expected: np.ndarray, tolerance: float | None) -> None:
+        """Of two images: to twice the tolerance, of the size that noise gives them, or to the rounding of all terms."""
+        size = np.linalg.norm(self.samples) * np.sqrt(found.size)
+        assert np.linalg.norm(found - expected) < (2 * tolerance if tolerance else ROUNDING) * size
+
+
+def assert_echoes_alike(found: np.ndarray, expected: np.ndarray, tolerance: float | None) -> None:
+    """Of two simulations; the rounding is that of 60 terms in float32."""
+    assert relative_error(found, expected) < (2 * tolerance if tolerance else ROUNDING)
+
+
+def moved(places_m: np.ndarray, turn: np.ndarray, shift_m: np.ndarray) -> np.ndarray:
+    return places_m @ turn.T + shift_m
+
+
+@few
+@given(seeds, tolerances, st.sampled_from([0.0, 1.0, 1e3]))
+def test_scene_and_array_may_move_turn_and_be_mirrored_together(seed, tolerance, offset_m):
+    # The offset itself rounds paths to 2⁻⁵³ · 1e3 m: 4e-10 rad.
+    scene = Scene(seed)
+    motion = ortho_group.rvs(3, random_state=seed), scene.generator.uniform(-offset_m, offset_m, 3)
+    array = AntennaArray(*(moved(leg, *motion) for leg in (scene.array.tx_m, scene.array.rx_m)))
+    found = scene.image(tolerance, array=array, points_m=moved(scene.points_m, *motion))
+    scene.assert_alike(found, scene.image(tolerance), tolerance)
+    facets = replace(scene.facets, position_m=moved(scene.points_m, *motion), normal=scene.normal @ motion[0].T)
+    elsewhere = simulate(facets, scene.tones_hz, array, tolerance=tolerance)
+    assert_echoes_alike(elsewhere, simulate(scene.facets, scene.tones_hz, scene.array, tolerance=tolerance), tolerance)
+
+
+@few
+@given(seeds, st.floats(0.05, 50.0), tolerances)
+def test_lengths_and_wavelengths_scale_together(seed, scale, tolerance):
+    scene = Scene(seed)
+    array, tones_hz = AntennaArray(scale * scene.array.tx_m, scale * scene.array.rx_m), scene.tones_hz / scale
+    found = scene.image(tolerance, array=array, tones_hz=tones_hz, points_m=scale * scene.points_m)
+    scene.assert_alike(found, scene.image(tolerance), tolerance)
+    # Both legs fade as 1/R, and facets grow as the square: what a mirror returns has no scale.
+    larger = replace(scene.facets, position_m=scale * scene.points_m, weight=scale**2 * scene.facets.weight)
+    echoes = simulate(larger, tones_hz, array, tolerance=tolerance)
+    assert_echoes_alike(echoes, simulate(scene.facets, scene.tones_hz, scene.array, tolerance=tolerance), tolerance)
+
+
+@few
+@given(seeds, tolerances, st.complex_numbers(max_magnitude=3), st.complex_numbers(max_magnitude=3))
+def test_imaging_is_linear_at_any_tolerance(seed, tolerance, a, b):
+    # One plan is one linear map: however coarse, sums go through it to single precision.
+    scene = Scene(seed)
+    other = noise(scene.samples.shape, seed + 1)
+    mixed = scene.image(tolerance, samples=(a * scene.samples + b * other).astype(np.complex64))
+    expected = a * scene.image(tolerance) + b * scene.image(tolerance, samples=other)
+    scene.assert_alike(mixed / 6, expected / 6, None)
+
+
+@few
+@given(seeds, tolerances, st.integers(1, 59))
+def test_echoes_of_two_bodies_are_the_sum_of_theirs(seed, tolerance, count):
+    scene = Scene(seed)
+    first, second, both = (
+        simulate(part, scene.tones_hz, scene.array, tolerance=tolerance)
+        for part in (scene.facets.where(np.s_[:count]), scene.facets.where(np.s_[count:]), scene.facets)
+    )
+    # Each within its tolerance of its own size, which may exceed the sum's.
+    size = sum(np.linalg.norm(part) for part in (first, second, both))
+    assert np.linalg.norm(first + second - both) < (tolerance or ROUNDING) * size
+
+
+@few
+@given(seeds, tolerances)
+def test_transmitters_and_receivers_may_change_places(seed, tolerance):
+    scene = Scene(seed)
+    turned = AntennaArray(scene.array.rx_m, scene.array.tx_m)
+    found = scene.image(tolerance, array=turned, samples=scene.samples.transpose(0, 2, 1).copy())
+    scene.assert_alike(found, scene.image(tolerance), tolerance)
+    forth = simulate(scene.facets, scene.tones_hz, scene.array, tolerance=tolerance, pattern=1.5)
+    back = simulate(scene.facets, scene.tones_hz, turned, tolerance=tolerance, pattern=1.5)
+    assert_echoes_alike(back.transpose(0, 2, 1), forth, tolerance)
+
+
+@few
+@given(seeds, tolerances)
+def test_the_order_of_antennas_tones_and_points_means_nothing(seed, tolerance):
+    scene = Scene(seed)
+    f, t, r, p = (scene.generator.permutation(n) for n in (6, 9, 8, 60))
+    shuffled = {
+        "samples": scene.samples[np.ix_(f, t, r)],
+        "tones_hz": scene.tones_hz[f],
+        "array": AntennaArray(scene.array.tx_m[t], scene.array.rx_m[r]),
+        "points_m": scene.points_m[p],
+    }
+    scene.assert_alike(scene.image(tolerance, **shuffled), scene.image(tolerance)[p], tolerance)
+    echoes = simulate(scene.facets.where(p), shuffled["tones_hz"], shuffled["array"], tolerance=tolerance)
+    expected = simulate(scene.facets, scene.tones_hz, scene.array, tolerance=tolerance)[np.ix_(f, t, r)]
+    assert_echoes_alike(echoes, expected, tolerance)
+
+
+@few
+@given(seeds, tolerances, st.booleans())
+def test_imaging_is_the_adjoint_of_simulation_for_any_geometry(seed, tolerance, apart):
+    """⟨echoes(w), S⟩ = ⟨w, image(S)⟩, with the tones apart tone for tone."""
+    scene = Scene(seed)
+    weights = scene.generator.standard_normal(60)
+    tones = [np.s_[i : i + 1] for i in range(6)] if apart else [np.s_[:]]
+    images = image_points(scene.samples, scene.tones_hz, scene.array, scene.points_m, tolerance, apart).reshape(-1, 60)
+    for image, chosen in zip(images, tones, strict=True):
+        part = Scatterers(scene.points_m, weights)
+        echoes = simulate(part, scene.tones_hz[chosen], scene.array, spreading=False, tolerance=tolerance)
+        difference = np.vdot(echoes.astype(complex), scene.samples[chosen]) - np.vdot(weights, image)
+        size = np.linalg.norm(weights) * np.sqrt(60) * np.linalg.norm(scene.samples[chosen])
+        assert abs(difference) < (2 * tolerance if apart and tolerance else ROUNDING) * size  # apart: other plans
+
+
+@few
+@given(seeds, tolerances)
+def test_echoes_turn_against_steering(seed, tolerance):
+    """An image of ones at p is the conjugate of p's echoes, summed: one sign convention for both."""
+    scene = Scene(seed)
+    ones = np.ones_like(scene.samples)
+    for point in scene.points_m[:3, None]:
+        echoes = simulate(Scatterers(point, np.ones(1)), scene.tones_hz, scene.array, False, tolerance)
+        image = scene.image(tolerance, samples=ones, points_m=point)[0]
+        assert abs(image - echoes.sum(dtype=complex).conj()) < (2 * tolerance if tolerance else ROUNDING) * ones.size
+
+
+@few
+@given(seeds, st.floats(0.0, 0.02), tolerances)
+def test_a_delay_everywhere_is_a_phase_of_each_tone(seed, delay_m, tolerance):
+    scene = Scene(seed)
+    delayed = replace(scene.facets, delay_m=np.full(60, delay_m))
+    phase = np.exp(-2j * np.pi * scene.tones_hz * 2 * delay_m / 299_792_458.0)[:, None, None]
+    expected = phase * simulate(scene.facets, scene.tones_hz, scene.array, tolerance=tolerance)
+    found = simulate(delayed, scene.tones_hz, scene.array, tolerance=tolerance)
+    assert_echoes_alike(found, expected, tolerance)
+
+
+@few
+@given(seeds, tolerances, st.integers(2, 4))
+def test_a_finer_grid_holds_the_coarser_one_s_values(seed, tolerance, times):
+    scene = Scene(seed)
+    coarse = [start + 2e-3 * np.arange(n) for start, n in zip((-0.01, 0.0, 0.25), (7, 6, 5), strict=True)]
+    fine = [axis[0] + 2e-3 / times * np.arange(times * (len(axis) - 1) + 1) for axis in coarse]
+    volume, finer = (
+        image_volume(scene.samples, scene.tones_hz, scene.array, VoxelGrid(*axes), tolerance) for axes in (coarse, fine)
+    )
+    scene.assert_alike(finer[::times, ::times, ::times], volume, tolerance)
+
+
+@few
+@given(seeds, tolerances)
+def test_a_scan_moves_and_scales_as_an_array_does(seed, tolerance):
+    scene = Scene(seed)
+    scan, samples = PlanarScan(scene.generator.uniform(-0.1, 0.1, (40, 3))), noise((6, 40), seed)
+    turn, shift_m = ortho_group.rvs(3, random_state=seed), scene.generator.uniform(-1, 1, 3)
+    order = scene.generator.permutation(40)
+    elsewhere = PlanarScan(2 * moved(scan.position_m, turn, shift_m)[order])
+    found = scene.image(
+        tolerance, samples=samples[:, order], array=elsewhere, tones_hz=scene.tones_hz / 2,
+        points_m=2 * moved(scene.points_m, turn, shift_m),
+    )  # fmt: skip
+    expected = scene.image(tolerance, samples=samples, array=scan)
+    size = np.linalg.norm(samples) * np.sqrt(60)
+    assert np.linalg.norm(found - expected) < (2 * tolerance if tolerance else ROUNDING) * size
+
+
+@few
+@given(seeds, tolerances)
+def test_captures_and_frames_know_nothing_of_each_other(seed, tolerance):
+    """To the last bit: whatever was imaged before, and wherever in its file a frame lies."""
+    scene = Scene(seed)
+    frames = noise((3, *scene.samples.shape), seed)
+    order = scene.generator.permutation(3)
+    captures = [RadarCapture(samples, scene.tones_hz, scene.array) for samples in (frames, frames[order])]
+    with fresh_plans():
+        first = [scene.image(tolerance, samples=captures[0].tones(scene.tones_hz, i)[0]) for i in range(3)]
+    with fresh_plans():
+        scene.image(tolerance, points_m=scene.points_m + 0.5)
+        again = [scene.image(tolerance, samples=captures[1].tones(scene.tones_hz, i)[0]) for i in range(3)]
+    assert np.array_equal(np.array(first)[order], again)
+
+
+@pytest.mark.parametrize("tolerance", [None, 1e-3])
+def test_threads_change_no_bit_of_echoes_tones_and_projections(tolerance, monkeypatch):
+    scene, grid = Scene(1, 3000), VoxelGrid(1e-3 * np.arange(40), 1e-3 * np.arange(40), 0.25 + 1e-3 * np.arange(20))
+    found = []
+    for workers in ("1", "2", "5"):
+        monkeypatch.setenv("HANDBENCH_WORKERS", workers)
+        with fresh_plans():
+            echoes = simulate(scene.facets, scene.tones_hz, qar50(), tolerance=tolerance)
+            tones = tone_images(echoes, scene.tones_hz, qar50(), scene.points_m)
+            found.append((echoes, tones, *project_volume(echoes, scene.tones_hz, qar50(), grid, tolerance)))
+    for others in found[1:]:
+        assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(found[0], others, strict=True))

@@ -1,0 +1,45 @@
+"""Plates, corners and stand-ins for fingers that the tests of shadows and of multipath share."""
+
+import numpy as np
+
+from radar.simulation.scene import Body
+
+
+def plate(corner_m, along_m, across_m, count) -> Body:
+    """A parallelogram of 2·count² triangles; its front is the side of along × across."""
+    step = np.linspace(0, 1, count + 1)
+    a, b = (grid.reshape(-1, 1) for grid in np.meshgrid(step, step, indexing="ij"))
+    index = np.arange((count + 1) ** 2).reshape(count + 1, count + 1)
+    p, q, r, s = (part.ravel() for part in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]))
+    faces = np.concatenate([np.stack([p, q, r], 1), np.stack([p, r, s], 1)])
+    return Body(np.asarray(corner_m) + a * np.asarray(along_m) + b * np.asarray(across_m), faces)
+
+
+def joined(*bodies: Body) -> Body:
+    """Several bodies as one."""
+    starts = np.cumsum([0, *(len(body.vertices_m) for body in bodies)])
+    faces = [body.faces + start for body, start in zip(bodies, starts[:-1], strict=True)]
+    return Body(np.concatenate([body.vertices_m for body in bodies]), np.concatenate(faces))
+
+
+def dihedral(width_m, height_m, at_m=(0.0, 0.0, 0.0), count=16, turn_rad=0.0) -> Body:
+    """Two plates at a right angle that open towards -z; their common edge, at at_m, is along y."""
+    sides = []
+    for side in (1, -1):
+        angle = turn_rad + side * np.pi / 4
+        along = width_m * np.array([np.sin(angle), 0, -np.cos(angle)])
+        across = np.array([0, -side * height_m, 0])
+        sides.append(plate(np.asarray(at_m) - across / 2, along, across, count))
+    return joined(*sides)
+
+
+def cylinder(centre_m, radius_m, length_m, around=48, along=40) -> Body:
+    """The side of an upright cylinder."""
+    turn = np.linspace(0, 2 * np.pi, around, endpoint=False)
+    ring = radius_m * np.stack([np.cos(turn), 0 * turn, np.sin(turn)], axis=1)
+    height = np.linspace(-length_m / 2, length_m / 2, along + 1)
+    vertices_m = np.asarray(centre_m) + (ring[None] + height[:, None, None] * [0, 1, 0]).reshape(-1, 3)
+    index = np.arange(around * (along + 1)).reshape(along + 1, around)
+    p, q = index[:-1].ravel(), np.roll(index[:-1], -1, axis=1).ravel()
+    r, s = np.roll(index[1:], -1, axis=1).ravel(), index[1:].ravel()
+    return Body(vertices_m, np.concatenate([np.stack([p, r, q], 1), np.stack([p, s, r], 1)]))

@@ -1,0 +1,86 @@
+"""The room: image theory, the target's shadow, and that it stays where it is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from radar.simulation.effects.clutter import Clutter
+from radar.simulation.physics.material import Material
+from radar.simulation.pilot import change_db, change_mm
+from radar.simulation.scene import EchoScene
+from radar.simulation.state import Shot
+from radar.support.rays import Rays
+from tests.radar.simulation.effects.closed_forms import sheet_body
+from tests.radar.simulation.effects.small_scenes import bead_scene, shots, sphere_body
+
+HERE = AntennaArray(np.zeros((1, 3)), np.zeros((1, 3)))
+
+
+def plate(side_m=0.1, z_m=0.4, reflectivity_db=-10.0, step_m=5e-3):
+    return replace(sheet_body(side_m, side_m, step_m, z_m=z_m), reflectivity_db=reflectivity_db)
+
+
+def clutter(scene, **options):
+    """What the effect adds [f, t, r]."""
+    shot = Shot(scene, 1, **options)
+    before = shot.samples[0].copy()
+    Clutter().apply(shot)
+    return shot.samples[0] - before
+
+
+def test_a_wide_plate_mirrors():
+    # Image theory: the wave of an antenna at 2D, 2π/(jk)·1/(2D)·e^{−2jkD}; edges echo too, but 94 mm later, so that
+    # they average out over 10 GHz.
+    tones_hz = np.linspace(72e9, 82e9, 101)
+    wavenumber = 2 * np.pi * tones_hz / SPEED_OF_LIGHT_M_S
+    samples = clutter(EchoScene(HERE, tones_hz, np.zeros(101), room=(plate(0.4, 0.4),)))[:, 0, 0]
+    mirrored = np.sqrt(0.1) * np.pi / (1j * wavenumber * 0.4) * np.exp(-2j * wavenumber * 0.4)
+    assert (samples / mirrored).mean() == pytest.approx(1, abs=0.02)
+
+
+def test_the_target_hides_what_stands_behind_it():
+    ball = sphere_body(0.02, (0.0, 0.0, 0.3))
+    scene = EchoScene(HERE, np.array([80e9]), np.zeros(1), target=ball, room=(plate(0.03),))  # 53 mm of shadow there
+    assert not clutter(scene).any()
+    assert np.abs(clutter(replace(scene, target=None))).item() > 0
+    assert np.array_equal(clutter(scene, levels={}), clutter(replace(scene, target=None)))  # the room without it
+    foam = replace(ball, material=Material(kind="foam"))
+    assert clutter(replace(scene, target=foam)) == pytest.approx(clutter(replace(scene, target=None)), rel=1e-5)
+
+
+def test_bodies_of_the_room_hide_each_other():
+    hidden, screen = plate(0.04), plate(0.1, z_m=0.35)
+    scene = EchoScene(HERE, np.array([80e9]), np.zeros(1), room=(hidden, screen))
+    assert np.array_equal(clutter(scene), clutter(replace(scene, room=(screen,))))
+
+
+def test_the_echo_is_as_strong_as_the_material_says():
+    weak, strong = (clutter(bead_scene(room=(plate(reflectivity_db=level),))) for level in (-30.0, -10.0))
+    assert np.linalg.norm(strong) / np.linalg.norm(weak) == pytest.approx(10, rel=1e-3)  # a difference of float32
+
+
+def test_the_room_stays_when_the_target_moves():
+    scene = bead_scene({"motion": {"velocity_m_s": 0.01}}, room=(plate(),))
+    with_room, without = (shots(scene, "motion", *more, frames=2).capture.samples for more in (("clutter",), ()))
+    still = clutter(scene)
+    for frame in with_room - without:
+        assert np.abs(frame - still).max() < 1e-6 * np.abs(with_room).max()  # float32
+
+
+@pytest.mark.parametrize("level_db", [-10.0, -30.0])
+def test_the_estimate_is_what_the_room_changes(level_db):
+    scene = bead_scene(room=(plate(reflectivity_db=level_db),))
+    cast = Rays.cast
+    estimate = Clutter().estimate(scene)
+    assert Rays.cast == cast
+    samples = shots(scene, "obliquity", "clutter").capture.samples[0, [2, 0]]
+    # The same sum but for the shadow's edge, which the estimate knows to two facets.
+    assert estimate.depth_mm == pytest.approx(change_mm(scene, samples), rel=0.2)
+    assert estimate.level_db == pytest.approx(change_db(scene, samples), abs=1)
+
+
+def test_an_empty_room_is_missing():
+    assert Clutter().missing(bead_scene())
+    assert not Clutter().missing(bead_scene(room=(plate(),)))

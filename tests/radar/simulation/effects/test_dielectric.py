@@ -1,0 +1,151 @@
+"""Dielectrics: delays, a slab's closed form, spheres of foam by geometrical and by physical optics."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
+from radar.simulation.effects.dielectric import Dielectric, inside_m, mean_thickness_m
+from radar.simulation.effects.obliquity import Obliquity
+from radar.simulation.effects.shadow import ShadowCentre
+from radar.simulation.physics.balls import foam_delays_m, foam_echoes
+from radar.simulation.physics.material import Material
+from radar.simulation.physics.reflection import body_reflection, fresnel, layered
+from radar.simulation.pilot import change_mm
+from radar.simulation.scene import Ball, Body, EchoScene
+from radar.simulation.state import Shot
+from radar.support.config import parse
+from radar.support.errors import HandbenchError
+from radar.support.rays import Rays
+from tests.radar.simulation.effects.closed_forms import sphere_body
+from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, shots
+
+
+def foam_ball(**changes):
+    return Ball(
+        **{
+            "centre_m": np.array([0.01, -0.02, 0.3]),
+            "radius_m": 5e-3,
+            "foam_radius_m": 0.025,
+            "foam_permittivity": 1.03,
+            **changes,
+        }
+    )
+
+
+def dielectric_samples(scene, *before):
+    """The scene's samples [f, t, r] with the effect, after others."""
+    shot = Shot(scene, 1, tolerance=None)
+    for effect in (Obliquity(), *before, Dielectric()):
+        effect.apply(shot)
+    return shot.samples[0]
+
+
+@pytest.mark.parametrize(("permittivity", "reflected_db", "delay_mm"), [(1.03, -42.6, 0.74), (1.05, -38.3, 1.23)])
+def test_foam_as_published(permittivity, reflected_db, delay_mm):
+    assert 20 * np.log10(abs(fresnel(np.array(permittivity)))) == pytest.approx(reflected_db, abs=0.05)
+    balls = foam_ball(foam_radius_m=0.055, foam_permittivity=permittivity), foam_ball(foam_radius_m=0)
+    delays_m = foam_delays_m(balls)
+    assert 1e3 * delays_m == pytest.approx([delay_mm, 0], abs=0.01)  # of 50 mm; and of none
+
+
+def test_plastic_reflects_by_fresnel_alone():
+    plastic = Material(kind="plastic", loss_tangent=0.015)
+    scene = bead_scene(target=replace(bead_scene().target, material=plastic))
+    metal, samples = (shots(scene, "obliquity", *more).capture.samples[0] for more in ((), ("dielectric",)))
+    n = np.sqrt(2.7 * (1 - 0.015j))
+    assert np.allclose(samples, metal * ((n - 1) / (n + 1)), rtol=1e-5, atol=1e-6 * np.abs(metal).max())
+    estimate = Dielectric().estimate(scene)
+    assert estimate.depth_mm < 1e-3  # the same phase at all tones
+    assert "which is left out" in estimate.why
+
+
+def test_a_slab_of_foam_is_a_layer():
+    # Far away a slab's front and back add up to Γ of a layer in air, whose third reflections, Γ² = 1e-4, are left out.
+    side_m, thickness_m, z_m = 0.02, 0.0125, 5.0
+    tones_hz = np.linspace(76e9, 82e9, 7)  # half a period of the interference, 2nT = λ/2 … λ, and more
+    x, y, z = (side_m / 2 * np.array([-1, 1]), side_m / 2 * np.array([-1, 1]), z_m + np.array([0, thickness_m]))
+    corners = np.array([(a, b, c) for a in x for b in y for c in z])
+    faces = np.array([(0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)])  # front and back; sides seen edge-on add nothing
+    foam = Material(kind="foam", permittivity=1.05)
+    one = AntennaArray(np.zeros((1, 3)), np.zeros((1, 3)))
+    scene = EchoScene(one, tones_hz, np.zeros(7), target=Body(corners, faces, foam))
+    metal_shot = Shot(scene, 1, tolerance=None)
+    Obliquity().apply(metal_shot)
+    ratio = dielectric_samples(scene)[:, 0, 0] / metal_shot.samples[0, :, 0, 0]
+    expected = -layered(np.full(7, 1.05), np.ones(7), thickness_m, tones_hz)
+    assert np.ptp(np.abs(expected)) > 0.01  # the tones meet both a minimum and a maximum
+    # The back is 12.5 mm further away, which costs it 2·12.5/5000 = 0.5 % of its amplitude 0.012.
+    assert np.abs(ratio - expected).max() < 2e-4
+
+
+@pytest.mark.parametrize("radius_m", [0.015, 0.025])
+def test_a_sphere_of_foam_by_rays_and_by_its_facets(radius_m):
+    array = AntennaArray([[0, 0, 0], [-0.07, 0.03, 0], [0.07, 0, 0]], [[0.001, 0, 0], [0, 0.07, 0], [0.02, -0.07, 0]])
+    ball = foam_ball(radius_m=1e-9, foam_radius_m=radius_m, foam_permittivity=1.003)
+    body = replace(sphere_body(radius_m, 6, ball.centre_m), material=Material(kind="foam", permittivity=1.003))
+    tones_hz = np.linspace(78e9, 82e9, 3)
+    optics = dielectric_samples(EchoScene(array, tones_hz, np.zeros(3), target=body))
+    rays = foam_echoes((ball,), tones_hz, array)
+    # Physical optics errs by 1/(2ka) = 1.2 % to 2 % for each of the two surfaces, and the terminator by as much.
+    assert np.abs(optics - rays).max() < 0.06 * np.abs(rays).max()
+
+
+def test_the_ball_is_delayed_and_hides_the_back():
+    ball, array = foam_ball(), AntennaArray([[0.01, -0.02, 0]], [[0.012, -0.02, 0], [0.01, 0.14, 0]])
+    scene = EchoScene(array, TONES_HZ, np.zeros(3), balls=(ball,))
+    bare, foamed = Shot(scene, 1).samples[0], dielectric_samples(scene)
+    shell = foam_echoes((ball,), TONES_HZ, array)
+    delay_m = (np.sqrt(1.03) - 1) * 0.02
+    delayed = bare * np.exp(-4j * np.pi * TONES_HZ * delay_m / SPEED_OF_LIGHT_M_S)[:, None, None]
+    assert np.allclose(foamed - shell, delayed, rtol=1e-5)
+    front = np.abs(foam_echoes((replace(ball, radius_m=0.0249),), TONES_HZ, array))  # so large a ball hides any back
+    along, aslant = np.abs(np.abs(shell) / front - 1).max(axis=0)[0]
+    assert along < 1e-5
+    assert aslant > 0.1  # rays under 15° pass the ball at 25 sin 15° = 6.4 mm
+
+
+def test_rays_count_what_lies_inside():
+    near, far = sphere_body(0.01, 5, (0.0, 0.0, 0.2)), sphere_body(0.02, 5, (0.0, 0.0, 0.3))
+    vertices_m = np.concatenate([near.vertices_m, far.vertices_m])
+    rays = Rays(vertices_m, np.concatenate([near.faces, far.faces + len(near.vertices_m)]))
+    points_m = np.array([[0, 0, 0.19], [0, 0, 0.21], [0, 0, 0.25], [0, 0, 0.3], [0, 0, 0.4], [0.1, 0, 0.3]])
+    # The octahedron's corners lie on the spheres, so that the axis meets them exactly; rays go on after 0.01 mm each.
+    assert inside_m(rays, points_m, np.zeros(3)) == pytest.approx([0, 0.02, 0.02, 0.04, 0.06, 0], abs=5e-5)
+
+
+def test_mean_thickness_of_a_sphere():
+    assert mean_thickness_m(sphere_body(0.03, 6, (0.1, 0.2, 0.3))) == pytest.approx(4 / 3 * 0.03, rel=2e-3)
+
+
+def test_foam_casts_no_shadow():
+    near, far = sphere_body(0.01, 5, (0.0, 0.0, 0.2)), sphere_body(0.01, 5, (0.0, 0.0, 0.3))
+    faces = np.concatenate([near.faces, far.faces + len(near.vertices_m)])
+    body = Body(np.concatenate([near.vertices_m, far.vertices_m]), faces, Material(kind="foam"))
+    scene = EchoScene(AntennaArray(qar50().tx_m[::20], qar50().rx_m[::20]), TONES_HZ[:1], np.zeros(1), target=body)
+    assert np.array_equal(dielectric_samples(scene), dielectric_samples(scene, ShadowCentre()))
+
+
+def test_the_estimate_meets_what_happens_to_a_ball():
+    scene = bead_scene(target=None, balls=(foam_ball(),))
+    foamed = shots(scene, "dielectric").capture.samples[0, [2, 0]]
+    estimate = Dielectric().estimate(scene)
+    assert estimate.depth_mm / change_mm(scene, foamed) == pytest.approx(1, abs=0.67)  # within a factor of three
+    assert estimate.level_db == pytest.approx(-28, abs=3)  # 0.0074 · 25 mm / 5 mm and as much from behind
+
+
+def test_the_room_without_the_target_has_no_foam():
+    shot = Shot(bead_scene(target=None, balls=(foam_ball(),)), 1, levels={})
+    Dielectric().apply(shot)
+    assert not shot.samples.any()
+
+
+def test_what_is_missing_and_what_foam_cannot_be():
+    assert Dielectric().missing(bead_scene())
+    assert Dielectric().missing(bead_scene(target=None, balls=(foam_ball(foam_permittivity=1.0),)))
+    assert not Dielectric().missing(bead_scene(target=None, balls=(foam_ball(),)))
+    with pytest.raises(HandbenchError, match=r"target: .*1\.5 at most"):
+        parse(Material, {"kind": "foam", "permittivity": 1.6}, "target")
+    known = Body(np.zeros((0, 3)), np.zeros((0, 3), int), reflectivity_db=-20.0)
+    assert body_reflection(known, TONES_HZ) == pytest.approx(np.full(3, 0.1))

@@ -1,0 +1,105 @@
+"""Reflection of skin: published values, limits of the layered half-space, and the palm's bias in depth."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from radar.imaging.api import image_points
+from radar.simulation.effects.skin import Skin
+from radar.simulation.physics.material import Material
+from radar.simulation.physics.reflection import fresnel, layered, skin_reflection
+from radar.simulation.physics.tissue import skin_permittivity
+from radar.simulation.state import Shot
+from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, shots, sphere_body
+
+SKIN = Material(kind="skin")
+
+
+def db(amplitude):
+    return 20 * np.log10(np.abs(amplitude))
+
+
+@pytest.mark.parametrize(
+    ("tone_hz", "expected", "reflected_db"),
+    [(72e9, 6.9 - 9.4j, -4.6), (77e9, 6.6 - 8.9j, -4.7), (82e9, 6.3 - 8.5j, -4.8)],
+)
+def test_dry_skin_as_published(tone_hz, expected, reflected_db):
+    permittivity = skin_permittivity(np.array([tone_hz]))
+    assert permittivity[0] == pytest.approx(expected, abs=0.08)  # two digits are known of real and imaginary part
+    assert db(fresnel(permittivity))[0] == pytest.approx(reflected_db, abs=0.06)
+
+
+def test_wet_skin_reflects_a_third_of_a_decibel_more():
+    tone_hz = np.array([77e9])
+    more_db = db(fresnel(skin_permittivity(tone_hz, wet=True))) - db(fresnel(skin_permittivity(tone_hz)))
+    assert more_db[0] == pytest.approx(0.3, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("thickness_m", "reflected_db", "within_db"), [(15e-6, -4.8, 0.1), (140e-6, -5.8, 0.1), (430e-6, -18, 2.5)]
+)
+def test_horny_layers_as_published(thickness_m, reflected_db, within_db):
+    # 430 µm is close to a quarter wave: a deep minimum, which the second digit of a permittivity moves by decibels.
+    reflection = skin_reflection(SKIN, np.array([77e9]), thickness_m)
+    assert db(reflection)[0] == pytest.approx(reflected_db, abs=within_db)
+
+
+def test_a_layer_of_the_same_stuff_is_no_layer():
+    tones_hz = np.linspace(72e9, 82e9, 5)
+    skin = skin_permittivity(tones_hz)
+    assert np.allclose(layered(skin, skin, 1e-3, tones_hz), fresnel(skin), rtol=1e-12)
+    assert np.allclose(layered(2 * skin, skin, 0.0, tones_hz), fresnel(skin), rtol=1e-12)
+
+
+def test_a_quarter_wave_of_the_geometric_mean_matches():
+    tone_hz, below = np.array([77e9]), np.array([4.0])
+    quarter_m = 299_792_458.0 / 77e9 / 4 / np.sqrt(2)
+    assert abs(layered(np.array([2.0]), below, quarter_m, tone_hz)[0]) < 1e-12
+    # A lossless mirror at depth d returns all, e^{−2jkn₁d} later: the sign of e^{+jωt}.
+    deep = layered(np.array([1.0]), np.array([1e12]), 1e-3, tone_hz)
+    assert deep[0] == pytest.approx(-np.exp(-4j * np.pi * 77e9 / 299_792_458.0 * 1e-3), abs=1e-5)
+
+
+def depth_change_m(before, after):
+    """How far the bead's FSK depth between the outer tones moves."""
+    near_side_m = np.array([[0.01, -0.005, 0.296]])
+    products = []
+    for capture in (before, after):
+        images = image_points(capture.samples[0], TONES_HZ, capture.aperture, near_side_m, None, apart=True)[:, 0]
+        products.append(images[2] * images[0].conj())
+    return -299_792_458.0 * np.angle(products[1] * products[0].conj()) / (4 * np.pi * 2.5e9)
+
+
+@pytest.mark.parametrize(
+    ("palm", "thickness_m", "bias_m"), [(False, 430e-6, 0.04e-3), (True, 140e-6, 0.15e-3), (True, 430e-6, 2.6e-3)]
+)
+def test_the_palm_seems_further_away(palm, thickness_m, bias_m):
+    body = sphere_body(4e-3, (0.01, -0.005, 0.3))
+    material = Material(kind="skin", palm_thickness_m=thickness_m)
+    scene = bead_scene(target=replace(body, material=material, palm=np.full(len(body.faces), palm)))
+    change_m = depth_change_m(shots(scene, "obliquity").capture, shots(scene, "obliquity", "skin").capture)
+    assert change_m == pytest.approx(bias_m, abs=0.05e-3)
+    assert Skin().estimate(scene).depth_mm == pytest.approx(1e3 * change_m, rel=0.05)  # exact for one layer
+
+
+def test_each_face_has_its_own_layer():
+    body = sphere_body(4e-3, (0.01, -0.005, 0.3))
+    left = body.vertices_m[body.faces].mean(axis=1)[:, 0] < 0.01
+    scene = bead_scene(target=replace(body, material=SKIN, palm=left))
+    shot = Shot(scene, 1)
+    Skin().apply(shot)
+    assert np.array_equal(shot.surface.layer == 1, left[shot.surface.facets.face])
+    halves = []
+    for part in (left, ~left):
+        half = Shot(scene, 1)
+        half.surface.keep(part[half.surface.facets.face])
+        halves.append(half.echo(scene.array))
+    expected = sum(half * r[:, None, None] for half, r in zip(halves, shot.surface.reflection[::-1], strict=True))
+    # The halves together and apart go through other boxes of the fast chain: its tolerance, 1e-5, twice.
+    assert np.linalg.norm(shot.echo(scene.array) - expected) < 3e-5 * np.linalg.norm(expected)
+
+
+def test_only_skin_has_it():
+    assert Skin().missing(bead_scene())
+    assert not Skin().missing(bead_scene(target=replace(bead_scene().target, material=SKIN)))

@@ -1,0 +1,130 @@
+"""Which effects are on: the tolerance is a budget, a list is a list, and what a scene lacks is said."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from radar.simulation import selection
+from radar.simulation.causes import Causes
+from radar.simulation.effects.base import NOTHING, Effect, Estimate
+from radar.simulation.effects.catalogue import EFFECTS, IDS
+from radar.support.errors import HandbenchError
+from tests.radar.simulation.effects.small_scenes import bead_scene
+
+
+def effect(name, depth_mm, lacks=""):
+    class Known(Effect):
+        id = name
+        does = source = "a test"
+
+        def missing(self, scene):
+            return lacks
+
+        def estimate(self, scene):
+            return Estimate(depth_mm, -20.0, "as the test says")
+
+        def apply(self, shot):
+            raise AssertionError("planning applies nothing")
+
+    return Known()
+
+
+@pytest.fixture
+def catalogue(monkeypatch):
+    def install(*effects):
+        monkeypatch.setattr(selection, "EFFECTS", effects)
+
+    return install
+
+
+def on(choices):
+    return [choice.effect for choice in choices if choice.on]
+
+
+def test_what_is_left_out_stays_below_the_tolerance_together(catalogue):
+    sizes = {"a": 0.02, "b": 0.025, "c": 0.015, "d": 0.5, "e": 0.03}
+    catalogue(*(effect(name, size) for name, size in sizes.items()))
+    choices = selection.choose(bead_scene(), "auto", 0.1)
+    # Twice 0.015 + 0.020 fit into 0.1; with 0.025 they would not, though each of them is small enough.
+    assert on(choices) == ["b", "d", "e"]
+    assert sum(selection.SAFETY * sizes[c.effect] for c in choices if not c.on) <= 0.1
+    assert all("0.070 of 0.1 mm" in c.why for c in choices if c.effect == "a")
+
+
+def test_everything_above_the_tolerance_is_on_and_nothing_is_asked_twice(catalogue):
+    catalogue(effect("a", 0.101), effect("b", 0.0), effect("c", 3.0))
+    assert on(selection.choose(bead_scene(), "auto", 0.1)) == ["a", "c"]
+    assert on(selection.choose(bead_scene(), "auto", 1e-9)) == ["a", "c"]
+    assert on(selection.choose(bead_scene(), "auto", 7.0)) == []
+
+
+def test_what_the_scene_lacks_is_off_and_said(catalogue):
+    catalogue(effect("a", 9.0, lacks="[noise] in the scene"), effect("b", 9.0))
+    first, second = selection.choose(bead_scene(), "auto", 0.1)
+    assert not first.on and first.why == "needs [noise] in the scene" and first.depth_mm is None
+    assert second.on
+
+
+def test_a_list_asks_for_no_estimate_unless_explained(monkeypatch):
+    monkeypatch.setattr(selection, "EFFECTS", (refusing := effect("noise", 0.0),))
+    monkeypatch.setattr(type(refusing), "estimate", lambda self, scene: 1 / 0)
+    [row] = selection.choose(bead_scene(), ("noise",), 0.1)
+    assert row.on and row.depth_mm is None
+    with pytest.raises(ZeroDivisionError):
+        selection.choose(bead_scene(), ("noise",), 0.1, explain=True)
+
+
+def test_a_listed_effect_without_its_cause_is_an_error():
+    with pytest.raises(HandbenchError, match=r"'noise' needs \[noise\]"):
+        selection.choose(bead_scene(), ("noise",), 0.1)
+
+
+@pytest.mark.parametrize(("names", "message"), [(("nois",), "did you mean 'noise'"), (("noise", "noise"), "twice")])
+def test_names_are_checked(names, message):
+    with pytest.raises(HandbenchError, match=message):
+        selection.choose(bead_scene({"noise": {"phase_noise_rad": 0.1}}), names, 0.1)
+
+
+def test_a_level_of_nothing_is_left_out_of_the_row(catalogue):
+    nothing = effect("a", 0.0)
+    type(nothing).estimate = lambda self, scene: Estimate(0.0, NOTHING, "nothing")
+    catalogue(nothing)
+    [row] = selection.choose(bead_scene(), "auto", 0.1)
+    assert row.level_db is None and row.depth_mm == 0 and not row.on
+
+
+def test_per_antenna_shadows_contain_those_from_the_centre(catalogue):
+    catalogue(effect("shadow_centre", 5.0), effect("shadow_antennas", 2.0))
+    choices = selection.choose(bead_scene(), "auto", 0.1)
+    assert on(choices) == ["shadow_antennas"] and "contained" in choices[0].why
+    catalogue(effect("shadow_centre", 5.0), effect("shadow_antennas", 0.01))
+    assert on(selection.choose(bead_scene(), "auto", 0.1)) == ["shadow_centre"]
+
+
+def test_how_strongly_a_target_echoes_matters_before_clutter(catalogue):
+    catalogue(effect("skin", 0.001), effect("dielectric", 0.001), effect("clutter", 2.0))
+    assert on(selection.choose(bead_scene(), "auto", 0.1)) == ["skin", "dielectric", "clutter"]
+    catalogue(effect("skin", 0.001), effect("clutter", 0.001))
+    assert on(selection.choose(bead_scene(), "auto", 0.1)) == []
+
+
+def test_every_effect_says_what_it_is():
+    assert len(set(IDS)) == len(EFFECTS) == 16
+    for known in EFFECTS:
+        assert known.does and known.source
+
+
+def test_what_takes_the_image_away_is_no_small_change():
+    silent = bead_scene({"dead": {"tx": tuple(range(94))}})
+    row = next(row for row in selection.choose(silent, "auto", 0.1) if row.effect == "dead")
+    assert row.on and row.depth_mm == pytest.approx(1e3 * silent.depth_m_per_rad * 3.14159 / 2, rel=1e-3)
+
+
+@pytest.mark.parametrize("tones_hz", [[79.5e9, 82e9], [82e9]])
+def test_depths_are_told_between_two_tones_whatever_there_are(tones_hz):
+    causes = Causes(positions={"sigma_m": 1e-3})
+    tones = {"frequencies_hz": np.array(tones_hz), "time_s": np.zeros(len(tones_hz)), "depth_step_hz": 200e6}
+    few = dataclasses.replace(bead_scene(), causes=causes, **tones)
+    row = next(row for row in selection.choose(few, "auto", 0.1) if row.effect == "positions")
+    assert row.on and row.depth_mm > 0.1

@@ -1,0 +1,169 @@
+"""The report in a browser: from a file, without a network, wide and narrow, turned by keys and by the mouse."""
+
+from __future__ import annotations
+
+import io
+import re
+from base64 import b64decode
+
+import numpy as np
+import pytest
+from devtools import CHROMIUM, Browser
+from PIL import Image
+from synthetic_result import METHODS, write_synthetic, write_synthetic_tradeoff
+
+from reports.page import html
+
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None, reason="no Chromium: the report was NOT looked at in a browser (Debian's package: chromium)"
+)
+LONG = 70 * "U"  # a name that no narrow window has room for
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """A report of two captures with a trade-off."""
+    base = tmp_path_factory.mktemp("browser")
+    methods = {name: METHODS[name] for name in ("3fsk", "2fsk")}
+    folder = write_synthetic(base / "table", ("B", LONG), methods, ("photogrammetry",))
+    return html.build(folder, base / "report", write_synthetic_tradeoff(base / "sweep", tolerances=2))
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    started = Browser(tmp_path_factory.mktemp("profile"))
+    yield started
+    started.close()
+
+
+@pytest.fixture
+def opened(browser, page):
+    """The report at 1280 pixels, with the 3-D view in sight."""
+    browser.open(page)
+    browser.run("document.querySelector('canvas').scrollIntoView({block: 'center'})")
+    browser.settle()
+    return browser
+
+
+def pixels(browser):
+    """The view's pixels [rows, columns, 4]."""
+    uri = browser.run("document.querySelector('.viewer canvas').toDataURL()")
+    with Image.open(io.BytesIO(b64decode(uri.split(",")[1]))) as image:
+        return np.asarray(image.convert("RGBA")).astype(int)
+
+
+def changed(before, after):
+    """Share of the pixels that differ."""
+    return np.mean(np.abs(before - after).max(axis=-1) > 8)
+
+
+def choose(browser, name, value):
+    """Click the control of that name and value."""
+    browser.run(f"document.querySelector('.viewer [name={name}][value=\"{value}\"]').click()")
+    browser.settle()
+
+
+def test_nothing_is_fetched_and_nothing_complains(opened):
+    requests = [e["params"]["request"]["url"] for e in opened.events if e["method"] == "Network.requestWillBeSent"]
+    assert requests and not [url for url in requests if not url.startswith(("data:", "file:"))]
+    assert sum(url.startswith("file:") for url in requests) == 1  # the page itself
+    said = [event for event in opened.events if event["method"].startswith(("Runtime.exception", "Runtime.console"))]
+    logged = [e["params"]["entry"] for e in opened.events if e["method"] == "Log.entryAdded"]
+    assert said == [] and [entry for entry in logged if entry["level"] == "error"] == []
+
+
+def test_the_view_shows_a_hand(opened):
+    """Something of a hand's share of the canvas, neither flat nor a silhouette; the still picture gives way to it."""
+    shown = pixels(opened)
+    covered = shown[..., 3] > 128
+    assert 0.05 < covered.mean() < 0.6
+    assert shown[covered][:, 0].std() > 15
+    assert opened.run("getComputedStyle(document.querySelector('.still')).display") == "none"
+
+
+def test_the_view_answers_to_keys(opened):
+    opened.run("document.querySelector('.viewer canvas').focus()")
+    start = pixels(opened)
+    opened.press("ArrowLeft")
+    turned = pixels(opened)
+    opened.press("+")
+    nearer = pixels(opened)
+    opened.press("Home")
+    assert changed(start, turned) > 0.01 and changed(turned, nearer) > 0.01
+    assert (nearer[..., 3] > 0).sum() > (turned[..., 3] > 0).sum()
+    assert np.array_equal(pixels(opened), start)
+
+
+def test_the_view_is_dragged(opened):
+    start = pixels(opened)
+    left, top, width, height = opened.run(
+        "(r => [r.left, r.top, r.width, r.height])(document.querySelector('canvas').getBoundingClientRect())"
+    )
+    opened.drag(left + width / 2, top + height / 2, 120, 30)
+    assert changed(start, pixels(opened)) > 0.02
+
+
+def test_methods_captures_and_colours_are_switched(opened):
+    start, status = pixels(opened), "document.querySelector('.status').textContent"
+    assert opened.run(status).startswith("B: 3-FSK, ") and "MAE" in opened.run(status)
+    choose(opened, "method", "2fsk")
+    other = pixels(opened)
+    assert opened.run(status).startswith("B: 2-FSK, ") and changed(start, other) > 0.002
+    choose(opened, "colour", "depth")
+    assert changed(other, pixels(opened)) > 0.02
+    assert opened.run("document.querySelector('.legend .what').textContent") == "depth z in mm"
+    choose(opened, "reference", "1")
+    assert (pixels(opened)[..., 3] > 0).mean() < 0.9 * (other[..., 3] > 0).mean()
+    opened.run(
+        "{const s = document.querySelector('select'); s.selectedIndex = 1;"
+        "s.dispatchEvent(new Event('change', {bubbles: true}))}"
+    )
+    assert opened.run(status).startswith(f"{LONG}: 2-FSK, ")
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+def test_the_page_fits_its_window(browser, page, width):
+    """Wide tables and pictures scroll in their own boxes, which keys can reach; the text is not cut."""
+    browser.open(page, width)
+    browser.run("document.querySelectorAll('details').forEach(d => d.open = true)")
+    assert browser.run("document.documentElement.scrollWidth") <= width
+    measure = "b => [b.scrollWidth, b.clientWidth, b.tabIndex]"
+    boxes = browser.run(f"Array.from(document.querySelectorAll('.scroll'), {measure})")
+    assert all(tab == 0 and shown <= width for _, shown, tab in boxes)
+    assert any(inside > shown for inside, shown, _ in boxes) or width > 400
+    sizes = browser.run("Array.from(document.querySelectorAll('td'), c => parseFloat(getComputedStyle(c).fontSize))")
+    assert min(sizes) >= 12
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_stands_out_from_the_page(browser, page, scheme):
+    """Contrast of 4.5 at least (WCAG 2, level AA), of plain and of soft text."""
+    browser.open(page, scheme=scheme)
+    colours = browser.run("""["body", "figcaption"].map(s => getComputedStyle(document.querySelector(s)).color)
+        .concat(getComputedStyle(document.body).backgroundColor)""")
+    plain, soft, behind = map(luminance, colours)
+    for text in (plain, soft):
+        assert (max(text, behind) + 0.05) / (min(text, behind) + 0.05) >= 4.5
+    assert (behind < 0.1) == (scheme == "dark")
+
+
+def luminance(colour):
+    """Relative luminance of a colour given as rgb(r, g, b) (WCAG 2)."""
+    c = np.array(re.findall(r"[\d.]+", colour)[:3], float) / 255
+    return np.where(c <= 0.03928, c / 12.92, ((c + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
+
+
+def test_without_webgl_and_on_paper_a_still_picture_stands_in(browser, page):
+    displays = "['.still', '.viewer canvas'].map(s => getComputedStyle(document.querySelector(s)).display)"
+    browser.open(page)
+    browser.call("Emulation.setEmulatedMedia", media="print")
+    assert browser.run(displays) == ["block", "none"]
+    browser.call("Emulation.setEmulatedMedia", media="")
+    refuse = "HTMLCanvasElement.prototype.getContext = () => null"
+    script = browser.call("Page.addScriptToEvaluateOnNewDocument", source=refuse)["identifier"]
+    try:
+        browser.open(page)
+        assert browser.run(displays) == ["block", "none"]
+        assert browser.run("document.querySelector('.still').naturalWidth") > 50
+    finally:
+        browser.call("Page.removeScriptToEvaluateOnNewDocument", identifier=script)

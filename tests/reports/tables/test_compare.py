@@ -1,0 +1,111 @@
+"""Two results side by side: what is printed and written, strangers' names escaped."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench import results
+from bench.cli import comparison as compare_command
+from bench.evaluation.statistics.results import compare_results
+from bench.results.compared import Change
+from radar.support.errors import HandbenchError
+from reports.tables import comparison
+
+EVIL = "<b>50%_of$x & {y} \\ |[z]</b>"
+
+
+@pytest.fixture(scope="module")
+def other_folder(result_folder, tmp_path_factory) -> Path:
+    """The synthetic result on a slower machine, with 1 mm more error in 3-FSK."""
+    folder = tmp_path_factory.mktemp("other") / EVIL.replace("/", "")
+    shutil.copytree(result_folder, folder)
+    for file in (folder / "errors").glob("*__3fsk__*.npz"):
+        arrays = dict(np.load(file))
+        arrays["error_m"] = arrays["error_m"] + 1e-3 * np.sign(arrays["error_m"])
+        np.savez_compressed(file, **arrays)
+    about = json.loads((folder / "result.json").read_text("utf-8"))
+    about["machine"]["gemm_gflops"] = 50.0
+    about["versions"]["numpy"] = EVIL
+    (folder / "result.json").write_text(json.dumps(about), encoding="utf-8")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def compared(result_folder, other_folder):
+    return compare_results(results.load(result_folder), results.load(other_folder))
+
+
+def run(*arguments: object):
+    parser = argparse.ArgumentParser()
+    compare_command.add_arguments(parser)
+    return compare_command.run(parser.parse_args(list(map(str, arguments))))
+
+
+def test_the_terminal_says_what_is_better_and_what_else_differs(compared, capsys):
+    comparison.show(compared)
+    text = " ".join(capsys.readouterr().out.split())
+    assert "3-FSK: A is better than B by 1.0 mm [1.0, 1.0] (MAE against truth)" in text
+    assert text.count("is better than") == 2  # against photogrammetry too
+    assert "machine gemm_gflops: – in A, 50.0 in B" in text and f"in A, {EVIL} in B" in text
+    assert "A (rate unknown) B (50 GFLOP/s)" in text
+
+
+def test_no_difference_is_said(result_folder, capsys):
+    comparison.show(compare_results(*2 * [results.load(result_folder)]))
+    assert "no difference shown between A and B" in capsys.readouterr().out
+
+
+def test_markdown_escapes_and_marks_what_is_better(compared):
+    text = comparison.markdown(compared)
+    assert "<b>" not in text and "- 3-FSK: A is better than B by 1.0 mm" in text
+    marked = [line for line in text.splitlines() if "**" in line]
+    assert len(marked) == 2 and all("| 3-FSK | MAE (mm) against " in line for line in marked)
+    table, times = (block for block in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE))
+    assert {len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()} == {7}
+    assert "B (50 GFLOP/s)" in times and times.count("\n") == 2 + 4
+    alike = comparison.markdown(replace(compared, changes=(), differences=(), times=()))
+    assert "No difference shown." in alike and "Nothing." in alike
+
+
+def test_many_changes_are_counted(compared):
+    changes = tuple(Change("input", f"capture {i}", "a", "b") for i in range(40))
+    text = comparison.markdown(replace(compared, changes=changes))
+    assert text.count("- input capture") == 12 and "input: 28 more" in text
+
+
+def test_latex_has_a_table_for_each_reference(compared):
+    text = comparison.tex(compared)
+    assert text.count(r"\begin{table*}") == 3 and text.count(r"\textbf{\num{") == 2
+    assert r"MAE /~\unit{\milli\metre}" in text and r"\num{< 0.001}" in text and "<b>" not in text
+
+
+def test_the_command_writes_four_files(result_folder, other_folder, tmp_path):
+    out = tmp_path / "out"
+    found = run(result_folder, other_folder, "-o", out)
+    comparison.write(found, out)
+    assert sorted(p.name for p in out.iterdir()) == ["compare.csv", "compare.json", "compare.md", "compare.tex"]
+    with (out / "compare.csv").open(encoding="utf-8") as stream:
+        lines = list(csv.DictReader(stream))
+    assert [line["better"] for line in lines if line["method"] == "3fsk"] == ["A", "", "A", "", ""]
+    assert json.loads((out / "compare.json").read_text("utf-8"))["a"]["name"] == "synthetic"
+    with pytest.raises(HandbenchError, match="exists already"):
+        run(result_folder, other_folder, "-o", out)
+    run(result_folder, other_folder, "-o", out, "--overwrite")
+
+
+def test_the_command_refuses_what_would_harm(result_folder, tmp_path):
+    before = sorted(p.name for p in result_folder.iterdir())
+    with pytest.raises(HandbenchError, match="is a result folder; choose another -o"):
+        run(result_folder, result_folder, "-o", result_folder, "--overwrite")
+    with pytest.raises(HandbenchError, match="expected a folder with a benchmark's result"):
+        run(result_folder, tmp_path / "nothing", "-o", tmp_path / "out")
+    assert sorted(p.name for p in result_folder.iterdir()) == before and not (tmp_path / "out").exists()
