@@ -1,50 +1,17 @@
-"""Stages of a run, each kept in a folder named by the hash of everything that it depends on.
-
-A stage's folder appears complete or not at all, so that a run that was killed goes on where it stopped and a changed
-input, configuration or source file never meets a stale result.
-"""
+"""The folder that a run fills: held for it alone, cleared of what killed runs left."""
 
 from __future__ import annotations
 
 import fcntl
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
-from bench.run.cost import Cost, calibrated_machine, measured
 from radar.support.errors import HandbenchError
-from radar.support.files import read_json, write_json
-from radar.support.progress import say
-from radar.support.store import keep
 
-STAMP, MARKER = "stage.json", ".handbench-run"
-
-
-@dataclass
-class Stamp(Cost):
-    """What a stage cost when it was made, and facts of the machine that made it."""
-
-    machine: dict[str, Any] = field(default_factory=dict)
-
-
-def kept_stage(folder: Path, label: str, make: Callable[[Path], None]) -> tuple[Stamp, bool]:
-    """Have make(temporary) fill the folder unless it is there already; returns its stamp and whether it was."""
-    stamps: list[Stamp] = []
-
-    def timed(temporary: Path) -> None:
-        say(f"{label} ...")
-        machine = calibrated_machine()  # once, before anything is timed
-        with measured() as cost:
-            make(temporary)
-        stamps.append(Stamp(**asdict(cost), machine=machine))
-        write_json(temporary / STAMP, asdict(stamps[0]))
-
-    if keep(folder, timed):
-        return Stamp(**read_json(folder / STAMP, "a stage's stamp")), True
-    return stamps[0], False
+MARKER = ".handbench-run"
 
 
 def drop(folder: Path, names: Sequence[str]) -> None:

@@ -24,7 +24,7 @@ import pytest
 
 from bench import results
 from bench.run.benchmark_file import load_benchmark
-from bench.run.cache import claimed, kept_stage
+from bench.run.cache import claimed
 from bench.run.runner import run
 from groundtruth.cameras.model_files import write_model
 from groundtruth.dense.planesweep import swept_disparity
@@ -35,7 +35,7 @@ from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_volume
 from radar.support.errors import HandbenchError
 from radar.support.files import write_json
-from radar.support.store import MANIFEST, keep
+from radar.support.store import MANIFEST, keep, kept_stage
 from tests.bench.studies.stability.faults import DISK, content, instant, nobody_s_rights
 from tests.fuzz.geometry_seeds import colmap_model
 
