@@ -21,7 +21,6 @@ from bench.results import REFERENCES, Failure, Repeat, Task
 from bench.run import jobs as plan
 from bench.run import outcome
 from bench.run.benchmark_file import BenchFile
-from bench.run.cache import claimed
 from bench.run.calibrate_stage import REGISTRATION
 from bench.run.executors import Executor, executor
 from bench.run.outcome import Capture, Outcome, failing
@@ -34,6 +33,7 @@ from calibration.transforms import Transform, identity, load_transform
 from groundtruth.mesh_stage import MESH, VIEW
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json
+from radar.support.folder import claimed
 from radar.support.progress import say
 from radar.support.store import Stage, Stamp
 

@@ -14,6 +14,7 @@ import json
 import os
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib import import_module, metadata
@@ -22,11 +23,12 @@ from typing import Any
 
 from radar.support import closure
 from radar.support.cost import Cost, calibrated_machine, measured
+from radar.support.errors import HandbenchError
 from radar.support.files import atomic_folder, content_hash, read_json, write_json
+from radar.support.folder import is_own_folder, own, read_own
 from radar.support.progress import say
 
 MANIFEST, STAMP = "manifest.json", "stage.json"  # in each folder: size and checksum of its files; what they cost
-PART_BYTES = 2**22
 LIBRARIES = ("handbench", "numpy", "scipy", "numba", "open3d", "pycolmap", "opencv-contrib-python-headless", "h5py")
 
 
@@ -88,6 +90,7 @@ def code_hash(maker: str, plugged: tuple[str, ...] = ()) -> str:
 
 def kept(root: Path, stage: Stage) -> tuple[Stamp, bool]:
     """Have a stage's folder made in the store at `root`, unless it is there; its stamp, and whether it was."""
+    own(root)
     return kept_stage(stage.folder(root), stage.label, stage.make)
 
 
@@ -111,7 +114,7 @@ def kept_stage(folder: Path, label: str, make: Callable[[Path], None]) -> tuple[
 def keep(folder: Path, make: Callable[[Path], None]) -> bool:
     """Have make(temporary) fill a folder unless it is there already, whole; returns whether it was. What was changed
     since it was made (a disk's error, a hand's) is said, dropped and made again."""
-    if folder.is_dir():
+    if is_own_folder(folder):
         wrong = changed(folder)
         if wrong is None:
             return True
@@ -125,8 +128,9 @@ def keep(folder: Path, make: Callable[[Path], None]) -> bool:
 def changed(folder: Path) -> str | None:
     """Which of a kept folder's files are no longer as they were made, or None."""
     try:
-        expected = {name: tuple(facts) for name, facts in json.loads((folder / MANIFEST).read_bytes()).items()}
-    except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+        written = json.loads(b"".join(read_own(folder / MANIFEST)))
+        expected = {name: tuple(facts) for name, facts in written.items()}
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError, HandbenchError):
         return f"its {MANIFEST} is missing or broken"
     found = _checksums(folder)
     wrong = sorted(name for name in expected if expected[name] != found.get(name))
@@ -137,15 +141,19 @@ def changed(folder: Path) -> str | None:
 
 def _checksums(folder: Path) -> dict[str, tuple[int, int]]:
     """Size and CRC-32 of every file but the manifest's own: it finds what happens by chance, and takes 0.4 s/GB."""
-    files = sorted(f"{at}/{name}" for at, _, names in os.walk(folder) for name in names)
-    return {os.path.relpath(file, folder): _checksum(file) for file in files if file != f"{folder}/{MANIFEST}"}
+    found = {}
+    for file in sorted(f"{at}/{name}" for at, _, names in os.walk(folder) for name in names):
+        if file == f"{folder}/{MANIFEST}":
+            continue
+        with suppress(HandbenchError):  # what is no file of ours is none of those that were made
+            found[os.path.relpath(file, folder)] = _checksum(file)
+    return found
 
 
 def _checksum(file: str) -> tuple[int, int]:
     size, crc = 0, 0
-    with open(file, "rb", buffering=0) as stream:
-        while part := stream.read(PART_BYTES):
-            size, crc = size + len(part), zlib.crc32(part, crc)
+    for part in read_own(file):
+        size, crc = size + len(part), zlib.crc32(part, crc)
     return size, crc
 
 

@@ -82,7 +82,7 @@ def tasks(out: Path) -> dict[str, list[bool]]:
     found: dict[str, list[bool]] = {}
     with (out / "tasks.csv").open() as stream:
         for task in csv.DictReader(stream):
-            found.setdefault(task["stage"], []).append(task["cached"] == "True")
+            found.setdefault(task["stage"], []).append(task["cached"] == "1")
     return found
 
 
