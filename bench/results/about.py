@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from radar.support.config import Config, parse
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json
-from radar.support.names import checked_name
+from radar.support.names import Name
 
 SCHEMA_VERSION = 1
 Reference = Literal["photogrammetry", "truth"]
-
-
-Name = Annotated[str, AfterValidator(checked_name)]
 
 
 class MetricFacts(Config):
