@@ -1,7 +1,6 @@
 """Printed boards: what OpenCV finds on the sheets is what board.toml says; and `handbench draw`."""
 
 import argparse
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -179,8 +178,6 @@ def test_what_cannot_be_printed_is_refused():
 def draw(*arguments):
     parser = argparse.ArgumentParser()
     drawing_command.add_arguments(parser)
-    parser.add_argument("-o", "--out", type=Path)
-    parser.add_argument("--overwrite", action="store_true")
     drawing_command.run(parser.parse_args([str(argument) for argument in arguments]))
 
 
