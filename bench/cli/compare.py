@@ -21,7 +21,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Two result folders → their differences, shown; and written where -o asks for it."""
-    from bench.evaluation.statistics.results import compare_results
+    from bench.evaluation.statistics.compare_results import compare_results
     from bench.results import load
     from bench.results.compared import write_compared
     from reports.tables.comparison import show, write

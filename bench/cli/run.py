@@ -29,7 +29,7 @@ def run(options: argparse.Namespace) -> None:
     """Run, resume or repeat; ends with the table."""
     from bench.run import runner
     from bench.run.benchmark_file import load_benchmark
-    from reports.tables.tables import show
+    from reports.tables.result_tables import show
 
     bench, base = load_benchmark(options.bench)
     command = f"handbench run {options.bench} -o DIR"

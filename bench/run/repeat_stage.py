@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.evaluation.errors import deviation_map
+from bench.evaluation.depth_errors import deviation_map
 from bench.evaluation.metrics import strongest_scatterer_z_m
 from bench.results.error_map import ErrorMap
 from bench.run.reconstruct_stage import TIMING, image_frames

@@ -23,7 +23,7 @@ import numpy as np
 import psutil
 
 from bench.datasets.native import ECHOES, TRUTH, CaptureFile, save_capture_file
-from bench.evaluation.errors import error_map
+from bench.evaluation.depth_errors import error_map
 from bench.results import errors_path, write_errors
 from bench.run import reconstruct_stage, scoring, tasks
 from bench.run.benchmark_file import BenchFile
