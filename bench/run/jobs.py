@@ -47,6 +47,7 @@ SCORING = (
     "bench/run/scoring.py",
     "bench/evaluation/depth_errors.py",
     "bench/evaluation/scoring_protocols.py",
+    "bench/evaluation/scoring_protocols.toml",
     "bench/run/stages.py",
     "groundtruth/mesh/depth.py",
     "groundtruth/mesh/surface.py",
