@@ -1,4 +1,4 @@
-"""The tables of result folders: the columns that columns.toml declares, and their CSV files as pandas DataFrames.
+"""The tables of result folders: the columns that tables.toml declares, and their CSV files as pandas DataFrames.
 
 A figure that is not known is NaN in a DataFrame and an empty cell in a file. Text is never missing: it may be empty.
 """
@@ -51,8 +51,8 @@ class Schema:
 
 
 def _schemas() -> dict[str, Schema]:
-    """The tables of columns.toml."""
-    known = tomllib.loads(Path(__file__).with_name("columns.toml").read_text("utf-8"))
+    """The tables of tables.toml."""
+    known = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
     return {table: Schema(tuple(_column(*entry) for entry in columns.items())) for table, columns in known.items()}
 
 
