@@ -1,7 +1,7 @@
 """Triangle meshes on disk: the one place that reads mesh files of strangers.
 
-They are read with numpy alone, since the libraries that know more formats believe what a file says of itself: a header
-that lies makes them crash, or take all memory.
+They are read with numpy alone. The libraries that know more formats believe what a file says of itself (open3d: a
+header that lies crashes it), or read past it in silence (trimesh: text with numbers missing, OBJ's relative indices).
 """
 
 from __future__ import annotations
@@ -124,8 +124,12 @@ def _read_stl(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
     else:
         takes = 84 + 50 * count
         raise ValueError(f"its {count} triangles take {takes} bytes, but it has {len(content)}")
-    vertices, names = np.unique(corners, axis=0, return_inverse=True)
-    return _by_axis(vertices), names.reshape(-1, 3).astype(np.int64)
+    order = np.lexsort(corners.T[::-1])  # np.unique along an axis takes five times as long
+    ordered = corners[order]
+    is_first = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))[: len(corners)]
+    names = np.empty(len(corners), np.int64)
+    names[order] = np.cumsum(is_first) - 1
+    return _by_axis(ordered[is_first]), names.reshape(-1, 3)
 
 
 def _text_corners(content: bytes) -> np.ndarray:
