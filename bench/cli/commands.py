@@ -107,7 +107,7 @@ def evaluate(options: argparse.Namespace) -> None:
 def import_dataset(options: argparse.Namespace) -> None:
     """Foreign data → capture folder."""
     from bench.datasets.dataset import import_capture
-    from bench.datasets.planar_scan import import_planar_scan
+    from bench.datasets.foam_panel import import_planar_scan
 
     _free_folder(options.out, options.overwrite, "capture.toml")
     if options.dataset == "planar_scan":

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from bench.datasets.dataset import open_capture
+from bench.datasets.maroon_alignment import load_alignment
 from bench.datasets.native import TARGET
 from bench.evaluation.errors import deviation_map
 from bench.evaluation.metrics import strongest_scatterer_z_m
 from bench.results.error_map import ErrorMap
-from calibration.alignment import load_alignment
 from calibration.array.array_file import ArrayCalibration
 from calibration.array.estimate import estimate_array
 from calibration.registration.combination import combine

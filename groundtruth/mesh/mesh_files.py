@@ -23,6 +23,8 @@ from radar.support.rays import embree, load_open3d
 if TYPE_CHECKING:
     import open3d as o3d
 
+SMALLEST_M, LONGEST_M = 5e-3, 50.0  # of what anybody puts before a radar
+
 
 def mesh(vertices_m: np.ndarray, faces: np.ndarray) -> o3d.geometry.TriangleMesh:
     """A mesh from vertices [n, 3] in metres and vertex indices [m, 3], counter-clockwise seen from outside."""
@@ -45,6 +47,31 @@ def read_mesh(path: str | Path) -> o3d.geometry.TriangleMesh:
     """`read_triangles` as an Open3D mesh."""
     vertices_m, faces, _ = read_triangles(path)
     return mesh(vertices_m, faces)
+
+
+def metric_mesh(path: str | Path, unit_m: float) -> o3d.geometry.TriangleMesh:
+    """A mesh file (PLY, OBJ, STL) whose numbers are in units of `unit_m` metres, in metres, repaired and its triangles
+    turned alike; a HandbenchError for one without triangles, with broken numbers, or of a size that tells of another
+    unit."""
+    surface = read_mesh(path)
+    surface.scale(unit_m, center=np.zeros(3))
+    repair(surface)
+    longest_m = float(np.ptp(np.asarray(surface.vertices), axis=0).max())
+    if not SMALLEST_M < longest_m < LONGEST_M:
+        raise HandbenchError(
+            f"{path}: is {longest_m:.3g} m long; expected {SMALLEST_M:g} to {LONGEST_M:g} m: is --unit right?"
+        )
+    if surface.is_orientable():
+        surface.orient_triangles()
+    return surface
+
+
+def repair(mesh: o3d.geometry.TriangleMesh) -> o3d.geometry.TriangleMesh:
+    """The mesh itself, without what ray casting and scoring stumble over: duplicates, triangles without area, edges of
+    more than two triangles, vertices of none."""
+    for kind in ("duplicated_vertices", "degenerate_triangles", "duplicated_triangles", "non_manifold_edges"):
+        getattr(mesh, f"remove_{kind}")()
+    return mesh.remove_unreferenced_vertices()
 
 
 def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
