@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from bench.run.cost import machine
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
 from radar.data.grid import Axis, VoxelGrid
@@ -29,6 +28,7 @@ from radar.methods.fsk import three_tone
 from radar.methods.fsk_config import ThreeToneConfig
 from radar.methods.projection import BroadbandConfig
 from radar.simulation.forward import Scatterers, simulate
+from radar.support.cost import machine
 from radar.support.errors import HandbenchError
 from radar.support.files import write_json
 from radar.warmup import compile_kernels

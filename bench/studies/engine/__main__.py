@@ -36,12 +36,12 @@ def main() -> None:
 
 def measure(scope) -> dict:  # type: ignore[no-untyped-def]
     """All sections: machine, load, rows, growth and bars, as the JSON file holds them."""
-    from bench.run.cost import machine
     from bench.studies.engine.accuracy import bars, compile_seconds, thread_differences
     from bench.studies.engine.frame_rows import frame_rows, simulation_rows
     from bench.studies.engine.growth import growth
     from bench.studies.engine.scope import Inputs
     from bench.studies.engine.volume_rows import volume_rows
+    from radar.support.cost import machine
     from radar.support.progress import say
     from radar.support.store import versions
     from radar.warmup import compile_kernels

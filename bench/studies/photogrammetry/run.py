@@ -6,13 +6,13 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.run.cost import measured
 from bench.scenes.build import build
 from bench.scenes.capture_folder import write_photos
 from bench.studies.photogrammetry.cases import Case
 from bench.studies.photogrammetry.score import Score, score
 from groundtruth.options import Options
 from groundtruth.pipeline import reconstruct
+from radar.support.cost import measured
 from radar.support.files import content_hash
 from radar.support.store import keep
 
