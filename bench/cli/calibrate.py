@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> None:
     transform = _from_surface(options) if options.refine else _from_targets(options)
     transform.save(options.out)
     if options.maroon:
-        from calibration.alignment import save_alignment
+        from bench.datasets.maroon_alignment import save_alignment
 
         save_alignment(options.maroon, transform)
     if options.since:

@@ -85,8 +85,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _take_over(options: argparse.Namespace) -> None:
-    from groundtruth.mesh.foreign_mesh import metric_mesh
-    from groundtruth.mesh.mesh_files import write_mesh
+    from groundtruth.mesh.mesh_files import metric_mesh, write_mesh
 
     if options.unit is None:
         raise HandbenchError(f"--unit: is missing; {options.photos} does not tell its own: say m or mm")

@@ -21,7 +21,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Foreign data → capture folder."""
     from bench.datasets.dataset import import_capture
-    from bench.datasets.planar_scan import import_planar_scan
+    from bench.datasets.foam_panel import import_planar_scan
 
     free_folder(options.out, options.overwrite, "capture.toml")
     if options.dataset == "planar_scan":

@@ -16,7 +16,7 @@ def run(options: argparse.Namespace) -> None:
     """Print everything that has a name."""
     from bench.evaluation.metrics import definitions
     from bench.run.benchmark_file import EMBEDDED
-    from bench.scenes.poses import POSES
+    from bench.scenes.hand_pose import POSES
     from radar.methods.registry import BROKEN, methods, with_version
     from radar.simulation.effects.catalogue import EFFECTS
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from bench.scenes.bones import skeleton
 from bench.scenes.hand import RADII_MM, hand_field, hand_mesh
+from bench.scenes.hand_pose import POSES, Pose
 from bench.scenes.implicit import project
-from bench.scenes.poses import POSES, Pose
 from groundtruth.mesh.mesh_files import load_open3d, mesh, raycasting_scene
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from radar.imaging.cpu.exact import tone_images

@@ -17,7 +17,7 @@ from bench.studies.report import markdown_table
 from radar.data.capture import RadarCapture
 from radar.simulation.effects.catalogue import EFFECTS
 from radar.simulation.selection import CONTAINED, Choice
-from radar.simulation.simulate import Shots
+from radar.simulation.simulate import SimulatedCapture
 from radar.support.files import write_text
 from radar.support.progress import track
 from radar.warmup import compile_kernels
@@ -47,7 +47,7 @@ def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Compared]:
     files = {mm: scene.file.model_copy(update={"effects": "auto", "tolerance_mm": mm}) for mm in tolerances_mm}
     listed = {None: scene.file.model_copy(update={"effects": everything}), **files}
     seconds: dict[float | None, list[float]] = {mm: [] for mm in listed}
-    made: dict[float | None, Shots] = {}
+    made: dict[float | None, SimulatedCapture] = {}
     for _ in range(1 + REPEATS):  # the first makes plans and compiles kernels, which all use again
         for mm, file in listed.items():
             start = time.perf_counter()

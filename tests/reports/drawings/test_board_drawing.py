@@ -150,7 +150,7 @@ def ticks_mm(figure):
 
 
 def neighbours_mm(figure, window, windows):
-    """Where on the sheet the right neighbour's left edge comes, and the lower one's upper edge."""
+    """Places on the sheet of the right neighbour's left edge and of the lower one's upper edge."""
     box = figure.axes[1].get_position()
     width, height = figure.get_size_inches() * INCH_MM
     right = sorted({w[0] for w in windows if w[0] > window[0]})[:1]
