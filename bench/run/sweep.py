@@ -33,7 +33,7 @@ from radar.support.names import checked_name
 SectionName = Literal["imaging", "groundtruth", "simulation", "registration"]
 SECTIONS: tuple[SectionName, ...] = ("imaging", "groundtruth", "simulation", "registration")
 UNITS = (("_hz", 1e-9, "GHz"), ("_m", 1e3, "mm"))  # what names say in place of suffixes
-DEFAULT = Path(__file__).parents[2] / "run" / "benchmarks" / "tradeoff.toml"
+DEFAULT = Path(__file__).parent / "benchmarks" / "tradeoff.toml"
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from noisy_model import noisy_model, poses_of
 
 from groundtruth import pipeline
 from groundtruth.options import Options
@@ -15,6 +14,7 @@ from groundtruth.sparse.frame import Scale
 from groundtruth.sparse.sparse import INTRINSICS, Sparse
 from radar.support.errors import HandbenchError
 from radar.support.store import MANIFEST
+from tests.groundtruth.noisy_model import noisy_model, poses_of
 
 
 @pytest.fixture

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from synthetic_result import write_synthetic
+
+from tests.reports.synthetic_result import write_synthetic
 
 
 @pytest.fixture(scope="session")

@@ -7,12 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from synthetic_result import METHODS, write_synthetic
 
 from bench import results
 from bench.results.records import Comparison
 from radar.support.errors import HandbenchError
 from reports import readme
+from tests.reports.synthetic_result import METHODS, write_synthetic
 
 CONFIG = 'name = "x"\n[[capture]]\nscene = "hand.toml"\n[[capture]]\npath = "elsewhere"\n'
 

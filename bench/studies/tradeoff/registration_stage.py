@@ -21,7 +21,7 @@ from bench.studies.registration.cloud import seen_cloud
 from bench.studies.registration.score import VOLUME_M, score
 from bench.studies.tradeoff.context import Context
 from bench.studies.tradeoff.lines import line
-from calibration.registration import measure as registration
+from calibration.registration import register as registration
 from calibration.registration.combination import combine
 from calibration.registration.rigid_fit import Pairs
 from radar.simulation.simulate import shoot

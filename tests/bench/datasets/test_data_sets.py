@@ -6,7 +6,6 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from foreign_captures import echoes, write_native
 
 from bench.datasets.dataset import open_capture
 from bench.datasets.mapping import Mapping
@@ -14,6 +13,7 @@ from bench.datasets.maroon_export import export_maroon
 from bench.datasets.native import load_capture_file
 from bench.run.benchmark_file import BenchFile, Source, load_benchmark
 from radar.support.errors import HandbenchError
+from tests.bench.datasets.foreign_captures import echoes, write_native
 
 BENCH = """
 version = 1

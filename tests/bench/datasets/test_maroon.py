@@ -5,7 +5,6 @@ import shutil
 
 import numpy as np
 import pytest
-from foreign_captures import AXES, METHODS, PLACE_M, TONES_HZ, echoes, write_native
 
 from bench.datasets.dataset import captures, import_capture, open_capture
 from bench.datasets.maroon import MESHES, MaroonCapture
@@ -22,6 +21,7 @@ from radar.data.grid import Axis, PixelGrid
 from radar.imaging.cpu.exact import backproject
 from radar.methods.registry import method
 from radar.support.errors import HandbenchError
+from tests.bench.datasets.foreign_captures import AXES, METHODS, PLACE_M, TONES_HZ, echoes, write_native
 
 
 @pytest.fixture(scope="module")

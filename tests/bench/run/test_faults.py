@@ -21,7 +21,6 @@ import h5py
 import numpy as np
 import psutil
 import pytest
-from faults import DISK, content, instant, nobody_s_rights
 
 from bench import results
 from bench.run.benchmark_file import load_benchmark
@@ -37,6 +36,7 @@ from radar.imaging.api import image_volume
 from radar.support.errors import HandbenchError
 from radar.support.files import write_json
 from radar.support.store import MANIFEST, keep
+from tests.bench.studies.stability.faults import DISK, content, instant, nobody_s_rights
 from tests.fuzz.geometry_seeds import colmap_model
 
 ROOT = Path(__file__).parents[3]

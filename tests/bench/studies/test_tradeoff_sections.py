@@ -10,9 +10,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from groundtruth_stage.cameras.cameras import load_cameras
-from groundtruth_stage.mesh.surface import Surface
-from groundtruth_stage.photos.photos import find_photos
 
 from bench.datasets.dataset import open_capture
 from bench.run.benchmark_file import load_benchmark
@@ -29,6 +26,9 @@ from bench.studies.tradeoff.simulation_stage import SimulationKnobs, Way
 from calibration.registration.rigid_fit import Pairs
 from calibration.target.description import Candidate
 from calibration.transforms import load_transform
+from groundtruth.cameras.cameras import load_cameras
+from groundtruth.mesh.surface import Surface
+from groundtruth.photos.photos import find_photos
 from radar.simulation.state import Shot
 from radar.support.config import parse
 from radar.support.errors import HandbenchError

@@ -13,13 +13,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from seen_target import candidates
 
 from calibration.registration.register import align
 from calibration.registration.rigid_fit import Pairs, fit
 from calibration.target.description import Candidate
 from calibration.transforms import Transform, adjoint, condition_number, perturbation_jacobian, umeyama
 from radar.support.errors import HandbenchError
+from tests.calibration.seen_target import candidates
 
 mp.mp.dps = 50
 BAR = 1e-9

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
-from seen_target import ANY, candidates, pose
 
 from calibration.registration.register import align, register
 from calibration.target.description import Candidate, Element, Target, default_target
 from calibration.target.matching import match
 from calibration.transforms import Transform, umeyama
 from radar.support.errors import HandbenchError
+from tests.calibration.seen_target import ANY, candidates, pose
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from seen_target import candidates, pose
 
 from calibration.registration.combination import HAND_M, combine, motion, require_rest
 from calibration.registration.register import align, solve
@@ -17,6 +16,7 @@ from calibration.registration.rigid_fit import Pairs
 from calibration.target.description import default_target
 from calibration.transforms import Transform, identity
 from radar.support.errors import HandbenchError
+from tests.calibration.seen_target import candidates, pose
 
 SPREAD_M = 5e-5
 COMMON_M2 = np.diag([0, 0, 1.3e-4]) ** 2

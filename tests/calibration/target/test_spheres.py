@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from seen_target import cap, pose
 
 from calibration.target.description import Target
 from calibration.target.optical_detection import Cloud, find_spheres, fit_sphere
 from radar.support.errors import HandbenchError
+from tests.calibration.seen_target import cap, pose
 
 NOISE_M = 2e-4
 DENSITY_M2 = 3e6  # 3 points per mm²

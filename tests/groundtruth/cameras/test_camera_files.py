@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from synthetic_model import photos_of, synthetic_model
 from test_metashape import export
 
 from groundtruth.cameras.camera_files import camera_of, cameras_of, load_model, read_model
 from groundtruth.cameras.cameras import save_cameras
 from groundtruth.photos.photos import Photo
 from radar.support.errors import HandbenchError
+from tests.groundtruth.synthetic_model import photos_of, synthetic_model
 
 CENTRES = [(1.0, 0.1 * i, 0.2) for i in range(4)]
 

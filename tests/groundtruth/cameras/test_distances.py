@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from synthetic_model import synthetic_model
 
 from groundtruth.cameras.cameras import registered
 from groundtruth.options import Distance
 from groundtruth.sparse.distances import distances_from_model
 from groundtruth.sparse.frame import apply
 from radar.support.errors import HandbenchError
+from tests.groundtruth.synthetic_model import synthetic_model
 
 CENTRES = np.array([(1.0, 0.0, 0.2), (1.0, 0.3, 0.2), (1.0, 0.3, 0.6), (0.9, -0.2, 0.1)])  # 0.3, 0.4 and 0.5 apart
 

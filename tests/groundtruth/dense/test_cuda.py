@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from ball import ANGLES, DISPARITY_M, RADIUS_M, surface, view
 
 from bench.cli.main import main
 from groundtruth import pipeline
@@ -17,6 +16,7 @@ from groundtruth.options import Options
 from groundtruth.photos.photos import read_gray
 from groundtruth.sparse import inputs
 from radar.support.errors import HandbenchError
+from tests.groundtruth.ball import ANGLES, DISPARITY_M, RADIUS_M, surface, view
 
 SIZES = [(112, 112), (104, 112), (112, 96), (96, 104), (112, 112)]  # boxes cut every picture to a size of its own
 HOLE, FAR = np.s_[40:48, 40:48], np.s_[60:68, 40:48]  # where the stand-in found nothing, or what lies out of range
@@ -234,7 +234,7 @@ def test_the_command_refuses_in_one_line(room_options, monkeypatch, tmp_path, ca
 @pytest.fixture
 def room_options(tmp_path):
     """Photographs of the room's corner and options with a choice of where to make depth maps."""
-    from room import photograph
+    from tests.groundtruth.room import photograph
 
     photograph(tmp_path, size=(160, 120))
     return lambda choice: (tmp_path, Options(unscaled=True, dense=choice))

@@ -3,11 +3,11 @@
 import numba
 import numpy as np
 import pytest
-from ball import ANGLES, DISPARITY_M, PIXEL_M, RADIUS_M, view
 
 from groundtruth.dense import patchmatch, planesweep
 from groundtruth.dense.dense import depth_maps
 from groundtruth.dense.fusion import fuse
+from tests.groundtruth.ball import ANGLES, DISPARITY_M, PIXEL_M, RADIUS_M, view
 
 
 @pytest.fixture(scope="module")

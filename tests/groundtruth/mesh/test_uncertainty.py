@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from noisy_model import noisy_model
 
 from groundtruth.dense.fusion import Cloud
 from groundtruth.mesh.uncertainty import (
@@ -19,6 +18,7 @@ from groundtruth.mesh.uncertainty import (
 from groundtruth.sparse.bundle import Bundle
 from groundtruth.sparse.covariance import CameraCovariance, camera_covariance, point_covariance
 from groundtruth.sparse.frame import Scale
+from tests.groundtruth.noisy_model import noisy_model
 
 PIXEL_M = 1e-3
 NAMES = tuple(f"p{i}.png" for i in range(5))

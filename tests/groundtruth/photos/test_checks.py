@@ -4,14 +4,14 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
-from room import around, look, photograph
-from synthetic_model import photos_of, synthetic_model
 
 from groundtruth.photos.looks import look_at, usable
 from groundtruth.photos.photos import find_photos
 from groundtruth.sparse.frame import check_fit
 from groundtruth.sparse.geometry_checks import check_geometry, unregistered
 from radar.support.errors import HandbenchError
+from tests.groundtruth.room import around, look, photograph
+from tests.groundtruth.synthetic_model import photos_of, synthetic_model
 
 
 def names(photos):

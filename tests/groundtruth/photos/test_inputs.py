@@ -4,8 +4,6 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
-from room import around, look, photograph
-from synthetic_model import synthetic_model
 
 from bench.cli.groundtruth import _values
 from bench.cli.main import parser
@@ -16,6 +14,8 @@ from groundtruth.sparse.inputs import gather
 from groundtruth.sparse.sfm import structure_from_motion
 from radar.support.config import parse
 from radar.support.errors import HandbenchError
+from tests.groundtruth.room import around, look, photograph
+from tests.groundtruth.synthetic_model import synthetic_model
 
 
 def options_of(*arguments):

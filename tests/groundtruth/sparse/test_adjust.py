@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from noisy_model import FEATURE_PX, PARAMS, noisy_model, poses_of
 from threadpoolctl import threadpool_limits
 
 from groundtruth.cameras.cameras import load_pycolmap, registered
@@ -11,6 +10,7 @@ from groundtruth.sparse.bundle import Bundle
 from groundtruth.sparse.covariance import camera_covariance
 from groundtruth.sparse.frame import Scale
 from groundtruth.sparse.jacobians import pixel_jacobians, project
+from tests.groundtruth.noisy_model import FEATURE_PX, PARAMS, noisy_model, poses_of
 
 DISTORTION, INTRINSICS = (4, 5, 6, 7), tuple(range(8))
 

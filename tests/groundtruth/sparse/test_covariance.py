@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from noisy_model import noisy_model
 from scipy.optimize import least_squares
 
 from groundtruth.sparse.adjust import adjust
@@ -10,6 +9,7 @@ from groundtruth.sparse.bundle import Bundle
 from groundtruth.sparse.covariance import CameraCovariance, camera_covariance, point_covariance
 from groundtruth.sparse.frame import Scale
 from groundtruth.sparse.jacobians import project
+from tests.groundtruth.noisy_model import noisy_model
 
 BOARD = Scale("board")
 DRAWS = 25

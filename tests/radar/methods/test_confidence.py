@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm, spearmanr
-from simulated_points import around, bumpy, error_m, points_capture, surface_points
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.data.depthmap import DepthMap, load_depthmap
@@ -13,6 +12,7 @@ from radar.methods.confidence import NOISE_PASSES, least_coherence, quadrature_s
 from radar.methods.fsk import depth_step_m, three_tone, two_tone
 from radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
 from radar.support.errors import HandbenchError
+from tests.radar.simulated_points import around, bumpy, error_m, points_capture, surface_points
 
 PIXELS = around((0.0, 0.0), half_m=0.024)
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from simulated_points import TONES_HZ, around, bumpy, point_capture, points_capture, strongest_z_m, surface_points
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
 from radar.data.capture import RadarCapture
@@ -15,6 +14,15 @@ from radar.methods.smoothing import masked_mean
 from radar.simulation.effects.noise import strongest_amplitude, thermal_noise
 from radar.simulation.forward import direct_echoes
 from radar.support.errors import HandbenchError
+from tests.radar.simulated_points import (
+    TONES_HZ,
+    around,
+    bumpy,
+    point_capture,
+    points_capture,
+    strongest_z_m,
+    surface_points,
+)
 
 
 def anywhere(edge_m=0.15):

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from simulated_points import (
+
+from radar.data.arrays import SPEED_OF_LIGHT_M_S
+from radar.methods.fsk import n_tone, three_tone
+from radar.methods.fsk_config import SIGMAS, LadderConfig, ThreeToneConfig, check_ladder, reach_hz
+from radar.support.config import parse
+from radar.support.errors import HandbenchError
+from tests.radar.simulated_points import (
     TONES_HZ,
     around,
     bumpy,
@@ -14,12 +20,6 @@ from simulated_points import (
     strongest_z_m,
     surface_points,
 )
-
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.methods.fsk import n_tone, three_tone
-from radar.methods.fsk_config import SIGMAS, LadderConfig, ThreeToneConfig, check_ladder, reach_hz
-from radar.support.config import parse
-from radar.support.errors import HandbenchError
 
 FIVE_HZ = LadderConfig().tones_hz
 PIXELS = around((0.0, 0.0), half_m=0.024)

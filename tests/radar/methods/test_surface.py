@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from simulated_points import around, bumpy, point_capture, points_capture, strongest_z_m, surface_points
 
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
@@ -19,6 +18,7 @@ from radar.methods.projection import (
     project,
     volume,
 )
+from tests.radar.simulated_points import around, bumpy, point_capture, points_capture, strongest_z_m, surface_points
 
 
 def anywhere(edge_m=0.15):

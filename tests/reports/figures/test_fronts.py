@@ -7,13 +7,13 @@ from dataclasses import replace
 import matplotlib
 import numpy as np
 import pytest
-from synthetic_result import METHODS, write_synthetic, write_synthetic_tradeoff
 
 from bench import results
 from radar.support.errors import HandbenchError
 from reports.figures import fronts, overview
 from reports.figures.style import STYLE, looks
 from reports.page import html, tradeoff_section
+from tests.reports.synthetic_result import METHODS, write_synthetic, write_synthetic_tradeoff
 
 EVIL = r"<b>$\frac{x</b>"
 

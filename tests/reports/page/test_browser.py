@@ -8,11 +8,11 @@ from base64 import b64decode
 
 import numpy as np
 import pytest
-from devtools import CHROMIUM, Browser
 from PIL import Image
-from synthetic_result import METHODS, write_synthetic, write_synthetic_tradeoff
 
 from reports.page import html
+from tests.reports.page.devtools import CHROMIUM, Browser
+from tests.reports.synthetic_result import METHODS, write_synthetic, write_synthetic_tradeoff
 
 pytestmark = pytest.mark.skipif(
     CHROMIUM is None, reason="no Chromium: the report was NOT looked at in a browser (Debian's package: chromium)"

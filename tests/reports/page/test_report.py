@@ -14,7 +14,6 @@ import matplotlib
 import numpy as np
 import pytest
 from PIL import Image
-from synthetic_result import METHODS, write_synthetic
 
 from bench import results
 from bench.results.records import Comparison
@@ -27,6 +26,7 @@ from reports.figures.overview import overview, panels
 from reports.figures.style import COLOURS, MARKERS, STYLE, looks
 from reports.page import html, scene3d, sections
 from reports.page.page import render
+from tests.reports.synthetic_result import METHODS, write_synthetic
 
 SCRIPT = "<script>alert(1)<&script>"  # as near to a closing tag as a file name gets
 

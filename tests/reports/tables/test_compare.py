@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from bench import results
-from bench.cli import comparison as compare_command
+from bench.cli import compare as compare_command
 from bench.evaluation.statistics.results import compare_results
 from bench.results.compared import Change
 from radar.support.errors import HandbenchError
