@@ -19,7 +19,7 @@ class Column:
     text: str
     heading: str = ""
     form: str | Callable[[Any], str] = "{:.3g}"
-    scale: float = 1.0
+    scale: float = 1
 
     def cell(self, value: Any) -> str:
         """The value as a person reads it; nothing for None and NaN."""
@@ -48,8 +48,8 @@ class Table:
         return pd.DataFrame(self.records, columns=list(self.columns))
 
     def plain(self) -> list[Record]:
-        """The records by their columns, missing values None."""
-        return [{key: record.get(key) for key in self.columns} for record in self.records]
+        """The records by their columns, as far as each has them, for JSON."""
+        return [{key: record[key] for key in self.columns if key in record} for record in self.records]
 
     def markdown(self) -> str:
         """The table for a page and for a terminal: columns that no record fills are left out."""

@@ -26,6 +26,7 @@ from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, write_json, write_text
 from radar.support.progress import say, track
 from radar.support.store import versions
+from radar.warmup import compile_kernels
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -76,8 +77,9 @@ class Found:
 
 def run(study: Study, out: Path, command: str = "", only: str = "") -> Found:
     """Measure the cases whose label holds `only`, and write the files: `out` is a folder, or the JSON file that the
-    others stand beside. Raises HandbenchError where every case fails, or where `check` does."""
+    others stand beside. Raises HandbenchError where every case fails."""
     start, load = time.perf_counter(), {"before": os.getloadavg()}
+    compile_kernels()
     cases = [case for case in study.cases if only in study.label(case)]
     if not cases:
         known = ", ".join(map(study.label, study.cases))
