@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field
 
 from bench.results.about import Name
-from bench.results.records import read_csv, write_csv
+from bench.results.tables import SETTINGS, frame, read, write
 from radar.support.config import Config, parse
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, require_folder, write_json
@@ -28,38 +28,29 @@ TRADEOFF_VERSION = 1
 
 @dataclass(frozen=True)
 class Setting:
-    """One line of tradeoff.csv: one setting of one section's knobs (JSON).
-
-    error [low, high]: its metric, smaller is better, with the 95 % interval, in `unit`; seconds [seconds_low,
-    seconds_high]: median over the interleaved repeats and their range; ratio: seconds over those of the section's
-    reference setting, of the same run. Parts of an image's time: acquisition_s (tones × step time), plan_s (once a
-    geometry), imaging_s, extraction_s. operations: complex multiplications and additions, by count. seen_percent: how
-    much of the surface it saw (None: all alike), for an error speaks of what was seen. dominated_by: a setting that is
-    at least as fast, as accurate and as complete, and better in one; empty on the front. on_method_front: no setting of
-    the same method dominates it.
-    """
+    """One line of tradeoff.csv, whose columns `bench.results.tables.SETTINGS` defines; None: not known."""
 
     section: str
     name: str
     title: str
     knobs: str
     metric: str
-    error: float | None
-    low: float | None
-    high: float | None
-    unit: str
-    seconds: float | None
-    seconds_low: float | None
-    seconds_high: float | None
-    ratio: float | None
-    acquisition_s: float | None
-    plan_s: float | None
-    imaging_s: float | None
-    extraction_s: float | None
-    operations: float | None
-    peak_memory_mb: float | None
-    on_front: bool
-    dominated_by: str
+    error: float | None = None
+    low: float | None = None
+    high: float | None = None
+    unit: str = ""
+    seconds: float | None = None
+    seconds_low: float | None = None
+    seconds_high: float | None = None
+    ratio: float | None = None
+    acquisition_s: float | None = None
+    plan_s: float | None = None
+    imaging_s: float | None = None
+    extraction_s: float | None = None
+    operations: float | None = None
+    peak_memory_mb: float | None = None
+    on_front: bool = False
+    dominated_by: str = ""
     on_method_front: bool = False
     seen_percent: float | None = None
 
@@ -125,7 +116,7 @@ class Tradeoff:
 
 def write_tradeoff(folder: Path, facts: TradeoffFacts, settings: Iterable[Setting]) -> None:
     """Write tradeoff.csv, then tradeoff.json, which says that the folder is complete."""
-    write_csv(folder / "tradeoff.csv", Setting, settings)
+    write(folder / "tradeoff.csv", frame(SETTINGS, map(asdict, settings)), SETTINGS)
     write_json(folder / "tradeoff.json", facts.model_dump(mode="json"))
 
 
@@ -140,4 +131,6 @@ def load_tradeoff(folder: str | Path) -> Tradeoff:
             "run `handbench tradeoff` again"
         )
     facts = parse(TradeoffFacts, content, str(folder / "tradeoff.json"))
-    return Tradeoff(folder, facts, read_csv(folder / "tradeoff.csv", Setting))
+    table = read(folder / "tradeoff.csv", SETTINGS).astype(object)
+    records = table.where(table.notna(), None).to_dict("records")
+    return Tradeoff(folder, facts, tuple(Setting(**record) for record in records))
