@@ -18,7 +18,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from bench.results.about import Name
-from bench.results.tables import SETTINGS, frame, read, write
+from bench.results.tables import SETTINGS, frame, read, records, write
 from radar.support.config import Config, parse
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, require_folder, write_json
@@ -131,6 +131,5 @@ def load_tradeoff(folder: str | Path) -> Tradeoff:
             "run `handbench tradeoff` again"
         )
     facts = parse(TradeoffFacts, content, str(folder / "tradeoff.json"))
-    table = read(folder / "tradeoff.csv", SETTINGS).astype(object)
-    records = table.where(table.notna(), None).to_dict("records")
-    return Tradeoff(folder, facts, tuple(Setting(**record) for record in records))
+    lines = records(read(folder / "tradeoff.csv", SETTINGS))
+    return Tradeoff(folder, facts, tuple(Setting(**line) for line in lines))

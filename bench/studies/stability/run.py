@@ -8,9 +8,9 @@ from importlib import import_module
 from pathlib import Path
 
 from bench.results.stability import VERDICTS, HardCase, StabilityFacts, Table, write_stability
-from bench.run.cost import calibrated_machine
 from bench.studies.stability.cases import GROUPS, cases, measured
 from radar.support.config import suggest
+from radar.support.cost import calibrated_machine
 from radar.support.errors import HandbenchError
 from radar.support.progress import say, track
 from radar.support.store import versions

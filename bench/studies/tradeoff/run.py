@@ -11,7 +11,6 @@ import tomlkit
 
 from bench.results import Section, Setting, Tradeoff, TradeoffFacts, load_tradeoff, write_config, write_tradeoff
 from bench.run.benchmark_file import BenchFile
-from bench.run.cache import claimed, drop
 from bench.run.sweep import Sweep, completed, imaging_settings, known_configs
 from bench.studies.study import carried_out, stand
 from bench.studies.tradeoff import imaging_stage
@@ -21,6 +20,7 @@ from bench.studies.tradeoff.pareto import front, rank, with_acquisition
 from bench.studies.tradeoff.settings import FOLDER, write_settings
 from radar.support.config import parse
 from radar.support.errors import HandbenchError
+from radar.support.folder import claimed, drop
 from radar.support.progress import say
 from radar.support.store import versions
 

@@ -24,7 +24,6 @@ import pytest
 
 from bench import results
 from bench.run.benchmark_file import load_benchmark
-from bench.run.cache import claimed, kept_stage
 from bench.run.runner import run
 from groundtruth.cameras.model_files import write_model
 from groundtruth.dense.planesweep import swept_disparity
@@ -35,7 +34,8 @@ from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_volume
 from radar.support.errors import HandbenchError
 from radar.support.files import write_json
-from radar.support.store import MANIFEST, keep
+from radar.support.folder import claimed
+from radar.support.store import MANIFEST, keep, kept_stage
 from tests.bench.studies.stability.faults import DISK, content, instant, nobody_s_rights
 from tests.fuzz.geometry_seeds import colmap_model
 
@@ -107,7 +107,7 @@ def test_a_folder_that_is_read_only_is_one_line(small_bench, clean, tmp_path):
         file.chmod(0o555)
     with nobody_s_rights():
         again = execute(small_bench, out)  # nothing is left to be made there
-    assert all(task.cached for task in again.tasks) and content(out) == content(clean)
+    assert again.tasks.cached.all() and content(out) == content(clean)
 
 
 def test_a_flipped_bit_in_any_kept_file_is_found_said_and_made_again(small_bench, clean, tmp_path, capsys):
@@ -120,7 +120,7 @@ def test_a_flipped_bit_in_any_kept_file_is_found_said_and_made_again(small_bench
         broken[generator.integers(len(broken))] ^= 1 << generator.integers(8)
         file.write_bytes(broken)
         capsys.readouterr()
-        made = [task.task for task in execute(small_bench, out).tasks if not task.cached]
+        made = execute(small_bench, out).tasks.query("not cached").task.tolist()
         stage = file.relative_to(out / "work").parts[0]
         assert len(made) == 1 and stage.startswith(made[0])
         [said] = [line for line in capsys.readouterr().err.splitlines() if "it is made again" in line]
@@ -161,7 +161,7 @@ def test_a_clock_that_jumps_changes_nothing(small_bench, clean, tmp_path, monkey
     for jump_s in (-3e8, 3e9):
         monkeypatch.setattr(time, "time", lambda jump_s=jump_s: now + jump_s)
         result = execute(small_bench, clean)
-        assert all(task.cached for task in result.tasks) and content(clean) == expected
+        assert result.tasks.cached.all() and content(clean) == expected
         stamp, cached = kept_stage(tmp_path / f"new{jump_s}", "new", lambda folder: time.sleep(0.01))
         assert not cached and 0.01 <= stamp.seconds < 10
 
@@ -185,7 +185,7 @@ def test_no_duration_and_no_decision_comes_from_the_wall_clock():
 def test_two_runs_at_once_exclude_each_other_as_processes(tmp_path):
     """The lock is the system's: it holds between processes, and falls with the one that holds it."""
     hold = (
-        "import sys; from pathlib import Path; from bench.run.cache import claimed\n"
+        "import sys; from pathlib import Path; from radar.support.folder import claimed\n"
         "with claimed(Path(sys.argv[1])):\n    print('held', flush=True)\n    sys.stdin.read()"
     )
     holder = subprocess.Popen([sys.executable, "-c", hold, str(tmp_path / "out")], stdin=-1, stdout=-1, cwd=ROOT)
