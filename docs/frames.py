@@ -1,4 +1,4 @@
-"""The figure of docs/conventions.md: python -m docs.frames OUT.png (from the repository's root).
+"""The figure of docs/conventions.md: python docs/frames.py OUT.png (from the repository's root).
 
 Everything stands where the package itself puts it: the antennas, the hand, the board of the stand, a camera of the rig.
 """

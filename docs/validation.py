@@ -1,4 +1,4 @@
-"""The figure and the tables of docs/validation.md: python -m docs.validation OUT.png (from the repository's root)."""
+"""The figure and the tables of docs/validation.md: python docs/validation.py OUT.png (from the repository's root)."""
 
 from __future__ import annotations
 

@@ -24,13 +24,14 @@ from bench.cli import (
     run,
     simulate,
     stability,
+    study,
     tradeoff,
     validate,
 )
 from radar.support.errors import HandbenchError
 
 COMMANDS = (
-    *(run, simulate, groundtruth, calibrate, reconstruct, evaluate, draw, report, tradeoff, compare, stability),
+    *(run, simulate, groundtruth, calibrate, reconstruct, evaluate, draw, report, tradeoff, compare, stability, study),
     *(import_, export, list, validate, doctor),
 )
 

@@ -136,7 +136,7 @@ def _setting(section: Section, count: int, rigs: list[list[Combined]], acquisiti
         1e3 * float(np.sqrt(square_m2.mean())) if len(square_m2) else None,
         rms_interval_mm(square_m2),
         [one.seconds for one in tried],
-        acquisition_s,
+        acquisition_s=acquisition_s,
     )
 
 
