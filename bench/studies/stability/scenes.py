@@ -3,12 +3,12 @@ them. Echoes are formed in float64."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from bench.studies.stability.cases import Worst, worst
 from radar.data.arrays import AntennaArray, qar50
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
@@ -40,6 +40,11 @@ def echoes(
     points_m = np.atleast_2d(np.asarray(points_m, np.float64))
     weight = np.ones(len(points_m)) if weight is None else weight
     return direct_echoes(points_m, weight, np.asarray(frequencies_hz, np.float64), array or small_array())
+
+
+def recorded(points_m: Any, frequencies_hz: Any = ALL_HZ, array: AntennaArray | None = None) -> RadarCapture:
+    """Capture of points [n, 3] that scatter alike."""
+    return capture(echoes(points_m, None, frequencies_hz, array), frequencies_hz, array)
 
 
 def capture(samples: np.ndarray, frequencies_hz: Any = ALL_HZ, array: AntennaArray | None = None) -> RadarCapture:
@@ -83,8 +88,7 @@ def bumpy_points() -> np.ndarray:
     return np.stack([x, y, 0.28 + 0.003 * np.sin(60 * x) * np.cos(60 * y)], axis=-1).reshape(-1, 3)
 
 
-def judged(seen: list[tuple[str, float, bool]], bound: float) -> Worst:
-    """The worst of (place, value, whether it was marked); flagged where every value beyond the bound was marked."""
-    found = worst((place, value) for place, value, _ in seen)
-    silent = [(place, value) for place, value, marked in seen if not value <= bound and not marked]
-    return worst(silent) if silent else Worst(found.value, found.at, flagged=True)
+def by_flag(place: str, off_m: np.ndarray, wrapped: np.ndarray) -> Iterator[tuple[str, float, bool]]:
+    """The largest error, millimetres, of pixels without a flag, then of those with one; NaN is no depth."""
+    for flag in (False, True):
+        yield place, 1e3 * off_m[np.isfinite(off_m) & (wrapped == flag)].max(initial=0.0), flag
