@@ -15,6 +15,7 @@ from bench.cli import compare as compare_command
 from bench.cli import draw as drawing_command
 from bench.cli import groundtruth
 from bench.cli import stability as stability_command
+from bench.cli import study as study_command
 from bench.cli import tradeoff as tradeoff_command
 from radar.support.errors import HandbenchError
 
@@ -60,6 +61,7 @@ def _command(name: str) -> Callable[[argparse.Namespace], None]:
         "draw": drawing_command,
         "groundtruth": groundtruth,
         "stability": stability_command,
+        "study": study_command,
     }
     if name in modules:
         return modules[name].run
@@ -184,6 +186,11 @@ def parser() -> argparse.ArgumentParser:
     stability = _add(commands, "stability", "hard cases: what could blow up, its bound, and the measured figure")
     stability_command.add_arguments(stability)
     _out(stability, "DIR", "folder for stability.csv and .json, as a result folder", required=False)
+
+    study = _add(
+        commands, "study", "one of the studies behind the documentation's figures: cases → tables and a figure"
+    )
+    study_command.add_arguments(study)
 
     importer = _add(commands, "import", "another data set → capture folder")
     importer.set_defaults(command="import_dataset")

@@ -14,6 +14,7 @@ from bench.results.error_map import ErrorMap
 Values = dict[str, float | int | None]
 Terms = dict[str, np.ndarray]
 F_MM = (1, 2, 5)  # thresholds of the F-score
+HEADLINE = "mae_mm"  # the metric that titles, fronts and answers speak of
 BAND = 1.96  # 95 % of a normal error lie within so many standard deviations
 
 
