@@ -24,7 +24,8 @@ EXACT = 1e-5
 TOLERANCES = (None, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 ASKED = (
     "Against: the direct sum in float64, written apart. Because: a tolerance is a promise; the exact sum, of N terms "
-    "of random sign in single precision, is off by √N·2⁻²⁴, below the 1e-5 that is promised for N of up to 25 000 terms."
+    "of random sign in single precision, is off by √N·2⁻²⁴, below the 1e-5 that is promised for N of up to 25 000 "
+    "terms."
 )
 
 

@@ -54,14 +54,12 @@ def turn_roundings(source_m: np.ndarray, moved_m: np.ndarray, turn: np.ndarray) 
 def half_turns() -> Seen:
     """Rotation error. Against: the rotation that made the pairs. Because: four roundings of the largest coordinate over
     the target's half width."""
-    axes, shorts_rad = (
-        ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, -2, 3)),
-        (0, 1e-16, 1e-15, 1e-12, 1e-8, 1e-4, 0.1, 3.1),
-    )
+    axes = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, -2, 3))
+    shorts_rad = (0, 1e-16, 1e-15, 1e-12, 1e-8, 1e-4, 0.1, 3.1)
     for axis, short_rad, (name, points_m) in product(axes, shorts_rad, (("solid", FIVE), ("plane", PLANE))):
         turn = Rotation.from_rotvec((np.pi - short_rad) * np.array(axis) / np.linalg.norm(axis)).as_matrix()
-        error = turn_roundings(points_m, points_m @ turn.T + SHIFT_M, turn)
-        yield f"{name}, axis {axis}, 180° less {short_rad:g} rad", error
+        place = f"{name}, axis {axis}, 180° less {short_rad:g} rad"
+        yield place, turn_roundings(points_m, points_m @ turn.T + SHIFT_M, turn)
 
 
 def _rectangle(half_m: float) -> np.ndarray:
