@@ -23,7 +23,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Compared:
     """Two result folders → their differences; compare.csv and compare.json where -o asks for them."""
     from bench.cli.commands import free
-    from bench.evaluation.statistics.results import compare_results
+    from bench.evaluation.statistics.compare_results import compare_results
     from bench.results import load
     from bench.results.compared import write_compared
 

@@ -73,7 +73,7 @@ def _run(options: argparse.Namespace) -> None:
     """The main job; ends with the table."""
     from bench.run.benchmark_file import load_benchmark
     from bench.run.runner import run
-    from reports.tables.tables import show
+    from reports.tables.result_tables import show
 
     bench, base = load_benchmark(options.bench)
     command = f"handbench run {options.bench} -o DIR"

@@ -1,170 +1,45 @@
-"""What is measured: each metric's unit, direction and definition, and its value for a depth map."""
+"""The metrics: each one's unit, direction and definition, and its value for a depth map."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from bench.evaluation.errors import error_map
-from bench.results.error_map import ErrorMap
+from bench.evaluation.depth_errors import error_map
+from bench.results.about import HEADLINE as HEADLINE
+from bench.results.error_map import ErrorMap as ErrorMap
 
 Values = dict[str, float | int | None]
 Terms = dict[str, np.ndarray]
 F_MM = (1, 2, 5)  # thresholds of the F-score
-HEADLINE = "mae_mm"  # the metric that titles, fronts and answers speak of
 BAND = 1.96  # 95 % of a normal error lie within so many standard deviations
 
 
 @dataclass(frozen=True)
 class Metric:
-    """One figure of merit. better: the direction in which a method improves ("zero": nearer to zero)."""
+    """One figure of merit. better: the direction in which a method improves ("zero": nearer to zero); paper: the
+    paper's figures by method."""
 
     key: str
     title: str
     unit: str
     better: Literal["lower", "higher", "zero"]
     definition: str
+    paper: dict[str, float] = field(default_factory=dict)
 
 
-METRICS = {
-    metric.key: metric
-    for metric in (
-        Metric("mae_mm", "MAE", "mm", "lower", "mean of |z − z_ref| over the observed pixels"),
-        Metric(
-            "floor_mm",
-            "ground-truth floor",
-            "mm",
-            "lower",
-            "MAE that a perfect radar would show against this reference, because the reference errs itself: mean of "
-            "√(2/π)·σ over the observed pixels, σ along z from mesh and registration together; 0 for a simulator's own "
-            "surface, none where a part of σ is unknown; its interval: 95 % of what such a radar would show, the "
-            "registration's error common to all pixels, the mesh's to blocks of 15 mm",
-        ),
-        Metric(
-            "max_mm",
-            "MAX of AE",
-            "mm",
-            "lower",
-            "largest |z − z_ref| of the observed pixels; its interval ends at the largest error that was seen",
-        ),
-        Metric("rmse_mm", "RMSE", "mm", "lower", "square root of the mean of (z − z_ref)² over the observed pixels"),
-        Metric("median_mm", "median of AE", "mm", "lower", "median of |z − z_ref| over the observed pixels"),
-        Metric(
-            "p95_mm",
-            "95th percentile of AE",
-            "mm",
-            "lower",
-            "95th percentile of |z − z_ref| over the observed pixels, linear between order statistics",
-        ),
-        Metric(
-            "bias_mm",
-            "bias",
-            "mm",
-            "zero",
-            "mean of z − z_ref over the observed pixels; positive: the map lies behind the reference",
-        ),
-        Metric(
-            "relative_accuracy_percent",
-            "relative accuracy",
-            "%",
-            "higher",
-            "100·(1 − MAE / mean z_ref of the observed pixels), z counted from the aperture's plane",
-        ),
-        Metric(
-            "completeness_percent", "completeness", "%", "higher", "share of the reference's pixels that are observed"
-        ),
-        Metric(
-            "n_observed",
-            "observed pixels",
-            "pixels",
-            "higher",
-            "number of observed pixels: map and reference both finite; pooled over the captures",
-        ),
-        Metric(
-            "deviation_mm",
-            "deviation of AE",
-            "mm",
-            "lower",
-            "standard deviation (n) of |z − z_ref| over the observed pixels",
-        ),
-        Metric(
-            "within_band_percent",
-            "errors explained by the ground truth",
-            "%",
-            "higher",
-            "share of the observed pixels with |z − z_ref| ≤ 1.96·σ, σ the reference's own standard deviation along z; "
-            "95 % for a perfect radar; none where σ is unknown at an observed pixel",
-        ),
-        Metric(
-            "false_alarm_percent",
-            "false alarms",
-            "%",
-            "lower",
-            "share of the map's judged pixels that have no reference surface in them or in their eight neighbours; "
-            "judged are pixels with a reference and such ones: not the outline, what it encloses, or invented surface",
-        ),
-        Metric(
-            "chamfer_to_reference_mm",
-            "chamfer, map to reference",
-            "mm",
-            "lower",
-            "mean distance of the map's judged points (false alarms among them) to the nearest point of the reference, "
-            "whose points are its depths at the pixel centres",
-        ),
-        Metric(
-            "chamfer_to_map_mm",
-            "chamfer, reference to map",
-            "mm",
-            "lower",
-            "mean distance of the reference's points to the nearest judged point of the map; none without one",
-        ),
-        Metric("chamfer_mm", "chamfer", "mm", "lower", "mean of the two one-sided chamfer distances"),
-        *(
-            Metric(
-                f"f_{mm}mm_percent",
-                f"F-score at {mm} mm",
-                "%",
-                "higher",
-                f"harmonic mean of the shares of the map's judged points and of the reference's points that have a "
-                f"point of the other within {mm} mm; 0 where there is none",
-            )
-            for mm in F_MM
-        ),
-        Metric(
-            "precision_mm",
-            "precision",
-            "mm",
-            "lower",
-            "standard deviation (n − 1) of the z of the strongest scatterer over the repeats, averaged over the hands",
-        ),
-        Metric(
-            "pixel_precision_mm",
-            "precision per pixel",
-            "mm",
-            "lower",
-            "standard deviation (n − 1) of z over the repeats at each pixel, median over the pixels that are observed "
-            "in all repeats; pooled over the captures",
-        ),
-        Metric(
-            "relative_precision_percent",
-            "relative precision",
-            "%",
-            "higher",
-            "100·(1 − precision / mean z of the strongest scatterer); the paper's own values (98.3 % for 3.6 mm, "
-            "99.99 % for 0.3 mm) share no reference distance, so compare the millimetres",
-        ),
-        Metric(
-            "seconds",
-            "time per frame",
-            "s",
-            "lower",
-            "median over the frames of the wall-clock time from echoes in memory to the depth map",
-        ),
-    )
-}
+def _registry() -> dict[str, Metric]:
+    """The metrics of metrics.toml, which defines them in the order of the tables."""
+    known = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+    return {key: Metric(key, **facts) for key, facts in known.items()}
+
+
+METRICS = _registry()
 
 
 def score(z_m: np.ndarray, reference_z_m: np.ndarray) -> Values:

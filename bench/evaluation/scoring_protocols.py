@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from bench.evaluation.metrics import METRICS
+from bench.evaluation.metrics import HEADLINE, METRICS
 from radar.support.config import suggest
 from radar.support.errors import HandbenchError
 
@@ -55,7 +55,7 @@ PAPER = Protocol(
     version=2,
     source="J. Bräunig, V. Wirth, M. Stamminger, I. Ullmann, M. Vossiek: the 3-FSK paper, Table I and its text",
     metrics=tuple(key for key in METRICS if key != "deviation_mm"),
-    compared=("mae_mm", "completeness_percent"),
+    compared=(HEADLINE, "completeness_percent"),
     rules={
         "accuracy": "frame 0 of every capture; errors along z on the method's pixels where map and reference exist, "
         "pooled over the captures",
@@ -78,11 +78,11 @@ MAROON = Protocol(
     id="maroon",
     version=1,
     source="V. Wirth et al.: MAROON, public code (code/main.py, utils/metrics.py, utils/visualization_utils.py)",
-    metrics=("mae_mm", "floor_mm", "max_mm", "bias_mm", "deviation_mm", *DISTANCES, "n_observed", "seconds"),
-    compared=("mae_mm", "chamfer_to_reference_mm"),
+    metrics=(HEADLINE, "floor_mm", "max_mm", "bias_mm", "deviation_mm", *DISTANCES, "n_observed", "seconds"),
+    compared=(HEADLINE, "chamfer_to_reference_mm"),
     rules={
         "accuracy": "frame 0; signed projective error z − z_ref at every scored pixel with a reference (mean: bias; "
-        "mean and deviation of its absolute value: MAE and deviation of AE)",
+        f"mean and deviation of its absolute value: {METRICS[HEADLINE].title} and deviation of AE)",
         "chamfer": "mean distance of the map's points to the reference's points (one-sided), back, and the mean of "
         "both; theirs goes to all points of the photogrammetric mesh, ours to its depths on the map's grid",
         "mask": "pixels on target inside the data set's mask_bb; mask_erosion is not applied, as in the "

@@ -1,10 +1,7 @@
 """The result folder: written by the runner, read by the reports.
 
 result.json   protocol, metric definitions, input hashes, versions, machine, captures, methods, facts, failures
-table.csv     metric, method, value, low, high, unit, paper, reference
-tasks.csv     task, capture, method, stage, seconds, cpu_seconds, peak_memory_mb, cached, plan_seconds, host,
-              gemm_gflops
-repeats.csv   capture, method, repeat, z_m: the strongest scatterer of each repeat of a precision capture
+*.csv         table, tasks, repeats, comparisons: their columns are declared in `bench.results.tables`
 config.toml   the resolved configuration
 errors/       CAPTURE__METHOD__REFERENCE.npz: x_m, y_m, error_m, reference_z_m
 depth/        CAPTURE__METHOD.npz (a depth map), CAPTURE__truth.npz, CAPTURE__photogrammetry.npz (x_m, y_m, z_m,
@@ -12,27 +9,26 @@ depth/        CAPTURE__METHOD.npz (a depth map), CAPTURE__truth.npz, CAPTURE__ph
 photos/       CAPTURE.jpg, at most 600 pixels wide and high
 """
 
-from bench.results.about import SCHEMA_VERSION, About, CaptureFacts, Failure, MethodFacts, MetricFacts, Name
-from bench.results.error_map import ErrorMap
-from bench.results.folder import (
-    Result,
-    load,
-    write_about,
-    write_comparisons,
-    write_config,
-    write_repeats,
-    write_table,
-    write_tasks,
+from bench.results.about import (
+    HEADLINE,
+    HEADLINES,
+    REFERENCES,
+    About,
+    CaptureFacts,
+    Failure,
+    MethodFacts,
+    MetricFacts,
+    Name,
 )
-from bench.results.maps import Surface, depth_path, errors_path, photo_path, write_errors, write_photo, write_surface
-from bench.results.records import Repeat, Row, Task
+from bench.results.error_map import ErrorMap
+from bench.results.folder import Result, load, write_about, write_config, write_tables
+from bench.results.maps import Surface, depth_path, errors_path, write_errors, write_photo, write_surface
 from bench.results.tradeoff import Claim, Section, Setting, Tradeoff, TradeoffFacts, load_tradeoff, write_tradeoff
 
-REFERENCES = ("photogrammetry", "truth")
-
 __all__ = [
+    "HEADLINE",
+    "HEADLINES",
     "REFERENCES",
-    "SCHEMA_VERSION",
     "About",
     "CaptureFacts",
     "Claim",
@@ -41,28 +37,21 @@ __all__ = [
     "MethodFacts",
     "MetricFacts",
     "Name",
-    "Repeat",
     "Result",
-    "Row",
     "Section",
     "Setting",
     "Surface",
-    "Task",
     "Tradeoff",
     "TradeoffFacts",
     "depth_path",
     "errors_path",
     "load",
     "load_tradeoff",
-    "photo_path",
     "write_about",
-    "write_comparisons",
     "write_config",
     "write_errors",
     "write_photo",
-    "write_repeats",
     "write_surface",
-    "write_table",
-    "write_tasks",
+    "write_tables",
     "write_tradeoff",
 ]

@@ -1,4 +1,4 @@
-"""What result.json says: names, facts of captures, methods and metrics, failures."""
+"""Content of result.json: names, facts of captures, methods and metrics, failures."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from radar.support.files import read_json
 from radar.support.names import checked_name
 
 SCHEMA_VERSION = 1
+HEADLINE = "mae_mm"  # the metric that titles, pictures and fronts speak of
+HEADLINES = (HEADLINE, "floor_mm", "max_mm", "completeness_percent", "precision_mm", "seconds")  # read at a glance
+REFERENCES = ("photogrammetry", "truth")
 Reference = Literal["photogrammetry", "truth"]
-
 
 Name = Annotated[str, AfterValidator(checked_name)]
 
@@ -49,7 +51,7 @@ class MethodFacts(Config):
 
 
 class Failure(Config):
-    """What did not come about, and why. method: empty where it fails the capture for every method."""
+    """A stage that did not come about, and why. method: empty where it fails the capture for every method."""
 
     capture: str
     method: str = ""

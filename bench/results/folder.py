@@ -2,34 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
+
+import pandas as pd
 
 from bench.results.about import About, CaptureFacts, read_about
 from bench.results.error_map import ErrorMap
 from bench.results.maps import Surface, depth_path, errors_path, photo_path, read_map
-from bench.results.records import Comparison, Repeat, Row, Task, best, read_csv, write_csv
+from bench.results.tables import COMPARISONS, LEVEL, REPEATS, TABLE, TASKS, frame, read, write
 from radar.support.errors import HandbenchError
 from radar.support.files import require_file, require_folder, write_json, write_text
 
+TABLES = {"table": TABLE, "tasks": TASKS, "repeats": REPEATS, "comparisons": COMPARISONS}
+OPTIONAL = ("repeats", "comparisons")
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Result:
-    """A result folder that has been checked to be complete; maps and photographs are read when asked for."""
+    """A result folder that has been checked to be complete; maps and photographs are read when asked for. table, tasks,
+    repeats, comparisons: as `bench.results.tables` declares them."""
 
     folder: Path
     about: About
-    rows: tuple[Row, ...]
-    tasks: tuple[Task, ...]
-    repeats: tuple[Repeat, ...]
+    table: pd.DataFrame
+    tasks: pd.DataFrame
+    repeats: pd.DataFrame
     config: str
-    comparisons: tuple[Comparison, ...] = ()
+    comparisons: pd.DataFrame = field(default_factory=lambda: frame(COMPARISONS))
 
-    def row(self, metric: str, method: str, reference: str) -> Row | None:
-        """The table's line, or None."""
-        key = (metric, method, reference)
-        return next((r for r in self.rows if (r.metric, r.method, r.reference) == key), None)
+    def row(self, metric: str, method: str, reference: str) -> Any:
+        """The table's line, a named tuple of its columns; None without one."""
+        found = self.table[(self.table.method == method) & (self.table.metric == metric)]
+        return next(found[found.reference == reference].itertuples(index=False, name="Row"), None)
+
+    def time(self, method: str) -> Any:
+        """The line of the method's time per frame, which is the same with every reference; None where none is known."""
+        found = self.table[(self.table.method == method) & (self.table.metric == "seconds")]
+        return next(found[found.value.notna()].itertuples(index=False, name="Row"), None)
+
+    def title(self, metric: str) -> str:
+        """The metric as it is printed."""
+        facts = self.about.metrics.get(metric)
+        return facts.title if facts else metric
 
     def best(self, metric: str, reference: str) -> tuple[str, ...]:
         """The methods that nothing is shown to beat; () where nothing was compared."""
@@ -54,29 +70,29 @@ class Result:
         return path if path.is_file() else None
 
 
+def shown(comparisons: pd.DataFrame) -> pd.Series:
+    """For each line, whether there is a difference at 5 % for all pairs of the metric together."""
+    return comparisons.p_corrected < 1 - LEVEL
+
+
+def best(comparisons: pd.DataFrame, metric: str, reference: str) -> tuple[str, ...]:
+    """The method with the best figure and all that are not shown to be worse, in order of appearance; () where nothing
+    was compared: without a test no figure stands out."""
+    lines = comparisons[(comparisons.metric == metric) & (comparisons.reference == reference)]
+    ahead = ~lines.better.isin(lines.worse)
+    worse = set(lines.worse[ahead & shown(lines)])
+    return tuple(name for name in dict.fromkeys(lines[["better", "worse"]].to_numpy().flat) if name not in worse)
+
+
 def write_about(folder: Path, about: About) -> None:
     """Write result.json. Write it last: a folder with it is meant to be complete."""
     write_json(folder / "result.json", about.model_dump(mode="json"))
 
 
-def write_table(folder: Path, rows: Iterable[Row]) -> None:
-    """Write table.csv."""
-    write_csv(folder / "table.csv", Row, rows)
-
-
-def write_tasks(folder: Path, tasks: Iterable[Task]) -> None:
-    """Write tasks.csv."""
-    write_csv(folder / "tasks.csv", Task, tasks)
-
-
-def write_repeats(folder: Path, repeats: Iterable[Repeat]) -> None:
-    """Write repeats.csv."""
-    write_csv(folder / "repeats.csv", Repeat, repeats)
-
-
-def write_comparisons(folder: Path, comparisons: Iterable[Comparison]) -> None:
-    """Write comparisons.csv."""
-    write_csv(folder / "comparisons.csv", Comparison, comparisons)
+def write_tables(folder: Path, **tables: pd.DataFrame) -> None:
+    """Write table, tasks, repeats or comparisons as .csv."""
+    for name, table in tables.items():
+        write(folder / f"{name}.csv", table, TABLES[name])
 
 
 def write_config(folder: Path, toml: str) -> None:
@@ -89,11 +105,10 @@ def load(folder: str | Path) -> Result:
     folder = require_folder(folder, "a benchmark's result (result.json)")
     about = read_about(folder / "result.json")
     config = require_file(folder / "config.toml", "the resolved configuration").read_text("utf-8", "replace")
-    repeats = read_csv(folder / "repeats.csv", Repeat) if (folder / "repeats.csv").exists() else ()
-    compared = folder / "comparisons.csv"
-    comparisons = read_csv(compared, Comparison) if compared.exists() else ()
-    rows, tasks = read_csv(folder / "table.csv", Row), read_csv(folder / "tasks.csv", Task)
-    result = Result(folder, about, rows, tasks, repeats, config, comparisons)
+    files = {name: folder / f"{name}.csv" for name in TABLES}
+    absent = [name for name in OPTIONAL if not files[name].exists()]
+    tables = {name: frame(TABLES[name]) if name in absent else read(files[name], TABLES[name]) for name in TABLES}
+    result = Result(folder, about, config=config, **tables)
     _require_complete(result)
     return result
 

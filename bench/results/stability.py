@@ -8,13 +8,13 @@ stability.json   schema_version, name, tables beside the cases (float32 errors, 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field
 
-from bench.results.records import read_csv, write_csv
+from bench.results.tables import CASES, frame, read, records, write
 from radar.support.config import Config, parse
 from radar.support.files import read_json, write_json
 
@@ -63,7 +63,7 @@ class StabilityFacts(Config):
 
 def write_stability(folder: Path, facts: StabilityFacts, cases: Iterable[HardCase]) -> None:
     """Write stability.csv, then stability.json, which says that it is complete."""
-    write_csv(folder / "stability.csv", HardCase, cases)
+    write(folder / "stability.csv", frame(CASES, map(asdict, cases)), CASES)
     write_json(folder / "stability.json", facts.model_dump(mode="json"))
 
 
@@ -72,4 +72,4 @@ def load_stability(folder: str | Path) -> tuple[StabilityFacts, tuple[HardCase, 
     folder = Path(folder)
     content = read_json(folder / "stability.json", "a stability run")
     facts = parse(StabilityFacts, content, str(folder / "stability.json"))
-    return facts, read_csv(folder / "stability.csv", HardCase)
+    return facts, tuple(HardCase(**line) for line in records(read(folder / "stability.csv", CASES)))

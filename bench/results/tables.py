@@ -17,6 +17,7 @@ import pandas as pd
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, require_file
 
+LEVEL = 0.95  # of every confidence interval
 DTYPES = {str: "str", float: "float64", int: "int64", bool: "bool"}
 EXPECTED = {float: "a finite number or nothing", int: "a whole number", bool: "0 or 1", str: "text"}
 OLDER = {str: "", int: 0, bool: False}  # what a column that an older file lacks is filled with
@@ -192,7 +193,25 @@ CASES = Schema(  # stability.csv: one hard case a line
 
 def frame(schema: Schema, rows: Iterable[Mapping[str, Any]] | Iterable[Sequence[Any]] = ()) -> pd.DataFrame:
     """A table from its lines: mappings by column, or values in the order of the columns. None: not known."""
-    return _typed(pd.DataFrame(list(rows), columns=schema.names), schema)
+    return conform(pd.DataFrame(list(rows), columns=schema.names), schema)
+
+
+def conform(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
+    """The table with the columns and dtypes of its schema; what an optional column lacks is filled."""
+    typed = {}
+    for column in schema.columns:
+        values = table[column.name].astype(object)
+        if column.kind is not float and values.isna().any():
+            if not column.optional:
+                raise ValueError(f"'{column.name}' has lines without a value")
+            values = values.mask(values.isna(), OLDER[column.kind])
+        typed[column.name] = values.astype(DTYPES[column.kind])
+    return pd.DataFrame(typed, columns=schema.names).reset_index(drop=True)
+
+
+def records(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """The lines of a table as plain values; what is not known is None."""
+    return table.astype(object).where(table.notna(), None).to_dict("records")
 
 
 def read(path: Path, schema: Schema) -> pd.DataFrame:
@@ -211,7 +230,7 @@ def read(path: Path, schema: Schema) -> pd.DataFrame:
             place = int(short.argmax())
             raise ValueError(f"line {_line(cells, place)}: has too few cells; expected {len(header)}")
         given = {c.name: _values(c, cells, i) for i, c in enumerate(schema.columns[: len(header)])}
-        return _typed(pd.DataFrame(given, columns=schema.names), schema)
+        return conform(pd.DataFrame(given, columns=schema.names), schema)
     except (ValueError, LookupError) as error:  # LookupError: the first line is empty
         raise HandbenchError(f"{path}: {' '.join(str(error).split())}; run the benchmark again") from None
 
@@ -220,7 +239,7 @@ def write(path: Path, table: pd.DataFrame, schema: Schema) -> None:
     """Write a table with a header line, atomically; what is not finite becomes an empty cell."""
     if list(table.columns) != schema.names:
         raise HandbenchError(f"{path}: the table has the columns {list(table.columns)}; expected {schema.names}")
-    cells = _typed(table, schema)
+    cells = conform(table, schema)
     for column in schema.columns:
         values = cells[column.name]
         if column.kind is bool:
@@ -231,19 +250,6 @@ def write(path: Path, table: pd.DataFrame, schema: Schema) -> None:
             cells[column.name] = values.astype(object).mask(whole, values[whole].astype(int).astype(object))
     with atomic_path(path) as temporary:
         cells.to_csv(temporary, index=False, lineterminator="\n", encoding="utf-8")
-
-
-def _typed(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
-    """The table with the dtypes of its schema; what an optional column lacks is filled."""
-    typed = {}
-    for column in schema.columns:
-        values = table[column.name].astype(object)
-        if column.kind is not float and values.isna().any():
-            if not column.optional:
-                raise ValueError(f"'{column.name}' has lines without a value")
-            values = values.mask(values.isna(), OLDER[column.kind])
-        typed[column.name] = values.astype(DTYPES[column.kind])
-    return pd.DataFrame(typed, columns=schema.names).reset_index(drop=True)
 
 
 def _values(column: Column, cells: pd.DataFrame, number: int) -> list[Any]:

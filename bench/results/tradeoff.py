@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field
 
 from bench.results.about import Name
-from bench.results.records import read_csv, write_csv
+from bench.results.tables import SETTINGS, frame, read, records, write
 from radar.support.config import Config, parse
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, require_folder, write_json
@@ -125,7 +125,7 @@ class Tradeoff:
 
 def write_tradeoff(folder: Path, facts: TradeoffFacts, settings: Iterable[Setting]) -> None:
     """Write tradeoff.csv, then tradeoff.json, which says that the folder is complete."""
-    write_csv(folder / "tradeoff.csv", Setting, settings)
+    write(folder / "tradeoff.csv", frame(SETTINGS, map(asdict, settings)), SETTINGS)
     write_json(folder / "tradeoff.json", facts.model_dump(mode="json"))
 
 
@@ -140,4 +140,5 @@ def load_tradeoff(folder: str | Path) -> Tradeoff:
             "run `handbench tradeoff` again"
         )
     facts = parse(TradeoffFacts, content, str(folder / "tradeoff.json"))
-    return Tradeoff(folder, facts, read_csv(folder / "tradeoff.csv", Setting))
+    lines = records(read(folder / "tradeoff.csv", SETTINGS))
+    return Tradeoff(folder, facts, tuple(Setting(**line) for line in lines))

@@ -45,7 +45,7 @@ IMAGING = (
 SCORING = (
     "bench/datasets",
     "bench/run/scoring.py",
-    "bench/evaluation/errormap.py",
+    "bench/evaluation/depth_errors.py",
     "bench/evaluation/scoring_protocols.py",
     "bench/run/stages.py",
     "groundtruth/mesh/depth.py",

@@ -1,4 +1,4 @@
-"""What a run found, scored and written as a result folder."""
+"""The outcome of a run, scored and written as a result folder."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from bench import results
 from bench.datasets.native import CaptureFile
 from bench.evaluation.floor import budget
 from bench.evaluation.paper import TITLES
+from bench.evaluation.rows import accuracy_rows, metric_facts, precision_rows, time_rows
 from bench.evaluation.scoring_protocols import protocol
 from bench.evaluation.statistics.intervals import note
 from bench.evaluation.statistics.paired import block_sums, compare_sums
-from bench.evaluation.table import accuracy_rows, metric_facts, precision_rows, time_rows
-from bench.results import REFERENCES, About, CaptureFacts, Failure, MethodFacts, Repeat, Row, Surface, Task
+from bench.results import REFERENCES, About, CaptureFacts, Failure, MethodFacts, Surface
 from bench.results.error_map import ErrorMap
-from bench.results.records import Comparison
+from bench.results.tables import COMPARISONS, REPEATS, TABLE, TASKS, frame
 from bench.run.benchmark_file import BenchFile, MethodEntry
 from bench.run.cache import drop
 from bench.run.cost import calibrated_machine
@@ -36,6 +37,7 @@ from radar.support.files import atomic_path
 from radar.support.progress import say
 from radar.support.store import versions
 
+Line = tuple[Any, ...]  # of a table, in the order of its columns
 FILES = (
     "result.json",
     "table.csv",
@@ -65,19 +67,19 @@ class Capture:
 
 @dataclass
 class Outcome:
-    """What the stages of a run have found. Keys are names of captures and ids of methods; maps: files of depth maps;
-    deviations, scores: folders of the stages `repeat` and `score`; machines: facts of those that did the work, by name.
-    """
+    """All that the stages of a run have found. Keys are names of captures and ids of methods; tasks, repeats: lines of
+    `TASKS` and `REPEATS`; maps: files of depth maps; deviations, scores: folders of the stages `repeat` and `score`;
+    machines: facts of those that did the work, by name."""
 
     bench: BenchFile
     captures: list[Capture]
-    tasks: list[Task]
+    tasks: list[Line]
     failures: list[Failure] = field(default_factory=list)
     references: dict[str, dict[str, tuple[Path, Transform]]] = field(default_factory=dict)
     configs: dict[tuple[str, str], dict[str, Any]] = field(default_factory=dict)
     maps: dict[tuple[str, str], Path] = field(default_factory=dict)
     seconds: dict[tuple[str, str], list[float]] = field(default_factory=dict)
-    repeats: list[Repeat] = field(default_factory=list)
+    repeats: list[Line] = field(default_factory=list)
     deviations: dict[tuple[str, str], Path] = field(default_factory=dict)
     scores: dict[str, Path] = field(default_factory=dict)
     views: dict[str, Path] = field(default_factory=dict)
@@ -155,11 +157,11 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
         if capture.name in outcome.views:
             results.write_photo(folder, capture.name, outcome.views[capture.name])
     results.write_config(folder, config)
-    results.write_table(folder, rows)
-    results.write_tasks(folder, outcome.tasks)
-    results.write_comparisons(folder, compared)
-    stands = set(product((c.name for c in on.captures), (entry.id for entry in on.methods)))
-    results.write_repeats(folder, [r for r in outcome.repeats if (r.capture, r.method) in stands])
+    stands = pd.MultiIndex.from_product([[c.name for c in on.captures], [entry.id for entry in on.methods]])
+    repeats = repeated(outcome)
+    repeats = repeats[pd.MultiIndex.from_frame(repeats[["capture", "method"]]).isin(stands)]
+    tasks = frame(TASKS, outcome.tasks)
+    results.write_tables(folder, table=rows, tasks=tasks, comparisons=compared, repeats=repeats)
     results.write_about(folder, about(outcome, on))
 
 
@@ -192,9 +194,14 @@ def _deviations(outcome: Outcome, captures: Sequence[str], method: str) -> Seque
     return Files(lambda name: read_repeats(outcome.deviations[name, method])[1], captures)
 
 
-def tabulate(outcome: Outcome, on: Basis) -> list[Row]:
-    """The table's rows, one block per reference."""
-    rows: list[Row] = []
+def repeated(outcome: Outcome) -> pd.DataFrame:
+    """Every repeat's depth of the strongest scatterer, as `REPEATS`."""
+    return frame(REPEATS, outcome.repeats)
+
+
+def tabulate(outcome: Outcome, on: Basis) -> pd.DataFrame:
+    """The result's `TABLE`, one block per reference."""
+    rows = [frame(TABLE)]
     seed, chosen = outcome.bench.seed, protocol(outcome.bench.protocol)
     names = [capture.name for capture in on.captures]
     for reference in REFERENCES:
@@ -203,26 +210,26 @@ def tabulate(outcome: Outcome, on: Basis) -> list[Row]:
             if not scored:
                 continue
             maps, found = (read(outcome, scored, entry.id, reference) for read in (errors, surfaces))
-            rows += accuracy_rows(entry.id, reference, maps, seed, found, chosen)
+            rows.append(accuracy_rows(entry.id, reference, maps, seed, found, chosen))
             if entry.precision and "precision_mm" in chosen.metrics:
-                repeated = [name for name in names if (name, entry.id) in outcome.deviations]
-                deviations = _deviations(outcome, repeated, entry.id) if repeated else None
-                rows += precision_rows(entry.id, reference, _strongest(outcome, names, entry.id), deviations)
+                several = [name for name in names if (name, entry.id) in outcome.deviations]
+                deviations = _deviations(outcome, several, entry.id) if several else None
+                rows.append(precision_rows(entry.id, reference, _strongest(outcome, names, entry.id), deviations))
             seconds = [s for name in names for s in outcome.seconds[name, entry.id]]
-            rows += time_rows(entry.id, reference, seconds, seed)
-    return rows
+            rows.append(time_rows(entry.id, reference, seconds, seed))
+    return pd.concat(rows)
 
 
-def comparisons(outcome: Outcome, on: Basis) -> list[Comparison]:
+def comparisons(outcome: Outcome, on: Basis) -> pd.DataFrame:
     """Every pair of methods by the protocol's compared metrics, against each reference that all captures have."""
     titles = {entry.id: TITLES.get(entry.id, entry.id) for entry in on.methods}
-    lines: list[Comparison] = []
+    lines = [frame(COMPARISONS)]
     for reference in REFERENCES:
         names = [c.name for c in on.captures if reference in outcome.references[c.name]]
         sums = {entry.id: block_sums(errors(outcome, names, entry.id, reference)) for entry in on.methods}
         for metric in protocol(outcome.bench.protocol).compared if names else ():
-            lines += compare_sums(sums, reference, metric, titles)
-    return lines
+            lines.append(compare_sums(sums, reference, metric, titles))
+    return pd.concat(lines)
 
 
 def about(outcome: Outcome, on: Basis) -> About:
@@ -279,8 +286,6 @@ def _machines(outcome: Outcome) -> dict[str, Any]:
 
 def _strongest(outcome: Outcome, names: list[str], method_id: str) -> list[np.ndarray]:
     """Each capture's depths of the strongest scatterer [repeats]."""
-    depths_m: dict[str, list[float]] = {name: [] for name in names}
-    for repeat in outcome.repeats:
-        if repeat.method == method_id and repeat.capture in depths_m:
-            depths_m[repeat.capture].append(repeat.z_m)
-    return [np.array(values) for values in depths_m.values()]
+    repeats = repeated(outcome)
+    mine = repeats[repeats.method == method_id]
+    return [mine.z_m[mine.capture == name].to_numpy() for name in names]

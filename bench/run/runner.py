@@ -16,7 +16,7 @@ import tomlkit
 from bench import results
 from bench.datasets.dataset import open_capture
 from bench.datasets.native import TRUE_TRANSFORM
-from bench.results import REFERENCES, Failure, Repeat, Task
+from bench.results import REFERENCES, Failure
 from bench.run import jobs as plan
 from bench.run import outcome, stages, tasks
 from bench.run.benchmark_file import BenchFile
@@ -70,7 +70,7 @@ class Run:
     base: Path
     work: Path
     executor: Executor
-    tasks: list[Task] = field(default_factory=list)
+    tasks: list[outcome.Line] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
     machines: dict[str, dict[str, Any]] = field(default_factory=dict)
 
@@ -178,7 +178,7 @@ def collect(job: Job, folder: Path, found: Outcome) -> None:
     else:
         strongest_m, _ = stages.read_repeats(folder)
         found.deviations[about] = folder
-        found.repeats += [Repeat(*about, k, float(z)) for k, z in enumerate(strongest_m)]
+        found.repeats += [(*about, k, float(z)) for k, z in enumerate(strongest_m)]
 
 
 def references(
@@ -212,11 +212,11 @@ def _check_names(names: list[str]) -> None:
             raise HandbenchError(f"capture: two captures are named '{name}'; give each its own name")
 
 
-def _task(job: Job, stamp: Stamp, cached: bool, folder: Path) -> Task:
-    """A stage's line of tasks.csv."""
+def _task(job: Job, stamp: Stamp, cached: bool, folder: Path) -> outcome.Line:
+    """A stage's line of `TASKS`."""
     timing = folder / stages.TIMING
     plan_s = read_json(timing, "a stage's times").get("plan_seconds") if job.method else None
-    return Task(
+    return (
         job.label,
         job.capture,
         job.method,

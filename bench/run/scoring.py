@@ -15,7 +15,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from bench.datasets.dataset import Capture, open_capture
-from bench.evaluation.errors import error_map
+from bench.evaluation.depth_errors import error_map
 from bench.evaluation.scoring_protocols import Protocol
 from bench.results import errors_path, write_errors
 from bench.results.error_map import ErrorMap

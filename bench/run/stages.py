@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.datasets.dataset import open_capture
 from bench.datasets.native import TARGET
-from bench.evaluation.errors import deviation_map
+from bench.evaluation.depth_errors import deviation_map
 from bench.evaluation.metrics import strongest_scatterer_z_m
 from bench.results.error_map import ErrorMap
 from calibration.alignment import load_alignment

@@ -21,7 +21,7 @@ import pandas as pd
 import psutil
 
 from bench.datasets.native import ECHOES, TRUTH, CaptureFile, save_capture_file
-from bench.evaluation.errors import error_map
+from bench.evaluation.depth_errors import error_map
 from bench.results import errors_path, write_errors
 from bench.run import stages, tasks
 from bench.run.benchmark_file import BenchFile

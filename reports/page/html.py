@@ -12,7 +12,7 @@ from radar.support.files import write_text
 from reports.figures import overview as figures
 from reports.figures.style import methods
 from reports.page import scene3d, sections, tradeoff_section
-from reports.page.page import Image, picture_file, picture_of, render
+from reports.page.rendering import Image, picture_file, picture_of, render
 from reports.tables import latex, tables
 
 ABREAST = 12  # captures on a page

@@ -12,7 +12,7 @@ from bench.results import Result
 from bench.results.stability import VERDICTS, load_stability
 from reports.figures.style import AGAINST
 from reports.tables.blocks import NONE, Block, Line, blocks, figure, number, p_text, three_digits
-from reports.tables.tables import HEADLINE
+from reports.tables.result_tables import HEADLINE
 
 LEADING = 4  # sentences of a metric that are read without opening the list
 

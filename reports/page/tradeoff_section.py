@@ -10,7 +10,7 @@ from radar.support.errors import HandbenchError
 from radar.support.files import write_text
 from reports.figures import overview
 from reports.figures.fronts import error_text, metric_words, pictures, plotted, seconds_text
-from reports.page.page import picture_file, render
+from reports.page.rendering import picture_file, render
 from reports.page.sections import Grid
 from reports.tables import latex, tables
 from reports.tables.blocks import NONE, number, three_digits

@@ -1,5 +1,4 @@
-"""Two results side by side, as `bench.evaluation.statistics.results` found them: on the terminal, as Markdown and as
-LaTeX."""
+"""Two results side by side, as `handbench compare` found them: on the terminal, as Markdown and as LaTeX."""
 
 from __future__ import annotations
 
@@ -10,7 +9,7 @@ from radar.support.files import write_text
 from reports.tables import latex
 from reports.tables.blocks import NONE, figure, number, p_text
 from reports.tables.markdown import bold, escaped, table
-from reports.tables.tables import terminal_table, wide_console
+from reports.tables.result_tables import terminal_table, wide_console
 
 CHANGES = 12  # of one kind are shown; compare.json has all
 HEAD = ("A", "B", "B − A", "p")

@@ -55,7 +55,7 @@ def small_photo(folder: Path) -> None:
 def result(folder: Path) -> None:
     """A complete result of one method on one capture."""
     from bench import results
-    from bench.results.records import Comparison
+    from bench.results.tables import COMPARISONS, REPEATS, TABLE, TASKS, frame
     from radar.data.depthmap import DepthMap
 
     z_m, flat = np.full((5, 5), 0.3), np.zeros((5, 5))
@@ -64,13 +64,13 @@ def result(folder: Path) -> None:
     results.write_errors(folder, "F", "2fsk", "truth", results.ErrorMap(AXIS_M, AXIS_M, flat, z_m))
     small_photo(folder)
     results.write_photo(folder, "F", folder / "hand.jpg")
-    results.write_table(folder, [results.Row("mae_mm", "2fsk", 6.0, 5.5, 6.5, "mm", 6.6, "truth")])
-    task = results.Task("a", "F", "2fsk", "reconstruct", 0.1, 0.2, 300.0, False, 0.01, "here", 9.0)
-    results.write_tasks(folder, [task])
-    results.write_repeats(folder, [results.Repeat("F", "2fsk", 0, 0.3)])
-    results.write_comparisons(
+    compared = ("mae_mm", "2fsk", "3fsk", 1.0, 0.5, 1.5, "mm", 0.01, 2.0, "truth", 1, 20, "2-FSK is better")
+    results.write_tables(
         folder,
-        [Comparison("mae_mm", "2fsk", "3fsk", 1.0, 0.5, 1.5, "mm", 0.01, 2.0, "truth", 1, 20, "2-FSK is better")],
+        table=frame(TABLE, [("mae_mm", "2fsk", 6.0, 5.5, 6.5, "mm", 6.6, "truth")]),
+        tasks=frame(TASKS, [("a", "F", "2fsk", "reconstruct", 0.1, 0.2, 300.0, False, 0.01, "here", 9.0)]),
+        repeats=frame(REPEATS, [("F", "2fsk", 0, 0.3)]),
+        comparisons=frame(COMPARISONS, [compared]),
     )
     results.write_config(folder, 'name = "small"\n')
     results.write_about(

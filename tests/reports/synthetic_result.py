@@ -6,12 +6,14 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from PIL import Image
 
 from bench import results
 from bench.evaluation.floor import budget
 from bench.evaluation.metrics import error_map
-from bench.evaluation.table import accuracy_rows, metric_facts, precision_rows, time_rows
+from bench.evaluation.rows import accuracy_rows, metric_facts, precision_rows, time_rows
+from bench.results.tables import REPEATS, TASKS, frame
 from calibration.transforms import Transform
 from groundtruth.mesh.depth import Reference
 
@@ -79,28 +81,25 @@ def write_synthetic(
             z = truth[c] + 1e-3 * (bias_mm + deviation_mm * blurred(rng.normal(size=truth[c].shape)))
             z[blurred(rng.normal(size=z.shape)) > 2.5 * share - 1] = np.nan
             results.write_surface(folder, c, method, results.Surface(axis, axis, z))
-            tasks.append(results.Task(f"{c}-{method}", c, method, "image", seconds, 2 * seconds, 300.0, False))
+            tasks.append((f"{c}-{method}", c, method, "image", seconds, 2 * seconds, 300.0, False, None, "", None))
             for reference in references:
                 errors = error_map(axis, axis, z, surfaces[reference][c].z_m)
                 results.write_errors(folder, c, method, reference, errors)
                 maps[reference].append(errors)
         strongest = [0.29 + 6e-4 * deviation_mm * rng.normal(size=10) for _ in range(3)]
-        repeats += [
-            results.Repeat(f"hand{h}", method, i, z) for h, hand in enumerate(strongest) for i, z in enumerate(hand)
-        ]
+        repeats += [(f"hand{h}", method, i, z) for h, hand in enumerate(strongest) for i, z in enumerate(hand)]
         for reference in references:
             found = list(surfaces[reference].values())
-            rows += accuracy_rows(method, reference, maps[reference], surfaces=found)
-            rows += precision_rows(method, reference, strongest)
-            rows += time_rows(method, reference, seconds * rng.uniform(0.9, 1.2, 30))
+            rows.append(accuracy_rows(method, reference, maps[reference], surfaces=found))
+            rows.append(precision_rows(method, reference, strongest))
+            rows.append(time_rows(method, reference, seconds * rng.uniform(0.9, 1.2, 30)))
     photo = (255 * rng.random((400, 500, 3)) * np.linspace(0.2, 1, 500)[:, None]).astype(np.uint8)
     Image.fromarray(photo).save(folder / "photo.png")
     for c in captures:
         results.write_photo(folder, c, folder / "photo.png")
     (folder / "photo.png").unlink()
-    results.write_table(folder, rows)
-    results.write_tasks(folder, tasks)
-    results.write_repeats(folder, repeats)
+    tables = {"tasks": frame(TASKS, tasks), "repeats": frame(REPEATS, repeats)}
+    results.write_tables(folder, table=pd.concat(rows), **tables)
     results.write_config(folder, 'name = "synthetic"\n')
     budgets = {c: budget(found) for c, found in surfaces["photogrammetry"].items()}
     results.write_about(folder, about(captures, methods, references, budgets))

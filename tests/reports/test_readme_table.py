@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from bench.results.records import Comparison
 
 from bench import results
-from bench.results.records import Comparison
 from radar.support.errors import HandbenchError
 from reports import readme
 from tests.reports.synthetic_result import METHODS, write_synthetic

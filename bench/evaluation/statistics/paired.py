@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy.special import stdtr
 
-from bench.evaluation.metrics import METRICS, RATIOS, figures
+from bench.evaluation.metrics import HEADLINE, METRICS, RATIOS, figures
 from bench.evaluation.statistics.intervals import Blocks, Spread, contributions, cut, spread, units_of
 from bench.results.error_map import ErrorMap
-from bench.results.records import LEVEL, Comparison
+from bench.results.tables import COMPARISONS, LEVEL, conform
 from radar.support.errors import HandbenchError
 
 
 def compare(
     maps: Mapping[str, Sequence[ErrorMap]],
     reference: str,
-    metric: str = "mae_mm",
+    metric: str = HEADLINE,
     titles: Mapping[str, str] | None = None,
-) -> list[Comparison]:
-    """Every pair of methods by one metric. maps: method → its error maps of the same captures in the same order.
+) -> pd.DataFrame:
+    """Every pair of methods by one metric, as `COMPARISONS`. maps: method → its error maps of the same
+    captures in the same order.
 
     Each method's figure is the table's, over its own observed pixels. A block (or capture) is left out for both at
     once: what both suffer from cancels. p: Student's t of the difference. Methods without a figure are left out.
@@ -40,10 +42,10 @@ def block_sums(maps: Iterable[ErrorMap]) -> Blocks:
 
 def compare_sums(
     blocks: Mapping[str, Blocks], reference: str, metric: str, titles: Mapping[str, str] | None = None
-) -> list[Comparison]:
+) -> pd.DataFrame:
     """As `compare`, from each method's `block_sums`."""
     if metric not in RATIOS or METRICS[metric].better == "zero":
-        raise HandbenchError(f"comparison: '{metric}' cannot be compared; expected a mean or a share, as mae_mm")
+        raise HandbenchError(f"comparison: '{metric}' cannot be compared; expected a mean or a share, as {HEADLINE}")
     place = np.unique(np.concatenate([np.empty((0, 3), int), *(b.place for b in blocks.values())]), axis=0)
     units = units_of(place)
     sums = {method: b.at(place) for method, b in blocks.items()}
@@ -54,25 +56,35 @@ def compare_sums(
     differences = [abs(values[worse] - values[better]) for better, worse in pairs]
     spreads = [spread(parts[worse] - parts[better], units.weights) for better, worse in pairs]
     corrected = holm([p_value(difference, s) for difference, s in zip(differences, spreads, strict=True)])
-    lines = []
-    for (better, worse), difference, s, p in zip(pairs, differences, spreads, corrected, strict=True):
-        tested = (difference - s.reach(LEVEL), difference + s.reach(LEVEL)) if s else (None, None)
-        line = Comparison(
-            metric,
-            better,
-            worse,
-            difference,
-            *tested,
-            METRICS[metric].unit,
-            p if s else None,
-            _effect(difference, s),
-            reference,
-            len(np.unique(place[:, 0])),
-            len(place),
-            "",
-        )
-        lines.append(replace(line, sentence=_sentence(line, titles or {})))
-    return lines
+    lines = pd.DataFrame(pairs, columns=["better", "worse"]).assign(
+        metric=metric, unit=METRICS[metric].unit, reference=reference, sentence="", difference=differences
+    )
+    reach = np.array([s.reach(LEVEL) if s else np.nan for s in spreads])
+    lines["low"], lines["high"] = lines.difference - reach, lines.difference + reach
+    lines["p_corrected"] = [p if s else np.nan for p, s in zip(corrected, spreads, strict=True)]
+    lines["effect"] = [_effect(difference, s) for difference, s in zip(differences, spreads, strict=True)]
+    lines["n_captures"], lines["n_blocks"] = len(np.unique(place[:, 0])), len(place)
+    names = {method: (titles or {}).get(method, method) for method in blocks}
+    lines["sentence"] = [_sentence(line, names) for line in lines.itertuples()]
+    return conform(lines, COMPARISONS)
+
+
+def _sentence(line: Any, names: Mapping[str, str]) -> str:
+    better, worse, title = names[line.better], names[line.worse], METRICS[line.metric].title
+    none = f"no difference shown between {better} and {worse} in {title}: "
+    if np.isnan(line.low):
+        return f"{none}too few blocks to test"
+    amounts = amounts_text(line.difference, line.low, line.high, line.unit)
+    if line.p_corrected < 1 - LEVEL:
+        return f"{better} is better than {worse} by {amounts} ({title})"
+    return none + amounts + " before the correction for all pairs" * (line.low > 0)
+
+
+def amounts_text(difference: float, low: float, high: float, unit: str) -> str:
+    """A difference ≥ 0 with its interval in words, to the digits that are worth telling."""
+    places = next((d for d, size in ((1, 1.0), (2, 0.1)) if round(difference, 9) >= size), 3)
+    unit = "percentage points" if unit == "%" else unit
+    return f"{difference:.{places}f} {unit} [{low:.{places}f}, {high:.{places}f}]".replace("-", "−")
 
 
 def _ordered(pair: tuple[str, str], values: Mapping[str, float], direction: str) -> tuple[str, str]:
@@ -103,17 +115,3 @@ def holm(p: Sequence[float]) -> list[float]:
     corrected = np.empty(len(p))
     corrected[order] = np.minimum(np.maximum.accumulate(np.asarray(p, float)[order] * factors), 1)
     return corrected.tolist()
-
-
-def _sentence(c: Comparison, titles: Mapping[str, str]) -> str:
-    better, worse = (titles.get(name, name) for name in (c.better, c.worse))
-    title = METRICS[c.metric].title
-    if c.low is None or c.high is None:
-        return f"no difference shown between {better} and {worse} in {title}: too few blocks to test"
-    decimals = next((d for d, size in ((1, 1.0), (2, 0.1)) if round(c.difference, 9) >= size), 3)
-    unit = "percentage points" if c.unit == "%" else c.unit
-    amount, low, high = (f"{value:.{decimals}f}".replace("-", "−") for value in (c.difference, c.low, c.high))
-    if c.shown:
-        return f"{better} is better than {worse} by {amount} {unit} [{low}, {high}] ({title})"
-    correction = " before the correction for all pairs" if c.low > 0 else ""
-    return f"no difference shown between {better} and {worse} in {title}: {amount} {unit} [{low}, {high}]{correction}"

@@ -1,4 +1,4 @@
-"""What two results do not share: configuration, settings of the methods, versions, machines, inputs."""
+"""Differences in what two results stand on: configuration, settings of the methods, versions, machines, inputs."""
 
 from __future__ import annotations
 
@@ -6,14 +6,16 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from bench.results import Result
-from bench.results.compared import Change
+import pandas as pd
+
+from bench.results.folder import Result
+from bench.results.tables import CHANGES, frame
 
 HASH_CHARACTERS = 12  # tell two hashes apart
 
 
-def changes(a: Result, b: Result) -> list[Change]:
-    """Every key whose value differs, or that only one of them has (the other's: empty)."""
+def changes(a: Result, b: Result) -> pd.DataFrame:
+    """Every key whose value differs, or that only one of them has (the other's: empty), as `CHANGES`."""
     kinds = (
         ("configuration", _configuration(a), _configuration(b)),
         ("settings", _settings(a, b), _settings(b, a)),
@@ -21,12 +23,13 @@ def changes(a: Result, b: Result) -> list[Change]:
         ("machine", _flat(a.about.machine), _flat(b.about.machine)),
         ("input", _inputs(a), _inputs(b)),
     )
-    return [
-        Change(what, key, str(ours.get(key, "")), str(theirs.get(key, "")))
+    lines = (
+        (what, key, str(ours.get(key, "")), str(theirs.get(key, "")))
         for what, ours, theirs in kinds
         for key in dict.fromkeys((*ours, *theirs))
         if ours.get(key) != theirs.get(key)
-    ]
+    )
+    return frame(CHANGES, lines)
 
 
 def _configuration(result: Result) -> dict[str, Any]:
@@ -68,5 +71,5 @@ def _leaves(value: Any, key: str) -> Iterator[tuple[str, Any]]:
 
 
 def _label(item: Mapping[str, Any], place: int) -> Any:
-    """What names a table in a list: a method by its id, a capture by its file."""
+    """The name of a table in a list: a method's id, a capture's file."""
     return next((item[name] for name in ("id", "name", "scene", "path") if name in item), place)

@@ -1,4 +1,4 @@
-"""Is B's figure better than A's? Three tests: on the same captures, on different ones, and of two precisions."""
+"""Tests of whether B's figure is better than A's: on the same captures, on different ones, and of two precisions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bench.evaluation.metrics import METRICS, deviation, pool, usable_repeats
 from bench.evaluation.statistics.intervals import Spread, contributions, cut, spread, units_of
 from bench.evaluation.statistics.paired import compare, p_value
 from bench.results.error_map import ErrorMap
-from bench.results.records import LEVEL
+from bench.results.tables import LEVEL
 
 
 class Tested(NamedTuple):
@@ -26,13 +26,12 @@ class Tested(NamedTuple):
 
 def paired(maps_a: Sequence[ErrorMap], maps_b: Sequence[ErrorMap], metric: str) -> Tested:
     """Of the same captures in the same order: what both suffer from cancels, block by block (`comparison.compare`)."""
-    lines = compare({"A": maps_a, "B": maps_b}, "", metric)
-    if not lines:
+    line = next(compare({"A": maps_a, "B": maps_b}, "", metric).itertuples(), None)
+    if line is None:
         return Tested(None)
-    [line] = lines
     ends = (line.difference, line.low, line.high)
     if (line.better == "A") != (METRICS[metric].better == "lower"):
-        ends = tuple(None if end is None else 0.0 - end for end in (line.difference, line.high, line.low))
+        ends = tuple(0.0 - end for end in (line.difference, line.high, line.low))
     return Tested(*ends, line.p_corrected)
 
 

@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.evaluation.errors import deviation_map, error_map
+from bench.evaluation.depth_errors import deviation_map, error_map
 from bench.evaluation.floor import floor_mm
-from bench.evaluation.metrics import figures, pool, precision, strongest_scatterer_z_m
+from bench.evaluation.metrics import HEADLINE, figures, pool, precision, strongest_scatterer_z_m
 from bench.evaluation.statistics.intervals import (
     contributions,
     median_interval,
@@ -24,6 +24,7 @@ from bench.evaluation.statistics.intervals import (
 from bench.evaluation.statistics.paired import block_sums, compare
 from bench.evaluation.statistics.two_samples import f_test
 from bench.results.error_map import ErrorMap
+from bench.results.folder import shown
 from bench.studies.stability import statistics_intervals  # noqa: F401  (its cases enter the catalogue)
 from bench.studies.stability.cases import Seen, case
 from groundtruth.mesh.depth import Reference
@@ -147,7 +148,7 @@ def all_equal() -> Seen:
     low, high = median_interval(np.full(5, 0.3))
     yield "median", high - low
     maps = [a_map(np.full((60, 60), 1e-3))]
-    [line] = compare({"a": maps, "b": maps}, "")
+    [line] = compare({"a": maps, "b": maps}, "").itertuples()
     yield "two equal maps", 1 - line.p_corrected
 
 
@@ -159,8 +160,8 @@ def rounding_alone() -> Seen:
     for captures in (1, 3, 5):
         for error_m in np.linspace(1e-4, 5e-3, 12):
             sides = {s: [error_map(x_m, x_m, slope_m + s * error_m, slope_m)] * captures for s in (1, -1)}
-            lines = [compare({"a": sides[1], "b": sides[-1]}, "", key)[0] for key in ("mae_mm", "deviation_mm")]
-            yield f"{captures} captures, {1e3 * error_m:.3g} mm", float(sum(line.shown for line in lines))
+            lines = [compare({"a": sides[1], "b": sides[-1]}, "", key) for key in (HEADLINE, "deviation_mm")]
+            yield f"{captures} captures, {1e3 * error_m:.3g} mm", sum(shown(line).sum() for line in lines)
 
 
 @case("statistics", "NaN and infinite values", "ε", 1.5 * (np.log2(SIDE**2) + 1))
@@ -205,7 +206,7 @@ def empty() -> Seen:
         values = {k: v for k, v in pool(maps).items() if k not in COUNTED and not (v == 0 and k.startswith("f_"))}
         yield from (value for value in values.values() if value is not None)
         yield from (k for k in pooled_intervals(maps) if k not in COUNTED)
-        yield from compare({"a": maps, "b": maps}, "")
+        yield from compare({"a": maps, "b": maps}, "").itertuples()
         if floor_mm(maps, [_known(m) for m in maps]) is not None:
             yield "floor"
 

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from bench import results
-from bench.evaluation.errors import error_map
-from bench.evaluation.statistics.results import compare_results
+from bench.evaluation.depth_errors import error_map
+from bench.evaluation.rows import metric_facts
+from bench.evaluation.statistics.compare_results import compare_results
 from bench.evaluation.statistics.two_samples import f_test, unpaired
-from bench.evaluation.table import metric_facts
-from bench.results.compared import Compared, Difference, write_compared
+from bench.results.compared import Compared, write_compared
 from bench.results.error_map import ErrorMap
+from bench.results.tables import DIFFERENCES, REPEATS, TABLE, TASKS, frame
 from radar.support.errors import HandbenchError
 
 AXIS_M = 2.5e-3 * np.arange(36)
@@ -40,7 +42,7 @@ def result(
         results.write_errors(folder, name, "3fsk", "truth", seen(errors, REFERENCE_M + shift_m))
         results.write_surface(folder, name, "truth", results.Surface(AXIS_M, AXIS_M, REFERENCE_M + shift_m))
     rng = np.random.default_rng(len(names))
-    repeats = [results.Repeat("B", "3fsk", i, z) for i, z in enumerate(0.3 + 1e-3 * rng.normal(size=10))]
+    repeats = frame(REPEATS, [("B", "3fsk", i, z) for i, z in enumerate(0.3 + 1e-3 * rng.normal(size=10))])
     about = results.About(
         name="flat",
         protocol={"id": "paper", "version": 2, "compared": ["mae_mm", "completeness_percent"]},
@@ -51,27 +53,27 @@ def result(
         captures=tuple(results.CaptureFacts(name=name, references=("truth",)) for name in names),
         methods=(results.MethodFacts(name="3fsk", title="3-FSK", config={n: {"step_m": 0.001} for n in names}),),
     )
-    row = results.Row("seconds", "3fsk", 0.5, 0.4, 0.6, "s", None, "truth")
+    table = frame(TABLE, [("seconds", "3fsk", 0.5, 0.4, 0.6, "s", None, "truth")])
     about = about.model_copy(update=facts)
-    return results.Result(folder, about, (row,), (), tuple(repeats), 'name = "flat"\n[[method]]\nid = "3fsk"\n')
+    return results.Result(folder, about, table, frame(TASKS), repeats, 'name = "flat"\n[[method]]\nid = "3fsk"\n')
 
 
-def line(compared: Compared, metric: str = "mae_mm") -> Difference:
-    [found] = [d for d in compared.differences if d.metric == metric]
+def line(compared: Compared, metric: str = "mae_mm") -> Any:
+    [found] = compared.differences[compared.differences.metric == metric].itertuples()
     return found
 
 
 def test_a_result_does_not_differ_from_itself(tmp_path):
     a = result(tmp_path, speckle(0))
     compared = compare_results(a, a)
-    assert [d.metric for d in compared.differences] == ["mae_mm", "completeness_percent", "precision_mm"]
-    for d in compared.differences:
+    assert compared.differences.metric.tolist() == ["mae_mm", "completeness_percent", "precision_mm"]
+    for d in compared.differences.itertuples():
         assert (d.difference, d.low, d.high, d.p_corrected, d.better) == (0, 0, 0, 1, "")
         assert d.a == d.b and str(d.difference) == "0.0"
     assert line(compared).sentence == (
         "3-FSK: no difference shown between A and B in MAE against truth: 0.000 mm [0.000, 0.000]"
     )
-    assert compared.changes == ()
+    assert compared.changes.empty
 
 
 @pytest.mark.parametrize("captures", [3, 6])
@@ -162,12 +164,12 @@ def test_nothing_is_made_of_nothing(tmp_path):
     """A method that saw nothing, one that saw a single block, precisions of no repeats."""
     nothing, lonely = np.full((3, 36, 36), np.nan), np.full((3, 36, 36), np.nan)
     lonely[0, :6, :6] = 1.0
-    a = replace(result(tmp_path / "a", speckle(0)), repeats=())
+    a = replace(result(tmp_path / "a", speckle(0)), repeats=frame(REPEATS))
     for name, errors_mm, words in (("n", nothing, "no figures to compare"), ("l", lonely, "too little to test")):
         for names in (NAMES, ("G", "H", "I")):
             d = line(compare_results(a, result(tmp_path / (name + names[0]), errors_mm, names)))
-            assert d.p_corrected is d.low is d.high is None and d.better == "" and words in d.sentence
-    assert [d.metric for d in compare_results(a, a).differences] == ["mae_mm", "completeness_percent"]
+            assert np.isnan([d.p_corrected, d.low, d.high]).all() and d.better == "" and words in d.sentence
+    assert compare_results(a, a).differences.metric.tolist() == ["mae_mm", "completeness_percent"]
     assert f_test([], [np.arange(5.0)]).difference is None
     assert f_test([np.zeros(5)], [np.arange(5.0)]).p is None
 
@@ -188,17 +190,17 @@ def test_what_else_differs_is_named(tmp_path):
         ),
     )
     compared = compare_results(a, b)
-    assert [(c.what, c.key, c.a, c.b) for c in compared.changes] == [
+    assert list(compared.changes.itertuples(index=False, name=None)) == [
         ("configuration", "method.3fsk.precision", "", "True"),
         ("settings", "3fsk.step_m", "0.001", "0.002 / 0.001"),
         ("version", "handbench", "1", "2"),
         ("machine", "gemm_gflops", "100.0", "50.0"),
         ("input", "B", "a" * 12, "c" * 12),
     ]
-    assert compared.times[0].sentence == (
+    assert compared.times.sentence[0] == (
         "3-FSK: B takes 1.00 times as long as A (0.5 s at 100 GFLOP/s, 0.5 s at 50 GFLOP/s)"
     )
-    assert "config.toml" in {change.key for change in compare_results(a, replace(b, config="[broken")).changes}
+    assert "config.toml" in set(compare_results(a, replace(b, config="[broken")).changes.key)
 
 
 def test_refuses_what_does_not_compare(tmp_path):
@@ -223,5 +225,5 @@ def test_comes_as_the_documented_columns(tmp_path):
     a = result(tmp_path / "a", speckle(0))
     write_compared(tmp_path / "out", compare_results(a, a))
     header, *lines = (tmp_path / "out" / "compare.csv").read_text("utf-8").splitlines()
-    assert header.split(",") == [field.name for field in fields(Difference)] and len(lines) == 3
+    assert header.split(",") == DIFFERENCES.names and len(lines) == 3
     assert '"schema_version": 1' in (tmp_path / "out" / "compare.json").read_text("utf-8")

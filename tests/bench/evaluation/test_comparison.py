@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
 from scipy import stats
 
-from bench.evaluation.errors import error_map
+from bench.evaluation.depth_errors import error_map
 from bench.evaluation.metrics import pool
 from bench.evaluation.statistics.paired import compare, holm
 from bench.results.error_map import ErrorMap
-from bench.results.records import Comparison, best, write_csv
+from bench.results.folder import best, shown
+from bench.results.tables import COMPARISONS, frame, write
 from radar.support.errors import HandbenchError
 
 AXIS_M = 2.5e-3 * np.arange(36)
@@ -31,10 +30,11 @@ def speckle(rng: np.random.Generator, captures: int = 3) -> np.ndarray:
 
 def test_identical_methods_do_not_differ():
     maps = [seen(z) for z in speckle(np.random.default_rng(0))]
-    [line] = compare({"2fsk": maps, "3fsk": maps}, "truth", titles=TITLES)
-    assert (line.difference, line.low, line.high, line.p_corrected, line.effect) == (0, 0, 0, 1, None)
+    lines = compare({"2fsk": maps, "3fsk": maps}, "truth", titles=TITLES)
+    [line] = lines.itertuples()
+    assert (line.difference, line.low, line.high, line.p_corrected) == (0, 0, 0, 1) and np.isnan(line.effect)
     assert line.sentence == "no difference shown between 2-FSK and 3-FSK in MAE: 0.000 mm [0.000, 0.000]"
-    assert best([line], "mae_mm", "truth") == ("2fsk", "3fsk")
+    assert best(lines, "mae_mm", "truth") == ("2fsk", "3fsk")
 
 
 @pytest.mark.parametrize("captures", [3, 6])
@@ -42,18 +42,19 @@ def test_a_constant_shift_is_known_exactly(captures):
     """|e| and |e| + 1 mm at every pixel: what both share cancels, so nothing is left to doubt (float64: 1e-9 mm)."""
     errors_mm = np.abs(speckle(np.random.default_rng(0), captures))
     maps = {"2fsk": [seen(e + 1) for e in errors_mm], "3fsk": [seen(e) for e in errors_mm]}
-    [line] = compare(maps, "truth", titles=TITLES)
+    lines = compare(maps, "truth", titles=TITLES)
+    [line] = lines.itertuples()
     assert (line.better, line.worse, line.p_corrected) == ("3fsk", "2fsk", pytest.approx(0, abs=1e-12))
     assert (line.difference, line.low, line.high) == pytest.approx((1, 1, 1), abs=1e-9)
     assert line.sentence == "3-FSK is better than 2-FSK by 1.0 mm [1.0, 1.0] (MAE)"
     assert (line.n_captures, line.n_blocks) == (captures, 36 * captures)
-    assert best([line], "mae_mm", "truth") == ("3fsk",)
+    assert best(lines, "mae_mm", "truth") == ("3fsk",)
 
 
 def test_the_difference_is_the_tables():
     rng = np.random.default_rng(1)
     one, other = ([seen(z) for z in a * speckle(rng)] for a in (1.0, 1.5))
-    [line] = compare({"a": one, "b": other}, "truth")
+    [line] = compare({"a": one, "b": other}, "truth").itertuples()
     assert line.difference == pytest.approx(pool(other)["mae_mm"] - pool(one)["mae_mm"], rel=1e-12)
     assert line.low <= line.difference <= line.high and line.effect > 0
 
@@ -63,7 +64,7 @@ def test_six_captures_have_students_paired_test():
     rng = np.random.default_rng(2)
     one, other = 1 + 0.1 * rng.normal(size=6), 1.1 + 0.1 * rng.normal(size=6)
     maps = {m: [seen(np.full((36, 36), e)) for e in values] for m, values in (("a", one), ("b", other))}
-    [line] = compare(maps, "truth")
+    [line] = compare(maps, "truth").itertuples()
     expected = stats.ttest_rel(one, other)
     assert line.p_corrected == pytest.approx(expected.pvalue, rel=1e-6)
     assert line.effect == pytest.approx(abs((other - one).mean()) / (other - one).std(ddof=1), rel=1e-6)
@@ -79,7 +80,7 @@ def false_positives(methods: int, trials: int) -> int:
         rng = np.random.default_rng(trial)
         shared = speckle(rng)
         maps = {f"m{i}": [seen(z) for z in shared + speckle(rng)] for i in range(methods)}
-        found += any(line.shown for line in compare(maps, "truth"))
+        found += bool(shown(compare(maps, "truth")).any())
     return found
 
 
@@ -109,7 +110,7 @@ def test_more_of_a_share_is_better():
     for capture, place in enumerate((0, 12, 24)):
         holed[capture, place : place + 6, place : place + 12] = np.nan
     maps = {"holed": [seen(e) for e in holed], "whole": [seen(e) for e in errors_mm]}
-    [line] = compare(maps, "truth", "completeness_percent")
+    [line] = compare(maps, "truth", "completeness_percent").itertuples()
     assert (line.better, line.worse, line.unit) == ("whole", "holed", "%")
     assert line.difference == pytest.approx(100 * 72 / 36**2, rel=1e-9)
     assert "percentage points" in line.sentence or "no difference shown" in line.sentence
@@ -125,8 +126,8 @@ def test_methods_on_different_grids_are_paired_by_place():
         REFERENCE_M[middle, middle] + 1e-3 * z_mm[middle, middle],
         REFERENCE_M[middle, middle],
     )
-    [line] = compare({"part": [part], "whole": [seen(z_mm)]}, "truth")
-    assert line.n_blocks == 36 and not line.shown
+    lines = compare({"part": [part], "whole": [seen(z_mm)]}, "truth")
+    assert lines.n_blocks.tolist() == [36] and not shown(lines).any()
 
 
 def test_what_cannot_be_tested_says_so():
@@ -136,11 +137,11 @@ def test_what_cannot_be_tested_says_so():
     nothing = np.full((36, 36), np.nan)
     errors_mm = speckle(np.random.default_rng(0), 1)[0]
     lines = compare({"a": [seen(errors_mm)], "b": [seen(lonely)], "c": [seen(nothing)]}, "truth")
-    assert len(lines) == 1 and lines[0].p_corrected is lines[0].low is None and not lines[0].shown
-    assert "too few blocks to test" in lines[0].sentence
+    assert len(lines) == 1 and lines[["p_corrected", "low"]].isna().all(axis=None) and not shown(lines).any()
+    assert "too few blocks to test" in lines.sentence[0]
     assert set(best(lines, "mae_mm", "truth")) == {"a", "b"}
-    assert compare({}, "truth") == [] and compare({"a": [seen(errors_mm)]}, "truth") == []
-    assert best([], "mae_mm", "truth") == ()
+    assert compare({}, "truth").empty and compare({"a": [seen(errors_mm)]}, "truth").empty
+    assert best(frame(COMPARISONS), "mae_mm", "truth") == ()
 
 
 def test_refuses_other_captures_and_metrics_without_a_direction():
@@ -153,19 +154,19 @@ def test_refuses_other_captures_and_metrics_without_a_direction():
 
 
 def test_only_what_is_shown_to_be_worse_is_not_among_the_best():
-    def line(better: str, worse: str, p: float) -> Comparison:
-        return Comparison("mae_mm", better, worse, 1.0, 0.1, 1.9, "mm", p, 1.0, "truth", 3, 30, "")
+    def line(better: str, worse: str, p: float) -> tuple:
+        return ("mae_mm", better, worse, 1.0, 0.1, 1.9, "mm", p, 1.0, "truth", 3, 30, "")
 
-    lines = [line("a", "b", 0.2), line("a", "c", 0.01), line("b", "c", 0.03)]
+    lines = frame(COMPARISONS, [line("a", "b", 0.2), line("a", "c", 0.01), line("b", "c", 0.03)])
     assert best(lines, "mae_mm", "truth") == ("a", "b")
     assert best(lines, "mae_mm", "photogrammetry") == ()
 
 
 def test_comes_as_the_documented_columns(tmp_path):
     maps = [seen(z) for z in speckle(np.random.default_rng(0))]
-    write_csv(tmp_path / "comparisons.csv", Comparison, compare({"a": maps, "b": maps}, "truth"))
+    write(tmp_path / "comparisons.csv", compare({"a": maps, "b": maps}, "truth"), COMPARISONS)
     header = (tmp_path / "comparisons.csv").read_text().splitlines()[0]
     assert header == (
         "metric,better,worse,difference,low,high,unit,p_corrected,effect,reference,n_captures,n_blocks,sentence"
     )
-    assert header.split(",") == [field.name for field in fields(Comparison)]
+    assert header.split(",") == COMPARISONS.names

@@ -8,8 +8,8 @@ from scipy import stats
 
 from bench.evaluation.floor import budget, floor_interval, floor_mm
 from bench.evaluation.metrics import ErrorMap
+from bench.evaluation.rows import accuracy_rows
 from bench.evaluation.statistics.intervals import BLOCK_M
-from bench.evaluation.table import accuracy_rows
 from calibration.transforms import Transform, perturbation_jacobian
 from groundtruth.mesh.depth import Reference
 
@@ -144,7 +144,8 @@ def test_the_row_stands_directly_after_the_mae_known_or_not():
     m, r = level(0, ALONG_Z)
     for surfaces in ([r], None):
         rows = accuracy_rows("3fsk", "photogrammetry", [m], surfaces=surfaces)
-        assert [row.metric for row in rows[:3]] == ["mae_mm", "floor_mm", "max_mm"]
-        assert rows[1].unit == "mm" and rows[1].paper is None
-        assert (rows[1].value is None) == (rows[1].low is None) == (surfaces is None)
-    assert rows[0].value == pytest.approx(1.0)  # the MAE is shown as measured: nothing is subtracted from it
+        assert rows.metric[:3].tolist() == ["mae_mm", "floor_mm", "max_mm"]
+        floor = rows.loc[1]
+        assert floor.unit == "mm" and np.isnan(floor.paper)
+        assert np.isnan(floor.value) == np.isnan(floor.low) == (surfaces is None)
+    assert rows.value[0] == pytest.approx(1.0)  # the MAE is shown as measured: nothing is subtracted from it

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from bench.evaluation.errors import deviation_map, error_map
+from bench.evaluation.depth_errors import deviation_map, error_map
 from bench.evaluation.metrics import (
     F_MM,
     METRICS,

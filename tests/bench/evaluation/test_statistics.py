@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from bench.evaluation.errors import error_map
+from bench.evaluation.depth_errors import error_map
 from bench.evaluation.metrics import RATIOS, TERMS, figures, pool
 from bench.evaluation.statistics.intervals import (
     CAPTURES_AS_UNITS,

@@ -5,28 +5,31 @@ from __future__ import annotations
 import shutil
 
 import numpy as np
+import pandas as pd
 import pytest
 from PIL import Image
 
 from bench import results
 from bench.evaluation.metrics import error_map
-from bench.evaluation.table import accuracy_rows, metric_facts, precision_rows, time_rows
+from bench.evaluation.rows import accuracy_rows, metric_facts, precision_rows, time_rows
+from bench.results.tables import REPEATS, TASKS, frame
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json, write_npz
 
 AXIS = np.arange(-0.01, 0.0101, 0.002)
 Z = np.where(np.hypot(*np.meshgrid(AXIS, AXIS)) < 0.01, 0.3, np.nan)
 ERRORS = error_map(AXIS, AXIS, Z + 1e-3, Z)
-TASK = results.Task("B, 3-FSK", "B", "3fsk", "image", 0.5, 0.9, None, True)
-REPEATS = tuple(results.Repeat("hand1", "3fsk", i, z) for i, z in enumerate((0.3, None, 0.301)))
+TASK = frame(TASKS, [("B, 3-FSK", "B", "3fsk", "image", 0.5, 0.9, None, True, None, "", None)])
+REPEATED = frame(REPEATS, [("hand1", "3fsk", i, z) for i, z in enumerate((0.3, None, 0.301))])
 
 
-def rows() -> list[results.Row]:
-    return [
-        *accuracy_rows("3fsk", "truth", [ERRORS]),
-        *precision_rows("3fsk", "truth", [np.array([0.3, np.nan, 0.301])]),
-        *time_rows("3fsk", "truth", []),
-    ]
+def rows() -> pd.DataFrame:
+    parts = (
+        accuracy_rows("3fsk", "truth", [ERRORS]),
+        precision_rows("3fsk", "truth", [np.array([0.3, np.nan, 0.301])]),
+        time_rows("3fsk", "truth", []),
+    )
+    return pd.concat(parts, ignore_index=True)
 
 
 @pytest.fixture
@@ -35,9 +38,7 @@ def folder(tmp_path):
     results.write_surface(tmp_path, "B", "truth", results.Surface(AXIS, AXIS, Z))
     results.write_surface(tmp_path, "B", "3fsk", results.Surface(AXIS, AXIS, Z + 1e-3))
     results.write_errors(tmp_path, "B", "3fsk", "truth", ERRORS)
-    results.write_table(tmp_path, rows())
-    results.write_tasks(tmp_path, [TASK])
-    results.write_repeats(tmp_path, REPEATS)
+    results.write_tables(tmp_path, table=rows(), tasks=TASK, repeats=REPEATED)
     results.write_config(tmp_path, 'name = "ü"\n')
     results.write_about(
         tmp_path,
@@ -60,8 +61,8 @@ def folder(tmp_path):
 
 def test_round_trip(folder):
     result = results.load(folder)
-    assert list(result.rows) == rows()
-    assert result.tasks == (TASK,) and result.repeats == REPEATS
+    assert result.table.equals(rows())
+    assert result.tasks.equals(TASK) and result.repeats.equals(REPEATED)
     assert result.config == 'name = "ü"\n'
     assert result.about.protocol == {"nested": {"list": [1, 2]}} and result.about.metrics == metric_facts()
     errors = result.errors("B", "3fsk", "truth")
@@ -85,7 +86,7 @@ def test_the_floor_stands_directly_after_the_mae(folder):
     lines = (folder / "table.csv").read_text().splitlines()
     assert [line.split(",")[0] for line in lines[:4]] == ["metric", "mae_mm", "floor_mm", "max_mm"]
     assert lines[2] == "floor_mm,3fsk,,,,mm,,truth"
-    assert results.load(folder).row("floor_mm", "3fsk", "truth").value is None
+    assert results.load(folder).table.query("metric == 'floor_mm'").value.isna().all()
 
 
 def test_figures_in_the_table_are_those_of_the_raw_errors(folder):
@@ -96,7 +97,7 @@ def test_figures_in_the_table_are_those_of_the_raw_errors(folder):
 
 
 def test_times_have_a_median_and_an_interval():
-    (row,) = time_rows("3fsk", "truth", [0.1, 0.2, 0.4, 0.3, 0.2])
+    (row,) = time_rows("3fsk", "truth", [0.1, 0.2, 0.4, 0.3, 0.2]).itertuples()
     assert row.value == 0.2 and row.low <= 0.2 <= row.high and row.unit == "s"
 
 
@@ -126,7 +127,7 @@ def test_no_folder(tmp_path):
 
 def test_repeats_are_optional(folder):
     (folder / "repeats.csv").unlink()
-    assert results.load(folder).repeats == ()
+    assert results.load(folder).repeats.equals(frame(REPEATS))
 
 
 @pytest.mark.parametrize(

@@ -107,7 +107,7 @@ def test_a_folder_that_is_read_only_is_one_line(small_bench, clean, tmp_path):
         file.chmod(0o555)
     with nobody_s_rights():
         again = execute(small_bench, out)  # nothing is left to be made there
-    assert all(task.cached for task in again.tasks) and content(out) == content(clean)
+    assert again.tasks.cached.all() and content(out) == content(clean)
 
 
 def test_a_flipped_bit_in_any_kept_file_is_found_said_and_made_again(small_bench, clean, tmp_path, capsys):
@@ -120,7 +120,7 @@ def test_a_flipped_bit_in_any_kept_file_is_found_said_and_made_again(small_bench
         broken[generator.integers(len(broken))] ^= 1 << generator.integers(8)
         file.write_bytes(broken)
         capsys.readouterr()
-        made = [task.task for task in execute(small_bench, out).tasks if not task.cached]
+        made = execute(small_bench, out).tasks.query("not cached").task.tolist()
         stage = file.relative_to(out / "work").parts[0]
         assert len(made) == 1 and stage.startswith(made[0])
         [said] = [line for line in capsys.readouterr().err.splitlines() if "it is made again" in line]
@@ -161,7 +161,7 @@ def test_a_clock_that_jumps_changes_nothing(small_bench, clean, tmp_path, monkey
     for jump_s in (-3e8, 3e9):
         monkeypatch.setattr(time, "time", lambda jump_s=jump_s: now + jump_s)
         result = execute(small_bench, clean)
-        assert all(task.cached for task in result.tasks) and content(clean) == expected
+        assert result.tasks.cached.all() and content(clean) == expected
         stamp, cached = kept_stage(tmp_path / f"new{jump_s}", "new", lambda folder: time.sleep(0.01))
         assert not cached and 0.01 <= stamp.seconds < 10
 

@@ -39,21 +39,21 @@ def figures(folder: Path) -> list[str]:
 
 def test_result_folder_is_complete_and_plausible(small_bench, tmp_path):
     result = execute(small_bench, tmp_path / "out")
-    mae = {row.method: row.value for row in result.rows if row.metric == "mae_mm"}
-    assert mae.keys() == {"2fsk", "narrowband"}
+    mae = result.table[result.table.metric == "mae_mm"].set_index("method").value
+    assert set(mae.index) == {"2fsk", "narrowband"}
     assert 0 < mae["2fsk"] < 10  # σ_z is 3.6 mm at the strongest pixel and 11 mm at the threshold
     assert result.row("precision_mm", "2fsk", "truth").value > 0
     assert result.row("precision_mm", "narrowband", "truth") is None
     assert len(result.repeats) == 3
-    assert {task.stage for task in result.tasks} == {"simulate", "reconstruct", "repeat", "score"}
-    assert all(task.seconds > 0 and task.peak_memory_mb > 0 and not task.cached for task in result.tasks)
+    assert set(result.tasks.stage) == {"simulate", "reconstruct", "repeat", "score"}
+    assert (result.tasks[["seconds", "peak_memory_mb"]] > 0).all(axis=None) and not result.tasks.cached.any()
 
 
 def test_second_run_is_cached_and_gives_the_same_table(small_bench, tmp_path):
     execute(small_bench, tmp_path / "out")
     before = (tmp_path / "out" / "table.csv").read_text()
     again = execute(small_bench, tmp_path / "out")
-    assert all(task.cached for task in again.tasks)
+    assert again.tasks.cached.all()
     assert (tmp_path / "out" / "table.csv").read_text() == before
 
 
@@ -62,7 +62,7 @@ def test_a_changed_input_is_never_taken_from_the_cache(small_bench, tmp_path):
     scene = small_bench.parent / "ball.toml"
     scene.write_text(scene.read_text().replace("seed = 3", "seed = 4"))
     again = execute(small_bench, tmp_path / "out")
-    assert not any(task.cached for task in again.tasks)
+    assert not again.tasks.cached.any()
 
 
 def test_another_configuration_is_refused_unless_asked_for(small_bench, tmp_path):
@@ -143,7 +143,7 @@ def test_a_killed_run_resumes_to_the_same_folder(small_bench, tmp_path):
             time.sleep(0.01)
 
     assert killed_and_resumed(tmp_path / "first", first_stage)
-    assert results.load(tmp_path / "first").tasks[0].cached
+    assert results.load(tmp_path / "first").tasks.cached[0]
     moments_s = np.random.default_rng(0).uniform(0.3, 0.85, int(os.environ.get("HANDBENCH_KILLS", "0"))) * whole_s
     killed = [killed_and_resumed(tmp_path / f"{m:.3f}", lambda m=m: time.sleep(m)) for m in moments_s]
     print(f"{sum(killed)} of {len(killed)} runs had not ended when they were killed, after {moments_s.round(2)} s")
@@ -181,7 +181,7 @@ def test_what_one_method_cannot_do_is_left_out_for_all_and_said(small_bench, rec
     assert result.about.protocol["basis"].startswith("1 of 2 captures")
     assert figures(tmp_path / "out") == figures(tmp_path / "simulated")
     assert [c.name for c in result.about.captures] == ["ball"] and {r.capture for r in result.repeats} == {"ball"}
-    assert {task.capture for task in result.tasks} == {"ball", "other"}
+    assert set(result.tasks.capture) == {"ball", "other"}
 
 
 def test_a_broken_capture_does_not_sink_the_run(small_bench, recorded, tmp_path):
@@ -270,7 +270,7 @@ def test_results_of_before_failures_and_machines_are_read(small_bench, tmp_path)
     about.write_text(json.dumps({k: v for k, v in json.loads(about.read_text()).items() if k != "failures"}))
     tasks.write_text("".join(f"{line.rsplit(',', 3)[0]}\n" for line in tasks.read_text().splitlines()))
     result = results.load(tmp_path / "out")
-    assert result.about.failures == () and result.tasks[0].gemm_gflops is None and result.tasks[0].seconds > 0
+    assert result.about.failures == () and np.isnan(result.tasks.gemm_gflops[0]) and result.tasks.seconds[0] > 0
     tasks.write_text("".join(f"{line.rsplit(',', 1)[0]}\n" for line in tasks.read_text().splitlines()))
     with pytest.raises(HandbenchError, match="the columns are"):
         results.load(tmp_path / "out")

@@ -13,10 +13,10 @@ from html.parser import HTMLParser
 import matplotlib
 import numpy as np
 import pytest
+from bench.results.records import Comparison
 from PIL import Image
 
 from bench import results
-from bench.results.records import Comparison
 from bench.results.stability import HardCase, StabilityFacts, Table, write_stability
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json
@@ -25,7 +25,7 @@ from reports.figures import overview as figures
 from reports.figures.overview import overview, panels
 from reports.figures.style import COLOURS, MARKERS, STYLE, looks
 from reports.page import html, scene3d, sections
-from reports.page.page import render
+from reports.page.rendering import render
 from tests.reports.synthetic_result import METHODS, write_synthetic
 
 SCRIPT = "<script>alert(1)<&script>"  # as near to a closing tag as a file name gets

@@ -15,7 +15,7 @@ import pytest
 
 from bench import results
 from bench.cli import compare as compare_command
-from bench.evaluation.statistics.results import compare_results
+from bench.evaluation.statistics.compare_results import compare_results
 from bench.results.compared import Change
 from radar.support.errors import HandbenchError
 from reports.tables import comparison

@@ -10,13 +10,13 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from bench.results.records import Comparison
 from hypothesis import given
 from hypothesis import strategies as st
 
 from bench import results
 from bench.results import Claim, Section, Setting, Tradeoff, TradeoffFacts
 from bench.results.compared import Change, Compared, Difference, Side, Time
-from bench.results.records import Comparison
 from reports.tables import comparison, latex
 
 HOSTILE = (

@@ -9,10 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from bench.results.records import Comparison
 
 from bench import results
 from bench.results import Section, Setting, Tradeoff, TradeoffFacts
-from bench.results.records import Comparison
 from reports.tables import blocks as parts
 from reports.tables import latex, tables
 from tests.reports.synthetic_result import METHODS, write_synthetic

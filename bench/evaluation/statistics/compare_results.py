@@ -1,4 +1,4 @@
-"""Two results side by side: is B better than A, by how much, and how sure is that?
+"""Two results side by side: B's figures less A's, by how much, and how sure that is.
 
 Where both have the same captures, each method's figures are compared pair by pair, as
 `bench.evaluation.statistics.paired` compares two methods: what both suffer from cancels. Where they differ, A and B are
@@ -10,26 +10,29 @@ set beside each other and not tested, for the repeats of one run do not know how
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from bench.evaluation.metrics import METRICS, RATIOS, pool, precision
+from bench.evaluation.metrics import HEADLINE, METRICS, RATIOS, pool, precision
 from bench.evaluation.statistics.intervals import note, pooled_intervals, precision_interval
-from bench.evaluation.statistics.paired import holm
+from bench.evaluation.statistics.paired import amounts_text, holm
 from bench.evaluation.statistics.provenance import changes
 from bench.evaluation.statistics.two_samples import f_test, paired, unpaired
-from bench.results import REFERENCES, Result, Row, errors_path
-from bench.results.compared import Compared, Difference, Side, Time
+from bench.results.about import REFERENCES, MethodFacts
+from bench.results.compared import Compared, Side
 from bench.results.error_map import ErrorMap
-from bench.results.maps import read_map
-from bench.results.records import LEVEL
+from bench.results.folder import Result
+from bench.results.maps import errors_path, read_map
+from bench.results.tables import DIFFERENCES, LEVEL, TIMES, conform, frame
 from radar.support.errors import HandbenchError
 
 SAME_SHARE = 0.9  # of the pixels that either reference has, both must have, to be one hand in one place
 SAME_M = 5e-4  # and in the median lie so near
 NONE = (None, None)
-FALLBACK = ("mae_mm", "completeness_percent")  # compared where a result of an earlier version does not say by what
+FALLBACK = (HEADLINE, "completeness_percent")  # compared where a result of an earlier version does not say by what
 
 
 @dataclass(frozen=True)
@@ -57,16 +60,11 @@ def compare_results(a: Result, b: Result) -> Compared:
     lines = []
     for method in methods:
         for basis in bases:
-            lines += _accuracy(a, b, method.name, method.title, basis, metrics)
-        lines += _precision(a, b, method.name, method.title)
-    return Compared(
-        _side(a),
-        _side(b),
-        tuple(basis.sentence for basis in bases),
-        tuple(_corrected(lines)),
-        tuple(_time(a, b, method.name, method.title) for method in methods),
-        tuple(changes(a, b)),
-    )
+            lines += _accuracy(a, b, method, basis, metrics)
+        lines += _precision(a, b, method)
+    times = frame(TIMES, [_time(a, b, method) for method in methods])
+    said = tuple(basis.sentence for basis in bases)
+    return Compared(_side(a), _side(b), said, _corrected(lines), times, changes(a, b))
 
 
 def _require_alike(a: Result, b: Result) -> None:
@@ -126,99 +124,85 @@ def _error_map(result: Result, capture: str, method: str, reference: str) -> Err
         return result.errors(capture, method, reference)  # an earlier version kept no distances
 
 
-def _accuracy(a: Result, b: Result, method: str, title: str, basis: Basis, metrics: Sequence[str]) -> list[Difference]:
+def _accuracy(a: Result, b: Result, method: MethodFacts, basis: Basis, metrics: Sequence[str]) -> list[dict[str, Any]]:
     """One line a metric, the p not yet corrected."""
     maps = [
-        [_error_map(result, capture, method, basis.reference) for capture in captures]
+        [_error_map(result, capture, method.name, basis.reference) for capture in captures]
         for result, captures in ((a, basis.a), (b, basis.b))
     ]
     values, intervals = [pool(m) for m in maps], [pooled_intervals(m) for m in maps]
     test = paired if basis.paired else unpaired
     return [
-        Difference(
-            method,
-            title,
-            metric,
-            METRICS[metric].title,
-            METRICS[metric].unit,
-            basis.reference,
-            values[0][metric],
-            *intervals[0].get(metric, NONE),
-            values[1][metric],
-            *intervals[1].get(metric, NONE),
-            *test(*maps, metric),
-            basis.paired,
-            *map(len, maps),
-        )
+        {
+            **_figures(method, metric, [v[metric] for v in values], [i.get(metric, NONE) for i in intervals]),
+            **test(maps[0], maps[1], metric)._asdict(),
+            **{"reference": basis.reference, "paired": basis.paired, "n_a": len(maps[0]), "n_b": len(maps[1])},
+        }
         for metric in metrics
     ]
 
 
-def _precision(a: Result, b: Result, method: str, title: str) -> list[Difference]:
+def _precision(a: Result, b: Result, method: MethodFacts) -> list[dict[str, Any]]:
     """The line of the precision; none where one of them has none."""
-    hands = [_hands(result, method) for result in (a, b)]
-    values, intervals = ([of(z) for z in hands] for of in (precision, precision_interval))
+    hands = [_hands(result, method.name) for result in (a, b)]
+    intervals = [precision_interval(z) for z in hands]
     if None in intervals:
         return []
-    metric = METRICS["precision_mm"]
+    metric = "precision_mm"
     return [
-        Difference(
-            method,
-            title,
-            metric.key,
-            metric.title,
-            metric.unit,
-            "",
-            values[0][metric.key],
-            *intervals[0],
-            values[1][metric.key],
-            *intervals[1],
-            *f_test(*hands),
-            False,
-            *map(len, hands),
-        )
+        {
+            **_figures(method, metric, [precision(z)[metric] for z in hands], intervals),
+            **f_test(hands[0], hands[1])._asdict(),
+            **{"reference": "", "paired": False, "n_a": len(hands[0]), "n_b": len(hands[1])},
+        }
     ]
+
+
+def _figures(method: MethodFacts, metric: str, values: Sequence[Any], intervals: Sequence[Any]) -> dict[str, Any]:
+    """A line's figures of A and of B, with their ends."""
+    facts = METRICS[metric]
+    named = {"method": method.name, "title": method.title, "metric": metric}
+    figures = {
+        f"{side}{end}": figure
+        for side, value, interval in zip("ab", values, intervals, strict=True)
+        for end, figure in zip(("", "_low", "_high"), (value, *interval), strict=True)
+    }
+    return {**named, "metric_title": facts.title, "unit": facts.unit, **figures}
 
 
 def _hands(result: Result, method: str) -> list[np.ndarray]:
     """Depths of the strongest scatterer [repeats], one array a capture."""
-    depths_m: dict[str, list[float | None]] = {}
-    for repeat in result.repeats:
-        if repeat.method == method:
-            depths_m.setdefault(repeat.capture, []).append(repeat.z_m)
-    return [np.array(values, dtype=np.float64) for values in depths_m.values()]
+    repeats = result.repeats[result.repeats.method == method]
+    return [depths.to_numpy() for _, depths in repeats.groupby("capture", sort=False).z_m]
 
 
-def _corrected(lines: Sequence[Difference]) -> list[Difference]:
-    """The lines with p corrected over all that were tested, which is better, and a sentence."""
-    corrected = iter(holm([line.p_corrected for line in lines if line.p_corrected is not None]))
-    return [_told(line, None if line.p_corrected is None else next(corrected)) for line in lines]
+def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
+    """The lines as `DIFFERENCES`, with p corrected over all that were tested, which is better, and a sentence."""
+    lines = pd.DataFrame(found, columns=[*DIFFERENCES.names, "p"]).assign(better="", sentence="")
+    lines["p_corrected"] = lines.p.astype(float)
+    tested = lines.p_corrected.notna()
+    lines.loc[tested, "p_corrected"] = holm(lines.p_corrected[tested].tolist())
+    lines = conform(lines, DIFFERENCES)
+    fell = (lines.difference < 0) == lines.metric.map(lambda metric: METRICS[metric].better == "lower")
+    lines["better"] = np.where(lines.p_corrected < 1 - LEVEL, np.where(fell, "B", "A"), "")
+    lines["sentence"] = [_sentence(line) for line in lines.itertuples()]
+    return conform(lines, DIFFERENCES)
 
 
-def _told(line: Difference, p: float | None) -> Difference:
-    better = ""
-    if p is not None and p < 1 - LEVEL:
-        better = "B" if (line.difference < 0) == (METRICS[line.metric].better == "lower") else "A"
-    line = replace(line, p_corrected=p, better=better)
-    return replace(line, sentence=_sentence(line))
-
-
-def _sentence(line: Difference) -> str:
+def _sentence(line: Any) -> str:
     what = line.metric_title + (f" against {line.reference}" if line.reference else "")
-    if line.difference is None:
+    if np.isnan(line.difference):
         return f"{line.title}: no figures to compare in {what}"
     none = f"{line.title}: no difference shown between A and B in {what}: "
-    if line.p_corrected is None:
+    if np.isnan(line.p_corrected):
         return none + "too little to test"
     ends = (line.difference, line.low, line.high)
     amount, low, high = ends if line.difference >= 0 else (-line.difference, -line.high, -line.low)
-    places = next((d for d, size in ((1, 1.0), (2, 0.1)) if round(amount, 9) >= size), 3)
-    unit = "percentage points" if line.unit == "%" else line.unit
-    amounts = f"{amount:.{places}f} {unit} [{low:.{places}f}, {high:.{places}f}]".replace("-", "−")
+    amounts = amounts_text(amount, low, high, line.unit)
     if line.better:
         worse = "A" if line.better == "B" else "B"
         return f"{line.title}: {line.better} is better than {worse} by {amounts} ({what})"
-    return none + amounts + (" before the correction for all lines" if low > 0 else "")
+    return none + amounts + " before the correction for all lines" * (low > 0)
 
 
 def _side(result: Result) -> Side:
@@ -231,19 +215,17 @@ def _gemm(result: Result) -> float | None:
     return rate if isinstance(rate, int | float) and rate > 0 else None
 
 
-def _time(a: Result, b: Result, method: str, title: str) -> Time:
-    rows = [_seconds(result, method) for result in (a, b)]
-    figures = [value for row in rows for value in ((row.value, row.low, row.high) if row else (None, *NONE))]
+def _time(a: Result, b: Result, method: MethodFacts) -> tuple[Any, ...]:
+    """A line of `TIMES`."""
+    rows = [result.time(method.name) for result in (a, b)]
+    figures = [end for row in rows for end in ((row.value, row.low, row.high) if row else (None, *NONE))]
     if not all(row and row.value for row in rows):
-        return Time(method, title, *figures, None, f"{title}: no times to set beside each other")
+        sentence = f"{method.title}: no times to set beside each other"
+        return method.name, method.title, *figures, None, sentence
     ratio = rows[1].value / rows[0].value
-    said = (
-        f"{value:.3g} s{f' at {rate:.0f} GFLOP/s' if rate else ''}"
-        for value, rate in ((rows[0].value, _gemm(a)), (rows[1].value, _gemm(b)))
+    said = ", ".join(
+        f"{row.value:.3g} s" + (f" at {rate:.0f} GFLOP/s" if (rate := _gemm(result)) else "")
+        for row, result in zip(rows, (a, b), strict=True)
     )
-    return Time(method, title, *figures, ratio, f"{title}: B takes {ratio:.2f} times as long as A ({', '.join(said)})")
-
-
-def _seconds(result: Result, method: str) -> Row | None:
-    """The line of the time, which is the same with every reference."""
-    return next(filter(None, (result.row("seconds", method, reference) for reference in REFERENCES)), None)
+    sentence = f"{method.title}: B takes {ratio:.2f} times as long as A ({said})"
+    return method.name, method.title, *figures, ratio, sentence
