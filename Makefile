@@ -25,7 +25,7 @@ test: setup
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 bench: setup
-	$(BIN)/python -m bench.studies.engine -o runs/bench.json
+	$(BIN)/handbench study engine -o runs/bench.json
 
 lint: setup
 	$(BIN)/ruff check .
