@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from bench.results.stability import HardCase
 from radar.support.errors import HandbenchError
 
 GROUPS = ("phase", "data", "geometry", "smoothing", "registration", "meshes", "statistics")
@@ -46,7 +45,7 @@ Works = Iterable[tuple[str, Callable[[], Any]]] | Iterable[tuple[str, Callable[[
 
 @dataclass(frozen=True)
 class Case:
-    """A hard case; see `HardCase` for the fields."""
+    """A hard case; `bench.results.tables.CASES` says what the fields are."""
 
     name: str
     group: str
@@ -138,8 +137,9 @@ def worst(seen: Iterable[tuple], bound: float = np.inf) -> Worst:
     return Worst(value, place, flagged=not silent and value > bound)
 
 
-def measured(chosen: Case) -> HardCase:
-    """Carry a case out. An exception that is no answer is a failure of the case, not of the run."""
+def measured(chosen: Case) -> dict[str, Any]:
+    """Carry a case out: its line of stability.csv. An exception that is no answer is a failure of the case, not of the
+    run."""
     start = time.perf_counter()
     try:
         found = chosen.measure()
@@ -147,13 +147,9 @@ def measured(chosen: Case) -> HardCase:
             found = worst([("", found)] if np.isscalar(found) else found, chosen.bound)
     except Exception as error:
         found = Worst(np.inf, f"{type(error).__name__}: {error}")
-    value, at, verdict = _judged(found, chosen.bound)
-    seconds = time.perf_counter() - start
-    about = chosen.name, chosen.group, chosen.quantity, chosen.reference, chosen.unit, chosen.bound
-    return HardCase(*about, value, verdict, at, chosen.reason, seconds)
-
-
-def _judged(found: Worst | Refused, bound: float) -> tuple[float | None, str, str]:
+    line = {name: value for name, value in vars(chosen).items() if name not in ("name", "measure")}
+    line |= {"case": chosen.name, "seconds": time.perf_counter() - start}
     if isinstance(found, Refused):
-        return None, found.message, "refused"
-    return found.value, found.at, "holds" if found.value <= bound else "flagged" if found.flagged else "fails"
+        return {**line, "measured": None, "at": found.message, "verdict": "refused"}
+    verdict = "holds" if found.value <= chosen.bound else "flagged" if found.flagged else "fails"
+    return {**line, "measured": found.value, "at": found.at, "verdict": verdict}
