@@ -9,11 +9,9 @@ import numpy as np
 
 import bench.studies.stability.data_noise  # noqa: F401  the other half of the group
 from bench.studies.stability.cases import Seen, Works, case, refusal
-from bench.studies.stability.scenes import FSK, METHODS, POINT_M, VOXEL_MM, capture, depth_map, echoes, middle, noisy
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
+from bench.studies.stability.scenes import FSK, METHODS, POINT_M, VOXEL_MM, C, capture, depth_map, echoes, middle, noisy
 from radar.data.depthmap import DepthMap, amplitude_db
 
-C = SPEED_OF_LIGHT_M_S
 FINE_HZ = 2.3e9  # the smaller of 3-FSK's two differences
 
 

@@ -11,8 +11,10 @@ from bench.studies.stability.cases import Seen, case
 from bench.studies.stability.scenes import (
     FSK,
     LADDER_HZ,
+    PERIOD_M,
     POINT_M,
     VOXEL_MM,
+    C,
     bumpy_points,
     capture,
     depth_map,
@@ -21,13 +23,10 @@ from bench.studies.stability.scenes import (
     noisy,
     small_array,
 )
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.data.grid import PixelGrid
 from radar.imaging.cpu.exact import tone_images
 from radar.methods.confidence import UNRELATED_RAD
 
-C = SPEED_OF_LIGHT_M_S
-HALF_PERIOD_M = C / (4 * 2.5e9)
 RANGE_MM = 1e3 * C / (4 * 10e9) + VOXEL_MM  # half a range cell of broadband, and half a voxel
 SNR_DB = (60, 40, 30, 20, 15, 10, 5, 0, -10, -30)
 DRAWS = 4
@@ -75,7 +74,7 @@ def made_up() -> Seen:
 
 
 def _half_period_m(id: str) -> float:
-    return C / (4 * 0.2e9) if id == "2fsk" else HALF_PERIOD_M
+    return C / (4 * 0.2e9) if id == "2fsk" else PERIOD_M / 2
 
 
 @case("data", "projections through noise", "mm", RANGE_MM)

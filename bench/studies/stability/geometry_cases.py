@@ -14,7 +14,8 @@ import numpy as np
 
 from bench.studies.stability import geometry_refusals as geometry_refusals
 from bench.studies.stability.cases import Seen, case, enter
-from bench.studies.stability.geometry_direct import TONES_HZ, array, cloud, echoes, image, noise, waves
+from bench.studies.stability.geometry_direct import TONES_HZ, array, cloud, echoes, image, waves
+from bench.studies.stability.scenes import white_noise
 from radar.data.arrays import AntennaArray
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_points, image_volume
@@ -42,7 +43,7 @@ class Place(NamedTuple):
 def _share(place: Place, tolerance: float | None) -> float:
     along, error, size = waves(place.array, place.tones_hz, place.points_m), 0.0, 0.0
     for seed in range(place.draws):
-        samples = noise((len(place.tones_hz), *place.array.channels), seed)
+        samples = white_noise((len(place.tones_hz), *place.array.channels), seed)
         expected = image(samples, along)
         found = image_points(samples, place.tones_hz, place.array, place.points_m, tolerance)
         error += np.sum(np.abs(found - expected) ** 2)
@@ -164,7 +165,7 @@ def _grids() -> Seen:
 
 
 def _grid_share(grid: VoxelGrid, tolerance: float | None) -> float:
-    samples, points_m = noise((len(TONES_HZ), *array().channels), 0), grid.points_m().reshape(-1, 3)
+    samples, points_m = white_noise((len(TONES_HZ), *array().channels), 0), grid.points_m().reshape(-1, 3)
     chosen = np.random.default_rng(4).integers(0, len(points_m), 60)
     expected = image(samples, waves(array(), TONES_HZ, points_m[chosen]))
     found = image_volume(samples, TONES_HZ, array(), grid, tolerance).ravel()[chosen]
@@ -176,7 +177,7 @@ def _grid_share(grid: VoxelGrid, tolerance: float | None) -> float:
 def _moved() -> Seen:
     """Change of an image, moved as far as is accepted. Against: the image at the origin. Because: places round to 1e-9
     m at 10⁷ m: in a path to 4e-9 m, times 2π/λ 7e-6 rad, and the exact sum's 1e-5."""
-    points, samples = cloud(40, (0, 0, 0.3)), noise((len(TONES_HZ), *array().channels), 0)
+    points, samples = cloud(40, (0, 0, 0.3)), white_noise((len(TONES_HZ), *array().channels), 0)
     at_origin = image_points(samples, TONES_HZ, array(), points, None)
     for offset_m in (1.0, 1e3, 1e6, 9.9e6):
         moved = AntennaArray(array().tx_m + offset_m, array().rx_m + offset_m)

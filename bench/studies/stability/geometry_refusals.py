@@ -11,7 +11,8 @@ from unittest.mock import patch
 import numpy as np
 
 from bench.studies.stability.cases import Works, refusal
-from bench.studies.stability.geometry_direct import TONES_HZ, array, cloud, noise
+from bench.studies.stability.geometry_direct import TONES_HZ, array, cloud
+from bench.studies.stability.scenes import white_noise
 from radar.data.arrays import AntennaArray
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_points, image_volume
@@ -21,7 +22,7 @@ UP = 1e-3 * np.arange(9)
 
 
 def _image(points_m: np.ndarray, tolerance: float | None) -> np.ndarray:
-    return image_points(noise((len(TONES_HZ), *array().channels), 0), TONES_HZ, array(), points_m, tolerance)
+    return image_points(white_noise((len(TONES_HZ), *array().channels), 0), TONES_HZ, array(), points_m, tolerance)
 
 
 def _imaged(value: float, tolerance: float | None) -> tuple[str, Callable[[], np.ndarray]]:
@@ -82,7 +83,7 @@ def _axis_nowhere() -> Works:
 @refusal("geometry", "a volume beyond the memory", "needs 8 GB", "steps 2 times larger would fit")
 def _memory() -> Works:
     """8 GB of voxels under a limit of 1 GB: it is refused before anything is computed, with what would fit."""
-    axis, samples = 1e-4 * np.arange(1000), noise((len(TONES_HZ), *array().channels), 0)
+    axis, samples = 1e-4 * np.arange(1000), white_noise((len(TONES_HZ), *array().channels), 0)
     with patch.dict(os.environ, HANDBENCH_MEMORY_GB="1"):
         yield "1 GB", partial(image_volume, samples, TONES_HZ, array(), VoxelGrid(axis, axis, 0.3 + axis), 1e-3)
 

@@ -11,7 +11,9 @@ import bench.studies.stability.phase_targets  # noqa: F401  the other half of th
 from bench.studies.stability.cases import Seen, Works, case, refusal
 from bench.studies.stability.scenes import (
     LADDER_HZ,
+    PERIOD_M,
     POINT_M,
+    C,
     bumpy_points,
     by_flag,
     capture,
@@ -21,14 +23,12 @@ from bench.studies.stability.scenes import (
     noisy,
     recorded,
 )
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
+from radar.data.arrays import qar50
 from radar.methods.confidence import wrap_probability
 from radar.methods.fsk import depth_step_m
 
-C = SPEED_OF_LIGHT_M_S
 PAIRS_HZ = (0.2e9, 0.5e9, 0.7e9, 2.3e9, 2.5e9, 9.8e9, 10e9)
 PAPER_HZ = (82.0e9, 81.8e9, 79.5e9)
-PERIOD_M = C / (2 * 2.5e9)
 CELL_M = 0.006  # resolution cell at 0.3 m
 
 

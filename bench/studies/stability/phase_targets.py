@@ -8,14 +8,24 @@ from itertools import product
 import numpy as np
 
 from bench.studies.stability.cases import Seen, case
-from bench.studies.stability.scenes import FSK, LADDER_HZ, STEP_M, by_flag, capture, depth_map, echoes, middle, recorded
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
+from bench.studies.stability.scenes import (
+    FSK,
+    LADDER_HZ,
+    PERIOD_M,
+    STEP_M,
+    C,
+    by_flag,
+    capture,
+    depth_map,
+    echoes,
+    middle,
+    recorded,
+)
+from radar.data.arrays import qar50
 from radar.data.grid import PixelGrid
 from radar.imaging.cpu.exact import tone_images
 
-C = SPEED_OF_LIGHT_M_S
 FINEST_HZ = {"2fsk": 0.2e9, "3fsk": 2.3e9, "3fsk-plus": 2.3e9, "nfsk": 9.8e9}
-PERIOD_M = C / (2 * 2.5e9)
 NEAR_MM = 0.5
 NEAR_WHY = (
     "out of focus by no more than settled_m, 5 mm: the factor 2 of the path's derivative falls short of it by 3 %, "

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from radar.data.arrays import AntennaArray, qar50
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.data.grid import Axis
@@ -24,13 +24,21 @@ ALL_HZ = np.unique(np.concatenate([np.linspace(72e9, 82e9, 128), LADDER_HZ]))
 POINT_M = (0.0, 0.0, 0.28)
 HALF_M, STEP_M = 0.012, 0.001
 VOXEL_MM = 0.5  # half a voxel of the projections
+C = SPEED_OF_LIGHT_M_S
+PERIOD_M = C / (2 * 2.5e9)  # of depths that three tones tell apart
 
 
 @cache
-def small_array() -> AntennaArray:
-    """12 + 12 antennas of the paper's frame: as wide, and 60 times as fast."""
+def small_array(every: int = 8) -> AntennaArray:
+    """Every eighth antenna of the paper's frame, 12 + 12, or another part: as wide, and 60 times as fast."""
     whole = qar50()
-    return AntennaArray(whole.tx_m[::8], whole.rx_m[::8])
+    return AntennaArray(whole.tx_m[::every], whole.rx_m[::every])
+
+
+def white_noise(shape: tuple[int, ...], seed: int = 1) -> np.ndarray:
+    """White complex noise, complex64: the hardest samples, since nothing crowds where an image is accurate."""
+    generator = np.random.default_rng(seed)
+    return (generator.standard_normal(shape) + 1j * generator.standard_normal(shape)).astype(np.complex64)
 
 
 def echoes(

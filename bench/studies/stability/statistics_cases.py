@@ -8,6 +8,7 @@ from __future__ import annotations
 import tracemalloc
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -25,47 +26,36 @@ from bench.evaluation.statistics.paired import block_sums, compare
 from bench.evaluation.statistics.two_samples import f_test
 from bench.results.error_map import ErrorMap
 from bench.results.folder import shown
-from bench.studies.stability import statistics_intervals  # noqa: F401  (its cases enter the catalogue)
 from bench.studies.stability.cases import Seen, case
+from bench.studies.stability.statistics_intervals import DEPTH_M, EPS, PIXEL_M, a_map
 from groundtruth.mesh.depth import Reference
 
-EPS = np.finfo(float).eps
-DEPTH_M = 0.3
-SPREADS_M = (1e-3, 1e-6, 1e-9, 1e-12, 0.0)
-SIDE, PIXEL_M = 300, 1e-3
+SIDE = 300
 COUNTED = ("n_observed", "completeness_percent", "false_alarm_percent")  # shares of nothing observed that are known
-
-
-def a_map(error_m: np.ndarray, pixel_m: float = PIXEL_M) -> ErrorMap:
-    """Errors [ny, nx] on a reference at DEPTH_M."""
-    y_m, x_m = (pixel_m * np.arange(n) for n in error_m.shape)
-    return ErrorMap(x_m, y_m, error_m, np.full(error_m.shape, DEPTH_M))
 
 
 @case("statistics", "precision of 1 mm to 0 about 0.3 m", "roundings of 0.3 m", 4.0)
 def precision_about_depth() -> Seen:
     """Error of the standard deviation. Against: closed form of alternating depths. Because: each depth is rounded once,
     the mean and what is left of it once more."""
-    for spread_m in SPREADS_M:
-        for n in (2, 10, 100_000):
-            z_m = DEPTH_M + spread_m * np.where(np.arange(n) % 2, 1.0, -1.0)
-            off_m = abs(1e-3 * precision([z_m])["precision_mm"] - spread_m * np.sqrt(n / (n - 1)))
-            yield f"{1e6 * spread_m:g} µm, {n} repeats", off_m / (EPS * DEPTH_M)
+    for spread_m, n in product((1e-3, 1e-6, 1e-9, 1e-12, 0.0), (2, 10, 100_000)):
+        z_m = DEPTH_M + spread_m * np.where(np.arange(n) % 2, 1.0, -1.0)
+        off_m = abs(1e-3 * precision([z_m])["precision_mm"] - spread_m * np.sqrt(n / (n - 1)))
+        yield f"{1e6 * spread_m:g} µm, {n} repeats", off_m / (EPS * DEPTH_M)
 
 
 @case("statistics", "variance of 1 µm about 0.3 m in float32 depths", "ε", 10_000.0)
 def deviation_of_float32() -> Seen:
     """Relative error of the deviation. Against: longdouble. Because: one rounding for each of 10⁴ repeats that are
     summed."""
-    for n in (2, 3, 100, 10_000):
-        for spread_m in (1e-3, 1e-6, 1e-7):
-            noise = np.random.default_rng(n).standard_normal((n, 4, 4))
-            z_m = (DEPTH_M + spread_m * noise).astype(np.float32)
-            wide = np.std(z_m.astype(np.longdouble), axis=0, ddof=1)
-            found = deviation_map(np.arange(4), np.arange(4), z_m).error_m
-            known = wide > 0  # two float32 depths may be equal
-            off = np.abs(found / np.where(known, wide, 1) - known).max()
-            yield f"{1e6 * spread_m:g} µm, {n} repeats", float(off / EPS)
+    for n, spread_m in product((2, 3, 100, 10_000), (1e-3, 1e-6, 1e-7)):
+        noise = np.random.default_rng(n).standard_normal((n, 4, 4))
+        z_m = (DEPTH_M + spread_m * noise).astype(np.float32)
+        wide = np.std(z_m.astype(np.longdouble), axis=0, ddof=1)
+        found = deviation_map(np.arange(4), np.arange(4), z_m).error_m
+        known = wide > 0  # two float32 depths may be equal
+        off = np.abs(found / np.where(known, wide, 1) - known).max()
+        yield f"{1e6 * spread_m:g} µm, {n} repeats", float(off / EPS)
 
 
 @case("statistics", "pooled deviation of 1 mm to 0 about 0.3 m", "roundings of (0.3 m)²", 1.5 * (np.log2(SIDE**2) + 1))
@@ -157,11 +147,10 @@ def rounding_alone() -> Seen:
     """Differences that are shown. Against: none. Because: |z − z_ref| of z_ref ± e are one number, rounded twice."""
     x_m = 2.5e-3 * np.arange(36)
     slope_m = DEPTH_M + 0.1 * x_m[:, None] + 0 * x_m
-    for captures in (1, 3, 5):
-        for error_m in np.linspace(1e-4, 5e-3, 12):
-            sides = {s: [error_map(x_m, x_m, slope_m + s * error_m, slope_m)] * captures for s in (1, -1)}
-            lines = [compare({"a": sides[1], "b": sides[-1]}, "", key) for key in (HEADLINE, "deviation_mm")]
-            yield f"{captures} captures, {1e3 * error_m:.3g} mm", sum(shown(line).sum() for line in lines)
+    for captures, error_m in product((1, 3, 5), np.linspace(1e-4, 5e-3, 12)):
+        sides = {s: [error_map(x_m, x_m, slope_m + s * error_m, slope_m)] * captures for s in (1, -1)}
+        lines = [compare({"a": sides[1], "b": sides[-1]}, "", key) for key in (HEADLINE, "deviation_mm")]
+        yield f"{captures} captures, {1e3 * error_m:.3g} mm", sum(shown(line).sum() for line in lines)
 
 
 @case("statistics", "NaN and infinite values", "ε", 1.5 * (np.log2(SIDE**2) + 1))

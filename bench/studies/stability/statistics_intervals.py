@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, product
 from math import erfc, log, sqrt
 
 import numpy as np
@@ -21,6 +21,7 @@ from bench.results.error_map import ErrorMap
 from bench.studies.stability.cases import Seen, case
 
 EPS = np.finfo(float).eps
+DEPTH_M, PIXEL_M = 0.3, 1e-3
 T2 = 0.95 / sqrt(2 * 0.975 * 0.025)  # 97.5 % of Student's t with two degrees of freedom
 
 
@@ -28,20 +29,17 @@ T2 = 0.95 / sqrt(2 * 0.975 * 0.025)  # 97.5 % of Student's t with two degrees of
 def three_repeats() -> Seen:
     """Relative error of its ends. Against: closed form, χ² of two degrees of freedom is −2·ln p. Because: a quantile by
     iteration, two square roots and a deviation, some roundings each."""
-    for level in (0.5, 0.95, 0.999999):
-        for size_m in (1e-6, 1e-3, 1.0):
-            z_m = np.array([1.0, 2.0, 4.0]) * size_m
-            deviation_mm = 1e3 * size_m * sqrt(7 / 3)
-            ends = precision_interval([z_m], level)
-            for end, tail in zip(ends, ((1 - level) / 2, (1 + level) / 2), strict=True):
-                wanted = deviation_mm * sqrt(2 / (-2 * log(tail)))
-                yield f"level {level}, {1e3 * size_m:g} mm", abs(end / wanted - 1) / EPS
+    for level, size_m in product((0.5, 0.95, 0.999999), (1e-6, 1e-3, 1.0)):
+        ends = precision_interval([np.array([1.0, 2.0, 4.0]) * size_m], level)
+        for end, tail in zip(ends, ((1 - level) / 2, (1 + level) / 2), strict=True):
+            wanted = 1e3 * size_m * sqrt(7 / 3) * sqrt(2 / (-2 * log(tail)))
+            yield f"level {level}, {1e3 * size_m:g} mm", abs(end / wanted - 1) / EPS
 
 
-def _captures(errors_m: np.ndarray) -> list[ErrorMap]:
-    """One capture of a single block for each error."""
-    x_m = 1e-3 * np.arange(15)
-    return [ErrorMap(x_m, x_m, np.full((15, 15), e), np.full((15, 15), 0.3)) for e in errors_m]
+def a_map(error_m: np.ndarray, pixel_m: float = PIXEL_M) -> ErrorMap:
+    """Errors [ny, nx] on a reference at DEPTH_M."""
+    y_m, x_m = (pixel_m * np.arange(n) for n in error_m.shape)
+    return ErrorMap(x_m, y_m, error_m, np.full(error_m.shape, DEPTH_M))
 
 
 @case("statistics", "interval of three captures", "ε", 2.0**11)
@@ -52,7 +50,8 @@ def three_captures() -> Seen:
         errors_m = 1e-3 * (1 + relative * np.array([-1.0, 0.25, 0.75]))
         mean, deviation = errors_m.mean(), errors_m.std(ddof=1)
         reach = T2 * deviation / sqrt(3) / mean
-        low, high = np.log(np.array(pooled_intervals(_captures(errors_m))["mae_mm"]) / (1e3 * mean))
+        captures = [a_map(np.full((15, 15), error_m)) for error_m in errors_m]  # of a single block each
+        low, high = np.log(np.array(pooled_intervals(captures)["mae_mm"]) / (1e3 * mean))
         for end in (high, -low):
             yield f"captures {relative:g} apart", float(abs(end - reach) / EPS / max(1, reach))
 
