@@ -29,8 +29,6 @@ from radar.data.capture import RadarCapture
 from radar.methods.projection import peak_offset
 from radar.simulation.mie import sphere_echo
 
-COLUMNS = ("estimator", "input", "measured", "theory", "ratio", "unit")
-
 
 class Row(NamedTuple):
     """One estimator's amplification; unit: of its output over its input's."""
@@ -51,7 +49,7 @@ def table() -> Table:
         title="Condition",
         text="how much an error of the input is amplified, by perturbation and by theory; and the rank correlation of "
         f"FSK's confidence with its errors, of what the true σ would reach: {told}",
-        columns=COLUMNS,
+        columns=("estimator", "input", "measured", "theory", "ratio", "unit"),
         rows=tuple((r.estimator, r.input, r.measured, r.theory, r.measured / r.theory, r.unit) for r in rows),
     )
 
