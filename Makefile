@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 RUN    ?= runs/table
 
-.PHONY: setup table test bench lint requirements clean
+.PHONY: setup table test test-random bench lint requirements clean
 
 setup: $(VENV)/.ready
 
@@ -23,6 +23,13 @@ table: setup
 
 test: setup
 	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+# Property tests on fresh examples, more of them than `make test` draws; SEED=N repeats those of an earlier run.
+test-random: SEED := $(or $(SEED),$(shell od -An -N4 -tu4 /dev/urandom | tr -d ' '))
+test-random: setup
+	@echo "Property tests with seed $(SEED); to repeat them: make test-random SEED=$(SEED)"
+	$(BIN)/python -m pytest -m hypothesis --hypothesis-profile random --hypothesis-seed $(SEED) -n 2 --dist loadfile || \
+	  { echo "Property tests failed with seed $(SEED); to repeat them: make test-random SEED=$(SEED)"; exit 1; }
 
 bench: setup
 	$(BIN)/handbench study engine -o runs/bench.json

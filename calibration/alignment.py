@@ -24,12 +24,13 @@ from typing import Any
 
 import numpy as np
 
-from calibration.transforms import Transform, checked_numbers
+from calibration.transforms import Transform, checked_numbers, load_transform
 from radar.support.config import suggest
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, require_file, write_json
 from radar.support.progress import say
 
+ALIGNMENT = "alignment.json"
 LARGEST_BYTES = 64 * 2**20  # the file also holds intermediate data of the calibration
 ROUNDING, TOO_CROOKED = 1e-6, 1e-3  # largest element by which a matrix may miss its rotation: unsaid, and at all
 FARTHEST_M = 10.0  # no two sensors of the set-up stand further apart; more are millimetres
@@ -115,3 +116,9 @@ def _straight(path: str | Path, key: str, matrix: np.ndarray, mirrored: bool) ->
     straight[:3, :3] = scale * rotation
     straight[3] = [0, 0, 0, 1]
     return straight
+
+
+def load_any_transform(file: Path) -> Transform:
+    """A transform into the radar frame: our form, or MAROON's in a file of that name, alignment.json."""
+    transform = load_alignment(file) if file.name == ALIGNMENT else load_transform(file)
+    return transform.require(transform.source, "radar", file)

@@ -1,39 +1,34 @@
-"""Photographs to a metric mesh: three stages, each kept in a folder named by what it depends on."""
+"""Photographs to a metric mesh: three stages, each kept in a store (`radar.support.store`)."""
 
 from __future__ import annotations
 
 import tempfile
-import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from groundtruth.cameras.cameras import Camera, registered
+from groundtruth.cameras.cameras import Camera
 from groundtruth.cameras.model_files import write_model
-from groundtruth.dense.fusion import Cloud, fuse
+from groundtruth.dense.fusion import Cloud
+from groundtruth.dense_stage import CLOUD
 from groundtruth.mesh.mesh_files import write_cloud
 from groundtruth.mesh.surface import Surface, read_surface
+from groundtruth.mesh_stage import MESH
 from groundtruth.options import Options
 from groundtruth.sparse.frame import Scale
-from groundtruth.sparse.inputs import Inputs, gather
-from groundtruth.sparse.sparse import Sparse, register
-from radar.support.files import atomic_folder, read_json, write_json
+from groundtruth.sparse.inputs import content, resolve
+from groundtruth.sparse.sparse import Sparse
+from groundtruth.sparse_stage import PHOTOGRAPHS
+from radar.support.files import atomic_folder, content_hash, read_json, write_json
 from radar.support.progress import say
-from radar.support.store import keep, key_of
+from radar.support.store import Stage, kept, stage
 
 SUMMARY_VERSION = 1
-SOURCES = (
-    "groundtruth",
-    "calibration/transforms.py",
-    "groundtruth/mesh/mesh_files.py",
-    "groundtruth/mesh/ply.py",
-    "radar/support/rays.py",
-)
 REGISTRATION = {"intrinsics", "metric", "distances", "unscaled", "seed"}  # options that the sparse stage depends on
-STAMP, CLOUD, MESH = "stage.json", "cloud.npz", "mesh.ply"
 
 
 @dataclass(frozen=True)
@@ -66,26 +61,19 @@ class Result:
         }
 
 
-@dataclass
-class Stages:
-    """Stages kept under `root`, and the seconds that each took when it was made."""
-
-    root: Path
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    def __call__(self, name: str, depends_on: list[Any], make: Callable[[Path], None]) -> Path:
-        """The folder that make(folder) fills, or filled for the same things that it depends on."""
-        folder = self.root / f"{name}-{key_of(SOURCES, name, *depends_on)[:16]}"
-
-        def timed(temporary: Path) -> None:
-            start = time.perf_counter()
-            make(temporary)
-            write_json(temporary / STAMP, {"seconds": time.perf_counter() - start})
-
-        if keep(folder, timed):
-            say(f"{name}: cached")
-        self.seconds[name] = read_json(folder / STAMP, "a stage's stamp")["seconds"]
-        return folder
+def stages(
+    root: Path, photos: Path, options: Options, content: list[Any], masks: str | None = None, capture: str = ""
+) -> tuple[Stage, Stage, Stage]:
+    """The stages sparse, dense and mesh of resolved options, kept in the store at `root`. content, masks: what tells
+    the photographs, with all that lies beside them, and the masks apart; capture: whose photographs they are."""
+    given = {"photos": str(photos), "options": options.model_dump(mode="json")}
+    chosen = options.model_dump(mode="json", include=REGISTRATION)
+    sparse = stage("sparse", "groundtruth.sparse_stage:make", [content, chosen], given, capture)
+    given = given | {"sparse": str(sparse.folder(root))}
+    pixels = [options.quality, options.box_m, masks, options.mask, options.dense, options.seed]
+    dense = stage("dense", "groundtruth.dense_stage:make", [sparse.key, *pixels], given, capture)
+    given = given | {"dense": str(dense.folder(root))}
+    return sparse, dense, stage("mesh", "groundtruth.mesh_stage:make", [dense.key, options.components], given, capture)
 
 
 def reconstruct(photos: str | Path, options: Options, workdir: str | Path | None = None) -> Result:
@@ -95,10 +83,11 @@ def reconstruct(photos: str | Path, options: Options, workdir: str | Path | None
     (resolved options, figures, seconds) and `stages/`, from which a repeated or killed run goes on. Raises
     HandbenchError when photographs are missing or broken, do not register, carry no scale, or show too little surface.
     """
-    with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
-        stages = Stages(Path(scratch if workdir is None else workdir) / "stages")
-        inputs, options = gather(Path(photos), options)
-        result, sparse = _reconstruct(inputs, options, stages)
+    with _made(Path(photos), options, workdir) as (options, (solved, fused, made), seconds):
+        sparse, cloud, surface = Sparse.load(solved), Cloud.load(fused / CLOUD), read_surface(made / MESH)
+        count = len(read_json(solved / PHOTOGRAPHS, "a sparse stage's photographs"))
+        error_px = sparse.model.compute_mean_reprojection_error()
+        result = Result(surface, cloud, sparse.cameras(), count, error_px, sparse.scale, seconds)
         if workdir is not None:
             _write(Path(workdir), result, sparse, options)
         return result
@@ -106,61 +95,28 @@ def reconstruct(photos: str | Path, options: Options, workdir: str | Path | None
 
 def reconstruct_cloud(photos: str | Path, options: Options, workdir: str | Path | None = None) -> Cloud:
     """As `reconstruct`, but no further than the fused cloud; workdir receives `stages/` alone."""
+    with _made(Path(photos), options, workdir, count=2) as (_, (_, fused), _):
+        return Cloud.load(fused / CLOUD)
+
+
+@contextmanager
+def _made(
+    photos: Path, options: Options, workdir: str | Path | None, count: int = 3
+) -> Iterator[tuple[Options, list[Path], dict[str, float]]]:
+    """The resolved options, the folders of the first `count` stages, there while the block lasts, and the seconds that
+    each took when it was made."""
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
-        inputs, options = gather(Path(photos), options)
-        return _cloud(inputs, options, Stages(Path(scratch if workdir is None else workdir) / "stages"))[0]
-
-
-def _reconstruct(inputs: Inputs, options: Options, stages: Stages) -> tuple[Result, Sparse]:
-    def make_surface(folder: Path) -> None:
-        _surface(cloud, sparse, options).save(folder / MESH)
-
-    cloud, sparse, fused = _cloud(inputs, options, stages)
-    surface = read_surface(stages("mesh", [fused, options.components], make_surface) / MESH)
-    error_px = sparse.model.compute_mean_reprojection_error()
-    result = Result(surface, cloud, sparse.cameras(), len(inputs.photos), error_px, sparse.scale, stages.seconds)
-    return result, sparse
-
-
-def _cloud(inputs: Inputs, options: Options, stages: Stages) -> tuple[Cloud, Sparse, str]:
-    """The fused cloud, the cameras, and the name of the stage that made the cloud."""
-
-    def make_sparse(folder: Path) -> None:
-        register(inputs, options).save(folder)
-
-    def make_dense(folder: Path) -> None:
-        _dense_cloud(inputs, sparse, options).save(folder / CLOUD)
-
-    chosen = options.model_dump(mode="json", include=REGISTRATION)
-    solved = stages("sparse", [inputs.content(), chosen], make_sparse)
-    sparse = Sparse.load(solved)
-    chosen_pixels = [options.quality, options.box_m, inputs.masks.content(), options.dense]
-    fused = stages("dense", [solved.name, *chosen_pixels, options.seed], make_dense)
-    return Cloud.load(fused / CLOUD), sparse, fused.name
-
-
-def _dense_cloud(inputs: Inputs, sparse: Sparse, options: Options) -> Cloud:
-    from groundtruth.dense import cuda
-    from groundtruth.dense.dense import depth_maps, open_views
-    from groundtruth.mesh.poisson import clean
-
-    effort = options.effort
-    views, tracks, points_m = open_views(inputs.photos, sparse.model, effort.shrink, options.box(), inputs.masks)
-    if options.dense == "cuda":
-        maps = cuda.depth_maps(views, tracks, points_m, options.quality)
-    else:
-        maps = depth_maps(views, tracks, points_m, effort.iterations, options.seed)
-    return clean(fuse(maps, options.box()))
-
-
-def _surface(cloud: Cloud, sparse: Sparse, options: Options) -> Surface:
-    from groundtruth.mesh.poisson import surface
-    from groundtruth.mesh.uncertainty import surface_sigma
-
-    mesh = surface(cloud, options.components, options.box())
-    vertices_m = np.asarray(mesh.vertices)
-    sigma_m, observed = surface_sigma(cloud, vertices_m, registered(sparse.model), sparse.known)
-    return Surface(vertices_m, np.asarray(mesh.triangles), sigma_m, observed)
+        root = Path(scratch if workdir is None else workdir) / "stages"
+        found, options = resolve(photos, options)
+        masks = None if options.masks is None or not options.masks.exists() else content_hash(options.masks)
+        seconds = {}
+        chain = stages(root, photos, options, content(found, options), masks)[:count]
+        for each in chain:
+            stamp, cached = kept(root, each)
+            if cached:
+                say(f"{each.name}: cached")
+            seconds[each.name] = stamp.seconds
+        yield options, [each.folder(root) for each in chain], seconds
 
 
 def _write(workdir: Path, result: Result, sparse: Sparse, options: Options) -> None:

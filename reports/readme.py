@@ -17,20 +17,20 @@ import re
 import shutil
 import sys
 import tomllib
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from bench.results import Result, Row, load
+from bench.results import HEADLINE, Result, load
+from bench.results.tables import TABLE, frame, records
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, write_text
-from reports.tables.blocks import NONE, decimals, interval, number, outstanding, paper
+from reports.tables.blocks import NONE, decimals, interval, known, number, outstanding, paper
 from reports.tables.markdown import bold, escaped, table
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = "photogrammetry"
-METRICS = ("mae_mm", "floor_mm", "max_mm", "precision_mm", "seconds")
-WITH_INTERVAL = ("mae_mm", "floor_mm", "precision_mm")
+METRICS = (HEADLINE, "floor_mm", "max_mm", "precision_mm", "seconds")
+WITH_INTERVAL = (HEADLINE, "floor_mm", "precision_mm")
 METHODS = {  # the columns, and what ours are called
     "2fsk": "2-FSK",
     "3fsk": "3-FSK",
@@ -40,7 +40,7 @@ METHODS = {  # the columns, and what ours are called
     "nfsk-plus": "ladder of five tones",
 }
 FITTED = ("precision_mm", "2fsk")  # the figure to which the benchmark's phase noise was fitted
-SAID = (("3fsk", "2fsk"), ("3fsk", "broadband"))  # comparisons of the MAE that stand under the table
+SAID = (("3fsk", "2fsk"), ("3fsk", "broadband"))  # comparisons of the headline that stand under the table
 FIGURES = {"docs/depth_F.png": "report/figures/depth_F.png"}  # the README's, and where a result's report has it
 MACHINE = ("processor", "cores", "memory_gb", "gemm_gflops", "imaging_device")
 SCENES = "bench/run/benchmarks"
@@ -50,8 +50,9 @@ BLOCK = re.compile(r"(<!-- table: begin -->\n)(.*?)(<!-- table: end -->)", re.DO
 def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
     """What the table shows, and what it was made from."""
     rows = [result.row(metric, method, REFERENCE) for metric in METRICS for method in METHODS]
+    lines = frame(TABLE, filter(None, rows))
     undefined = set(METRICS) - result.about.metrics.keys()
-    if undefined or all(row is None or row.value is None for row in rows):
+    if undefined or lines.value.isna().all():
         raise HandbenchError(f"{result.folder}: has no figure of the README's table; expected a run of paper_table")
     return {
         "name": result.about.name,
@@ -61,12 +62,12 @@ def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
         "machine": {key: result.about.machine.get(key) for key in MACHINE},
         "versions": result.about.versions,
         "metrics": {key: result.about.metrics[key].model_dump() for key in METRICS},
-        "rows": [asdict(row) for row in rows if row],
+        "rows": records(lines),
         "best": {metric: sorted(outstanding(result, metric, REFERENCE)) for metric in METRICS},
         "sentences": [
             c.sentence
-            for c in result.comparisons
-            if (c.metric, c.reference) == ("mae_mm", REFERENCE) and {c.better, c.worse} in map(set, SAID)
+            for c in result.comparisons.itertuples()
+            if (c.metric, c.reference) == (HEADLINE, REFERENCE) and {c.better, c.worse} in map(set, SAID)
         ],
         "figures": {name: _sha256(result.folder / source) for name, source in FIGURES.items()},
     }
@@ -74,7 +75,7 @@ def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
 
 def render(recorded: dict[str, Any]) -> str:
     """The lines between the README's markers."""
-    rows = {(line["metric"], line["method"]): Row(**line) for line in recorded["rows"]}
+    rows = _by_figure(recorded)
     machine = recorded["machine"]
     device = "no GPU" if machine["imaging_device"] == "cpu" else f"imaged on {machine['imaging_device']}"
     lines = []
@@ -85,15 +86,20 @@ def render(recorded: dict[str, Any]) -> str:
     sentences = "; ".join(map(escaped, recorded["sentences"]))
     return (
         "Against photogrammetry, as in the paper; in brackets the 95 % confidence interval, in italics the paper's "
-        "figure, in bold the best\nMAE and all that are not shown to be worse. "
+        f"figure, in bold the best\n{recorded['metrics'][HEADLINE]['title']} and all that are not shown to be worse. "
         f"{machine['cores']} cores of an {escaped(str(machine['processor']))}, {escaped(device)}.\n\n"
         + table(("", *METHODS.values()), lines)
         + (f"\nTested on the pixels that each observes: {sentences}.\n" if sentences else "")
     )
 
 
-def _cell(row: Row | None, star: bool) -> str:
-    if row is None or row.value is None:
+def _by_figure(recorded: dict[str, Any]) -> dict[tuple[str, str], Any]:
+    """The recorded lines by metric and method."""
+    return {(row.metric, row.method): row for row in frame(TABLE, recorded["rows"]).itertuples()}
+
+
+def _cell(row: Any, star: bool) -> str:
+    if row is None or not known(row.value):
         return NONE
     places = decimals(row.value, row.low, row.high, row.unit)
     value = number(row.value, places)
@@ -102,8 +108,8 @@ def _cell(row: Row | None, star: bool) -> str:
         parts.append("(fitted)")
     elif row.metric in WITH_INTERVAL:
         parts.append(escaped(interval(row.low, row.high, places)))
-    if row.paper is not None:
-        parts.append(f"*{paper(row)}*")
+    if known(row.paper):
+        parts.append(f"*{paper(row.paper, row.unit)}*")
     return " ".join(filter(None, parts))
 
 
@@ -139,22 +145,21 @@ def stale(root: Path = ROOT) -> list[str]:
 def disagreements(result: Result, root: Path = ROOT) -> list[str]:
     """Where a fresh result does not print what was recorded, a sentence each; times aside."""
     recorded, fresh = _recorded(root), record(result, root)
-    rows = {(line["metric"], line["method"]): Row(**line) for line in fresh["rows"]}
-    problems = []
-    for line in recorded["rows"]:
-        old, new = Row(**line), rows.pop((line["metric"], line["method"]), None)
-        if old.metric != "seconds" and not _agree(old, new):
+    problems, rows = [], _by_figure(fresh)
+    for (metric, method), old in _by_figure(recorded).items():
+        new = rows.pop((metric, method), None)
+        if metric != "seconds" and not _agree(old, new):
             found = None if new is None else new.value
-            problems.append(f"{old.metric} of {old.method}: {old.value} was recorded, {found} found")
+            problems.append(f"{metric} of {method}: {old.value} was recorded, {found} found")
     problems += [f"{metric} of {method}: was not recorded" for metric, method in rows if metric != "seconds"]
     if fresh["best"] != recorded["best"]:
         problems.append(f"best: {recorded['best']} was recorded, {fresh['best']} found")
     return problems
 
 
-def _agree(old: Row, new: Row | None) -> bool:
-    if new is None or old.value is None or new.value is None:
-        return new is not None and old.value is new.value
+def _agree(old: Any, new: Any) -> bool:
+    if new is None or not known(old.value, new.value):
+        return new is not None and known(old.value) == known(new.value)
     return abs(new.value - old.value) <= 10.0 ** -decimals(old.value, old.low, old.high, old.unit)
 
 

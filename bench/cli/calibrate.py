@@ -68,7 +68,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _from_targets(options: argparse.Namespace) -> Transform:
-    from bench.run.stages import calibrate_array, calibrate_captures
+    from bench.run.photogrammetry import calibrate_array, calibrate_captures
     from calibration.array.array_file import save_array
 
     if not options.capture:

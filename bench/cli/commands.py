@@ -39,7 +39,7 @@ def simulate(options: argparse.Namespace) -> None:
 def reconstruct(options: argparse.Namespace) -> None:
     """Capture × method → depth map."""
     from bench.datasets.dataset import open_capture
-    from bench.run.stages import configuration
+    from bench.run.reconstruct_stage import configuration
     from radar.imaging.device import describe
     from radar.methods.registry import method
     from radar.support.files import write_npz
@@ -88,7 +88,8 @@ def evaluate(options: argparse.Namespace) -> None:
     """Depth map × mesh → metrics on stdout."""
     from bench.evaluation.floor import floor_mm
     from bench.evaluation.metrics import definitions, error_map, pool
-    from bench.run.stages import load_any_transform, reference_depth
+    from bench.run.scoring import reference_depth
+    from calibration.alignment import load_any_transform
     from calibration.transforms import identity
     from radar.data.depthmap import load_depthmap
     from radar.data.grid import PixelGrid

@@ -7,7 +7,7 @@ import os
 import shutil
 from importlib.util import find_spec
 
-from bench.run.cost import machine
+from radar.support.cost import machine
 from radar.support.errors import HandbenchError
 from radar.support.store import versions
 

@@ -11,7 +11,6 @@ import numpy as np
 import tomlkit
 from pydantic import Field
 
-from bench.results import Name
 from calibration.array.array_file import load_array
 from calibration.transforms import Transform, load_transform
 from radar.data.capture import RadarCapture, load_capture
@@ -20,6 +19,7 @@ from radar.simulation.selection import Choice
 from radar.support.config import Config, load
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash, inside, require_folder, write_text
+from radar.support.names import Name
 from radar.support.progress import say
 
 DESCRIPTION = "capture.toml"

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from radar.support.config import Config, parse
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json
-from radar.support.names import checked_name
+from radar.support.names import Name
 
 SCHEMA_VERSION = 1
 HEADLINE = "mae_mm"  # the metric that titles, pictures and fronts speak of
 HEADLINES = (HEADLINE, "floor_mm", "max_mm", "completeness_percent", "precision_mm", "seconds")  # read at a glance
 REFERENCES = ("photogrammetry", "truth")
 Reference = Literal["photogrammetry", "truth"]
-
-Name = Annotated[str, AfterValidator(checked_name)]
 
 
 class MetricFacts(Config):

@@ -12,8 +12,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from bench.run.tasks import Done, Job, perform
+from bench.run.tasks import Done, perform
 from radar.support.errors import HandbenchError
+from radar.support.store import Stage
 
 if TYPE_CHECKING:  # an extra
     from distributed import Client, Future
@@ -29,7 +30,7 @@ CONNECT_S = 20.0
 class Executor(Protocol):
     """Carries out jobs that do not depend on each other."""
 
-    def run(self, root: Path, jobs: Sequence[Job]) -> Iterator[tuple[int, Done]]:
+    def run(self, root: Path, jobs: Sequence[Stage]) -> Iterator[tuple[int, Done]]:
         """Yield each job's number and outcome as it ends; folders go under `root`. Unknown exceptions are raised."""
         ...
 
@@ -37,10 +38,10 @@ class Executor(Protocol):
 class InPlace:
     """In this process, in the order of the list."""
 
-    def __init__(self, perform: Callable[[Path, Job], Done] = perform) -> None:
+    def __init__(self, perform: Callable[[Path, Stage], Done] = perform) -> None:
         self.perform = perform
 
-    def run(self, root: Path, jobs: Sequence[Job]) -> Iterator[tuple[int, Done]]:
+    def run(self, root: Path, jobs: Sequence[Stage]) -> Iterator[tuple[int, Done]]:
         """See `Executor`."""
         for number, job in enumerate(jobs):
             yield number, self.perform(root, job)
@@ -54,10 +55,10 @@ class Cluster:
     complete or not at all. Where several died over it, its jobs go again one by one, and the one to blame fails alone.
     """
 
-    def __init__(self, client: Client, perform: Callable[[Path, Job], Done] = perform) -> None:
+    def __init__(self, client: Client, perform: Callable[[Path, Stage], Done] = perform) -> None:
         self.client, self.perform = client, perform
 
-    def run(self, root: Path, jobs: Sequence[Job]) -> Iterator[tuple[int, Done]]:
+    def run(self, root: Path, jobs: Sequence[Stage]) -> Iterator[tuple[int, Done]]:
         """See `Executor`."""
         from distributed import as_completed
 
@@ -91,7 +92,7 @@ class Cluster:
         return min(max(jobs // (GROUPS_A_THREAD * max(threads, 1)), 1), LARGEST_GROUP)
 
     def _outcomes(
-        self, ended: list[tuple[Group, Future]], jobs: Sequence[Job]
+        self, ended: list[tuple[Group, Future]], jobs: Sequence[Stage]
     ) -> Iterator[tuple[Group, list[Done] | None]]:
         """Each group with what its jobs came to; None where they have to go again one by one."""
         well = [future for _, future in ended if future.status == "finished"]
@@ -100,11 +101,11 @@ class Cluster:
             yield group, fetched[future.key] if future.key in fetched else _unwell(future, [jobs[n] for n in group])
 
 
-def _perform(perform: Callable[[Path, Job], Done], root: Path, jobs: list[Job]) -> list[Done]:
+def _perform(perform: Callable[[Path, Stage], Done], root: Path, jobs: list[Stage]) -> list[Done]:
     return [perform(root, job) for job in jobs]
 
 
-def _unwell(future: Future, jobs: list[Job]) -> list[Done] | None:
+def _unwell(future: Future, jobs: list[Stage]) -> list[Done] | None:
     from concurrent.futures import CancelledError
 
     from distributed import KilledWorker

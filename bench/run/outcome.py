@@ -25,15 +25,15 @@ from bench.results import REFERENCES, About, CaptureFacts, Failure, MethodFacts,
 from bench.results.error_map import ErrorMap
 from bench.results.tables import COMPARISONS, REPEATS, TABLE, TASKS, frame
 from bench.run.benchmark_file import BenchFile, MethodEntry
-from bench.run.cache import drop
-from bench.run.cost import calibrated_machine
+from bench.run.repeat_stage import read_repeats
 from bench.run.scoring import Files, read_errors, read_reference
-from bench.run.stages import read_repeats
 from calibration.transforms import Transform
 from groundtruth.mesh.depth import Reference
 from radar.imaging.device import describe
+from radar.support.cost import calibrated_machine
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path
+from radar.support.folder import drop
 from radar.support.progress import say
 from radar.support.store import versions
 

@@ -1,12 +1,13 @@
 """The main job: every capture × method of a benchmark, from photographs and echoes to the table.
 
-The stages run in the three rounds of `bench.run.jobs`. Whoever carries them out, the folders are the same, and the
+The stages run in the rounds of `bench.run.jobs`. Whoever carries them out, the folders are the same, and the
 table is made of these. What fails is said, recorded and done without.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +19,23 @@ from bench.datasets.dataset import open_capture
 from bench.datasets.native import TRUE_TRANSFORM
 from bench.results import REFERENCES, Failure
 from bench.run import jobs as plan
-from bench.run import outcome, stages, tasks
+from bench.run import outcome
 from bench.run.benchmark_file import BenchFile
-from bench.run.cache import Stamp, claimed
+from bench.run.calibrate_stage import REGISTRATION
 from bench.run.executors import Executor, executor
 from bench.run.outcome import Capture, Outcome, failing
-from bench.run.tasks import Done, Job
+from bench.run.reconstruct_stage import DEPTH, TIMING
+from bench.run.repeat_stage import read_repeats
+from bench.run.simulate_stage import CAPTURE
+from bench.run.tasks import HASH, Done
 from calibration.registration.combination import HAND_M
 from calibration.transforms import Transform, identity, load_transform
+from groundtruth.mesh_stage import MESH, VIEW
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json
+from radar.support.folder import claimed
 from radar.support.progress import say
+from radar.support.store import Stage, Stamp
 
 
 def run(
@@ -78,86 +85,100 @@ class Run:
         """The list of steps."""
         captures, targets = self.open()
         found = Outcome(self.bench, captures, self.tasks, self.failures, machines=self.machines)
-        jobs = plan.calibration(self.bench, targets)
+        clouds = [plan.clouds(self.bench, target, self.work) for target in targets]
+        stages = [] if not targets else [plan.calibration(targets, [dense for _, dense, _ in clouds], self.work)]
         for capture in captures:
-            with failing(self.failures, capture.name, "groundtruth"):
-                jobs += plan.meshing(self.bench, capture)
-            for entry in self.bench.method:
-                with failing(self.failures, capture.name, "reconstruct", entry.id):
-                    jobs += plan.imaging(self.bench, capture, entry)
+            with failing(self.failures, capture.name, "photographs"):
+                if (meshed := plan.meshing(self.bench, capture, self.work)) is not None:
+                    clouds.append(meshed)
+        stages += self.reconstructed(clouds, len(targets))
+        for capture, entry in product(captures, self.bench.method):
+            with failing(self.failures, capture.name, "reconstruct", entry.id):
+                stages += plan.imaging(self.bench, capture, entry)
         meshes: dict[str, Path] = {}
         registration = None
-        for job, done in zip(jobs, self.perform(jobs), strict=True):
-            if job.stage == "calibrate":
-                registration = self.registration(job, done, targets, found)
-            elif done.failure is None and job.stage == "groundtruth":
-                meshes[job.capture] = job.folder(self.work)
+        for stage, done in zip(stages, self.perform(stages), strict=True):
+            if stage.name == "calibrate":
+                registration = self.registration(stage, done, targets, found)
+            elif done.failure is None and stage.name == "mesh":
+                meshes[stage.capture] = stage.folder(self.work)
             elif done.failure is None:
-                collect(job, job.folder(self.work), found)
+                collect(stage, stage.folder(self.work), found)
         self.score(found, registration, meshes)
         return found
+
+    def reconstructed(self, clouds: list[plan.Clouds], targets: int) -> list[Stage]:
+        """The rounds of the photographs, sparse and dense; returned are the stages that then make the meshes. The
+        first `targets` of the clouds are the calibration's, without which nothing goes on, and which need no mesh."""
+        for round_ in range(2):
+            ended = self.perform([stages[round_] for stages in clouds])
+            for done in ended[:targets]:
+                if done.failure is not None:
+                    raise HandbenchError(f"calibration: {done.failure}")
+            clouds = [stages for stages, done in zip(clouds, ended, strict=True) if done.failure is None]
+        return [mesh for _, _, mesh in clouds[targets:]]
 
     def score(self, found: Outcome, registration: Transform | None, meshes: dict[str, Path]) -> None:
         """The last round: the captures that have a reference and a depth map; meshes: folders of those that were
         made."""
-        without, jobs = {failure.capture for failure in self.failures if not failure.method}, []
+        without, stages = {failure.capture for failure in self.failures if not failure.method}, []
         for capture in (c for c in found.captures if c.name not in without):
             name = capture.name
             with failing(self.failures, name, "references"):
                 found.references[name] = references(capture, registration, meshes.get(name), found)
             maps = {method: file for (of, method), file in found.maps.items() if of == name}
             if maps and name in found.references:
-                jobs.append(plan.scoring(self.bench, capture, maps, found.references[name]))
-        for job, done in zip(jobs, self.perform(jobs), strict=True):
+                stages.append(plan.scoring(self.bench, capture, maps, found.references[name]))
+        for stage, done in zip(stages, self.perform(stages), strict=True):
             if done.failure is None:
-                found.scores[job.capture] = job.folder(self.work)
+                found.scores[stage.capture] = stage.folder(self.work)
 
-    def perform(self, jobs: list[Job]) -> list[Done]:
-        """Have the jobs carried out; outcomes are returned and recorded in the order of the list."""
+    def perform(self, stages: list[Stage]) -> list[Done]:
+        """Have independent stages carried out; outcomes are returned and recorded in the order of the list."""
         ended: dict[int, Done] = {}
         failures: dict[int, Failure] = {}
-        for number, done in self.executor.run(self.work, jobs):
-            job, ended[number] = jobs[number], done
+        for number, done in self.executor.run(self.work, stages):
+            stage, ended[number] = stages[number], done
             if done.stamp is not None:
-                say(f"{job.label}: " + ("cached" if done.cached else f"{done.stamp.seconds:.1f} s"))
+                say(f"{stage.label}: " + ("cached" if done.cached else f"{done.stamp.seconds:.1f} s"))
             if done.failure is not None:
                 failures[number] = Failure(
-                    capture=job.capture, method=job.method, stage=job.stage, message=done.failure
+                    capture=stage.capture, method=stage.method, stage=stage.name, message=done.failure
                 )
                 say(failures[number].line)
         self.failures += [failures[number] for number in sorted(failures)]
-        for number, job in enumerate(jobs):
+        for number, stage in enumerate(stages):
             if (stamp := ended[number].stamp) is not None:
                 self.machines.setdefault(stamp.machine.get("host", ""), stamp.machine)
-                self.tasks.append(_task(job, stamp, ended[number].cached, job.folder(self.work)))
-        return [ended[number] for number in range(len(jobs))]
+                self.tasks.append(_task(stage, stamp, ended[number].cached, stage.folder(self.work)))
+        return [ended[number] for number in range(len(stages))]
 
     def open(self) -> tuple[list[Capture], list[Capture]]:
         """The first round: those of the benchmark's captures that can be opened, and all of the calibration's."""
         repeats = self.bench.repeats if any(entry.precision for entry in self.bench.method) else 1
-        jobs = []
+        stages = []
         for source in self.bench.capture:
             with failing(self.failures, source.scene or source.path or "", "open"):
-                jobs.append(plan.opening(self.bench, self.base, source, repeats))
-        _check_names([job.capture for job in jobs])
-        count = len(jobs)
-        jobs += [plan.opening(self.bench, self.base, source, frames=1) for source in self.bench.calibration]
+                stages.append(plan.opening(self.bench, self.base, source, repeats))
+        _check_names([stage.capture for stage in stages])
+        count = len(stages)
+        stages += [plan.opening(self.bench, self.base, source, frames=1) for source in self.bench.calibration]
         captures, targets = [], []
-        for number, (job, done) in enumerate(zip(jobs, self.perform(jobs), strict=True)):
+        for number, (stage, done) in enumerate(zip(stages, self.perform(stages), strict=True)):
             target = number >= count
             if done.failure is not None:
                 if target:
                     raise HandbenchError(f"calibration: {done.failure}")
                 continue
-            folder = Path(job.arguments["folder"]) if job.stage == tasks.HASH else job.folder(self.work) / "capture"
+            folder = Path(stage.arguments["folder"]) if stage.name == HASH else stage.folder(self.work) / CAPTURE
             (targets if target else captures).append(Capture(folder, done.key, open_capture(folder).about))
         return captures, targets
 
-    def registration(self, job: Job, done: Done, targets: list[Capture], found: Outcome) -> Transform:
+    def registration(self, stage: Stage, done: Done, targets: list[Capture], found: Outcome) -> Transform:
         """radar_from_photo from the benchmark's target captures; without it nothing has a reference."""
         if done.failure is not None:
             raise HandbenchError(f"calibration: {done.failure}")
-        transform = load_transform(job.folder(self.work) / tasks.TRANSFORM)
+        transform = load_transform(stage.folder(self.work) / REGISTRATION)
         found.inputs |= {f"calibration {target.name}": target.key for target in targets}
         found.facts["registration_residuals_mm"] = (1e3 * transform.residuals_m).tolist()
         true = targets[0].folder / TRUE_TRANSFORM
@@ -167,16 +188,16 @@ class Run:
         return transform
 
 
-def collect(job: Job, folder: Path, found: Outcome) -> None:
+def collect(stage: Stage, folder: Path, found: Outcome) -> None:
     """What a stage that images has left in its folder."""
-    about = job.capture, job.method
-    times = read_json(folder / stages.TIMING, "a stage's times")["seconds"]
+    about = stage.capture, stage.method
+    times = read_json(folder / TIMING, "a stage's times")["seconds"]
     found.seconds.setdefault(about, []).extend(times)
-    found.configs[about] = job.arguments["config"]
-    if job.stage == "reconstruct":
-        found.maps[about] = folder / stages.DEPTH
+    found.configs[about] = stage.arguments["config"]
+    if stage.name == "reconstruct":
+        found.maps[about] = folder / DEPTH
     else:
-        strongest_m, _ = stages.read_repeats(folder)
+        strongest_m, _ = read_repeats(folder)
         found.deviations[about] = folder
         found.repeats += [(*about, k, float(z)) for k, z in enumerate(strongest_m)]
 
@@ -194,8 +215,8 @@ def references(
     if transform is not None and mesh is not None:
         available["photogrammetry"] = mesh, transform
     elif transform is not None and made is not None:
-        available["photogrammetry"] = made / stages.MESH, transform
-        found.views[capture.name] = made / stages.VIEW
+        available["photogrammetry"] = made / MESH, transform
+        found.views[capture.name] = made / VIEW
     if data.truth is not None:
         available["truth"] = data.truth, identity("radar")
     if not available:
@@ -212,15 +233,15 @@ def _check_names(names: list[str]) -> None:
             raise HandbenchError(f"capture: two captures are named '{name}'; give each its own name")
 
 
-def _task(job: Job, stamp: Stamp, cached: bool, folder: Path) -> outcome.Line:
+def _task(stage: Stage, stamp: Stamp, cached: bool, folder: Path) -> outcome.Line:
     """A stage's line of `TASKS`."""
-    timing = folder / stages.TIMING
-    plan_s = read_json(timing, "a stage's times").get("plan_seconds") if job.method else None
+    timing = folder / TIMING
+    plan_s = read_json(timing, "a stage's times").get("plan_seconds") if stage.method else None
     return (
-        job.label,
-        job.capture,
-        job.method,
-        job.stage,
+        stage.label,
+        stage.capture,
+        stage.method,
+        stage.name,
         stamp.seconds,
         stamp.cpu_seconds,
         stamp.peak_memory_mb,

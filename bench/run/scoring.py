@@ -15,13 +15,14 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from bench.datasets.dataset import Capture, open_capture
+from bench.evaluation import scoring_protocols
 from bench.evaluation.depth_errors import error_map
 from bench.evaluation.scoring_protocols import Protocol
 from bench.results import errors_path, write_errors
 from bench.results.error_map import ErrorMap
-from bench.run.stages import reference_depth
 from calibration.transforms import Transform
-from groundtruth.mesh.depth import Reference
+from groundtruth.mesh.depth import Reference, reference_on_grid
+from groundtruth.mesh.surface import read_surface
 from radar.data.depthmap import DepthMap, load_depthmap
 from radar.data.grid import PixelGrid
 from radar.support.files import read_json, read_npz, write_json, write_npz
@@ -42,6 +43,13 @@ class Files(Sequence[Value], Generic[Key, Value]):
 
     def __getitem__(self, index: Any) -> Any:
         return Files(self.read, self.keys[index]) if isinstance(index, slice) else self.read(self.keys[index])
+
+
+def make(
+    folder: Path, capture: str, maps: dict[str, Path], references: dict[str, tuple[Path, Transform]], protocol: str
+) -> None:
+    """The stage: a protocol is named, and a capture's folder is text."""
+    score(Path(capture), maps, references, scoring_protocols.protocol(protocol), folder)
 
 
 def score(
@@ -73,6 +81,17 @@ def compare(depth: DepthMap, reference: Reference, chosen: Protocol, data: Captu
     """The errors of a depth map of `data` against a reference on its grid: of the pixels that the protocol scores."""
     z_m = np.where(data.mask(depth, chosen.erodes), depth.z_m, np.nan) if chosen.masks else depth.z_m
     return error_map(depth.x_m, depth.y_m, z_m, reference.z_m, reference.sigma_m, reference.met)
+
+
+def reference_depth(mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid, exact: bool = False) -> Reference:
+    """Depth of a mesh file on a pixel grid of the radar, after carrying it into the radar frame; exact: the surface is
+    known without error, as a simulator's own is."""
+    radar_from_mesh.require(radar_from_mesh.source, "radar", "transform")
+    surface = read_surface(mesh_file)
+    if exact:
+        surface = replace(surface, sigma_m=np.zeros(len(surface.vertices_m)))
+        radar_from_mesh = replace(radar_from_mesh, covariance=np.zeros((6, 6)))
+    return reference_on_grid(surface.moved(radar_from_mesh), grid.x_m, grid.y_m, radar_from_mesh)
 
 
 def read_errors(folder: Path, capture: str, method: str, reference: str) -> ErrorMap:

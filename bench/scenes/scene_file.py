@@ -8,7 +8,6 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 from scipy.spatial.transform import Rotation
 
-from bench.results import Name
 from bench.scenes.poses import POSES, Pose
 from calibration.transforms import Transform
 from radar.simulation.causes import Causes, Motion, Noise, SensorFaults
@@ -17,6 +16,7 @@ from radar.simulation.physics.material import Material
 from radar.simulation.scene import DEPTH_STEP_HZ
 from radar.support.config import Config, suggest
 from radar.support.errors import HandbenchError
+from radar.support.names import Name
 
 BUILT_IN_ARRAY = "qar50"
 PHOTO_AXES = np.diag([-1.0, 1.0, -1.0])  # the board faces the radar: its z is the radar's -z

@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.evaluation.metrics import precision
 from bench.run.benchmark_file import load_benchmark
-from bench.run.stages import strongest_z_m
+from bench.run.repeat_stage import strongest_z_m
 from bench.scenes.build import Scene, build
 from bench.scenes.echoes import echoes
 from bench.scenes.scene_file import SceneFile, Sensor

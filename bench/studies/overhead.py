@@ -23,13 +23,13 @@ import psutil
 from bench.datasets.native import ECHOES, TRUTH, CaptureFile, save_capture_file
 from bench.evaluation.depth_errors import error_map
 from bench.results import errors_path, write_errors
-from bench.run import stages, tasks
+from bench.run import reconstruct_stage, scoring, tasks
 from bench.run.benchmark_file import BenchFile
 from bench.run.executors import Cluster, Executor, InPlace, executor
 from bench.run.outcome import Capture, Outcome, basis, comparisons, tabulate
 from bench.run.runner import Run
 from bench.run.scoring import GRIDS, REFERENCES, write_reference
-from bench.run.tasks import Done, Job
+from bench.run.tasks import Done
 from bench.studies.columns import Column, Record, Table
 from bench.studies.study import Study
 from calibration.transforms import identity
@@ -38,6 +38,7 @@ from radar.data.arrays import AntennaArray
 from radar.data.capture import RadarCapture, save_capture
 from radar.support.errors import HandbenchError
 from radar.support.files import write_json
+from radar.support.store import Stage
 
 METHODS = ("2fsk", "3fsk", "narrowband", "broadband")
 BAR_MS = 5.0
@@ -45,14 +46,14 @@ BAR_MS = 5.0
 
 def nothing(folder: Path, **arguments: Any) -> None:
     """A stage's files without its work."""
-    (folder / stages.DEPTH).touch()
-    write_json(folder / stages.TIMING, {"seconds": [0.0]})
+    (folder / reconstruct_stage.DEPTH).touch()
+    write_json(folder / reconstruct_stage.TIMING, {"seconds": [0.0]})
 
 
-def perform(root: Path, job: Job) -> Done:
-    """As `bench.run.tasks.perform`, in a process whose maker does nothing."""
-    tasks.MAKERS |= {"reconstruct": nothing, "score": nothing}
-    return tasks.perform(root, job)
+def perform(root: Path, stage: Stage) -> Done:
+    """As `bench.run.tasks.perform`, in a process whose makers do nothing."""
+    reconstruct_stage.reconstruct = scoring.make = nothing
+    return tasks.perform(root, stage)
 
 
 class Watched:
@@ -61,7 +62,7 @@ class Watched:
     def __init__(self, executor: Executor) -> None:
         self.executor, self.memory_mb = executor, []
 
-    def run(self, root: Path, jobs: list[Job]) -> Iterator[tuple[int, Done]]:
+    def run(self, root: Path, jobs: list[Stage]) -> Iterator[tuple[int, Done]]:
         """See `Executor`."""
         process, tenth = psutil.Process(), max(len(jobs) // 10, 1)
         for count, ended in enumerate(self.executor.run(root, jobs)):

@@ -19,9 +19,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench.run.cost import calibrated_machine
 from bench.studies.columns import Record, Table
 from radar.imaging.device import describe
+from radar.support.cost import calibrated_machine
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, write_json, write_text
 from radar.support.progress import say, track

@@ -34,14 +34,6 @@ class Inputs:
     model: Path | None = None
     masks: Masks = field(default_factory=Masks)
 
-    def content(self) -> list[Any]:
-        """Everything that the cameras' poses depend on, as `content_hash` takes it (the masks have their own)."""
-        cameras = None if self.cameras is None else [camera.model_dump() for camera in self.cameras]
-        board = None if self.board is None else self.board.model_dump()
-        model = None if self.model is None else content_hash(self.model)
-        photos = content_hash(*(part for photo in self.photos for part in (photo.name, photo.path)))
-        return [photos, cameras, board, model]
-
     def focal_lengths_px(self) -> dict[str, float]:
         """A focal length for each photograph, from the board or, where it shows too little of it, from the others."""
         if self.board is None:
@@ -55,14 +47,27 @@ class Inputs:
         return {photo.name: photo.focal_px for photo in self.photos if photo.focal_px is not None}
 
 
-def gather(folder: Path, options: Options) -> tuple[Inputs, Options]:
-    """The inputs in a folder of photographs, and the options with the files found there and the machine that computes
-    the depth maps filled in."""
+def resolve(folder: Path, options: Options) -> tuple[tuple[Photo, ...], Options]:
+    """All photographs in a folder, and the options with the files found there and the machine that computes the depth
+    maps filled in."""
     options.box()
     options = options.model_copy(update={"dense": _dense_on(options.dense)})
     photos = find_photos(folder)
     options = _found_beside(folder, options)
     _require_consistent(photos, options)
+    return photos, options
+
+
+def content(photos: tuple[Photo, ...], options: Options) -> list[Any]:
+    """Everything that the cameras' poses depend on, as `content_hash` takes it: the files behind resolved options."""
+    given = (options.cameras, options.board, options.model)
+    hashes = [None if path is None or not path.exists() else content_hash(path) for path in given]
+    return [content_hash(*(part for photo in photos for part in (photo.name, photo.path))), *hashes]
+
+
+def gather(folder: Path, options: Options) -> tuple[Inputs, Options]:
+    """The inputs in a folder of photographs, looked at and checked, and the resolved options."""
+    photos, options = resolve(folder, options)
     photos = usable(photos)
     cameras = None if options.cameras is None else cameras_of(photos, options.cameras, options.metric)
     board = None if options.board is None else load_board(options.board)

@@ -11,13 +11,16 @@ and O(p) = Σ_m Σ_ab e^{jk_mΔR_a(p)} M[m, a, b] e^{jk_mΔR_b(p)} for every p o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
 from radar.imaging.cpu.steering import steered_differences
+from radar.imaging.gains import probe_gains
 from radar.imaging.skeleton import band_skeleton, skeleton
 
 # Of the tolerance, for each skeleton: residuals are held below it at their worst member, so that their sum over levels,
@@ -26,6 +29,9 @@ SHARE = 1.0
 # So small a skeleton leaves residuals that are all alike and near their bound: those of both legs in limb and leaf, and
 # of tones, add up to √6 of it (1.2 of the tolerance was measured 100 m away).
 FEW, ALIKE = 5, 0.4
+# In a box of so few wavelengths the residuals of all its points are alike, and add up where the points' echoes cancel
+# each other: to twice the tolerance for 60 points within 2.5 mm, each of which met it.
+TOGETHER, ADDED_UP = 2.0, 0.1
 PROBES = 4  # points at which a family of antennas is sampled, per antenna
 DIRECT = 512  # antennas that are decomposed at once
 SPARSE = 1e9  # half-wavelengths cubed in a box: 2 m by 2 m by 2 m at 77 GHz
@@ -75,12 +81,14 @@ class Node:
 
 class Family(NamedTuple):
     """What a tree's boxes have in common: the tolerance, whether tones stay apart (one image each), how much longer
-    than geometry a path can be (delays), and whether all antennas are kept."""
+    than geometry a path can be (delays), whether all antennas are kept, and the exponent of the antennas' pattern where
+    legs have gains (simulation with spreading)."""
 
     tolerance: float
     apart: bool
     delay_m: float = 0.0
     whole: bool = False
+    pattern: float | None = None
 
 
 def crowded(aperture: Aperture) -> bool:
@@ -153,8 +161,8 @@ def _tones(parent: Node, box: Box, lengths: list[np.ndarray], family: Family) ->
     )
     reach_m += family.delay_m
     wavenumber = 2 * np.pi * parent.turns_per_m[:, None]
-    index, weights = band_skeleton(wavenumber, np.array([reach_m]), SHARE * family.tolerance)
-    return index, np.ascontiguousarray(weights, np.float32)
+    reduce = partial(band_skeleton, wavenumber, np.array([reach_m]))
+    return _reduced(reduce, box, parent.turns_per_m, family.tolerance)
 
 
 def _antennas(
@@ -164,6 +172,8 @@ def _antennas(
 
     The family is sampled rather than bounded by a band: near the aperture its waves are chirps, whose spectrum leaks
     out of any band. Real weights that fit a family fit its conjugate: the real part of its Gram matrix is enough.
+    Where legs have gains, these belong to the family: in a small box few antennas tell all phases, but not how 1/R and
+    the obliquity differ from one to the next.
     Around an antenna, where its distance has a kink that no sample may meet, all are kept.
     """
     n = len(leg.position_m)
@@ -171,27 +181,38 @@ def _antennas(
         return np.arange(n), np.zeros((0, 0), np.float32)
     if (np.abs(leg.position_m - box.centre_m) <= box.high_m - box.low_m).all(axis=1).any():
         return np.arange(n), np.eye(n, dtype=np.float32)
-    index, weights = family_skeleton(leg, box, turns_per_m, SHARE * family.tolerance)
-    if len(index) <= FEW:
-        index, weights = family_skeleton(leg, box, turns_per_m, ALIKE * family.tolerance)
+    reduce = partial(family_skeleton, leg, box, turns_per_m, family.pattern)
+    return _reduced(reduce, box, turns_per_m, family.tolerance)
+
+
+def _reduced(
+    reduce: Callable[[float], tuple[np.ndarray, np.ndarray]], box: Box, turns_per_m: np.ndarray, tolerance: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The skeleton that `reduce` makes to its share of the tolerance, weights in float32."""
+    together = (box.high_m - box.low_m).max() * turns_per_m.max() < TOGETHER
+    index, weights = reduce((ADDED_UP if together else SHARE) * tolerance)
+    if len(index) <= FEW and not together:
+        index, weights = reduce(ALIKE * tolerance)
     return index, np.ascontiguousarray(weights, np.float32)
 
 
 def family_skeleton(
-    leg: LocalLeg, box: Box, turns_per_m: np.ndarray, tolerance: float
+    leg: LocalLeg, box: Box, turns_per_m: np.ndarray, pattern: float | None, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Skeleton of a leg's antennas over a box; more than DIRECT are thinned half by half, each for itself."""
     n = len(leg.position_m)
     if n > DIRECT:
         order = np.argsort(leg.position_m[:, np.argmax(np.ptp(leg.position_m, axis=0))], kind="stable")
         halves = np.array_split(order, 2)
-        parts = [family_skeleton(_only(leg, half), box, turns_per_m, tolerance) for half in halves]
+        parts = [family_skeleton(_only(leg, half), box, turns_per_m, pattern, tolerance) for half in halves]
         weights = np.zeros((sum(len(index) for index, _ in parts), n))
         weights[: len(parts[0][0]), halves[0]] = parts[0][1]
         weights[len(parts[0][0]) :, halves[1]] = parts[1][1]
         return np.concatenate([half[index] for half, (index, _) in zip(halves, parts, strict=True)]), weights
     points_m, turns = _probes(box, turns_per_m, PROBES * n)
     waves = steered_differences(leg.position_m, leg.passes * turns, points_m, box.centre_m).astype(np.float64)
+    if pattern is not None:
+        waves *= np.tile(probe_gains(points_m, leg.position_m, pattern), (2, 1))
     return skeleton(waves.T @ waves / len(points_m), tolerance)
 
 

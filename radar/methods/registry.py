@@ -20,6 +20,8 @@ import numpy as np
 
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
+from radar.support import closure
+from radar.support.closure import with_version
 from radar.support.config import Config, parse, suggest
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash
@@ -106,38 +108,34 @@ def methods() -> list[Method]:
     return list(METHODS.values())
 
 
+def method_key(id: str) -> tuple[str, ...]:
+    """`source_key` of the method with this id; of none, "": nothing."""
+    return source_key(method(id)) if id else ()
+
+
 @cache
 def source_key(method: Method) -> tuple[str, ...]:
     """What a method's code is, as first asked for: for the key of what it makes. Of a plug-in all Python files of its
-    package, its version and those of the distributions that it requires; of a method here its own file."""
+    package, its version and those of the distributions that it requires; of a method here all that its module runs."""
     try:
         file = Path(inspect.getsourcefile(method.run) or "")
     except TypeError:  # no Python function
         file = Path()
     if not file.is_file():
         raise HandbenchError(f"method '{method.id}': its code is in no file, so a change could not be noticed; move it")
-    roots = [file]
-    if method.distribution is not None:
-        package = sys.modules[method.run.__module__.partition(".")[0]]
-        roots = sorted({file, *map(Path, getattr(package, "__path__", ()))})
+    if method.distribution is None:
+        ours = _top(method.run.__module__) in closure.PACKAGES
+        return (closure.key_of(method.run.__module__) if ours else content_hash(file),)
+    package = sys.modules[_top(method.run.__module__)]
+    roots = sorted({file, *map(Path, getattr(package, "__path__", ()))})
     files = [path for root in roots for path in ([root] if root.is_file() else sorted(root.rglob("*.py")))]
     return *_versions(method.distribution), content_hash(*(part for path in files for part in (path.name, path)))
 
 
-def _versions(distribution: str | None) -> list[str]:
+def _versions(distribution: str) -> list[str]:
     """A distribution and those that it requires, each with its version."""
-    if distribution is None:
-        return []
     required = [re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in metadata.requires(distribution) or []]
     return [with_version(name) for name in [distribution, *sorted(required)]]
-
-
-def with_version(distribution: str) -> str:
-    """A distribution's name with the version that is installed."""
-    try:
-        return f"{distribution} {metadata.version(distribution)}"
-    except metadata.PackageNotFoundError:  # an extra that is not installed
-        return f"{distribution} none"
 
 
 def _load() -> None:

@@ -20,16 +20,13 @@ from radar.imaging.api import points_engine
 from radar.imaging.cpu.exact import path_lengths
 from radar.imaging.cpu.leaf import Source
 from radar.imaging.cpu.steering import cis_turns
+from radar.imaging.gains import GRAZING, least_cosine
 from radar.imaging.tree import Box, Family, clusters
 from radar.support.errors import HandbenchError
 from radar.support.parallel import for_each
 
 CHUNK = 2048  # scatterers per matrix product
-# Gains that bend too sharply across the array to be carried by few antennas:
-GRAZING = 0.05  # √(n·û) where the cosine falls below this,
-FADED = 0.35  # a pattern that falls below this (half the tolerance was measured at 0.3 m),
-NEAR = 5.0  # wavelengths from the array within which 1/R changes by a fifth and more from one to the next.
-TINY_M = 4e-3  # extent of points below which these antennas are too few for the gains (measured: 2 mm)
+NEAR = 5.0  # wavelengths from the array within which 1/R changes by a fifth and more from one antenna to the next
 
 
 @dataclass(frozen=True)
@@ -71,16 +68,14 @@ def simulate(
         return _simulate_exactly(scatterers, frequencies_hz, array, spreading, pattern)
     position = np.ascontiguousarray(scatterers.position_m, np.float64)
     delay_m = 0.0 if scatterers.delay_m is None else 2 * float(np.max(scatterers.delay_m, initial=0.0))
-    family = Family(tolerance, apart=False, delay_m=delay_m)
+    family = Family(tolerance, apart=False, delay_m=delay_m, pattern=pattern if spreading else None)
     kinked = partly | _bent(scatterers, frequencies_hz, array, pattern) if spreading else partly
     samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
     for whole in (False, True):  # a gain with a kink is not smooth enough to be carried by few antennas
         alike = np.flatnonzero(kinked == whole)
         for near in clusters(position[alike], frequencies_hz) if len(alike) else []:
             chosen = alike[near]
-            # Within a tiny box few antennas tell all phases, but not how 1/R differs from one to the next.
-            keep = whole or (spreading and np.ptp(position[chosen], axis=0).max() < TINY_M)
-            engine = points_engine(frequencies_hz, array, position[chosen], family._replace(whole=keep))
+            engine = points_engine(frequencies_hz, array, position[chosen], family._replace(whole=whole))
             where = engine.sort(position[chosen])
             part = scatterers.where(chosen[where.order])
             samples += engine.echoes(_source(part, where.points_m, spreading, pattern, masked=whole), where)
@@ -141,7 +136,7 @@ def _bent(scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArra
         bent |= (cosine.min(axis=1) < GRAZING) & (cosine.max(axis=1) > 0)
     if pattern != 0:
         cosine = -towards[:, :, 2] / distance
-        bent |= cosine.min(axis=1) < max(GRAZING, FADED ** (1 / pattern))
+        bent |= cosine.min(axis=1) < least_cosine(pattern)
     return bent
 
 

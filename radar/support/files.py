@@ -8,6 +8,7 @@ import json
 import math
 import os
 import shutil
+import stat
 import tempfile
 import zipfile
 from collections.abc import Iterator
@@ -71,6 +72,8 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
 
 def _replace_folder(new: Path, path: Path) -> None:
     """Rename `new` to `path`; what stood there is moved aside first, and back when the second rename fails."""
+    if path.is_symlink():
+        raise NotADirectoryError(errno.ENOTDIR, "a link stands in the folder's place")
     if not path.exists():
         os.replace(new, path)
         return
@@ -186,16 +189,18 @@ def read_array(stream: IO[bytes], room_bytes: int) -> np.ndarray:
 
 def content_hash(*parts: Any) -> str:
     """SHA-256 over strings, numbers, JSON-like values (arrays inside them too), arrays, files and folders (name and
-    content of each file). Anything else is a TypeError: its text need not tell two values apart."""
+    content of each file). Anything else is a TypeError: its text need not tell two values apart. In a folder, a link to
+    a file inside it counts with that file's content; other links, pipes and devices are a HandbenchError."""
     digest = hashlib.sha256()
     for part in parts:
         if isinstance(part, Path) and part.is_dir():
-            walked = (Path(folder) / name for folder, _, names in os.walk(part, followlinks=True) for name in names)
-            for file in sorted(walked):
+            for file in sorted(_files_below(part)):
                 digest.update(str(file.relative_to(part)).encode())
                 digest.update(content_hash(file).encode())
         elif isinstance(part, Path):
-            with part.open("rb") as stream:
+            with open(part, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as stream:
+                if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+                    raise HandbenchError(f"{part}: is no file whose content could be told; put one there")
                 digest.update(hashlib.file_digest(stream, "sha256").digest())
         elif isinstance(part, np.ndarray):
             digest.update(str((part.shape, part.dtype)).encode() + np.ascontiguousarray(part).tobytes())
@@ -203,6 +208,16 @@ def content_hash(*parts: Any) -> str:
             digest.update(json.dumps(part, sort_keys=True, default=_json_like).encode())
         digest.update(b"|")
     return digest.hexdigest()
+
+
+def _files_below(folder: Path) -> Iterator[Path]:
+    for at, folders, names in os.walk(folder):
+        for path in (Path(at, name) for name in (*folders, *names)):
+            kind = path.lstat().st_mode
+            if stat.S_ISLNK(kind) and not (path.is_file() and path.resolve().is_relative_to(folder.resolve())):
+                raise HandbenchError(f"{path}: is a link that leads to no file inside {folder}; put the file there")
+            if not stat.S_ISDIR(kind):
+                yield path
 
 
 def _json_like(value: Any) -> Any:

@@ -1,8 +1,11 @@
-"""Work that is kept: folders named by the hash of everything that they depend on.
+"""Work that is kept: stages, each in a folder named by the hash of everything that it depends on.
 
-A folder appears complete or not at all, so that work that was killed goes on where it stopped, and a changed input,
-option, source file or library never meets a stale result. Each holds the checksums of its files, so that a flipped bit
-is found before it is taken for a result.
+A stage's key is the hash of its parameters, of its inputs' content (or of the keys of the stages that made them), and
+of all code that it runs, down to the libraries' versions (`radar.support.closure`). Nobody lists that code, so a
+changed input, option, source file or library never meets a stale result.
+
+A folder appears complete or not at all, so that work that was killed goes on where it stopped. Each holds the checksums
+of its files, so that a flipped bit is found before it is taken for a result, and a stamp that says what it cost.
 """
 
 from __future__ import annotations
@@ -11,45 +14,107 @@ import json
 import os
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
 from functools import cache
-from importlib import metadata
+from importlib import import_module, metadata
 from pathlib import Path
 from typing import Any
 
-from radar.support.files import atomic_folder, content_hash, write_json
+from radar.support import closure
+from radar.support.cost import Cost, calibrated_machine, measured
+from radar.support.errors import HandbenchError
+from radar.support.files import atomic_folder, content_hash, read_json, write_json
+from radar.support.folder import is_own_folder, own, read_own
 from radar.support.progress import say
 
-MANIFEST = "manifest.json"  # in each folder: size and checksum of its files
-PART_BYTES = 2**22
-PACKAGES = Path(__file__).parents[2]
+MANIFEST, STAMP = "manifest.json", "stage.json"  # in each folder: size and checksum of its files; what they cost
 LIBRARIES = ("handbench", "numpy", "scipy", "numba", "open3d", "pycolmap", "opencv-contrib-python-headless", "h5py")
 
 
-def versions() -> dict[str, str]:
-    """Versions of the libraries that a result depends on."""
-    return {name: metadata.version(name) for name in LIBRARIES}
+@dataclass(frozen=True)
+class Stage:
+    """One piece of work as plain data, which any machine that sees the files can do. capture, method: what it is of
+    (empty: of none); maker: "package.module:function", called with the folder to fill and `arguments` (plain values and
+    paths); code: the hash of all that runs; key: that of everything that the result depends on."""
+
+    name: str
+    capture: str = ""
+    method: str = ""
+    maker: str = ""
+    arguments: dict[str, Any] = field(default_factory=dict)
+    code: str = ""
+    key: str = ""
+
+    @property
+    def label(self) -> str:
+        """The name that is printed, and that the folder begins with."""
+        return "-".join(part for part in (self.name, self.capture, self.method) if part)
+
+    def folder(self, root: Path) -> Path:
+        """Where its files lie, in the store at `root`."""
+        return root / f"{self.label}-{self.key[:16]}"
+
+    def make(self, folder: Path) -> None:
+        """Fill a folder."""
+        module, _, function = self.maker.partition(":")
+        getattr(import_module(module), function)(folder, **self.arguments)
 
 
-@cache  # of the code as it was when the run began, which is the code that runs
-def source_hash(sources: tuple[str, ...]) -> str:
-    """Hash of the Python files of packages and modules, given as paths under the installation: radar, bench/x.py."""
-    files = []
-    for source in sources:
-        path = PACKAGES / source
-        files += [path] if path.is_file() else sorted(path.rglob("*.py"))
-    return content_hash(*(part for file in files for part in (str(file.relative_to(PACKAGES)), file)))
+@dataclass
+class Stamp(Cost):
+    """What a stage cost when it was made, and facts of the machine that made it."""
+
+    machine: dict[str, Any] = field(default_factory=dict)
 
 
-def key_of(sources: tuple[str, ...], *depends_on: Any) -> str:
-    """The hash that names a folder: of what its content depends on, of the code that makes it (`sources` as for
-    `source_hash`) and of the libraries' versions."""
-    return content_hash(*depends_on, source_hash(sources), versions())
+def stage(
+    name: str,
+    maker: str,
+    depends_on: list[Any],
+    arguments: dict[str, Any],
+    capture: str = "",
+    method: str = "",
+    plugged: tuple[str, ...] = (),
+) -> Stage:
+    """A stage whose key is the hash of depends_on (values, paths, keys of earlier stages) and of the code: the import
+    closure of the maker's module, and `plugged`, which tells the code that no import leads to."""
+    code = code_hash(maker, plugged)
+    return Stage(name, capture, method, maker, arguments, code, content_hash(name, capture, method, *depends_on, code))
+
+
+def code_hash(maker: str, plugged: tuple[str, ...] = ()) -> str:
+    """Hash of the code that a maker runs, as it was when this process first asked."""
+    return content_hash(closure.key_of(maker.partition(":")[0]), plugged)
+
+
+def kept(root: Path, stage: Stage) -> tuple[Stamp, bool]:
+    """Have a stage's folder made in the store at `root`, unless it is there; its stamp, and whether it was."""
+    own(root)
+    return kept_stage(stage.folder(root), stage.label, stage.make)
+
+
+def kept_stage(folder: Path, label: str, make: Callable[[Path], None]) -> tuple[Stamp, bool]:
+    """As `keep`, timed; returns what the work cost when it was done, and whether it had been."""
+    stamps: list[Stamp] = []
+
+    def timed(temporary: Path) -> None:
+        say(f"{label} ...")
+        machine = calibrated_machine()  # once, before anything is timed
+        with measured() as cost:
+            make(temporary)
+        stamps.append(Stamp(**asdict(cost), machine=machine))
+        write_json(temporary / STAMP, asdict(stamps[0]))
+
+    if keep(folder, timed):
+        return Stamp(**read_json(folder / STAMP, "a stage's stamp")), True
+    return stamps[0], False
 
 
 def keep(folder: Path, make: Callable[[Path], None]) -> bool:
     """Have make(temporary) fill a folder unless it is there already, whole; returns whether it was. What was changed
     since it was made (a disk's error, a hand's) is said, dropped and made again."""
-    if folder.is_dir():
+    if is_own_folder(folder):
         wrong = changed(folder)
         if wrong is None:
             return True
@@ -63,8 +128,9 @@ def keep(folder: Path, make: Callable[[Path], None]) -> bool:
 def changed(folder: Path) -> str | None:
     """Which of a kept folder's files are no longer as they were made, or None."""
     try:
-        expected = {name: tuple(facts) for name, facts in json.loads((folder / MANIFEST).read_bytes()).items()}
-    except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+        written = json.loads(b"".join(read_own(folder / MANIFEST)))
+        expected = {name: tuple(facts) for name, facts in written.items()}
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError, HandbenchError):
         return f"its {MANIFEST} is missing or broken"
     found = _checksums(folder)
     wrong = sorted(name for name in expected if expected[name] != found.get(name))
@@ -75,13 +141,23 @@ def changed(folder: Path) -> str | None:
 
 def _checksums(folder: Path) -> dict[str, tuple[int, int]]:
     """Size and CRC-32 of every file but the manifest's own: it finds what happens by chance, and takes 0.4 s/GB."""
-    files = sorted(f"{at}/{name}" for at, _, names in os.walk(folder) for name in names)
-    return {os.path.relpath(file, folder): _checksum(file) for file in files if file != f"{folder}/{MANIFEST}"}
+    found = {}
+    for file in sorted(f"{at}/{name}" for at, _, names in os.walk(folder) for name in names):
+        if file == f"{folder}/{MANIFEST}":
+            continue
+        with suppress(HandbenchError):  # what is no file of ours is none of those that were made
+            found[os.path.relpath(file, folder)] = _checksum(file)
+    return found
 
 
 def _checksum(file: str) -> tuple[int, int]:
     size, crc = 0, 0
-    with open(file, "rb", buffering=0) as stream:
-        while part := stream.read(PART_BYTES):
-            size, crc = size + len(part), zlib.crc32(part, crc)
+    for part in read_own(file):
+        size, crc = size + len(part), zlib.crc32(part, crc)
     return size, crc
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Versions of the libraries that every result names."""
+    return {name: metadata.version(name) for name in LIBRARIES}

@@ -1,4 +1,4 @@
-"""What the errors cost in time, how they are distributed, and how far repeats scatter."""
+"""Charts of a whole result: errors against time, their distribution, and how far repeats scatter."""
 
 from __future__ import annotations
 
@@ -6,36 +6,38 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from bench.results import Result, Row
-from reports.figures.style import AGAINST, Picture, log_axis, looks, methods, time_text
+from bench.results import HEADLINE, Result
+from reports.figures.style import AGAINST, Picture, log_axis, looks, methods, time_text, whiskers
 from reports.tables.blocks import floor_note
 
 EDGES_MM = np.geomspace(0.02, 100, 400)
 
 
 def accuracy_against_time(result: Result) -> Picture:
-    """MAE over seconds per frame with both intervals; the paper's MAE as an open marker at our time."""
-    references = [r for r in AGAINST if any((row.metric, row.reference) == ("mae_mm", r) for row in result.rows)]
+    """Mean error over seconds per frame with both intervals; the paper's as an open marker at our time."""
+    scored = set(result.table.reference[result.table.metric == HEADLINE])
+    references = [reference for reference in AGAINST if reference in scored]
     figure, axes = _side_by_side(len(references))
     look = looks(m.name for m in methods(result))
     notes, handles = [], {}
     for axis, reference in zip(axes, references, strict=True):
         for method in methods(result):
-            mae, time = (result.row(metric, method.name, reference) for metric in ("mae_mm", "seconds"))
-            if not (mae and time and mae.value and time.value):
+            error, time = (result.row(metric, method.name, reference) for metric in (HEADLINE, "seconds"))
+            if not (error and time and error.value > 0 and time.value > 0):
                 continue
             colour, marker = look[method.name]
-            x, y = time.value, mae.value
+            x, y = time.value, error.value
+            bars = (whiskers(of.value, of.low, of.high) for of in (error, time))
             style = {"color": colour, "marker": marker, "markersize": 6, "capsize": 3, "elinewidth": 1}
-            handles[method.title] = axis.errorbar(x, y, _whiskers(mae), _whiskers(time), linestyle="none", **style)
-            if mae.paper:
-                axis.plot(x, mae.paper, marker, color=colour, markersize=6, fillstyle="none")
-            notes.append(f"{method.title} {AGAINST[reference]}: {mae.value:.2f} mm in {time_text(result, method)}")
+            handles[method.title] = axis.errorbar(x, y, *bars, linestyle="none", **style)
+            if error.paper > 0:
+                axis.plot(x, error.paper, marker, color=colour, markersize=6, fillstyle="none")
+            notes.append(f"{method.title} {AGAINST[reference]}: {error.value:.2f} mm in {time_text(result, method)}")
         axis.set(xlabel="seconds per frame", title=AGAINST[reference])
         axis.margins(0.15)
         for side in ("x", "y"):
             log_axis(axis, side)
-    axes[0].set_ylabel("MAE in mm")
+    axes[0].set_ylabel(f"{result.title(HEADLINE)} in mm")
     handles["paper (at our time)"] = Line2D([], [], color="0.3", marker="o", linestyle="none", fillstyle="none")
     figure.legend(handles.values(), handles.keys(), loc="outside right center", frameon=False)
     return Picture(
@@ -86,16 +88,17 @@ def _shares(result: Result, method: str, reference: str) -> np.ndarray:
 
 def repeats(result: Result) -> Picture:
     """Every repeat's depth of the strongest scatterer, from its hand's mean."""
-    hands = sorted({repeat.capture for repeat in result.repeats})
-    repeated = [m for m in methods(result) if any(repeat.method == m.name for repeat in result.repeats)]
+    hands = sorted(set(result.repeats.capture))
+    repeated = [m for m in methods(result) if (result.repeats.method == m.name).any()]
     figure = Figure(figsize=(1.6 + 0.95 * max(len(repeated), 3), 3.2), layout="constrained")
     axis = figure.subplots()
     look = looks(m.name for m in methods(result))
     for column, method in enumerate(repeated):
         colour, marker = look[method.name]
+        mine = result.repeats[result.repeats.method == method.name].dropna(subset="z_m")
         for i, hand in enumerate(hands):
-            z_m = [r.z_m for r in result.repeats if (r.capture, r.method) == (hand, method.name) and r.z_m is not None]
-            deviation_mm = 1e3 * (np.array(z_m) - np.mean(z_m)) if z_m else np.empty(0)
+            z_m = mine.z_m[mine.capture == hand].to_numpy()
+            deviation_mm = 1e3 * (z_m - z_m.mean()) if len(z_m) else z_m
             place = column + 0.5 * (i - (len(hands) - 1) / 2) / max(len(hands), 1)
             axis.plot(np.full(len(z_m), place), deviation_mm, marker, color=colour, markersize=4, alpha=0.6, mew=0)
     axis.axhline(0, color="0.6", linewidth=0.6)
@@ -114,9 +117,3 @@ def repeats(result: Result) -> Picture:
 def _side_by_side(columns: int) -> tuple[Figure, np.ndarray]:
     figure = Figure(figsize=(3.6 * columns + 1.6, 3.2), layout="constrained")
     return figure, figure.subplots(1, columns, sharex=True, sharey=True, squeeze=False)[0]
-
-
-def _whiskers(row: Row) -> list[list[float]] | None:
-    if row.low is None or row.high is None:
-        return None
-    return [[row.value - row.low], [row.high - row.value]]

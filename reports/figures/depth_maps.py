@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.ticker import MaxNLocator
 
-from bench.results import CaptureFacts, Result, Surface
+from bench.results import HEADLINE, CaptureFacts, Result, Surface
 from reports.figures.style import AGAINST, Picture, methods, time_text
 from reports.tables.blocks import floor_note
 
@@ -63,8 +63,8 @@ def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture
     for axis, (method, errors) in zip((axis for row in axes for axis in row), maps, strict=False):
         image = _draw(axis, Surface(errors.x_m, errors.y_m, errors.error_m), ERROR_COLOURS, error_scale(), box)
         _outline(axis, errors.x_m, errors.y_m, errors.reference_z_m)
-        axis.set_title(f"{method.title}\n{mae_text(errors.error_m)}, {time_text(result, method)}")
-        notes.append(f"{method.title}: {mae_text(errors.error_m)}")
+        axis.set_title(f"{method.title}\n{mean_text(result, errors.error_m)}, {time_text(result, method)}")
+        notes.append(f"{method.title}: {mean_text(result, errors.error_m)}")
     _finish(axes, len(maps))
     bar = figure.colorbar(image, cax=bar_axis, label="z − z_ref in mm", extend="both")
     bar.set_ticks(ERROR_TICKS_MM, labels=[f"{tick:+d}".replace("-", "−").replace("+0", "0") for tick in ERROR_TICKS_MM])
@@ -85,10 +85,10 @@ def error_scale() -> SymLogNorm:
     return SymLogNorm(linthresh=1, linscale=0.6, vmin=-50, vmax=50)
 
 
-def mae_text(error_m: np.ndarray) -> str:
+def mean_text(result: Result, error_m: np.ndarray) -> str:
     """Mean absolute error of one map, in words."""
     seen = error_m[np.isfinite(error_m)]
-    return f"MAE {1e3 * np.abs(seen).mean():.2f} mm" if len(seen) else "nothing observed"
+    return f"{result.title(HEADLINE)} {1e3 * np.abs(seen).mean():.2f} mm" if len(seen) else "nothing observed"
 
 
 def _panels(rows: int, columns: int, box: Box, photo: Path | None = None) -> tuple[Figure, list[list[Axes]], Axes]:

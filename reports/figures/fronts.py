@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from bench.results import Section, Setting, Tradeoff
-from reports.figures.style import COLOURS, Picture, log_axis, look, looks
+from bench.results import HEADLINE, Section, Setting, Tradeoff
+from reports.figures.style import COLOURS, Picture, log_axis, look, looks, whiskers
 from reports.tables.blocks import figure as figure_text
-from reports.tables.blocks import number, three_digits
+from reports.tables.blocks import known, number, three_digits
 
 NAMES = 20  # of the front beside the picture at most
 PARTS = {  # of a frame's time: name, colour, hatch
@@ -37,7 +37,7 @@ def pictures(found: Tradeoff) -> Iterator[Picture]:
 
 def plotted(setting: Setting) -> bool:
     """Whether it has a place on logarithmic axes."""
-    return bool(setting.error and setting.seconds and setting.error > 0 and setting.seconds > 0)
+    return known(setting.error, setting.seconds) and setting.error > 0 and setting.seconds > 0
 
 
 def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
@@ -53,9 +53,9 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     for s in shown:
         colour, marker = styles[s.method]
         bold = {"markersize": 6, "zorder": 3} if s.on_front else {"markersize": 4, "alpha": 0.4, "fillstyle": "none"}
-        whiskers = _whiskers(s.error, s.low, s.high), _whiskers(s.seconds, s.seconds_low, s.seconds_high)
+        bars = whiskers(s.error, s.low, s.high), whiskers(s.seconds, s.seconds_low, s.seconds_high)
         style = {"color": colour, "marker": marker, "elinewidth": 0.7, "linestyle": "none"}
-        axis.errorbar(s.seconds, s.error, *whiskers, **style, **bold)
+        axis.errorbar(s.seconds, s.error, *bars, **style, **bold)
     for i, s in enumerate(best, 1):
         axis.annotate(str(i), (s.seconds, s.error), (5, 5), textcoords="offset points", fontsize=8, zorder=5)
     reference = next((s for s in settings if s.name == about.reference), None)
@@ -84,7 +84,7 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
 
 
 def _what(shown: list[Setting]) -> str:
-    complete = any(s.seen_percent is not None for s in shown)
+    complete = any(known(s.seen_percent) for s in shown)
     return "time, accuracy and completeness together" if complete else "both time and accuracy"
 
 
@@ -101,7 +101,7 @@ def _look(shown: list[Setting]) -> dict[str, tuple[str, str]]:
 def metric_words(about: Section) -> str:
     """The section's metric as a person writes it."""
     name = about.metric.removesuffix("_percent").removesuffix(f"_{about.unit}").replace("_", " ")
-    return name.upper() if name in ("mae", "rmse") else name
+    return name.upper() if about.metric in (HEADLINE, "rmse_mm") else name
 
 
 def _ratios(axis: Axes, reference: Setting) -> None:
@@ -184,9 +184,3 @@ def error_text(s: Setting, unit: bool = True) -> str:
 def seconds_text(s: Setting, unit: bool = True) -> str:
     """Its time with the range."""
     return figure_text(s.seconds, s.seconds_low, s.seconds_high, "s") + (" s" if unit else "")
-
-
-def _whiskers(value: float, low: float | None, high: float | None) -> list[list[float]] | None:
-    if low is None or high is None:
-        return None
-    return [[max(value - low, 0)], [max(high - value, 0)]]

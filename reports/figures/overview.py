@@ -7,7 +7,7 @@ from pathlib import Path
 
 import matplotlib
 
-from bench.results import CaptureFacts, Result
+from bench.results import HEADLINE, CaptureFacts, Result
 from radar.support.files import atomic_path
 from reports.figures.charts import accuracy_against_time, error_distributions, repeats
 from reports.figures.depth_maps import depth_maps, error_maps
@@ -16,11 +16,11 @@ from reports.figures.style import AGAINST, STYLE, Picture, Saved
 
 def overview(result: Result) -> Iterator[Picture]:
     """The pictures of all captures together that the result has the data for."""
-    if any(row.metric == "mae_mm" for row in result.rows):
+    if (result.table.metric == HEADLINE).any():
         yield accuracy_against_time(result)
     if result.about.methods and any(capture.references for capture in result.scored()):
         yield error_distributions(result)
-    if result.repeats:
+    if len(result.repeats):
         yield repeats(result)
 
 

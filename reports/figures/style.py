@@ -1,4 +1,4 @@
-"""What every picture shares: fonts, colours and markers of the methods, how times are written."""
+"""The look of every picture: fonts, colours and markers of the methods, how times are written."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from bench.results import MethodFacts, Result
+from reports.tables.blocks import known
 
 STYLE = {
     "font.size": 9,
@@ -86,11 +87,15 @@ def look(i: int) -> tuple[str, str]:
 
 def time_text(result: Result, method: MethodFacts) -> str:
     """The method's time per frame, as a title writes it."""
-    rows = (result.row("seconds", method.name, reference) for reference in AGAINST)
-    seconds = next((row.value for row in rows if row and row.value is not None), None)
-    if seconds is None:
+    time = result.time(method.name)
+    if time is None:
         return "time unknown"
-    return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
+    return f"{time.value:.2g} s" if time.value < 10 else f"{time.value:.0f} s"
+
+
+def whiskers(value: float, low: float | None, high: float | None) -> list[list[float]] | None:
+    """An interval as matplotlib's error bars take it; None where an end is not known."""
+    return [[max(value - low, 0)], [max(high - value, 0)]] if known(low, high) else None
 
 
 def log_axis(axis: Axes, side: str) -> None:

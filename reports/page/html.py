@@ -13,7 +13,8 @@ from reports.figures import overview as figures
 from reports.figures.style import methods
 from reports.page import scene3d, sections, tradeoff_section
 from reports.page.rendering import Image, picture_file, picture_of, render
-from reports.tables import latex, tables
+from reports.tables import latex, result_tables
+from reports.tables.blocks import caption
 
 ABREAST = 12  # captures on a page
 FIRST = 3  # captures on the first page where there are more
@@ -64,10 +65,10 @@ def pages(captures: Sequence[CaptureFacts]) -> list[tuple[CaptureFacts, ...]]:
 
 def _tables(result: Result, out: Path) -> None:
     texts = {
-        "table.md": tables.markdown(result),
+        "table.md": result_tables.markdown(result),
         "table.tex": latex.latex(result),
-        "table.csv": tables.csv_text(result),
-        "comparisons.md": tables.comparisons_markdown(result),
+        "table.csv": result_tables.csv_text(result),
+        "comparisons.md": result_tables.comparisons_markdown(result),
         "comparisons.tex": latex.comparisons(result),
     }
     for name, text in texts.items():
@@ -76,16 +77,16 @@ def _tables(result: Result, out: Path) -> None:
 
 
 def _summary(result: Result, overview: list[Image], swept: Any) -> dict[str, Any]:
-    """What index.html says of all captures together."""
+    """Content of index.html on all captures together."""
     return {
         "about": result.about,
         "config": result.config,
-        "caption": tables.caption(result),
+        "caption": caption(result),
         "blocks": sections.all_blocks(result),
         "verdicts": sections.verdicts(result),
         "overview": overview,
         "tradeoff": swept,
-        "stages": tables.stages(result),
+        "stages": sections.stage_times(result),
         "effects": sections.effects(result),
         "uncertainty": sections.uncertainty(result),
         "stability": sections.stability(result.folder),
@@ -97,7 +98,7 @@ def _summary(result: Result, overview: list[Image], swept: Any) -> dict[str, Any
 
 
 def _captures(result: Result, captures: Sequence[CaptureFacts], folder: Path) -> dict[str, Any]:
-    """What a page shows of its captures: their pictures, and what turns in 3-D."""
+    """Content of a page on its captures: their pictures, and what turns in 3-D."""
     details = [(capture, images(figures.save(figures.panels(result, capture), folder))) for capture in captures]
     scenes = [scene for scene in (scene3d.scene(result, capture) for capture in captures) if scene]
     shown = _first_method(result)

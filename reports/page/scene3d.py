@@ -1,4 +1,4 @@
-"""What the 3-D view shows: each capture's reference and radar surfaces, small enough to lie inside the page."""
+"""Content of the 3-D view: each capture's reference and radar surfaces, small enough to lie inside the page."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 
-from bench.results import CaptureFacts, ErrorMap, Result, Surface
-from reports.figures.depth_maps import DEPTH_COLOURS, ERROR_COLOURS, depth_scale, error_scale, mae_text
+from bench.results import CaptureFacts, Result, Surface
+from reports.figures.depth_maps import DEPTH_COLOURS, ERROR_COLOURS, depth_scale, error_scale, mean_text
 from reports.figures.style import AGAINST, methods
 
 PIXELS = 60_000  # of one surface at most: of a finer one every second, third, … row and column is shown
@@ -36,7 +36,8 @@ def scene(result: Result, capture: CaptureFacts) -> dict[str, Any] | None:
     surfaces = [_surface(name, AGAINST[name], s, low_mm, step_mm) for name, s in found.items()]
     for method in methods(result):
         errors = {r: result.errors(capture.name, method.name, r) for r in references}
-        surfaces.append(_surface(method.name, method.title, maps[method.name], low_mm, step_mm, errors))
+        told = {r: (e.error_m, f"{mean_text(result, e.error_m)} {AGAINST[r]}") for r, e in errors.items()}
+        surfaces.append(_surface(method.name, method.title, maps[method.name], low_mm, step_mm, told))
     return {
         "capture": capture.name,
         "low_mm": low_mm,
@@ -64,20 +65,21 @@ def scales() -> dict[str, Any]:
 
 
 def _surface(
-    name: str, title: str, surface: Surface, low_mm: float, step_mm: float, errors: dict[str, ErrorMap] | None = None
+    name: str, title: str, surface: Surface, low_mm: float, step_mm: float, errors: dict[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Depths of the observed pixels alone, in rows, with a bit for each pixel of their box."""
+    """Depths of the observed pixels alone, in rows, with a bit for each pixel of their box. errors: signed errors
+    [ny, nx] in metres and a note, by reference."""
     inside = _box(surface.z_m)
     z_mm = 1e3 * surface.z_m[inside]
     x_mm, y_mm = 1e3 * surface.x_m[inside[1]], 1e3 * surface.y_m[inside[0]]
     seen = np.isfinite(z_mm)
     against = {}
-    for reference, errors_of in (errors or {}).items():
-        error_mm = 1e3 * errors_of.error_m[inside][seen]
+    for reference, (error_m, note) in (errors or {}).items():
+        error_mm = 1e3 * error_m[inside][seen]
         steps = np.clip(np.nan_to_num(error_mm) / ERROR_STEP_MM, NO_ERROR + 1, -NO_ERROR - 1)
         against[reference] = {
             "steps": _base64(np.where(np.isfinite(error_mm), np.round(steps), NO_ERROR).astype("<i2")),
-            "note": f"{mae_text(errors_of.error_m)} {AGAINST[reference]}",
+            "note": note,
         }
     return {
         "name": name,

@@ -1,4 +1,4 @@
-"""What the page says besides tables and pictures: findings in words, effects, uncertainty, stability, provenance."""
+"""Sections of the page besides tables and pictures: findings in words, effects, uncertainty, stability, provenance."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.results import Result
+from bench.results import HEADLINE, HEADLINES, Result
+from bench.results.folder import shown
 from bench.results.stability import VERDICTS, counted, load_stability
 from reports.figures.style import AGAINST
-from reports.tables.blocks import NONE, Block, Line, blocks, figure, number, p_text, three_digits
-from reports.tables.result_tables import HEADLINE
+from reports.tables.blocks import NONE, Block, Line, blocks, figure, known, number, p_text, three_digits
+from reports.tables.result_tables import stages
 
 LEADING = 4  # sentences of a metric that are read without opening the list
 
@@ -29,7 +30,7 @@ class Grid:
 
 def table_one(block: Block) -> tuple[Block, Block]:
     """The block in two: the lines that the paper prints or that stand for the result, and the others."""
-    printed = {line.metric for line in block.lines if line.source == "paper"} | set(HEADLINE)
+    printed = {line.metric for line in block.lines if line.source == "paper"} | set(HEADLINES)
 
     def part(lines: Iterable[Line]) -> Block:
         return Block(block.reference, block.heading, block.methods, tuple(lines))
@@ -42,7 +43,7 @@ def table_one(block: Block) -> tuple[Block, Block]:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the tests say of one metric. best: titles of the methods that none is shown to beat, the best figure
+    """The tests' findings on one metric. best: titles of the methods that none is shown to beat, the best figure
     first; leading: its smallest differences that are shown; shown: how many are; table: every pair."""
 
     heading: str
@@ -56,31 +57,36 @@ def verdicts(result: Result) -> list[Verdict]:
     """One for each metric and reference that was compared."""
     titles = {method.name: method.title for method in result.about.methods}
     found = []
-    for metric, reference in dict.fromkeys((c.metric, c.reference) for c in result.comparisons):
-        lines = [c for c in result.comparisons if (c.metric, c.reference) == (metric, reference)]
-        beaten = {c.worse for c in lines}
+    for (metric, reference), lines in result.comparisons.groupby(["metric", "reference"], sort=False):
+        beaten = set(lines.worse)
         best = sorted(result.best(metric, reference), key=lambda name: name in beaten)  # the best figure comes first
-        ahead = [c for c in lines if c.shown and c.better == best[0]]
-        ahead.sort(key=lambda c: c.difference or 0)
-        rows = tuple((c.sentence, p_text(c.p_corrected), number(c.effect, 2)) for c in lines)
-        facts = result.about.metrics.get(metric)
-        heading = f"{facts.title if facts else metric} {AGAINST.get(reference, reference)}"
-        caption = f"{heading}: every pair of {lines[0].n_captures} captures ({lines[0].n_blocks} blocks)"
-        grid = Grid(caption, ("difference", "p, corrected", "effect (dz)"), rows)
+        ahead = lines[shown(lines) & (lines.better == best[0])].sort_values("difference", kind="stable")
+        rows = tuple((c.sentence, p_text(c.p_corrected), number(c.effect, 2)) for c in lines.itertuples())
+        heading = f"{result.title(metric)} {AGAINST.get(reference, reference)}"
+        first = lines.iloc[0]
+        caption = f"{heading}: every pair of {first.n_captures} captures ({first.n_blocks} blocks)"
         found.append(
             Verdict(
                 heading,
                 tuple(titles.get(name, name) for name in best),
-                tuple(c.sentence for c in ahead[:LEADING]),
-                sum(c.shown for c in lines),
-                grid,
+                tuple(ahead.sentence[:LEADING]),
+                int(shown(lines).sum()),
+                Grid(caption, ("difference", "p, corrected", "effect (dz)"), rows),
             )
         )
     return found
 
 
+def stage_times(result: Result) -> Grid:
+    """Where the time goes, by method and stage."""
+    rows = tuple(tuple(map(str, line)) for line in stages(result).itertuples(index=False, name=None))
+    headings = ("method", "stage", "tasks", "of them cached", "seconds", "CPU seconds", "peak memory in MB")
+    caption = "Median of each stage's tasks; cached: the time was measured by an earlier run"
+    return Grid(caption, headings, rows, texts=2)
+
+
 def effects(result: Result) -> Grid | None:
-    """What the scenes called for: each effect's rows over the captures that tell them; None where none does."""
+    """Effects that the scenes called for: each effect's rows over the captures that tell them; None where none does."""
     rows: dict[str, list[dict[str, Any]]] = {}
     for capture in result.scored():
         for row in capture.effects:
@@ -109,7 +115,7 @@ def _largest(rows: list[dict[str, Any]], key: str) -> str:
 
 
 def uncertainty(result: Result) -> list[Grid]:
-    """Where the ground truth's own error comes from, and the floor that it sets to every MAE."""
+    """Sources of the ground truth's own error, and the floor that it sets to every mean error."""
     grids = []
     budgets = result.about.facts.get("groundtruth_sigma_rms")
     if isinstance(budgets, dict) and budgets:
@@ -120,14 +126,14 @@ def uncertainty(result: Result) -> list[Grid]:
         )
         caption = "Standard deviation of the photogrammetric reference along z: root mean square over its pixels"
         grids.append(Grid(caption, ("capture", "mesh (mm)", "registration (mm)", "together (mm)"), rows))
-    floors = [
-        (title, *(_floor(result, method, r) for r in AGAINST))
-        for method, title in ((m.name, m.title) for m in result.about.methods)
-        if any(result.row("floor_mm", method, r) for r in AGAINST)
+    found = [
+        (m.title, [result.row("floor_mm", m.name, reference) for reference in AGAINST]) for m in result.about.methods
     ]
+    floors = tuple((title, *map(_floor, rows)) for title, rows in found if any(rows))
     if floors:
         headings = ("method", *(f"{against} (mm)" for against in AGAINST.values()))
-        grids.append(Grid("Ground-truth floor: the MAE that a perfect radar would show", headings, tuple(floors)))
+        caption = f"Ground-truth floor: the {result.title(HEADLINE)} that a perfect radar would show"
+        grids.append(Grid(caption, headings, floors))
     residuals = result.about.facts.get("registration_residuals_mm")
     if isinstance(residuals, list) and residuals:
         rows = [(f"marker {i + 1}", _mm(value)) for i, value in enumerate(residuals)]
@@ -140,8 +146,7 @@ def _mm(value: Any) -> str:
     return number(value, three_digits(value)) if isinstance(value, int | float) else NONE
 
 
-def _floor(result: Result, method: str, reference: str) -> str:
-    row = result.row("floor_mm", method, reference)
+def _floor(row: Any) -> str:
     return NONE if row is None else figure(row.value, row.low, row.high, row.unit)
 
 
@@ -172,7 +177,7 @@ def _short(value: str | float | None) -> str:
     """A number as short as four digits tell it; a text as it is."""
     if isinstance(value, str):
         return value
-    return NONE if value is None or value != value else f"{value:.4g}".replace("-", "−")
+    return f"{value:.4g}".replace("-", "−") if known(value) else NONE
 
 
 def provenance(result: Result) -> list[tuple[str, Any]]:
@@ -190,7 +195,7 @@ def provenance(result: Result) -> list[tuple[str, Any]]:
 
 
 def captures(result: Result) -> Grid:
-    """What was captured."""
+    """The captures."""
     rows = tuple(
         (c.name, c.pose or NONE, c.kind, ", ".join(c.references) or NONE, number(c.distance_m, 3))
         for c in result.about.captures
@@ -212,7 +217,7 @@ def settings(result: Result) -> list[tuple[str, list[tuple[str, Any]]]]:
 
 
 def command(result: Result) -> str:
-    """What repeats the run, as told by the result; else in general."""
+    """The commands that repeat the run, as told by the result; else in general."""
     told = result.about.facts.get("command")
     run = told if isinstance(told, str) else "handbench run BENCH.toml -o DIR"
     return f"{run}\nhandbench report DIR -o REPORT"

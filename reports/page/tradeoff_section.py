@@ -12,8 +12,8 @@ from reports.figures import overview
 from reports.figures.fronts import error_text, metric_words, pictures, plotted, seconds_text
 from reports.page.rendering import picture_file, render
 from reports.page.sections import Grid
-from reports.tables import latex, tables
-from reports.tables.blocks import NONE, number, three_digits
+from reports.tables import latex, result_tables
+from reports.tables.blocks import NONE, known, number, three_digits
 
 
 def build(folder: str | Path, out: str | Path) -> Path:
@@ -28,7 +28,7 @@ def build(folder: str | Path, out: str | Path) -> Path:
 
 def section(found: Tradeoff, out: Path) -> dict[str, Any]:
     """Write tables and pictures to `out`; what a page shows of them."""
-    for name, text in {"front.md": tables.tradeoff_markdown(found), "front.tex": latex.tradeoff(found)}.items():
+    for name, text in {"front.md": result_tables.tradeoff_markdown(found), "front.tex": latex.tradeoff(found)}.items():
         write_text(out / name, text)
     saved = {picture.stem: picture for picture in overview.save(pictures(found), out / "figures")}
     parts = []
@@ -90,8 +90,8 @@ def claims_grid(found: Tradeoff) -> Grid | None:
 
 
 def _factor(value: float | None) -> str:
-    return NONE if value is None else f"× {value:.3g}" if value < 1000 else f"× {value:.0f}"
+    return (f"× {value:.3g}" if value < 1000 else f"× {value:.0f}") if known(value) else NONE
 
 
 def _count(value: float | None) -> str:
-    return NONE if value is None else f"{value:.2g}"
+    return f"{value:.2g}" if known(value) else NONE

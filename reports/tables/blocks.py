@@ -1,11 +1,13 @@
-"""What every table is made of: the figures of a result in blocks of lines, ready to read."""
+"""The figures of a result in blocks of lines, ready to read: every table is made of them."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from bench.results import REFERENCES, Result, Row
+import pandas as pd
+
+from bench.results import HEADLINE, REFERENCES, Result
 
 HEADINGS = {
     "photogrammetry": "Scored against photogrammetry, as the paper does",
@@ -40,73 +42,74 @@ class Block:
 
 def blocks(result: Result) -> list[Block]:
     """One block for each reference that the result was scored against."""
-    scored = {row.reference for row in result.rows}
+    scored = set(result.table.reference)
     return [_block(result, reference) for reference in REFERENCES if reference in scored]
 
 
 def _block(result: Result, reference: str) -> Block:
+    table = result.table[result.table.reference == reference].drop_duplicates(["metric", "method"])
+    names = [method.name for method in result.about.methods]
     lines: list[Line] = []
     for metric, facts in result.about.metrics.items():
-        rows = [result.row(metric, method.name, reference) for method in result.about.methods]
-        if any(rows):
+        rows = table[table.metric == metric].set_index("method").reindex(names)
+        if rows.metric.notna().any():
             lines += _lines(metric, f"{facts.title} ({facts.unit})", rows, outstanding(result, metric, reference))
     titles = tuple(method.title for method in result.about.methods)
     return Block(reference, HEADINGS[reference], titles, tuple(lines))
 
 
-def _lines(metric: str, title: str, rows: list[Row | None], stars: frozenset[str]) -> list[Line]:
-    unit = next(row.unit for row in rows if row)
-    best = tuple(row is not None and row.method in stars for row in rows) if stars else ()
-    lines = [Line(metric, title, "ours", tuple(map(ours, rows)), best, unit)]
-    published = [row for row in rows if row and row.paper is not None]
-    if published:
-        lines.append(Line(metric, "", "paper", tuple(map(paper, rows)), unit=unit))
-    if published and unit != "%":  # a ratio of percentages near 100 says nothing
-        lines.append(Line(metric, "", "ours / paper", tuple(number(ratio(row), 2) for row in rows)))
+def _lines(metric: str, title: str, rows: pd.DataFrame, stars: frozenset[str]) -> list[Line]:
+    """The lines of one metric; rows: its figures by method, NaN where a method has none."""
+    unit = rows.unit.dropna().iloc[0]
+    best = tuple(name in stars for name in rows.index) if stars else ()
+    ours = rows[["value", "low", "high", "unit"]].itertuples(index=False, name=None)
+    lines = [Line(metric, title, "ours", tuple(figure(*cells) for cells in ours), best, unit)]
+    if rows.paper.notna().any():
+        lines.append(Line(metric, "", "paper", tuple(paper(value, unit) for value in rows.paper), unit=unit))
+        if unit != "%":  # a ratio of percentages near 100 says nothing
+            lines.append(Line(metric, "", "ours / paper", tuple(number(r, 2) for r in ratio(rows)), unit=unit))
     return lines
 
 
 def outstanding(result: Result, metric: str, reference: str) -> frozenset[str]:
     """The methods that no other is shown to beat, if any of those compared is beaten: no figure stands out without a
     test."""
-    best = frozenset(result.best(metric, reference))
-    lines = (c for c in result.comparisons if (c.metric, c.reference) == (metric, reference))
-    return best if any(c.worse not in best for c in lines) else frozenset()
+    best, lines = result.best(metric, reference), result.comparisons
+    worse = lines.worse[(lines.metric == metric) & (lines.reference == reference)]
+    return frozenset() if worse.isin(best).all() else frozenset(best)
 
 
-def ratio(row: Row | None) -> float | None:
-    """Ours over the paper's; None without either."""
-    if row is None or row.value is None or not row.paper:
-        return None
-    return row.value / row.paper
+def ratio(rows: pd.DataFrame) -> pd.Series:
+    """Ours over the paper's; NaN without either."""
+    return rows.value / rows.paper.where(rows.paper != 0)
 
 
-def ours(row: Row | None) -> str:
-    """Our figure."""
-    return NONE if row is None else figure(row.value, row.low, row.high, row.unit)
+def known(*figures: float | None) -> bool:
+    """Whether none of the figures is missing: None or NaN."""
+    return all(figure is not None and figure == figure for figure in figures)
 
 
 def figure(value: float | None, low: float | None, high: float | None, unit: str) -> str:
     """A figure with its interval in brackets."""
-    if value is None:
+    if not known(value):
         return NONE
     places = decimals(value, low, high, unit)
     return " ".join(filter(None, (number(value, places), interval(low, high, places))))
 
 
-def paper(row: Row | None) -> str:
+def paper(value: float | None, unit: str) -> str:
     """The paper's figure, as it prints it."""
-    return NONE if row is None or row.paper is None else number(row.paper, 1 if row.unit == "mm" else 2)
+    return number(value, 1 if unit == "mm" else 2)
 
 
 def interval(low: float | None, high: float | None, places: int) -> str:
     """[low, high]; empty where an end is not known."""
-    return "" if low is None or high is None else f"[{number(low, places)}, {number(high, places)}]"
+    return f"[{number(low, places)}, {number(high, places)}]" if known(low, high) else ""
 
 
 def number(value: float | None, places: int) -> str:
-    """A number with so many decimals and a true minus sign; a dash for None."""
-    return NONE if value is None else f"{value:.{places}f}".replace("-", "−")
+    """A number with so many decimals and a true minus sign; a dash for one that is missing."""
+    return f"{value:.{places}f}".replace("-", "−") if known(value) else NONE
 
 
 def decimals(value: float, low: float | None, high: float | None, unit: str) -> int:
@@ -115,14 +118,14 @@ def decimals(value: float, low: float | None, high: float | None, unit: str) -> 
     if unit in ("%", "pixels"):
         return 2 if unit == "%" else 0
     places = three_digits(value)
-    if low is not None and high is not None and high > low:
+    if known(low, high) and high > low:
         places = min(places, _digits((high - low) / 2, 2))
     return max(places, 1) if unit == "mm" and value else places
 
 
 def three_digits(value: float | None) -> int:
     """Decimals that show three significant digits, six at most."""
-    return _digits(value, 3) if value else 0
+    return _digits(value, 3) if value and known(value) else 0
 
 
 def _digits(value: float, digits: int) -> int:
@@ -131,20 +134,20 @@ def _digits(value: float, digits: int) -> int:
 
 def p_text(p: float | None) -> str:
     """A p-value with two digits; what is smaller than 0.001 is said to be."""
-    if p is None:
+    if not known(p):
         return NONE
     return "< 0.001" if p < 0.001 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
 
 
 def caption(result: Result) -> str:
-    """What the figures stand on, in one sentence."""
+    """A sentence on what the figures stand on."""
     names = [capture.name for capture in result.scored()]
     captures = ", ".join(names) if len(names) <= NAMED else f"{names[0]} to {names[-1]}, {len(names)} in all"
     floor = ""
-    if any(row.metric == "floor_mm" for row in result.rows):  # results of earlier versions have none
+    if (result.table.metric == "floor_mm").any():  # results of earlier versions have none
         floor = (
-            "ground-truth floor: the MAE that a perfect radar would show, because the reference errs itself, and where "
-            "it would lie in 95 % of all draws of that error; "
+            f"ground-truth floor: the {result.title(HEADLINE)} that a perfect radar would show, because the reference "
+            "errs itself, and where it would lie in 95 % of all draws of that error; "
         )
     refined = result.about.facts.get("refined_transforms", {})
     warning = "".join(f" The transform of {name} was {reason}." for name, reason in refined.items())
@@ -155,7 +158,7 @@ def caption(result: Result) -> str:
 
 
 def best_note(found: list[Block]) -> str:
-    """What bold figures mean, with a blank before it; empty where none is bold."""
+    """The meaning of bold figures, with a blank before it; empty where none is bold."""
     if not any(any(line.best) for block in found for line in block.lines):
         return ""
     return (
@@ -165,11 +168,9 @@ def best_note(found: list[Block]) -> str:
 
 
 def floor_note(result: Result) -> str:
-    """A sentence for the captions of pictures that show an MAE, with a blank before it: the floors that are known and
+    """A sentence for the captions of pictures that show errors, with a blank before it: the floors that are known and
     not zero, the largest of the methods'. Empty without one."""
-    floors = dict.fromkeys(REFERENCES, 0.0)
-    for row in result.rows:
-        if row.metric == "floor_mm" and row.reference in floors:
-            floors[row.reference] = max(floors[row.reference], row.value or 0.0)
-    known = ", ".join(f"{number(v, three_digits(v))} mm against {reference}" for reference, v in floors.items() if v)
-    return f" Ground-truth floor, the MAE of a perfect radar: {known}." if known else ""
+    floors = result.table[result.table.metric == "floor_mm"].groupby("reference").value.max()
+    told = [(reference, floors.get(reference, 0.0)) for reference in REFERENCES]
+    known = ", ".join(f"{number(v, three_digits(v))} mm against {reference}" for reference, v in told if v > 0)
+    return f" Ground-truth floor, the {result.title(HEADLINE)} of a perfect radar: {known}." if known else ""

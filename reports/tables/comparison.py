@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-from bench.results.compared import Change, Compared, Difference, Time
+from bench.results.compared import Compared
 from radar.support.files import write_text
 from reports.tables import latex
 from reports.tables.blocks import NONE, figure, number, p_text
@@ -28,19 +29,16 @@ def show(compared: Compared) -> None:
     console = wide_console()
     for text in _head(compared):
         console.print(text, markup=False)
-    lines = [(line.title, _metric(line), *_cells(line), line.better) for line in compared.differences]
+    lines = [(line.title, _metric(line), *_cells(line), line.better) for line in compared.differences.itertuples()]
     console.print(terminal_table("Differences", ("", "", *HEAD, "better"), lines))
-    if compared.times:
-        lines = [_time(time) for time in compared.times]
+    if len(compared.times):
+        lines = [_time(time) for time in compared.times.itertuples()]
         console.print(terminal_table("Time per frame (s)", ("", *_machines(compared), "B / A"), lines))
         console.print(TIMES, markup=False)
     for text in _changes(compared):
         console.print(text, markup=False)
-    for line in compared.differences:
-        if line.better:
-            console.print(line.sentence, markup=False)
-    if not any(line.better for line in compared.differences):
-        console.print("no difference shown between A and B", markup=False)
+    for text in _shown(compared) or ["no difference shown between A and B"]:
+        console.print(text, markup=False)
 
 
 def write(compared: Compared, folder: Path) -> None:
@@ -50,10 +48,11 @@ def write(compared: Compared, folder: Path) -> None:
 
 
 def markdown(compared: Compared) -> str:
-    """What differs, in words and figures; bold: what is shown to be better."""
-    shown = [f"- {escaped(line.sentence)}" for line in compared.differences if line.better]
+    """Differences in words and figures; bold: what is shown to be better."""
+    shown = [f"- {escaped(text)}" for text in _shown(compared)]
     differences = (
-        (escaped(d.title), escaped(_metric(d)), *_marked(d), p_text(d.p_corrected)) for d in compared.differences
+        (escaped(d.title), escaped(_metric(d)), *_marked(d), p_text(d.p_corrected))
+        for d in compared.differences.itertuples()
     )
     parts = [
         "# A and B side by side\n",
@@ -61,15 +60,15 @@ def markdown(compared: Compared) -> str:
         "\n".join(shown or ["No difference shown."]) + "\n",
         table(("method", "metric", *HEAD), differences, texts=2),
     ]
-    if compared.times:
-        lines = (tuple(map(escaped, _time(time))) for time in compared.times)
+    if len(compared.times):
+        lines = (tuple(map(escaped, _time(time))) for time in compared.times.itertuples())
         parts += [table(("time per frame (s)", *_machines(compared), "B / A"), lines), f"{TIMES}\n"]
     changes = [f"- {escaped(text)}" for text in _changes(compared)]
     parts += ["## What else differs\n", "\n".join(changes or ["Nothing."]) + "\n"]
     return "\n".join(parts)
 
 
-def _marked(line: Difference) -> tuple[str, ...]:
+def _marked(line: Any) -> tuple[str, ...]:
     a, b, difference, _ = (escaped(cell) for cell in _cells(line))
     return bold(a) if line.better == "A" else a, bold(b) if line.better == "B" else b, difference
 
@@ -77,11 +76,10 @@ def _marked(line: Difference) -> tuple[str, ...]:
 def tex(compared: Compared) -> str:
     """The differences as LaTeX tables, one against each reference; bold: what is shown to be better."""
     texts = []
-    for reference in dict.fromkeys(line.reference for line in compared.differences):
-        lines = [line for line in compared.differences if line.reference == reference]
+    for reference, lines in compared.differences.groupby("reference", sort=False):
         body = [
             latex.row([latex.escaped(line.title), latex.titled(line.metric_title, line.unit), *_tex_cells(line)])
-            for line in lines
+            for line in lines.itertuples()
         ]
         stands = (text for text in _basis(compared) if reference and text.startswith(f"Against {reference}:"))
         text = f"{'; '.join(_sides(compared))}. {' '.join((*stands, NOTE))} Bold: shown to be better."
@@ -89,7 +87,7 @@ def tex(compared: Compared) -> str:
     return "\n".join(texts)
 
 
-def _tex_cells(line: Difference) -> tuple[str, ...]:
+def _tex_cells(line: Any) -> tuple[str, ...]:
     a = latex.num_figure(line.a, line.a_low, line.a_high, line.unit, bold=line.better == "A")
     b = latex.num_figure(line.b, line.b_low, line.b_high, line.unit, bold=line.better == "B")
     difference = latex.num_figure(line.difference, line.low, line.high, line.unit)
@@ -97,8 +95,13 @@ def _tex_cells(line: Difference) -> tuple[str, ...]:
 
 
 def _head(compared: Compared) -> list[str]:
-    """Which is A, which is B, and what the differences stand on."""
+    """The two sides, and what the differences stand on."""
     return [*_sides(compared), *_basis(compared), NOTE]
+
+
+def _shown(compared: Compared) -> list[str]:
+    """A sentence for each difference that is shown."""
+    return compared.differences.sentence[compared.differences.better != ""].tolist()
 
 
 def _sides(compared: Compared) -> list[str]:
@@ -110,11 +113,11 @@ def _basis(compared: Compared) -> list[str]:
     return [f"{text[0].upper()}{text[1:]}." for text in compared.basis]
 
 
-def _metric(line: Difference) -> str:
+def _metric(line: Any) -> str:
     return " ".join(filter(None, (line.metric_title, f"({line.unit})", line.reference and f"against {line.reference}")))
 
 
-def _cells(line: Difference) -> tuple[str, str, str, str]:
+def _cells(line: Any) -> tuple[str, str, str, str]:
     return (
         figure(line.a, line.a_low, line.a_high, line.unit),
         figure(line.b, line.b_low, line.b_high, line.unit),
@@ -123,7 +126,7 @@ def _cells(line: Difference) -> tuple[str, str, str, str]:
     )
 
 
-def _time(time: Time) -> tuple[str, str, str, str]:
+def _time(time: Any) -> tuple[str, str, str, str]:
     a, b = figure(time.a, time.a_low, time.a_high, "s"), figure(time.b, time.b_low, time.b_high, "s")
     return time.title, a, b, number(time.ratio, 2)
 
@@ -135,13 +138,11 @@ def _machines(compared: Compared) -> list[str]:
 
 
 def _changes(compared: Compared) -> list[str]:
-    """What the two do not share, a line each, of each kind the first ones."""
-    kinds: dict[str, list[Change]] = {}
-    for change in compared.changes:
-        kinds.setdefault(change.what, []).append(change)
+    """Everything that the two do not share, a line each, of each kind the first ones."""
     texts = []
-    for what, changes in kinds.items():
-        texts += [f"{what} {c.key}: {c.a or NONE} in A, {c.b or NONE} in B" for c in changes[:CHANGES]]
+    for what, changes in compared.changes.groupby("what", sort=False):
+        first = changes[:CHANGES].itertuples()
+        texts += [f"{what} {c.key}: {c.a or NONE} in A, {c.b or NONE} in B" for c in first]
         if len(changes) > CHANGES:
             texts.append(f"{what}: {len(changes) - CHANGES} more, see compare.json")
     return texts

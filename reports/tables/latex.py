@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from itertools import groupby, pairwise, zip_longest
 
 from bench.results import Result, Setting, Tradeoff
-from reports.tables.blocks import NONE, Block, Line, best_note, blocks, caption, decimals, p_text, three_digits
+from reports.tables.blocks import NONE, Block, Line, best_note, blocks, caption, decimals, known, p_text, three_digits
 
 COLUMNS = 5  # methods that fit beside each other
 TITLE = "30mm"  # width of the column of metrics, whose titles are long
@@ -191,8 +191,8 @@ def comparisons(result: Result) -> str:
     """Every tested difference, a table for each metric and reference; empty where nothing was compared."""
     titles = {method.name: method.title for method in result.about.methods}
     texts = []
-    known = (c for c in result.comparisons if c.metric in result.about.metrics)
-    for (reference, metric), group in groupby(known, key=lambda c: (c.reference, c.metric)):
+    defined = result.comparisons[result.comparisons.metric.isin(result.about.metrics)]
+    for (reference, metric), group in defined.groupby(["reference", "metric"], sort=False):
         facts = result.about.metrics[metric]
         body = [
             row(
@@ -204,7 +204,7 @@ def comparisons(result: Result) -> str:
                     num(c.effect, 2),
                 ]
             )
-            for c in group
+            for c in group.itertuples()
         ]
         texts.append(
             float_table(
@@ -230,7 +230,7 @@ def tradeoff(found: Tradeoff) -> str:
             f"{section.metric}: {section.definition}. Time: {section.seconds}; in brackets the 95 % confidence "
             f"interval, and of times the range of the repeats; ratio: to {section.reference}."
         )
-        seen = [titled("Seen", "%")] if any(s.seen_percent is not None for s in front) else []
+        seen = [titled("Seen", "%")] if any(known(s.seen_percent) for s in front) else []
         head = ["Setting", titled(section.metric, section.unit), *seen, titled("Time", "s"), "Ratio"]
         texts.append(float_table(text, f"l{'r' * len(head[1:])}", head, (_setting(s, bool(seen)) for s in front)))
     return "\n".join(texts)
@@ -267,7 +267,7 @@ def float_table(text: str, columns: str, head: Iterable[str], body: Iterable[str
 
 
 def titled(title: str, unit: str) -> str:
-    """A title with its unit, as MAE / mm; what is counted names itself."""
+    """A title with its unit, as error / mm; what is counted names itself."""
     return escaped(title) + ("" if unit == title.partition(" ")[2] else f" /~{UNITS.get(unit, escaped(unit))}")
 
 
@@ -277,19 +277,19 @@ def row(cells: Iterable[str]) -> str:
 
 
 def num(value: float | None, places: int) -> str:
-    r"""\num{…} with so many decimals; a dash for None."""
-    return "--" if value is None else rf"\num{{{value:.{places}f}}}"
+    r"""\num{…} with so many decimals; a dash for one that is missing."""
+    return rf"\num{{{value:.{places}f}}}" if known(value) else "--"
 
 
 def num_figure(value: float | None, low: float | None, high: float | None, unit: str, bold: bool = False) -> str:
     """A figure, bold or not, with its interval in brackets; a dash for None."""
-    if value is None:
+    if not known(value):
         return "--"
     places = decimals(value, low, high, unit)
-    ends = "" if low is None or high is None else f" {{[}}{num(low, places)}, {num(high, places)}{{]}}"
+    ends = f" {{[}}{num(low, places)}, {num(high, places)}{{]}}" if known(low, high) else ""
     return (rf"\textbf{{{num(value, places)}}}" if bold else num(value, places)) + ends
 
 
 def p_value(p: float | None) -> str:
     """A p-value; what is smaller than 0.001 is said to be."""
-    return "--" if p is None else rf"\num{{{p_text(p)}}}"
+    return rf"\num{{{p_text(p)}}}" if known(p) else "--"

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import statistics
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from bench.results import Result, Setting, Task, Tradeoff
-from reports.tables.blocks import NONE, Line, best_note, blocks, caption, figure, number, p_text, ratio, three_digits
+import pandas as pd
+
+from bench.results import HEADLINES, Result, Setting, Tradeoff
+from reports.tables.blocks import Line, best_note, blocks, caption, figure, known, number, p_text, ratio, three_digits
 from reports.tables.markdown import bold, escaped, table
 
 if TYPE_CHECKING:
     from rich.table import Table
-
-HEADLINE = ("mae_mm", "floor_mm", "max_mm", "completeness_percent", "precision_mm", "seconds")
 
 
 def markdown(result: Result) -> str:
@@ -37,11 +33,11 @@ def _markdown_cells(line: Line) -> tuple[str, ...]:
 
 def comparisons_markdown(result: Result) -> str:
     """Every tested difference: in words, with its p and size. Empty where nothing was compared."""
-    if not result.comparisons:
+    if result.comparisons.empty:
         return ""
     lines = (
         (escaped(c.sentence), c.reference, p_text(c.p_corrected), number(c.effect, 2), str(c.n_captures))
-        for c in result.comparisons
+        for c in result.comparisons.itertuples()
     )
     return (
         f"# {escaped(result.about.name)}: which method is better\n\n"
@@ -52,7 +48,7 @@ def comparisons_markdown(result: Result) -> str:
 
 
 def tradeoff_markdown(tradeoff: Tradeoff) -> str:
-    """What each setting costs and buys, a table a section; bold: the front, which no other setting beats."""
+    """Costs and errors of each setting, a table a section; bold: the front, which no other setting beats."""
     parts = [
         f"# {escaped(tradeoff.facts.name)}: accuracy against time\n",
         "Bold: no other setting is as fast, "
@@ -63,7 +59,7 @@ def tradeoff_markdown(tradeoff: Tradeoff) -> str:
         parts.append(f"{escaped(section.metric)}: {escaped(section.definition)}; seconds: {escaped(section.seconds)}\n")
         error = f"{escaped(section.metric)} ({escaped(section.unit)})"
         settings = tradeoff.section(section.name)
-        seen = ["seen (%)"] if any(s.seen_percent is not None for s in settings) else []
+        seen = ["seen (%)"] if any(known(s.seen_percent) for s in settings) else []
         headings = ("setting", error, *seen, "time (s)", "× reference")
         parts.append(table(headings, (_setting(s, bool(seen)) for s in settings)))
     return "\n".join(parts)
@@ -78,60 +74,29 @@ def _setting(s: Setting, with_seen: bool) -> tuple[str, ...]:
 
 def csv_text(result: Result) -> str:
     """The result's lines with the ratio to the paper and the method's time beside every figure."""
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(("metric", "method", "value", "low", "high", "unit", "paper", "ratio", "reference", "seconds"))
-    for row in result.rows:
-        time = result.row("seconds", row.method, row.reference)
-        seconds = time.value if time else None
-        cells = (row.metric, row.method, row.value, row.low, row.high, row.unit, row.paper, ratio(row))
-        writer.writerow("" if cell is None else cell for cell in (*cells, row.reference, seconds))
-    return stream.getvalue()
+    times = result.table[result.table.metric == "seconds"].drop_duplicates(["method", "reference"])
+    seconds = times.set_index(["method", "reference"]).value
+    lines = result.table.assign(ratio=ratio(result.table)).join(seconds.rename("seconds"), on=["method", "reference"])
+    columns = ["metric", "method", "value", "low", "high", "unit", "paper", "ratio", "reference", "seconds"]
+    return lines[columns].to_csv(index=False, lineterminator="\n")
 
 
-@dataclass(frozen=True)
-class Stage:
-    """One line of the time table: medians over the tasks of a method's stage, ready to read."""
-
-    method: str
-    stage: str
-    tasks: int
-    cached: int
-    seconds: str
-    cpu_seconds: str
-    peak_memory_mb: str
-
-
-def stages(result: Result) -> list[Stage]:
-    """The tasks of each method and stage, in the order in which they first ran."""
+def stages(result: Result) -> pd.DataFrame:
+    """The tasks of each method and stage, in the order in which they first ran: method, stage, tasks, of them cached,
+    and the medians of their seconds, cpu_seconds and peak_memory_mb, ready to read."""
     titles = {method.name: method.title for method in result.about.methods}
-    groups: dict[tuple[str, str], list[Task]] = {}
-    for task in result.tasks:
-        groups.setdefault((task.method, task.stage), []).append(task)
-    return [
-        Stage(
-            titles.get(method, method) or "every method",
-            stage,
-            len(tasks),
-            sum(task.cached for task in tasks),
-            _median([task.seconds for task in tasks]),
-            _median([task.cpu_seconds for task in tasks]),
-            _median([task.peak_memory_mb for task in tasks]),
-        )
-        for (method, stage), tasks in groups.items()
-    ]
-
-
-def _median(values: list[float | None]) -> str:
-    known = [value for value in values if value is not None]
-    return number(statistics.median(known), three_digits(statistics.median(known))) if known else NONE
+    groups = result.tasks.groupby(["method", "stage"], sort=False)
+    counts = groups.cached.agg(tasks="size", cached="sum")
+    medians = groups[["seconds", "cpu_seconds", "peak_memory_mb"]].median()
+    lines = counts.join(medians.map(lambda value: number(value, three_digits(value)))).reset_index()
+    return lines.assign(method=[titles.get(name, name) or "every method" for name in lines.method])
 
 
 def show(result: Result) -> None:
     """Print the headline figures on stdout, as wide as they need."""
     console = wide_console()
     for block in blocks(result):
-        lines = [line for line in block.lines if line.metric in HEADLINE]
+        lines = [line for line in block.lines if line.metric in HEADLINES]
         cells = [(line.title, line.source, *line.cells) for line in lines]
         console.print(terminal_table(block.heading, ("", "", *block.methods), cells))
     for failure in result.about.failures:

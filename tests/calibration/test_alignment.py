@@ -6,13 +6,14 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from calibration.alignment import load_alignment, save_alignment
 from calibration.transforms import Transform
 from radar.support.errors import HandbenchError
+from tests.strategies import examples
 
 
 def ours(seed: int = 0, scale: float = 1.0) -> Transform:
@@ -39,7 +40,7 @@ def written(path, **content):
 BESIDE = [[1, 0, 0, 0.1], [0, -1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
 
 
-@settings(max_examples=50, deadline=None)
+@examples(50)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([1.0, 1e-3, 1.7]), st.booleans())
 def test_a_transform_comes_back(tmp_path_factory, seed, scale, mirrored):
     path = tmp_path_factory.mktemp("alignment") / "alignment.json"

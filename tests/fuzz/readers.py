@@ -89,7 +89,7 @@ def _board(folder: Path) -> None:
 
 
 def _transform(folder: Path) -> None:
-    from bench.run.stages import load_any_transform
+    from calibration.alignment import load_any_transform
 
     transform = load_any_transform(folder / "radar_from_photo.json")
     transform.inverse().points(transform.points(geometry_seeds.POINTS_M))
@@ -205,7 +205,7 @@ def _map(folder: Path) -> None:
 
 def _stage(folder: Path) -> None:
     """A stage whose files were changed is found out and made again."""
-    from bench.run.cache import kept_stage
+    from radar.support.store import kept_stage
 
     kept_stage(folder / "stage", "stage", result_seeds.stage)
     if (folder / "stage" / "depth.npz").read_bytes() != (folder / "fresh.npz").read_bytes():

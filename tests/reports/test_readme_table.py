@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from bench.results.records import Comparison
 
 from bench import results
+from bench.results.tables import COMPARISONS, frame
 from radar.support.errors import HandbenchError
 from reports import readme
 from tests.reports.synthetic_result import METHODS, write_synthetic
@@ -20,8 +20,8 @@ CONFIG = 'name = "x"\n[[capture]]\nscene = "hand.toml"\n[[capture]]\npath = "els
 @pytest.fixture
 def result(result_folder, tmp_path) -> results.Result:
     """The synthetic result, of a scene, with two comparisons and a report's figure."""
-    lines = tuple(
-        Comparison(
+    lines = [
+        (
             "mae_mm",
             better,
             worse,
@@ -37,14 +37,14 @@ def result(result_folder, tmp_path) -> results.Result:
             f"{better} is better than {worse}",
         )
         for better, worse in (("3fsk", "2fsk"), ("3fsk", "broadband"), ("3fsk", "narrowband"))
-    )
+    ]
     found = results.load(result_folder)
     machine = {"processor": "an | odd_one", "cores": 2, "imaging_device": "cpu"}
     picture = tmp_path / "run" / "report" / "figures" / "depth_F.png"
     picture.parent.mkdir(parents=True)
     picture.write_bytes(b"a figure")
     about = found.about.model_copy(update={"machine": machine})
-    return replace(found, folder=tmp_path / "run", config=CONFIG, comparisons=lines, about=about)
+    return replace(found, folder=tmp_path / "run", config=CONFIG, comparisons=frame(COMPARISONS, lines), about=about)
 
 
 @pytest.fixture
@@ -61,10 +61,9 @@ def root(result, tmp_path) -> Path:
 
 def changed(result: results.Result, metric: str, factor: float) -> results.Result:
     """The figures of 3-FSK in one metric times `factor`."""
-    rows = tuple(
-        replace(r, value=factor * r.value) if (r.metric, r.method) == (metric, "3fsk") else r for r in result.rows
-    )
-    return replace(result, rows=rows)
+    table = result.table.copy()
+    table.loc[(table.metric == metric) & (table.method == "3fsk"), "value"] *= factor
+    return replace(result, table=table)
 
 
 def test_what_was_written_is_the_results_and_not_stale(result, root):
@@ -113,9 +112,9 @@ def test_a_fresh_result_that_prints_other_figures_is_noticed(result, root):
     [found] = readme.disagreements(changed(result, "mae_mm", 1.1), root)
     assert found.startswith("mae_mm of 3fsk: ")
     assert readme.disagreements(changed(result, "seconds", 3.0), root) == []
-    fewer = tuple(row for row in result.rows if row.method != "2fsk")
-    assert len(readme.disagreements(replace(result, rows=fewer), root)) == 4  # all but the time
-    [found] = readme.disagreements(replace(result, comparisons=()), root)
+    fewer = result.table[result.table.method != "2fsk"]
+    assert len(readme.disagreements(replace(result, table=fewer), root)) == 4  # all but the time
+    [found] = readme.disagreements(replace(result, comparisons=frame(COMPARISONS)), root)
     assert found.startswith("best: ")
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bench.evaluation.metrics import HEADLINE, METRICS, error_map, pool, precision
-from bench.run.stages import strongest_z_m
+from bench.run.repeat_stage import strongest_z_m
 from bench.scenes.build import Scene, build
 from bench.scenes.echoes import choices, echo_scene
 from bench.studies.ablation.cases import Case, cases, scene_file

@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 
-from bench.run.cost import gemm
 from bench.studies.columns import Record
 from bench.studies.engine import textbook
 from bench.studies.engine.reference import Reference, column_peaks, column_points_m, reference, voxel_points_m
@@ -16,6 +15,7 @@ from bench.studies.engine.turns import Case, Measured, everything, interleaved, 
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_volume, project_volume
 from radar.methods.projection import Peaks, peaks_of
+from radar.support.cost import gemm
 
 SECTION = "volume"
 GEMM, EXACT, COMPRESSED = "float32 matrix product", "exact", "range-compressed, linear interpolation"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from bench.run.cost import measured
 from bench.scenes.build import build
 from bench.scenes.capture_folder import write_photos
 from bench.studies.columns import Column, Record, Table
@@ -15,6 +14,7 @@ from bench.studies.photogrammetry.score import score
 from bench.studies.study import Study
 from groundtruth.options import Options
 from groundtruth.pipeline import reconstruct
+from radar.support.cost import measured
 from radar.support.files import content_hash
 from radar.support.store import keep
 

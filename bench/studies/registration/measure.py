@@ -12,7 +12,7 @@ import numpy as np
 
 from bench.datasets.native import TARGET
 from bench.datasets.simulated import simulate_capture
-from bench.run.stages import calibrate_captures
+from bench.run.photogrammetry import calibrate_captures
 from bench.scenes.echoes import choices, echo_scene
 from bench.studies.columns import Column, Record, Table
 from bench.studies.registration.cases import FAULTS, Case, case, only

@@ -14,7 +14,7 @@ import numpy as np
 from bench.datasets.dataset import open_capture
 from bench.results import Claim, Setting
 from bench.run.outcome import Capture
-from bench.run.stages import configuration
+from bench.run.reconstruct_stage import configuration
 from bench.run.sweep import ImagingSetting
 from bench.studies.tradeoff.operations import counted_factor
 from radar.data.capture import RadarCapture

@@ -15,14 +15,14 @@ import psutil
 
 from bench.datasets.dataset import open_capture
 from bench.results import Failure
-from bench.run import stages
-from bench.run.cost import measured
 from bench.run.outcome import Capture
+from bench.run.reconstruct_stage import configuration
 from bench.run.sweep import ImagingSetting
 from radar.data.capture import RadarCapture, thinned
 from radar.imaging.api import fresh_plans
 from radar.imaging.stopwatch import Laps, watch
 from radar.methods.registry import Reconstruction, method
+from radar.support.cost import measured
 from radar.support.errors import HandbenchError
 from radar.support.progress import say, track
 from radar.warmup import compile_kernels
@@ -85,7 +85,7 @@ def timed_in_turns(
 def _timed(capture: Capture, setting: ImagingSetting) -> tuple[Frame, Reconstruction]:
     """As the runner times a frame: imaged once for the plan, then again."""
     chosen = method(setting.method)
-    config = stages.configuration(capture.folder, setting.method, setting.config)
+    config = configuration(capture.folder, setting.method, setting.config)
     echoes = thinned(_echoes(capture.folder, capture.key), setting.every_nth_antenna)
 
     def once() -> tuple[Reconstruction, float, Laps]:

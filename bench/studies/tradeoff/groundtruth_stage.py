@@ -21,7 +21,6 @@ from bench.evaluation.metrics import pool
 from bench.evaluation.statistics.intervals import pooled_intervals
 from bench.results import Section, Setting
 from bench.results.error_map import ErrorMap
-from bench.run.cost import Cost, measured
 from bench.scenes.capture_folder import JPEG_QUALITY
 from bench.studies.photogrammetry.score import GRID_M
 from bench.studies.tradeoff.context import Context
@@ -34,6 +33,7 @@ from groundtruth.options import Options
 from groundtruth.photos.photos import FEWEST, Photo, find_photos
 from groundtruth.pipeline import Result, reconstruct
 from radar.support.config import Config
+from radar.support.cost import Cost, measured
 from radar.support.errors import HandbenchError
 from radar.support.progress import say, track
 

@@ -16,8 +16,7 @@ from bench.results import Claim, Section, Setting, write_errors
 from bench.results.error_map import ErrorMap
 from bench.run.benchmark_file import MethodEntry
 from bench.run.outcome import Capture, Outcome, basis
-from bench.run.scoring import Files, compare, read_errors
-from bench.run.stages import reference_depth
+from bench.run.scoring import Files, compare, read_errors, reference_depth
 from bench.run.sweep import ImagingSetting, Sweep, imaging_settings, known_configs
 from bench.studies.tradeoff.claims import claims
 from bench.studies.tradeoff.context import Context

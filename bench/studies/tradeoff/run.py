@@ -10,8 +10,6 @@ import tomlkit
 
 from bench.results import Claim, Section, Setting, Tradeoff, TradeoffFacts, load_tradeoff, write_config, write_tradeoff
 from bench.run.benchmark_file import BenchFile
-from bench.run.cache import claimed, drop
-from bench.run.cost import calibrated_machine
 from bench.run.sweep import Sweep, completed, imaging_settings, known_configs
 from bench.studies.tradeoff import imaging_stage
 from bench.studies.tradeoff.context import Context
@@ -20,7 +18,9 @@ from bench.studies.tradeoff.pareto import front, rank, with_acquisition
 from bench.studies.tradeoff.settings import FOLDER, write_settings
 from radar.imaging.device import describe
 from radar.support.config import parse
+from radar.support.cost import calibrated_machine
 from radar.support.errors import HandbenchError
+from radar.support.folder import claimed, drop
 from radar.support.progress import say
 from radar.support.store import versions
 

@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 
-import bench.run.stages
+import bench.run.photogrammetry
 from bench.cli.main import main
-from calibration.alignment import load_alignment
+from calibration.alignment import load_alignment, load_any_transform
 from calibration.transforms import Transform, load_transform
 
 COVARIANCE = np.diag([5e-5, 5e-5, 8e-5, 5e-4, 5e-4, 5e-4]) ** 2
@@ -24,7 +24,7 @@ def transform(shift_m: float = 0.0) -> Transform:
 @pytest.fixture
 def measured(monkeypatch):
     """Stands for photographs and echoes: every capture gives a rig shifted by 2 mm."""
-    monkeypatch.setattr(bench.run.stages, "calibrate_captures", lambda *_, **__: transform(2e-3))
+    monkeypatch.setattr(bench.run.photogrammetry, "calibrate_captures", lambda *_, **__: transform(2e-3))
 
 
 @pytest.mark.parametrize(
@@ -67,6 +67,6 @@ def test_the_transform_is_written_as_maroon_has_it_too(tmp_path, measured):
 
 def test_a_transform_in_maroons_form_is_read_where_one_is_asked_for(tmp_path, measured):
     main(["calibrate", "cap", "-o", str(tmp_path / "t.json"), "--maroon", str(tmp_path / "alignment.json")])
-    read = bench.run.stages.load_any_transform(tmp_path / "alignment.json")
+    read = load_any_transform(tmp_path / "alignment.json")
     assert (read.source, read.target) == ("photo", "radar")
     np.testing.assert_allclose(read.matrix, transform(2e-3).matrix, atol=1e-12)

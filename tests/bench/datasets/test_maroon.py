@@ -11,7 +11,8 @@ from bench.datasets.maroon import MESHES, MaroonCapture
 from bench.datasets.maroon_export import export_maroon
 from bench.datasets.maroon_mask import eroded, radar_kernel_px
 from bench.datasets.native import NativeCapture
-from bench.run.stages import configuration, image_frames, reference_depth
+from bench.run.reconstruct_stage import configuration, image_frames
+from bench.run.scoring import reference_depth
 from calibration.alignment import save_alignment
 from calibration.transforms import Transform, identity
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50

@@ -6,11 +6,12 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.datasets.maroon_pickle import LARGEST_BYTES, read_dictionary, write_dictionary
 from radar.support.errors import HandbenchError
+from tests.strategies import examples
 
 HEADER = io.BytesIO()
 np.lib.format.write_array_header_1_0(HEADER, {"descr": "|O", "fortran_order": False, "shape": ()})
@@ -27,7 +28,7 @@ def saved(path, content):
     return path
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(
     st.sampled_from(["<c8", "<c16", ">c16", "<f4", "<f8", ">f8", "<i8", "<i4", "|u1", "|b1"]),
     st.lists(st.integers(0, 4), max_size=4),
@@ -121,7 +122,7 @@ def test_plain_arrays_and_cut_files_are_refused(tmp_path):
             read_dictionary(tmp_path / "cut.npy")
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(st.integers(0, 10**6), st.integers(0, 255))
 def test_a_changed_byte_is_refused_or_harmless(tmp_path_factory, where, byte):
     """Whatever a damaged file does, it ends as a dictionary of numbers or as our error."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -23,6 +23,7 @@ from bench.evaluation.statistics.intervals import (
     units_of,
 )
 from bench.results.error_map import ErrorMap
+from tests.strategies import examples
 
 PIXEL_M, PIXELS = 2.5e-3, 36  # 6 × 6 blocks of 6 × 6 pixels
 HALF_NORMAL = np.sqrt(2 / np.pi)
@@ -111,7 +112,7 @@ def noise_map(rng: np.random.Generator, n: int = 40, deviation_m: float = 1e-3, 
 
 
 @given(st.integers(0, 10**6), st.integers(1, 6), st.floats(-2e-3, 2e-3))
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_contains_the_estimate(seed, captures, bias_m):
     rng = np.random.default_rng(seed)
     maps = [noise_map(rng, n=14, bias_m=bias_m) for _ in range(captures)]

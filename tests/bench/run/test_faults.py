@@ -24,7 +24,6 @@ import pytest
 
 from bench import results
 from bench.run.benchmark_file import load_benchmark
-from bench.run.cache import claimed, kept_stage
 from bench.run.runner import run
 from groundtruth.cameras.model_files import write_model
 from groundtruth.dense.planesweep import swept_disparity
@@ -35,7 +34,8 @@ from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_volume
 from radar.support.errors import HandbenchError
 from radar.support.files import write_json
-from radar.support.store import MANIFEST, keep
+from radar.support.folder import claimed
+from radar.support.store import MANIFEST, keep, kept_stage
 from tests.bench.studies.stability.faults import DISK, content, instant, nobody_s_rights
 from tests.fuzz.geometry_seeds import colmap_model
 
@@ -185,7 +185,7 @@ def test_no_duration_and_no_decision_comes_from_the_wall_clock():
 def test_two_runs_at_once_exclude_each_other_as_processes(tmp_path):
     """The lock is the system's: it holds between processes, and falls with the one that holds it."""
     hold = (
-        "import sys; from pathlib import Path; from bench.run.cache import claimed\n"
+        "import sys; from pathlib import Path; from radar.support.folder import claimed\n"
         "with claimed(Path(sys.argv[1])):\n    print('held', flush=True)\n    sys.stdin.read()"
     )
     holder = subprocess.Popen([sys.executable, "-c", hold, str(tmp_path / "out")], stdin=-1, stdout=-1, cwd=ROOT)

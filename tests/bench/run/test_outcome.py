@@ -18,7 +18,7 @@ from bench.evaluation.scoring_protocols import protocol
 from bench.run import outcome, scoring
 from bench.run.benchmark_file import BenchFile, load_benchmark
 from bench.run.outcome import Basis, Capture, Outcome
-from bench.run.stages import reference_depth
+from bench.run.scoring import reference_depth
 from calibration.transforms import Transform, identity
 from groundtruth.mesh.depth import Reference
 from groundtruth.mesh.surface import Surface

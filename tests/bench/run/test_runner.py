@@ -19,12 +19,12 @@ from scipy.spatial.transform import Rotation
 
 from bench import results
 from bench.run.benchmark_file import load_benchmark
-from bench.run.cache import claimed
 from bench.run.runner import run
 from calibration.transforms import Transform
 from groundtruth.mesh.mesh_files import read_mesh, write_mesh
 from radar.data.capture import load_capture, save_capture
 from radar.support.errors import HandbenchError
+from radar.support.folder import claimed
 
 
 def execute(bench_file: Path, folder: Path, **options: bool) -> results.Result:

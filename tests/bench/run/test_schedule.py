@@ -17,8 +17,9 @@ import pytest
 from bench.run import executors
 from bench.run.benchmark_file import load_benchmark
 from bench.run.runner import run
-from bench.run.tasks import HASH, Done, Job, job, perform
+from bench.run.tasks import HASH, Done, perform
 from radar.support.errors import HandbenchError
+from radar.support.store import Stage, stage
 
 CAPTURES = 3
 ENVIRONMENT = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "3"}
@@ -116,7 +117,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_serial_table(balls, workers, tm
     assert all(task.cached for task in again.tasks)
 
 
-def _fails_or_ends(root: Path, job: Job) -> Done:
+def _fails_or_ends(root: Path, job: Stage) -> Done:
     if job.capture == "bug":
         raise ZeroDivisionError("a bug")
     return Done(failure="mend me") if job.capture == "bad" else Done(key=job.capture)
@@ -137,13 +138,13 @@ def test_every_job_comes_back_once_with_its_number(executor, tmp_path, monkeypat
     monkeypatch.setattr(executors, "IN_FLIGHT", 5)
     monkeypatch.setattr(executors, "BATCH", 2)
     names = ["bad" if k % 5 == 2 else f"c{k}" for k in range(20)]
-    ended = dict(executor.run(tmp_path, [Job(HASH, name) for name in names]))
+    ended = dict(executor.run(tmp_path, [Stage(HASH, name) for name in names]))
     assert sorted(ended) == list(range(20))
     assert [ended[k].failure or ended[k].key for k in range(20)] == [n.replace("bad", "mend me") for n in names]
     assert list(executor.run(tmp_path, [])) == []
 
 
-def _dies(root: Path, job: Job) -> Done:
+def _dies(root: Path, job: Stage) -> Done:
     if job.capture == "deadly":
         os.kill(os.getpid(), signal.SIGKILL)
     return Done(key=job.capture)
@@ -163,14 +164,14 @@ def test_the_job_that_kills_its_workers_fails_alone(tmp_path, monkeypatch):
         distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0") as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):
-        ended = dict(executors.Cluster(client, _dies).run(tmp_path, [Job(HASH, name) for name in names]))
+        ended = dict(executors.Cluster(client, _dies).run(tmp_path, [Stage(HASH, name) for name in names]))
     assert [ended[k].key for k in range(8) if k != 2] == [name for name in names if name != "deadly"]
     assert ended[2].failure == "hash-deadly: 1 workers died over it; give the workers more memory"
 
 
 def test_a_bug_keeps_its_exception(executor, tmp_path):
     with pytest.raises(ZeroDivisionError, match="a bug"):
-        list(executor.run(tmp_path, [Job(HASH, "a"), Job(HASH, "bug"), Job(HASH, "b")]))
+        list(executor.run(tmp_path, [Stage(HASH, "a"), Stage(HASH, "bug"), Stage(HASH, "b")]))
 
 
 def test_no_scheduler_is_one_line(monkeypatch):
@@ -188,6 +189,6 @@ def test_a_missing_extra_is_named(monkeypatch):
 
 
 def test_a_worker_with_other_code_or_without_the_folder_refuses(tmp_path):
-    known = job("simulate", "a", "", [], ("radar/support/files.py",), {})
+    known = stage("simulate", "bench.run.simulate_stage:simulate", [], {}, "a")
     assert "differ from the client's" in perform(tmp_path, replace(known, code="0" * 64)).failure
     assert "shared by all workers" in perform(tmp_path / "elsewhere", known).failure

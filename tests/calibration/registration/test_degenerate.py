@@ -10,7 +10,7 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -20,6 +20,7 @@ from calibration.target.description import Candidate
 from calibration.transforms import Transform, adjoint, condition_number, perturbation_jacobian, umeyama
 from radar.support.errors import HandbenchError
 from tests.calibration.seen_target import candidates
+from tests.strategies import examples
 
 mp.mp.dps = 50
 BAR = 1e-9
@@ -117,7 +118,7 @@ def aligned(p: np.ndarray, q: np.ndarray, with_scale: bool, scale: float = 1.0) 
 @pytest.mark.parametrize("with_scale", [False, True])
 @pytest.mark.parametrize("shape", SHAPES)
 @given(seed=seeds)
-@settings(max_examples=8, deadline=None)
+@examples(8)
 def test_the_shapes_of_targets(shape, with_scale, seed):
     """A plane, a ribbon (condition 12 or so), points that coincide."""
     p, q = scenario(seed, SHAPES[shape])
@@ -136,7 +137,7 @@ def test_half_turns(axis, short_rad):
 @pytest.mark.parametrize(("source_far", "target_far"), [(True, False), (False, True), (True, True)])
 @pytest.mark.parametrize("with_scale", [False, True])
 @given(seed=seeds)
-@settings(max_examples=8, deadline=None)
+@examples(8)
 def test_a_million_metres_from_the_origin(source_far, target_far, with_scale, seed):
     p, q = scenario(seed, FIVE, source_far=source_far, target_far=target_far)
     assert max(errors(aligned(p, q, with_scale).matrix, p, q, with_scale)) < BAR
@@ -144,7 +145,7 @@ def test_a_million_metres_from_the_origin(source_far, target_far, with_scale, se
 
 @pytest.mark.parametrize("scale", [1e-3, 0.03, 1.0, 30.0, 1e3])
 @given(seed=seeds, far=st.booleans())
-@settings(max_examples=8, deadline=None)
+@examples(8)
 def test_scales_from_a_thousandth_to_a_thousand(scale, seed, far):
     p, q = scenario(seed, FIVE, scale, source_far=far)
     assert max(errors(aligned(p, q, True, scale).matrix, p, q, True)) < BAR
@@ -278,7 +279,7 @@ def test_when_the_pair_that_held_the_rotation_is_wrong_what_is_left_is_refused()
 @pytest.mark.parametrize("with_scale", [False, True])
 @pytest.mark.parametrize(("shape", "count"), [(SOLID, 5), (SOLID[:4], 4), (FIVE, 5)])
 @given(seed=seeds)
-@settings(max_examples=10, deadline=None)
+@examples(10)
 def test_a_mirror_image_is_named_as_one(shape, count, with_scale, seed):
     """Also of the five, of which four lie in a plane and would outvote the fifth."""
     p, _ = scenario(seed, shape)
@@ -319,7 +320,7 @@ def test_numbers_that_are_none_are_refused(broken):
     at_source=st.booleans(),
     shape=st.sampled_from(["five", "plane", "solid"]),
 )
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_one_wrong_pair_in_five_of_any_size_changes_nothing(with_scale, seed, which, log_size, at_source, shape):
     """The answer is that of the other four (of 50 digits), and so is the covariance; 30 mm to 1000 km off, where the
     centres err by 0.24 mm and a deviation is 0.4 mm."""
@@ -348,7 +349,7 @@ def test_the_wrong_pair_is_named(capsys):
 
 @pytest.mark.parametrize(("count", "wrong"), [(6, 2), (10, 4), (15, 5), (40, 16)])
 @given(seed=seeds)
-@settings(max_examples=5, deadline=None)
+@examples(5)
 def test_a_majority_of_60_percent_suffices(count, wrong, seed):
     """Beyond 12 pairs the triples are drawn: 220, of which a fifth are without a wrong pair at 40 %."""
     rng = np.random.default_rng(seed)
@@ -363,7 +364,7 @@ def test_a_majority_of_60_percent_suffices(count, wrong, seed):
 
 @pytest.mark.parametrize(("count", "wrong"), [(3, 1), (4, 1), (5, 2), (6, 3)])
 @given(seed=seeds)
-@settings(max_examples=5, deadline=None)
+@examples(5)
 def test_without_a_majority_the_residuals_are_shown(count, wrong, seed):
     """Of four, three that agree are no majority: triangles that fit are no rarity."""
     rng = np.random.default_rng(seed)
@@ -378,7 +379,7 @@ def test_without_a_majority_the_residuals_are_shown(count, wrong, seed):
 
 
 @given(seed=seeds, with_scale=st.booleans())
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_another_frame_gives_the_same_answer_there(seed, with_scale):
     """Over poses and covariances: with the target's frame turned and moved, the transform is turned and moved, and its
     covariance with it (the adjoint of the motion)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
@@ -14,6 +14,7 @@ from calibration.target.matching import match
 from calibration.transforms import Transform, umeyama
 from radar.support.errors import HandbenchError
 from tests.calibration.seen_target import ANY, candidates, pose
+from tests.strategies import examples
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -27,7 +28,7 @@ def placed(rng: np.random.Generator, points: np.ndarray) -> np.ndarray:
 
 
 @given(seeds, st.integers(0, 4) | st.none(), st.integers(0, 12))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_elements_are_recognised_in_any_order_and_pose(seed, missing, extra):
     """Any order and rotation, one corner or none missing (the fifth breaks the symmetry), strangers among them."""
     rng, target = np.random.default_rng(seed), default_target()
@@ -106,7 +107,7 @@ def test_many_strangers_take_no_long_search(rng, target):
 
 
 @given(seeds, st.booleans())
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_exact_centres_give_the_exact_transform(seed, with_scale):
     rng, target = np.random.default_rng(seed), default_target()
     scale = rng.uniform(0.995, 1.005) if with_scale else 1.0
@@ -171,7 +172,7 @@ def test_the_covariance_is_honest(rng, target, with_scale):
 
 
 @given(seeds, st.booleans())
-@settings(max_examples=4, deadline=None)
+@examples(4)
 def test_the_covariance_is_honest_over_poses_and_covariances(seed, with_scale):
     """150 registrations, each with a target, a pose and covariances of its own: the mean of χ²ₙ within five of its
     standard errors, and 5 % for the enlarged ones and for what is beyond first order."""

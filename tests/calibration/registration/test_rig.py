@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -17,6 +17,7 @@ from calibration.target.description import default_target
 from calibration.transforms import Transform, identity
 from radar.support.errors import HandbenchError
 from tests.calibration.seen_target import candidates, pose
+from tests.strategies import examples
 
 SPREAD_M = 5e-5
 COMMON_M2 = np.diag([0, 0, 1.3e-4]) ** 2
@@ -112,7 +113,7 @@ def test_a_rig_at_rest_is_seldom_said_to_move(rng, with_scale):
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=3, deadline=None)
+@examples(3)
 def test_the_interval_holds_the_true_shift(seed):
     """150 moves of 0 to 0.5 mm and 2 mrad: at least 95 %, less three standard errors (1.8 % each)."""
     rng = np.random.default_rng(seed)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -10,6 +10,7 @@ from calibration.transforms import Transform
 from groundtruth.mesh.depth import STEEPEST, Reference, depth_on_grid, reference_on_grid
 from groundtruth.mesh.mesh_files import load_open3d, mesh
 from groundtruth.mesh.surface import Surface
+from tests.strategies import examples
 
 
 def plane(a, b, c, half=1.0):
@@ -17,7 +18,7 @@ def plane(a, b, c, half=1.0):
     return mesh(np.c_[xy, a * xy[:, 0] + b * xy[:, 1] + c], np.array([[0, 1, 2], [0, 2, 3]]))
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(st.floats(-2, 2), st.floats(-2, 2), st.floats(0.05, 50))
 def test_a_plane_is_met_in_double_precision(a, b, c):
     x, y = np.linspace(-0.2, 0.2, 7), np.linspace(-0.1, 0.15, 5)
@@ -91,7 +92,7 @@ def test_mesh_and_registration_add_as_variances():
     np.testing.assert_allclose(found.sigma_m**2, 1.65e-8 + 9e-8, rtol=1e-12)
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(st.floats(-2, 2), st.floats(-2, 2), st.integers(0, 2**32 - 1))
 def test_the_leverage_is_what_a_small_motion_does(a, b, seed):
     """The surface is moved by 1e-6 (m, rad, 1) and cast again; the second order is 1e-12 times slopes of 3, squared."""

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from groundtruth.cameras.cameras import load_pycolmap
 from groundtruth.sparse.jacobians import pixel_jacobians, project
+from tests.strategies import examples
 
 STEP = 1e-30  # of a complex step, which has no rounding error
 ALL = tuple(range(8))
@@ -55,7 +56,7 @@ def cameras(draw):
 
 
 @given(cameras())
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_derivatives_are_those_of_an_independent_projection(camera):
     params, R, t, points_m = camera
     _model, image = image_of(params, R, t)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from radar.data.arrays import AntennaArray, PlanarScan, qar50
@@ -10,6 +10,7 @@ from radar.imaging.cpu.exact import backproject, direct_sum, tone_images
 from radar.simulation.forward import Scatterers, simulate
 from radar.support.errors import HandbenchError
 from tests.radar.samples import noise, relative_error
+from tests.strategies import examples
 
 PAPER_HZ = np.linspace(72e9, 82e9, 128)
 # A float32 sum of N terms of random sign loses about √N · 6e-8 of its size; 1e-5 is the project's bar.
@@ -44,7 +45,7 @@ def test_planar_scan_agrees_with_the_direct_sum():
     assert relative_error(backproject(samples, tones_hz, scan, points), reference) < RELATIVE
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(
     t=st.integers(1, 5),
     r=st.integers(1, 5),

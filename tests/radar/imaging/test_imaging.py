@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from radar.data.arrays import AntennaArray, PlanarScan, qar50
@@ -13,6 +13,7 @@ from radar.imaging.cpu.volume import strongest_voxels
 from radar.imaging.tree import Family
 from radar.support.errors import HandbenchError
 from tests.radar.samples import noise, relative_error
+from tests.strategies import examples
 
 PAPER_HZ = np.linspace(72e9, 82e9, 128)
 FEW_HZ = PAPER_HZ[::8]
@@ -56,7 +57,7 @@ def test_one_live_channel_meets_the_tolerance(channel):
     assert relative_error(volume.ravel()[chosen], direct_sum(samples, FEW_HZ, qar50(), points)) < 1e-3
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(
     t=st.integers(1, 30),
     r=st.integers(1, 30),
@@ -84,7 +85,7 @@ def test_points_of_any_box_and_array_meet_the_tolerance(t, r, tones, size_m, ran
     assert np.linalg.norm(image - reference) < tolerance * max(np.linalg.norm(reference), size)
 
 
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(
     counts=st.tuples(*[st.integers(1, 40)] * 3),
     step_m=st.sampled_from([2e-4, 1e-3, 4e-3]),

@@ -1,13 +1,14 @@
 """Upsampling regains every frequency of its band."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from radar.imaging.resample import resampler
+from tests.strategies import examples
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     count=st.integers(2, 900),
     step_m=st.floats(1e-5, 2e-3),

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import ortho_group
 
@@ -21,11 +21,12 @@ from radar.imaging.api import fresh_plans, image_points, image_volume, project_v
 from radar.imaging.cpu.exact import tone_images
 from radar.simulation.forward import Scatterers, simulate
 from tests.radar.samples import noise, relative_error
+from tests.strategies import examples
 
 ROUNDING = 1e-6
 seeds = st.integers(0, 2**31)
 tolerances = st.sampled_from([None, 1e-2, 1e-4])
-few = settings(max_examples=5, deadline=None)
+few = examples(5)
 
 
 class Scene:

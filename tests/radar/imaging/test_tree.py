@@ -1,7 +1,7 @@
 """Skeletons and the tree of boxes: a few members carry all the others."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from radar.data.arrays import qar50
@@ -9,11 +9,12 @@ from radar.imaging.cpu.chain import ascend, descend, planes
 from radar.imaging.skeleton import band_skeleton, skeleton
 from radar.imaging.tree import Box, Family, branch, clusters, split, trunk
 from tests.radar.samples import noise
+from tests.strategies import examples
 
 TONES_HZ = np.linspace(72e9, 82e9, 32)
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(n=st.integers(1, 40), rank=st.integers(1, 10), seed=st.integers(0, 2**31))
 def test_a_skeleton_carries_every_member_of_a_low_rank_family(n, rank, seed):
     family = np.random.default_rng(seed).standard_normal((rank, n))
@@ -24,7 +25,7 @@ def test_a_skeleton_carries_every_member_of_a_low_rank_family(n, rank, seed):
     assert np.abs(family[:, index] @ weights - family).max() < 1e-5 * (1 + np.abs(weights).max())
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(half_band=st.floats(0.0, 0.4), exponent=st.floats(-5.0, -2.0), place=st.floats(-1.0, 1.0))
 def test_a_band_skeleton_carries_every_wave_of_its_band(half_band, exponent, place):
     tolerance, wavenumber = 10.0**exponent, 2 * np.pi * TONES_HZ[:, None] / 299_792_458.0
@@ -35,7 +36,7 @@ def test_a_band_skeleton_carries_every_wave_of_its_band(half_band, exponent, pla
     assert np.sqrt(np.mean(error**2)) < 5 * tolerance
 
 
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(seed=st.integers(0, 2**31), whole=st.booleans())
 def test_ascending_is_the_adjoint_of_descending(seed, whole):
     box = Box(np.array([0, 0, 0.25]), np.array([0.1, 0.1, 0.3]))
@@ -57,7 +58,7 @@ def test_small_boxes_need_few_tones_and_antennas():
     assert all(len(leg.length_m) <= 25 for leg in root.legs)
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(n=st.integers(1, 50), size_m=st.sampled_from([1e-3, 1.0, 1e3, 1e6]), seed=st.integers(0, 2**31))
 def test_clusters_hold_every_point_once_and_none_far_from_the_others(n, size_m, seed):
     points = np.random.default_rng(seed).uniform(-size_m, size_m, (n, 3))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm, spearmanr
 
@@ -13,6 +13,7 @@ from radar.methods.fsk import depth_step_m, three_tone, two_tone
 from radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
 from radar.support.errors import HandbenchError
 from tests.radar.simulated_points import around, bumpy, error_m, points_capture, surface_points
+from tests.strategies import examples
 
 PIXELS = around((0.0, 0.0), half_m=0.024)
 
@@ -25,7 +26,7 @@ def white_pair(seed, amplitude, noise_rad, gain=1.0):
     return (amplitude + noise) * np.array([1.0, gain])[:, None, None]
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(
     seed=st.integers(0, 9999), noise_rad=st.floats(1e-4, 0.1), gain=st.floats(0.5, 2.0), sign=st.sampled_from([-1, 1])
 )
@@ -46,7 +47,7 @@ def test_weak_pixels_are_trusted_less_in_inverse_proportion():
     assert np.median(sigma_m[40:]) / np.median(sigma_m[:20]) == pytest.approx(4, rel=0.1)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(step_mm=st.floats(-30, 30), sigma_mm=st.floats(0.5, 200))
 def test_wrap_probability_is_that_of_two_gaussian_hypotheses(step_mm, sigma_mm):
     here, next_period = norm.logpdf([abs(step_mm), 60 - abs(step_mm)], scale=sigma_mm)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
@@ -23,6 +23,7 @@ from tests.radar.simulated_points import (
     strongest_z_m,
     surface_points,
 )
+from tests.strategies import examples
 
 
 def anywhere(edge_m=0.15):
@@ -30,7 +31,7 @@ def anywhere(edge_m=0.15):
     return st.tuples(lateral, lateral, st.floats(0.245, 0.325))
 
 
-@settings(max_examples=8, deadline=None)
+@examples(8)
 @given(point_m=anywhere())
 def test_3fsk_with_the_off_axis_term_finds_a_point_anywhere_within_a_tenth_of_a_millimetre(point_m):
     config = ThreeToneConfig(off_axis=True, fine_filter_px=1)
@@ -38,7 +39,7 @@ def test_3fsk_with_the_off_axis_term_finds_a_point_anywhere_within_a_tenth_of_a_
     assert abs(strongest_z_m(depth) - point_m[2]) < 1e-4
 
 
-@settings(max_examples=8, deadline=None)
+@examples(8)
 @given(point_m=anywhere(edge_m=0.05))
 def test_3fsk_as_in_the_paper_finds_a_point_near_the_axis_within_a_tenth_of_a_millimetre(point_m):
     # Off the axis the paper's factor 2 leaves a few per cent of each correction; its filters average what is left.
@@ -53,7 +54,7 @@ def test_sign_and_scale_of_the_depth_step():
     assert step[0] == pytest.approx(-1e-3, rel=1e-12)
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(step_mm=st.floats(-374, 374), scale=st.floats(1e-12, 1e12))
 def test_depth_step_is_unambiguous_to_375_mm_and_independent_of_amplitude(step_mm, scale):
     phase = 4 * np.pi * 200e6 * 1e-3 * step_mm / SPEED_OF_LIGHT_M_S
@@ -96,7 +97,7 @@ def test_masked_mean_ignores_what_is_off_target():
     assert np.array_equal(masked_mean(values, 1), values, equal_nan=True)
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(seed=st.integers(0, 999), size=st.sampled_from([3, 5, 9]))
 def test_masked_mean_weighs_pixels_and_a_weight_of_one_is_none(seed, size):
     generator = np.random.default_rng(seed)
@@ -111,7 +112,7 @@ def test_masked_mean_weighs_pixels_and_a_weight_of_one_is_none(seed, size):
     assert np.allclose(even, masked_mean(values, size), rtol=1e-12, equal_nan=True)
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(offset=st.floats(-1e6, 1e6), size=st.integers(1, 9), seed=st.integers(0, 99))
 def test_masked_mean_keeps_a_constant_whatever_its_offset(offset, size, seed):
     known = np.random.default_rng(seed).random((20, 30)) < 0.4

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
@@ -20,6 +20,7 @@ from tests.radar.simulated_points import (
     strongest_z_m,
     surface_points,
 )
+from tests.strategies import examples
 
 FIVE_HZ = LadderConfig().tones_hz
 PIXELS = around((0.0, 0.0), half_m=0.024)
@@ -44,7 +45,7 @@ def test_three_tones_on_the_ladder_are_3fsk_to_the_last_bit():
     assert ladder.method == paper.method == "3fsk"
 
 
-@settings(max_examples=5, deadline=None)
+@examples(5)
 @given(x_mm=st.integers(-50, 50), y_mm=st.integers(-50, 50), z_m=st.floats(0.26, 0.31))
 def test_the_ladder_finds_a_point_near_the_axis_within_five_micrometres(x_mm, y_mm, z_m):
     # Off the axis the factor 2 leaves a few per cent of each correction, and the next rung a few per cent of that:
@@ -66,7 +67,7 @@ def test_noise_shrinks_with_the_last_rung():
     assert deviations[0] / deviations[1] == pytest.approx(9.9 / 2.4, rel=0.5)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(noise_rad=st.floats(0.005, 0.2), share=st.floats(0.5, 1.5).filter(lambda s: abs(s - 1) > 1e-6))
 def test_a_rung_is_refused_exactly_when_the_noise_of_the_last_one_exceeds_its_ambiguity(noise_rad, share):
     first_hz, pair_hz = 82e9, 1e6

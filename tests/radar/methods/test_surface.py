@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from radar.data.arrays import qar50
@@ -19,6 +19,7 @@ from radar.methods.projection import (
     volume,
 )
 from tests.radar.simulated_points import around, bumpy, point_capture, points_capture, strongest_z_m, surface_points
+from tests.strategies import examples
 
 
 def anywhere(edge_m=0.15):
@@ -26,7 +27,7 @@ def anywhere(edge_m=0.15):
     return st.tuples(lateral, lateral, st.floats(0.25, 0.32))
 
 
-@settings(max_examples=4, deadline=None)
+@examples(4)
 @given(point_m=anywhere())
 def test_broadband_finds_a_point_anywhere_within_half_a_voxel(point_m):
     config = BroadbandConfig(**around(point_m, half_m=0.004))
@@ -67,7 +68,7 @@ def test_narrowband_repeats_at_the_ambiguity_of_its_tones():
     assert 0.4 * near < lobe < near
 
 
-@settings(max_examples=6, deadline=None)
+@examples(6)
 @given(point_m=anywhere())
 def test_subvoxel_finds_a_point_anywhere_within_five_micrometres(point_m):
     # What is left of a voxel of 1 mm is the lobe's quartic term: 0.5 µm near the axis, 1.6 µm at the corner (measured).
@@ -93,7 +94,7 @@ def test_subvoxel_moves_a_surface_by_less_than_half_a_voxel_and_towards_a_finer_
     assert np.sqrt(np.nanmean((parabola - reference) ** 2)) < 0.08e-3
 
 
-@settings(max_examples=50, deadline=None)
+@examples(50)
 @given(offset=st.floats(-0.499, 0.499), width=st.floats(2, 100), scale=st.floats(1e-9, 1e9))
 def test_offset_of_a_gaussian_lobe_is_exact(offset, width, scale):
     # In decibels a Gaussian is a parabola; what is left is rounding, amplified by the curvature 1/width².
@@ -102,7 +103,7 @@ def test_offset_of_a_gaussian_lobe_is_exact(offset, width, scale):
     assert peak_offset(magnitude) == pytest.approx(offset, abs=1e-13 * width**2 + 1e-12)
 
 
-@settings(max_examples=50, deadline=None)
+@examples(50)
 @given(offset=st.floats(-0.5, 0.5), lobe_voxels=st.floats(3, 40))
 def test_decibels_are_closer_than_amplitudes_on_a_band_limited_lobe(offset, lobe_voxels):
     magnitude = np.sinc((np.array([-1.0, 0.0, 1.0]) - offset) / lobe_voxels)
@@ -111,7 +112,7 @@ def test_decibels_are_closer_than_amplitudes_on_a_band_limited_lobe(offset, lobe
     assert abs(peak_offset(magnitude) - offset) <= abs(by_amplitude - offset) + 1e-9
 
 
-@settings(max_examples=50, deadline=None)
+@examples(50)
 @given(seed=st.integers(0, 9999), nz=st.integers(1, 6))
 def test_peaks_say_all_that_a_projection_needs(seed, nz):
     generator = np.random.default_rng(seed)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from radar.data.arrays import AntennaArray, PlanarScan, qar50
@@ -12,6 +12,7 @@ from radar.imaging.api import image_points
 from radar.imaging.cpu.exact import direct_sum
 from radar.simulation.forward import Scatterers, direct_echoes, simulate
 from tests.radar.samples import noise, relative_error
+from tests.strategies import examples
 
 TONES_HZ = np.linspace(72e9, 82e9, 128)[::8]
 
@@ -20,7 +21,7 @@ def points(count: int, seed: int = 1) -> np.ndarray:
     return np.random.default_rng(seed).uniform([-0.1, -0.1, 0.245], [0.1, 0.1, 0.325], (count, 3))
 
 
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(t=st.integers(1, 6), r=st.integers(1, 6), n=st.integers(1, 30), scan=st.booleans(), seed=st.integers(0, 2**31))
 def test_direct_echoes_are_the_adjoint_of_the_direct_sum(t, r, n, scan, seed):
     generator = np.random.default_rng(seed)

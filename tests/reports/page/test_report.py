@@ -13,12 +13,11 @@ from html.parser import HTMLParser
 import matplotlib
 import numpy as np
 import pytest
-from bench.results.records import Comparison
 from PIL import Image
 
 from bench import results
 from bench.results.stability import StabilityFacts, Table, write_stability
-from bench.results.tables import CASES, frame
+from bench.results.tables import CASES, COMPARISONS, frame
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json
 from reports.figures import depth_maps
@@ -308,15 +307,15 @@ def compared(**facts):
         "n_captures": 3,
         "n_blocks": 50,
     }
-    return Comparison(**defaults | facts, sentence=f"{facts['better']} / {facts['worse']}")
+    return {**defaults, **facts, "sentence": f"{facts['better']} / {facts['worse']}"}
 
 
 @pytest.fixture
 def tested(result_folder):
     """3-FSK is shown to beat narrowband and 2-FSK, not broadband."""
     pairs = (("narrowband", 1e-6), ("2fsk", 0.01), ("broadband", 0.2))
-    lines = tuple(compared(better="3fsk", worse=worse, p_corrected=p) for worse, p in pairs)
-    return replace(results.load(result_folder), comparisons=lines)
+    lines = [compared(better="3fsk", worse=worse, p_corrected=p) for worse, p in pairs]
+    return replace(results.load(result_folder), comparisons=frame(COMPARISONS, lines))
 
 
 def test_verdicts_name_what_was_shown_and_nothing_else(tested):

@@ -16,7 +16,7 @@ import pytest
 from bench import results
 from bench.cli import compare as compare_command
 from bench.evaluation.statistics.compare_results import compare_results
-from bench.results.compared import Change
+from bench.results.tables import CHANGES, DIFFERENCES, TIMES, frame
 from radar.support.errors import HandbenchError
 from reports.tables import comparison
 
@@ -72,12 +72,14 @@ def test_markdown_escapes_and_marks_what_is_better(compared):
     table, times = (block for block in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE))
     assert {len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()} == {7}
     assert "B (50 GFLOP/s)" in times and times.count("\n") == 2 + 4
-    alike = comparison.markdown(replace(compared, changes=(), differences=(), times=()))
+    alike = comparison.markdown(
+        replace(compared, changes=frame(CHANGES), differences=frame(DIFFERENCES), times=frame(TIMES))
+    )
     assert "No difference shown." in alike and "Nothing." in alike
 
 
 def test_many_changes_are_counted(compared):
-    changes = tuple(Change("input", f"capture {i}", "a", "b") for i in range(40))
+    changes = frame(CHANGES, [("input", f"capture {i}", "a", "b") for i in range(40)])
     text = comparison.markdown(replace(compared, changes=changes))
     assert text.count("- input capture") == 12 and "input: 28 more" in text
 

@@ -10,13 +10,13 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from bench.results.records import Comparison
 from hypothesis import given
 from hypothesis import strategies as st
 
 from bench import results
 from bench.results import Claim, Section, Setting, Tradeoff, TradeoffFacts
-from bench.results.compared import Change, Compared, Difference, Side, Time
+from bench.results.compared import Compared, Side
+from bench.results.tables import CHANGES, COMPARISONS, DIFFERENCES, TIMES, frame
 from reports.tables import comparison, latex
 
 HOSTILE = (
@@ -37,12 +37,11 @@ def result(result_folder):
 def named(result: results.Result, names: tuple[str, ...]) -> results.Result:
     """The result with these method titles and benchmark name, and a comparison of every pair of neighbours."""
     methods = [m.model_copy(update={"title": name}) for m, name in zip(result.about.methods, names, strict=False)]
-    lines = tuple(
-        Comparison("mae_mm", a.name, b.name, 1.0, 0.5, 1.5, "mm", 1e-4, 2.0, "truth", 3, 30, "")
-        for a, b in pairwise(methods)
-    )
+    lines = [
+        ("mae_mm", a.name, b.name, 1.0, 0.5, 1.5, "mm", 1e-4, 2.0, "truth", 3, 30, "") for a, b in pairwise(methods)
+    ]
     about = result.about.model_copy(update={"methods": tuple(methods), "name": names[-1]})
-    return replace(result, about=about, comparisons=lines)
+    return replace(result, about=about, comparisons=frame(COMPARISONS, lines))
 
 
 def tradeoff(name: str) -> Tradeoff:
@@ -59,44 +58,13 @@ def tradeoff(name: str) -> Tradeoff:
 
 def compared(name: str) -> Compared:
     side = Side(f"runs/{name}", name, (name, "F"), None)
-    line = Difference(
-        "3fsk",
-        name,
-        "mae_mm",
-        "MAE",
-        "mm",
-        "truth",
-        1.0,
-        0.9,
-        1.1,
-        2.0,
-        1.9,
-        2.1,
-        1.0,
-        0.8,
-        1.2,
-        1e-6,
-        True,
-        3,
-        3,
-        "A",
-        f"{name}: A is better",
-    )
-    blank = replace(
-        line,
-        reference="",
-        b=None,
-        b_low=None,
-        b_high=None,
-        difference=None,
-        low=None,
-        high=None,
-        p_corrected=None,
-        better="",
-    )
-    time = Time("3fsk", name, 0.1, None, None, 0.2, None, None, 2.0, "")
-    changes = (Change("version", name, name, ""),)
-    return Compared(side, side, (f"against truth: {name}",), (line, blank), (time,), changes)
+    figures = (1.0, 0.9, 1.1, 2.0, 1.9, 2.1, 1.0, 0.8, 1.2, 1e-6, True, 3, 3, "A", f"{name}: A is better")
+    line = dict(zip(DIFFERENCES.names, ("3fsk", name, "mae_mm", "MAE", "mm", "truth", *figures), strict=True))
+    missing = dict.fromkeys(("b", "b_low", "b_high", "difference", "low", "high", "p_corrected"))
+    blank = {**line, **missing, "reference": "", "better": ""}
+    times = frame(TIMES, [("3fsk", name, 0.1, None, None, 0.2, None, None, 2.0, "")])
+    changes = frame(CHANGES, [("version", name, name, "")])
+    return Compared(side, side, (f"against truth: {name}",), frame(DIFFERENCES, [line, blank]), times, changes)
 
 
 def files_read(folder: Path, texts: dict[str, str]) -> str:
@@ -186,14 +154,15 @@ def test_a_result_without_methods_has_an_empty_table(result):
 
 def test_only_what_a_test_stands_behind_is_bold(result):
     assert r"\bfseries" not in latex.latex(result)
-    lines = tuple(
-        Comparison("mae_mm", "broadband", worse, 1.0, 0.5, 1.5, "mm", p, 2.0, "truth", 3, 30, "")
+    pairs = [
+        ("mae_mm", "broadband", worse, 1.0, 0.5, 1.5, "mm", p, 2.0, "truth", 3, 30, "")
         for worse, p in (("2fsk", 1e-4), ("3fsk", 0.3), ("narrowband", 1e-4))
-    )
+    ]
+    lines = frame(COMPARISONS, pairs)
     text = latex.latex(replace(result, comparisons=lines))
     values = [result.row("mae_mm", method, "truth").value for method in ("3fsk", "broadband")]
     assert [float(v) for v in re.findall(r"\\bfseries ([\d.]+)", text)] == pytest.approx(values, abs=0.006)
-    unbeaten = replace(result, comparisons=tuple(replace(line, p_corrected=0.3) for line in lines))
+    unbeaten = replace(result, comparisons=lines.assign(p_corrected=0.3))
     assert r"\bfseries" not in latex.latex(unbeaten)
 
 

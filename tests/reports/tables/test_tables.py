@@ -8,13 +8,15 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
-from bench.results.records import Comparison
 
 from bench import results
 from bench.results import Section, Setting, Tradeoff, TradeoffFacts
+from bench.results.tables import COMPARISONS, TASKS, frame
 from reports.tables import blocks as parts
-from reports.tables import latex, tables
+from reports.tables import latex
+from reports.tables import result_tables as tables
 from tests.reports.synthetic_result import METHODS, write_synthetic
 
 EVIL = '<b>50%_of$x & {y} \\ #^~|[z]"</b>'
@@ -80,23 +82,24 @@ def test_captions_explain_the_floor_where_there_is_one(result):
 def test_results_of_earlier_versions_have_no_floor(result):
     """Neither rows nor the definition: nothing is shown, nothing explained."""
     metrics = {key: facts for key, facts in result.about.metrics.items() if key != "floor_mm"}
-    rows = tuple(row for row in result.rows if row.metric != "floor_mm")
-    old = replace(result, rows=rows, about=result.about.model_copy(update={"metrics": metrics}))
+    table = result.table[result.table.metric != "floor_mm"]
+    old = replace(result, table=table, about=result.about.model_copy(update={"metrics": metrics}))
     assert all(line.metric != "floor_mm" for block in parts.blocks(old) for line in block.lines)
     assert parts.floor_note(old) == ""
     assert not any("floor" in render(old) for render in (tables.markdown, latex.latex, tables.csv_text))
 
 
 def test_an_unknown_floor_is_a_dash(result):
-    rows = tuple(replace(r, value=None, low=None, high=None) if r.metric == "floor_mm" else r for r in result.rows)
-    unknown = replace(result, rows=rows)
+    table = result.table.copy()
+    table.loc[table.metric == "floor_mm", ["value", "low", "high"]] = np.nan
+    unknown = replace(result, table=table)
     assert set(cells(parts.blocks(unknown)[0], "floor_mm", "ours")) == {"–"}
     assert parts.floor_note(unknown) == ""
 
 
 def test_what_was_not_measured_is_a_dash(result):
-    rows = tuple(replace(row, value=None, low=None, high=None) for row in result.rows)
-    block = parts.blocks(replace(result, rows=rows))[0]
+    table = result.table.assign(value=np.nan, low=np.nan, high=np.nan)
+    block = parts.blocks(replace(result, table=table))[0]
     assert set(cells(block, "mae_mm", "ours")) == {"–"}
     assert set(cells(block, "mae_mm", "ours / paper")) == {"–"}
 
@@ -137,11 +140,11 @@ def test_an_interval_says_how_many_digits_are_worth_showing(value, half, unit, t
 
 def compared(result: results.Result, p: float) -> results.Result:
     """broadband has the best MAE against the truth, 2-FSK and narrowband are worse with this p, 3-FSK with 0.3."""
-    lines = tuple(
-        Comparison("mae_mm", "broadband", worse, 1.0, 0.5, 1.5, "mm", chance, 2.0, "truth", 3, 30, f"<b> {worse} |")
+    lines = [
+        ("mae_mm", "broadband", worse, 1.0, 0.5, 1.5, "mm", chance, 2.0, "truth", 3, 30, f"<b> {worse} |")
         for worse, chance in (("2fsk", p), ("3fsk", 0.3), ("narrowband", p))
-    )
-    return replace(result, comparisons=lines)
+    ]
+    return replace(result, comparisons=frame(COMPARISONS, lines))
 
 
 def test_only_what_a_test_stands_behind_stands_out(result):
@@ -189,7 +192,7 @@ def test_markdown_is_a_table_and_escapes(result, evil):
 
 def test_csv_carries_ratio_and_time(result):
     lines = list(csv.DictReader(io.StringIO(tables.csv_text(result))))
-    assert len(lines) == len(result.rows)
+    assert len(lines) == len(result.table)
     line = next(i for i in lines if (i["metric"], i["method"], i["reference"]) == ("mae_mm", "3fsk", "truth"))
     assert float(line["ratio"]) == pytest.approx(float(line["value"]) / 1.7)
     assert float(line["seconds"]) == result.row("seconds", "3fsk", "truth").value
@@ -197,9 +200,10 @@ def test_csv_carries_ratio_and_time(result):
 
 
 def test_stages_are_medians_of_the_tasks(result):
-    tasks = [results.Task(f"t{i}", "B", "3fsk", "image", s, s, None, i == 0) for i, s in enumerate((1.0, 2.0, 9.0))]
-    tasks.append(results.Task("sim", "B", "", "simulate", None, None, None, False))
-    image, simulate = tables.stages(replace(result, tasks=tuple(tasks)))
+    rest = (None, "", None)
+    tasks = [(f"t{i}", "B", "3fsk", "image", s, s, None, i == 0, *rest) for i, s in enumerate((1.0, 2.0, 9.0))]
+    tasks.append(("sim", "B", "", "simulate", None, None, None, False, *rest))
+    image, simulate = tables.stages(replace(result, tasks=frame(TASKS, tasks))).itertuples()
     assert (image.method, image.tasks, image.cached, image.seconds) == ("3-FSK", 3, 1, "2.00")
     assert (simulate.method, simulate.seconds, simulate.peak_memory_mb) == ("every method", "–", "–")
 

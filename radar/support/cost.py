@@ -61,8 +61,6 @@ def calibrated_machine() -> dict[str, Any]:
 def gemm_gflops() -> float:
     """Rate of a float32 matrix product on all cores, GFLOP/s: the best of half a second, for what else runs on a
     machine only slows it down."""
-    from bench.run.cost import gemm
-
     gemm(GEMM_SIZE)  # threads and buffers are made once
     best_s, end = float("inf"), time.perf_counter() + GEMM_S
     while (start := time.perf_counter()) < end:

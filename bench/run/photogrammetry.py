@@ -1,0 +1,45 @@
+"""A capture's photographs, as a run and `handbench calibrate` reconstruct them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from bench.datasets.dataset import open_capture
+from bench.datasets.native import TARGET
+from bench.run.calibrate_stage import common_target, register_captures
+from calibration.array.array_file import ArrayCalibration
+from calibration.array.estimate import estimate_array
+from calibration.target.description import load_target
+from calibration.transforms import Transform
+from groundtruth.options import Options
+from groundtruth.pipeline import reconstruct_cloud
+from radar.support.config import parse
+from radar.support.errors import HandbenchError
+
+
+def photographs(capture: Path, quality: str, seed: int) -> tuple[Path, Options]:
+    """The folder of a capture's photographs, and how they are reconstructed. All parts of the surface are kept: a
+    hand's own shadow may cut it in two, and the box holds nothing else. HandbenchError where it has none."""
+    recorded = open_capture(capture)
+    if recorded.photos is None:
+        raise HandbenchError(f"{capture}: has no folder of photographs; add it, or a mesh")
+    values = {"quality": quality, "box_m": recorded.about.box_m, "components": "all", "seed": seed}
+    options = parse(Options, {**values, "dense": "cpu"}, "groundtruth")  # a table is the same on every machine
+    return recorded.photos, options
+
+
+def calibrate_array(captures: Sequence[Path]) -> ArrayCalibration:
+    """The array's calibration from the first capture of a target, as recorded."""
+    [capture, *_] = captures
+    recorded = open_capture(capture)
+    return estimate_array(recorded.echoes(calibrated=False), load_target(capture / TARGET), source=recorded.about.name)
+
+
+def calibrate_captures(
+    captures: Sequence[Path], quality: str, seed: int, array: ArrayCalibration | None = None
+) -> Transform:
+    """Captures of one target → radar_from_photo, from photographs and echoes, with nothing kept."""
+    common_target(captures)  # what differs is refused before the work
+    clouds = [reconstruct_cloud(*photographs(capture, quality, seed)) for capture in captures]
+    return register_captures(captures, clouds, array)

@@ -1,0 +1,44 @@
+"""The stage that images a capture's repeats by one method: how far the depths scatter."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.evaluation.depth_errors import deviation_map
+from bench.evaluation.metrics import strongest_scatterer_z_m
+from bench.results.error_map import ErrorMap
+from bench.run.reconstruct_stage import TIMING, image_frames
+from radar.data.depthmap import DepthMap
+from radar.imaging.device import use_device
+from radar.support.files import read_npz, write_json, write_npz
+
+REPEATS = "repeats.npz"
+
+
+def repeat(
+    folder: Path, capture: str, method: str, config: dict[str, Any], device: str, every_nth_antenna: int, frames: int
+) -> None:
+    """Depth of the strongest scatterer in each frame, and every pixel's deviation over them → REPEATS, imaged on the
+    client's device; the frames' times → TIMING."""
+    with use_device(device):
+        found = list(image_frames(Path(capture), method, config, frames, every_nth_antenna))
+    results, seconds, plans_s = zip(*found, strict=True)
+    depths = [result.depth for result in results]
+    spread = deviation_map(depths[0].x_m, depths[0].y_m, np.stack([d.z_m for d in depths]))
+    write_npz(folder / REPEATS, z_m=strongest_z_m(depths), x_m=spread.x_m, y_m=spread.y_m, deviation_m=spread.error_m)
+    write_json(folder / TIMING, {"seconds": seconds, "plan_seconds": plans_s[0]})
+
+
+def strongest_z_m(depths: list[DepthMap]) -> np.ndarray:
+    """Depth of the strongest scatterer in each of a capture's repeats: [n]."""
+    amplitude = np.stack([10 ** (d.amplitude_db / 20) for d in depths])
+    return strongest_scatterer_z_m(np.stack([d.z_m for d in depths]), amplitude)
+
+
+def read_repeats(folder: Path) -> tuple[np.ndarray, ErrorMap]:
+    """What `repeat` wrote: the strongest scatterer's depths [n]; every pixel's deviation in place of errors."""
+    kept = read_npz(folder / REPEATS, ("z_m", "x_m", "y_m", "deviation_m"))
+    return kept["z_m"], ErrorMap(kept["x_m"], kept["y_m"], kept["deviation_m"], kept["deviation_m"])

@@ -1,0 +1,19 @@
+"""The stage that simulates a scene: its description → a capture folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from bench.datasets.simulated import simulate_capture
+from bench.scenes.build import build
+from bench.scenes.scene_file import SceneFile
+from radar.support.config import parse
+
+CAPTURE = "capture"
+
+
+def simulate(folder: Path, scene: dict[str, Any], base: str, frames: int) -> None:
+    """A scene, whose files lie in `base`, as the capture folder CAPTURE."""
+    file = parse(SceneFile, scene, f"scene of {base}")
+    simulate_capture(build(file, Path(base)), folder / CAPTURE, frames)

@@ -1,0 +1,153 @@
+"""The code that a module runs: itself and all that it imports, found by reading its import statements.
+
+A module's imports count wherever they stand, in functions too, as `importlib.import_module("a.b")` too, and with the
+packages on the way; those for types alone (`if TYPE_CHECKING:`) never run and do not.
+"""
+
+from __future__ import annotations
+
+import ast
+import gc
+import hashlib
+import sys
+from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+from typing import NamedTuple
+
+from radar.support.files import content_hash
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("radar", "calibration", "groundtruth", "bench", "reports")
+BY_NAME = ("import_module", "__import__")
+BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")  # of statements, in a statement
+
+
+class _Module(NamedTuple):
+    """A module's hash, the modules of PACKAGES that it imports (with the packages on the way), the other libraries."""
+
+    hash: str
+    ours: frozenset[str]
+    others: frozenset[str]
+
+
+class Sources:
+    """The modules of PACKAGES below a root, as they are when they are first asked for."""
+
+    def __init__(self, root: Path = ROOT) -> None:
+        self.root = root
+        self._files: dict[str, Path | None] = {}
+        self._modules: dict[str, _Module] = {}
+
+    def closure(self, module: str) -> tuple[list[str], list[str]]:
+        """The modules that `module` runs, itself among them, and the other libraries' names; both in order. Raises
+        ModuleNotFoundError where there is no such module."""
+        if self._file(module) is None:
+            raise ModuleNotFoundError(f"{module}: is no module below {self.root}")
+        ours: set[str] = set()
+        others: set[str] = set()
+        waiting = set(self._passed(module))
+        while waiting:
+            name = waiting.pop()
+            ours.add(name)
+            found = self._module(name)
+            others |= found.others
+            waiting |= found.ours - ours
+        return sorted(ours), sorted(others - sys.stdlib_module_names)
+
+    def key(self, module: str) -> str:
+        """Hash of all code that a module runs: these packages' content, the other libraries' and Python's versions."""
+        ours, others = self.closure(module)
+        versions = [installed(name) for name in others]
+        return content_hash([[name, self._module(name).hash] for name in ours], versions, sys.version_info[:2])
+
+    def _module(self, name: str) -> _Module:
+        if name not in self._modules:
+            file = self._file(name)
+            source = file.read_bytes()
+            package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+            names = _imported(source, package)
+            ours = frozenset(passed for n in names for passed in self._passed(n))
+            others = frozenset(top for n in names if (top := n.partition(".")[0]) not in PACKAGES)
+            self._modules[name] = _Module(hashlib.sha256(source).hexdigest(), ours, others)
+        return self._modules[name]
+
+    def _passed(self, name: str) -> list[str]:
+        """The modules that importing a name runs: those there are of a, a.b and a.b.c."""
+        parts = name.split(".") if name.partition(".")[0] in PACKAGES else []
+        prefixes = (".".join(parts[:count]) for count in range(1, len(parts) + 1))
+        return [prefix for prefix in prefixes if self._file(prefix) is not None]
+
+    def _file(self, name: str) -> Path | None:
+        if name not in self._files:
+            folder = self.root.joinpath(*name.split("."))
+            places = (folder / "__init__.py", folder.with_suffix(".py"))
+            self._files[name] = next((place for place in places if place.is_file()), None)
+        return self._files[name]
+
+
+@cache
+def key_of(module: str) -> str:
+    """`Sources.key` of the installed code, as it was when this process first asked, which is the code that runs."""
+    return _installed().key(module)
+
+
+@cache
+def _installed() -> Sources:
+    return Sources()
+
+
+@cache
+def _imported(source: bytes, package: str) -> frozenset[str]:
+    """The full names that a module of `package` imports; of `from a import b` both a and a.b, which may be a module."""
+    collecting = gc.isenabled()
+    gc.disable()  # it would go through each tree many times while it grows
+    try:
+        tree = ast.parse(source)
+        return frozenset(_names(tree, package, calls=any(name.encode() in source for name in BY_NAME)))
+    finally:
+        if collecting:
+            gc.enable()
+
+
+def _names(tree: ast.Module, package: str, calls: bool) -> Iterator[str]:
+    for node in _statements(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            parents = package.split(".")[: 1 - node.level or None] if node.level else []
+            base = ".".join([*parents, *filter(None, [node.module])])
+            yield from (base, *(f"{base}.{alias.name}" for alias in node.names))
+    for node in ast.walk(tree) if calls else ():
+        if isinstance(node, ast.Call) and ast.unparse(node.func).endswith(BY_NAME):
+            yield from (name.value for name in node.args[:1] if isinstance(name, ast.Constant))
+
+
+def _statements(node: ast.AST) -> Iterator[ast.AST]:
+    """All statements below a node, but those that are for types alone."""
+    types = isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING")
+    for block in BLOCKS[types:]:
+        for inner in getattr(node, block, ()):
+            yield inner
+            yield from _statements(inner)
+
+
+@cache
+def installed(library: str) -> tuple[str, ...]:
+    """The distributions that bring a library, as it is imported, with their versions; where there is none, the library
+    with "none"."""
+    return tuple(sorted(with_version(name) for name in set(_distributions().get(library, [library]))))
+
+
+@cache
+def _distributions() -> Mapping[str, list[str]]:
+    return metadata.packages_distributions()
+
+
+def with_version(distribution: str) -> str:
+    """A distribution's name with the version that is installed."""
+    try:
+        return f"{distribution} {metadata.version(distribution)}"
+    except metadata.PackageNotFoundError:  # an extra that is not installed
+        return f"{distribution} none"
