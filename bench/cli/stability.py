@@ -21,12 +21,13 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Measure, show, write; a case that fails ends with exit code 2."""
-    from bench.studies.stability.run import run_stability, show
+    from bench.cli.commands import free
+    from bench.studies.stability.measure import run_stability, show
 
     if options.out is not None:
         free(options.out / "stability.csv", options.overwrite)
     facts, cases = run_stability(options.groups, options.seed, options.scenes, options.out)
     show(facts, cases)
-    failed = [case.case for case in cases if case.verdict == "fails"]
-    if failed:
+    failed = cases.case[cases.verdict == "fails"]
+    if len(failed):
         raise HandbenchError(f"stability: {len(failed)} of {len(cases)} cases fail: {'; '.join(failed)}")
