@@ -18,10 +18,10 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Depth map × mesh → metrics on stdout."""
+    from bench.datasets.maroon_alignment import load_any_transform
     from bench.evaluation.floor import floor_mm
     from bench.evaluation.metrics import definitions, error_map, pool
     from bench.run.scoring import reference_depth
-    from bench.datasets.maroon_alignment import load_any_transform
     from calibration.transforms import identity
     from radar.data.depthmap import load_depthmap
     from radar.data.grid import PixelGrid

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from bench.cli.options import add_out, free
+from bench.cli.options import add_out
 from radar.support.errors import HandbenchError
 
 HELP = "hard cases: what could blow up, its bound, and the measured figure"
