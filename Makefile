@@ -32,7 +32,7 @@ test-random: setup
 	  { echo "Property tests failed with seed $(SEED); to repeat them: make test-random SEED=$(SEED)"; exit 1; }
 
 bench: setup
-	$(BIN)/python -m bench.studies.engine -o runs/bench.json
+	$(BIN)/handbench study engine -o runs/bench.json
 
 lint: setup
 	$(BIN)/ruff check .

@@ -249,10 +249,10 @@ def test_every_figure_says_what_makes_it(page):
 
 
 def test_figures_without_a_command_are_noticed():
-    text = "![a](a.png)\n\n![b](b.png)\nThis figure is made by `python -m docs.frames b.png`."
+    text = "![a](a.png)\n\n![b](b.png)\nThis figure is made by `python docs/frames.py b.png`."
     assert makers(text, "a.png") == []
-    assert makers(text, "b.png") == ["python -m docs.frames b.png"]
-    assert runs("make table") and runs("python -m docs.frames b.png")
+    assert makers(text, "b.png") == ["python docs/frames.py b.png"]
+    assert runs("make table") and runs("python docs/frames.py b.png")
     assert not any(map(runs, ("make coffee", "python -m docs.nothing", "python docs/nothing.py", "paint a.png")))
 
 

@@ -1,7 +1,5 @@
-"""Timing: every case in a process of its own, taken in turns.
-
-A process of its own, so that its plan is built there and its memory is nobody else's; in turns, so that a machine that
-gets slower does so for all of them.
+"""Timing in turns: every case in a process of its own, so that its plan is built there and its memory is nobody else's;
+in turns, so that a machine that gets slower does so for all of them.
 """
 
 from __future__ import annotations
@@ -18,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.studies.columns import Record
 from radar.support.progress import say
 
 Work = Callable[[], Any]
@@ -59,21 +58,33 @@ class Measured:
     @property
     def seconds(self) -> float:
         """Median time of the whole."""
-        return self._whole(float(np.median(self.repeats_s or [self.first.seconds])))
-
-    @property
-    def range_s(self) -> tuple[float, float]:
-        """Fastest and slowest time of the whole."""
-        times = self.repeats_s or (self.first.seconds,)
-        return self._whole(min(times)), self._whole(max(times))
+        return self._whole(np.median)
 
     @property
     def plan_s(self) -> float:
         """What the first call took longer."""
         return max(self.first.seconds - float(np.median(self.repeats_s or [self.first.seconds])), 0.0)
 
-    def _whole(self, seconds: float) -> float:
-        return self.fixed_s + max(seconds - self.fixed_s, 0.0) / self.case.fraction
+    def _whole(self, of: Callable[[Sequence[float]], float]) -> float:
+        part_s = float(of(self.repeats_s or (self.first.seconds,)))
+        return self.fixed_s + max(part_s - self.fixed_s, 0.0) / self.case.fraction
+
+    def record(self, section: str, exact: Measured | None = None, **known: Any) -> Record:
+        """The case's record; `exact`: the timings of the exact path; of what else is known, None is left out."""
+        fraction = {"fraction": self.case.fraction} if self.case.fraction < 1 else {}
+        return {
+            "section": section,
+            "method": self.case.method,
+            "seconds": self.seconds,
+            "seconds_low": self._whole(min),
+            "seconds_high": self._whole(max),
+            "extrapolated": self.case.fraction < 1,
+            "ratio_to_exact": exact.seconds / self.seconds if exact else None,
+            **dict.fromkeys(("relative_error", "depth_deviation_mm", "gflops")),
+            "peak_memory_mb": self.first.peak_mb,
+            **fraction,
+            **{key: value for key, value in known.items() if value is not None},
+        }
 
 
 class Room:
@@ -111,15 +122,18 @@ def interleaved(title: str, cases: Sequence[Case], apart: bool = True) -> dict[s
             for room, case, times in zip(rooms, cases, repeats, strict=True):
                 if i < case.repeats:
                     times.append(room.time(case.work, calls=case.calls).seconds)
-    return {
-        case.method: Measured(case, *timings)
-        for case, *timings in zip(cases, first, map(tuple, repeats), fixed_s, strict=True)
-    }
+    every = zip(cases, first, map(tuple, repeats), fixed_s, strict=True)
+    return {case.method: Measured(case, *timings) for case, *timings in every}
 
 
 def everything(result: Any) -> Any:
     """Keep a result as it is."""
     return result
+
+
+def named(what: str, tolerance: float | None) -> str:
+    """A method's name with its tolerance, as fast volume, 1e-3."""
+    return "exact" if tolerance is None else f"{what}, {tolerance:.0e}".replace("e-0", "e-")
 
 
 def _enter(environment: dict[str, str]) -> None:
@@ -144,8 +158,8 @@ def _timed(work: Work, keep: Callable[[Any], Any] | None, calls: int) -> Timing:
 
 def _status_mb(name: str) -> float | None:
     """A figure of Linux's /proc/self/status in MB: exact, where sampling would miss short peaks."""
-    try:
-        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
-    except OSError:
-        return None
-    return next((int(line.split()[1]) * 1024 / 1e6 for line in lines if line.startswith(name)), None)
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
+            if line.startswith(name):
+                return int(line.split()[1]) * 1024 / 1e6
+    return None
