@@ -136,7 +136,7 @@ NESTED = 3000
 
 
 def place(content: bytes, rng: random.Random) -> int:
-    """Where to break a file: as often in its head and in its tail as in all of it."""
+    """The place to break a file at: as often in its head and in its tail as in all of it."""
     if not content:
         return 0
     match rng.randrange(3):
@@ -205,7 +205,7 @@ def lined(content: bytes, rng: random.Random) -> bytes:
 
 
 def strange(content: bytes, rng: random.Random) -> bytes:
-    """What is no UTF-8, or no character of a text."""
+    """Bytes that are no UTF-8, or no character of a text."""
     at = place(content, rng)
     return content[:at] + rng.choice(STRANGE) + content[at:]
 

@@ -46,7 +46,7 @@ class Input:
 
 @dataclass(frozen=True)
 class Seen:
-    """What reading an input came to. verdict: accepted, refused, exception, memory, wrote; detail: what happened."""
+    """Outcome of reading an input. verdict: accepted, refused, exception, memory, wrote; detail: what happened."""
 
     verdict: str
     detail: str = ""
@@ -148,7 +148,7 @@ def _of_memory(error: BaseException | None) -> bool:
 
 
 def _last_line(error: BaseException) -> str:
-    """Where in our own code the exception came out."""
+    """The place in our own code that the exception came out of."""
     trace, found = error.__traceback__, "?"
     while trace is not None:
         path = Path(trace.tb_frame.f_code.co_filename)
