@@ -142,6 +142,12 @@ def subcommands() -> dict[str, argparse.ArgumentParser]:
     return dict(action.choices)
 
 
+def options_of(parser: argparse.ArgumentParser) -> set[str]:
+    """Options of a command and of the commands below it."""
+    below = [p for a in parser._actions if isinstance(a, argparse._SubParsersAction) for p in a.choices.values()]
+    return set(parser._option_string_actions).union(*map(options_of, below))
+
+
 def told_commands(page: Path) -> Iterator[tuple[str, bool]]:
     """Every `handbench …` of a page, and whether it is whole: a line to type, without what stands for more."""
     for code in blocks(page, ""):
@@ -161,7 +167,7 @@ def problem(command: str, whole: bool) -> str | None:
         return None
     if words[0] not in known:
         return f"no command {words[0]}"
-    options = known[words[0]]._option_string_actions
+    options = options_of(known[words[0]])
     unknown = [word for word in words if re.match(r"--?[a-z]", word) and word.split("=")[0] not in options]
     if unknown or not whole:
         return f"{words[0]} has no {', '.join(unknown)}" if unknown else None
@@ -245,10 +251,10 @@ def test_every_figure_says_what_makes_it(page):
 
 
 def test_figures_without_a_command_are_noticed():
-    text = "![a](a.png)\n\n![b](b.png)\nThis figure is made by `python -m docs.frames b.png`."
+    text = "![a](a.png)\n\n![b](b.png)\nThis figure is made by `python docs/frames.py b.png`."
     assert makers(text, "a.png") == []
-    assert makers(text, "b.png") == ["python -m docs.frames b.png"]
-    assert runs("make table") and runs("python -m docs.frames b.png")
+    assert makers(text, "b.png") == ["python docs/frames.py b.png"]
+    assert runs("make table") and runs("python docs/frames.py b.png")
     assert not any(map(runs, ("make coffee", "python -m docs.nothing", "python docs/nothing.py", "paint a.png")))
 
 

@@ -10,6 +10,8 @@ from typing import Any
 
 from radar.support.errors import HandbenchError
 
+HELP = "one of the studies behind the documentation's figures: cases → tables and a figure"
+
 
 @dataclass(frozen=True)
 class Entry:

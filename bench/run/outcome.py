@@ -233,7 +233,7 @@ def comparisons(outcome: Outcome, on: Basis) -> pd.DataFrame:
 
 
 def about(outcome: Outcome, on: Basis) -> About:
-    """What result.json says."""
+    """Content of result.json."""
     first = on.methods[0].id
     measured = [c.name for c in on.captures if "photogrammetry" in outcome.references[c.name]]
     budgets = dict(zip(measured, map(budget, surfaces(outcome, measured, first, "photogrammetry")), strict=True))

@@ -11,8 +11,8 @@ import numpy as np
 
 from bench.scenes.bones import skeleton
 from bench.scenes.hand import RADII_MM, hand_field, hand_mesh
+from bench.scenes.hand_pose import POSES, Pose
 from bench.scenes.implicit import project
-from bench.scenes.poses import POSES, Pose
 from bench.studies.columns import Column, Record, Table
 from bench.studies.study import Study
 from groundtruth.mesh.mesh_files import load_open3d, mesh, raycasting_scene

@@ -78,7 +78,7 @@ def verdicts(result: Result) -> list[Verdict]:
 
 
 def stage_times(result: Result) -> Grid:
-    """Where the time goes, by method and stage."""
+    """The time that each stage took, by method."""
     rows = tuple(tuple(map(str, line)) for line in stages(result).itertuples(index=False, name=None))
     headings = ("method", "stage", "tasks", "of them cached", "seconds", "CPU seconds", "peak memory in MB")
     caption = "Median of each stage's tasks; cached: the time was measured by an earlier run"

@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 from bench.studies.stability import registration_board, registration_cameras, registration_spheres  # noqa: F401  (cases)
 from bench.studies.stability.cases import Seen, Works, case, refusal
 from calibration.registration import ransac
-from calibration.registration.register import align
-from calibration.registration.rigid_fit import HUBER
+from calibration.registration.register import solve
+from calibration.registration.rigid_fit import HUBER, Pairs
 from calibration.target.description import Candidate, Element, Target, default_target
 from calibration.target.matching import match
 from calibration.transforms import Transform, condition_number, umeyama
@@ -40,7 +40,7 @@ def candidates(centres_m: np.ndarray) -> list[Candidate]:
 def registered(source_m: np.ndarray, target_m: np.ndarray) -> Transform:
     """The product's transform, without what it says of pairs that it leaves out."""
     with redirect_stderr(io.StringIO()):
-        return align(candidates(source_m), candidates(target_m))
+        return solve(Pairs.of(candidates(source_m), candidates(target_m)))
 
 
 def turn_roundings(source_m: np.ndarray, moved_m: np.ndarray, turn: np.ndarray) -> float:

@@ -61,7 +61,7 @@ def stand_in(workspace: Path, options: dict) -> None:
 
 
 def right(maps: list[dense.DepthMap], depths_m: tuple[np.ndarray, ...]) -> None:
-    """Whether the maps are as good as the processor's."""
+    """Check that the maps are as good as the processor's."""
     for m, depth_m in zip(maps, depths_m, strict=True):
         known = np.isfinite(m.depth_m)
         error = np.abs(m.depth_m - depth_m)[known] / DISPARITY_M
