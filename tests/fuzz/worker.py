@@ -20,15 +20,7 @@ LARGEST_BYTES = 2 * 2**30  # that an input may take, beyond what the process has
 BY_NAME = {reader.name: reader for reader in READERS}
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 CHANGES = {
-    "os.remove",
-    "os.rename",
-    "os.mkdir",
-    "os.rmdir",
-    "os.symlink",
-    "os.link",
-    "os.chmod",
-    "os.chown",
-    "os.truncate",
+    f"os.{call}" for call in ("remove", "rename", "mkdir", "rmdir", "symlink", "link", "chmod", "chown", "truncate")
 }
 NEVER = {"os.system", "os.exec", "os.posix_spawn", "os.fork", "subprocess.Popen", "socket.connect", "pickle.find_class"}
 
