@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from bench.cli.options import add_out
+from bench.cli.options import add_out, free
 from radar.support.errors import HandbenchError
 
 HELP = "hard cases: what could blow up, its bound, and the measured figure"
@@ -21,7 +21,6 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Measure, show, write; a case that fails ends with exit code 2."""
-    from bench.cli.commands import free
     from bench.studies.stability.measure import run_stability, show
 
     if options.out is not None:
