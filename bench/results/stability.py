@@ -1,4 +1,4 @@
-"""What `handbench stability` writes, beside the result that a report shows it with.
+"""Files that `handbench stability` writes, beside the result that a report shows it with.
 
 stability.csv    one line a hard case: see `bench.results.tables.CASES`
 stability.json   schema_version, tables beside the cases (float32 errors, amplification, random scenes), seed, seconds,
@@ -55,5 +55,5 @@ def load_stability(folder: str | Path) -> tuple[StabilityFacts, pd.DataFrame]:
 
 
 def counted(cases: pd.DataFrame) -> str:
-    """How many cases there are of each verdict, in words."""
+    """Number of cases of each verdict, in words."""
     return ", ".join(f"{(cases.verdict == verdict).sum()} {verdict}" for verdict in VERDICTS)

@@ -1,4 +1,4 @@
-"""What is fuzzed: each reader with a small valid input, written by our own writers, and the files of it to break."""
+"""Readers to fuzz: each with a small valid input, written by our own writers, and the files of it to break."""
 
 from __future__ import annotations
 

@@ -150,7 +150,7 @@ def stability(folder: Path) -> None:
 
 
 def stage(folder: Path) -> None:
-    """What the kept stage makes."""
+    """Content that the kept stage makes."""
     depth(folder)
 
 

@@ -1,5 +1,5 @@
-"""How much each estimator amplifies its input's error, measured by perturbation, beside what theory expects; and
-whether the σ that FSK states follows its errors.
+"""Amplification of each estimator's input error, measured by perturbation, beside what theory expects; and the rank
+correlation of FSK's stated σ with its errors.
 
 A perturbation is small against what bends the estimator and large against rounding; it goes through the product, while
 theory is a formula that is written here.

@@ -1,4 +1,4 @@
-"""How FSK's depth follows its phases, and its σ its errors."""
+"""Amplification of phase errors by FSK's depth, and the rank correlation of its σ with its errors."""
 
 from __future__ import annotations
 

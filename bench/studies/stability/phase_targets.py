@@ -36,7 +36,7 @@ OFFSETS_MM = (-1000, -700, -500, -400, -370, -300, -200, -100, -10, 10, 100, 200
 
 
 def _first_depth(ids: tuple[str, ...], within: bool) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-    """Where, errors [n] and flags [n] of the pixels of a point at 0.28 m and of one at 1.2 m, when the first image
+    """The place, errors [n] and flags [n] of the pixels of a point at 0.28 m and of one at 1.2 m, when the first image
     lies some way off, within ±375 mm or beyond."""
     for id, z_m, offset_mm in product(ids, (0.28, 1.2), OFFSETS_MM):
         first_m = z_m + offset_mm / 1000

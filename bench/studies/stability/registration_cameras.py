@@ -44,7 +44,7 @@ class Scene:
     poses: dict[str, tuple[np.ndarray, np.ndarray]]
 
     def errors(self, bundle: Bundle) -> np.ndarray:
-        """What a bundle's parameters [d] are off the truth, in its own terms: x → x + τ + ω × x, then intrinsics."""
+        """Errors of a bundle's parameters [d], in its own terms: x → x + τ + ω × x, then intrinsics."""
         error = np.zeros(bundle.size)
         for image in bundle.images:
             R, t = self.poses[image.name]

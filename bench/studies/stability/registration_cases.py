@@ -165,7 +165,7 @@ def symmetric() -> Works:
 
 
 def _shift_in_sigmas(found: Transform) -> float:
-    """How far a transform is off the shift alone, in its own standard deviations."""
+    """Distance of a transform from the shift alone, in its own standard deviations."""
     step = np.r_[found.matrix[:3, 3] - found.rotation @ SHIFT_M, Rotation.from_matrix(found.rotation).as_rotvec()]
     return float(np.sqrt(step @ np.linalg.solve(found.covariance, step)))
 

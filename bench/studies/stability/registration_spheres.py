@@ -52,7 +52,7 @@ def _fit(rng: np.random.Generator, normals: np.ndarray, noise_m: float) -> Spher
 
 
 def in_sigmas(found: Candidate, centre_m: np.ndarray) -> float:
-    """How far a centre is off, in its own standard deviations."""
+    """Distance of a centre from the true one, in its own standard deviations."""
     off_m = found.centre_m - centre_m
     return float(np.sqrt(off_m @ np.linalg.solve(found.covariance_m2, off_m)))
 

@@ -1,4 +1,4 @@
-"""What the hard cases look at: a small array, scatterers whose depth is known, and methods run on the pixels about
+"""Scenes of the hard cases: a small array, scatterers whose depth is known, and methods run on the pixels about
 them. Echoes are formed in float64."""
 
 from __future__ import annotations
