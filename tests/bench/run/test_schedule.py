@@ -114,7 +114,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_serial_table(balls, workers, tm
         assert path.read_bytes() == (tmp_path / "cluster" / path.relative_to(tmp_path / "serial")).read_bytes()
     assert len(result.tasks) == stages and result.about.failures == ()
     again = run(bench, base, tmp_path / "cluster", scheduler=address)
-    assert all(task.cached for task in again.tasks)
+    assert again.tasks.cached.all()
 
 
 def _fails_or_ends(root: Path, job: Stage) -> Done:
