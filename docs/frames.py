@@ -1,4 +1,4 @@
-"""The figure of docs/conventions.md: python -m docs.frames OUT.png (from the repository's root).
+"""The figure of docs/conventions.md: python docs/frames.py OUT.png (from the repository's root).
 
 Everything stands where the package itself puts it: the antennas, the hand, the board of the stand, a camera of the rig.
 """
@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from bench.scenes.hand import hand_mesh
-from bench.scenes.poses import POSES
+from bench.scenes.hand_pose import POSES
 from bench.scenes.rig import rig
 from bench.scenes.scene_file import Mount
 from bench.scenes.stand import PLATE_M, stand_board

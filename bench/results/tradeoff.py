@@ -28,38 +28,29 @@ TRADEOFF_VERSION = 1
 
 @dataclass(frozen=True)
 class Setting:
-    """One line of tradeoff.csv: one setting of one section's knobs (JSON).
-
-    error [low, high]: its metric, smaller is better, with the 95 % interval, in `unit`; seconds [seconds_low,
-    seconds_high]: median over the interleaved repeats and their range; ratio: seconds over those of the section's
-    reference setting, of the same run. Parts of an image's time: acquisition_s (tones × step time), plan_s (once a
-    geometry), imaging_s, extraction_s. operations: complex multiplications and additions, by count. seen_percent: how
-    much of the surface it saw (None: all alike), for an error speaks of what was seen. dominated_by: a setting that is
-    at least as fast, as accurate and as complete, and better in one; empty on the front. on_method_front: no setting of
-    the same method dominates it.
-    """
+    """One line of tradeoff.csv, whose columns `bench.results.tables.SETTINGS` defines; None: not known."""
 
     section: str
     name: str
     title: str
     knobs: str
     metric: str
-    error: float | None
-    low: float | None
-    high: float | None
-    unit: str
-    seconds: float | None
-    seconds_low: float | None
-    seconds_high: float | None
-    ratio: float | None
-    acquisition_s: float | None
-    plan_s: float | None
-    imaging_s: float | None
-    extraction_s: float | None
-    operations: float | None
-    peak_memory_mb: float | None
-    on_front: bool
-    dominated_by: str
+    error: float | None = None
+    low: float | None = None
+    high: float | None = None
+    unit: str = ""
+    seconds: float | None = None
+    seconds_low: float | None = None
+    seconds_high: float | None = None
+    ratio: float | None = None
+    acquisition_s: float | None = None
+    plan_s: float | None = None
+    imaging_s: float | None = None
+    extraction_s: float | None = None
+    operations: float | None = None
+    peak_memory_mb: float | None = None
+    on_front: bool = False
+    dominated_by: str = ""
     on_method_front: bool = False
     seen_percent: float | None = None
 

@@ -1,16 +1,12 @@
-"""What imaging costs on a CUDA device, in milliseconds between CUDA events, copies to and from the device included.
+"""Imaging on a CUDA device: milliseconds between CUDA events, copies to and from the device included.
 
-    python -m bench.studies.gpu_benchmark [--device cuda|cpu|numpy] [-o runs/gpu.json]
-
-The echoes are those of a bumpy surface at 0.28 m; grid, tones and array are the paper's. `first_ms` holds the plan and,
-once per machine, the compilation; `ms` is the median of what follows. --device cpu times the same on the processor.
+The echoes are those of a bumpy surface at 0.28 m; grid, tones and array are the paper's. --device cpu times the same on
+the processor, numpy in CuPy's place.
 """
 
 from __future__ import annotations
 
-import argparse
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from functools import partial
@@ -19,48 +15,45 @@ from typing import Any
 
 import numpy as np
 
+from bench.studies.columns import Column, Record, Table
+from bench.studies.study import Study
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
-from radar.data.grid import Axis, VoxelGrid
+from radar.data.grid import Axis
 from radar.imaging.api import image_volume, imaging_error, project_volume
-from radar.imaging.device import DEVICES, array_module, chosen, describe, use_device
+from radar.imaging.device import array_module, chosen
 from radar.methods.fsk import three_tone
 from radar.methods.fsk_config import ThreeToneConfig
 from radar.methods.projection import BroadbandConfig
 from radar.simulation.forward import Scatterers, simulate
-from radar.support.cost import machine
-from radar.support.errors import HandbenchError
-from radar.support.files import write_json
-from radar.warmup import compile_kernels
 
 TOLERANCE = 1e-3
 SHARE = Axis(start_m=-0.03, stop_m=0.03, step_m=0.001)  # x and y of the exact sum's part of the volume
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Measure, print and write the rows; 2 where the device is not there."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--device", choices=DEVICES, default="cuda")
-    parser.add_argument("--repeats", type=int, default=10)
-    parser.add_argument("-o", "--out", type=Path)
-    options = parser.parse_args(arguments)
-    try:
-        with use_device(options.device):
-            compile_kernels()
-            rows = measure(BroadbandConfig(), ThreeToneConfig(), SHARE, max(options.repeats, 1))
-            facts = {**machine(), "imaging_device": describe()}
-    except HandbenchError as error:
-        print(f"gpu_benchmark: {error}", file=sys.stderr)
-        return 2
-    print(f"imaging on {facts['imaging_device']}")
-    for row in rows:
-        print("  ".join(f"{key}={value:.3g}" if isinstance(value, float) else str(value) for key, value in row.items()))
-    if options.out:
-        write_json(options.out, {"machine": facts, "rows": rows})
-    return 0
+COLUMNS = {
+    "what": Column("what is imaged", "imaging"),
+    "first_ms": Column("the first call: with the plan and, once per machine, the compilation", "first ms"),
+    "ms": Column("median of the calls that follow", "ms"),
+    "voxels": Column("of the volume, or of its part", "voxels", "{:,}"),
+    "whole_volume_ms": Column("of the exact sum of the whole volume, from the part's", "whole volume ms", "{:,.0f}"),
+    "error": Column("relative L2 error at random voxels against the processor's exact sum", "error", "{:.1e}"),
+}
 
 
-def measure(volume: BroadbandConfig, frame: ThreeToneConfig, share: Axis, repeats: int) -> list[dict[str, Any]]:
+def study(work: Path, device: str, repeats: int) -> Study:
+    """Everything is one case, imaged on the device that is chosen."""
+    configs = BroadbandConfig(), ThreeToneConfig(), SHARE
+    return Study(
+        "gpu",
+        "Imaging on a device",
+        [f"{device}, {max(repeats, 1)} repeats"],
+        lambda _: measure(*configs, max(repeats, 1)),
+        lambda records: [Table("rows", COLUMNS, records)],
+    )
+
+
+def measure(volume: BroadbandConfig, frame: ThreeToneConfig, share: Axis, repeats: int) -> list[Record]:
     """One row each for the exact sum of a part of the volume (x, y: `share`), the volume and its projection at
     TOLERANCE, and a 3-FSK frame, exact and at TOLERANCE."""
     grid, part = volume.grid(), volume.model_copy(update={"x": share, "y": share}).grid()
@@ -75,8 +68,9 @@ def measure(volume: BroadbandConfig, frame: ThreeToneConfig, share: Axis, repeat
         _timed(name, partial(three_tone, tones, frame.model_copy(update={"tolerance": tolerance})), repeats)[1]
         for name, tolerance in (("3-FSK frame, exact", None), ("3-FSK frame", TOLERANCE))
     ]
-    share_row |= {"voxels": exact.size, "whole_volume_ms": share_row["ms"] * whole, "error": _error(exact, one, part)}
-    volume_row |= {"voxels": fast.size, "error": _error(fast, one, grid)}
+    share_row |= {"voxels": exact.size, "whole_volume_ms": share_row["ms"] * whole}
+    share_row["error"], volume_row["error"] = imaging_error(exact, *one, part), imaging_error(fast, *one, grid)
+    volume_row["voxels"] = fast.size
     return [share_row, volume_row, peaks_row, *frames]
 
 
@@ -89,7 +83,7 @@ def surface_echoes(frequencies_hz: np.ndarray) -> RadarCapture:
     return RadarCapture(samples[None], frequencies_hz, qar50())
 
 
-def _timed(name: str, work: Callable[[], Any], repeats: int) -> tuple[Any, dict[str, Any]]:
+def _timed(name: str, work: Callable[[], Any], repeats: int) -> tuple[Any, Record]:
     """What work() returns, and its row: the first call's milliseconds and the median of `repeats` further ones."""
     result, first = _milliseconds(work)
     return result, {
@@ -110,12 +104,3 @@ def _milliseconds(work: Callable[[], Any]) -> tuple[Any, float]:
     end.record()
     end.synchronize()
     return result, float(cuda.get_elapsed_time(begin, end))
-
-
-def _error(image: np.ndarray, one: tuple, grid: VoxelGrid) -> float:
-    """Relative L2 error at random voxels against the processor's exact sum."""
-    return imaging_error(image, *one, grid)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,15 +1,12 @@
-"""What the runner itself costs: many tasks that do nothing, through the real plan, executor and cache.
+"""The runner's own cost: many tasks that do nothing, through the real plan, executor and cache.
 
-`python -m bench.studies.overhead [--captures 1000] [--scheduler tcp://host:port]` writes capture folders that hold next
-to nothing, plans four methods for each, and has every job carried out by a maker that leaves the small files of a
-stage. It prints milliseconds per task and by how much the client's resident memory grew, for a first run and for a
-second one, whose tasks are all cached; then the same for a table of as many captures, each with maps of a hand's size.
+Capture folders that hold next to nothing, four methods for each, and every job carried out by a maker that leaves the
+small files of a stage: a first run, and a second one, whose tasks are all cached. Then the table of as many captures,
+each with maps of a hand's size.
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -20,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import psutil
 
 from bench.datasets.native import ECHOES, TRUTH, CaptureFile, save_capture_file
@@ -32,10 +30,13 @@ from bench.run.outcome import Capture, Outcome, basis, comparisons, tabulate
 from bench.run.runner import Run
 from bench.run.scoring import GRIDS, REFERENCES, write_reference
 from bench.run.tasks import Done
+from bench.studies.columns import Column, Record, Table
+from bench.studies.study import Study
 from calibration.transforms import identity
 from groundtruth.mesh.depth import Reference
 from radar.data.arrays import AntennaArray
 from radar.data.capture import RadarCapture, save_capture
+from radar.support.errors import HandbenchError
 from radar.support.files import write_json
 from radar.support.store import Stage
 
@@ -84,16 +85,16 @@ def write_captures(base: Path, count: int) -> BenchFile:
     return BenchFile(version=1, name="overhead", capture=source, method=[{"id": id} for id in METHODS])
 
 
-def measure(bench: BenchFile, base: Path, work: Path, workers: Executor) -> tuple[float, float, list[float]]:
-    """Milliseconds per task of one run, opening and planning included, by the clock and of this process's CPU; and its
-    memory while it went."""
+def run_record(name: str, bench: BenchFile, base: Path, work: Path, workers: Executor) -> Record:
+    """One run of all tasks, opening and planning included."""
     watched = Watched(workers)
     run, start, cpu_start = Run(bench, base, work, watched), time.perf_counter(), time.process_time()
     with Path(devnull).open("w") as nowhere, redirect_stderr(nowhere):
         run.execute()
-    seconds, count = (time.perf_counter() - start, time.process_time() - cpu_start), len(run.tasks)
+    seconds, cpu_seconds, count = time.perf_counter() - start, time.process_time() - cpu_start, len(run.tasks)
     assert count == len(bench.capture) * (len(METHODS) + 1) and not run.failures  # the last is the score's
-    return 1e3 * seconds[0] / count, 1e3 * seconds[1] / count, watched.memory_mb[-10:]
+    each_ms, cpu_ms = 1e3 * seconds / count, 1e3 * cpu_seconds / count
+    return {"what": name, "each_ms": each_ms, "cpu_ms": cpu_ms, "memory_mb": watched.memory_mb[-10:]}
 
 
 def scored_captures(bench: BenchFile, base: Path, scores: Path) -> Outcome:
@@ -106,13 +107,8 @@ def scored_captures(bench: BenchFile, base: Path, scores: Path) -> Outcome:
     write_reference(one, "truth", 0, known)
     write_json(one / GRIDS, dict.fromkeys(METHODS, 0))
     for id in METHODS:
-        write_errors(
-            one,
-            "one",
-            id,
-            "truth",
-            error_map(axis_m, axis_m, z_m + rng.normal(0, 1e-3, z_m.shape), z_m, known.sigma_m, disc),
-        )
+        seen = error_map(axis_m, axis_m, z_m + rng.normal(0, 1e-3, z_m.shape), z_m, known.sigma_m, disc)
+        write_errors(one, "one", id, "truth", seen)
     for source in bench.capture:
         name = source.path
         found.captures.append(Capture(base / name, name, CaptureFile(name=name)))
@@ -127,40 +123,56 @@ def scored_captures(bench: BenchFile, base: Path, scores: Path) -> Outcome:
     return found
 
 
-def tabled(found: Outcome) -> tuple[float, list[float]]:
-    """Seconds for the table and its comparisons, and the client's memory, MB: before, after the table, and after."""
+def table_record(found: Outcome) -> Record:
+    """The table and its comparisons; memory: before, after the table, and after both."""
     process, start = psutil.Process(), time.perf_counter()
     memory_mb, on = [process.memory_info().rss / 1e6], basis(found)
     for part in (tabulate, comparisons):
         part(found, on)
         memory_mb.append(process.memory_info().rss / 1e6)
-    return time.perf_counter() - start, memory_mb
+    each_ms = 1e3 * (time.perf_counter() - start) / len(found.captures)
+    return {"what": "table", "each_ms": each_ms, "memory_mb": memory_mb}
 
 
-def main() -> int:
-    """Print the figures; exit code 1 where a task costs more than BAR_MS."""
-    parser = argparse.ArgumentParser(prog="python -m bench.studies.overhead", description=__doc__)
-    parser.add_argument("--captures", type=int, default=1000)
-    parser.add_argument("--scheduler", metavar="tcp://HOST:PORT")
-    options = parser.parse_args()
-    worst_ms = 0.0
-    with tempfile.TemporaryDirectory() as folder, executor(options.scheduler) as found:
+COLUMNS = {
+    "what": Column("two runs of the same tasks, and the table", "what"),
+    "each_ms": Column("a task, opening and planning included; of the table a capture", "ms each", "{:.2f}"),
+    "cpu_ms": Column("of the client's CPU, a task", "client's CPU, ms", "{:.2f}"),
+    "memory_mb": Column(
+        "the client's resident memory at each tenth of the tasks; before, between and after the parts of the table",
+        "client's memory, MB",
+        lambda values: ", ".join(f"{value:.0f}" for value in values),
+    ),
+}
+
+
+def study(work: Path, captures: int, scheduler: str | None) -> Study:
+    """All of it is one case; a task that costs more than BAR_MS is an error."""
+    return Study(
+        "overhead",
+        f"The runner's own cost, {captures} captures",
+        [captures],
+        lambda captures: measure(captures, scheduler),
+        lambda records: [Table("rows", COLUMNS, records)],
+        check=_check,
+    )
+
+
+def measure(captures: int, scheduler: str | None) -> list[Record]:
+    """Both runs and the table."""
+    with tempfile.TemporaryDirectory() as folder, executor(scheduler) as found:
         base, work = Path(folder).resolve() / "captures", Path(folder).resolve() / "work"
         base.mkdir()
         work.mkdir()
-        bench = write_captures(base, options.captures)
+        bench = write_captures(base, captures)
         workers = Cluster(found.client, perform) if isinstance(found, Cluster) else InPlace(perform)
-        for name in ("first run", "all cached"):
-            task_ms, cpu_ms, memory_mb = measure(bench, base, work, workers)
-            worst_ms = max(worst_ms, task_ms)
-            told = ", ".join(f"{value:.0f}" for value in memory_mb)
-            print(f"{name}: {task_ms:.2f} ms a task, {cpu_ms:.2f} ms of the client's CPU; its memory: {told} MB")
-        seconds, memory_mb = tabled(scored_captures(bench, base, Path(folder).resolve() / "scores"))
-        told = ", ".join(f"{value:.0f}" for value in memory_mb)
-        each_ms = 1e3 * seconds / options.captures
-        print(f"table of {options.captures} captures: {each_ms:.0f} ms each; the client's memory: {told} MB")
-    return int(worst_ms > BAR_MS)
+        runs = [run_record(name, bench, base, work, workers) for name in ("first run", "all cached")]
+        return [*runs, table_record(scored_captures(bench, base, Path(folder).resolve() / "scores"))]
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+def _check(frames: dict[str, pd.DataFrame]) -> None:
+    worst_ms = frames["rows"].each_ms[:2].max()
+    if worst_ms > BAR_MS:
+        raise HandbenchError(
+            f"overhead: a task costs {worst_ms:.2f} ms; expected at most {BAR_MS:g} ms on a quiet machine"
+        )

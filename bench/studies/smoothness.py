@@ -1,21 +1,20 @@
-"""How smooth a meshed hand is to the radar: python -m bench.studies.smoothness [LETTERS [EDGE_MM]]
-
-Angles between neighbouring facets, and what one subdivision of the mesh onto the true surface changes in the echoes and
-in the depths that three tones tell. Prints the table of docs/hand.md.
+"""Smoothness of a meshed hand to the radar: angles between neighbouring facets, and what one subdivision of the mesh
+onto the true surface changes in the echoes and in the depths that three tones tell: the table of docs/hand.md.
 """
 
 from __future__ import annotations
 
-import sys
-from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bench.scenes.bones import skeleton
 from bench.scenes.hand import RADII_MM, hand_field, hand_mesh
-from bench.scenes.implicit import project
-from bench.scenes.poses import POSES, Pose
+from bench.scenes.hand_pose import POSES, Pose
+from bench.scenes.implicit import crossing_faces, project
+from bench.studies.columns import Column, Record, Table
+from bench.studies.study import Study
 from groundtruth.mesh.mesh_files import load_open3d, mesh, raycasting_scene
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from radar.imaging.cpu.exact import tone_images
@@ -32,30 +31,42 @@ POINTS = 3000  # at which depths are compared
 ON_TARGET = 10 ** (-13 / 20)  # amplitude over the strongest one's below which the methods see no target
 
 
-@dataclass(frozen=True)
-class Smoothness:
-    """Figures of one mesh: the facets that cut another one; the largest angle between neighbouring facets' normals, the
-    one that a thousandth of the edges exceeds, and the parts of the hand at the largest; the echoes' relative change
-    (L2, all tones and channels) and the depths' (root mean square over the points on target) under one subdivision."""
-
-    crossing: int
-    largest_deg: float
-    permille_deg: float
-    where: str
-    echo_change: float
-    depth_change_m: float
+COLUMNS = {
+    "letter": Column("pose", "letter"),
+    "crossing": Column("facets that cut another one", "crossing facets", "{:d}"),
+    "largest_deg": Column("largest angle between the normals of neighbouring facets", "largest angle, °", "{:.0f}"),
+    "permille_deg": Column("the angle that a thousandth of the edges exceeds", "99.9 %, °", "{:.1f}"),
+    "where": Column("parts of the hand at the largest angle", "sharpest between"),
+    "echo_change": Column("relative change (L2, tones and channels) under a subdivision", "echoes, %", "{:.2f}", 100),
+    "depth_change_m": Column("RMS change of the depths on target under a subdivision", "depths, mm", "{:.3f}", 1e3),
+}
 
 
-def smoothness(pose: Pose, edge_m: float = 1e-3) -> Smoothness:
-    """Measure a pose's mesh as it stands before the radar."""
+def study(work: Path, letters: str, edge_mm: float) -> Study:
+    """Each letter's mesh as it stands before the radar."""
+    return Study(
+        "smoothness",
+        f"Smoothness of hands with edges of {edge_mm:g} mm",
+        list(letters or POSES),
+        lambda letter: {"letter": letter, **smoothness(POSES[letter], 1e-3 * edge_mm)},
+        lambda records: [Table("rows", COLUMNS, records)],
+    )
+
+
+def smoothness(pose: Pose, edge_m: float = 1e-3) -> Record:
+    """The figures of a pose's mesh: see COLUMNS."""
     surface = hand_mesh(pose, edge_m)
     vertices_m = np.asarray(surface.vertices)
     angles_deg, ends = facet_angles(vertices_m, np.asarray(surface.triangles))
     echo_change, depth_change_m = radar_change(surface, subdivided(surface, pose))
-    sharpest = vertices_m[ends[angles_deg.argmax()]].mean(axis=0)
-    largest_deg, permille_deg = angles_deg.max(), np.percentile(angles_deg, 99.9)
-    where = parts_at(pose, sharpest)
-    return Smoothness(crossing_facets(surface), largest_deg, permille_deg, where, echo_change, depth_change_m)
+    return {
+        "crossing": crossing_facets(surface),
+        "largest_deg": float(angles_deg.max()),
+        "permille_deg": float(np.percentile(angles_deg, 99.9)),
+        "where": parts_at(pose, vertices_m[ends[angles_deg.argmax()]].mean(axis=0)),
+        "echo_change": echo_change,
+        "depth_change_m": depth_change_m,
+    }
 
 
 def facet_angles(vertices_m: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -73,13 +84,8 @@ def facet_angles(vertices_m: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray,
 
 
 def crossing_facets(surface: o3d.geometry.TriangleMesh) -> int:
-    """Facets that cut another one (open3d's own test compares all with all)."""
-    import pymeshlab
-
-    meshes = pymeshlab.MeshSet(verbose=False)
-    meshes.add_mesh(pymeshlab.Mesh(np.asarray(surface.vertices), np.asarray(surface.triangles)))
-    meshes.compute_selection_by_self_intersections_per_face()
-    return meshes.current_mesh().selected_face_number()
+    """The number of facets that cut another one."""
+    return crossing_faces(np.asarray(surface.vertices), np.asarray(surface.triangles))
 
 
 def subdivided(surface: o3d.geometry.TriangleMesh, pose: Pose) -> o3d.geometry.TriangleMesh:
@@ -137,17 +143,3 @@ def parts_at(pose: Pose, point_m: np.ndarray) -> str:
     first, *rest = sorted(flesh_m, key=flesh_m.__getitem__)
     second = next(part for part in rest if part[0] != first[0] or abs(part[1] - first[1]) > 1)
     return " / ".join(f"{name} {number}" if number else name for name, number in (first, second))
-
-
-def main(letters: str = "", edge_mm: float = 1.0) -> None:
-    """Print the table."""
-    print("| letter | crossing facets | largest angle, ° | 99.9 %, ° | sharpest between | echoes, % | depths, mm |")
-    print("|---|---:|---:|---:|---|---:|---:|")
-    for name in letters or POSES:
-        m = smoothness(POSES[name], 1e-3 * edge_mm)
-        figures = f"{m.crossing} | {m.largest_deg:.0f} | {m.permille_deg:.1f} | {m.where}"
-        print(f"| {name} | {figures} | {100 * m.echo_change:.2f} | {1e3 * m.depth_change_m:.3f} |", flush=True)
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:2], *map(float, sys.argv[2:3]))

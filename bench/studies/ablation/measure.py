@@ -1,86 +1,85 @@
-"""Each case simulated, imaged by each method and scored against the true surface."""
+"""Each effect's case simulated, imaged by each method and scored against the true surface."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from bench.evaluation.metrics import ErrorMap, error_map, pool, precision
+from bench.evaluation.metrics import HEADLINE, METRICS, error_map, pool, precision
 from bench.run.repeat_stage import strongest_z_m
 from bench.scenes.build import Scene, build
 from bench.scenes.echoes import choices, echo_scene
 from bench.studies.ablation.cases import Case, cases, scene_file
+from bench.studies.ablation.figure import draw
+from bench.studies.columns import Column, Record, Table
+from bench.studies.study import Study
 from groundtruth.mesh.depth import depth_on_grid
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.methods.registry import method
 from radar.simulation.selection import choose
-from radar.simulation.simulate import shoot
-from radar.support.progress import track
-from radar.warmup import compile_kernels
+from radar.simulation.simulate import simulate_scene
 
 METHODS = ("2fsk", "3fsk", "broadband", "narrowband")
 REPEATED = ("2fsk", "3fsk")  # methods whose precision is measured
 CHANGED = "3fsk"  # the method whose depth map is compared with the reference's
+SHOWN = {HEADLINE: 3, "max_mm": 1}  # metrics of every method, and their decimals
+COLUMNS = {
+    "case": Column("the reference, or in what a case differs from it", "case"),
+    "change_mm": Column("mean |z − z of the case that it is held against| of 3-FSK", "change of 3-FSK mm", "{:.3f}"),
+    "estimate_mm": Column("what the effect's bound said of that", "estimate mm", "{:.3f}"),
+    "effect_s": Column("of the effect, a pose; of one left out, those in the other case", "effect s", "{:.2f}"),
+    "simulate_s": Column("of the whole simulation, a pose", "simulation s", "{:.2f}"),
+    **{
+        f"{m}_{key}": Column(METRICS[key].definition, f"{m} {METRICS[key].title.split()[0]} mm", f"{{:.{places}f}}")
+        for m in METHODS
+        for key, places in SHOWN.items()
+    },
+    **{
+        f"{m}_precision_mm": Column(METRICS["precision_mm"].definition, f"{m} precision mm", "{:.3f}") for m in REPEATED
+    },
+}
 
 
-@dataclass
-class Row:
-    """A case's figures over all poses. change_mm: mean |z − z of the case it is held against| of CHANGED; estimate_mm:
-    what the effect's bound said; effect_s: seconds of the effect, of one left out those in the other case;
-    simulate_s: seconds of the whole simulation. Seconds are per pose."""
-
-    name: str
-    values: dict[str, dict[str, float | int | None]] = field(default_factory=dict)  # method → metric → value
-    change_mm: float = 0.0
-    estimate_mm: float | None = None
-    effect_s: float = 0.0
-    simulate_s: float = 0.0
-
-
-def ablate(poses: tuple[str, ...], frames: int) -> list[Row]:
+def study(work: Path, poses: str, frames: int) -> Study:
     """All cases on all poses, `frames` repeats for the precision."""
-    compile_kernels()
-    found: dict[str, list[Shown]] = {}
-    jobs = [(case, pose) for pose in poses for case in cases()]
-    scenes = {pose: build(scene_file(pose, jobs[0][0])) for pose in poses}
-    for case, pose in track(jobs, "ablation"):
-        found.setdefault(case.name, []).append(show(pose, case, scenes[pose], frames))
-    return [_row(case, found[case.name], found[case.against]) for case in cases()]
+    scenes = {pose: build(scene_file(pose, cases()[0])) for pose in poses.split(",")}
+    return Study(
+        "ablation",
+        "What each effect does to each method",
+        [(case, pose) for pose in scenes for case in cases()],
+        lambda chosen: show(*chosen, scenes[chosen[1]], frames),
+        lambda records: [Table("rows", COLUMNS, pooled(records))],
+        draw,
+        label=lambda chosen: f"{chosen[0].name}, {chosen[1]}",
+        seed=1,
+    )
 
 
-@dataclass(frozen=True)
-class Shown:
-    """One case on one pose."""
-
-    maps: dict[str, ErrorMap]
-    depth_m: np.ndarray  # of CHANGED
-    repeats_z_m: dict[str, np.ndarray]
-    estimate_mm: float | None
-    seconds: dict[str, float]  # of each effect that was on
-    simulate_s: float
-
-
-def show(pose: str, case: Case, scene: Scene, frames: int) -> Shown:
-    """Simulate, image and score one case; the mesh of `scene` is used again."""
+def show(case: Case, pose: str, scene: Scene, frames: int) -> Record:
+    """Simulate, image and score one case; the mesh of `scene` is used again. seconds: of each effect that was on."""
     scene = replace(scene, file=scene_file(pose, case))
     radar_scene = echo_scene(scene)
     start = time.perf_counter()
-    shots = shoot(radar_scene, choices(scene, radar_scene), frames)
+    simulated = simulate_scene(radar_scene, choices(scene, radar_scene), frames)
     elapsed_s = time.perf_counter() - start
-    depths = {name: image(name, shots.capture, frames if name in REPEATED else 1) for name in METHODS}
+    depths = {name: image(name, simulated.capture, frames if name in REPEATED else 1) for name in METHODS}
     truth = {name: depth_on_grid(scene.target_mesh, d[0].x_m, d[0].y_m) for name, d in depths.items()}
     estimates = {row.effect: row.depth_mm for row in choose(radar_scene, "auto", 1.0)}
-    return Shown(
-        {name: error_map(d[0].x_m, d[0].y_m, d[0].z_m, truth[name]) for name, d in depths.items()},
-        depths[CHANGED][0].z_m,
-        {name: strongest_z_m(depths[name]) for name in REPEATED},
-        estimates.get(case.effect),
-        {row.effect: row.seconds for row in shots.rows if row.seconds is not None},
-        elapsed_s,
-    )
+    return {
+        "case": case,
+        "pose": pose,
+        "maps": {name: error_map(d[0].x_m, d[0].y_m, d[0].z_m, truth[name]) for name, d in depths.items()},
+        "depth_m": depths[CHANGED][0].z_m,
+        "repeats_z_m": {name: strongest_z_m(depths[name]) for name in REPEATED},
+        "estimate_mm": estimates.get(case.effect),
+        "seconds": {row.effect: row.seconds for row in simulated.rows if row.seconds is not None},
+        "simulate_s": elapsed_s,
+    }
 
 
 def image(name: str, capture: RadarCapture, frames: int) -> list[DepthMap]:
@@ -90,18 +89,29 @@ def image(name: str, capture: RadarCapture, frames: int) -> list[DepthMap]:
     return [chosen.run(capture, config, frame).depth for frame in range(frames)]
 
 
-def _row(case: Case, shown: list[Shown], reference: list[Shown]) -> Row:
-    values = {m: pool([s.maps[m] for s in shown]) for m in METHODS}
-    for m in REPEATED:
-        values[m] |= precision([s.repeats_z_m[m] for s in shown])
-    change_m = np.concatenate([np.abs(s.depth_m - r.depth_m).ravel() for s, r in zip(shown, reference, strict=True)])
-    estimates = [s.estimate_mm for s in shown if s.estimate_mm is not None]
-    effect_s = [{**r.seconds, **s.seconds}.get(case.effect, 0.0) for s, r in zip(shown, reference, strict=True)]
-    return Row(
-        case.name,
-        values,
-        1e3 * float(np.nanmean(change_m)),
-        float(np.mean(estimates)) if estimates else None,
-        float(np.mean(effect_s)),
-        float(np.mean([s.simulate_s for s in shown])),
-    )
+def pooled(records: list[Record]) -> list[Record]:
+    """A record a case, over the poses in which it and the case that it is held against were measured."""
+    by_name = {(record["case"].name, record["pose"]): record for record in records}
+    rows = []
+    for case in dict.fromkeys(record["case"].name for record in records):
+        pairs = [(r, by_name.get((r["case"].against, r["pose"]))) for r in records if r["case"].name == case]
+        if pairs := [pair for pair in pairs if pair[1] is not None]:
+            rows.append({"case": case, **_pooled(*map(list, zip(*pairs, strict=True)))})
+    return rows
+
+
+def _pooled(shown: list[Record], reference: list[Record]) -> dict[str, Any]:
+    effect = shown[0]["case"].effect
+    change_m = [np.abs(s["depth_m"] - r["depth_m"]).ravel() for s, r in zip(shown, reference, strict=True)]
+    estimates = [s["estimate_mm"] for s in shown if s["estimate_mm"] is not None]
+    effect_s = [{**r["seconds"], **s["seconds"]}.get(effect, 0.0) for s, r in zip(shown, reference, strict=True)]
+    values = {m: pool([s["maps"][m] for s in shown]) for m in METHODS}
+    precise = {m: precision([s["repeats_z_m"][m] for s in shown])["precision_mm"] for m in REPEATED}
+    return {
+        "change_mm": 1e3 * float(np.nanmean(np.concatenate(change_m))),
+        "estimate_mm": float(np.mean(estimates)) if estimates else None,
+        "effect_s": float(np.mean(effect_s)),
+        "simulate_s": float(np.mean([s["simulate_s"] for s in shown])),
+        **{f"{m}_{key}": values[m][key] for m in METHODS for key in SHOWN},
+        **{f"{m}_precision_mm": value for m, value in precise.items()},
+    }

@@ -1,2 +1,1 @@
-"""The engine's benchmark: what imaging and simulation cost, measured in one run (`python -m bench.studies.engine -o
-FILE`)."""
+"""The engine's benchmark: what imaging and simulation cost, measured in one run."""

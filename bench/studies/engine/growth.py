@@ -1,15 +1,15 @@
-"""How the fast engine's cost grows: with finer steps, larger boxes, more channels and more tones."""
+"""Growth of the fast engine's cost with finer steps, larger boxes, more channels and more tones."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 
-from bench.studies.engine.rooms import Case, interleaved
+from bench.studies.columns import Record
 from bench.studies.engine.scope import Inputs, white_noise
+from bench.studies.engine.turns import Case, interleaved
 from radar.data.arrays import AntennaArray
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_volume
@@ -17,8 +17,8 @@ from radar.imaging.api import image_volume
 TOLERANCE = 1e-3
 
 
-def growth(inputs: Inputs) -> list[dict[str, Any]]:
-    """One entry per quantity: what grows, its sizes, seconds of each, plan seconds, and the fitted exponent."""
+def growth(inputs: Inputs) -> list[Record]:
+    """A record for each quantity: what grows, its sizes, seconds of each, plan seconds, and the fitted exponent."""
     scope, grid, array, tones_hz = inputs.scope, inputs.grid, inputs.array, inputs.tones_hz
     noise = inputs.samples["noise"]
 
@@ -43,11 +43,12 @@ def growth(inputs: Inputs) -> list[dict[str, Any]]:
     ]
 
 
-def _series(what: str, steps: Sequence[tuple[int, partial]]) -> dict[str, Any]:
+def _series(what: str, steps: Sequence[tuple[int, partial]]) -> Record:
     cases = [Case(f"{size:,}", work, repeats=2) for size, work in steps]
     measured = interleaved(what, cases, apart=False).values()
     sizes, seconds = [size for size, _ in steps], [m.seconds for m in measured]
     return {
+        "section": "growth",
         "what": what,
         "sizes": sizes,
         "seconds": seconds,

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.studies.columns import Record
 from bench.studies.engine.scope import Inputs
 from bench.studies.engine.textbook import numpy_sum
 from radar.data.depthmap import amplitude_db
@@ -18,16 +19,6 @@ from radar.imaging.cpu.exact import backproject
 from radar.methods.projection import Peaks, peak_offset, peaks_of
 
 STAND_IN = 1e-6  # tolerance of the volume that gives the mask and the root mean square
-
-
-@dataclass(frozen=True)
-class Deviation:
-    """Of a projection from the exact one: mean |Δz| over the checked pixels between voxels and in whole voxels, and
-    the number of pixels that only one of both masks holds."""
-
-    subvoxel_mm: float
-    voxel_mm: float
-    mask_px: int
 
 
 @dataclass(frozen=True)
@@ -45,7 +36,6 @@ class Reference:
     pixels: np.ndarray
     columns: Peaks
     mask: np.ndarray
-    stand_in_error: float
 
     def error(self, values: np.ndarray, source: str = "hand") -> float:
         """Relative L2 error of an image's values [≤ n] at the checked voxels."""
@@ -55,20 +45,21 @@ class Reference:
         """The same against the float64 sums: values [≤ d] of the hand."""
         return self._relative(values, self.direct, "hand")
 
-    def deviation(self, peaks: Peaks) -> Deviation:
-        """Of the whole volume's peaks [ny, nx]."""
+    def deviation(self, peaks: Peaks) -> Record:
+        """Of the whole volume's peaks [ny, nx] from the exact ones: `column_deviation` at the checked pixels, and the
+        pixels that only one of both masks holds."""
         checked = Peaks(peaks.index.ravel()[self.pixels], peaks.magnitude.reshape(3, -1)[:, self.pixels])
         mask = amplitude_db(peaks.magnitude[1]) >= self.threshold_db
-        return Deviation(*self.column_deviation(checked), int(np.count_nonzero(mask != self.mask)))
+        return {**self.column_deviation(checked), "mask_difference_px": int(np.count_nonzero(mask != self.mask))}
 
-    def column_deviation(self, checked: Peaks) -> tuple[float, float]:
-        """Mean |Δz| in mm, between voxels and in whole voxels, of the checked pixels' peaks [p]."""
-        differences = (
-            depth_m(checked, self.grid, subvoxel) - depth_m(self.columns, self.grid, subvoxel)
-            for subvoxel in (True, False)
-        )
-        between, whole = (1e3 * float(np.abs(difference).mean()) for difference in differences)
-        return between, whole
+    def column_deviation(self, checked: Peaks) -> Record:
+        """Mean |Δz| of the checked pixels' peaks [p], of depths between voxels and of whole voxels."""
+        names = {"depth_deviation_mm": True, "depth_deviation_voxel_mm": False}
+        return {
+            name: 1e3
+            * float(np.abs(depth_m(checked, self.grid, between) - depth_m(self.columns, self.grid, between)).mean())
+            for name, between in names.items()
+        }
 
     def _relative(self, values: np.ndarray, exact: np.ndarray, source: str) -> float:
         known = min(len(values), len(exact))
@@ -101,9 +92,6 @@ def reference(inputs: Inputs) -> Reference:
         pixels=pixels,
         columns=column_peaks(columns, grid),
         mask=mask,
-        stand_in_error=max(
-            float(np.sqrt(np.mean(np.abs(stand_in[s].ravel()[voxels] - exact[s]) ** 2)) / rms[s]) for s in exact
-        ),
     )
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bench.evaluation.metrics import BAND
 from bench.scenes.build import Scene
+from bench.studies.columns import Record
 from calibration.transforms import umeyama
 from groundtruth.cameras.cameras import Camera
 from groundtruth.mesh.depth import depth_on_grid
@@ -19,31 +20,13 @@ if TYPE_CHECKING:
 
 GRID_M = 5e-4  # of the rays from the radar's side that sample the true surface
 COMPLETE_M = 1e-3
-BAND = 1.96  # standard deviations of the 95 % band
+WITHIN = {"within_1_sigma": 1.0, "within_2_sigma": 2.0, "within_95": BAND}  # standard deviations
 SCALED = 500  # points that the scale is told from
 
 
-@dataclass(frozen=True)
-class Score:
-    """Distances of the mesh's observed vertices to the true surface, metres; complete: share of the radar-side surface
-    that lies within 1 mm of them; scale: relative error of the frame's scale; centre_m: mean error of the cameras'
-    centres; within_1_sigma, within_2_sigma, within_95: share of the vertices whose distance is inside so many of their
-    own standard deviations."""
-
-    median_m: float
-    rms_m: float
-    p95_m: float
-    max_m: float
-    complete: float
-    scale: float
-    centre_m: float
-    within_1_sigma: float
-    within_2_sigma: float
-    within_95: float
-
-
-def score(result: Result, scene: Scene) -> Score:
-    """The result, whose frame is the photographs', against its scene."""
+def score(result: Result, scene: Scene) -> Record:
+    """The result, whose frame is the photographs', against its scene: distances of the mesh's observed vertices to the
+    true surface; and the shares of them whose distance is inside so many of their own standard deviations."""
     surface = result.surface
     points_m = scene.radar_from_photo.points(surface.vertices_m)[surface.observed]
     distance_m = raycasting_scene(scene.target_mesh).compute_distance(points_m.astype(np.float32)).numpy()
@@ -52,16 +35,16 @@ def score(result: Result, scene: Scene) -> Score:
     ratio = distance_m / surface.sigma_m[surface.observed]
     true = {camera.name: camera for camera in scene.cameras}
     off_m = [np.linalg.norm(camera.centre_m - true[camera.name].centre_m) for camera in result.cameras]
-    return Score(
-        float(np.median(distance_m)),
-        float(np.sqrt(np.mean(distance_m**2))),
-        float(np.quantile(distance_m, 0.95)),
-        float(distance_m.max()),
-        completeness(points_m, side_m),
-        scale_error(scene.radar_from_photo.inverse().points(side_m), result.cameras, true),
-        float(np.mean(off_m)),
-        *(float(np.mean(ratio <= k)) for k in (1.0, 2.0, BAND)),
-    )
+    return {
+        "median_m": float(np.median(distance_m)),
+        "rms_m": float(np.sqrt(np.mean(distance_m**2))),
+        "p95_m": float(np.quantile(distance_m, 0.95)),
+        "max_m": float(distance_m.max()),
+        "complete": completeness(points_m, side_m),
+        "scale": scale_error(scene.radar_from_photo.inverse().points(side_m), result.cameras, true),
+        "centre_m": float(np.mean(off_m)),
+        **{name: float(np.mean(ratio <= k)) for name, k in WITHIN.items()},
+    }
 
 
 def completeness(points_m: np.ndarray, side_m: np.ndarray) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from bench.studies.columns import Record
 from calibration.registration.combination import HAND_M
 from calibration.transforms import Transform, adjoint
 
@@ -42,37 +43,20 @@ def score(found: Transform, true: Transform) -> Score:
     )
 
 
-@dataclass(frozen=True)
-class Summary:
+def summary(scores: Sequence[Score]) -> Record:
     """Over all trials: root mean squares of shift and turn, the 95th percentile of the registration error over the
     volume, its predicted root mean square over the one seen, and the mean NEES with the band that holds 95 % of what
     honest covariances give."""
-
-    trials: int
-    shift_rms_m: float
-    turn_rms_rad: float
-    turn_max_rad: float
-    tre_p95_m: float
-    predicted_over_seen: float
-    nees: float
-    band: tuple[float, float]
-    within_95: float
-
-
-def summary(scores: Sequence[Score]) -> Summary:
-    """The figures of a set of trials."""
     shift2, turn2 = (np.array([(getattr(s, key) ** 2).sum() for s in scores]) for key in ("shift_m", "turn_rad"))
     tre_m, predicted_m = (np.concatenate([getattr(s, key) for s in scores]) for key in ("tre_m", "predicted_m"))
     nees = np.array([s.nees for s in scores])
-    freedom = 6 * len(scores)
-    return Summary(
-        len(scores),
-        float(np.sqrt(shift2.mean())),
-        float(np.sqrt(turn2.mean())),
-        float(np.sqrt(turn2.max())),
-        float(np.quantile(tre_m, 0.95)),
-        float(np.sqrt((predicted_m**2).mean() / (tre_m**2).mean())),
-        float(nees.mean()),
-        tuple(float(chi2.ppf(p, freedom) / len(scores)) for p in (0.025, 0.975)),
-        float(np.mean(nees < chi2.ppf(0.95, 6))),
-    )
+    return {
+        "shift_rms_m": float(np.sqrt(shift2.mean())),
+        "turn_rms_rad": float(np.sqrt(turn2.mean())),
+        "turn_max_rad": float(np.sqrt(turn2.max())),
+        "tre_p95_m": float(np.quantile(tre_m, 0.95)),
+        "predicted_over_seen": float(np.sqrt((predicted_m**2).mean() / (tre_m**2).mean())),
+        "nees": float(nees.mean()),
+        "band": tuple(float(chi2.ppf(p, 6 * len(scores)) / len(scores)) for p in (0.025, 0.975)),
+        "within_95": float(np.mean(nees < chi2.ppf(0.95, 6))),
+    }

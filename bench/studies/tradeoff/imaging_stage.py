@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from bench.datasets.dataset import open_capture
-from bench.evaluation.metrics import METRICS, pool
+from bench.evaluation.metrics import HEADLINE, METRICS, pool
 from bench.evaluation.scoring_protocols import protocol
 from bench.evaluation.statistics.intervals import pooled_intervals
 from bench.results import Claim, Section, Setting, write_errors
@@ -26,8 +26,6 @@ from bench.studies.tradeoff.opening import Opened
 from groundtruth.mesh.depth import Reference
 from radar.data.grid import PixelGrid
 from radar.methods.registry import Reconstruction
-
-METRIC = "mae_mm"
 
 
 @dataclass(frozen=True)
@@ -103,26 +101,24 @@ def _line(
     figures, seconds, tones = pool(errors), part("seconds"), int(part("tones").max())
     imaging_s = min(float(np.median(part("imaging_s"))), float(np.median(seconds)))
     frames = [frame for r in timings.rounds for (_, name), frame in r.items() if name == setting.name]
-    whole = line(
+    knobs = {"method": setting.method, **setting.varied, "every_nth_antenna": setting.every_nth_antenna, "tones": tones}
+    return line(
         section,
         setting.name,
         setting.title,
-        {"method": setting.method, **setting.varied, "every_nth_antenna": setting.every_nth_antenna, "tones": tones},
-        figures[METRIC],
-        pooled_intervals(errors, estimate=figures).get(METRIC),
+        knobs,
+        figures[HEADLINE],
+        pooled_intervals(errors, estimate=figures).get(HEADLINE),
         seconds,
-        acquisition_s=tones * step_s if tones else None,
-        peak_memory_mb=max(frame.memory_mb for frame in frames),
-        seen_percent=figures["completeness_percent"],
-    )
-    return replace(
-        whole,
         seconds_low=float(seconds.min()),
         seconds_high=float(seconds.max()),
+        acquisition_s=tones * step_s if tones else None,
         plan_s=float(np.median([_plan_s(r, names, setting.name) for r in timings.rounds])),
         imaging_s=imaging_s,
         extraction_s=float(np.median(seconds)) - imaging_s,
         operations=float(np.median(part("terms"))) or None,
+        peak_memory_mb=max(frame.memory_mb for frame in frames),
+        seen_percent=figures["completeness_percent"],
     )
 
 
@@ -136,9 +132,9 @@ def _section(scored_against: str, reference: str) -> Section:
     return Section(
         name="imaging",
         title="Imaging",
-        metric=METRIC,
-        unit=METRICS[METRIC].unit,
-        definition=f"{METRICS[METRIC].definition}; against {surface}, pooled over the captures, 95 % interval",
+        metric=HEADLINE,
+        unit=METRICS[HEADLINE].unit,
+        definition=f"{METRICS[HEADLINE].definition}; against {surface}, pooled over the captures, 95 % interval",
         seconds="imaging and extraction of one frame, from echoes in memory to the depth map, without the plan, made "
         "once, and without the acquisition; median over the captures, then over the rounds",
         reference=reference,

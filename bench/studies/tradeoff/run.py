@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import tomlkit
 
-from bench.results import Claim, Section, Setting, Tradeoff, TradeoffFacts, load_tradeoff, write_config, write_tradeoff
+from bench.results import Section, Setting, Tradeoff, TradeoffFacts, load_tradeoff, write_config, write_tradeoff
 from bench.run.benchmark_file import BenchFile
 from bench.run.sweep import Sweep, completed, imaging_settings, known_configs
+from bench.studies.study import carried_out, stand
 from bench.studies.tradeoff import imaging_stage
 from bench.studies.tradeoff.context import Context
 from bench.studies.tradeoff.opening import Opened, opened
 from bench.studies.tradeoff.pareto import front, rank, with_acquisition
 from bench.studies.tradeoff.settings import FOLDER, write_settings
-from radar.imaging.device import describe
 from radar.support.config import parse
-from radar.support.cost import calibrated_machine
 from radar.support.errors import HandbenchError
 from radar.support.folder import claimed, drop
 from radar.support.progress import say
@@ -26,7 +26,18 @@ from radar.support.store import versions
 
 KNOBS = {"groundtruth": "GroundTruthKnobs", "simulation": "SimulationKnobs", "registration": "RegistrationKnobs"}
 PAPER_METHODS = ("2fsk", "3fsk", "broadband", "narrowband")
+STEP = "an assumption: the sensor's time for one tone of all antennas is not published; `step_s` of [tradeoff] sets it"
 FILES = ("tradeoff.json", "tradeoff.csv", "config.toml", FOLDER)
+
+
+@dataclass
+class _Found:
+    """What the sections came to."""
+
+    sections: list[Section] = field(default_factory=list)
+    settings: list[Setting] = field(default_factory=list)
+    facts: dict[str, Any] = field(default_factory=dict)
+    imaging: imaging_stage.Imaging | None = None
 
 
 def run(
@@ -80,47 +91,25 @@ def _kept(folder: Path, ready: Opened) -> Tradeoff | None:
     return kept if same else None
 
 
-class _Found:
-    """What the sections came to."""
-
-    def __init__(self) -> None:
-        self.sections: list[Section] = []
-        self.settings: list[Setting] = []
-        self.claims: tuple[Claim, ...] = ()
-        self.facts: dict[str, Any] = {}
-        self.imaging: imaging_stage.Imaging | None = None
-
-    def add(self, section: Section, settings: list[Setting]) -> None:
-        self.sections.append(section)
-        self.settings += rank(settings, section.reference)
-
-
 def _measured(sweep: Sweep, knobs: dict[str, Any], context: Context, ready: Opened) -> _Found:
     """The sections in order; one that fails is said and recorded, unless all do."""
-    found, failed = _Found(), {}
-    for name in sweep.sections:
-        say(f"section {name}")
-        try:
-            if name == "imaging":
-                found.imaging = imaging_stage.measure(sweep, context, ready)
-                found.add(found.imaging.section, found.imaging.lines)
-                found.claims, found.facts = found.imaging.claims, dict(found.imaging.facts)
-            elif (
-                measured := import_module(f"bench.studies.tradeoff.{name}_stage").measure(knobs[name], context)
-            ) is not None:
-                found.add(*measured)
-            else:
-                failed[name] = "nothing to measure: the benchmark has not what this section needs"
-                say(f"section {name}: {failed[name]}")
-        except HandbenchError as error:
-            failed[name] = str(error)
-            say(f"section {name} failed: {error}")
+    found = _Found()
+
+    def measure(name: str) -> None:
+        if name == "imaging":
+            found.imaging = imaging_stage.measure(sweep, context, ready)
+            given = found.imaging.section, found.imaging.lines
+        else:
+            given = import_module(f"bench.studies.tradeoff.{name}_stage").measure(knobs[name], context)
+        if given is None:
+            raise HandbenchError("nothing to measure: the benchmark has not what this section needs")
+        found.sections.append(given[0])
+        found.settings += rank(given[1], given[0].reference)
+
+    _, failed = carried_out(sweep.sections, measure, str, "section")
     if not found.sections:
         raise HandbenchError(f"every section failed; the first: {next(iter(failed.values()))}")
-    found.facts["step_s"] = sweep.step_s
-    found.facts["step_s_source"] = (
-        "an assumption: the sensor's time for one tone of all antennas is not published; `step_s` of [tradeoff] sets it"
-    )
+    found.facts = {**(found.imaging.facts if found.imaging else {}), "step_s": sweep.step_s, "step_s_source": STEP}
     if failed:
         found.facts["failed_sections"] = failed
     if found.imaging is not None:
@@ -141,24 +130,16 @@ def _write(folder: Path, found: _Found, config: str, context: Context, ready: Op
     drop(folder, FILES)
     write_config(folder, config)
     if found.imaging is not None:
-        write_settings(
-            folder,
-            context.bench,
-            context.base,
-            context.work,
-            context.captures,
-            ready.targets,
-            found.imaging.settings.values(),
-        )
+        places = context.base, context.work, context.captures, ready.targets
+        write_settings(folder, context.bench, *places, found.imaging.settings.values())
     facts = TradeoffFacts(
         name=context.bench.name,
         scored_against=ready.reference,
         sections=tuple(found.sections),
-        claims=found.claims,
+        claims=found.imaging.claims if found.imaging else (),
         captures=tuple(capture.name for capture in context.captures),
         inputs=ready.found.inputs,
-        versions=versions(),
-        machine={**calibrated_machine(), "imaging_device": describe()},
         facts=found.facts,
+        **stand(),
     )
     write_tradeoff(folder, facts, found.settings)

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from bench.scenes.rig import rig
+from bench.studies.columns import Table
 from bench.studies.photogrammetry.cases import bars, sweep
-from bench.studies.photogrammetry.page import draw, table
-from bench.studies.photogrammetry.run import Row
-from bench.studies.photogrammetry.score import Score, completeness, scale_error
+from bench.studies.photogrammetry.figure import draw
+from bench.studies.photogrammetry.measure import COLUMNS, record
+from bench.studies.photogrammetry.score import completeness, scale_error
 from calibration.transforms import identity
 
 POINTS_M = np.random.default_rng(0).uniform(-0.05, 0.05, (40, 3)) + (0, 0, 0.3)
@@ -35,9 +36,17 @@ def test_completeness_counts_what_is_within_a_millimetre():
 def test_every_case_is_a_valid_scene_and_has_a_line():
     cases = [*bars(("C",)), *sweep("W")]
     assert all(case.scene_file().photos.width == case.width for case in cases)
-    score = Score(*[1e-5] * 4, 0.9, 1e-4, 1e-5, 0.7, 0.95, 0.94)
-    rows = [Row(case, score, {"sparse": 1.0, "dense": 2.0, "mesh": 3.0}, 500.0) for case in cases]
-    head, *lines = table(rows)
-    assert all(len(line) == len(head) for line in lines)
+    lengths = dict.fromkeys(("median_m", "rms_m", "p95_m", "max_m", "centre_m"), 1e-5)
+    score = {
+        **lengths,
+        "complete": 0.9,
+        "scale": 1e-4,
+        "within_1_sigma": 0.7,
+        "within_2_sigma": 0.95,
+        "within_95": 0.94,
+    }
+    table = Table("rows", COLUMNS, [record(c, score, {"sparse": 1.0, "dense": 2.0, "mesh": 3.0}, 500.0) for c in cases])
+    head, _, *lines = ([cell.strip() for cell in line.split("|")] for line in table.markdown().splitlines())
+    assert len(lines) == len(cases) and all(len(line) == len(head) for line in lines)
     assert lines[0][head.index("all s")] == "6.0" and lines[0][head.index("complete %")] == "90.0"
-    assert len(draw(rows).axes) == 2
+    assert len(draw({"rows": table.frame}).axes) == 2

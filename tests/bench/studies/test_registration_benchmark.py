@@ -7,13 +7,14 @@ import pytest
 
 from bench.studies.registration.cases import FAULTS, case, made, wrong
 from bench.studies.registration.cloud import seen_cloud
-from bench.studies.registration.page import draw, markdown
-from bench.studies.registration.run import Trial
+from bench.studies.registration.figure import draw
+from bench.studies.registration.measure import tables, tried
 from bench.studies.registration.score import score, summary
 from calibration.target.description import default_target
 from calibration.target.matching import match
 from calibration.target.optical_detection import find_spheres
 from calibration.transforms import Transform
+from radar.support.errors import HandbenchError
 
 
 @pytest.fixture(scope="module")
@@ -52,10 +53,10 @@ def test_honest_errors_fall_into_the_band_and_others_do_not():
         return score(Transform("photo", "radar", matrix, claimed), true)
 
     honest, bold = (summary([trial(claimed) for _ in range(200)]) for claimed in (covariance, covariance / 4))
-    assert honest.band[0] < honest.nees < honest.band[1]
-    assert honest.within_95 == pytest.approx(0.95, abs=0.05)
-    assert honest.predicted_over_seen == pytest.approx(1, abs=0.1)
-    assert bold.nees > 3 * bold.band[1]
+    assert honest["band"][0] < honest["nees"] < honest["band"][1]
+    assert honest["within_95"] == pytest.approx(0.95, abs=0.05)
+    assert honest["predicted_over_seen"] == pytest.approx(1, abs=0.1)
+    assert bold["nees"] > 3 * bold["band"][1]
 
 
 def test_a_target_is_made_within_its_tolerances():
@@ -99,12 +100,12 @@ def test_faults_hide_what_they_say(tmp_path, number, fault, heard, seen):
 
 
 def test_the_page_names_every_refusal(placement):
-    good = score(
-        Transform("photo", "radar", placement.scene.radar_from_photo.matrix, np.eye(6) * 1e-8),
-        placement.scene.radar_from_photo,
-    )
-    trials = [Trial(placement, 1.0, good), Trial(placement, 2.0, refused="photographs: two ways; turn it")]
-    text = markdown(trials)
-    assert "| none | 2 | 1 | 1 | 0 | 0.000 |" in text
-    assert "none: photographs: two ways; turn it" in text
-    assert len(draw(trials[:1]).axes) == 3
+    def refuses():
+        raise HandbenchError("photographs: two ways; turn it")
+
+    good = Transform("photo", "radar", placement.scene.radar_from_photo.matrix, np.eye(6) * 1e-8)
+    rows, summaries = tables([tried(placement, lambda: good), tried(placement, refuses)])
+    cells = [cell.strip() for cell in summaries.markdown().splitlines()[2].split("|")]
+    assert cells[1:7] == ["none", "2", "1", "1", "0", "0.000"]
+    assert "none: photographs: two ways; turn it" in summaries.markdown()
+    assert len(draw({"rows": rows.frame}).axes) == 3

@@ -7,9 +7,9 @@ import sys
 import numpy as np
 import pytest
 
-from bench.cli import commands
+from bench.cli import reconstruct
 from bench.cli.main import main
-from bench.studies import gpu_benchmark
+from bench.studies import gpu_benchmark, study
 from radar.data.arrays import AntennaArray, PlanarScan, qar50
 from radar.data.grid import Axis, VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
@@ -205,8 +205,8 @@ def test_without_a_device_every_door_says_so_in_one_line(count, message, monkeyp
     reconstruct = ["reconstruct", "nowhere", "--method", "3fsk", "-o", "depth.npz", "--device", "cuda"]
     assert main(reconstruct) == 2
     assert capsys.readouterr().err == f"handbench: --device cuda: {message}\n"
-    assert gpu_benchmark.main([]) == 2
-    assert capsys.readouterr().err == f"gpu_benchmark: --device cuda: {message}\n"
+    assert main(["study", "gpu"]) == 2
+    assert capsys.readouterr().err == f"handbench: --device cuda: {message}\n"
     monkeypatch.setenv(SETTING, "cuda")
     with pytest.raises(HandbenchError):
         image_points(noise((16, 32, 24)), TONES_HZ, ARRAY, np.ones((1, 3)), None)
@@ -235,7 +235,7 @@ def test_unknown_devices_are_refused(monkeypatch):
 @pytest.mark.parametrize(("option", "setting"), [(["--device", "cuda"], "cpu"), ([], "cuda")])
 def test_the_command_line_chooses(option, setting, device, monkeypatch):
     seen = []
-    monkeypatch.setattr(commands, "reconstruct", lambda _: seen.append(describe()))
+    monkeypatch.setattr(reconstruct, "run", lambda _: seen.append(describe()))
     monkeypatch.setenv(SETTING, setting)
     assert main(["reconstruct", "somewhere", "--method", "3fsk", "-o", "depth.npz", *option]) == 0
     assert seen == ["cuda: Stand-in"]
@@ -244,12 +244,12 @@ def test_the_command_line_chooses(option, setting, device, monkeypatch):
 
 def test_the_benchmark_writes_its_rows(monkeypatch, tmp_path, capsys):
     monkeypatch.setitem(sys.modules, "cupy", cupy_stand_in())
-    monkeypatch.setattr(gpu_benchmark, "compile_kernels", lambda: None)
+    monkeypatch.setattr(study, "compile_kernels", lambda: None)
     few, deep = (Axis(start_m=z - 0.004, stop_m=z + 0.004, step_m=0.001) for z in (0.0, 0.28))
     monkeypatch.setattr(gpu_benchmark, "SHARE", few)
     monkeypatch.setattr(gpu_benchmark, "BroadbandConfig", lambda: BroadbandConfig(x=few, y=few, z=deep, count=5))
     monkeypatch.setattr(gpu_benchmark, "ThreeToneConfig", lambda: ThreeToneConfig(x=few, y=few))
-    assert gpu_benchmark.main(["--repeats", "1", "-o", str(tmp_path / "gpu.json")]) == 0
+    assert main(["study", "gpu", "--repeats", "1", "-o", str(tmp_path / "gpu.json")]) == 0
     result = json.loads((tmp_path / "gpu.json").read_text())
     assert result["machine"]["imaging_device"] == "cuda: Stand-in"
     assert [row["error"] < 1e-3 for row in result["rows"] if "error" in row] == [True, True]

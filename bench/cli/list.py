@@ -1,0 +1,45 @@
+"""`handbench list`: methods with their defaults and sources, metrics, benchmarks, effects, poses."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+HELP = "methods, metrics, benchmarks and poses that there are"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """None."""
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print everything that has a name."""
+    from bench.evaluation.metrics import definitions
+    from bench.run.benchmark_file import EMBEDDED
+    from bench.scenes.hand_pose import POSES
+    from radar.methods.registry import BROKEN, methods, with_version
+    from radar.simulation.effects.catalogue import EFFECTS
+
+    print("methods")
+    for method in methods():
+        print(f"  {method.id:<18} {method.summary}")
+        print(f"  {'':<18} source: {method.source}")
+        if method.distribution is not None:
+            print(f"  {'':<18} plug-in: {with_version(method.distribution)}")
+        for key, value in method.config().model_dump(mode="json").items():
+            print(f"  {'':<18} {key} = {json.dumps(value)}")
+    if BROKEN:
+        print("plug-ins that could not be loaded")
+    for name, reason in BROKEN.items():
+        print(f"  {name}: {reason}")
+    print("metrics")
+    for key, definition in definitions().items():
+        print(f"  {key:<28} {definition}")
+    print("embedded benchmarks")
+    for path in sorted(EMBEDDED.glob("*_table.toml")):
+        print(f"  {path.stem}")
+    print("effects of simulated echoes")
+    for effect in EFFECTS:
+        print(f"  {effect.id:<18} {effect.does}")
+        print(f"  {'':<18} source: {effect.source}")
+    print(f"poses\n  {', '.join(POSES)}")

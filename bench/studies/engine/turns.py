@@ -1,0 +1,165 @@
+"""Timing in turns: every case in a process of its own, so that its plan is built there and its memory is nobody else's;
+in turns, so that a machine that gets slower does so for all of them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.studies.columns import Record
+from radar.support.progress import say
+
+Work = Callable[[], Any]
+
+
+@dataclass(frozen=True)
+class Case:
+    """Something to time: `work`, and `keep` to take from its result, untimed, what is to come back. Where work does
+    only a fraction of the whole, `fixed` is what it would do for none of it. repeats: timings after the first one;
+    without any the first one counts; each is the mean of `calls`, one after the other."""
+
+    method: str
+    work: Work
+    keep: Callable[[Any], Any] | None = None
+    fraction: float = 1.0
+    fixed: Work | None = None
+    repeats: int = 5
+    calls: int = 1
+
+
+@dataclass(frozen=True)
+class Timing:
+    """seconds of one call; peak_mb: by how much it raised the process's resident memory at most (None: unknown)."""
+
+    seconds: float
+    peak_mb: float | None
+    kept: Any
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A case's timings: the first call, the later ones, and one of its fixed part."""
+
+    case: Case
+    first: Timing
+    repeats_s: tuple[float, ...]
+    fixed_s: float = 0.0
+
+    @property
+    def seconds(self) -> float:
+        """Median time of the whole."""
+        return self._whole(np.median)
+
+    @property
+    def plan_s(self) -> float:
+        """What the first call took longer."""
+        return max(self.first.seconds - float(np.median(self.repeats_s or [self.first.seconds])), 0.0)
+
+    def _whole(self, of: Callable[[Sequence[float]], float]) -> float:
+        part_s = float(of(self.repeats_s or (self.first.seconds,)))
+        return self.fixed_s + max(part_s - self.fixed_s, 0.0) / self.case.fraction
+
+    def record(self, section: str, exact: Measured | None = None, **known: Any) -> Record:
+        """The case's record; `exact`: the timings of the exact path; of what else is known, None is left out."""
+        fraction = {"fraction": self.case.fraction} if self.case.fraction < 1 else {}
+        return {
+            "section": section,
+            "method": self.case.method,
+            "seconds": self.seconds,
+            "seconds_low": self._whole(min),
+            "seconds_high": self._whole(max),
+            "extrapolated": self.case.fraction < 1,
+            "ratio_to_exact": exact.seconds / self.seconds if exact else None,
+            **dict.fromkeys(("relative_error", "depth_deviation_mm", "gflops")),
+            "peak_memory_mb": self.first.peak_mb,
+            **fraction,
+            **{key: value for key, value in known.items() if value is not None},
+        }
+
+
+class Room:
+    """A process that works for whoever asks, with its own environment."""
+
+    def __init__(self, **environment: str) -> None:
+        self._pool = ProcessPoolExecutor(1, get_context("spawn"), initializer=_enter, initargs=(environment,))
+
+    def __enter__(self) -> Room:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.shutdown()
+
+    def time(self, work: Work, keep: Callable[[Any], Any] | None = None, calls: int = 1) -> Timing:
+        """Time calls of `work`, which like `keep` must be picklable."""
+        return self._pool.submit(_timed, work, keep, calls).result()
+
+
+def interleaved(title: str, cases: Sequence[Case], apart: bool = True) -> dict[str, Measured]:
+    """Time all cases in turns: method → Measured. With `apart` each has its own room; else they share one, and peaks
+    of memory mean nothing."""
+    with contextlib.ExitStack() as stack:
+        rooms = [stack.enter_context(Room()) for _ in (cases if apart else cases[:1])]
+        rooms = rooms if apart else rooms * len(cases)
+        first, fixed_s = [], []
+        for room, case in zip(rooms, cases, strict=True):
+            say(f"{title}: {case.method}")
+            first.append(room.time(case.work, case.keep))
+            fixed_s.append(room.time(case.fixed).seconds if case.fixed else 0.0)
+        repeats: list[list[float]] = [[] for _ in cases]
+        rounds = max(case.repeats for case in cases)
+        for i in range(rounds):
+            say(f"{title}: repeat {i + 1} of {rounds}")
+            for room, case, times in zip(rooms, cases, repeats, strict=True):
+                if i < case.repeats:
+                    times.append(room.time(case.work, calls=case.calls).seconds)
+    every = zip(cases, first, map(tuple, repeats), fixed_s, strict=True)
+    return {case.method: Measured(case, *timings) for case, *timings in every}
+
+
+def everything(result: Any) -> Any:
+    """Keep a result as it is."""
+    return result
+
+
+def named(what: str, tolerance: float | None) -> str:
+    """A method's name with its tolerance, as fast volume, 1e-3."""
+    return "exact" if tolerance is None else f"{what}, {tolerance:.0e}".replace("e-0", "e-")
+
+
+def _enter(environment: dict[str, str]) -> None:
+    from radar.warmup import compile_kernels
+
+    os.environ.update(environment)
+    compile_kernels()
+
+
+def _timed(work: Work, keep: Callable[[Any], Any] | None, calls: int) -> Timing:
+    with contextlib.suppress(OSError):  # lets the peak start from here; a kernel that refuses remembers an older one
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    before_mb = _status_mb("VmRSS")
+    start = time.perf_counter()
+    for _ in range(calls):
+        result = work()
+    seconds = (time.perf_counter() - start) / calls
+    peak_mb = _status_mb("VmHWM")
+    known = before_mb is not None and peak_mb is not None
+    return Timing(seconds, peak_mb - before_mb if known else None, keep(result) if keep else None)
+
+
+def _status_mb(name: str) -> float | None:
+    """A figure of Linux's /proc/self/status in MB: exact, where sampling would miss short peaks."""
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
+            if line.startswith(name):
+                return int(line.split()[1]) * 1024 / 1e6
+    return None

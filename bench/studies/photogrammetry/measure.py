@@ -1,0 +1,87 @@
+"""Photographs of hands rendered, reconstructed as a user would, and scored against the truth."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from bench.scenes.build import build
+from bench.scenes.capture_folder import write_photos
+from bench.studies.columns import Column, Record, Table
+from bench.studies.photogrammetry.cases import Case, bars, sweep
+from bench.studies.photogrammetry.figure import draw
+from bench.studies.photogrammetry.score import score
+from bench.studies.study import Study
+from groundtruth.options import Options
+from groundtruth.pipeline import reconstruct
+from radar.support.cost import measured
+from radar.support.files import content_hash
+from radar.support.store import keep
+
+COLUMNS = {
+    "case": Column("the photographs", "case"),
+    "pose": Column("of the hand", "pose"),
+    "cameras": Column("photographs"),
+    "width": Column("of the photographs, pixels"),
+    "quality": Column("of the depth maps, as `handbench groundtruth --quality`"),
+    "median_m": Column("distance of the mesh's observed vertices to the true surface", "median mm", "{:.3f}", 1e3),
+    "rms_m": Column("its root mean square", "RMS mm", "{:.3f}", 1e3),
+    "p95_m": Column("its 95th percentile", "p95 mm", "{:.3f}", 1e3),
+    "max_m": Column("the largest", "max mm", "{:.2f}", 1e3),
+    "complete": Column("share of the radar's side of the surface within 1 mm of them", "complete %", "{:.1f}", 100),
+    "scale": Column("relative error of the frame's scale", "scale %", "{:+.4f}", 100),
+    "centre_m": Column("mean error of the cameras' centres", "centres mm", "{:.3f}", 1e3),
+    "within_1_sigma": Column("vertices within their standard deviation", "1σ %", "{:.1f}", 100),
+    "within_2_sigma": Column("vertices within two of them", "2σ %", "{:.1f}", 100),
+    "within_95": Column("vertices within their 95 % band", "95 % band %", "{:.1f}", 100),
+    **{f"{stage}_s": Column("when it was made", f"{stage} s", "{:.1f}") for stage in ("sparse", "dense", "mesh")},
+    "all_s": Column("all stages together", "all s", "{:.1f}"),
+    "peak_memory_mb": Column("of the process; small where stages had been made before", "peak MB", "{:.0f}"),
+}
+
+
+def study(work: Path, what: str, poses: str) -> Study:
+    """`bars`: what a ground truth is held to, on all poses; `sweep`: its price in time, on the first one."""
+    letters = tuple(poses.split(","))
+    return Study(
+        f"photogrammetry_{what}",
+        "Photogrammetry of rendered hands",
+        list(bars(letters) if what == "bars" else sweep(letters[0])),
+        lambda case: measure(case, work),
+        lambda records: [Table("rows", COLUMNS, records)],
+        draw if what == "sweep" else lambda frames: None,
+        label=lambda case: f"{case.name}, {case.pose}",
+    )
+
+
+def measure(case: Case, work: Path) -> Record:
+    """Photographs and stages are kept under `work`, so that cases which share them do so."""
+    file = case.scene_file()
+    scene = build(file)
+    folder = work / f"{file.target.pose}-{content_hash(file.model_dump(mode='json', exclude={'name'}))[:12]}"
+    keep(folder / "capture", lambda temporary: write_photos(scene, temporary))
+    photos = folder / "capture" / "photos"
+    if not case.known:
+        photos = folder / "unknown"
+        keep(photos, lambda temporary: _without_intrinsics(folder / "capture" / "photos", temporary))
+    options = Options(quality=case.quality, box_m=tuple(scene.box_m.ravel()), components="all")
+    with measured() as cost:
+        result = reconstruct(photos, options, folder / "reconstruction")
+    return record(case, score(result, scene), result.seconds, cost.peak_memory_mb)
+
+
+def record(case: Case, scored: Record, seconds: dict[str, float], peak_memory_mb: float) -> Record:
+    """A case with its score, and the seconds by stage."""
+    about = {
+        "case": case.name,
+        "pose": case.pose,
+        "cameras": case.cameras,
+        "width": case.width,
+        "quality": case.quality,
+    }
+    times = {f"{stage}_s": value for stage, value in seconds.items()}
+    return {**about, **scored, **times, "all_s": sum(seconds.values()), "peak_memory_mb": peak_memory_mb}
+
+
+def _without_intrinsics(photos: Path, folder: Path) -> None:
+    shutil.copytree(photos, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*cameras.json"))

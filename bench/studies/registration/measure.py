@@ -1,0 +1,158 @@
+"""Placements of the calibration target simulated, calibrated as a user would, and compared with the truth."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bench.datasets.native import TARGET
+from bench.datasets.simulated import simulate_capture
+from bench.run.photogrammetry import calibrate_captures
+from bench.scenes.echoes import choices, echo_scene
+from bench.studies.columns import Column, Record, Table
+from bench.studies.registration.cases import FAULTS, Case, case, only
+from bench.studies.registration.cloud import seen_cloud
+from bench.studies.registration.figure import draw
+from bench.studies.registration.score import score, summary
+from bench.studies.study import Study
+from calibration.registration.register import calibrate
+from calibration.target.description import save_target
+from calibration.transforms import Transform
+from radar.data.capture import RadarCapture
+from radar.simulation.scene import Ball, EchoScene
+from radar.simulation.simulate import simulate_scene
+from radar.support.errors import HandbenchError
+
+CLUTTER_M = (0.010, 0.030)  # radius of the ball that stands beside the target, at least and at most
+APART_M = 0.06  # from the target's balls, at least: nearer it would not be beside it
+TRIALS = {"full": 20, "faults": 200}
+COLUMNS = {
+    "placement": Column("number of the placement", "placement", "{:d}"),
+    "fault": Column("what is wrong with it", "fault"),
+    "shift_m": Column("how far the hand's centre is off", "shift mm", "{:.3f}", 1e3),
+    "turn_rad": Column("the rotation's error", "turn °", "{:.3f}", np.degrees(1)),
+    "tre_max_m": Column("largest distance from the truth in the hand's volume", "largest TRE mm", "{:.3f}", 1e3),
+    "tre_rms_m": Column("its root mean square", "TRE mm", "{:.3f}", 1e3),
+    "predicted_rms_m": Column("what the covariance says of that", "predicted TRE mm", "{:.3f}", 1e3),
+    "nees": Column("eᵀC⁻¹e of the six errors: χ² of 6 if the covariance is honest", "NEES", "{:.1f}"),
+    "seconds": Column("of the calibration alone", "s", "{:.1f}"),
+    "refused": Column("why there is no transform", "refused"),
+}
+SUMMARY = {
+    "fault": Column("what is wrong with the placements", "fault"),
+    "trials": Column("placements", "trials", "{:d}"),
+    "calibrated": Column("placements with a transform", "calibrated", "{:d}"),
+    "refused": Column("placements without one", "refused", "{:d}"),
+    "wrong": Column("transforms that are 2 mm or more off somewhere in the hand's volume", "wrong", "{:d}"),
+    "shift_rms_m": Column("of the hand's centre", "shift RMS mm", "{:.3f}", 1e3),
+    "turn_rms_rad": Column("of the rotation's error", "turn RMS °", "{:.3f}", np.degrees(1)),
+    "turn_max_rad": Column("the largest", "turn max °", "{:.3f}", np.degrees(1)),
+    "tre_p95_m": Column("95th percentile of the error over the volume", "TRE p95 mm", "{:.3f}", 1e3),
+    "predicted_over_seen": Column("RMS of the error over the volume, by the covariances over the one seen"),
+    "nees": Column("mean eᵀC⁻¹e", "mean NEES of 6", "{:.2f}"),
+    "band": Column("holds the mean of honest covariances in 95 %", "its 95 % band", lambda b: f"{b[0]:.2f}–{b[1]:.2f}"),
+    "within_95": Column("share of the placements whose error is in its 95 % ellipsoid"),
+    "seconds": Column("median of the calibrations", "seconds (median)", "{:.1f}"),
+}
+WRONG_M = 2e-3  # an error of the transform, anywhere in the hand's volume, that should have been a refusal
+
+
+def study(work: Path, what: str, trials: int | None) -> Study:
+    """`full`: photographs and echoes simulated. `faults`: echoes simulated, clouds drawn, something wrong with every
+    second placement."""
+    faults = [one for fault in FAULTS if fault != "none" for one in ("none", fault)]
+    count = trials or TRIALS[what]
+    return Study(
+        f"registration_{what}",
+        "Registration of photographs and radar",
+        [(number, faults[number % len(faults)] if what == "faults" else "none") for number in range(count)],
+        (lambda chosen: photographed(chosen[0], work)) if what == "full" else (lambda chosen: sampled(*chosen, work)),
+        tables,
+        draw,
+        label=lambda chosen: f"placement {chosen[0]}, {chosen[1]}",
+    )
+
+
+def tables(records: list[Record]) -> list[Table]:
+    """A record a placement, and a summary of each fault with the refusals word for word."""
+    reasons = dict.fromkeys(f"- {r['fault']}: {r['refused']}\n" for r in records if r["refused"])
+    faults = [[r for r in records if r["fault"] == fault] for fault in dict.fromkeys(r["fault"] for r in records)]
+    summaries = Table("summary", SUMMARY, [summarised(of_it) for of_it in faults], note="".join(reasons))
+    return [Table("rows", COLUMNS, records, shown=False), summaries]
+
+
+def summarised(records: list[Record]) -> Record:
+    """What came of one fault's placements."""
+    scores = [record["score"] for record in records if not record["refused"]]
+    return {
+        "fault": records[0]["fault"],
+        "trials": len(records),
+        "calibrated": len(scores),
+        "refused": len(records) - len(scores),
+        "wrong": sum(float(s.tre_m.max()) > WRONG_M for s in scores),
+        **(summary(scores) if scores else {}),
+        "seconds": float(np.median([record["seconds"] for record in records])),
+    }
+
+
+def photographed(number: int, work: Path) -> Record:
+    """Photographs and echoes simulated into a capture folder, and the calibration of that folder."""
+    folder = work / f"placement-{number}"
+    chosen = case(number, folder)
+    capture = folder / "capture"
+    if not capture.exists():
+        simulate_capture(chosen.scene, capture)
+        save_target(capture / TARGET, chosen.described)
+    found = tried(chosen, lambda: calibrate_captures([capture], "draft", seed=0))
+    shutil.rmtree(capture)  # 20 MB each
+    return found
+
+
+def sampled(number: int, fault: str, work: Path) -> Record:
+    """Echoes simulated; in place of photographs a cloud of what the cameras would see of the spheres."""
+    chosen = case(number, work / f"placement-{number}", fault, photographs=False)
+    points_m, normals = seen_cloud(chosen)
+    echoes = _echoes(chosen)
+    return tried(chosen, lambda: calibrate(points_m, normals, echoes, chosen.described))
+
+
+def tried(chosen: Case, work: Callable[[], Transform]) -> Record:
+    """The record of a case: its errors, or why it was refused."""
+    record, start = {"placement": chosen.number, "fault": chosen.fault, "refused": ""}, time.perf_counter()
+    try:
+        found = work()
+    except HandbenchError as error:
+        return {**record, "seconds": time.perf_counter() - start, "refused": str(error)}
+    record["seconds"] = time.perf_counter() - start
+    s = score(found, chosen.scene.radar_from_photo)
+    return record | {
+        "score": s,
+        "shift_m": float(np.linalg.norm(s.shift_m)),
+        "turn_rad": float(np.linalg.norm(s.turn_rad)),
+        "tre_max_m": float(s.tre_m.max()),
+        "tre_rms_m": float(np.sqrt((s.tre_m**2).mean())),
+        "predicted_rms_m": float(np.sqrt((s.predicted_m**2).mean())),
+        "nees": s.nees,
+    }
+
+
+def _echoes(chosen: Case) -> RadarCapture:
+    scene = only(chosen.scene, chosen.heard)
+    radar_scene = echo_scene(scene)
+    if chosen.fault == "clutter":
+        radar_scene = replace(radar_scene, balls=(*radar_scene.balls, _clutter(radar_scene, chosen.number)))
+    return simulate_scene(radar_scene, choices(scene, radar_scene)).capture
+
+
+def _clutter(scene: EchoScene, number: int) -> Ball:
+    """A bare metal ball somewhere in the searched volume, beside the target."""
+    rng = np.random.default_rng([number, 7])
+    while True:
+        centre_m = rng.uniform((-0.12, -0.12, 0.24), (0.12, 0.12, 0.40))
+        if min(np.linalg.norm(centre_m - ball.centre_m) for ball in scene.balls) > APART_M:
+            return Ball(centre_m, rng.uniform(*CLUTTER_M))
