@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 RUN    ?= runs/table
 
-.PHONY: setup table test test-random bench lint requirements clean
+.PHONY: setup table test test-random bench lint coverage requirements clean
 
 setup: $(VENV)/.ready
 
@@ -21,7 +21,7 @@ table: setup
 	$(BIN)/handbench report $(RUN) -o $(RUN)/report
 	-@$(BIN)/python -m reports.readme $(RUN) --check
 
-test: setup
+test: lint
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 # Property tests on fresh examples, more of them than `make test` draws; SEED=N repeats those of an earlier run.
@@ -36,6 +36,15 @@ bench: setup
 
 lint: setup
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/python tests/typing_ratchet.py
+
+coverage: setup
+	$(BIN)/python -m coverage erase
+	$(BIN)/python -m coverage run -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m coverage combine --quiet
+	$(BIN)/python -m coverage html --quiet
+	$(BIN)/python -m coverage report
 
 # Re-pins every dependency (needs uv on the PATH); the result names no registry.
 requirements:
@@ -43,4 +52,4 @@ requirements:
 	  --extra dev pyproject.toml -o requirements.txt
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info
+	rm -rf $(VENV) .mypy_cache .ruff_cache build dist *.egg-info

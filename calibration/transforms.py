@@ -52,10 +52,15 @@ class Transform:
     def point_covariance(self, points_m: np.ndarray) -> np.ndarray:
         """Covariance [..., 3, 3] (m²) that the registration's own uncertainty gives to points [..., 3] in the target
         frame. Raises HandbenchError when the transform carries no covariance."""
+        covariance = self.require_covariance()
+        jacobian = perturbation_jacobian(points_m)[..., : len(covariance)]
+        return jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
+
+    def require_covariance(self) -> np.ndarray:
+        """The covariance; HandbenchError where there is none."""
         if self.covariance is None:
             raise HandbenchError(f"transform {self.target}_from_{self.source}: carries no covariance; calibrate again")
-        jacobian = perturbation_jacobian(points_m)[..., : len(self.covariance)]
-        return jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2)
+        return self.covariance
 
     def require(self, source: str, target: str, where: object) -> Transform:
         """The transform itself if it leads from `source` to `target`; `where` (its file) opens the error otherwise."""
@@ -94,8 +99,8 @@ def identity(frame: str) -> Transform:
 
 
 def perturbation_jacobian(points_m: np.ndarray) -> np.ndarray:
-    """[..., 3, 7]: how points [..., 3] move with [translation_m, rotation_rad, log scale] applied after a transform, in
-    its target frame: dp = t + ω×p + λp."""
+    """Derivatives [..., 3, 7] of points [..., 3] by [translation_m, rotation_rad, log scale] applied after a transform,
+    in its target frame: dp = t + ω×p + λp."""
     x, y, z = np.moveaxis(np.asarray(points_m, np.float64), -1, 0)
     jacobian = np.zeros((*np.shape(x), 3, 7))
     jacobian[..., :3, :3] = np.eye(3)
@@ -133,8 +138,8 @@ def umeyama(
 
 
 def condition_number(source_m: np.ndarray, target_m: np.ndarray, weights: np.ndarray | None = None) -> float:
-    """How many times less certain the rotation from points [n, 3] to points [n, 3] is about its worst axis than about
-    its best one: √((d₁ + d₂) / (d₂ ± d₃)).
+    """Condition number √((d₁ + d₂) / (d₂ ± d₃)) of the rotation from points [n, 3] to points [n, 3]: its uncertainty
+    about the worst axis over that about the best one.
 
     d₁ ≥ d₂ ≥ d₃ are the singular values of the weighted cross-covariance, d₃ negative where only a reflection would
     carry one set to the other; the squared error curves by their pairwise sums about the three axes. For points that

@@ -1,4 +1,4 @@
-"""The figures of docs/fountain.md: python docs/fountain.py WORKDIR SURVEYED_CAMERAS MESH.ply OUT.png
+"""The figures of docs/measurements/fountain.md: python docs/fountain.py WORKDIR SURVEYED_CAMERAS MESH.ply OUT.png
 
 WORKDIR and MESH.ply come from `handbench groundtruth … --workdir WORKDIR`.
 """

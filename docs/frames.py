@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from bench.scenes.hand import hand_mesh
-from bench.scenes.poses import POSES
+from bench.scenes.hand_pose import POSES
 from bench.scenes.rig import rig
 from bench.scenes.scene_file import Mount
 from bench.scenes.stand import PLATE_M, stand_board

@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from bench.scenes.hand import hand_mesh
-from bench.scenes.poses import POSES, Pose
+from bench.scenes.hand_pose import POSES, Pose
 from groundtruth.mesh.mesh_files import load_open3d, raycasting_scene
 
 if TYPE_CHECKING:

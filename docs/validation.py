@@ -1,4 +1,4 @@
-"""The figure and the tables of docs/validation.md: python docs/validation.py OUT.png (from the repository's root)."""
+"""The figure and tables of docs/measurements/validation.md: python docs/validation.py OUT.png (from the root)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from radar.simulation.effects.catalogue import EFFECTS, IDS
 from radar.simulation.physics.material import Material
 from radar.simulation.scene import Body, EchoScene
 from radar.simulation.selection import choose
-from radar.simulation.simulate import shoot
+from radar.simulation.simulate import simulate_scene
 from tests.radar.simulation.effects.closed_forms import (
     phase_errors_rad,
     plate_over_angle,
@@ -146,7 +146,7 @@ def measured_mm(scene: EchoScene, effect: str) -> tuple[float, float]:
     base = tuple(name for name in BASE if not EFFECTS[IDS.index(name)].missing(scene))  # foam is not opaque
     changed = tuple(name for name in base if name != effect) if effect in base else (*base, effect)
     for effects in (base, changed):
-        capture = shoot(scene, choose(scene, effects, 0.1)).capture
+        capture = simulate_scene(scene, choose(scene, effects, 0.1)).capture
         depths.append(fsk.run(RadarCapture(capture.samples, TONES_HZ, scene.array), config, 0).depth.z_m)
     change_mm = 1e3 * np.abs(depths[1] - depths[0])
     return float(np.nanmean(change_mm)), float(np.nanmedian(change_mm))

@@ -1,4 +1,4 @@
-"""How to reconstruct: the options of `handbench groundtruth`."""
+"""Options of `handbench groundtruth`."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Distance(Config):
 
 
 class Options(Config):
-    """How to reconstruct.
+    """Options of a reconstruction.
 
     cameras: known cameras, a cameras.json, a COLMAP model's folder or Metashape's XML (default: the cameras.json in the
     photographs' folder, if any). intrinsics: fx, fy, cx, cy in pixels of the one camera that took all photographs.
@@ -69,5 +69,5 @@ class Options(Config):
 
     @property
     def effort(self) -> Effort:
-        """What the quality means."""
+        """Resolution and iterations of the chosen quality."""
         return EFFORT[self.quality]

@@ -48,7 +48,7 @@ BLOCK = re.compile(r"(<!-- table: begin -->\n)(.*?)(<!-- table: end -->)", re.DO
 
 
 def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
-    """What the table shows, and what it was made from."""
+    """Content of docs/table.json: what the table shows, and what it was made from."""
     rows = [result.row(metric, method, REFERENCE) for metric in METRICS for method in METHODS]
     lines = frame(TABLE, filter(None, rows))
     undefined = set(METRICS) - result.about.metrics.keys()
@@ -128,7 +128,7 @@ def write(result: Result, root: Path = ROOT) -> None:
 
 
 def stale(root: Path = ROOT) -> list[str]:
-    """What in the repository no longer fits docs/table.json, a sentence each."""
+    """Everything in the repository that no longer fits docs/table.json, a sentence each."""
     recorded = _recorded(root)
     problems = []
     if BLOCK.search(_readme(root))[2] != render(recorded):
@@ -143,7 +143,7 @@ def stale(root: Path = ROOT) -> list[str]:
 
 
 def disagreements(result: Result, root: Path = ROOT) -> list[str]:
-    """Where a fresh result does not print what was recorded, a sentence each; times aside."""
+    """Figures of a fresh result that do not print as was recorded, a sentence each; times aside."""
     recorded, fresh = _recorded(root), record(result, root)
     problems, rows = [], _by_figure(fresh)
     for (metric, method), old in _by_figure(recorded).items():

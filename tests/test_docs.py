@@ -33,7 +33,7 @@ from radar.methods.registry import METHODS, method
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 FIGURE = re.compile(r"!\[[^\]]*\]\(([^)]+)\)")
 SMALL = {
@@ -136,16 +136,10 @@ def test_scenes_and_benchmarks_of_the_first_pages_are_valid():
 # Commands
 
 
-def subcommands() -> dict[str, argparse.ArgumentParser]:
-    """handbench's commands, as its parser knows them."""
-    [action] = [a for a in main.parser()._actions if isinstance(a, argparse._SubParsersAction)]
-    return dict(action.choices)
-
-
-def options_of(parser: argparse.ArgumentParser) -> set[str]:
-    """Options of a command and of the commands below it."""
-    below = [p for a in parser._actions if isinstance(a, argparse._SubParsersAction) for p in a.choices.values()]
-    return set(parser._option_string_actions).union(*map(options_of, below))
+def subcommands(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    """The commands that a parser knows; none of a command that has none."""
+    found = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+    return dict(found[0].choices) if found else {}
 
 
 def told_commands(page: Path) -> Iterator[tuple[str, bool]]:
@@ -162,15 +156,19 @@ def told_commands(page: Path) -> Iterator[tuple[str, bool]]:
 def problem(command: str, whole: bool) -> str | None:
     """What the parser does not know of a command; of a whole one, also what it misses."""
     _, *words = shlex.split(command.replace("[", " ").replace("]", " "), comments=True)
-    known = subcommands()
-    if words[0] in ("COMMAND", "--help"):
-        return None
-    if words[0] not in known:
-        return f"no command {words[0]}"
-    options = options_of(known[words[0]])
+    chosen, names = main.parser(), []
+    while (known := subcommands(chosen)) and len(words) > len(names):
+        name = words[len(names)]
+        if name in ("COMMAND", "NAME") or name.startswith("-"):
+            break
+        if name not in known:
+            return " ".join(["no command", *names, name])
+        chosen = known[name]
+        names.append(name)
+    options = chosen._option_string_actions
     unknown = [word for word in words if re.match(r"--?[a-z]", word) and word.split("=")[0] not in options]
     if unknown or not whole:
-        return f"{words[0]} has no {', '.join(unknown)}" if unknown else None
+        return f"{' '.join(names)} has no {', '.join(unknown)}" if unknown else None
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said):
@@ -213,8 +211,8 @@ def headings(page: Path) -> set[str]:
 
 
 def test_the_index_leads_to_every_page():
-    found = set(re.findall(r"\]\(([\w.]+\.md)", (DOCS / "README.md").read_text("utf-8")))
-    assert {page.name for page in DOCS.glob("*.md")} - found == {"README.md"}
+    found = set(re.findall(r"\]\(([\w./]+\.md)", (DOCS / "README.md").read_text("utf-8")))
+    assert {page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")} - found == {"README.md"}
 
 
 def makers(text: str, figure: str) -> list[str]:
@@ -260,7 +258,7 @@ def test_figures_without_a_command_are_noticed():
 
 def test_every_figure_is_shown():
     shown = {(page.parent / figure).resolve() for page in PAGES for figure in FIGURE.findall(page.read_text("utf-8"))}
-    assert {path for path in DOCS.glob("*.png") if path.resolve() not in shown} == set()
+    assert {path for kind in ("*.png", "*.svg") for path in DOCS.rglob(kind) if path.resolve() not in shown} == set()
 
 
 # Conventions
@@ -316,3 +314,14 @@ def test_images_are_stored_rows_upwards():
 
 def test_decibels_are_of_power():
     assert amplitude_db(np.array([0.1, 1.0, 10.0])).tolist() == [-40, -20, 0]
+
+
+# Architecture
+
+
+def test_the_figure_of_the_architecture_is_todays():
+    from docs.architecture import drawing
+
+    assert (DOCS / "architecture.svg").read_text("utf-8") == drawing(ROOT), (
+        "python docs/architecture.py docs/architecture.svg"
+    )

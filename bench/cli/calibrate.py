@@ -1,4 +1,4 @@
-"""`handbench calibrate`: its arguments, and what they mean to the library."""
+"""`handbench calibrate`: where the photographs' frame lies in the radar's."""
 
 from __future__ import annotations
 
@@ -6,15 +6,18 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bench.cli.options import add_out, free
 from radar.support.errors import HandbenchError
 from radar.support.progress import say
 
 if TYPE_CHECKING:  # --help answers without it
     from calibration.transforms import Transform
 
+HELP = "target capture → radar_from_photo, covariance, residuals"
+
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """All but -o and --overwrite."""
+    """Its options."""
     command.add_argument(
         "capture",
         type=Path,
@@ -46,12 +49,11 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     without.add_argument("--refine", type=Path, metavar="DEPTH.npz", help="align --mesh with this radar depth map")
     without.add_argument("--mesh", type=Path, metavar="MESH.ply", help="metres")
     without.add_argument("--transform", type=Path, metavar="START.json", help="where to start (default: as it lies)")
+    add_out(command, "TRANSFORM.json", "transform")
 
 
 def run(options: argparse.Namespace) -> None:
     """Target captures → transform; or a mesh and a depth map → transform."""
-    from bench.cli.commands import free
-
     files = [file for file in (options.out, options.array) if file]
     for file in files:
         free(file, options.overwrite)
@@ -60,7 +62,7 @@ def run(options: argparse.Namespace) -> None:
     transform = _from_surface(options) if options.refine else _from_targets(options)
     transform.save(options.out)
     if options.maroon:
-        from calibration.alignment import save_alignment
+        from bench.datasets.maroon_alignment import save_alignment
 
         save_alignment(options.maroon, transform)
     if options.since:

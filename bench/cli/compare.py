@@ -1,15 +1,14 @@
-"""`handbench compare`: its arguments, and what they mean to the library."""
+"""`handbench compare`: what differs between two results."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from bench.cli.options import free
 from radar.support.errors import HandbenchError
 
-if TYPE_CHECKING:  # --help answers without it
-    from bench.results.compared import Compared
+HELP = "two result folders → what differs, tested"
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
@@ -20,12 +19,12 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--overwrite", action="store_true", help="replace an earlier comparison in DIR")
 
 
-def run(options: argparse.Namespace) -> Compared:
-    """Two result folders → their differences; compare.csv and compare.json where -o asks for them."""
-    from bench.cli.commands import free
+def run(options: argparse.Namespace) -> None:
+    """Two result folders → their differences, shown; and written where -o asks for it."""
     from bench.evaluation.statistics.compare_results import compare_results
     from bench.results import load
     from bench.results.compared import write_compared
+    from reports.tables.comparison import show, write
 
     if options.out is not None:
         if (options.out / "result.json").exists():
@@ -34,4 +33,5 @@ def run(options: argparse.Namespace) -> Compared:
     compared = compare_results(load(options.a), load(options.b))
     if options.out is not None:
         write_compared(options.out, compared)
-    return compared
+        write(compared, options.out)
+    show(compared)

@@ -1,26 +1,32 @@
-"""What this machine has, and what each missing piece costs."""
+"""`handbench doctor`: what this machine has, and what each missing piece costs."""
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import os
 import shutil
 from importlib.util import find_spec
 
-from radar.support.cost import machine
 from radar.support.errors import HandbenchError
-from radar.support.store import versions
 
+HELP = "what this machine has, and what each missing piece costs"
 WANTED_DISK_GB, WANTED_MEMORY_GB = 5, 8
 
 
-def show() -> None:
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """None."""
+
+
+def run(options: argparse.Namespace) -> None:
     """Print one line per finding: what, and 'ok' or the price of not having it."""
     for what, verdict in (*_hardware(), *_libraries()):
         print(f"{what:<58} {verdict}")
 
 
 def _hardware() -> list[tuple[str, str]]:
+    from radar.support.cost import machine
+
     facts = machine()
     memory, disk = float(facts["memory_gb"]), shutil.disk_usage(os.getcwd()).free / 1e9
     return [
@@ -38,6 +44,8 @@ def _hardware() -> list[tuple[str, str]]:
 
 
 def _libraries() -> list[tuple[str, str]]:
+    from radar.support.store import versions
+
     loaders = {"open3d": "radar.support.rays:load_open3d", "pycolmap": "groundtruth.cameras.cameras:load_pycolmap"}
     found = [(f"{name} {version}", "ok") for name, version in versions().items() if name not in loaders]
     for name, loader in loaders.items():

@@ -1,4 +1,4 @@
-"""`handbench draw`: its arguments, and what they mean to the library."""
+"""`handbench draw`: a target or a board, to print."""
 
 from __future__ import annotations
 
@@ -7,18 +7,20 @@ import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bench.cli.options import add_out, free
 from radar.support.errors import HandbenchError
 
 if TYPE_CHECKING:  # --help answers without them
     from calibration.target.description import Target
     from groundtruth.board.board import Board
 
+HELP = "calibration target or board → drawing at true scale, to print"
 EXPECTED = "a calibration target ([[element]]) or a board ([[marker]], [charuco])"
 SHA_DIGITS, NAME_LETTERS = 12, 30  # of a file, in the title
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """All but -o and --overwrite."""
+    """Its options."""
     command.add_argument(
         "what",
         metavar="WHAT",
@@ -29,11 +31,11 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         choices=("A4", "A3", "letter", "fit"),
         help="fit: one sheet as large as needed (default: A4 for a PDF, fit for an SVG)",
     )
+    add_out(command, "FILE", ".pdf or .svg; .toml: the description itself")
 
 
 def run(options: argparse.Namespace) -> None:
     """A target's or a board's description → a drawing at true scale, or the description itself as TOML."""
-    from bench.cli.commands import free
     from calibration.target.description import Target
     from radar.support.progress import say
     from reports.drawings.board_drawing import board_sheets

@@ -1,4 +1,4 @@
-"""`handbench groundtruth`: its arguments, and what they mean to the library."""
+"""`handbench groundtruth`: photographs, or a foreign mesh, as a metric mesh."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ import json
 from pathlib import Path
 from typing import Any
 
+from bench.cli.options import add_out, free, numbers
 from radar.support.errors import HandbenchError
 
+HELP = "photographs, or a mesh in another unit → metric mesh"
 MESH_SUFFIXES = (".ply", ".obj", ".stl")
 MILLIMETRE_M = 1e-3
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """All but -o and --overwrite."""
+    """Its options."""
     command.add_argument("photos", type=Path, metavar="PHOTOS", help="folder of photographs, or a mesh file")
     cameras = command.add_argument_group("cameras")
     cameras.add_argument(
@@ -60,12 +62,11 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--seed", type=int, default=0)
     command.add_argument("--workdir", type=Path, metavar="DIR", help="keep sparse/, dense.ply and summary.json there")
+    add_out(command, "MESH.ply", "mesh, metres")
 
 
 def run(options: argparse.Namespace) -> None:
     """Photographs → mesh; or a mesh in any unit → a mesh in metres."""
-    from bench.cli.commands import free
-
     free(options.out, options.overwrite)
     if options.photos.suffix.lower() in MESH_SUFFIXES and not options.photos.is_dir():
         _take_over(options)
@@ -84,8 +85,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _take_over(options: argparse.Namespace) -> None:
-    from groundtruth.mesh.foreign_mesh import metric_mesh
-    from groundtruth.mesh.mesh_files import write_mesh
+    from groundtruth.mesh.mesh_files import metric_mesh, write_mesh
 
     if options.unit is None:
         raise HandbenchError(f"--unit: is missing; {options.photos} does not tell its own: say m or mm")
@@ -95,8 +95,6 @@ def _take_over(options: argparse.Namespace) -> None:
 
 
 def _values(options: argparse.Namespace) -> dict[str, Any]:
-    from bench.cli.commands import numbers
-
     same = ("cameras", "model", "metric", "board", "unscaled", "quality", "dense", "masks", "mask", "seed")
     return {name: getattr(options, name) for name in same} | {
         "intrinsics": numbers(options.intrinsics, 4, "--intrinsics"),

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
+from bench.cli.options import add_out
 from radar.support.errors import HandbenchError
 
+HELP = "hard cases: what could blow up, its bound, and the measured figure"
 GROUPS = "phase, data, geometry, smoothing, registration, meshes, statistics"
 
 
@@ -15,22 +16,18 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--groups", metavar="A,B", help=f"of {GROUPS} (default: all)")
     command.add_argument("--seed", type=int, default=0, help="of the random scenes (default 0)")
     command.add_argument("--scenes", type=int, default=10_000, help="random hard scenes (default 10000; 0: none)")
+    add_out(command, "DIR", "folder for stability.csv and .json, as a result folder", required=False)
 
 
 def run(options: argparse.Namespace) -> None:
     """Measure, show, write; a case that fails ends with exit code 2."""
-    from bench.studies.stability.run import run_stability, show
+    from bench.cli.commands import free
+    from bench.studies.stability.measure import run_stability, show
 
     if options.out is not None:
-        _free(options.out, options.overwrite)
+        free(options.out / "stability.csv", options.overwrite)
     facts, cases = run_stability(options.groups, options.seed, options.scenes, options.out)
     show(facts, cases)
-    failed = [case.case for case in cases if case.verdict == "fails"]
-    if failed:
+    failed = cases.case[cases.verdict == "fails"]
+    if len(failed):
         raise HandbenchError(f"stability: {len(failed)} of {len(cases)} cases fail: {'; '.join(failed)}")
-
-
-def _free(folder: Path, overwrite: bool) -> None:
-    from bench.cli.commands import free
-
-    free(folder / "stability.csv", overwrite)

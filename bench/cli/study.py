@@ -11,6 +11,7 @@ from typing import Any
 
 from radar.support.errors import HandbenchError
 
+HELP = "one of the studies behind the documentation's figures: cases → tables and a figure"
 FILE = Path(__file__).parents[1] / "studies" / "studies.toml"
 TYPES = {"int": int, "float": float, "path": Path, "str": str}
 

@@ -1,16 +1,18 @@
-"""`handbench tradeoff`: its arguments, and what they mean to the library."""
+"""`handbench tradeoff`: accuracy against time."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 
+from bench.cli.options import add_device
 from radar.support.errors import HandbenchError
+
+HELP = "what accuracy costs in time: every stage's settings, and their front"
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """All but --device."""
+    """Its options."""
     command.add_argument("bench", metavar="BENCH.toml", help="benchmark file, or the name of an embedded one")
     command.add_argument("-o", "--out", required=True, type=Path, metavar="DIR", help="trade-off folder")
     command.add_argument("--overwrite", action="store_true", help="measure anew what DIR holds, or replace it")
@@ -20,15 +22,17 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--count-acquisition", action="store_true", help="count tones × step time among a setting's time"
     )
+    add_device(command)
 
 
-def run(options: argparse.Namespace) -> Callable[[], None]:
-    """The sweep and its fronts; returned is what prints the answer, a HandbenchError where no setting is one: it comes
-    last, when all else is there."""
+def run(options: argparse.Namespace) -> None:
+    """The sweep and its fronts, their report, and the answer to what was asked: a HandbenchError where no setting is
+    one, when all else is there."""
     from bench.run.benchmark_file import load_benchmark
     from bench.studies.tradeoff.answer import LENGTHS, TIMES, answer, quantity
     from bench.studies.tradeoff.run import run as sweep
     from bench.studies.tradeoff.show import say_answer, show
+    from reports.page.tradeoff_section import build
 
     error_mm = None if options.max_mae is None else quantity(options.max_mae, LENGTHS, "--max-mae")
     seconds = None if options.max_time is None else quantity(options.max_time, TIMES, "--max-time")
@@ -39,9 +43,6 @@ def run(options: argparse.Namespace) -> Callable[[], None]:
     found = sweep(bench, base, options.out, sections, options.overwrite)
     show(found, count_acquisition=options.count_acquisition)
     print(f"trade-off: {options.out}")
-
-    def last() -> None:
-        if error_mm or seconds:
-            say_answer(found, answer(found, error_mm, seconds, options.count_acquisition))
-
-    return last
+    print(f"report: {build(options.out, options.out / 'report')}")
+    if error_mm or seconds:
+        say_answer(found, answer(found, error_mm, seconds, options.count_acquisition))

@@ -5,27 +5,12 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
-
-import numpy as np
 
 from bench.datasets.mapping import MAPPING, MappedCapture
 from bench.datasets.maroon import EMPTY_FILTERED, METADATA, REGISTRATIONS, MaroonCapture
-from bench.datasets.native import (
-    DESCRIPTION,
-    ECHOES,
-    MESH,
-    PHOTOS,
-    TRANSFORM,
-    TRUTH,
-    CaptureFile,
-    NativeCapture,
-    save_capture_file,
-)
-from calibration.transforms import Transform
+from bench.datasets.native import DESCRIPTION, ECHOES, MESH, PHOTOS, TRANSFORM, TRUTH, NativeCapture, save_capture_file
 from groundtruth.mesh.mesh_files import read_mesh, write_mesh
-from radar.data.capture import RadarCapture, save_capture
-from radar.data.depthmap import DepthMap
+from radar.data.capture import save_capture
 from radar.support.config import suggest
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_folder, require_folder
@@ -37,40 +22,7 @@ AT_EMPTY_FILTERED = f"@{EMPTY_FILTERED}"  # behind a MAROON capture's path: its 
 DEPTH = 3  # folders below a data set's root in which captures are looked for
 
 
-class Capture(Protocol):
-    """What a benchmark needs of a scene's data; paths are None, and so is a transform, where there is none."""
-
-    folder: Path
-
-    @property
-    def about(self) -> CaptureFile:
-        """Its description."""
-
-    def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
-        """Its first `frames` frames, or all; calibrated: with what is known of the antennas put in."""
-
-    @property
-    def photos(self) -> Path | None:
-        """The folder of its photographs."""
-
-    def mesh(self) -> Path | None:
-        """The measured surface (PLY, OBJ, STL) in the photo frame, metres."""
-
-    @property
-    def truth(self) -> Path | None:
-        """The true surface in the radar frame, metres."""
-
-    def transform(self) -> Transform | None:
-        """Its own radar_from_photo."""
-
-    def mask(self, depth: DepthMap, erode: bool = False) -> np.ndarray:
-        """Pixels [ny, nx] of a depth map that its data set scores; erode: less the target's edges, if it says so."""
-
-    def key(self, frames: int | None = None) -> str:
-        """Hash of the content of all that a run over its first `frames` frames (None: all) may read."""
-
-
-def open_capture(path: str | Path) -> Capture:
+def open_capture(path: str | Path) -> NativeCapture:
     """The capture in a folder, by the adapter that fits. A MAROON capture's path may end in @emptyfiltered. Raises
     HandbenchError where none fits, naming what was looked for."""
     path = Path(path)
@@ -85,7 +37,7 @@ def open_capture(path: str | Path) -> Capture:
     return MaroonCapture(folder, empty_filtered=True) if asked else adapter(folder)
 
 
-def _adapter(folder: Path) -> type[NativeCapture] | type[MappedCapture] | type[MaroonCapture] | None:
+def _adapter(folder: Path) -> type[NativeCapture] | None:
     return next((adapter for adapter in ADAPTERS if adapter.fits(folder)), None)
 
 

@@ -29,8 +29,9 @@ SampleAxis = Literal["frame", "frequency", "tx", "rx", "position", "re_im"]
 
 
 class Samples(Config):
-    """Where the echoes are. axes: as the program that wrote them counts them; reversed: the file's order is the
-    opposite, as MATLAB's is, whose arrays are stored by column. sign: of j2πf·path/c in the exponent of an echo."""
+    """Place and form of the echoes in the file. axes: as the program that wrote them counts them; reversed: the file's
+    order is the opposite, as MATLAB's is, whose arrays are stored by column. sign: of j2πf·path/c in the exponent of an
+    echo."""
 
     dataset: InFile | None = None
     real: InFile | None = None
@@ -54,15 +55,15 @@ class Samples(Config):
 
 
 class Frequencies(Config):
-    """Where the tones are: [f]."""
+    """Place of the tones [f] in the file."""
 
     dataset: InFile
     unit: Literal["Hz", "kHz", "MHz", "GHz"]
 
 
 class Positions(Config):
-    """Where antennas are: [n, 3] of x, y, z. reversed: as in `Samples`; x: where it points, seen from the array looking
-    at the target (ours points to the left)."""
+    """Place of the antennas' positions [n, 3] (x, y, z) in the file. reversed: as in `Samples`; x: its direction, seen
+    from the array looking at the target (ours points to the left)."""
 
     dataset: InFile
     unit: Literal["m", "cm", "mm"]
@@ -96,7 +97,7 @@ class MappedCapture(NativeCapture):
 
     @staticmethod
     def fits(folder: Path) -> bool:
-        """Whether this adapter reads what lies in `folder`."""
+        """True if this adapter reads the capture in `folder`."""
         return (folder / MAPPING).is_file()
 
     @cached_property

@@ -4,8 +4,9 @@
                 radar_72.0_82.0_128/  calibration.json  calibrated_data/000000.npy  000000_emptyfiltered.npy …
                 photogrammetry/  mesh.obj  mesh_masked.obj  rgb/ …
 
-Their radar frame is ours with x negated (the evidence stands in `calibration.alignment`): boxes are turned here,
-transforms there, and the antennas stay where they are. What the echoes are is told in `bench.datasets.maroon_frame`.
+Their radar frame is ours with x negated (the evidence stands in `bench.datasets.maroon_alignment`): boxes are turned
+here, transforms there, and the antennas stay where they are. What the echoes are is told in
+`bench.datasets.maroon_frame`.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
+from bench.datasets.maroon_alignment import load_alignment
 from bench.datasets.maroon_frame import Frame, read_frame
 from bench.datasets.maroon_mask import eroded, radar_kernel_px
-from bench.datasets.native import CaptureFile
-from calibration.alignment import load_alignment
+from bench.datasets.native import CaptureFile, NativeCapture
 from calibration.transforms import Transform, checked_numbers
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
@@ -51,7 +52,7 @@ FSK, PROJECTIONS = ("2fsk", "3fsk", "nfsk"), ("broadband", "narrowband")
 
 
 class Metadata(Config, extra="ignore"):
-    """What is read of `metadata.json`. mask_bb: bounds in their radar frame, metres, under xmin … zmax."""
+    """The part of `metadata.json` that is read. mask_bb: bounds in their radar frame, metres, under xmin … zmax."""
 
     calibration: str | None = None
     distance_meters: float | None = Field(default=None, gt=0)
@@ -61,15 +62,14 @@ class Metadata(Config, extra="ignore"):
 
 
 @dataclass(frozen=True)
-class MaroonCapture:
-    """One object at one distance, as `bench.datasets.dataset.Capture` asks for it."""
+class MaroonCapture(NativeCapture):
+    """One object at one distance."""
 
-    folder: Path
     empty_filtered: bool = False
 
     @staticmethod
     def fits(folder: Path) -> bool:
-        """Whether this adapter reads what lies in `folder`."""
+        """True if this adapter reads the capture in `folder`."""
         return any((radar / FRAMES).is_dir() for radar in folder.glob("radar_*"))
 
     @cached_property
@@ -192,7 +192,7 @@ class MaroonCapture:
         return of_calibration
 
     def _bounds_m(self, axis: str) -> tuple[float, float]:
-        """What mask_bb allows along an axis of their radar frame, with their code's defaults."""
+        """Bounds of mask_bb along an axis of their radar frame, with their code's defaults."""
         about = self.metadata
         near = NEAR_ZMIN_M if about.distance_meters == 0.3 else -np.inf
         low, high = {"z": (near, ZMAX_M)}.get(axis, (-np.inf, np.inf))

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.datasets.dataset import Capture, open_capture
+from bench.datasets.dataset import open_capture
 from bench.datasets.maroon import ALIGNMENT, EMPTY_FILTERED, FRAMES, MESHES, METADATA, PHOTOGRAMMETRY, VOLUMES
+from bench.datasets.maroon_alignment import save_alignment
 from bench.datasets.maroon_frame import Frame, write_frame
-from bench.datasets.native import EMPTY, TRUE_TRANSFORM
-from calibration.alignment import save_alignment
+from bench.datasets.native import EMPTY, TRUE_TRANSFORM, NativeCapture
 from calibration.transforms import Transform, load_transform
 from groundtruth.mesh.mesh_files import read_triangles
 from radar.data.arrays import AntennaArray, qar50
@@ -60,7 +60,7 @@ def export_maroon(path: str | Path, root: str | Path, overwrite: bool = False) -
     return folder
 
 
-def _require_radar(capture: Capture, echoes: RadarCapture) -> None:
+def _require_radar(capture: NativeCapture, echoes: RadarCapture) -> None:
     ours, radar = echoes.aperture, qar50()
     same = isinstance(ours, AntennaArray) and ours.channels == radar.channels
     if not same or max(np.abs(ours.tx_m - radar.tx_m).max(), np.abs(ours.rx_m - radar.rx_m).max()) > SAME_M:
@@ -77,7 +77,7 @@ def _write_frames(folder: Path, echoes: RadarCapture, suffix: str) -> None:
         write_frame(folder / f"{number:06d}{suffix}.npy", number, frame)
 
 
-def _volume(capture: Capture) -> dict[str, list[float]]:
+def _volume(capture: NativeCapture) -> dict[str, list[float]]:
     """The box of the broadband method for this capture, in their frame."""
     chosen = method("broadband")
     grid = chosen.configure(capture.about.methods.get(chosen.id, {}), str(capture.folder)).grid()
@@ -86,7 +86,7 @@ def _volume(capture: Capture) -> dict[str, list[float]]:
     return {**ends, "grid_size": [len(axis) for axis in (x_m, y_m, z_m)]}
 
 
-def _write_surfaces(capture: Capture, folder: Path) -> None:
+def _write_surfaces(capture: NativeCapture, folder: Path) -> None:
     """alignment.json; the true surface as "synthetic" mesh; the measured surface, or else the true one, as the meshes
     that are scored. Where nothing was photographed, the photo frame is the radar's own."""
     measured, true, transform = capture.mesh(), capture.truth, capture.transform()

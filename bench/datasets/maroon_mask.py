@@ -1,4 +1,4 @@
-"""Which pixels of a depth map MAROON scores: those in the object's box, away from the map's edges."""
+"""Mask of the pixels of a depth map that MAROON scores: those in the object's box, away from the map's edges."""
 
 from __future__ import annotations
 

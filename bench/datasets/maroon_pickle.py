@@ -122,7 +122,7 @@ def _scalar(dtype: _Dtype, content: bytes) -> np.generic:
 
 
 class _Name:
-    """What a name in the pickle stands for: it can be called, and nothing else."""
+    """Stand-in for a name in the pickle: it can be called, and nothing else."""
 
     __slots__ = ("_make",)
 

@@ -81,13 +81,16 @@ def load_echoes(folder: str | Path, calibrated: bool = True) -> RadarCapture:
 
 @dataclass(frozen=True)
 class NativeCapture:
-    """A capture folder, as `bench.datasets.dataset.Capture` asks for it."""
+    """One scene's data as a benchmark needs them, from a capture folder; adapters of other forms override what differs.
+
+    A path or a transform is None where there is none.
+    """
 
     folder: Path
 
     @staticmethod
     def fits(folder: Path) -> bool:
-        """Whether this adapter reads what lies in `folder`."""
+        """True if this adapter reads the capture in `folder`."""
         return (folder / DESCRIPTION).is_file()
 
     @cached_property
@@ -96,7 +99,7 @@ class NativeCapture:
         return load_capture_file(self.folder)
 
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
-        """Its first `frames` frames, or all."""
+        """Its first `frames` frames, or all; calibrated: with what is known of the antennas put in."""
         echoes = load_echoes(self.folder, calibrated)
         return replace(echoes, samples=echoes.samples[:frames])
 
@@ -106,7 +109,7 @@ class NativeCapture:
         return self._lying(PHOTOS)
 
     def mesh(self) -> Path | None:
-        """The measured surface in the photo frame, metres."""
+        """The measured surface (PLY, OBJ, STL) in the photo frame, metres."""
         return self._lying(MESH)
 
     @property
@@ -120,11 +123,13 @@ class NativeCapture:
         return load_transform(file).require("photo", "radar", file) if file else None
 
     def mask(self, depth: DepthMap, erode: bool = False) -> np.ndarray:
-        """Pixels [ny, nx] of a depth map that are scored: all that are on target; it has no erosion of its own."""
+        """Pixels [ny, nx] of a depth map that its data set scores, here all on target; erode: less the target's edges,
+        if the data set says so."""
         return np.isfinite(depth.z_m)
 
     def key(self, frames: int | None = None) -> str:
-        """Hash of everything in the folder; it is read whole, whatever the number of frames."""
+        """Hash of the content of all that a run over its first `frames` frames (None: all) may read: here of the whole
+        folder."""
         return content_hash(self.folder)
 
     def _lying(self, name: str) -> Path | None:

@@ -19,10 +19,10 @@ def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple
     nothing. Returns the effects' rows."""
     with atomic_folder(folder) as temporary:
         say(f"{scene.file.name}: echoes")
-        shots = echoes(scene, frames)
-        save_capture(temporary / ECHOES, shots.capture)
-        if shots.empty is not None:
-            save_capture(temporary / EMPTY, shots.empty)
+        simulated = echoes(scene, frames)
+        save_capture(temporary / ECHOES, simulated.capture)
+        if simulated.empty is not None:
+            save_capture(temporary / EMPTY, simulated.empty)
         say(f"{scene.file.name}: {len(scene.cameras)} photographs")
-        write_photos(scene, temporary, shots.rows)
-    return shots.rows
+        write_photos(scene, temporary, simulated.rows)
+    return simulated.rows

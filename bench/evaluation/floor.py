@@ -40,7 +40,7 @@ def floor_interval(
     level: float = 0.95,
     value: float | None = None,
 ) -> Interval | None:
-    """Between what mean absolute errors a perfect radar would lie, in mm: quantiles of the mean of |e| over seeded
+    """The mean absolute errors between which a perfect radar would lie, in mm: quantiles of the mean of |e| over seeded
     draws of the reference's error. value: the floor itself, where it is at hand. None where there is no floor, or one
     of zero, which does not scatter."""
     value = floor_mm(maps, references) if value is None else value
@@ -50,6 +50,7 @@ def floor_interval(
     motions: dict[bytes, np.ndarray] = {}  # captures that share a registration share its error
     total_m, pixels = np.zeros(draws), 0
     for m, r in zip(maps, references, strict=True):
+        assert r.registration is not None and r.registration.covariance is not None  # σ is known, so they are too
         key, covariance = r.registration.matrix.tobytes(), r.registration.covariance
         if key not in motions:
             motions[key] = rng.multivariate_normal(np.zeros(len(covariance)), covariance, draws, check_valid="ignore")
@@ -64,6 +65,7 @@ def _absolute_sum_m(m: ErrorMap, r: Reference, motions: np.ndarray, rng: np.rand
     observed = np.isfinite(m.error_m)
     names, block = np.unique(block_numbers(m)[observed], return_inverse=True)
     patches = rng.standard_normal((len(motions), len(names)))
+    assert r.leverage is not None  # comes with the registration
     leverage, mesh_sigma_m = r.leverage[observed].T, r.mesh_sigma_m[observed]
     return np.array(
         [
@@ -74,7 +76,7 @@ def _absolute_sum_m(m: ErrorMap, r: Reference, motions: np.ndarray, rng: np.rand
 
 
 def budget(reference: Reference) -> dict[str, float | list[str] | None]:
-    """What a reference's uncertainty is made of: root mean square of σ along z over its pixels, in mm, by the mesh, by
+    """The parts of a reference's uncertainty: root mean square of σ along z over its pixels, in mm, by the mesh, by
     the registration and by both together. A part that is not known is None and named under "unknown"."""
     surface = np.isfinite(reference.z_m)
     sigmas_m = (reference.mesh_sigma_m, reference.registration_sigma_m, reference.sigma_m)
@@ -82,7 +84,7 @@ def budget(reference: Reference) -> dict[str, float | list[str] | None]:
         f"{name}_mm": _rms_mm(sigma_m[surface]) for name, sigma_m in zip((*PARTS, "together"), sigmas_m, strict=True)
     }
     unknown = [name for name in PARTS if parts[f"{name}_mm"] is None]
-    return {**parts, "unknown": unknown} if unknown else parts
+    return {**parts, **({"unknown": unknown} if unknown else {})}
 
 
 def _rms_mm(sigma_m: np.ndarray) -> float | None:

@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from bench.results.about import HEADLINE as HEADLINE
 from bench.results.error_map import ErrorMap as ErrorMap
 
 Values = dict[str, float | int | None]
-Terms = dict[str, np.ndarray]
+Terms = dict[str, Any]  # arrays of one shape, or numbers
 F_MM = (1, 2, 5)  # thresholds of the F-score
 BAND = 1.96  # 95 % of a normal error lie within so many standard deviations
 
@@ -50,7 +50,7 @@ def score(z_m: np.ndarray, reference_z_m: np.ndarray) -> Values:
 
 
 def terms(m: ErrorMap) -> Terms:
-    """What each pixel [ny, nx] adds to the sums that the metrics are made of; NaN: not known."""
+    """The terms that each pixel [ny, nx] adds to the sums that the metrics are made of; NaN: not known."""
     surface, observed = np.isfinite(m.reference_z_m), np.isfinite(m.error_m)
     unknown = np.full(m.error_m.shape, np.nan)
     sigma_m, to_reference_m, to_map_m = (

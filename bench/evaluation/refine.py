@@ -37,10 +37,10 @@ DIRECTIONS = ("x", "y", "z", "about x", "about y", "about z")
 
 
 class _Pixels(NamedTuple):
-    """The n pixels that radar and mesh share. index: which [n] of the grid's; block [n]: its cell of BLOCK_M, from 0;
+    """The n pixels that radar and mesh share. pixel: which [n] of the grid's; block [n]: its cell of BLOCK_M, from 0;
     distance_m [n]: e; jacobian [n, 6]: n·dp by [τ, ω·radius_m], in metres; centre_m [3], radius_m: their extent."""
 
-    index: np.ndarray
+    pixel: np.ndarray
     block: np.ndarray
     distance_m: np.ndarray
     jacobian: np.ndarray
@@ -96,7 +96,7 @@ def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
     _check_range(shift_m, turn_rad)
     before = _shared(surface, depth, start)
     kept = weight > 0
-    _, first, last = np.intersect1d(before.index, pixels.index[kept], return_indices=True)
+    _, first, last = np.intersect1d(before.pixel, pixels.pixel[kept], return_indices=True)
     held, free = _named(directions)
     covariance = _covariance(pixels, weight, curvature, directions, start.covariance)
     refined = {
@@ -155,7 +155,7 @@ def _tukey(distance_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _directions(jacobian: np.ndarray, weight: np.ndarray) -> _Directions:
-    """What the surface holds: eigenvectors of the normal matrix in comparable units, metres of the pixels' motion."""
+    """Directions that the surface holds: eigenvectors of the normal matrix, in metres of the pixels' motion."""
     value, vector = np.linalg.eigh(jacobian.T @ (weight[:, None] * jacobian))
     value, vector = value[::-1], vector[:, ::-1]
     condition = value[0] / np.maximum(value, 1e-12 * value[0])
@@ -209,7 +209,7 @@ def _covariance(
     bread = np.linalg.inv(jacobian.T @ (curvature[:, None] * jacobian))
     to_origin = adjoint(-pixels.centre_m, 6) @ np.diag(np.repeat([1, 1 / pixels.radius_m], 3))  # from [τ, ω·radius_m]
     root = to_origin @ directions.held @ bread @ gradient.T
-    covariance = blocks / (blocks - unknowns) * root @ root.T
+    covariance: np.ndarray = blocks / (blocks - unknowns) * root @ root.T
     if start is not None:
         unmoved = to_origin @ directions.free @ directions.free.T @ np.linalg.inv(to_origin)
         covariance += unmoved @ start[:6, :6] @ unmoved.T

@@ -9,17 +9,7 @@ depth/        CAPTURE__METHOD.npz (a depth map), CAPTURE__truth.npz, CAPTURE__ph
 photos/       CAPTURE.jpg, at most 600 pixels wide and high
 """
 
-from bench.results.about import (
-    HEADLINE,
-    HEADLINES,
-    REFERENCES,
-    About,
-    CaptureFacts,
-    Failure,
-    MethodFacts,
-    MetricFacts,
-    Name,
-)
+from bench.results.about import HEADLINE, HEADLINES, REFERENCES, About, CaptureFacts, Failure, MethodFacts, MetricFacts
 from bench.results.error_map import ErrorMap
 from bench.results.folder import Result, load, write_about, write_config, write_tables
 from bench.results.maps import Surface, depth_path, errors_path, write_errors, write_photo, write_surface
@@ -36,7 +26,6 @@ __all__ = [
     "Failure",
     "MethodFacts",
     "MetricFacts",
-    "Name",
     "Result",
     "Section",
     "Setting",

@@ -28,17 +28,17 @@ class Surface:
 
 
 def errors_path(folder: Path, capture: str, method: str, reference: str) -> Path:
-    """Where a map of signed errors lies."""
+    """Path of a map of signed errors."""
     return _path(folder / "errors", ".npz", capture, method, reference)
 
 
 def depth_path(folder: Path, capture: str, source: str) -> Path:
-    """Where the depth map of a method, or of a reference, lies."""
+    """Path of the depth map of a method, or of a reference."""
     return _path(folder / "depth", ".npz", capture, source)
 
 
 def photo_path(folder: Path, capture: str) -> Path:
-    """Where a capture's small photograph lies."""
+    """Path of a capture's small photograph."""
     return _path(folder / "photos", ".jpg", capture)
 
 

@@ -1,44 +1,24 @@
-"""What `handbench stability` writes, beside the result that a report shows it with.
+"""Files that `handbench stability` writes, beside the result that a report shows it with.
 
-stability.csv    one line a hard case: see `HardCase`
-stability.json   schema_version, name, tables beside the cases (float32 errors, amplification, random scenes), versions,
-                 machine, seed
+stability.csv    one line a hard case: see `bench.results.tables.CASES`
+stability.json   schema_version, tables beside the cases (float32 errors, amplification, random scenes), seed, seconds,
+                 versions, machine
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import pandas as pd
 from pydantic import Field
 
-from bench.results.tables import CASES, frame, read, records, write
+from bench.results.tables import CASES, read, write
 from radar.support.config import Config, parse
 from radar.support.files import read_json, write_json
 
 STABILITY_VERSION = 1
 VERDICTS = ("holds", "refused", "flagged", "fails")
-
-
-@dataclass(frozen=True)
-class HardCase:
-    """One line of stability.csv. quantity: what could blow up; reference: what it is compared with; bound and measured
-    in `unit`, with the bound's reason; at: where in the sweep the worst was seen. verdict: holds (within the bound),
-    refused (by an error in words), flagged (wrong, and every wrong value was marked as such), fails."""
-
-    case: str
-    group: str
-    quantity: str
-    reference: str
-    unit: str
-    bound: float | None
-    measured: float | None
-    verdict: str
-    at: str
-    reason: str
-    seconds: float | None
 
 
 class Table(Config):
@@ -61,15 +41,19 @@ class StabilityFacts(Config):
     machine: dict[str, Any] = Field(default_factory=dict)
 
 
-def write_stability(folder: Path, facts: StabilityFacts, cases: Iterable[HardCase]) -> None:
+def write_stability(folder: Path, facts: StabilityFacts, cases: pd.DataFrame) -> None:
     """Write stability.csv, then stability.json, which says that it is complete."""
-    write(folder / "stability.csv", frame(CASES, map(asdict, cases)), CASES)
+    write(folder / "stability.csv", cases, CASES)
     write_json(folder / "stability.json", facts.model_dump(mode="json"))
 
 
-def load_stability(folder: str | Path) -> tuple[StabilityFacts, tuple[HardCase, ...]]:
-    """Read both; what is missing or broken is a HandbenchError."""
+def load_stability(folder: str | Path) -> tuple[StabilityFacts, pd.DataFrame]:
+    """Read both, the cases by the columns of `CASES`; what is missing or broken is a HandbenchError."""
     folder = Path(folder)
     content = read_json(folder / "stability.json", "a stability run")
-    facts = parse(StabilityFacts, content, str(folder / "stability.json"))
-    return facts, tuple(HardCase(**line) for line in records(read(folder / "stability.csv", CASES)))
+    return parse(StabilityFacts, content, str(folder / "stability.json")), read(folder / "stability.csv", CASES)
+
+
+def counted(cases: pd.DataFrame) -> str:
+    """Number of cases of each verdict, in words."""
+    return ", ".join(f"{(cases.verdict == verdict).sum()} {verdict}" for verdict in VERDICTS)

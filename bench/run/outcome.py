@@ -157,9 +157,9 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
         if capture.name in outcome.views:
             results.write_photo(folder, capture.name, outcome.views[capture.name])
     results.write_config(folder, config)
-    stands = pd.MultiIndex.from_product([[c.name for c in on.captures], [entry.id for entry in on.methods]])
+    names, methods = [capture.name for capture in on.captures], [entry.id for entry in on.methods]
     repeats = repeated(outcome)
-    repeats = repeats[pd.MultiIndex.from_frame(repeats[["capture", "method"]]).isin(stands)]
+    repeats = repeats[repeats.capture.isin(names) & repeats.method.isin(methods)]
     tasks = frame(TASKS, outcome.tasks)
     results.write_tables(folder, table=rows, tasks=tasks, comparisons=compared, repeats=repeats)
     results.write_about(folder, about(outcome, on))
@@ -233,7 +233,7 @@ def comparisons(outcome: Outcome, on: Basis) -> pd.DataFrame:
 
 
 def about(outcome: Outcome, on: Basis) -> About:
-    """What result.json says."""
+    """Content of result.json."""
     first = on.methods[0].id
     measured = [c.name for c in on.captures if "photogrammetry" in outcome.references[c.name]]
     budgets = dict(zip(measured, map(budget, surfaces(outcome, measured, first, "photogrammetry")), strict=True))

@@ -14,7 +14,8 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from bench.datasets.dataset import Capture, open_capture
+from bench.datasets.dataset import open_capture
+from bench.datasets.native import NativeCapture
 from bench.evaluation import scoring_protocols
 from bench.evaluation.depth_errors import error_map
 from bench.evaluation.scoring_protocols import Protocol
@@ -77,7 +78,7 @@ def score(
     write_json(folder / GRIDS, grids)
 
 
-def compare(depth: DepthMap, reference: Reference, chosen: Protocol, data: Capture) -> ErrorMap:
+def compare(depth: DepthMap, reference: Reference, chosen: Protocol, data: NativeCapture) -> ErrorMap:
     """The errors of a depth map of `data` against a reference on its grid: of the pixels that the protocol scores."""
     z_m = np.where(data.mask(depth, chosen.erodes), depth.z_m, np.nan) if chosen.masks else depth.z_m
     return error_map(depth.x_m, depth.y_m, z_m, reference.z_m, reference.sigma_m, reference.met)

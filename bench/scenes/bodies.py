@@ -1,4 +1,4 @@
-"""What the cameras see: the target, the printed plate and the block, with their reflectances, in the photo frame."""
+"""Bodies in view of the cameras: target, printed plate and block with their reflectances, in the photo frame."""
 
 from __future__ import annotations
 

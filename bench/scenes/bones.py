@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.scenes.poses import FingerPose, Pose, ThumbPose, WristPose
+from bench.scenes.hand_pose import FingerPose, Pose, ThumbPose, WristPose
 
 RADIAL, DISTAL, PALMAR = np.array([-1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, -1.0])
 HAND_AXES = np.stack([RADIAL, DISTAL, PALMAR], axis=1)  # palm frame from (radial, distal, palmar)
@@ -38,6 +38,7 @@ ROLL_DEG = {"index": -4.0, "middle": 0.0, "ring": 3.0, "little": 6.0}
 THUMB_BASE_MM = (21.0, -37.0, 7.0)
 WRIST_MM = (0.0, -42.0, 1.0)
 FINGERS = tuple(KNUCKLES_MM)
+WRIST_SKIN_M = -0.010  # along a metacarpal: what lies behind its start is the wrist, with thin skin
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,25 @@ def forearm_from_palm(wrist: WristPose) -> np.ndarray:
 def forearm_direction(pose: Pose) -> np.ndarray:
     """Unit vector [3] from the wrist along the forearm, in the hand frame."""
     return -hand_from_palm(pose) @ HAND_AXES @ forearm_from_palm(pose.wrist)[:, 1]
+
+
+def palmar(pose: Pose, points_m: np.ndarray) -> np.ndarray:
+    """Mask [n] of the points [n, 3] of the skin (hand frame) that lie on the palm's side of the nearest bone.
+    The palm's side of all metacarpals is the middle one's: the ball of the thumb belongs to the palm."""
+    nearest_m = np.full(len(points_m), np.inf)
+    on_palm = np.zeros(len(points_m), bool)
+    bones = skeleton(pose)
+    for digit in bones.values():
+        for number, bone in enumerate(digit):
+            relative = points_m - bone.start_m
+            along_m = relative @ bone.axis
+            distance_m = np.linalg.norm(relative - np.clip(along_m, 0, bone.length_m)[:, None] * bone.axis, axis=1)
+            nearer = distance_m < nearest_m
+            side = bones["middle"][0].palmar if number == 0 else bone.palmar
+            skin = relative[nearer] @ side > 0
+            nearest_m[nearer] = distance_m[nearer]
+            on_palm[nearer] = skin & (along_m[nearer] > WRIST_SKIN_M) if number == 0 else skin
+    return on_palm
 
 
 def _finger(name: str, pose: FingerPose) -> tuple[Bone, ...]:

@@ -1,4 +1,4 @@
-"""Scenes: what stands before the radar and the cameras, with its true geometry."""
+"""Scenes with their true geometry, built from scene files."""
 
 from __future__ import annotations
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from bench.scenes.bones import palmar
 from bench.scenes.build import Scene
-from bench.scenes.palm import palmar
 from bench.scenes.scene_file import BUILT_IN_ARRAY, HandTarget
 from bench.scenes.stand import PLATE_M, cuboid
 from calibration.transforms import Transform
@@ -14,22 +14,22 @@ from radar.simulation.effects.shadow import ShadowCentre
 from radar.simulation.forward import Scatterers
 from radar.simulation.scene import Ball, Body, EchoScene
 from radar.simulation.selection import Choice, choose
-from radar.simulation.simulate import Shots, shoot
-from radar.simulation.state import Shot
+from radar.simulation.simulate import SimulatedCapture, simulate_scene
+from radar.simulation.state import EchoState
 from radar.support.files import inside
 
 ROOM_STEP_M = 5e-3
 
 
-def echoes(scene: Scene, frames: int = 1) -> Shots:
+def echoes(scene: Scene, frames: int = 1) -> SimulatedCapture:
     """The scene's echoes with the effects that its file asks for; frames differ in what is random in time alone."""
     radar_scene, stand = echo_scene(scene), scene.file.stand
-    shots = shoot(radar_scene, choices(scene, radar_scene), frames, empty=stand.empty or stand.subtract)
-    return shots.subtracted() if stand.subtract else shots
+    simulated = simulate_scene(radar_scene, choices(scene, radar_scene), frames, empty=stand.empty or stand.subtract)
+    return simulated.subtracted() if stand.subtract else simulated
 
 
 def choices(scene: Scene, radar_scene: EchoScene | None = None, explain: bool = False) -> tuple[Choice, ...]:
-    """Which effects are on, and why."""
+    """The effects' rows: which are on, and why."""
     file = scene.file
     return choose(radar_scene or echo_scene(scene), file.effects, file.tolerance_mm, explain)
 
@@ -54,9 +54,9 @@ def echo_scene(scene: Scene) -> EchoScene:
 
 def visible_surface(scene: Scene) -> Scatterers:
     """Facets of the target that face the aperture's centre and are not in another's shadow."""
-    shot = Shot(echo_scene(scene), 1)
-    ShadowCentre().apply(shot)
-    return shot.surface.facets.optics
+    state = EchoState(echo_scene(scene), 1)
+    ShadowCentre().apply(state)
+    return state.surface.facets.optics
 
 
 def _target(scene: Scene) -> Body | None:

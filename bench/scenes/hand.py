@@ -18,8 +18,8 @@ from bench.scenes.bones import (
     hand_from_palm,
     skeleton_of_palm,
 )
+from bench.scenes.hand_pose import Pose, WristPose
 from bench.scenes.implicit import Field, round_cone, smooth_minimum, smooth_union, zero_set
-from bench.scenes.poses import Pose, WristPose
 from groundtruth.mesh.mesh_files import mesh
 
 if TYPE_CHECKING:

@@ -47,7 +47,7 @@ SHADOW_OFFSET_M = 2e-4
 
 @dataclass(frozen=True)
 class Light:
-    """What reaches a body's vertices: irradiance [n] (over π) and how much of each lamp they see [n, lamps], 0 to 1."""
+    """Light at a body's vertices: irradiance [n] (over π) and the visible share [n, lamps] of each lamp, 0 to 1."""
 
     irradiance: np.ndarray
     open: np.ndarray

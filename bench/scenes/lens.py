@@ -1,4 +1,4 @@
-"""What the lens does: a thin lens of finite aperture, and blur."""
+"""Effects of the lens: a thin lens of finite aperture, and blur."""
 
 from __future__ import annotations
 

@@ -146,8 +146,8 @@ def _projector(scene: Scene, aim_m: np.ndarray) -> Projector | None:
 
 
 def _pixel_steps(directions: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How the rays `directions` [height, width, 3] of `pixels` [height, width] change to the right and downwards:
-    [n, 3] each, per pixel."""
+    """Changes [n, 3] per pixel, to the right and downwards, of the rays `directions` [height, width, 3] at `pixels`
+    [height, width]."""
     height, width = pixels.shape
     rows, columns = np.nonzero(pixels)
     r, c = np.clip(rows, 1, height - 2), np.clip(columns, 1, width - 2)

@@ -1,4 +1,4 @@
-"""The content of a scene file: what stands before the radar and the cameras, and which effects its echoes show."""
+"""The content of a scene file: target, radar, cameras and stand, and the effects that its echoes show."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 from scipy.spatial.transform import Rotation
 
-from bench.scenes.poses import POSES, Pose
+from bench.scenes.hand_pose import POSES, Pose
 from calibration.transforms import Transform
 from radar.simulation.causes import Causes, Motion, Noise, SensorFaults
 from radar.simulation.effects.catalogue import check_names
@@ -26,7 +26,7 @@ Offset = Annotated[float, Field(ge=-100, le=100)]
 
 
 class _Placed(Config):
-    """Where the target's own frame stands in the radar frame, and how it moves."""
+    """Placement of the target's own frame in the radar frame, and its motion."""
 
     distance_m: float = Field(default=0.30, gt=0, le=100)
     offset_m: tuple[Offset, Offset] = (0.0, 0.0)
@@ -182,7 +182,7 @@ class Mount(Config):
 
 
 class Stand(Config):
-    """What the radar sees of the stand: how strongly its plate and block reflect (None: absorber covers them); empty:
+    """The stand as the radar sees it: reflectivity of its plate and block (None: absorber covers them); empty:
     an empty-room capture is written too (empty.h5); subtract: and taken from the echoes."""
 
     reflectivity_db: float | None = Field(default=None, le=0)

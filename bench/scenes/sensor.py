@@ -1,4 +1,4 @@
-"""What the sensor makes of the light: exposure, photon and read noise, white balance, 8-bit sRGB."""
+"""Sensor of the camera: exposure, photon and read noise, white balance, 8-bit sRGB."""
 
 from __future__ import annotations
 

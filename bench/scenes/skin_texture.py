@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.scenes.bones import FINGERS, HAND_AXES, Bone, hand_from_palm, skeleton
 from bench.scenes.hand import RADII_MM
-from bench.scenes.poses import Pose
+from bench.scenes.hand_pose import Pose
 from bench.scenes.textures import skin, solid_noise
 
 CREASE_WIDTH_M, CREASE_DEPTH = 0.3e-3, 0.28
@@ -73,7 +73,7 @@ def _creases(name: str, digit: tuple[Bone, ...]) -> list[Crease]:
 
 
 def _folds(creases: list[Crease], points_m: np.ndarray, wobble_m: np.ndarray) -> np.ndarray:
-    """How much of a flexion crease there is at each point [n], 0 to 1."""
+    """Depth of the flexion creases at each point [n], 0 to 1."""
     fold = np.zeros(len(points_m))
     for crease in creases:
         relative = points_m - crease.centre_m
@@ -85,7 +85,7 @@ def _folds(creases: list[Crease], points_m: np.ndarray, wobble_m: np.ndarray) ->
 
 
 def _palm_lines(points_m: np.ndarray, wobble_m: np.ndarray) -> np.ndarray:
-    """How much of a palm line there is at each point [n] of the palm frame, 0 to 1."""
+    """Depth of the palm lines at each point [n] of the palm frame, 0 to 1."""
     radial_distal_palmar = 1e3 * points_m @ HAND_AXES
     low, high = PALM_HEIGHT_MM
     on_palm = (radial_distal_palmar[:, 2] > low) & (radial_distal_palmar[:, 2] < high)

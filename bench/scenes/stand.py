@@ -1,4 +1,4 @@
-"""What stands around the target in the photographs: a printed back plate with its ArUco board, and a block.
+"""The stand around the target in the photographs: a printed back plate with its ArUco board, and a block.
 
 Photo frame: the board's frame; origin at the plate's centre, the print in x and y, z towards the cameras. Metres.
 """

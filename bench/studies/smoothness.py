@@ -11,8 +11,8 @@ import numpy as np
 
 from bench.scenes.bones import skeleton
 from bench.scenes.hand import RADII_MM, hand_field, hand_mesh
-from bench.scenes.implicit import project
-from bench.scenes.poses import POSES, Pose
+from bench.scenes.hand_pose import POSES, Pose
+from bench.scenes.implicit import crossing_faces, project
 from bench.studies.columns import Record, Table, columns
 from bench.studies.study import Study
 from groundtruth.mesh.mesh_files import load_open3d, mesh, raycasting_scene
@@ -73,13 +73,8 @@ def facet_angles(vertices_m: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray,
 
 
 def crossing_facets(surface: o3d.geometry.TriangleMesh) -> int:
-    """Facets that cut another one (open3d's own test compares all with all)."""
-    import pymeshlab
-
-    meshes = pymeshlab.MeshSet(verbose=False)
-    meshes.add_mesh(pymeshlab.Mesh(np.asarray(surface.vertices), np.asarray(surface.triangles)))
-    meshes.compute_selection_by_self_intersections_per_face()
-    return meshes.current_mesh().selected_face_number()
+    """The number of facets that cut another one."""
+    return crossing_faces(np.asarray(surface.vertices), np.asarray(surface.triangles))
 
 
 def subdivided(surface: o3d.geometry.TriangleMesh, pose: Pose) -> o3d.geometry.TriangleMesh:

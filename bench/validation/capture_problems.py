@@ -1,4 +1,4 @@
-"""What may be wrong with a capture folder."""
+"""Problems of capture folders."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ LOW_HZ = 1e6  # below any radar: a number of gigahertz, most likely
 
 @dataclass(frozen=True)
 class Seen:
-    """What a benchmark must know of a capture: its name, frequencies [f], number of frames (None: as many as asked
-    for), what its sensor asks of methods, whether it can be scored, without and with a transform from elsewhere, and
-    what it lacks to calibrate with."""
+    """Facts of a capture that a benchmark must know: its name, frequencies [f], number of frames (None: as many as
+    asked for), what its sensor asks of methods, whether it can be scored, without and with a transform from elsewhere,
+    and what it lacks to calibrate with."""
 
     name: str | None
     frequencies_hz: np.ndarray | None = None
@@ -45,7 +45,8 @@ class Seen:
     lacks: tuple[str, ...] = ()
 
     def problem_of(self, chosen: Method, asked: dict[str, Any]) -> str | None:
-        """Why a method, configured as its sensor and `asked` want it, cannot image the capture."""
+        """The reason why a method, configured as its sensor and `asked` want it, cannot image the capture; None: it
+        can."""
         of_sensor = self.methods or {}
         values = {**of_sensor.get(chosen.base, {}), **of_sensor.get(chosen.id, {}), **asked}
         try:
@@ -99,7 +100,7 @@ def capture_problems(folder: Path) -> Found[Seen]:
 
 
 def _described(folder: Path, sheet: Sheet) -> Iterator[Problem]:
-    """What its capture.toml says of files, of the scene and of methods."""
+    """Problems of a capture.toml: of the files, the scene and the methods that it names."""
     contains = sheet.values.get("contains")
     for index, name in enumerate(contains if isinstance(contains, list) else ()):
         if not isinstance(name, str):

@@ -1,4 +1,4 @@
-"""On which line of a TOML or JSON file each key stands, which their parsers do not tell."""
+"""Line numbers of the keys of a TOML or JSON file, which their parsers do not tell."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ class _Scanner:
         return self.tokens[self.at + steps][0]
 
     def _skip_newlines(self) -> bool:
-        """Whether anything is left."""
+        """Go on to the next token that is no line's end; False at the end of the file."""
         while self.at < len(self.tokens) and self._token() == "\n":
             self.at += 1
         return self.at < len(self.tokens)

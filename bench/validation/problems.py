@@ -21,7 +21,7 @@ Found = Generator["Problem", None, Read]  # problems on the way, then what was r
 
 @dataclass(frozen=True)
 class Problem:
-    """What is wrong in a file and what to do about it; a warning is about what is possible, but hardly meant."""
+    """A fault in a file with its remedy; a warning is about what is possible, but hardly meant."""
 
     file: Path
     line: int | None
@@ -46,7 +46,7 @@ class Sheet:
         return Problem(self.file, line_of(self.lines, location), text, warning)
 
     def attempt(self, location: Location, read: Callable[[], Read]) -> Found[Read | None]:
-        """What read() returns, or its complaint, at a key."""
+        """The result of read(), or its complaint, at a key."""
         try:
             return read()
         except HandbenchError as error:
@@ -63,14 +63,14 @@ class Sheet:
 
 
 def failure(file: Path, error: HandbenchError) -> Problem:
-    """What a reader says of a file; the line is taken from its words, if they tell one."""
+    """A reader's error as a problem of its file; the line is taken from the message, if it names one."""
     text = str(error).removeprefix(f"{file}: ")
     line = re.search(r"\bline (\d+)\b(?! of its header)", text)
     return Problem(file, int(line[1]) if line else None, text)
 
 
 def attempt(file: Path, read: Callable[[], Read]) -> Found[Read | None]:
-    """What read() returns, or its complaint about `file`."""
+    """The result of read(), or its complaint about `file`."""
     try:
         return read()
     except HandbenchError as error:

@@ -210,7 +210,7 @@ def _source(found: Sheet, source: dict[str, Any], at: Location) -> Found[Seen | 
 
 
 def _imaged(found: Sheet, seen: Seen, at: Location, entries: dict[str, dict[str, Any]]) -> Iterator[Problem]:
-    """Whether the capture has the tones and the frames that each method takes."""
+    """Problems of captures that lack the tones or the frames that a method takes."""
     repeats = found.values.get("repeats", BenchFile.model_fields["repeats"].default)
     frames = repeats if seen.frames is None else seen.frames
     for id, entry in entries.items():

@@ -1,4 +1,4 @@
-"""What is known of an array's antennas: its file `array.json`, and its use on captures."""
+"""Calibration of an array's antennas: its file `array.json`, and its application to captures."""
 
 from __future__ import annotations
 

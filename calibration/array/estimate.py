@@ -8,6 +8,7 @@ echoes do not show: offsets along the line of sight are hardly told from phases.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -62,8 +63,8 @@ def estimate_array(
     before, after = (left_over(samples, s, echoes) for s in (raw, state))
     check(state, after, target, settings, source)
     tx, rx = (
-        _side(leg.position_m, *of_side, state.centres_m, echoes, settings)
-        for leg, *of_side in zip(
+        _side(leg.position_m, lives, side, own, state.centres_m, echoes, settings)
+        for leg, lives, side, own in zip(
             capture.aperture.legs, live, (state.tx, state.rx), _own_covariances(covariance, state), strict=True
         )
     )
@@ -108,14 +109,14 @@ def _side(
     echoes: Echoes,
     settings: Settings,
 ) -> Side:
-    """What the file says of one side; of a dead antenna nothing is known but that it is weak."""
+    """One side as the file holds it; of a dead antenna nothing is known but that it is weak."""
     toward = directions(centres_m.mean(axis=0, keepdims=True), found)[:, 0]
     seen = np.zeros((len(found.delay_m), EACH))
     seen[:, PHASE], seen[:, PLACE] = 1, -echoes.wavenumber.mean() * toward
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     phase_sigma = np.sqrt(np.einsum("na,nab,nb->n", seen, covariance, seen))
 
-    def all_of(values: np.ndarray, dead: float) -> list:
+    def all_of(values: np.ndarray, dead: float) -> list[Any]:
         everyone = np.full((len(live), *values.shape[1:]), dead)
         everyone[live] = values
         return everyone.tolist()

@@ -114,7 +114,7 @@ class Echoes:
         return np.exp(side.log_gain[:, None] - 1j * np.multiply.outer(side.delay_m, about)).astype(np.complex64)
 
     def terms(self, state: State) -> Iterator[np.ndarray]:
-        """What each ball adds to the samples: complex64 [r, i, f], one transmitter after another."""
+        """Each ball's contribution to the samples: complex64 [r, i, f], one transmitter after another."""
         balls = self.balls(state.centres_m, state.array)
         strength = np.exp(state.log_ball).astype(np.complex64)[:, None]
         to, back = self.gain(state.tx), self.gain(state.rx)[:, None]
@@ -158,9 +158,9 @@ def directions(points_m: np.ndarray, side: Antennas) -> np.ndarray:
 
 
 def _slopes(state: State) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """How each ball's path grows with the transmitter's and with the receivers' offsets, [r, i, 3] each, transmitter by
-    transmitter; with the ball's own it shrinks by both. The specular point's way round the ball turns these directions
-    by less than a hundredth, which only costs Gauss–Newton a little speed."""
+    """Derivatives of each ball's path by the transmitter's and by the receivers' offsets, [r, i, 3] each, transmitter
+    by transmitter; by the ball's own position it is minus their sum. The specular point's way round the ball turns
+    these directions by less than a hundredth, which only costs Gauss–Newton a little speed."""
     to, back = directions(state.centres_m, state.tx), directions(state.centres_m, state.rx)
     for u in to:
         yield np.broadcast_to(u, back.shape).astype(np.complex64), back.astype(np.complex64)

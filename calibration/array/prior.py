@@ -1,4 +1,4 @@
-"""What is known of an array and a target beforehand, and what no echo can tell."""
+"""Prior knowledge of an array and a target, and the gauge freedoms that no echo determines."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from radar.support.config import Config
 
 
 class Settings(Config):
-    """What is known of an array before it is calibrated, and which estimates are refused.
+    """Prior knowledge of an array before it is calibrated, and limits of the estimates that are accepted.
 
     Standard deviations of what manufacture leaves: position_sigma_m of an antenna, per axis, delay_sigma_m of a cable;
     that of a ball's place comes with the target. weakest_db: antennas that are weaker against the median are dead.
@@ -44,14 +44,14 @@ def prior(state: State, target: Target, settings: Settings) -> np.ndarray:
 
 
 def surprises(state: State, target: Target) -> np.ndarray:
-    """What the priors hold to be 0, [u]: the antennas' unknowns and the balls' distances from the described shape."""
+    """Deviations [u] that the priors expect to be 0: the antennas' unknowns and the balls' misplacements."""
     strengths = np.zeros(2 * len(state.log_ball))
     parts = state.tx.unknowns, state.rx.unknowns, misplaced_m(state.centres_m, target), strengths
     return np.concatenate([part.ravel() for part in parts])
 
 
 def misplaced_m(centres_m: np.ndarray, target: Target) -> np.ndarray:
-    """Where balls are [i, 3] from where the target, placed as well as it can be, has them."""
+    """Displacements [i, 3] of the balls from the described target in its best-fitting pose."""
     return centres_m - placed(target, centres_m)
 
 
@@ -61,8 +61,8 @@ def shape_sigma_m(target: Target) -> float:
 
 
 def gauges(state: State) -> np.ndarray:
-    """What no echo can tell, [12, u]: the mean level, phase and delay of each side, and the rigid motion of the whole
-    array; a step leaves each where it is."""
+    """Gauge freedoms [12, u], which no echo determines: the mean level, phase and delay of each side, and the rigid
+    motion of the whole array; a step leaves each where it is."""
     n_tx, n_rx, n_balls = state.counts
     rows = np.zeros((12, EACH * (n_tx + n_rx) + BALL * n_balls))
     position_m = np.concatenate([state.tx.nominal_m, state.rx.nominal_m])

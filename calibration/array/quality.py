@@ -1,4 +1,4 @@
-"""Whether a target and what was estimated with it agree."""
+"""Checks that a target and what was estimated with it agree."""
 
 from __future__ import annotations
 

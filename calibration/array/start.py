@@ -1,4 +1,4 @@
-"""Where the estimate of an array starts: the target's pose in the raw image, and gains by alternating least squares."""
+"""Start of the array's estimate: the target's pose in the raw image, and gains by alternating least squares."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def fitted_gains(samples: np.ndarray, state: State, echoes: Echoes) -> tuple[Sta
 
 
 def alive(state: State, weakest_db: float) -> tuple[np.ndarray, np.ndarray]:
-    """Which transmitters and receivers are not weakest_db below the median of theirs: bool [t], bool [r]."""
+    """Masks [t] and [r] of the transmitters and receivers that are not weakest_db below their median."""
     levels = [side.log_gain.real for side in (state.tx, state.rx)]
     return tuple(level > np.median(level) + weakest_db / 20 * np.log(10) for level in levels)
 

@@ -1,4 +1,4 @@
-"""Several captures of the target by one rig: whether it moved between them, and the one transform of all.
+"""Several captures of the target by one rig: test for motion between them, and the one transform of all.
 
 A capture and its repeat each give a transform with its covariance; their difference shows what moved. What all balls
 share (waves that creep round them) is the same in every capture: it cancels in the difference, and no repeat averages
@@ -26,8 +26,8 @@ FALSE_ALARM = 0.01  # probability that a rig at rest is said to have moved
 
 @dataclass(frozen=True)
 class Motion:
-    """What carries one capture's transform to another's, about the hand's centre: step = [shift_m, rotation_rad(, log
-    scale)] with its covariance ([6, 6] or [7, 7]); first and second name the captures."""
+    """The motion that carries one capture's transform to another's, about the hand's centre: step = [shift_m,
+    rotation_rad(, log scale)] with its covariance ([6, 6] or [7, 7]); first and second name the captures."""
 
     step: np.ndarray
     covariance: np.ndarray
@@ -46,12 +46,12 @@ class Motion:
 
     @property
     def moved(self) -> bool:
-        """Whether a rig at rest would show so large a step in fewer than 1 % of all repeats."""
+        """True if a rig at rest would show so large a step in fewer than 1 % of all repeats."""
         return self.probability < FALSE_ALARM
 
     @property
     def shift_m(self) -> float:
-        """By how much a point at the hand's centre moved, metres."""
+        """Displacement of a point at the hand's centre, metres."""
         return float(np.linalg.norm(self.step[:3]))
 
     @property
@@ -65,7 +65,7 @@ class Motion:
 
     @property
     def sentence(self) -> str:
-        """What a person should know, in one sentence."""
+        """The result of the test in one sentence."""
         low_mm, high_mm = (1e3 * limit for limit in self.interval_m)
         verb = "moved" if self.moved else "did not measurably move"
         return (
@@ -81,23 +81,24 @@ def motion(
     common_m2: np.ndarray | None = None,
     names: tuple[str, str] = ("the first capture", "the second"),
 ) -> Motion:
-    """How the rig moved between two captures of the target, from each one's own transform.
+    """The rig's motion between two captures of the target, from each one's own transform.
 
     common_m2 [3, 3]: the covariance that both transforms hold in their translations (m²) for an error that is the same
     in both. Raises HandbenchError when their frames or unknowns differ, or a covariance is missing or too small for
     common_m2.
     """
     second.require(first.source, first.target, names[1])
-    sizes = [0 if t.covariance is None else len(t.covariance) for t in (first, second)]
-    if 0 in sizes or sizes[0] != sizes[1]:
+    one, other = first.covariance, second.covariance
+    if one is None or other is None or len(one) != len(other):
+        sizes = [0 if covariance is None else len(covariance) for covariance in (one, other)]
         raise HandbenchError(
             f"{names[0]} and {names[1]}: their covariances are of sizes {sizes[0]} and {sizes[1]}; expected 6 and 6, "
             "or 7 and 7 with scale: calibrate both alike"
         )
-    covariance = first.covariance + second.covariance
+    covariance = one + other
     if common_m2 is not None:
         covariance[:3, :3] -= 2 * np.asarray(common_m2)
-    carry = adjoint(HAND_M, sizes[0])
+    carry = adjoint(HAND_M, len(one))
     covariance = carry @ covariance @ carry.T
     if np.linalg.eigvalsh(covariance)[0] <= 0:
         raise HandbenchError(
@@ -105,7 +106,7 @@ def motion(
         )
     turn = Rotation.from_matrix(second.rotation @ first.rotation.T).as_rotvec()
     shift_m = second.points(first.inverse().points(HAND_M)) - HAND_M
-    step = np.array([*shift_m, *turn, np.log(second.scale / first.scale)])[: sizes[0]]
+    step = np.array([*shift_m, *turn, np.log(second.scale / first.scale)])[: len(one)]
     return Motion(step, covariance, *names)
 
 
@@ -118,7 +119,7 @@ def combine(
 ) -> Transform:
     """`radar_from_photo` from the pairs of several captures of one target at once, by joint weighted least squares.
 
-    common_m2 [3, 3]: as for `register`; the same balls err alike in all captures, so that it counts once and whole. So
+    common_m2 [3, 3]: as for `solve`; the same balls err alike in all captures, so that it counts once and whole. So
     do the places of the balls in their spheres (ball_offset_sigma_m, which the pairs' covariances hold), as long as the
     target is not turned between captures. Residuals come capture by capture. Raises HandbenchError when the rig moved
     between two captures, with how far.
@@ -130,9 +131,9 @@ def combine(
     ]
     require_rest([solve(pairs, with_scale) for pairs in named], names)
     found = solve(sum(named[1:], named[0]), with_scale, common_m2)
-    found.covariance[:] += (1 - 1 / len(named)) * np.mean(
-        [_of_offsets(pairs, ball_offset_sigma_m, len(found.covariance)) for pairs in named], axis=0
-    )
+    covariance = found.require_covariance()
+    offsets = [_of_offsets(pairs, ball_offset_sigma_m, len(covariance)) for pairs in named]
+    covariance += (1 - 1 / len(named)) * np.mean(offsets, axis=0)
     return found
 
 

@@ -1,4 +1,4 @@
-"""Which pairs agree with one another: the rest, however far off, take no part in a registration.
+"""Selection of the pairs that agree with one another; outliers take no part in a registration.
 
 Every three pairs propose a transform; the one with the least trimmed squares (Rousseeuw 1984: of the nearest majority,
 each counted by its own covariance) names that majority. From it a forward search (Atkinson & Riani 2000) goes on: pair

@@ -7,7 +7,7 @@ target's drawing serves only to tell the elements apart: what is registered are 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from calibration.registration.ransac import majority
 from calibration.registration.rigid_fit import Pairs
 from calibration.target.ball_fit import fit_balls
 from calibration.target.description import Candidate, Target
-from calibration.target.matching import TOLERANCE_M, match
+from calibration.target.matching import match
 from calibration.target.optical_detection import TOWARDS_CAMERAS_PX, find_spheres
 from calibration.target.radar_detection import EchoSearch, find_balls
 from calibration.transforms import Transform, umeyama
@@ -47,10 +47,10 @@ def measure(
     search: EchoSearch | None = None,
     pixel_m: float = 0.0,
 ) -> tuple[Pairs, np.ndarray]:
-    """What one capture of the target gives: the balls' centres as both sensors see them, and the covariance [3, 3] (m²)
-    of the error that all of them share. pixel_m: of the cloud's depth maps, see `find_spheres`. Raises HandbenchError
-    when a sensor's candidates cannot be matched to the target in exactly one way, or both share fewer than three
-    elements."""
+    """Measurements of one capture of the target: the balls' centres as both sensors see them, and the covariance [3, 3]
+    (m²) of the error that all of them share. pixel_m: of the cloud's depth maps, see `find_spheres`. Raises
+    HandbenchError when a sensor's candidates cannot be matched to the target in exactly one way, or both share fewer
+    than three elements."""
     seen = match(find_spheres(points_m, normals, target, pixel_m), target, "photographs")
     balls = find_balls(capture, target, search)
     heard = fit_balls(capture, target, match(balls, target, "echoes"), balls)
@@ -65,26 +65,6 @@ def common_covariance(target: Target, pixel_m: float = 0.0) -> np.ndarray:
     return np.diag([0.0, 0.0, delay_m**2 + (TOWARDS_CAMERAS_PX * pixel_m) ** 2])
 
 
-def register(
-    optical: Sequence[Candidate],
-    radar: Sequence[Candidate],
-    target: Target,
-    with_scale: bool = False,
-    common_m2: np.ndarray | None = None,
-    tolerance_m: float = TOLERANCE_M,
-) -> Transform:
-    """`radar_from_photo` from both sensors' candidates.
-
-    common_m2 [3, 3]: covariance of an error that all centres of the radar share, which no residual can show.
-
-    Returns a Transform with its covariance (6×6, or 7×7 with scale) and one residual per common element. Raises
-    HandbenchError when a sensor's candidates cannot be matched to the target in exactly one way, and as `solve` does.
-    """
-    seen = match(optical, target, "photographs", tolerance_m)
-    heard = match(radar, target, "echoes", tolerance_m)
-    return solve(common_pairs(seen, heard, target), with_scale, common_m2)
-
-
 def common_pairs(seen: Mapping[int, Candidate], heard: Mapping[int, Candidate], target: Target) -> Pairs:
     """The balls' centres of the elements (by index) that both sensors have recognised: in the photographs a ball lies
     where its sphere does, but for the offset and the tolerance of the target's description. Raises HandbenchError for
@@ -96,11 +76,6 @@ def common_pairs(seen: Mapping[int, Candidate], heard: Mapping[int, Candidate], 
     offsets_m = target.ball_offsets_m[common] @ photo_from_target.T
     placed_m2 = target.ball_offset_sigma_m**2 * np.eye(3)
     return replace(pairs, source_m=pairs.source_m + offsets_m, source_m2=pairs.source_m2 + placed_m2)
-
-
-def align(source: Sequence[Candidate], target: Sequence[Candidate], with_scale: bool = False) -> Transform:
-    """The similarity that carries source centres to target centres, pair by pair; see `solve`."""
-    return solve(Pairs.of(source, target), with_scale)
 
 
 def solve(pairs: Pairs, with_scale: bool = False, common_m2: np.ndarray | None = None) -> Transform:

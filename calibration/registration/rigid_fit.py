@@ -19,6 +19,7 @@ from radar.support.errors import HandbenchError
 
 HUBER = float(np.sqrt(chi2.ppf(0.99, 3)))  # residuals beyond this many standard deviations lose weight
 MAX_STEPS = 50
+SIDES = ("source_m", "target_m", "source_m2", "target_m2")
 SETTLED = 1e-13  # of the centres' extent: a step that moves no centre further is the last
 
 
@@ -42,15 +43,15 @@ class Pairs:
                 f"target: photographs and echoes share {min(len(source), len(target))} elements; expected 3 or more"
             )
         names = tuple(names) or tuple(f"pair {i + 1}" for i in range(len(source)))
-        sides = [np.array([c.centre_m for c in side], np.float64) for side in (source, target)]
-        spreads = [np.array([c.covariance_m2 for c in side], np.float64) for side in (source, target)]
-        for name, *numbers in zip(names, *sides, *spreads, strict=True):
+        source_m, target_m = (np.array([c.centre_m for c in side], np.float64) for side in (source, target))
+        source_m2, target_m2 = (np.array([c.covariance_m2 for c in side], np.float64) for side in (source, target))
+        for name, *numbers in zip(names, source_m, target_m, source_m2, target_m2, strict=True):
             if not all(np.isfinite(n).all() for n in numbers) or np.linalg.eigvalsh(numbers[2] + numbers[3])[0] <= 0:
                 raise HandbenchError(
                     f"{name}: its centre or covariance is not finite, or its covariance not positive; expected metres "
                     "and a positive 3×3 matrix in square metres"
                 )
-        return cls(*sides, *spreads, names)
+        return cls(source_m, target_m, source_m2, target_m2, names)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -58,12 +59,13 @@ class Pairs:
     def __getitem__(self, chosen: np.ndarray | Sequence[int]) -> Pairs:
         """The pairs of these indices, or where a mask [n] is true."""
         chosen = np.arange(len(self))[np.asarray(chosen)]
-        arrays = (a[chosen] for a in (self.source_m, self.target_m, self.source_m2, self.target_m2))
-        return Pairs(*arrays, tuple(self.names[i] for i in chosen))
+        source_m, target_m, source_m2, target_m2 = (getattr(self, side)[chosen] for side in SIDES)
+        return Pairs(source_m, target_m, source_m2, target_m2, tuple(self.names[i] for i in chosen))
 
     def __add__(self, other: Pairs) -> Pairs:
-        sides = ("source_m", "target_m", "source_m2", "target_m2")
-        return Pairs(*(np.concatenate([getattr(self, s), getattr(other, s)]) for s in sides), self.names + other.names)
+        both = (np.concatenate([getattr(self, side), getattr(other, side)]) for side in SIDES)
+        source_m, target_m, source_m2, target_m2 = both
+        return Pairs(source_m, target_m, source_m2, target_m2, self.names + other.names)
 
     def mirrored(self) -> Pairs:
         """The same, with the source as a mirror shows it."""

@@ -1,4 +1,4 @@
-"""Where the target's balls are, to what the noise allows: all of them fitted to the echoes together.
+"""Maximum-likelihood positions of the target's balls, all fitted to the echoes together.
 
 Around a ball that has been recognised its echo is known but for place and strength: Mie's series through the foam's
 delay, and before it the foam's own front, which a peak in the image cannot tell apart when it is nearer than the range
@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from calibration.target.description import Element, Target
-from calibration.target.radar_detection import Ball, path_gradients, specular_echo
+from calibration.target.radar_detection import Ball, mimo_array, path_gradients, specular_echo
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.data.capture import RadarCapture
 from radar.imaging.cpu.exact import backproject
@@ -63,7 +63,7 @@ def fit_balls(
     for n, (i, centre_m) in enumerate(fit.centres_m.items()):
         _check_near(i, centre_m, heard[i].centre_m)
         place = slice(7 * n + 2, 7 * n + 5)
-        noise = _noise_around(centre_m, fit.rest, capture.frequencies_hz, capture.aperture)
+        noise = _noise_around(centre_m, fit.rest, capture.frequencies_hz, mimo_array(capture))
         shift_m = _polarisation_shift(capture, target, i, centre_m)
         covariance_m2 = inverse[place, place] * noise / 2 + np.outer(shift_m, shift_m)
         fitted[i] = replace(heard[i], centre_m=centre_m, covariance_m2=covariance_m2)
@@ -125,7 +125,8 @@ def _polarisation_shift(capture: RadarCapture, target: Target, number: int, cent
     few = replace(capture, samples=capture.samples[:, ::TONES], frequencies_hz=capture.frequencies_hz[::TONES])
     columns = _columns(target, number, centre_m, few)[:4]
     along_x = np.array([1.0, 0.0, 0.0])
-    seen = sphere_echo(centre_m, element.ball_radius_m, delay_m, few.frequencies_hz, few.aperture, along_x).reshape(-1)
+    echo = sphere_echo(centre_m, element.ball_radius_m, delay_m, few.frequencies_hz, mimo_array(few), along_x)
+    seen = echo.reshape(-1)
     strength = np.vdot(columns[0], seen)
     real = np.diag([1, *3 * [strength]])[:, [0, 0, 1, 2, 3]] * [1, 1j, 1, 1, 1]
     normal = (real.conj().T @ (columns.conj() @ columns.T) @ real).real
@@ -135,7 +136,7 @@ def _polarisation_shift(capture: RadarCapture, target: Target, number: int, cent
 def _columns(target: Target, number: int, centre_m: np.ndarray, capture: RadarCapture) -> np.ndarray:
     """[5, f·t·r]: an element's ball, its derivatives by the centre's coordinates, and its foam's front."""
     element, delay_m = target.element[number], target.foam_delay_m[number]
-    frequencies_hz, array = capture.frequencies_hz, capture.aperture
+    frequencies_hz, array = capture.frequencies_hz, mimo_array(capture)
     ball = sphere_echo(centre_m, element.ball_radius_m, delay_m, frequencies_hz, array)
     front = _front(element, centre_m, frequencies_hz, array)
     return np.concatenate([_with_slopes(ball, centre_m, frequencies_hz, array), front[None]]).reshape(COLUMNS, -1)
@@ -161,7 +162,7 @@ def _strangers(
 ) -> np.ndarray:
     """[4·n, f·t·r]: echoes of points that lie in no recognised element's foam, one for each peak, and their derivatives
     by place: with complex strengths of their own, they make up for what is larger than a point."""
-    array, frequencies_hz = capture.aperture, capture.frequencies_hz
+    array, frequencies_hz = mimo_array(capture), capture.frequencies_hz
     peaks_m = {tuple(ball.peak_m) for ball in others}
     foreign = [
         np.array(peak_m)

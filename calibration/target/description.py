@@ -63,7 +63,7 @@ class Target(Config):
 
 @dataclass(frozen=True)
 class Candidate:
-    """Where a sensor believes an element's centre to be. centre_m: [3]; covariance_m2: [3, 3]; elements: indices of
+    """A sensor's estimate of an element's centre. centre_m: [3]; covariance_m2: [3, 3]; elements: indices of
     the elements that it can be, by its size."""
 
     centre_m: np.ndarray

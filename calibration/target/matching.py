@@ -1,8 +1,9 @@
-"""Which candidate is which element: decided by distances alone, and never guessed."""
+"""Matching of candidates to the target's elements, by distances alone; ambiguous matches are refused."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,11 +14,12 @@ from radar.support.errors import HandbenchError
 TOLERANCE_M = 0.002  # how far two distances may differ: detection, the target's making, the photographs' scale
 MAX_CANDIDATES = 80
 Assignment = dict[int, int]  # element → candidate
+CandidateT = TypeVar("CandidateT", bound=Candidate)
 
 
 def match(
-    candidates: Sequence[Candidate], target: Target, sensor: str, tolerance_m: float = TOLERANCE_M
-) -> dict[int, Candidate]:
+    candidates: Sequence[CandidateT], target: Target, sensor: str, tolerance_m: float = TOLERANCE_M
+) -> dict[int, CandidateT]:
     """Element → candidate for the largest set of candidates that lie as the target's elements do (turned and moved,
     never mirrored). `sensor` names the candidates in errors.
 

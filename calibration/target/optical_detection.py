@@ -156,14 +156,14 @@ def fit_sphere(
 
 
 def _held(normal: np.ndarray, weight: float) -> bool:
-    """Whether points of so much weight hold the centre in every direction, under whatever radius: those of a circle
-    leave it free across its plane, to first order."""
+    """True if points of this total weight determine the centre in every direction, whatever the radius: those of a
+    circle leave it free across its plane, to first order."""
     centre = normal[:3, :3] - np.outer(normal[:3, 3], normal[3, :3]) / normal[3, 3]
     return bool(np.linalg.eigvalsh(centre)[0] > LEAST_HELD * weight)
 
 
 def _prior(score: np.ndarray, weight: np.ndarray, shared: float, radius_sigma_m: float) -> np.ndarray:
-    """What is known of the radius, [4, 4] in the units of the normal matrix: the points' own variance, that of sums
+    """Prior information on the radius, [4, 4] in the units of the normal matrix: the points' own variance, that of sums
     over neighbours, over the radius'."""
     variance_m2 = shared * (score**2).sum() / weight.sum()
     prior = np.zeros((4, 4))
@@ -172,8 +172,8 @@ def _prior(score: np.ndarray, weight: np.ndarray, shared: float, radius_sigma_m:
 
 
 def _shared(points_m: np.ndarray, score: np.ndarray, patch_m: float) -> float:
-    """How much larger the variance of sums over patches is than that of independent scores: 1 when neighbours err each
-    on its own, the number of points that err alike otherwise. Mean over shifted patches; 3 fitted unknowns counted."""
+    """Ratio of the variance of sums over patches to that of independent scores: 1 when neighbours err each on its own,
+    the number of points that err alike otherwise. Mean over shifted patches; 3 fitted unknowns counted."""
     ratios = []
     if not score.any():
         return 1.0

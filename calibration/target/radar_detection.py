@@ -36,7 +36,7 @@ QUADRATIC = np.linalg.pinv(np.stack([_X * 0 + 1, _X, _Y, _Z, _X**2, _Y**2, _Z**2
 
 
 class EchoSearch(Config):
-    """Where balls are looked for, how weak an echo may be, and what noise does not explain."""
+    """Search volume for the balls, the weakest echo that counts, and the number of peaks."""
 
     x: Axis = Axis(start_m=-0.15, stop_m=0.15, step_m=0.003)
     y: Axis = Axis(start_m=-0.15, stop_m=0.15, step_m=0.003)
@@ -72,9 +72,7 @@ def find_balls(capture: RadarCapture, target: Target, search: EchoSearch | None 
     """Every echo that could be one of the target's balls, the strongest first; an echo appears once for each size of
     element, since its centre depends on it. Raises HandbenchError when the capture has no MIMO array."""
     search = search or EchoSearch()
-    if not isinstance(capture.aperture, AntennaArray):
-        raise HandbenchError("capture: a planar scan cannot see the calibration target; expected a MIMO array's echoes")
-    samples, frequencies_hz, array = capture.samples[frame], capture.frequencies_hz, capture.aperture
+    samples, frequencies_hz, array = capture.samples[frame], capture.frequencies_hz, mimo_array(capture)
     _check_tones(frequencies_hz, search)
     seeds_m = coarse_peaks(samples, frequencies_hz, array, search)
     radius_m = float(np.median([element.ball_radius_m for element in target.element]))
@@ -91,6 +89,13 @@ def find_balls(capture: RadarCapture, target: Target, search: EchoSearch | None 
         for peak in peaks
         for (radius_m, delay_m), elements in _sizes(target).items()
     ]
+
+
+def mimo_array(capture: RadarCapture) -> AntennaArray:
+    """The capture's antennas; HandbenchError for a planar scan."""
+    if not isinstance(capture.aperture, AntennaArray):
+        raise HandbenchError("capture: a planar scan cannot see the calibration target; expected a MIMO array's echoes")
+    return capture.aperture
 
 
 def coarse_peaks(
@@ -126,7 +131,7 @@ def separate(
         if np.linalg.norm(echo) < least:
             continue
         if not found:
-            least = search.threshold * np.linalg.norm(echo)
+            least = search.threshold * float(np.linalg.norm(echo))
             least_seen = 0.5 * search.threshold * seen[loudest]  # the half: a seed lies beside its peak
         found.append((position_m, echo))
         rest = rest - echo

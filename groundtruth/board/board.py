@@ -42,7 +42,7 @@ class Charuco(Config):
         return self
 
     def corners_m(self) -> np.ndarray:
-        """Where four squares meet [(rows − 1)(columns − 1), 3], metres, row by row from the top left."""
+        """Inner corners [(rows − 1)(columns − 1), 3] of the chessboard, metres, row by row from the top left."""
         column, row = np.meshgrid(np.arange(1, self.columns), np.arange(1, self.rows))
         corners = np.stack([column, -row, np.zeros_like(row)], axis=-1)
         return self.square_m * corners.reshape(-1, 3).astype(np.float64)
@@ -96,7 +96,7 @@ class Board(Config):
         return cv_dictionary(self.dictionary)
 
     def describe(self) -> str:
-        """What is looked for, in words."""
+        """Markers and squares of the board, in words."""
         ids = sorted(marker.id for marker in self.marker)
         markers = [f"markers of {self.dictionary}, ids {ids}"] if ids else []
         c = self.charuco

@@ -61,7 +61,7 @@ def _edge(light: np.ndarray, a: np.ndarray, b: np.ndarray, reach_px: float) -> t
 
 
 def _crossing(first: tuple[np.ndarray, np.ndarray] | None, second: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
-    """Where two lines meet [2]; NaN when one is missing."""
+    """Intersection [2] of two lines; NaN when one is missing."""
     if first is None or second is None:
         return np.full(2, np.nan)
     (p, u), (q, v) = first, second

@@ -26,7 +26,7 @@ def detect_corners(photo: Photo, board: Board) -> Corners:
 
 
 def _marker_corners(picture: np.ndarray, light: np.ndarray, board: Board) -> Corners:
-    """Where the markers' edges meet; a marker seen twice is a mistake."""
+    """Intersections of the markers' edges; a marker seen twice is a mistake."""
     import cv2
 
     parameters = cv2.aruco.DetectorParameters()
@@ -44,7 +44,7 @@ def _marker_corners(picture: np.ndarray, light: np.ndarray, board: Board) -> Cor
 
 
 def _chessboard_corners(picture: np.ndarray, board: Board) -> Corners:
-    """Where four squares meet: blur and tone curve leave that point where it is."""
+    """Inner corners of the chessboard: blur and tone curve do not shift them."""
     import cv2
 
     if board.charuco is None:

@@ -11,9 +11,7 @@ import numpy as np
 from groundtruth.cameras.cameras import Camera, load_cameras, load_pycolmap, registered
 from groundtruth.cameras.metashape import read_metashape
 from groundtruth.cameras.model_files import check_model
-from groundtruth.cameras.upright import stored_camera
-from groundtruth.photos.orientation import sides_swapped
-from groundtruth.photos.photos import FEWEST, Photo
+from groundtruth.photos.photos import FEWEST, QUARTER_TURNS, Photo, sides_swapped
 from radar.support.errors import HandbenchError
 from radar.support.files import require_folder
 from radar.support.progress import say
@@ -22,6 +20,7 @@ if TYPE_CHECKING:
     import pycolmap
 
 FEWEST_POINTS = 20  # that a photograph of a model must see
+TURNABLE = {"f", "fx", "fy", "cx", "cy", "k", "k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"}  # what a lens may have
 PLAUSIBLE = (0.1, 20.0, 100.0)  # least and largest focal length over the picture's longer side, largest distortion
 
 
@@ -105,7 +104,7 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
 
 
 def _is_rigid(image: pycolmap.Image) -> bool:
-    """Whether an image's pose has a rotation; a quaternion of another length makes something else."""
+    """True if the image's pose holds a rotation: a quaternion that is not of unit length does not give one."""
     R = image.cam_from_world().rotation.matrix()
     return bool(np.abs(R).max() < 2 and np.abs(R @ R.T - np.eye(3)).max() < 1e-3)
 
@@ -122,6 +121,36 @@ def camera_of(image: pycolmap.Image) -> Camera:
         R=tuple(map(tuple, pose.rotation.matrix().tolist())),
         t=tuple(pose.translation.tolist()),
     )
+
+
+def stored_camera(photo: Photo, upright: Camera) -> Camera:
+    """The camera of the stored pixels, from that of the upright picture; a HandbenchError for a lens model that is not
+    the same when turned."""
+    for _ in range(QUARTER_TURNS[photo.orientation]):
+        upright = _turned_back(upright)
+    return upright
+
+
+def _turned_back(camera: Camera) -> Camera:
+    """The camera of a picture before it was turned by 90° clockwise: what was at (x, y) is now at (height − y, x)."""
+    names = [name.strip() for name in camera.colmap().params_info.split(",")]
+    if not TURNABLE.issuperset(names):
+        raise HandbenchError(
+            f"camera {camera.name}: is of the upright picture, and the model {camera.model} cannot be turned; "
+            "calibrate at the stored pixels, without EXIF orientation"
+        )
+    value = dict(zip(names, camera.params, strict=True))
+    turned = dict(value, cx=value["cy"], cy=camera.width - value["cx"])
+    for name, source, sign in (("fx", "fy", 1), ("fy", "fx", 1), ("p1", "p2", -1), ("p2", "p1", 1)):
+        if name in value:
+            turned[name] = sign * value[source]
+    update = {"width": camera.height, "height": camera.width, "params": tuple(turned[name] for name in names)}
+    back = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    if camera.R is not None:
+        update["R"] = tuple(map(tuple, (back @ camera.rotation).tolist()))
+    if camera.t is not None:
+        update["t"] = tuple((back @ camera.translation_m).tolist())
+    return camera.model_copy(update=update)
 
 
 def _pairs(

@@ -31,7 +31,7 @@ def load_pycolmap() -> ModuleType:
 
 
 def cuda_devices() -> int:
-    """How many CUDA devices pycolmap can use; none where it was built without CUDA."""
+    """Number of CUDA devices that pycolmap can use; 0 where it was built without CUDA."""
     colmap = load_pycolmap()
     return int(colmap.get_num_cuda_devices()) if colmap.has_cuda else 0
 

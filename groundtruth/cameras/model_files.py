@@ -45,7 +45,7 @@ def write_model(model: pycolmap.Reconstruction, folder: Path) -> None:
 
 
 def _end(content: bytes, at: int, count: str, skip: Skip) -> int:
-    """Where a list ends that begins with the number of its records."""
+    """End of a list that begins with the number of its records."""
     (number,), at = struct.unpack_from(count, content, at), at + struct.calcsize(count)
     for _ in range(number):
         at = skip(content, at)
@@ -61,7 +61,7 @@ def _camera(content: bytes, at: int) -> int:
 
 @cache
 def _parameters() -> dict[int, int]:
-    """How many parameters each of COLMAP's lens models has, by its number."""
+    """Number of parameters of each of COLMAP's lens models, by the model's number."""
     library = load_pycolmap()
     models = [model for name, model in library.CameraModelId.__members__.items() if name != "INVALID"]
     return {int(model): len(library.Camera.create_from_model_id(1, model, 1.0, 1, 1).params) for model in models}

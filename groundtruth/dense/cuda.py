@@ -42,7 +42,7 @@ class Search(NamedTuple):
 
     @property
     def suffix(self) -> str:
-        """What COLMAP appends to the names of the maps."""
+        """Ending of the maps' file names."""
         return "geometric.bin" if self.geometric else "photometric.bin"
 
 

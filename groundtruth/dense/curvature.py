@@ -1,4 +1,4 @@
-"""How a disparity map bends: what makes paraboloids of PatchMatch's planes."""
+"""Curvature of a disparity map, which turns PatchMatch's planes into paraboloids."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ class Reference(NamedTuple):
 
 
 class _Hits(NamedTuple):
-    """What rays along +z meet first: whether anything [ny, nx]; of those that do [n] x, y and the triangle's number."""
+    """First hits of rays along +z: mask [ny, nx] of the rays that hit; x, y and triangle number [n] of the hits."""
 
     hit: np.ndarray
     x_m: np.ndarray
@@ -123,8 +123,8 @@ def _cast(vertices_m: np.ndarray, faces: np.ndarray, x_m: np.ndarray, y_m: np.nd
 
 
 def _shown(corners: np.ndarray) -> np.ndarray:
-    """Which triangles [n, 3, 3] show a face to rays along z. Of one on edge a ray can tell no depth: rounding would
-    choose it before its neighbours, and any z of it."""
+    """Mask [n] of the triangles [n, 3, 3] that are not on edge to rays along z. Of one on edge a ray can tell no depth:
+    rounding would choose it before its neighbours, and any z of it."""
     normal = _normal(corners)
     return np.abs(normal[:, 2]) > EDGE_ON * np.linalg.norm(normal, axis=1)
 

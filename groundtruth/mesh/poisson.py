@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from groundtruth.dense.fusion import Cloud
-from groundtruth.mesh.mesh_files import load_open3d, point_cloud
+from groundtruth.mesh.mesh_files import point_cloud, repair
 from radar.support.errors import HandbenchError
 from radar.support.progress import say
+from radar.support.rays import load_open3d
 
 if TYPE_CHECKING:
     import open3d as o3d
@@ -81,14 +82,6 @@ def surface(cloud: Cloud, components: Components, box_m: np.ndarray | None = Non
     if box_m is not None:
         mesh = mesh.crop(o3d.geometry.AxisAlignedBoundingBox(*box_m))
     _keep_components(repair(mesh), components)
-    return mesh.remove_unreferenced_vertices()
-
-
-def repair(mesh: o3d.geometry.TriangleMesh) -> o3d.geometry.TriangleMesh:
-    """The mesh itself, without what ray casting and scoring stumble over: duplicates, triangles without area, edges of
-    more than two triangles, vertices of none."""
-    for kind in ("duplicated_vertices", "degenerate_triangles", "duplicated_triangles", "non_manifold_edges"):
-        getattr(mesh, f"remove_{kind}")()
     return mesh.remove_unreferenced_vertices()
 
 

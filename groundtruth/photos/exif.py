@@ -1,4 +1,4 @@
-"""What EXIF data say about a photograph: which camera took it, how it was held, its focal length."""
+"""EXIF data of a photograph: camera body, orientation, focal length."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def read_exif(path: Path) -> Exif:
 
 
 def orientation_of(exif: Exif) -> int:
-    """How a viewer turns the picture: 1 (not at all) to 8."""
+    """Orientation by which a viewer turns the picture: 1 (not at all) to 8."""
     value = exif.get(ORIENTATION)
     return value if value in range(1, 9) else 1
 
@@ -58,7 +58,7 @@ def focal_length_px(exif: Exif, width: int, height: int) -> float | None:
 
 
 def is_plausible(focal_px: float, width: int, height: int) -> bool:
-    """Whether a lens may have this focal length, in pixels, before a picture of this size."""
+    """True if a focal length in pixels is plausible for a picture of this size."""
     low, high = (share * max(width, height) for share in PLAUSIBLE)
     return low < focal_px < high
 

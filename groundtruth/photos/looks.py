@@ -1,4 +1,4 @@
-"""What would end in a wrong mesh, or in none, and is said before: of photographs, and of how they fit together."""
+"""Checks of photographs before the work: repeated, blurred and untextured ones."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BLURRED = 0.5  # sharpness, against the median's: a blur of about 1.2 px (standa
 
 @dataclass(frozen=True)
 class Look:
-    """What one look at a photograph tells: a hash of its pixels, its sharpness, the number of its features."""
+    """Measures of one photograph: hash of its pixels, sharpness, number of features."""
 
     pixels: str
     sharpness: float

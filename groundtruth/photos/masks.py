@@ -1,4 +1,4 @@
-"""Which pixels show the target: masks from files, or cut out by colour."""
+"""Masks of the pixels that show the target: from files, or cut out by colour."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from groundtruth.photos.orientation import sides_swapped, stored_picture
-from groundtruth.photos.photos import Photo, read_gray
+from groundtruth.photos.photos import Photo, read_gray, sides_swapped, stored_picture
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash, require_folder
 from radar.support.progress import say

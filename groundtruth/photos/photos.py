@@ -1,8 +1,9 @@
 """Photographs on disk: found, checked and read.
 
 Pixels are taken as the sensor stored them: an EXIF orientation turns nothing here, as in COLMAP, because intrinsics
-belong to the sensor, and a camera that was turned is nothing but another pose. What somebody made for the upright
-picture, a mask or a calibration, is turned instead (`groundtruth.photos.orientation`).
+belong to the sensor, and a camera that was turned is nothing but another pose. A mask or a camera whose sides are
+swapped against the stored ones belongs to the upright picture and is turned instead; what has equal sides is taken to
+belong to the stored one: sizes cannot tell.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 FEWEST = 3
 LARGEST_PX = 100_000_000  # a hundred megapixels take a GB to decode
 PACKED_PX = 10_000  # no picture packs more into a byte: a blank mask of one bit a pixel has 8000
+QUARTER_TURNS = {1: 0, 3: 2, 6: 1, 8: 3}  # EXIF orientation: clockwise, from the stored to the upright picture
 MIRRORED = (2, 4, 5, 7)  # EXIF orientations that no camera writes
 
 
@@ -69,6 +71,17 @@ def read_gray(path: Path) -> np.ndarray:
     """A picture file as intensities [height, width], float32 in 0 … 1: grey, colours, a palette or CMYK, of 8 or 16
     bits a channel; transparency is ignored, as in COLMAP."""
     return _decode(path, lambda image: _gray(image, path))
+
+
+def sides_swapped(photo: Photo, width: int, height: int) -> bool:
+    """True if a size is that of the photograph's upright picture and not that of its stored pixels."""
+    turned = QUARTER_TURNS[photo.orientation] % 2 == 1 and photo.width != photo.height
+    return turned and (width, height) == (photo.height, photo.width)
+
+
+def stored_picture(photo: Photo, upright: np.ndarray) -> np.ndarray:
+    """The upright picture [width, height, ...] turned back to the stored pixels [height, width, ...]."""
+    return np.rot90(upright, QUARTER_TURNS[photo.orientation])
 
 
 def _gray(image: Image.Image, path: Path) -> np.ndarray:

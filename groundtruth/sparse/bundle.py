@@ -33,8 +33,8 @@ GAUGE = 1e-12  # eigenvalues of an information matrix below this share are a fre
 
 
 class Seen(NamedTuple):
-    """What a photograph shows: pixels [n, 2], their standard deviation, and the points [n]: numbers among those of the
-    model, or, of the board, places [n, 3] that are known."""
+    """Observations of one photograph: pixels [n, 2], their standard deviation, and the points [n]: numbers among those
+    of the model, or, of the board, places [n, 3] that are known."""
 
     image: pycolmap.Image
     pixels: np.ndarray
@@ -48,7 +48,7 @@ class Seen(NamedTuple):
         return self._replace(pixels=self.pixels[kept], numbers=numbers, places_m=places_m)
 
     def places(self, xyz: np.ndarray) -> np.ndarray:
-        """Where the points are [n, 3], of which those of the model are at xyz [p, 3]."""
+        """Positions [n, 3] of the observed points; xyz [p, 3]: those of the model's points."""
         return xyz[self.numbers] if self.places_m is None else self.places_m
 
     def off_px(self, places_m: np.ndarray) -> np.ndarray:
@@ -155,7 +155,7 @@ class Bundle:
         self.known = _with_redundancy(self.known, by_known)
 
     def _xyz(self) -> np.ndarray:
-        """Where the points are: [p, 3]."""
+        """Positions [p, 3] of the model's points."""
         return np.array([point.xyz for point in self.points]).reshape(-1, 3)
 
     def normal(self, jacobians: bool = True) -> Normal:

@@ -1,4 +1,4 @@
-"""How well the cameras are known together, and what that does to points in space."""
+"""Joint covariance of the cameras, and the covariance that it gives to points in space."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The metric frame of a reconstruction: from an ArUco board, or from known camera poses."""
+"""The metric frame of a reconstruction: from an ArUco board, known camera poses, or measured distances."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from calibration.transforms import MAJORITY, triples, umeyama
 from groundtruth.board.board import Board
 from groundtruth.board.markers import Corners
 from groundtruth.cameras.cameras import Camera, load_pycolmap, registered
+from groundtruth.options import Distance
 from radar.support.errors import HandbenchError
 
 if TYPE_CHECKING:
@@ -22,12 +23,13 @@ FAR_BETTER = 2.0  # times smaller is the median residual of a majority that othe
 FEWEST_FOR_MAJORITY = 8  # points; of fewer, three agree with a fourth and fifth by chance
 COLLINEAR = 0.02  # ratio of the second to the first extent below which points count as a line
 LARGEST_MISFIT = 0.03  # root mean square distance after the fit, over the extent of what is fitted
+DISAGREEMENT = 0.02  # largest share by which a measured distance may miss the fit
 CORNER_ERROR_PX = 2.0  # of a marker's corner in one photograph, against those in the others
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Where the metres come from. features: marker corners or camera centres; used: those left after trimming;
+    """Source of the metric scale. features: marker corners or camera centres; used: those left after trimming;
     residual_m: root mean square distance of the used ones after the fit (None without a scale)."""
 
     source: Literal["board", "distances", "poses", "model", "none"]
@@ -60,6 +62,38 @@ def poses_from_model(model: pycolmap.Reconstruction, cameras: tuple[Camera, ...]
     source, target_m = (np.array(side).reshape(-1, 3) for side in (zip(*pairs, strict=True) if pairs else ((), ())))
     matrix, kept, residuals_m = trimmed_similarity(source, target_m, "registered cameras with known poses")
     return matrix, Scale("poses", len(kept), int(kept.sum()), _rms(residuals_m[kept]))
+
+
+def distances_from_model(model: pycolmap.Reconstruction, distances: tuple[Distance, ...]) -> tuple[np.ndarray, Scale]:
+    """4×4 similarity that scales the reconstruction to metres and leaves its frame, by least squares over distances
+    between projection centres; the residual is that of the distances (None for one alone, which nothing checks).
+
+    A HandbenchError when a photograph is not registered or a distance misses the fit by more than 2 %.
+    """
+    centre = {image.name: image.projection_center() for image in registered(model)}
+    for distance in distances:
+        for name in (distance.first, distance.second):
+            if name not in centre:
+                raise HandbenchError(
+                    f"--distance: {name} is not among the registered photographs ({', '.join(centre)}); name two of "
+                    "them"
+                )
+    length = np.array([np.linalg.norm(centre[d.first] - centre[d.second]) for d in distances])
+    known_m = np.array([d.distance_m for d in distances])
+    if not length.all():
+        raise HandbenchError("--distance: two photographs were taken from the same point; measure between two others")
+    scale = float(length @ known_m / (length @ length))
+    off_m = scale * length - known_m
+    worst = int(np.argmax(np.abs(off_m) / known_m))
+    if abs(off_m[worst]) > DISAGREEMENT * known_m[worst]:
+        d = distances[worst]
+        raise HandbenchError(
+            f"--distance: {d.first} to {d.second} is given as {d.distance_m} m, all together make it "
+            f"{scale * length[worst]:.4g} m; they must agree to {DISAGREEMENT:.0%}: measure between the lenses' "
+            "entrance pupils, and check the names"
+        )
+    residual_m = float(np.sqrt(np.mean(off_m**2))) if len(distances) > 1 else None
+    return np.diag([scale, scale, scale, 1.0]), Scale("distances", len(distances), len(distances), residual_m)
 
 
 def trimmed_similarity(

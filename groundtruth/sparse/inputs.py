@@ -1,4 +1,4 @@
-"""What goes into a reconstruction, gathered and checked: everything that can be refused before the work starts."""
+"""The inputs of a reconstruction, gathered and checked: what can be refused is refused before the work starts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the pixels at which a photograph sees points depend on the points and on the camera."""
+"""Derivatives of a photograph's pixels by the points that it sees and by its camera."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ def _extract(
 
 
 def _camera_groups(photos: tuple[Photo, ...], fixed: bool, known: bool) -> list[tuple[list[str], object]]:
-    """Which photographs share a camera: all with known intrinsics, those of one body by EXIF, else none."""
+    """Groups of photographs that share a camera: all with known intrinsics, those of one body by EXIF, else none."""
     mode = load_pycolmap().CameraMode
     names = [photo.name for photo in photos]
     if known:

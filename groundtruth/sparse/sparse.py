@@ -7,24 +7,28 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from groundtruth.cameras.camera_files import camera_of, load_model
 from groundtruth.cameras.cameras import Camera, load_pycolmap, registered
 from groundtruth.cameras.model_files import write_model
 from groundtruth.options import Options
+from groundtruth.photos.photos import Photo
 from groundtruth.sparse.adjust import adjust
 from groundtruth.sparse.bundle import Bundle
 from groundtruth.sparse.covariance import CameraCovariance, camera_covariance
-from groundtruth.sparse.distances import distances_from_model
-from groundtruth.sparse.frame import Scale, apply, board_from_model, poses_from_model
-from groundtruth.sparse.geometry_checks import check_geometry, unregistered
+from groundtruth.sparse.frame import Scale, apply, board_from_model, distances_from_model, poses_from_model
 from groundtruth.sparse.inputs import Inputs
 from groundtruth.sparse.sfm import structure_from_motion
+from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json
+from radar.support.progress import say
 
 if TYPE_CHECKING:
     import pycolmap
 
 SCALE, COVARIANCE = "scale.json", "covariance.npz"
+SMALLEST_BASELINE = 0.03  # distance between cameras over distance to the scene
 DISTORTION, INTRINSICS = (4, 5, 6, 7), tuple(range(8))  # places among the parameters of COLMAP's camera OPENCV
 
 
@@ -70,6 +74,36 @@ def register(inputs: Inputs, options: Options) -> Sparse:
             adjust(model, {}, {}, free)
         scale = _to_metric_frame(model, inputs, options)
     return Sparse(model, scale, camera_covariance(Bundle(model, inputs.corners, corners_m, free), scale))
+
+
+def unregistered(photos: tuple[Photo, ...], model: pycolmap.Reconstruction) -> tuple[str, ...]:
+    """Names of the photographs that are not part of a reconstruction; said aloud."""
+    known = {image.name for image in registered(model)}
+    names = tuple(photo.name for photo in photos if photo.name not in known)
+    if names:
+        say(f"not registered, and not used: {', '.join(names)} (too little overlap with the others, or another scene)")
+    return names
+
+
+def check_geometry(model: pycolmap.Reconstruction) -> None:
+    """A HandbenchError when the cameras hardly moved, against the distance of what they see: such photographs register,
+    and carry no depth."""
+    images = [image for image in registered(model) if image.num_points3D]
+    centres = np.array([image.projection_center() for image in images])
+    reach = [np.linalg.norm(centres - image.projection_center(), axis=1).max() for image in images]
+    moved = np.median([far / _depth(image, model) for far, image in zip(reach, images, strict=True)] or [0])
+    if moved < SMALLEST_BASELINE:
+        raise HandbenchError(
+            f"photographs: the cameras moved by {moved:.2%} of the distance to the scene only, {SMALLEST_BASELINE:.0%} "
+            "are needed; turning a camera on the spot shows no depth: take the photographs from different places, 10° "
+            "to 30° apart"
+        )
+
+
+def _depth(image: pycolmap.Image, model: pycolmap.Reconstruction) -> float:
+    """Median distance of the points that a photograph sees."""
+    points = np.array([model.points3D[p.point3D_id].xyz for p in image.points2D if p.has_point3D()])
+    return float(np.median(np.linalg.norm(points - image.projection_center(), axis=1)))
 
 
 def _found(inputs: Inputs, options: Options) -> pycolmap.Reconstruction:

@@ -48,6 +48,24 @@ class PixelGrid:
         y, x = np.unravel_index(index, self.shape)
         return np.stack([self.x_m[x], self.y_m[y], np.broadcast_to(z_m, len(x))], axis=1)
 
+    def on_map(self, index: np.ndarray, values: np.ndarray | float, elsewhere: float = np.nan) -> np.ndarray:
+        """Values [n] of the pixels with the flat indices [n] as a map [ny, nx], float64."""
+        whole = np.full(self.shape, elsewhere)
+        whole.ravel()[index] = values
+        return whole
+
+    def part(self, box: tuple[slice, slice]) -> PixelGrid:
+        """Some rows and columns."""
+        return PixelGrid(self.x_m[box[1]], self.y_m[box[0]])
+
+    def placed(self, part: PixelGrid, values: np.ndarray, elsewhere: float = np.nan) -> np.ndarray:
+        """The map [ny, nx] that a part's values are of, with the value `elsewhere` beyond it."""
+        if part.shape == self.shape:
+            return values
+        whole = np.full(self.shape, elsewhere)
+        whole[np.ix_(np.isin(self.y_m, part.y_m), np.isin(self.x_m, part.x_m))] = values
+        return whole
+
     def points_m(self, z_m: np.ndarray | float) -> np.ndarray:
         """Points [ny, nx, 3] with one depth for all pixels or one each [ny, nx]."""
         x, y = np.meshgrid(self.x_m, self.y_m)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from radar.support.config import Config
@@ -34,9 +35,14 @@ class Oscillator(Config):
     level_dbc_hz: float | None = Field(default=None, ge=-300, lt=0)
     bandwidth_hz: float = Field(default=1e6, gt=0)
 
+    @property
+    def density(self) -> float:
+        """Noise density over the carrier's power, 1/Hz, at 1 MHz from the carrier; 0 without a level."""
+        return 0.0 if self.level_dbc_hz is None else 10 ** (self.level_dbc_hz / 10)
+
 
 class Motion(Config):
-    """How the target moves as a whole along `direction` (radar frame): a sine of tremor (peak amplitude_m,
+    """Motion of the target as a whole along `direction` (radar frame): a sine of tremor (peak amplitude_m,
     frequency_hz, its phase at random) and a steady velocity_m_s. The first tone of each frame meets it in its place."""
 
     amplitude_m: float = Field(default=0.0, ge=0, le=0.01)
@@ -57,11 +63,23 @@ class Pattern(Config):
 
     beamwidth_deg: float | None = Field(default=None, gt=1, lt=180)
 
+    @property
+    def exponent(self) -> float:
+        """q of the amplitude cosᵠθ whose power, cos²ᵠθ, is halved at half the beamwidth off the axis; 0: even."""
+        if self.beamwidth_deg is None:
+            return 0.0
+        return float(-np.log(2) / (2 * np.log(np.cos(np.radians(self.beamwidth_deg) / 2))))
+
 
 class Coupling(Config):
-    """What leaks from transmitters to receivers: level_db, its mean power over the channels against the target's."""
+    """Leakage from transmitters to receivers: level_db, its mean power over the channels against the target's."""
 
     level_db: float | None = Field(default=None, ge=-200, le=200)
+
+    @property
+    def amplitude(self) -> float:
+        """The level as an amplitude; 0 without a level."""
+        return 0.0 if self.level_db is None else 10 ** (self.level_db / 20)
 
 
 class Positions(Config):
@@ -94,7 +112,7 @@ class Converter(Config):
 
 
 class SensorFaults(Config):
-    """What is imperfect about a sensor."""
+    """Imperfections of a sensor."""
 
     oscillator: Oscillator = Oscillator()
     pattern: Pattern = Pattern()

@@ -83,14 +83,14 @@ def simulate(
 
 
 def _in_sight(scatterers: Scatterers) -> tuple[Scatterers, np.ndarray]:
-    """The scatterers that some transmitter and some receiver see, and which of these some antenna does not see [p]."""
+    """The scatterers that some transmitter and some receiver see, and the mask [p] of those that some antenna does
+    not."""
     if scatterers.seen is None:
         return scatterers, np.zeros(len(scatterers.position_m), bool)
     tx, rx = scatterers.seen
-    some = tx.any(axis=0) & rx.any(axis=0)
-    scatterers = scatterers if some.all() else scatterers.where(some)
-    tx, rx = scatterers.seen
-    return scatterers, ~(tx.all(axis=0) & rx.all(axis=0))
+    some = np.logical_and(tx.any(axis=0), rx.any(axis=0))
+    partly = ~np.logical_and(tx.all(axis=0), rx.all(axis=0))
+    return (scatterers, partly) if some.all() else (scatterers.where(some), partly[some])
 
 
 def _check(scatterers: Scatterers, array: AntennaArray, spreading: bool) -> None:
@@ -116,13 +116,15 @@ def _source(part: Scatterers, points_m: np.ndarray, spreading: bool, pattern: fl
     normal = np.zeros((3, 0)) if part.normal is None else np.ascontiguousarray(part.normal.T, np.float64)
     everyone = np.zeros((0, 0), np.uint8)
     seen = part.seen if masked and part.seen is not None else (everyone, everyone)
-    seen = (np.ascontiguousarray(leg, np.uint8) for leg in seen)
-    return Source(points_m, np.asarray(part.weight, np.complex64), delay_m, normal, spreading, float(pattern), *seen)
+    seen_tx, seen_rx = (np.ascontiguousarray(leg, np.uint8) for leg in seen)
+    weight = np.asarray(part.weight, np.complex64)
+    return Source(points_m, weight, delay_m, normal, spreading, float(pattern), seen_tx, seen_rx)
 
 
 def _bent(scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArray, pattern: float) -> np.ndarray:
-    """Which points [p] have a gain with a bend within the corners of the array's box: those close to it, facets that
-    some antenna sees at grazing incidence or from behind, and points far off the axis of some antenna's pattern."""
+    """Mask [p] of the points whose gain has a bend within the corners of the array's box: those close to it, facets
+    that some antenna sees at grazing incidence or from behind, and points far off the axis of some antenna's
+    pattern."""
     antennas = np.concatenate([array.tx_m, array.rx_m])
     box = Box(antennas.min(axis=0), antennas.max(axis=0))
     beside_m = scatterers.position_m - np.clip(scatterers.position_m, *box)

@@ -13,19 +13,12 @@ from radar.imaging.cpu.steering import phasor
 NODES = 16  # angles at which the series is summed; between them a polynomial is good to 1e-5 for ka ≤ 40 and 2β ≤ 60°
 
 
-def mie_backscatter(ka: np.ndarray) -> np.ndarray:
-    """Backscattering amplitude of a perfectly conducting sphere over that of geometrical optics: complex [n].
-
-    |F|² = σ/(πa²); its phase counts from the sphere's centre (e^{+jωt}: F → e^{+2jka} for ka → ∞, an echo from the near
-    surface).
-    """
-    return mie_amplitudes(ka, np.ones(1))[0][:, 0]
-
-
 def mie_amplitudes(ka: np.ndarray, cos_beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same for bistatic angles 2β: complex [n, m] each for ka [n] and cos β [m], with the field across the plane of
-    scattering (2j/ka·S₁ of the series) and in it (−2j/ka·S₂).
+    """Scattering amplitudes of a perfectly conducting sphere over that of geometrical optics for bistatic angles 2β:
+    complex [n, m] each for ka [n] and cos β [m], with the field across the plane of scattering (2j/ka·S₁ of the series)
+    and in it (−2j/ka·S₂). For β = 0, |F|² = σ/(πa²).
 
+    The phase counts from the sphere's centre (e^{+jωt}: F → e^{+2jka} for ka → ∞, an echo from the near surface).
     Bohren & Huffman 1983, sec. 4.4 with infinite conductivity: S₁ = Σ (2n+1)/(n(n+1)) (aₙπₙ + bₙτₙ), S₂ likewise with
     πₙ and τₙ exchanged; the scattering angle is π − 2β.
     """
@@ -47,8 +40,8 @@ def _angular(count: int, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     pi[1] = 1
     for n in range(2, count + 1):
         pi[n] = ((2 * n - 1) * mu * pi[n - 1] - n * pi[n - 2]) / (n - 1)
-    n = np.arange(1, count + 1)[:, None]
-    return pi[1:], n * mu * pi[1:] - (n + 1) * pi[:-1]
+    order = np.arange(1, count + 1)[:, None]
+    return pi[1:], order * mu * pi[1:] - (order + 1) * pi[:-1]
 
 
 def sphere_echo(

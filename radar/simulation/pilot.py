@@ -101,13 +101,13 @@ def coarse_surface(scene: EchoScene, body: Body) -> Facets:
 
 def visible_surface(scene: EchoScene) -> Facets:
     """The target's coarse facets that the aperture's centre sees; all, if the target lets waves through."""
-    facets = require_facets(coarse_surface(scene, scene.target))
-    return facets if scene.target.transparent else facets.where(seen_from_centre(scene))
+    facets = require_facets(coarse_surface(scene, scene.body))
+    return facets if scene.body.transparent else facets.where(seen_from_centre(scene))
 
 
 def seen_from_centre(scene: EchoScene) -> np.ndarray:
-    """Which of the target's coarse facets [p] the aperture's centre sees, by a buffer of depths. Made once."""
-    return scene.kept("seen", lambda: visible_from(coarse_surface(scene, scene.target), CENTRE_M))
+    """Mask [p] of the target's coarse facets that the aperture's centre sees, by a depth buffer. Made once."""
+    return scene.kept("seen", lambda: visible_from(coarse_surface(scene, scene.body), CENTRE_M))
 
 
 def echoes_of(

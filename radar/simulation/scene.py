@@ -1,4 +1,4 @@
-"""What effects are asked about: bodies with their materials before an array, and the causes that a scene names."""
+"""The scene of the echoes: bodies with their materials before an array, and the causes of effects."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Body:
 
     @property
     def transparent(self) -> bool:
-        """Whether waves pass through: it hides nothing and casts no shadow."""
+        """True if waves pass through: the body hides nothing and casts no shadow."""
         return self.material.kind == "foam"
 
 
@@ -63,6 +63,13 @@ class EchoScene:
     depth_step_hz: float = DEPTH_STEP_HZ
     polarisation_deg: float = 90.0
     _kept: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def body(self) -> Body:
+        """The target; only asked where there is one."""
+        if self.target is None:
+            raise ValueError("the scene has no target but balls")
+        return self.target
 
     @property
     def wavelength_m(self) -> float:
@@ -101,7 +108,7 @@ class EchoScene:
 
     @property
     def lacks_surface(self) -> str:
-        """What effects of opaque surfaces miss here, as a phrase; "" if nothing."""
+        """The need of effects of opaque surfaces that this scene lacks, as a phrase; "" if none."""
         return "" if self.target is not None and not self.target.transparent else "a target with an opaque surface"
 
     def kept(self, key: Hashable, make: Any) -> Any:

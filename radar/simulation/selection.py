@@ -1,4 +1,4 @@
-"""Which effects a scene calls for.
+"""Selection of the effects that a scene calls for.
 
 `auto` leaves out the smallest effects as long as the sum of their estimates, doubled since estimates may be wrong by
 a factor of two (docs/effects.md), stays within the tolerance: estimates are means of magnitudes, whose sum bounds the

@@ -14,7 +14,7 @@ from radar.data.capture import RadarCapture
 from radar.simulation.effects.catalogue import EFFECTS
 from radar.simulation.scene import EchoScene
 from radar.simulation.selection import Choice
-from radar.simulation.state import Shot
+from radar.simulation.state import EchoState
 
 ECHOES = "echoes"  # the row of the base simulation in the table of times
 
@@ -41,7 +41,7 @@ class Stopwatch:
 
 
 @dataclass(frozen=True)
-class Shots:
+class SimulatedCapture:
     """A scene's capture, the rows of its effects with the seconds that each took, and the same room without the target
     (one frame; None: not asked for)."""
 
@@ -49,46 +49,48 @@ class Shots:
     rows: tuple[Choice, ...]
     empty: RadarCapture | None = None
 
-    def subtracted(self) -> Shots:
+    def subtracted(self) -> SimulatedCapture:
         """The capture with the empty room's samples taken from each frame."""
+        if self.empty is None:
+            raise ValueError("the empty room was not simulated")
         samples = self.capture.samples - self.empty.samples
         return replace(self, capture=replace(self.capture, samples=samples))
 
 
-def shoot(
+def simulate_scene(
     scene: EchoScene, choices: tuple[Choice, ...], frames: int = 1, tolerance: float | None = 1e-5, empty: bool = False
-) -> Shots:
+) -> SimulatedCapture:
     """The capture of a scene with the chosen effects. Frames differ in what is random from frame to frame alone; the
     empty room has the same sensor, and noise of its own."""
     watch = Stopwatch()
-    shot = Shot(scene, frames, tolerance)
-    _apply(shot, choices, watch)
+    state = EchoState(scene, frames, tolerance)
+    _apply(state, choices, watch)
     seconds = {row.effect: watch.seconds.get(row.effect, 0.0) for row in choices if row.on}
     rows = tuple(row.model_copy(update={"seconds": seconds.get(row.effect)}) for row in choices)
     why = "the target's echoes, with what shapes them"
     base = Choice(effect=ECHOES, on=True, why=why, seconds=watch.seconds[ECHOES])
     room = None
     if empty:
-        room = Shot(scene, 1, tolerance, levels=shot.levels)
+        room = EchoState(scene, 1, tolerance, levels=state.levels)
         _apply(room, choices, Stopwatch())
-    return Shots(_capture(shot), (base, *rows), room and _capture(room))
+    return SimulatedCapture(_capture(state), (base, *rows), None if room is None else _capture(room))
 
 
-def _capture(shot: Shot) -> RadarCapture:
-    return RadarCapture(shot.samples, shot.scene.frequencies_hz, shot.scene.array)
+def _capture(state: EchoState) -> RadarCapture:
+    return RadarCapture(state.samples, state.scene.frequencies_hz, state.scene.array)
 
 
-def _apply(shot: Shot, choices: tuple[Choice, ...], watch: Stopwatch) -> None:
+def _apply(state: EchoState, choices: tuple[Choice, ...], watch: Stopwatch) -> None:
     on = {row.effect for row in choices if row.on}
-    shot.echo = _timed(shot.echo, ECHOES, watch)  # type: ignore[method-assign]
+    state.echo = _timed(state.echo, ECHOES, watch)  # type: ignore[method-assign]
     for effect in EFFECTS:
         if effect.id not in on:
             continue
-        known = len(shot.extra)
+        known = len(state.extra)
         with watch.timed(effect.id):
-            effect.apply(shot)
-        shot.extra[known:] = [_timed(extra, effect.id, watch) for extra in shot.extra[known:]]
-    np.asarray(shot.samples)  # computes them where no effect has asked
+            effect.apply(state)
+        state.extra[known:] = [_timed(extra, effect.id, watch) for extra in state.extra[known:]]
+    np.asarray(state.samples)  # computes them where no effect has asked
 
 
 def _timed(echo: Callable[..., np.ndarray], name: str, watch: Stopwatch) -> Callable[..., np.ndarray]:

@@ -1,4 +1,4 @@
-"""A shot: the state that effects change one after another, from the array to the recorded samples."""
+"""The state of a simulation that effects change one after another, from the array to the recorded samples."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Surface:
         self.seen = None if self.seen is None else (self.seen[0][:, chosen], self.seen[1][:, chosen])
 
 
-class Shot:
+class EchoState:
     """The echoes of a scene in the making.
 
     Effects come in the order of the catalogue: first those that change the `array` or the antennas' `pattern` (the
@@ -49,20 +49,20 @@ class Shot:
     def __init__(
         self, scene: EchoScene, frames: int, tolerance: float | None = 1e-5, levels: dict[str, float] | None = None
     ) -> None:
-        """levels: as another shot with the target left them; this one is then of the room without it."""
+        """levels: as another state with the target left them; this one is then of the room without it."""
         self.scene, self.frames, self.tolerance = scene, frames, tolerance
         self.array = scene.array
         self.pattern = 0.0
         self.with_target = with_target = levels is None
         self.levels = {} if levels is None else levels
-        has_surface = with_target and scene.target is not None
-        self.surface = Surface(scene.target, facing(scene, scene.target)) if has_surface else None
+        body = scene.target if with_target else None
+        self.surface = None if body is None else Surface(body, facing(scene, body))
         self.ball_delay_m = np.zeros(len(scene.balls))  # extra one-way path of each ball's echo
         self.extra: list[Callable[[], np.ndarray]] = []  # what else of the target echoes: samples [f, t, r]
         self._samples: np.ndarray | None = None
 
     def seed(self, effect: str, *keys: int) -> tuple[int, ...]:
-        """What one effect alone draws from, so that no other's draws depend on whether it is on."""
+        """Seed of one effect alone, so that no other's draws depend on whether it is on."""
         return (self.scene.seed, zlib.crc32(effect.encode()), *keys)
 
     def frame_seed(self, effect: str, frame: int) -> tuple[int, ...]:
@@ -135,15 +135,15 @@ def _facing(scene: EchoScene, body: Body, longest: float) -> Facets:
     return facets_of(body, longest * scene.wavelength_m, np.flatnonzero(front))
 
 
-def surface_echo(surface: Surface, shot: Shot, array: AntennaArray) -> np.ndarray:
+def surface_echo(surface: Surface, state: EchoState, array: AntennaArray) -> np.ndarray:
     """Samples complex64 [f, t, r] of a surface: each layer's echoes times its reflection."""
-    frequencies_hz = shot.scene.frequencies_hz
+    frequencies_hz = state.scene.frequencies_hz
     facets, layer = surface.facets, surface.layer
     normal = facets.normal if surface.oblique else None
     everything = Scatterers(facets.position_m, facets.area_m2, normal, surface.delay_m, surface.seen)
     layers = [everything] if layer is None else [everything.where(layer == n) for n in range(layer.max(initial=0) + 1)]
     samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
     for n, part in enumerate(layers):
-        echoes = simulate(part, frequencies_hz, array, tolerance=shot.tolerance, pattern=shot.pattern)
+        echoes = simulate(part, frequencies_hz, array, tolerance=state.tolerance, pattern=state.pattern)
         samples += echoes if surface.reflection is None else echoes * surface.reflection[n][:, None, None]
     return samples

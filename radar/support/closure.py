@@ -1,20 +1,20 @@
 """The code that a module runs: itself and all that it imports, found by reading its import statements.
 
 A module's imports count wherever they stand, in functions too, as `importlib.import_module("a.b")` too, and with the
-packages on the way; those for types alone (`if TYPE_CHECKING:`) never run and do not.
+packages on the way; those for types alone (`if TYPE_CHECKING:`) never run and do not. A module that asks for its
+`__file__` reads data beside it, which count as its code does.
 """
 
 from __future__ import annotations
 
 import ast
 import gc
-import hashlib
 import sys
 from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from radar.support.files import content_hash
 
@@ -70,7 +70,8 @@ class Sources:
             names = _imported(source, package)
             ours = frozenset(passed for n in names for passed in self._passed(n))
             others = frozenset(top for n in names if (top := n.partition(".")[0]) not in PACKAGES)
-            self._modules[name] = _Module(hashlib.sha256(source).hexdigest(), ours, others)
+            data = _data_beside(file) if b"__file__" in source else ()
+            self._modules[name] = _Module(content_hash(file, *data), ours, others)
         return self._modules[name]
 
     def _passed(self, name: str) -> list[str]:
@@ -85,6 +86,12 @@ class Sources:
             places = (folder / "__init__.py", folder.with_suffix(".py"))
             self._files[name] = next((place for place in places if place.is_file()), None)
         return self._files[name]
+
+
+def _data_beside(file: Path) -> list[Any]:
+    """The files without code below a module's folder, with their names: what a module that asks where it lies reads."""
+    found = sorted(path for path in file.parent.rglob("*") if path.suffix not in (".py", ".pyc") and path.is_file())
+    return [part for path in found for part in (path.relative_to(file.parent).as_posix(), path)]
 
 
 @cache

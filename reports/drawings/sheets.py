@@ -104,7 +104,7 @@ def tiles(drawing: Drawing, paper: str) -> tuple[tuple[float, float], list[np.nd
 
 
 def _starts(length_mm: float, window: float) -> np.ndarray:
-    """Where windows begin that cover a length and overlap by OVERLAP_MM or more; all are full."""
+    """Starts of windows that cover a length and overlap by OVERLAP_MM or more; all are full."""
     if length_mm <= window + 1e-9:
         return np.zeros(1)
     count = int(np.ceil((length_mm - OVERLAP_MM) / (window - OVERLAP_MM) - 1e-9))

@@ -163,33 +163,28 @@ def _parts(target: Target) -> list[Sequence[str]]:
     """The list's lines: cells of a row, or one text."""
     e = target.element
     back_m = max(one.centre_m[2] + one.sphere_radius_m for one in e)
+    sizes_m = [
+        (2 * R, 2 * r, R + r, back_m - one.centre_m[2] - R)
+        for one, R, r in ((one, one.sphere_radius_m, one.ball_radius_m) for one in e)
+    ]
     return [
         ("Coordinates of the centres, mm",),
         ("no", "x", "y", "z"),
-        *((str(i + 1), *(_mm(MILLIMETRES * v) for v in one.centre_m)) for i, one in enumerate(e)),
+        *_rows([one.centre_m for one in e]),
         ("",),
         ("Diameters, hole, spacer, mm",),
         ("no", "foam", "ball", "hole", "spacer"),
-        *(
-            (
-                str(i + 1),
-                *(
-                    _mm(MILLIMETRES * v)
-                    for v in (
-                        2 * one.sphere_radius_m,
-                        2 * one.ball_radius_m,
-                        one.sphere_radius_m + one.ball_radius_m,
-                        back_m - one.centre_m[2] - one.sphere_radius_m,
-                    )
-                ),
-            )
-            for i, one in enumerate(e)
-        ),
+        *_rows(sizes_m),
         ("",),
         (f"Foam: relative permittivity {target.foam_permittivity:g}",),
         ("Balls: steel",),
         *((text,) for note in NOTES for text in ("", *textwrap.wrap(note, 37))),
     ]
+
+
+def _rows(lengths_m: Sequence[Sequence[float]]) -> list[Sequence[str]]:
+    """Numbered rows of lengths, millimetres."""
+    return [(str(i), *(_mm(MILLIMETRES * length_m) for length_m in row)) for i, row in enumerate(lengths_m, 1)]
 
 
 def _write(axes: Axes, table: Sequence[Sequence[str]], left_mm: float, top_mm: float) -> None:

@@ -36,7 +36,7 @@ def pictures(found: Tradeoff) -> Iterator[Picture]:
 
 
 def plotted(setting: Setting) -> bool:
-    """Whether it has a place on logarithmic axes."""
+    """True where it has a place on logarithmic axes."""
     return known(setting.error, setting.seconds) and setting.error > 0 and setting.seconds > 0
 
 
@@ -89,7 +89,7 @@ def _what(shown: list[Setting]) -> str:
 
 
 def _beside(line: list[Setting], best: list[Setting]) -> str:
-    """What the numbered points off the line are; empty where there is none."""
+    """A sentence on the numbered points off the line; empty where there is none."""
     return " The line joins those that none beats in time and accuracy alone; the others see more." * (line != best)
 
 
@@ -114,7 +114,7 @@ def _ratios(axis: Axes, reference: Setting) -> None:
 
 
 def _legend(shown: list[Setting], best: list[Setting], reference: bool) -> list[Line2D]:
-    """What markers mean, then the names of the front's numbers."""
+    """The markers' meaning, then the names of the front's numbers."""
     names = dict.fromkeys(s.method for s in shown)
     handles = []
     for name, (colour, marker) in ((name, _look(shown)[name]) for name in names):

@@ -10,7 +10,7 @@ from typing import Any
 
 from bench.results import HEADLINE, HEADLINES, Result
 from bench.results.folder import shown
-from bench.results.stability import VERDICTS, load_stability
+from bench.results.stability import VERDICTS, counted, load_stability
 from reports.figures.style import AGAINST
 from reports.tables.blocks import NONE, Block, Line, blocks, figure, known, number, p_text, three_digits
 from reports.tables.result_tables import stages
@@ -78,7 +78,7 @@ def verdicts(result: Result) -> list[Verdict]:
 
 
 def stage_times(result: Result) -> Grid:
-    """Where the time goes, by method and stage."""
+    """The time that each stage took, by method."""
     rows = tuple(tuple(map(str, line)) for line in stages(result).itertuples(index=False, name=None))
     headings = ("method", "stage", "tasks", "of them cached", "seconds", "CPU seconds", "peak memory in MB")
     caption = "Median of each stage's tasks; cached: the time was measured by an earlier run"
@@ -156,7 +156,6 @@ def stability(folder: Path) -> list[tuple[str, Grid]]:
     if not (folder / "stability.json").is_file():
         return []
     facts, cases = load_stability(folder)
-    counts = ", ".join(f"{sum(c.verdict == verdict for c in cases)} {verdict}" for verdict in VERDICTS)
     text = (
         "Holds: within its bound; refused: by an error in words, where no answer is the right one; flagged: wrong, and "
         "every wrong value was marked as such; fails: none of these."
@@ -164,9 +163,9 @@ def stability(folder: Path) -> list[tuple[str, Grid]]:
     headings = ("case", "group", "quantity", "verdict", "worst at", "bound", "measured", "unit")
     rows = tuple(
         (c.case, c.group, c.quantity, c.verdict, c.at or NONE, _short(c.bound), _short(c.measured), c.unit)
-        for c in sorted(cases, key=lambda c: -VERDICTS.index(c.verdict) if c.verdict in VERDICTS else 0)
+        for c in sorted(cases.itertuples(), key=lambda c: -VERDICTS.index(c.verdict) if c.verdict in VERDICTS else 0)
     )
-    grids = [(text, Grid(f"{len(cases)} hard cases: {counts}", headings, rows, texts=5))]
+    grids = [(text, Grid(f"{len(cases)} hard cases: {counted(cases)}", headings, rows, texts=5))]
     for found in facts.tables:
         cells = tuple(tuple(_short(cell) for cell in row) for row in found.rows)
         texts = max((i + 1 for row in found.rows for i, cell in enumerate(row) if isinstance(cell, str)), default=1)

@@ -80,7 +80,7 @@ def _beaten(setting: Setting, titles: dict[str, str]) -> str:
 
 
 def claims_grid(found: Tradeoff) -> Grid | None:
-    """What the paper says of time, beside what was counted and measured; None without a claim."""
+    """The paper's claims about time, beside what was counted and measured; None without a claim."""
     rows = tuple(
         (claim.text, claim.note, *(_factor(value) for value in (claim.paper, claim.counted, claim.measured)))
         for claim in found.facts.claims

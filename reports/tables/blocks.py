@@ -85,7 +85,7 @@ def ratio(rows: pd.DataFrame) -> pd.Series:
 
 
 def known(*figures: float | None) -> bool:
-    """Whether none of the figures is missing: None or NaN."""
+    """True where no figure is missing: None or NaN."""
     return all(figure is not None and figure == figure for figure in figures)
 
 

@@ -16,102 +16,25 @@ from reports.tables.blocks import NONE, Block, Line, best_note, blocks, caption,
 COLUMNS = 5  # methods that fit beside each other
 TITLE = "30mm"  # width of the column of metrics, whose titles are long
 UNITS = {"mm": r"\unit{\milli\metre}", "s": r"\unit{\second}", "%": r"\unit{\percent}", "m": r"\unit{\metre}"}
-CHARACTERS = {
-    "\\": r"\textbackslash{}",
-    "{": r"\{",
-    "}": r"\}",
-    "&": r"\&",
-    "%": r"\%",
-    "$": r"\$",
-    "#": r"\#",
-    "_": r"\_",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-    '"': "''",
-    "[": "{[}",
-    "]": "{]}",
-    "−": "$-$",
-    "–": "--",
-    "—": "---",
-    "…": r"\ldots{}",
-    "‘": "`",
-    "’": "'",
-    "“": "``",
-    "”": "''",
-    "ß": r"\ss{}",
-    "æ": r"\ae{}",
-    "Æ": r"\AE{}",
-    "ø": r"\o{}",
-    "Ø": r"\O{}",
-    "ł": r"\l{}",
-    "Ł": r"\L{}",
-    "ı": r"\i{}",
-    "§": r"\S{}",
-    "°": r"$^\circ$",
-    "±": r"$\pm$",
-    "×": r"$\times$",
-    "·": r"$\cdot$",
-    "≤": r"$\leq$",
-    "≥": r"$\geq$",
-    "≈": r"$\approx$",
-    "→": r"$\rightarrow$",
-    "∞": r"$\infty$",
-    "√": r"$\surd$",
-    "²": "$^2$",
-    "³": "$^3$",
-    "µ": r"$\mu$",
-    "α": r"$\alpha$",
-    "β": r"$\beta$",
-    "γ": r"$\gamma$",
-    "δ": r"$\delta$",
-    "Δ": r"$\Delta$",
-    "θ": r"$\theta$",
-    "λ": r"$\lambda$",
-    "μ": r"$\mu$",
-    "π": r"$\pi$",
-    "σ": r"$\sigma$",
-    "Σ": r"$\Sigma$",
-    "τ": r"$\tau$",
-    "φ": r"$\varphi$",
-    "χ": r"$\chi$",
-    "ω": r"$\omega$",
-    "Ω": r"$\Omega$",
-    "\N{NO-BREAK SPACE}": "~",
-}
-ACCENTS = {
-    "\u0300": "`",
-    "\u0301": "'",
-    "\u0302": "^",
-    "\u0303": "~",
-    "\u0304": "=",
-    "\u0306": "u",
-    "\u0307": ".",
-    "\u0308": '"',
-    "\u030a": "r",
-    "\u030b": "H",
-    "\u030c": "v",
-    "\u0323": "d",
-    "\u0327": "c",
-}
 
 
-def document(*files: str) -> str:
-    r"""A document of its own that \inputs `files`, which lie beside it: for pdflatex, lualatex or xelatex."""
-    return "\n".join(
-        [
-            r"\documentclass[10pt,a4paper]{article}",
-            r"\usepackage[margin=18mm]{geometry}",
-            r"\usepackage{booktabs}",
-            r"\usepackage{siunitx}",
-            r"\begin{document}",
-            *(rf"\input{{{file}}}" for file in files),
-            r"\end{document}",
-            "",
-        ]
-    )
+def _pairs(text: str) -> dict[str, str]:
+    """Every second word by the one before it."""
+    words = text.split()
+    return dict(zip(words[::2], words[1::2], strict=True))
+
+
+CHARACTERS = {"\N{NO-BREAK SPACE}": "~"} | _pairs(r"""
+    \ \textbackslash{}   { \{   } \}   & \&   % \%   $ \$   # \#   _ \_   ~ \textasciitilde{}
+    ^ \textasciicircum{}   < \textless{}   > \textgreater{}   | \textbar{}   " ''   [ {[}   ] {]}   − $-$   – --
+    — ---   … \ldots{}   ‘ `   ’ '   “ ``   ” ''   ß \ss{}   æ \ae{}   Æ \AE{}   ø \o{}   Ø \O{}   ł \l{}
+    Ł \L{}   ı \i{}   § \S{}   ° $^\circ$   ± $\pm$   × $\times$   · $\cdot$   ≤ $\leq$   ≥ $\geq$   ≈ $\approx$
+    → $\rightarrow$   ∞ $\infty$   √ $\surd$   ² $^2$   ³ $^3$   µ $\mu$   α $\alpha$   β $\beta$   γ $\gamma$
+    δ $\delta$   Δ $\Delta$   θ $\theta$   λ $\lambda$   μ $\mu$   π $\pi$   σ $\sigma$   Σ $\Sigma$   τ $\tau$
+    φ $\varphi$   χ $\chi$   ω $\omega$   Ω $\Omega$
+""")
+_MARKS = "\u0300\u0301\u0302\u0303\u0304\u0306\u0307\u0308\u030a\u030b\u030c\u0323\u0327"
+ACCENTS = dict(zip(_MARKS, "`'^~=u.\"rHvdc", strict=True))
 
 
 def escaped(text: str) -> str:

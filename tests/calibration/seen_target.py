@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.target.description import Candidate
+from calibration.registration.register import common_pairs, solve
+from calibration.registration.rigid_fit import Pairs
+from calibration.target.description import Candidate, Target
+from calibration.target.matching import match
+from calibration.transforms import Transform
 
 ANY = tuple(range(5))
 
@@ -29,3 +35,20 @@ def cap(rng: np.random.Generator, radius_m: float, part: float, density_m2: floa
     z = 2 * part * rng.random(n) - 1
     azimuth = 2 * np.pi * rng.random(n)
     return np.stack([np.sqrt(1 - z**2) * np.cos(azimuth), np.sqrt(1 - z**2) * np.sin(azimuth), z], axis=1)
+
+
+def align(source: Sequence[Candidate], target: Sequence[Candidate], with_scale: bool = False) -> Transform:
+    """The similarity that carries source centres to target centres, pair by pair; see `solve`."""
+    return solve(Pairs.of(source, target), with_scale)
+
+
+def register(
+    optical: Sequence[Candidate],
+    radar: Sequence[Candidate],
+    target: Target,
+    with_scale: bool = False,
+    common_m2: np.ndarray | None = None,
+) -> Transform:
+    """`radar_from_photo` from both sensors' candidates, as `measure` and `solve` find it."""
+    seen, heard = match(optical, target, "photographs"), match(radar, target, "echoes")
+    return solve(common_pairs(seen, heard, target), with_scale, common_m2)

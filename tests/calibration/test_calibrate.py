@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from test_balls import capture, centres
-from test_spheres import scene
 
 from calibration.registration.register import calibrate, common_covariance
+from tests.calibration.target.test_balls import capture, centres
+from tests.calibration.target.test_spheres import scene
 
 
 def test_a_cloud_and_echoes_give_the_transform(rng, target):

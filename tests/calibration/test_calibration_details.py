@@ -9,7 +9,6 @@ import pytest
 from matplotlib.text import Text
 from scipy.optimize import brentq
 from scipy.stats import chi2
-from test_array import PAPER_RAD, C, Imperfect, centres_m, recorded, small_state  # noqa: F401
 
 from calibration.array.estimate import estimate_array
 from calibration.array.start import without
@@ -20,6 +19,7 @@ from calibration.target.radar_detection import EchoSearch
 from calibration.transforms import TRIPLES, triples, umeyama
 from reports.drawings.sheets import INCH_MM
 from reports.drawings.target_drawing import target_sheets
+from tests.calibration.array.test_array import PAPER_RAD, C, Imperfect, centres_m, recorded, small_state  # noqa: F401
 
 
 def test_few_pairs_propose_all_triples_and_many_a_fixed_draw():

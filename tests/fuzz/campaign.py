@@ -28,7 +28,7 @@ FINDINGS = ("exception", "hang", "memory", "crash", "wrote")
 
 @dataclass
 class Tally:
-    """What a reader's inputs came to."""
+    """Counts of a reader's inputs by verdict, their time and memory."""
 
     verdicts: Counter[str] = field(default_factory=Counter)
     seconds: float = 0.0

@@ -128,8 +128,8 @@ def mapping(folder: Path) -> None:
 
 def maroon(folder: Path) -> None:
     """One object at one distance of MAROON."""
+    from bench.datasets.maroon_alignment import save_alignment
     from bench.datasets.maroon_frame import Frame, write_frame
-    from calibration.alignment import save_alignment
     from radar.support.files import write_json
 
     at = folder.joinpath(*MAROON)

@@ -60,7 +60,7 @@ def transform(folder: Path) -> None:
 
 def alignment(folder: Path) -> None:
     """The same as MAROON writes it."""
-    from calibration.alignment import save_alignment
+    from bench.datasets.maroon_alignment import save_alignment
 
     save_alignment(folder / "alignment.json", radar_from_photo())
 

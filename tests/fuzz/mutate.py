@@ -19,32 +19,10 @@ Mutation = Callable[[bytes, random.Random], bytes]
 
 NUMBER = re.compile(rb"-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 NUMBERS = (
-    b"nan",
-    b"inf",
-    b"-inf",
-    b"1e308",
-    b"-1e308",
-    b"1e-320",
-    b"1e999",
-    b"-1",
-    b"0",
-    b"-0.0",
-    b"1",
-    b"2",
-    b"3.5",
-    b"1000000000",
-    b"4294967296",
-    b"99999999999999999999",
+    *b"nan inf -inf 1e308 -1e308 1e-320 1e999 -1 0 -0.0 1 2 3.5 1000000000 4294967296 99999999999999999999".split(),
     b"9" * 400,
     b"9" * 5000,
-    b"1_0",
-    b"0x10",
-    b"true",
-    b"null",
-    b'""',
-    b"[]",
-    b"{}",
-    b"'",
+    *b'1_0 0x10 true null "" [] {} \''.split(),
 )
 TEXTS = (
     "",
@@ -136,7 +114,7 @@ NESTED = 3000
 
 
 def place(content: bytes, rng: random.Random) -> int:
-    """Where to break a file: as often in its head and in its tail as in all of it."""
+    """The place to break a file at: as often in its head and in its tail as in all of it."""
     if not content:
         return 0
     match rng.randrange(3):
@@ -205,7 +183,7 @@ def lined(content: bytes, rng: random.Random) -> bytes:
 
 
 def strange(content: bytes, rng: random.Random) -> bytes:
-    """What is no UTF-8, or no character of a text."""
+    """Bytes that are no UTF-8, or no character of a text."""
     at = place(content, rng)
     return content[:at] + rng.choice(STRANGE) + content[at:]
 

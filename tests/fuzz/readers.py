@@ -1,4 +1,4 @@
-"""What is fuzzed: each reader with a small valid input, written by our own writers, and the files of it to break."""
+"""Readers to fuzz: each with a small valid input, written by our own writers, and the files of it to break."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _capture(folder: Path) -> None:
 
 
 def _planar_scan(folder: Path) -> None:
-    from bench.datasets.planar_scan import import_planar_scan
+    from bench.datasets.foam_panel import import_planar_scan
 
     try:
         import_planar_scan(folder, folder / OUT)
@@ -89,7 +89,7 @@ def _board(folder: Path) -> None:
 
 
 def _transform(folder: Path) -> None:
-    from calibration.alignment import load_any_transform
+    from bench.datasets.maroon_alignment import load_any_transform
 
     transform = load_any_transform(folder / "radar_from_photo.json")
     transform.inverse().points(transform.points(geometry_seeds.POINTS_M))
@@ -98,7 +98,7 @@ def _transform(folder: Path) -> None:
 
 
 def _alignment(folder: Path) -> None:
-    from calibration.alignment import load_alignment
+    from bench.datasets.maroon_alignment import load_alignment
 
     load_alignment(folder / "alignment.json").inverse()
 
@@ -127,7 +127,7 @@ def _mesh(name: str) -> Callable[[Path], None]:
 
 
 def _foreign_mesh(folder: Path) -> None:
-    from groundtruth.mesh.foreign_mesh import metric_mesh
+    from groundtruth.mesh.mesh_files import metric_mesh
 
     metric_mesh(folder / "scan.stl", 1e-3)
 

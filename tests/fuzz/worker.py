@@ -20,15 +20,7 @@ LARGEST_BYTES = 2 * 2**30  # that an input may take, beyond what the process has
 BY_NAME = {reader.name: reader for reader in READERS}
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 CHANGES = {
-    "os.remove",
-    "os.rename",
-    "os.mkdir",
-    "os.rmdir",
-    "os.symlink",
-    "os.link",
-    "os.chmod",
-    "os.chown",
-    "os.truncate",
+    f"os.{call}" for call in ("remove", "rename", "mkdir", "rmdir", "symlink", "link", "chmod", "chown", "truncate")
 }
 NEVER = {"os.system", "os.exec", "os.posix_spawn", "os.fork", "subprocess.Popen", "socket.connect", "pickle.find_class"}
 
@@ -46,7 +38,7 @@ class Input:
 
 @dataclass(frozen=True)
 class Seen:
-    """What reading an input came to. verdict: accepted, refused, exception, memory, wrote; detail: what happened."""
+    """Outcome of reading an input. verdict: accepted, refused, exception, memory, wrote; detail: what happened."""
 
     verdict: str
     detail: str = ""
@@ -148,7 +140,7 @@ def _of_memory(error: BaseException | None) -> bool:
 
 
 def _last_line(error: BaseException) -> str:
-    """Where in our own code the exception came out."""
+    """The place in our own code that the exception came out of."""
     trace, found = error.__traceback__, "?"
     while trace is not None:
         path = Path(trace.tb_frame.f_code.co_filename)

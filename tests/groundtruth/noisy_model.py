@@ -26,7 +26,7 @@ class Noisy(NamedTuple):
     params: tuple
 
     def error(self, bundle):
-        """What a bundle's parameters [d] are off the truth, in its own parametrisation: x → x + τ + ω × x."""
+        """Errors [d] of a bundle's parameters, in its own parametrisation: x → x + τ + ω × x."""
         error = np.zeros(bundle.size)
         for image in bundle.images:
             R, t = self.poses[image.name]

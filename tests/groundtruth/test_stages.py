@@ -1,10 +1,15 @@
 """The stages of a reconstruction: what each depends on, and what the sparse one keeps."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from PIL import Image
 
 from groundtruth import dense_stage, mesh_stage, pipeline, sparse_stage
+from groundtruth.cameras.cameras import load_pycolmap
 from groundtruth.dense.fusion import Cloud
 from groundtruth.mesh.surface import Surface
 from groundtruth.options import Options
@@ -17,6 +22,9 @@ from groundtruth.sparse.inputs import Inputs
 from groundtruth.sparse.sparse import INTRINSICS, Sparse
 from radar.support.errors import HandbenchError
 from tests.groundtruth.noisy_model import noisy_model, poses_of
+from tests.groundtruth.room import photograph
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
@@ -107,3 +115,36 @@ def test_the_sparse_stage_comes_back(tmp_path, free):
     (tmp_path / "scale.json").unlink()
     with pytest.raises(HandbenchError, match=r"scale\.json: expected a sparse stage's scale, found nothing"):
         Sparse.load(tmp_path)
+
+
+KILLED = """
+import os, sys
+from bench.cli.main import main
+from radar.support import store
+keep = store.keep
+
+def killed(folder, make):
+    cached = keep(folder, make)
+    if folder.name.startswith(sys.argv[1]):
+        os._exit(9)
+    return cached
+
+store.keep = killed
+sys.exit(main(sys.argv[2:]))
+"""
+
+
+def test_the_command_killed_after_a_stage_goes_on_there(tmp_path):
+    """Real photographs, real stages: COLMAP, plane sweep, Poisson."""
+    (tmp_path / "photos").mkdir()
+    photograph(tmp_path / "photos", count=5)
+    command = ["groundtruth", str(tmp_path / "photos"), "-o", str(tmp_path / "mesh.ply"), "--unscaled"]
+    command += ["--quality", "draft", "--workdir", str(tmp_path / "work")]
+    stages = ("sparse", "dense", "mesh")
+    for count, last in enumerate((*stages, "none")):
+        done = subprocess.run([sys.executable, "-c", KILLED, last, *command], capture_output=True, text=True, cwd=ROOT)
+        assert done.returncode == (0 if last == "none" else 9), done.stderr
+        cached = [stage for stage in stages if f"{stage}: cached" in done.stderr]
+        assert cached == list(stages[:count])
+    assert (tmp_path / "mesh.ply").is_file() and not list((tmp_path / "work").glob("**/.*"))
+    assert load_pycolmap().Reconstruction(str(tmp_path / "work" / "sparse")).num_reg_images() == 5

@@ -24,18 +24,18 @@ from radar.simulation.effects.obliquity import Obliquity
 from radar.simulation.effects.oscillator import OscillatorNoise
 from radar.simulation.forward import Scatterers, simulate
 from radar.simulation.physics import facets
-from radar.simulation.physics.glints import glints
+from radar.simulation.physics.double_bounce import double_bounce
 from radar.simulation.physics.material import Material
-from radar.simulation.physics.tissue import skin_permittivity
+from radar.simulation.physics.reflection import skin_permittivity
 from radar.simulation.pilot import CENTRE_M, change_db, change_mm, pilot, stand_in
 from radar.simulation.scene import Body, EchoScene
-from radar.simulation.state import Shot, facing
+from radar.simulation.state import EchoState, facing
 from radar.support.errors import HandbenchError
 from radar.support.progress import track
 from tests.radar.samples import noise, relative_error
 from tests.radar.simulation.effects.closed_forms import sphere_body
 from tests.radar.simulation.effects.plates import dihedral, plate
-from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, shots
+from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, simulated
 
 SPARSE = AntennaArray(qar50().tx_m[::12], qar50().rx_m[::12])
 
@@ -108,11 +108,11 @@ def test_the_estimate_meets_what_happens_to_a_target_of_foam():
     body = replace(sphere_body(0.015, 5, (0.01, -0.005, 0.3)), material=Material(kind="foam", permittivity=1.03))
     scene = EchoScene(SPARSE, TONES_HZ, np.zeros(3), target=body)
     estimate = Dielectric().estimate(scene)
-    shot = Shot(scene, 1, tolerance=None)
+    state = EchoState(scene, 1, tolerance=None)
     for effect in (Obliquity(), Dielectric()):
-        effect.apply(shot)
+        effect.apply(state)
     # The estimate's back is delayed by the mean thickness everywhere: 12.1 mm are predicted where 11.7 happen.
-    assert estimate.depth_mm == pytest.approx(change_mm(scene, shot.samples[0][[2, 0]]), rel=0.2)
+    assert estimate.depth_mm == pytest.approx(change_mm(scene, state.samples[0][[2, 0]]), rel=0.2)
     assert estimate.level_db == pytest.approx(20 * np.log10(1 - 0.00739), abs=0.01)  # 0.0074 of metal's echo is left
 
 
@@ -131,7 +131,7 @@ def test_what_every_frame_draws_anew_changes_depths_and_echoes_as_estimated(effe
     """The oscillator turns a bead's pixels together: 40 draws of |N(0, σ)| tell their mean to 12 % (1σ)."""
     scene, pilots = bead_scene(causes), ("obliquity", "shadow_centre")
     clean, imperfect = (
-        shots(scene, *names, frames=40).capture.samples[:, [2, 0]] for names in (pilots, (*pilots, effect.id))
+        simulated(scene, *names, frames=40).capture.samples[:, [2, 0]] for names in (pilots, (*pilots, effect.id))
     )
     changed = pilot(scene).samples + imperfect - clean
     estimate = effect.estimate(scene)
@@ -182,9 +182,9 @@ def test_two_bounces_echo_the_same_whichever_way_the_scene_is_turned():
     corner = dihedral(0.03, 0.04, (0.02, 0.01, 0.3), 4, turn_rad=0.1)
     echoes = []
     for array, vertices_m in ((SPARSE, corner.vertices_m), (TURNED, corner.vertices_m @ TURN.T)):
-        shot = Shot(EchoScene(array, TONES_HZ, np.zeros(3), Body(vertices_m, corner.faces)), 1)
-        Multipath().apply(shot)
-        echoes.append(shot.extra[0]())
+        state = EchoState(EchoScene(array, TONES_HZ, np.zeros(3), Body(vertices_m, corner.faces)), 1)
+        Multipath().apply(state)
+        echoes.append(state.extra[0]())
     assert relative_error(echoes[1], echoes[0]) < 1e-5
 
 
@@ -193,7 +193,7 @@ def test_mirrors_catch_the_same_whichever_way_the_scene_is_turned():
     cell rays at its edge count (1 of 4945)."""
     plates = facets.facets_of(dihedral(0.03, 0.04, (0.0, 0.0, 0.3), 40))
     turned = facets.Facets(plates.position_m @ TURN.T, plates.area_m2, plates.normal @ TURN.T, plates.face)
-    caught, count = glints(plates, SPARSE, CENTRE_M)
-    again, count_again = glints(turned, TURNED, CENTRE_M)
+    caught, count = double_bounce(plates, SPARSE, CENTRE_M)
+    again, count_again = double_bounce(turned, TURNED, CENTRE_M)
     assert caught > 0
     assert (again, count_again) == (pytest.approx(caught, rel=2e-3), pytest.approx(count, rel=2e-3))

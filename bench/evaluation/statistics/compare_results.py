@@ -102,7 +102,7 @@ def _basis(a: Result, b: Result, reference: str) -> Basis | None:
 
 
 def _same(a: Result, b: Result, name: str, reference: str) -> bool:
-    """Whether both show one hand in one place: the same input, or references that coincide."""
+    """True where both show one hand in one place: the same input, or references that coincide."""
     if a.about.inputs.get(name) and a.about.inputs.get(name) == b.about.inputs.get(name):
         return True
     ours, theirs = a.surface(name, reference), b.surface(name, reference)
@@ -202,7 +202,7 @@ def _sentence(line: Any) -> str:
     if line.better:
         worse = "A" if line.better == "B" else "B"
         return f"{line.title}: {line.better} is better than {worse} by {amounts} ({what})"
-    return none + amounts + " before the correction for all lines" * (low > 0)
+    return none + amounts + (" before the correction for all lines" if low > 0 else "")
 
 
 def _side(result: Result) -> Side:

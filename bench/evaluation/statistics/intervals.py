@@ -1,4 +1,4 @@
-"""How far a figure can be trusted: confidence intervals that respect what is independent.
+"""Confidence intervals that respect what is independent.
 
 A pooled figure θ is split into what each unit adds to it, d = θ − θ without the unit (the jackknife). The units are
 whole captures when there are at least CAPTURES_AS_UNITS of them, for captures differ. Fewer say nothing of others: the
@@ -65,7 +65,7 @@ class Blocks:
 
 @dataclass(frozen=True)
 class Units:
-    """What may be left out one at a time: unit [n_blocks] is the number of each block's unit; weights [n, n]: how far
+    """Units that are left out one at a time. unit [n_blocks]: the number of each block's unit; weights [n, n]: how far
     two units err together, None: not at all (captures)."""
 
     unit: np.ndarray
@@ -106,22 +106,24 @@ def pooled_intervals(
     estimate = pool(maps) if estimate is None else estimate
     intervals = {}
     for key, d in contributions(units, blocks.sums).items():
-        bare = METRICS[key].unit == "%" and estimate[key] in (0, 100)
-        if estimate[key] is not None and not bare and (found := spread(d, units.weights)):
-            intervals[key] = _interval(key, estimate[key], found.reach(level))
+        value = estimate[key]
+        bare = METRICS[key].unit == "%" and value in (0, 100)
+        if value is not None and not bare and (found := spread(d, units.weights)):
+            intervals[key] = _interval(key, value, found.reach(level))
     for key, share in QUANTILES.items():
-        if (interval := _quantile_interval(blocks, units, share, level)) is not None:
-            intervals[key] = Interval(min(interval.low, estimate[key]), max(interval.high, estimate[key]))
+        interval, value = _quantile_interval(blocks, units, share, level), estimate[key]
+        if interval is not None and value is not None:
+            intervals[key] = Interval(min(interval.low, value), max(interval.high, value))
     largest_mm = np.zeros(len(blocks.place))
     np.maximum.at(largest_mm, blocks.block, 1e3 * blocks.absolute_m)
     largest_mm = np.sort(largest_mm[np.unique(blocks.block)])[::-1]
-    if len(largest_mm) > 1:
-        intervals["max_mm"] = Interval(float(largest_mm[min(WORST_BLOCKS, len(largest_mm) - 1)]), estimate["max_mm"])
+    if len(largest_mm) > 1 and (largest := estimate["max_mm"]) is not None:
+        intervals["max_mm"] = Interval(float(largest_mm[min(WORST_BLOCKS, len(largest_mm) - 1)]), largest)
     return intervals
 
 
 def note(captures: int) -> str:
-    """What the intervals over so many captures speak of."""
+    """A sentence on what the intervals over so many captures speak of."""
     if captures >= CAPTURES_AS_UNITS:
         return f"{captures} captures: the intervals speak of captures like these, between which the figures vary"
     few = (

@@ -77,7 +77,7 @@ def _sentence(line: Any, names: Mapping[str, str]) -> str:
     amounts = amounts_text(line.difference, line.low, line.high, line.unit)
     if line.p_corrected < 1 - LEVEL:
         return f"{better} is better than {worse} by {amounts} ({title})"
-    return none + amounts + " before the correction for all pairs" * (line.low > 0)
+    return none + amounts + (" before the correction for all pairs" if line.low > 0 else "")
 
 
 def amounts_text(difference: float, low: float, high: float, unit: str) -> str:

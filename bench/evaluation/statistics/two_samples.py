@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import fdtr, fdtrc, fdtri
@@ -26,7 +26,7 @@ class Tested(NamedTuple):
 
 def paired(maps_a: Sequence[ErrorMap], maps_b: Sequence[ErrorMap], metric: str) -> Tested:
     """Of the same captures in the same order: what both suffer from cancels, block by block (`comparison.compare`)."""
-    line = next(compare({"A": maps_a, "B": maps_b}, "", metric).itertuples(), None)
+    line: Any = next(compare({"A": maps_a, "B": maps_b}, "", metric).itertuples(), None)
     if line is None:
         return Tested(None)
     ends = (line.difference, line.low, line.high)
@@ -38,12 +38,12 @@ def paired(maps_a: Sequence[ErrorMap], maps_b: Sequence[ErrorMap], metric: str) 
 def unpaired(maps_a: Sequence[ErrorMap], maps_b: Sequence[ErrorMap], metric: str) -> Tested:
     """Of two independent samples (Welch 1947): the variances of the two figures add, and Student's t takes the degrees
     of freedom that give the sum its own variance (Satterthwaite)."""
-    values = [pool(maps)[metric] for maps in (maps_a, maps_b)]
-    if None in values:
+    a, b = (pool(maps)[metric] for maps in (maps_a, maps_b))
+    if a is None or b is None:
         return Tested(None)
-    difference = values[1] - values[0]
-    spreads = [_spread(maps, metric) for maps in (maps_a, maps_b)]
-    if None in spreads:
+    difference = b - a
+    spreads = [s for s in (_spread(maps, metric) for maps in (maps_a, maps_b)) if s]
+    if len(spreads) < 2:
         return Tested(difference)
     variances = [s.error**2 for s in spreads]
     terms = sum(v**2 / s.freedom for v, s in zip(variances, spreads, strict=True))

@@ -16,7 +16,7 @@ from bench.studies.study import Study
 from radar.data.capture import RadarCapture
 from radar.simulation.effects.catalogue import EFFECTS
 from radar.simulation.selection import CONTAINED, Choice
-from radar.simulation.simulate import Shots
+from radar.simulation.simulate import SimulatedCapture
 
 SCENES = Path(__file__).parent / "scenes"
 METHODS = ("3fsk", "2fsk", "broadband-subvoxel")
@@ -43,7 +43,7 @@ def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Record]:
     files = {mm: scene.file.model_copy(update={"effects": "auto", "tolerance_mm": mm}) for mm in tolerances_mm}
     listed = {None: scene.file.model_copy(update={"effects": everything}), **files}
     seconds: dict[float | None, list[float]] = {mm: [] for mm in listed}
-    made: dict[float | None, Shots] = {}
+    made: dict[float | None, SimulatedCapture] = {}
     for _ in range(1 + REPEATS):  # the first makes plans and compiles kernels, which all use again
         for mm, file in listed.items():
             start = time.perf_counter()

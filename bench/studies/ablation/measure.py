@@ -22,7 +22,7 @@ from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.methods.registry import method
 from radar.simulation.selection import choose
-from radar.simulation.simulate import shoot
+from radar.simulation.simulate import simulate_scene
 
 METHODS = ("2fsk", "3fsk", "broadband", "narrowband")
 REPEATED = ("2fsk", "3fsk")  # methods whose precision is measured
@@ -61,9 +61,9 @@ def show(case: Case, pose: str, scene: Scene, frames: int) -> Record:
     scene = replace(scene, file=scene_file(pose, case))
     radar_scene = echo_scene(scene)
     start = time.perf_counter()
-    shots = shoot(radar_scene, choices(scene, radar_scene), frames)
+    simulated = simulate_scene(radar_scene, choices(scene, radar_scene), frames)
     elapsed_s = time.perf_counter() - start
-    depths = {name: image(name, shots.capture, frames if name in REPEATED else 1) for name in METHODS}
+    depths = {name: image(name, simulated.capture, frames if name in REPEATED else 1) for name in METHODS}
     truth = {name: depth_on_grid(scene.target_mesh, d[0].x_m, d[0].y_m) for name, d in depths.items()}
     estimates = {row.effect: row.depth_mm for row in choose(radar_scene, "auto", 1.0)}
     return {
@@ -73,7 +73,7 @@ def show(case: Case, pose: str, scene: Scene, frames: int) -> Record:
         "depth_m": depths[CHANGED][0].z_m,
         "repeats_z_m": {name: strongest_z_m(depths[name]) for name in REPEATED},
         "estimate_mm": estimates.get(case.effect),
-        "seconds": {row.effect: row.seconds for row in shots.rows if row.seconds is not None},
+        "seconds": {row.effect: row.seconds for row in simulated.rows if row.seconds is not None},
         "simulate_s": elapsed_s,
     }
 

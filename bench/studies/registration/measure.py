@@ -25,7 +25,7 @@ from calibration.target.description import save_target
 from calibration.transforms import Transform
 from radar.data.capture import RadarCapture
 from radar.simulation.scene import Ball, EchoScene
-from radar.simulation.simulate import shoot
+from radar.simulation.simulate import simulate_scene
 from radar.support.errors import HandbenchError
 
 CLUTTER_M = (0.010, 0.030)  # radius of the ball that stands beside the target, at least and at most
@@ -120,7 +120,7 @@ def _echoes(chosen: Case) -> RadarCapture:
     radar_scene = echo_scene(scene)
     if chosen.fault == "clutter":
         radar_scene = replace(radar_scene, balls=(*radar_scene.balls, _clutter(radar_scene, chosen.number)))
-    return shoot(radar_scene, choices(scene, radar_scene)).capture
+    return simulate_scene(radar_scene, choices(scene, radar_scene)).capture
 
 
 def _clutter(scene: EchoScene, number: int) -> Ball:

@@ -1,29 +1,31 @@
 """The catalogue of hard cases: functions that measure one quantity each, swept through its limit and past it.
 
-A case returns the worst value that it saw; or `Worst`, which says where in the sweep that was and whether wrong values
-were flagged; or `Refused`, where no answer is the right one. A bound holds on every machine, for the reason beside it.
+A measuring function yields what it saw: (place in the sweep, value), or (place, value, whether the answer was marked
+as unreliable there, by a flag, NaN or a stated σ that covers it). One that must be refused yields (place, what is to
+be refused). A bound holds on every machine, for the reason beside it.
 """
 
 from __future__ import annotations
 
+import re
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 
-from bench.results.stability import HardCase
 from radar.support.errors import HandbenchError
 
 GROUPS = ("phase", "data", "geometry", "smoothing", "registration", "meshes", "statistics")
+TEXT = re.compile(r"(.*?)\. Against: (.*?)\. Because: (.*)\.")  # of a measuring function, in its docstring
 
 
 @dataclass(frozen=True)
 class Worst:
     """The largest value that a sweep saw, and where. flagged: it is beyond the bound somewhere, and exactly there the
-    answer was marked as unreliable (a flag, NaN, or a stated σ that covers it)."""
+    answer was marked as unreliable."""
 
     value: float
     at: str = ""
@@ -37,9 +39,13 @@ class Refused:
     message: str
 
 
+Seen = float | Iterable[tuple[str, float]] | Iterable[tuple[str, float, bool]]
+Works = Iterable[tuple[str, Callable[[], Any]]] | Iterable[tuple[str, Callable[[], Any], str]]
+
+
 @dataclass(frozen=True)
 class Case:
-    """A hard case; see `HardCase` for the fields."""
+    """A hard case; `bench.results.tables.CASES` says what the fields are."""
 
     name: str
     group: str
@@ -48,26 +54,50 @@ class Case:
     unit: str
     bound: float
     reason: str
-    measure: Callable[[], float | Worst | Refused]
+    measure: Callable[[], Seen | Worst | Refused]
 
 
 CASES: dict[str, Case] = {}
 
-Measure = Callable[[], float | Worst | Refused]
 
+def case(group: str, name: str, unit: str, bound: float) -> Callable[[Callable[[], Seen]], Callable[[], Seen]]:
+    """Decorator that enters a measuring function into the catalogue.
 
-def case(
-    group: str, name: str, *, quantity: str, reference: str, unit: str, bound: float, reason: str
-) -> Callable[[Measure], Measure]:
-    """Decorator that enters a measuring function into the catalogue."""
+    The function's docstring is the case's text, "Quantity. Against: reference. Because: the bound's reason."; {NAME}
+    in it stands for a value of its module.
+    """
 
-    def add(measure: Measure) -> Measure:
-        if group not in GROUPS or name in CASES:
-            raise ValueError(f"case '{name}' of '{group}': the group is unknown or the name is taken")
-        CASES[name] = Case(name, group, quantity, reference, unit, bound, reason, measure)
+    def add(measure: Callable[[], Seen]) -> Callable[[], Seen]:
+        enter(group, name, unit, bound, measure.__doc__.format_map(measure.__globals__), measure)
         return measure
 
     return add
+
+
+def refusal(
+    group: str, name: str, *words: str, unit: str = "answers"
+) -> Callable[[Callable[[], Works]], Callable[[], Works]]:
+    """Decorator of a case whose right answer is an error with all `words`: whatever the function yields must refuse.
+
+    Its docstring is as of `case`, or the reason alone: then the quantity is an answer, and the reference a refusal.
+    """
+
+    def add(works: Callable[[], Works]) -> Callable[[], Works]:
+        text = works.__doc__.format_map(works.__globals__)
+        text = text if "Against: " in text else f"An answer. Against: a refusal. Because: {text[0].lower()}{text[1:]}"
+        enter(group, name, unit, 0.0, text, lambda: refused_throughout(works(), *words))
+        return works
+
+    return add
+
+
+def enter(group: str, name: str, unit: str, bound: float, text: str, measure: Callable[[], Any]) -> None:
+    """Enter a case into the catalogue, with a text as `case` explains it."""
+    parts = TEXT.fullmatch(" ".join(text.split()))
+    if group not in GROUPS or name in CASES or parts is None:
+        raise ValueError(f"case '{name}' of '{group}': the group is unknown, the name is taken, or its text is: {text}")
+    quantity, reference, reason = parts.groups()
+    CASES[name] = Case(name, group, quantity[0].lower() + quantity[1:], reference, unit, bound, reason, measure)
 
 
 def cases(groups: Iterable[str] = GROUPS) -> list[Case]:
@@ -87,50 +117,39 @@ def refused(work: Callable[[], Any], *words: str) -> Refused | Worst:
     return Worst(np.inf, f"was not refused but answered {type(given).__name__}")
 
 
-def refused_throughout(works: Mapping[str, Callable[[], Any]], *words: str) -> Refused | Worst:
-    """`refused` for each of `works` (place in the sweep → what is to refuse); the first that is answered, if any."""
-    for place, work in works.items():
-        found = refused(work, *words)
+def refused_throughout(works: Works, *words: str) -> Refused | Worst:
+    """`refused` for each of `works` (place in the sweep, what is to refuse[, further words]); the first that is
+    answered, if any."""
+    found: Refused | Worst = Worst(np.inf, "nothing was tried")
+    for place, work, *further in works:
+        found = refused(work, *words, *further)
         if isinstance(found, Worst):
             return Worst(found.value, f"{place}: {found.at}")
     return found
 
 
-def worst(seen: Iterable[tuple[str, float]]) -> Worst:
-    """The largest of (place, value); a value that is no number counts as infinite."""
-    values = [(np.inf if np.isnan(value) else float(value), place) for place, value in seen]
-    value, place = max(values, key=lambda pair: pair[0])
-    return Worst(value, place)
+def worst(seen: Iterable[tuple], bound: float = np.inf) -> Worst:
+    """The largest of (place, value[, whether it was marked]); a value that is no number counts as infinite. Marked
+    values beyond the bound count only where no other is beyond it: then the case is flagged."""
+    values = [(place, np.inf if np.isnan(value) else float(value), any(marked)) for place, value, *marked in seen]
+    silent = [one for one in values if one[1] > bound and not one[2]]
+    place, value, _ = max(silent or values, key=lambda one: one[1])
+    return Worst(value, place, flagged=not silent and value > bound)
 
 
-def measured(chosen: Case) -> HardCase:
-    """Carry a case out. An exception that is no answer is a failure of the case, not of the run."""
+def measured(chosen: Case) -> dict[str, Any]:
+    """Carry a case out: its line of stability.csv. An exception that is no answer is a failure of the case, not of the
+    run."""
     start = time.perf_counter()
     try:
         found = chosen.measure()
+        if not isinstance(found, Refused | Worst):
+            found = worst([("", found)] if np.isscalar(found) else found, chosen.bound)
     except Exception as error:
         found = Worst(np.inf, f"{type(error).__name__}: {error}")
-    value, at, verdict = _judged(found, chosen.bound)
-    seconds = time.perf_counter() - start
-    return HardCase(
-        chosen.name,
-        chosen.group,
-        chosen.quantity,
-        chosen.reference,
-        chosen.unit,
-        chosen.bound,
-        value,
-        verdict,
-        at,
-        chosen.reason,
-        seconds,
-    )
-
-
-def _judged(found: float | Worst | Refused, bound: float) -> tuple[float | None, str, str]:
+    line = {name: value for name, value in vars(chosen).items() if name not in ("name", "measure")}
+    line |= {"case": chosen.name, "seconds": time.perf_counter() - start}
     if isinstance(found, Refused):
-        return None, found.message, "refused"
-    found = found if isinstance(found, Worst) else Worst(float(found))
-    if found.value <= bound:
-        return found.value, found.at, "holds"
-    return found.value, found.at, "flagged" if found.flagged else "fails"
+        return {**line, "measured": None, "at": found.message, "verdict": "refused"}
+    verdict = "holds" if found.value <= chosen.bound else "flagged" if found.flagged else "fails"
+    return {**line, "measured": found.value, "at": found.at, "verdict": verdict}

@@ -1,5 +1,5 @@
-"""How much each estimator amplifies its input's error, measured by perturbation, beside what theory expects; and
-whether the σ that FSK states follows its errors.
+"""Amplification of each estimator's input error, measured by perturbation, beside what theory expects; and the rank
+correlation of FSK's stated σ with its errors.
 
 A perturbation is small against what bends the estimator and large against rounding; it goes through the product, while
 theory is a formula that is written here.
@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from bench.evaluation.metrics import pool, precision
 from bench.results.error_map import ErrorMap
 from bench.results.stability import Table
-from bench.studies.stability.condition_fsk import METHODS, amplification, array, expected, ranks
+from bench.studies.stability.condition_fsk import ARRAY, METHODS, amplification, expected, ranks
 from bench.studies.stability.condition_rays import plane_depth, triangulated
 from bench.studies.stability.registration_spheres import PLACE_M, RADIUS_M
 from calibration.target.ball_fit import fit_balls
@@ -28,8 +28,6 @@ from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.data.capture import RadarCapture
 from radar.methods.projection import peak_offset
 from radar.simulation.mie import sphere_echo
-
-COLUMNS = ("estimator", "input", "measured", "theory", "ratio", "unit")
 
 
 class Row(NamedTuple):
@@ -51,7 +49,7 @@ def table() -> Table:
         title="Condition",
         text="how much an error of the input is amplified, by perturbation and by theory; and the rank correlation of "
         f"FSK's confidence with its errors, of what the true σ would reach: {told}",
-        columns=COLUMNS,
+        columns=("estimator", "input", "measured", "theory", "ratio", "unit"),
         rows=tuple((r.estimator, r.input, r.measured, r.theory, r.measured / r.theory, r.unit) for r in rows),
     )
 
@@ -142,13 +140,13 @@ def _ball() -> tuple[float, float]:
     """Shift of a fitted ball with a delay that all channels share, and that of least squares on the phases of a point,
     whose place and strength's phase are free: 2 over the path's rise, or nearly so."""
     target, tones_hz, delay_m = default_target(), np.linspace(72e9, 82e9, 16), 1e-4
-    samples = sphere_echo(PLACE_M, target.element[0].ball_radius_m, target.foam_delay_m[0], tones_hz, array())
+    samples = sphere_echo(PLACE_M, target.element[0].ball_radius_m, target.foam_delay_m[0], tones_hz, ARRAY)
     found_m = []
     for sign in (1, -1):
         late = np.exp(-2j * np.pi * tones_hz / SPEED_OF_LIGHT_M_S * 2 * sign * delay_m)
-        taken = RadarCapture((samples * late[:, None, None])[None].astype(np.complex64), tones_hz, array())
+        taken = RadarCapture((samples * late[:, None, None])[None].astype(np.complex64), tones_hz, ARRAY)
         found_m.append(fit_balls(taken, target, {0: Ball(PLACE_M, np.eye(3), (0,), PLACE_M, 0.0)})[0].centre_m)
-    to, back = (PLACE_M - leg for leg in (array().tx_m, array().rx_m))
+    to, back = (PLACE_M - leg for leg in (ARRAY.tx_m, ARRAY.rx_m))
     to, back = (leg / np.linalg.norm(leg, axis=1)[:, None] for leg in (to, back))
     gradient = (to[:, None] + back[None]).reshape(-1, 3)
     k = 2 * np.pi * tones_hz / SPEED_OF_LIGHT_M_S

@@ -1,4 +1,4 @@
-"""How FSK's depth follows its phases, and its σ its errors."""
+"""Amplification of phase errors by FSK's depth, and the rank correlation of its σ with its errors."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import spearmanr
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
+from bench.studies.stability.scenes import LADDER_HZ, small_array
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.methods.fsk import n_tone, three_tone, two_tone
@@ -17,7 +18,7 @@ from radar.methods.fsk_config import LadderConfig, ThreeToneConfig, TwoToneConfi
 from radar.simulation.effects.noise import strongest_amplitude, thermal_noise
 from radar.simulation.forward import Scatterers, simulate
 
-LADDER_HZ = (82.0e9, 81.8e9, 81.3e9, 79.5e9, 72.0e9)
+ARRAY = small_array(4)  # 24 + 24 antennas
 POINT_M = np.array([0.0, 0.0, 0.28])
 NOISE_RAD = 0.0264  # the paper's, between two tones at the strongest pixel
 DRAWS = 24
@@ -40,22 +41,15 @@ METHODS = (
 )
 
 
-@cache
-def array() -> AntennaArray:
-    """24 + 24 antennas of the paper's frame."""
-    whole = qar50()
-    return AntennaArray(whole.tx_m[::4], whole.rx_m[::4])
-
-
 def amplification(method: Method) -> float:
     """Change of a point's depth with the phase of the last tone's samples."""
     tones_hz = np.array(method.tones_hz)
-    samples = simulate(Scatterers(POINT_M[None], np.ones(1)), tones_hz, array(), tolerance=None)
+    samples = simulate(Scatterers(POINT_M[None], np.ones(1)), tones_hz, ARRAY, tolerance=None)
 
     def depth_m(phase_rad: float) -> float:
         turned = samples.copy()
         turned[-1] *= np.exp(1j * phase_rad)
-        z_m = method.run(RadarCapture(turned[None], tones_hz, array()), **KNOWN).z_m
+        z_m = method.run(RadarCapture(turned[None], tones_hz, ARRAY), **KNOWN).z_m
         return float(z_m[len(z_m) // 2, z_m.shape[1] // 2])
 
     return abs(depth_m(5e-3) - depth_m(-5e-3)) / 1e-2
@@ -63,7 +57,7 @@ def amplification(method: Method) -> float:
 
 def expected(method: Method) -> float:
     """c/(2πΔf) over the path's rise along z (2 far away on the axis), averaged over the pairs of the last tone."""
-    rise = sum(np.mean(POINT_M[2] / np.linalg.norm(POINT_M - leg, axis=1)) for leg in (array().tx_m, array().rx_m))
+    rise = sum(np.mean(POINT_M[2] / np.linalg.norm(POINT_M - leg, axis=1)) for leg in (ARRAY.tx_m, ARRAY.rx_m))
     *others, last = method.tones_hz
     per_hz = np.mean([1 / abs(tone - last) for tone in others[:2]])
     return float(SPEED_OF_LIGHT_M_S / (2 * np.pi) * per_hz / rise)

@@ -24,12 +24,6 @@ def cloud(count: int, middle_m: tuple[float, float, float], half_m: float = 0.01
     return np.random.default_rng(seed).uniform(-half_m, half_m, (count, 3)) + middle_m
 
 
-def noise(shape: tuple[int, ...], seed: int) -> np.ndarray:
-    """White complex noise, complex64: the hardest samples, since nothing crowds where an image is accurate."""
-    generator = np.random.default_rng(seed)
-    return (generator.standard_normal(shape) + 1j * generator.standard_normal(shape)).astype(np.complex64)
-
-
 def legs_m(antennas: AntennaArray, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distances of points to transmitters [p, t] and receivers [p, r]."""
     to, back = (np.sqrt(((points_m[:, None] - leg[None]) ** 2).sum(axis=2)) for leg in (antennas.tx_m, antennas.rx_m))

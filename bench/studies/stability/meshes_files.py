@@ -8,40 +8,36 @@ from pathlib import Path
 
 import psutil
 
-from bench.studies.stability.cases import Refused, Worst, case, refused
-from bench.studies.stability.meshes_shapes import refusal, sheet, surface
+from bench.studies.stability.cases import Seen, Works, case, refusal
+from bench.studies.stability.meshes_shapes import sheet, surface
 from groundtruth.mesh.mesh_files import read_triangles
 
 
-@refusal("10⁷ faces that are not there", "memory is taken for what the file holds, not for what its header says")
-def _declared() -> Refused | Worst:
+@refusal("meshes", "10⁷ faces that are not there", "promises 10000000 of 'face'")
+def _declared() -> Works:
+    """Memory is taken for what the file holds, not for what its header says."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "a.ply"
         xyz = "".join(f"property float {axis}\n" for axis in "xyz")
         head = f"ply\nformat binary_little_endian 1.0\nelement vertex 3\n{xyz}element face 10000000\n"
         file.write_bytes(f"{head}property list uchar int vertex_indices\nend_header\n".encode() + bytes(36))
-        return refused(lambda: read_triangles(file), "promises 10000000 of 'face'")
+        yield file.name, lambda: read_triangles(file)
 
 
-@refusal("a mesh beyond the memory", "reading takes several times the file's size: what is not free is not begun")
-def _beyond_memory() -> Refused | Worst:
+@refusal("meshes", "a mesh beyond the memory", "memory are free", "simplify the mesh")
+def _beyond_memory() -> Works:
+    """Reading takes several times the file's size: what is not free is not begun."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "a.ply"
         with file.open("wb") as stream:
             stream.truncate(psutil.virtual_memory().total)  # a hole that takes no disk
-        return refused(lambda: read_triangles(file), "memory are free", "simplify the mesh")
+        yield file.name, lambda: read_triangles(file)
 
 
-@case(
-    "meshes",
-    "memory for 10⁷ faces",
-    quantity="memory that reading takes, for each face of 10⁷",
-    unit="GB",
-    bound=2.2,
-    reference="the peak at 5·10⁴ faces, in proportion",
-    reason="8 times the file's 27 bytes a face, what is asked for before reading: 2.2 GB",
-)
-def _memory() -> float:
+@case("meshes", "memory for 10⁷ faces", "GB", 2.2)
+def _memory() -> Seen:
+    """Memory that reading takes, for each face of 10⁷. Against: the peak at 5·10⁴ faces, in proportion. Because: 8
+    times the file's 27 bytes a face, what is asked for before reading: 2.2 GB."""
     vertices, faces = sheet(158)
     with tempfile.TemporaryDirectory() as folder:
         surface(vertices, faces).save(Path(folder) / "a.ply")

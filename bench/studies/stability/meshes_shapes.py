@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
-from bench.studies.stability.cases import Measure, case
 from groundtruth.mesh.depth import reference_on_grid
 from groundtruth.mesh.surface import Surface
 
 SLOPES, DEPTH_M = np.array([0.5, -0.3]), 0.3
+
+
+def between(cells: int, half_m: float) -> np.ndarray:
+    """Middles [cells] of as many steps from −half_m to half_m."""
+    return np.convolve(np.linspace(-half_m, half_m, cells + 1), [0.5, 0.5], "valid")
 
 
 def on_plane(xy_m: np.ndarray, slopes: np.ndarray = SLOPES) -> np.ndarray:
@@ -63,8 +65,3 @@ def plane_error_m(z_m: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, slopes: np.
     x, y = np.meshgrid(x_m, y_m)
     error = np.abs(z_m - (DEPTH_M + slopes[0] * x + slopes[1] * y))
     return float(np.where(np.isnan(error), np.inf, error).max())
-
-
-def refusal(name: str, why: str) -> Callable[[Measure], Measure]:
-    """Decorator of a case that must be refused."""
-    return case("meshes", name, quantity="an answer", reference="a refusal", unit="answers", bound=0.0, reason=why)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from bench.studies.stability.precision_images import PAIR_MM, C, Line, U, fast_floor, image_line, relative, sums
-from bench.studies.stability.scenes import LADDER_HZ, POINT_M, capture, depth_map, echoes, small_array
+from bench.studies.stability.precision_images import PAIR_MM, Line, U, fast_floor, image_line, relative, sums
+from bench.studies.stability.scenes import LADDER_HZ, POINT_M, C, capture, depth_map, echoes, small_array
 from radar.imaging.cpu.exact import direct_sum, tone_images
 from radar.imaging.resample import AMPLIFICATION, resampler
 from radar.methods.fsk import depth_step_m
@@ -17,8 +18,7 @@ from radar.methods.smoothing import masked_mean
 U_DOUBLE = 2.0**-53
 
 
-def of_resampling() -> list[Line]:
-    lines = []
+def of_resampling() -> Iterator[Line]:
     for tolerance in (1e-3, 1e-5):
         fine = np.linspace(-0.15, 0.15, 601)
         found = resampler(fine, 400.0, 0.6 * tolerance)
@@ -30,11 +30,10 @@ def of_resampling() -> list[Line]:
         count = max((of.stop - of.start for _, of, _ in found.windows), default=1)
         bound = 0.6 * tolerance + AMPLIFICATION * (np.sqrt(count) + 2) * U
         where = f"nodes, weights and sums; tolerance {0.6 * tolerance:g}"
-        lines.append(image_line("resampling", where, bound, relative(out, wave)))
-    return lines
+        yield image_line("resampling", where, bound, relative(out, wave))
 
 
-def of_fsk() -> list[Line]:
+def of_fsk() -> Iterator[Line]:
     """Depth steps of a point's pixels from images in single and double precision; maps at the default tolerance."""
     samples = echoes(POINT_M, frequencies_hz=LADDER_HZ).astype(np.complex64)
     tones, array = np.array(LADDER_HZ), small_array()
@@ -44,14 +43,13 @@ def of_fsk() -> list[Line]:
     double = np.array([direct_sum(samples[[i]], tones[[i]], array, points) for i in range(len(tones))])
     seen = np.abs(double[0]) > np.abs(double[0]).max() * 10 ** (-10 / 20)
     total, weakest = np.abs(samples[0]).sum(), np.abs(double[:, seen]).min()
-    lines = []
     for name, a, b in (("two tones", 0, 1), ("three tones", 0, 3), ("ladder", 0, 4)):
         difference_hz = tones[a] - tones[b]
         steps_m = [depth_step_m(images[a, seen], images[b, seen], difference_hz) for images in (single, double)]
         error = 1e3 * np.abs(steps_m[0] - steps_m[1]).max()
         bound = 1e3 * C / (4 * np.pi * difference_hz) * 2 * sums(array, 0) * total / weakest
-        lines.append(Line(f"FSK depth, {name}", "images; phases and depths in double", bound, error, "mm", error))
-    return [*lines, *(_map_line(id) for id in ("2fsk", "3fsk", "nfsk"))]
+        yield Line(f"FSK depth, {name}", "images; phases and depths in double", bound, error, "mm", error)
+    yield from (_map_line(id) for id in ("2fsk", "3fsk", "nfsk"))
 
 
 def _map_line(id: str) -> Line:
@@ -67,15 +65,15 @@ def _map_line(id: str) -> Line:
     return Line(f"{id}, a whole map", "images, fast; tolerance 1e-05", bound, error, "mm", error)
 
 
-def of_smoothing() -> list[Line]:
+def of_smoothing() -> Iterator[Line]:
     values = 0.3 + 0.01 * np.random.default_rng(4).standard_normal((60, 60))
     padded = np.pad(values.astype(np.longdouble), 2)
     exact = sum(padded[i : i + 60, j : j + 60] for i in range(5) for j in range(5))[2:-2, 2:-2] / 25
     error = 1e3 * float(np.abs(masked_mean(values, 5)[2:-2, 2:-2] - exact).max())
-    return [Line("smoothing", "nothing", 1e3 * 20 * U_DOUBLE * np.abs(values).max(), error, "mm", error)]
+    yield Line("smoothing", "nothing", 1e3 * 20 * U_DOUBLE * np.abs(values).max(), error, "mm", error)
 
 
-def of_rays() -> list[Line]:
+def of_rays() -> Iterator[Line]:
     from groundtruth.mesh.depth import depth_on_grid
     from groundtruth.mesh.mesh_files import mesh
     from radar.support.rays import Rays
@@ -90,20 +88,20 @@ def of_rays() -> list[Line]:
     error = 1e3 * float(np.abs(depth_on_grid(mesh(vertices, faces), axis, axis) - exact).max())
     bound = 1e3 * 16 * U_DOUBLE * (1 + np.abs(slope).sum())
     single = "which triangle is hit; its depth in double"
-    lines = [Line("ray casting, depth on the grid", single, bound, error, "mm", error)]
+    yield Line("ray casting, depth on the grid", single, bound, error, "mm", error)
     origins, along = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1), np.tile([0.0, 0, 1], (x.size, 1))
     distance, _ = Rays(vertices, faces).first_hits(origins, along)
     error = 1e3 * float(np.abs(distance - exact.ravel()).max())
     bound = 1e3 * 8 * U * (np.abs(vertices).max() + np.abs(slope).sum() * 0.2)
-    return [*lines, Line("ray casting, first hits", "rays, vertices, distance", bound, error, "mm", error)]
+    yield Line("ray casting, first hits", "rays, vertices, distance", bound, error, "mm", error)
 
 
-def of_meshes() -> list[Line]:
+def of_meshes() -> Iterator[Line]:
     from groundtruth.mesh.mesh_files import mesh, read_triangles, write_mesh
 
     generator = np.random.default_rng(6)
     vertices = generator.uniform(-0.3, 0.3, (60, 3))
-    faces, lines = np.arange(60).reshape(-1, 3), []
+    faces = np.arange(60).reshape(-1, 3)
     with tempfile.TemporaryDirectory() as folder:
         write_mesh(Path(folder) / "mesh.ply", mesh(vertices, faces))
         stl = np.zeros(20, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]))
@@ -112,5 +110,4 @@ def of_meshes() -> list[Line]:
         for name, single, bound in (("mesh.ply", "nothing", 0.0), ("mesh.stl", "the format itself", 1e3 * 0.3 * U)):
             again, corners, _ = read_triangles(Path(folder) / name)
             error = 1e3 * float(np.abs(again[corners] - vertices[faces]).max())
-            lines.append(Line(f"mesh file, {name[-3:].upper()}", single, bound, error, "mm", error))
-    return lines
+            yield Line(f"mesh file, {name[-3:].upper()}", single, bound, error, "mm", error)

@@ -11,13 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
+import pandas as pd
 
 from bench.results.stability import Table
-from radar.data.arrays import AntennaArray, qar50
+from bench.studies.stability.scenes import small_array
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.methods.fsk import three_tone, two_tone
@@ -33,6 +32,7 @@ AXIS = {"start_m": -0.02, "stop_m": 0.02, "step_m": 0.00125}  # the filters' 5 p
 WITHIN_M = np.linspace(-2.5e-3, 2.5e-3, 5)  # the paper's lateral resolution: 5 mm
 NOISE_DB = (-60.0, 0.0)  # of a channel's echo: the image gains the number of channels, 28 dB
 TONES_HZ = np.array([82.0e9, 81.8e9, 79.5e9])
+ARRAY = small_array(4)  # 24 + 24 antennas
 
 Surface = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -73,53 +73,35 @@ KINDS: dict[str, Callable[[np.random.Generator], Surface]] = {
     kind.__name__: kind for kind in (tilted, bumpy, step, fingers)
 }
 TROUBLES = ("none", "glint", "clutter", "dead", "clipped")
+KEYS = {"method": ("2fsk", "3fsk"), "surface": tuple(KINDS), "trouble": TROUBLES}
 
 
-@dataclass
-class Count:
-    """Scenes, those refused, pixels that were given, those off by more than 5σ, of these flagged, and the silent ones
-    that are off by more than 5 mm too."""
-
-    scenes: int = 0
-    refused: int = 0
-    pixels: int = 0
-    beyond: int = 0
-    flagged: int = 0
-    gross: int = 0
-
-    def __add__(self, other: Count) -> Count:
-        return Count(*(a + b for a, b in zip(vars(self).values(), vars(other).values(), strict=True)))
+COUNTED = ("scenes", "refused", "pixels", "beyond", "flagged", "gross")  # what `scene` counts, in order
 
 
 def table(seed: int = 0, scenes: int = 10_000) -> Table:
     """Count over `scenes` random scenes, drawn from `seed`; the same on any number of threads."""
-    counts: dict[tuple[str, str, str], Count] = {}
     with ThreadPoolExecutor(workers()) as pool:
-        for found in track(pool.map(lambda number: scene(seed, number), range(scenes)), "random scenes", scenes):
-            for key, count in found.items():
-                counts[key] = counts.get(key, Count()) + count
-    lines = []
-    for column, names in enumerate((("2fsk", "3fsk"), tuple(KINDS), TROUBLES)):
-        for name in names:
-            together = sum((count for key, count in counts.items() if key[column] == name), Count())
-            lines.append((name, *vars(together).values(), _percent(together)))
-    whole = sum(counts.values(), Count())
-    silent = whole.beyond - whole.flagged
+        drawn = track(pool.map(lambda number: scene(seed, number), range(scenes)), "random scenes", scenes)
+        counts = pd.DataFrame([line for lines in drawn for line in lines], columns=[*KEYS, *COUNTED])
+    rows = []
+    for key, names in KEYS.items():
+        sums = counts.groupby(key)[list(COUNTED)].sum().reindex(names, fill_value=0)
+        sums["silent_percent"] = 100 * (sums.beyond - sums.flagged) / sums.pixels.clip(lower=1)
+        rows += sums.itertuples(name=None)
+    whole = counts[list(COUNTED)].sum()
     return Table(
         title=f"{scenes} random hard scenes",
         text=f"{whole.pixels} pixels, {whole.beyond} off by more than {SIGMAS:g}σ of their own; {whole.flagged} "
-        f"of these are flagged, {silent} are silent",
+        f"of these are flagged, {whole.beyond - whole.flagged} are silent",
         columns=("", "depth maps", "refused", "pixels", "beyond 5σ", "flagged", "silent, > 5 mm", "silent %"),
-        rows=tuple(lines),
+        rows=tuple(rows),
     )
 
 
-def _percent(count: Count) -> float:
-    return 100 * (count.beyond - count.flagged) / max(count.pixels, 1)
-
-
-def scene(seed: int, number: int) -> dict[tuple[str, str, str], Count]:
-    """(method, surface, trouble) → what one scene's depth maps come to."""
+def scene(seed: int, number: int) -> list[tuple[str | int, ...]]:
+    """One scene's depth maps: method, surface, trouble; whether it was refused; pixels that were given, those off by
+    more than 5σ, of these flagged, and the silent ones that are off by more than 5 mm too."""
     rng = np.random.default_rng([seed, number])
     kind, trouble = list(KINDS)[number % len(KINDS)], TROUBLES[number // len(KINDS) % len(TROUBLES)]
     surface, middle_m = KINDS[kind](rng), rng.uniform(0.25, 0.35)
@@ -127,16 +109,17 @@ def scene(seed: int, number: int) -> dict[tuple[str, str, str], Count]:
     first_m = middle_m + rng.uniform(-0.1, 0.1)
     known = {"x": AXIS, "y": AXIS, "off_axis": True, "first_depth_m": first_m, "tolerance": None}
     methods = {"2fsk": (two_tone, TwoToneConfig(**known)), "3fsk": (three_tone, ThreeToneConfig(**known))}
-    counts = {}
+    lines = []
     for name, (method, config) in methods.items():
         try:
-            counts[name, kind, trouble] = _count(method(capture, config), surface, middle_m)
+            counts = (0, *_count(method(capture, config), surface, middle_m))
         except HandbenchError:
-            counts[name, kind, trouble] = Count(scenes=1, refused=1)
-    return counts
+            counts = (1, 0, 0, 0, 0)
+        lines.append((name, kind, trouble, 1, *counts))
+    return lines
 
 
-def _count(depth: DepthMap, surface: Surface, middle_m: float) -> Count:
+def _count(depth: DepthMap, surface: Surface, middle_m: float) -> tuple[int, ...]:
     given = np.isfinite(depth.z_m)
     y, x = (depth.y_m[:, None] + WITHIN_M[:, None, None, None], depth.x_m + WITHIN_M[:, None, None])
     within_m = middle_m + surface(*np.broadcast_arrays(x, y))
@@ -146,13 +129,7 @@ def _count(depth: DepthMap, surface: Surface, middle_m: float) -> Count:
         beyond = ~(error_m <= SIGMAS * depth.sigma_m[given])  # a σ that is no number covers nothing
     flagged = beyond & depth.wrapped[given]
     gross = beyond & ~flagged & (error_m > 5e-3)
-    return Count(1, 0, int(given.sum()), int(beyond.sum()), int(flagged.sum()), int(gross.sum()))
-
-
-@cache
-def _array() -> AntennaArray:
-    whole = qar50()
-    return AntennaArray(whole.tx_m[::4], whole.rx_m[::4])
+    return tuple(int(pixels.sum()) for pixels in (given, beyond, flagged, gross))
 
 
 def _recorded(surface: Surface, middle_m: float, trouble: str, rng: np.random.Generator) -> RadarCapture:
@@ -165,13 +142,13 @@ def _recorded(surface: Surface, middle_m: float, trouble: str, rng: np.random.Ge
     if trouble == "clutter":
         points_m = np.vstack([points_m, rng.uniform((-0.1, -0.1, 0.2), (0.1, 0.1, 0.5), (5, 3))])
         weight = np.append(weight, 10 * rng.standard_normal(5))
-    samples = simulate(Scatterers(points_m, weight), TONES_HZ, _array(), spreading=False, tolerance=None)
+    samples = simulate(Scatterers(points_m, weight), TONES_HZ, ARRAY, spreading=False, tolerance=None)
     level = np.sqrt(np.mean(np.abs(samples) ** 2)) * 10 ** (rng.uniform(*NOISE_DB) / 20)
     noise = rng.standard_normal((2, *samples.shape)) * level / np.sqrt(2)
     samples = samples + noise[0] + 1j * noise[1]
     if trouble == "dead":
-        samples[:, rng.integers(0, len(_array().tx_m), 4)] = 0
+        samples[:, rng.integers(0, len(ARRAY.tx_m), 4)] = 0
     if trouble == "clipped":
         most = np.abs(samples).max() * rng.uniform(0.2, 0.8)
-        samples = np.clip(samples.real, -most, most) + 1j * np.clip(samples.imag, -most, most)
-    return RadarCapture(samples[None].astype(np.complex64), TONES_HZ, _array())
+        samples = np.clip(samples.view(float), -most, most).view(complex)
+    return RadarCapture(samples[None].astype(np.complex64), TONES_HZ, ARRAY)

@@ -6,14 +6,15 @@ deviation, which has to grow where the geometry tells less.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.studies.stability.cases import Refused, Worst, case, refused_throughout, worst
+from bench.studies.stability.cases import Seen, Works, case, refusal
 from groundtruth.board.board import Board, Marker
 from groundtruth.cameras.cameras import load_pycolmap
 from groundtruth.sparse.adjust import adjust
@@ -24,7 +25,7 @@ from radar.support.errors import HandbenchError
 
 SIZE_PX = (400, 300)
 PARAMS = (440.0, 440.2, 201.0, 149.0, -0.05, 0.01, 3e-4, -3e-4)  # of COLMAP's camera OPENCV
-FREE = tuple(range(len(PARAMS)))
+LENSES = {"known": (), "free": tuple(range(len(PARAMS)))}  # parameters that are adjusted too
 FEATURE_PX, CORNER_PX = 0.4, 0.05
 VIEWS, POINTS, DISTANCE_M, BOARD_M = 5, 40, 0.6, -0.05
 MARKERS_M = ((-0.10, -0.07), (0.07, -0.07), (0.07, 0.05), (-0.10, 0.05), (0.0, 0.0))
@@ -43,7 +44,7 @@ class Scene:
     poses: dict[str, tuple[np.ndarray, np.ndarray]]
 
     def errors(self, bundle: Bundle) -> np.ndarray:
-        """What a bundle's parameters [d] are off the truth, in its own terms: x → x + τ + ω × x, then intrinsics."""
+        """Errors of a bundle's parameters [d], in its own terms: x → x + τ + ω × x, then intrinsics."""
         error = np.zeros(bundle.size)
         for image in bundle.images:
             R, t = self.poses[image.name]
@@ -99,123 +100,68 @@ def off_in_sigmas(scene: Scene, free: tuple[int, ...]) -> float:
     return float((np.abs(scene.errors(bundle)) / np.sqrt(variance)).max())
 
 
-@case(
-    "registration",
-    "photographs from one place",
-    quantity="error of poses and lens",
-    reference="the true ones",
-    unit="σ",
-    bound=4.8,
-    reason=f"the board holds them though no point has a depth: {BOUND}",
-)
-def pure_rotation() -> Worst:
-    return worst(
-        (f"{70 * spread:g}° apart, {'free' if free else 'known'} lens", off_in_sigmas(photographed(spread), free))
-        for spread in (1.0, 1e-2, 1e-4, 1e-8, 0.0)
-        for free in ((), FREE)
-    )
+@case("registration", "photographs from one place", "σ", 4.8)
+def pure_rotation() -> Seen:
+    """Error of poses and lens. Against: the true ones. Because: the board holds them though no point has a depth:
+    {BOUND}."""
+    for spread, (lens, free) in product((1.0, 1e-2, 1e-4, 1e-8, 0.0), LENSES.items()):
+        yield f"{70 * spread:g}° apart, {lens} lens", off_in_sigmas(photographed(spread), free)
 
 
-@case(
-    "registration",
-    "plane scenes",
-    quantity="error of poses and lens",
-    reference="the true ones",
-    unit="σ",
-    bound=4.8,
-    reason=f"a plane seen from five sides holds poses and lens: {BOUND}",
-)
-def plane() -> Worst:
-    return worst(
-        (f"{160 * depth:g} mm deep, {'free' if free else 'known'} lens", off_in_sigmas(photographed(1.0, depth), free))
-        for depth in (1.0, 1e-2, 1e-5, 0.0)
-        for free in ((), FREE)
-    )
+@case("registration", "plane scenes", "σ", 4.8)
+def plane() -> Seen:
+    """Error of poses and lens. Against: the true ones. Because: a plane seen from five sides holds poses and lens:
+    {BOUND}."""
+    for depth, (lens, free) in product((1.0, 1e-2, 1e-5, 0.0), LENSES.items()):
+        yield f"{160 * depth:g} mm deep, {lens} lens", off_in_sigmas(photographed(1.0, depth), free)
 
 
-@case(
-    "registration",
-    "a plane scene from one place",
-    quantity="error of poses and lens",
-    reference="the true ones",
-    unit="σ",
-    bound=4.8,
-    reason=f"distance and focal length trade: their σ must say so; {BOUND}",
-)
-def plane_from_one_place() -> Worst:
-    return worst(
-        (f"{'free' if free else 'known'} lens, seed {seed}", off_in_sigmas(photographed(0.0, 0.0, seed=seed), free))
-        for seed in (0, 1, 2)
-        for free in ((), FREE)
-    )
+@case("registration", "a plane scene from one place", "σ", 4.8)
+def plane_from_one_place() -> Seen:
+    """Error of poses and lens. Against: the true ones. Because: distance and focal length trade: their σ must say so;
+    {BOUND}."""
+    for seed, (lens, free) in product((0, 1, 2), LENSES.items()):
+        yield f"{lens} lens, seed {seed}", off_in_sigmas(photographed(0.0, 0.0, seed=seed), free)
 
 
-@case(
-    "registration",
-    "corners of a marker in five misread",
-    quantity="error of poses",
-    reference="the true ones",
-    unit="σ",
-    bound=4.8 * (1 + 4 * 1.2**2 / 16) ** 0.5,
-    reason="with Cauchy's weights a wrong number pulls by 1.2 σ at most: 4 of them beside 16 add 0.36 to the variance",
-)
-def misread() -> Worst:
-    def seen() -> Iterable[tuple[str, float]]:
-        for size_px in (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0):
-            scene, rng = photographed(), np.random.default_rng(7)
-            for corners in scene.corners.values():
-                for k in range(4):
-                    way = rng.standard_normal(2)
-                    corners[4, k] = corners[4, k] + size_px * way / np.linalg.norm(way)
-            yield f"{size_px:g} px", off_in_sigmas(scene, ())
-
-    return worst(seen())
+@case("registration", "corners of a marker in five misread", "σ", 4.8 * (1 + 4 * 1.2**2 / 16) ** 0.5)
+def misread() -> Seen:
+    """Error of poses. Against: the true ones. Because: with Cauchy's weights a wrong number pulls by 1.2 σ at most: 4
+    of them beside 16 add 0.36 to the variance."""
+    for size_px in (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0):
+        scene, rng = photographed(), np.random.default_rng(7)
+        for corners in scene.corners.values():
+            for k in range(4):
+                way = rng.standard_normal(2)
+                corners[4, k] = corners[4, k] + size_px * way / np.linalg.norm(way)
+        yield f"{size_px:g} px", off_in_sigmas(scene, ())
 
 
 def _board() -> Board:
     return Board(marker=tuple(Marker(id=i, corners_m=tuple(map(tuple, c.tolist()))) for i, c in CORNERS_M.items()))
 
 
-@case(
-    "registration",
-    "a board seen from places that draw together",
-    quantity="error of the scale",
-    reference="the true scale",
-    unit="σ",
-    bound=5.0,
-    reason="σ = stated residual over the root of the corners' squared extents, at most: all errors lie along one axis",
-)
-def narrow_base() -> Worst:
+@case("registration", "a board seen from places that draw together", "σ", 5.0)
+def narrow_base() -> Seen:
+    """Error of the scale. Against: the true scale. Because: σ = stated residual over the root of the corners' squared
+    extents, at most: all errors lie along one axis."""
     extent_m = np.concatenate(list(CORNERS_M.values()))
     lever_m = np.sqrt(((extent_m - extent_m.mean(axis=0)) ** 2).sum())
-
-    def seen() -> Iterable[tuple[str, float]]:
-        for spread in np.logspace(0, -3, 13):
-            scene, place = photographed(float(spread), off=0.0), f"places {70 * spread:.2g}° apart"
-            try:
-                matrix, scale = board_from_model(scene.model, scene.corners, _board())
-            except HandbenchError:
-                yield f"refused with {place}", 0.0
-            else:
-                factor = np.cbrt(np.linalg.det(matrix[:3, :3]))
-                yield place, float(abs(factor - 1) * lever_m / scale.residual_m)
-
-    return worst(seen())
+    for spread in np.logspace(0, -3, 13):
+        scene, place = photographed(float(spread), off=0.0), f"places {70 * spread:.2g}° apart"
+        try:
+            matrix, scale = board_from_model(scene.model, scene.corners, _board())
+        except HandbenchError:
+            yield f"refused with {place}", 0.0
+        else:
+            factor = np.cbrt(np.linalg.det(matrix[:3, :3]))
+            yield place, float(abs(factor - 1) * lever_m / scale.residual_m)
 
 
-@case(
-    "registration",
-    "a board seen from one place",
-    quantity="answer",
-    reference="a refusal that names it",
-    unit="",
-    bound=0.0,
-    reason="without a base no corner has a depth: its triangulated corners miss the board by over 3 %",
-)
-def no_base() -> Refused | Worst:
-    def seen(spread: float) -> tuple[np.ndarray, Scale]:
+@refusal("registration", "a board seen from one place", "places apart", unit="")
+def no_base() -> Works:
+    """Answer. Against: a refusal that names it. Because: without a base no corner has a depth: its triangulated corners
+    miss the board by over 3 %."""
+    for spread in (1e-3, 1e-4, 1e-6, 0.0):
         scene = photographed(spread, off=0.0)
-        return board_from_model(scene.model, scene.corners, _board())
-
-    spreads = (1e-3, 1e-4, 1e-6, 0.0)
-    return refused_throughout({f"places {70 * s:g}° apart": lambda s=s: seen(s) for s in spreads}, "places apart")
+        yield f"places {70 * spread:g}° apart", partial(board_from_model, scene.model, scene.corners, _board())

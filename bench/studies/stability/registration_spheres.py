@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from functools import cache
+from functools import partial
 from itertools import product
 
 import numpy as np
 
-from bench.studies.stability.cases import Refused, Worst, case, refused_throughout, worst
+from bench.studies.stability.cases import Seen, Works, case, refusal
+from bench.studies.stability.scenes import capture, small_array
 from calibration.target.ball_fit import fit_balls
 from calibration.target.description import Candidate, Target, default_target
 from calibration.target.matching import match
 from calibration.target.optical_detection import Cloud, Sphere, find_spheres, fit_sphere
 from calibration.target.radar_detection import Ball
-from radar.data.arrays import AntennaArray, qar50
-from radar.data.capture import RadarCapture
 from radar.simulation.mie import sphere_echo
 
 RADIUS_M, RADIUS_SIGMA_M = 0.025, 5e-5
@@ -27,8 +25,13 @@ NORMAL = "a normal error is beyond it once in 60 000 centres (χ² of three)"
 
 def cap(rng: np.random.Generator, part: float, points: int) -> np.ndarray:
     """Outward unit vectors [points, 3], even on the part of a sphere that is nearest to −z."""
-    z, azimuth = 2 * part * rng.random(points) - 1, 2 * np.pi * rng.random(points)
-    return np.stack([np.sqrt(1 - z**2) * np.cos(azimuth), np.sqrt(1 - z**2) * np.sin(azimuth), z], axis=1)
+    return outward(2 * part * rng.random(points) - 1, 2 * np.pi * rng.random(points))
+
+
+def outward(z: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+    """Unit vectors [n, 3] of heights z and azimuths [n], radians."""
+    ring = np.sqrt(1 - z**2)
+    return np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), z], axis=1)
 
 
 def points_on(part: float) -> int:
@@ -41,89 +44,54 @@ def fitted(rng: np.random.Generator, part: float, noise_m: float) -> Sphere | No
     return _fit(rng, cap(rng, part, points_on(part)), noise_m)
 
 
-def _fit(rng: np.random.Generator, outward: np.ndarray, noise_m: float) -> Sphere | None:
+def _fit(rng: np.random.Generator, normals: np.ndarray, noise_m: float) -> Sphere | None:
     made_m = RADIUS_M + RADIUS_SIGMA_M * rng.standard_normal()
-    points_m = (made_m + noise_m * rng.standard_normal(len(outward)))[:, None] * outward
+    points_m = (made_m + noise_m * rng.standard_normal(len(normals)))[:, None] * normals
     start_m = 1e-3 * np.array([1, -1, 1])
-    return fit_sphere(Cloud(points_m, outward, oriented=True), start_m, RADIUS_M, (0,), RADIUS_SIGMA_M)
+    return fit_sphere(Cloud(points_m, normals, oriented=True), start_m, RADIUS_M, (0,), RADIUS_SIGMA_M)
 
 
 def in_sigmas(found: Candidate, centre_m: np.ndarray) -> float:
-    """How far a centre is off, in its own standard deviations."""
+    """Distance of a centre from the true one, in its own standard deviations."""
     off_m = found.centre_m - centre_m
     return float(np.sqrt(off_m @ np.linalg.solve(found.covariance_m2, off_m)))
 
 
-@case(
-    "registration",
-    "spheres of which a cap is seen",
-    quantity="error of the centre",
-    reference="the sphere's own",
-    unit="σ",
-    bound=5.0,
-    reason=f"its stated σ must cover it: {NORMAL}; caps of 45 % to 1 %, below 8 % none is given",
-)
-def caps() -> Worst:
-    def seen() -> Iterable[tuple[str, float]]:
-        rng = np.random.default_rng(0)
-        for part in (0.45, 0.3, 0.2, 0.15, 0.12, 0.1, 0.09, 0.08, 0.06, 0.03, 0.01):
-            for noise_m in (0.0, 1e-4, 5e-4):
-                for _ in range(2):
-                    found = fitted(rng, part, noise_m)
-                    yield f"{part:.0%}, noise {1e3 * noise_m:g} mm", in_sigmas(found, np.zeros(3)) if found else 0.0
-
-    return worst(seen())
+@case("registration", "spheres of which a cap is seen", "σ", 5.0)
+def caps() -> Seen:
+    """Error of the centre. Against: the sphere's own. Because: its stated σ must cover it: {NORMAL}; caps of 45 % to 1
+    %, below 8 % none is given."""
+    rng = np.random.default_rng(0)
+    parts = (0.45, 0.3, 0.2, 0.15, 0.12, 0.1, 0.09, 0.08, 0.06, 0.03, 0.01)
+    for part, noise_m, _ in product(parts, (0.0, 1e-4, 5e-4), range(2)):
+        found = fitted(rng, part, noise_m)
+        yield f"{part:.0%}, noise {1e3 * noise_m:g} mm", in_sigmas(found, np.zeros(3)) if found else 0.0
 
 
-@case(
-    "registration",
-    "a cap of 10 %",
-    quantity="error of the centre",
-    reference="the sphere's own",
-    unit="mm",
-    bound=0.4,
-    reason="depth and radius trade by 1/h, h = 20 % of the radius: 5 σ of 0.05 mm radius and 0.1 mm points",
-)
-def tenth() -> Worst:
+@case("registration", "a cap of 10 %", "mm", 0.4)
+def tenth() -> Seen:
+    """Error of the centre. Against: the sphere's own. Because: depth and radius trade by 1/h, h = 20 % of the radius: 5
+    σ of 0.05 mm radius and 0.1 mm points."""
     rng = np.random.default_rng(1)
     found = (fitted(rng, 0.1, 1e-4) for _ in range(5))
-    return worst((f"trial {n + 1}", 1e3 * np.linalg.norm(f.centre_m) if f else 0.0) for n, f in enumerate(found))
+    return ((f"trial {n + 1}", 1e3 * np.linalg.norm(f.centre_m) if f else 0.0) for n, f in enumerate(found))
 
 
-@case(
-    "registration",
-    "points on a circle of a sphere",
-    quantity="error of the centre",
-    reference="the sphere's own",
-    unit="σ",
-    bound=5.0,
-    reason=f"across its plane a circle holds no centre: none is given, or its σ must cover it: {NORMAL}",
-)
-def circles() -> Worst:
-    def seen() -> Iterable[tuple[str, float]]:
-        rng = np.random.default_rng(0)
-        for height in (0.0, 0.03, 0.3, 0.6, 0.99):
-            for width in (0.0, 0.02, 0.1):
-                for noise_m in (0.0, 1e-5, 3e-4):
-                    z = np.clip(height + width * rng.uniform(-1, 1, 800), -1, 1)
-                    ring, azimuth = np.sqrt(1 - z**2), 2 * np.pi * rng.random(800)
-                    found = _fit(rng, np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), z], axis=1), noise_m)
-                    place = f"{height:g} ± {width:g} radii up, noise {1e3 * noise_m:g} mm"
-                    yield place, in_sigmas(found, np.zeros(3)) if found else 0.0
-
-    return worst(seen())
+@case("registration", "points on a circle of a sphere", "σ", 5.0)
+def circles() -> Seen:
+    """Error of the centre. Against: the sphere's own. Because: across its plane a circle holds no centre: none is
+    given, or its σ must cover it: {NORMAL}."""
+    rng = np.random.default_rng(0)
+    for height, width, noise_m in product((0.0, 0.03, 0.3, 0.6, 0.99), (0.0, 0.02, 0.1), (0.0, 1e-5, 3e-4)):
+        z = np.clip(height + width * rng.uniform(-1, 1, 800), -1, 1)
+        found = _fit(rng, outward(z, 2 * np.pi * rng.random(800)), noise_m)
+        place = f"{height:g} ± {width:g} radii up, noise {1e3 * noise_m:g} mm"
+        yield place, in_sigmas(found, np.zeros(3)) if found else 0.0
 
 
-@case(
-    "registration",
-    "points on a line, a plane, in one place",
-    quantity="spheres that are found",
-    reference="none",
-    unit="spheres",
-    bound=0.0,
-    reason="no sphere is among them",
-)
-def no_spheres() -> Worst:
+@case("registration", "points on a line, a plane, in one place", "spheres", 0.0)
+def no_spheres() -> Seen:
+    """Spheres that are found. Against: none. Because: no sphere is among them."""
     along = np.linspace(-0.1, 0.1, 40)
     plane_m = np.stack(np.meshgrid(along, along, [0.3]), axis=-1).reshape(-1, 3)
     clouds = {
@@ -133,73 +101,38 @@ def no_spheres() -> Worst:
         "one place": np.ones((50, 3)),
         "two places": np.repeat(np.eye(3)[:2], 50, axis=0),
     }
-    return worst(
-        (
-            f"{name}, normals {'unknown' if normals is None else normals}",
-            float(len(find_spheres(p, None if normals is None else np.tile(normals, (len(p), 1)), default_target()))),
-        )
-        for name, p in clouds.items()
-        for normals in (None, (0.0, 0.0, -1.0), (0.0, 0.0, 0.0))
-    )
+    for (name, points_m), normal in product(clouds.items(), (None, (0.0, 0.0, -1.0), (0.0, 0.0, 0.0))):
+        normals = None if normal is None else np.tile(normal, (len(points_m), 1))
+        found = find_spheres(points_m, normals, default_target())
+        yield f"{name}, normals {'unknown' if normal is None else normal}", len(found)
 
 
-@case(
-    "registration",
-    "points that lie on a sphere exactly",
-    quantity="error of the centre",
-    reference="the sphere's own",
-    unit="roundings of the radius",
-    bound=4.0,
-    reason="nothing is left to fit, and nothing to divide by",
-)
-def exact_sphere() -> Worst:
-    def seen() -> Iterable[tuple[str, float]]:
-        whole = np.array(list(product(range(-9, 10), repeat=3)), float)
-        whole = whole[(whole**2).sum(axis=1) == 81] * 2.0**-9  # lengths that have no rounding
-        for name, points_m in (("whole", whole), ("half", whole[whole[:, 2] > 0])):
-            for sigma_m in (0.0, RADIUS_SIGMA_M):
-                radius_m = 9 * 2.0**-9
-                cloud = Cloud(points_m, points_m / radius_m, oriented=True)
-                found = fit_sphere(cloud, np.zeros(3), radius_m, (0,), sigma_m)
-                bad = found is None or not np.isfinite(found.covariance_m2).all()
-                off_m = np.inf if bad else np.linalg.norm(found.centre_m)
-                yield f"{name}, radius known to {sigma_m:g} m", float(off_m / (np.finfo(float).eps * radius_m))
-
-    return worst(seen())
+@case("registration", "points that lie on a sphere exactly", "roundings of the radius", 4.0)
+def exact_sphere() -> Seen:
+    """Error of the centre. Against: the sphere's own. Because: nothing is left to fit, and nothing to divide by."""
+    whole = np.array(list(product(range(-9, 10), repeat=3)), float)
+    whole = whole[(whole**2).sum(axis=1) == 81] * 2.0**-9  # lengths that have no rounding
+    radius_m, clouds = 9 * 2.0**-9, (("whole", whole), ("half", whole[whole[:, 2] > 0]))
+    for (name, points_m), sigma_m in product(clouds, (0.0, RADIUS_SIGMA_M)):
+        found = fit_sphere(Cloud(points_m, points_m / radius_m, oriented=True), np.zeros(3), radius_m, (0,), sigma_m)
+        bad = found is None or not np.isfinite(found.covariance_m2).all()
+        off_m = np.inf if bad else np.linalg.norm(found.centre_m)
+        yield f"{name}, radius known to {sigma_m:g} m", float(off_m / (np.finfo(float).eps * radius_m))
 
 
-@case(
-    "registration",
-    "a target of which 5 % is seen",
-    quantity="answer",
-    reference="a refusal",
-    unit="",
-    bound=0.0,
-    reason="below a coverage of 12 %, rim included, a cap is no sphere",
-)
-def too_little() -> Refused | Worst:
+@refusal("registration", "a target of which 5 % is seen", "in view", unit="")
+def too_little() -> Works:
+    """Answer. Against: a refusal. Because: below a coverage of 12 %, rim included, a cap is no sphere."""
     target, rng = default_target(), np.random.default_rng(2)
-
-    def seen(part: float) -> dict[int, Candidate]:
-        outward = [cap(rng, part, points_on(part)) for _ in target.element]
-        points_m = np.concatenate(
-            [
-                e.centre_m + (e.sphere_radius_m + 1e-4 * rng.standard_normal((len(o), 1))) * o
-                for e, o in zip(target.element, outward, strict=True)
-            ]
-        )
-        return match(find_spheres(points_m, np.concatenate(outward), target), target, "photographs")
-
-    return refused_throughout({f"{part:.0%}": lambda part=part: seen(part) for part in (0.05, 0.03)}, "in view")
+    for part in (0.05, 0.03):
+        normals = np.array([cap(rng, part, points_on(part)) for _ in target.element])  # [element, n, 3]
+        radii_m = np.array([[[element.sphere_radius_m]] for element in target.element])
+        points_m = radii_m + 1e-4 * rng.standard_normal((*normals.shape[:2], 1))
+        points_m = target.centres_m[:, None] + points_m * normals
+        seen = find_spheres(points_m.reshape(-1, 3), normals.reshape(-1, 3), target)
+        yield f"{part:.0%}", partial(match, seen, target, "photographs")
 
 
-@cache
-def _array() -> AntennaArray:
-    whole = qar50()
-    return AntennaArray(whole.tx_m[::8], whole.rx_m[::8])
-
-
-@cache
 def _pair() -> Target:
     return Target(element=(*default_target().element[:2], default_target().element[1]))
 
@@ -209,66 +142,39 @@ def heard(centres_m: np.ndarray, noise: float, off_m: float, seed: int = 1) -> d
     noise: its power over the echoes'."""
     target, rng = _pair(), np.random.default_rng(seed)
     radius_m, delay_m = target.element[0].ball_radius_m, target.foam_delay_m[0]
-    samples = sum(sphere_echo(c, radius_m, delay_m, TONES_HZ, _array()) for c in centres_m).astype(np.complex128)
+    samples = sum(sphere_echo(c, radius_m, delay_m, TONES_HZ, small_array()) for c in centres_m).astype(np.complex128)
     level = np.sqrt(noise * np.mean(np.abs(samples) ** 2) / 2)
     white = rng.standard_normal((2, *samples.shape))
-    samples = samples + level * (white[0] + 1j * white[1])
-    capture = RadarCapture(samples[None].astype(np.complex64), TONES_HZ, _array())
-    return fit_balls(capture, target, {i: Ball(c + off_m, np.eye(3), (i,), c, 0.0) for i, c in enumerate(centres_m)})
+    return _balls(samples + level * (white[0] + 1j * white[1]), centres_m, off_m)
+
+
+def _balls(samples: np.ndarray, centres_m: np.ndarray, off_m: float = 0.0) -> dict[int, Ball]:
+    seeds = {i: Ball(c + off_m, np.eye(3), (i,), c, 0.0) for i, c in enumerate(centres_m)}
+    return fit_balls(capture(samples, TONES_HZ), _pair(), seeds)
 
 
 def _apart(gap_m: float) -> np.ndarray:
     return PLACE_M + np.array([[0, 0, 0], [gap_m, 0, 0]])
 
 
-@case(
-    "registration",
-    "balls that draw together",
-    quantity="error of a centre",
-    reference="the ball's own",
-    unit="σ",
-    bound=5.0,
-    reason=f"its stated σ must cover it: {NORMAL}; 50 mm apart until they touch, at 10 mm",
-)
-def near_balls() -> Worst:
-    def seen() -> Iterable[tuple[str, float]]:
-        for gap_m in (0.05, 0.02, 0.015, 0.012, 0.0101):
-            for noise in (1e-4, 1.0):
-                for i, ball in heard(_apart(gap_m), noise, off_m=1e-4).items():
-                    yield f"{1e3 * gap_m:g} mm apart, noise {noise:g}", in_sigmas(ball, _apart(gap_m)[i])
-
-    return worst(seen())
+@case("registration", "balls that draw together", "σ", 5.0)
+def near_balls() -> Seen:
+    """Error of a centre. Against: the ball's own. Because: its stated σ must cover it: {NORMAL}; 50 mm apart until they
+    touch, at 10 mm."""
+    for gap_m, noise in product((0.05, 0.02, 0.015, 0.012, 0.0101), (1e-4, 1.0)):
+        for i, ball in heard(_apart(gap_m), noise, off_m=1e-4).items():
+            yield f"{1e3 * gap_m:g} mm apart, noise {noise:g}", in_sigmas(ball, _apart(gap_m)[i])
 
 
-@case(
-    "registration",
-    "balls in one place",
-    quantity="answer",
-    reference="a refusal",
-    unit="",
-    bound=0.0,
-    reason="nearer than their radii balls overlap; fitted all the same, they are off by 100 σ from 0.7 mm on",
-)
-def one_place() -> Refused | Worst:
-    return refused_throughout(
-        {
-            f"{gap_m:g} m apart": lambda gap_m=gap_m: heard(_apart(gap_m), noise=0.01, off_m=0.0)
-            for gap_m in (0.0099, 0.005, 1e-3, 1e-5, 1e-7, 0.0)
-        },
-        "would overlap",
-    )
+@refusal("registration", "balls in one place", "would overlap", unit="")
+def one_place() -> Works:
+    """Answer. Against: a refusal. Because: nearer than their radii balls overlap; fitted all the same, they are off by
+    100 σ from 0.7 mm on."""
+    for gap_m in (0.0099, 0.005, 1e-3, 1e-5, 1e-7, 0.0):
+        yield f"{gap_m:g} m apart", partial(heard, _apart(gap_m), noise=0.01, off_m=0.0)
 
 
-@case(
-    "registration",
-    "balls without an echo",
-    quantity="answer",
-    reference="a refusal",
-    unit="",
-    bound=0.0,
-    reason="no echo, no place",
-)
-def silent() -> Refused | Worst:
-    capture = RadarCapture(np.zeros((1, len(TONES_HZ), *_array().channels), np.complex64), TONES_HZ, _array())
-    seeds = {i: Ball(c, np.eye(3), (i,), c, 0.0) for i, c in enumerate(_apart(0.05))}
-    return refused_throughout({"zeros": lambda: fit_balls(capture, _pair(), seeds)}, "there are none")
+@refusal("registration", "balls without an echo", "there are none", unit="")
+def silent() -> Works:
+    """Answer. Against: a refusal. Because: no echo, no place."""
+    yield "zeros", partial(_balls, np.zeros((len(TONES_HZ), *small_array().channels)), _apart(0.05))

@@ -1,15 +1,15 @@
-"""What the hard cases look at: a small array, scatterers whose depth is known, and methods run on the pixels about
+"""Scenes of the hard cases: a small array, scatterers whose depth is known, and methods run on the pixels about
 them. Echoes are formed in float64."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from bench.studies.stability.cases import Worst, worst
-from radar.data.arrays import AntennaArray, qar50
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.data.grid import Axis
@@ -24,13 +24,21 @@ ALL_HZ = np.unique(np.concatenate([np.linspace(72e9, 82e9, 128), LADDER_HZ]))
 POINT_M = (0.0, 0.0, 0.28)
 HALF_M, STEP_M = 0.012, 0.001
 VOXEL_MM = 0.5  # half a voxel of the projections
+C = SPEED_OF_LIGHT_M_S
+PERIOD_M = C / (2 * 2.5e9)  # of depths that three tones tell apart
 
 
 @cache
-def small_array() -> AntennaArray:
-    """12 + 12 antennas of the paper's frame: as wide, and 60 times as fast."""
+def small_array(every: int = 8) -> AntennaArray:
+    """Every eighth antenna of the paper's frame, 12 + 12, or another part: as wide, and 60 times as fast."""
     whole = qar50()
-    return AntennaArray(whole.tx_m[::8], whole.rx_m[::8])
+    return AntennaArray(whole.tx_m[::every], whole.rx_m[::every])
+
+
+def white_noise(shape: tuple[int, ...], seed: int = 1) -> np.ndarray:
+    """White complex noise, complex64: the hardest samples, since nothing crowds where an image is accurate."""
+    generator = np.random.default_rng(seed)
+    return (generator.standard_normal(shape) + 1j * generator.standard_normal(shape)).astype(np.complex64)
 
 
 def echoes(
@@ -40,6 +48,11 @@ def echoes(
     points_m = np.atleast_2d(np.asarray(points_m, np.float64))
     weight = np.ones(len(points_m)) if weight is None else weight
     return direct_echoes(points_m, weight, np.asarray(frequencies_hz, np.float64), array or small_array())
+
+
+def recorded(points_m: Any, frequencies_hz: Any = ALL_HZ, array: AntennaArray | None = None) -> RadarCapture:
+    """Capture of points [n, 3] that scatter alike."""
+    return capture(echoes(points_m, None, frequencies_hz, array), frequencies_hz, array)
 
 
 def capture(samples: np.ndarray, frequencies_hz: Any = ALL_HZ, array: AntennaArray | None = None) -> RadarCapture:
@@ -83,8 +96,7 @@ def bumpy_points() -> np.ndarray:
     return np.stack([x, y, 0.28 + 0.003 * np.sin(60 * x) * np.cos(60 * y)], axis=-1).reshape(-1, 3)
 
 
-def judged(seen: list[tuple[str, float, bool]], bound: float) -> Worst:
-    """The worst of (place, value, whether it was marked); flagged where every value beyond the bound was marked."""
-    found = worst((place, value) for place, value, _ in seen)
-    silent = [(place, value) for place, value, marked in seen if not value <= bound and not marked]
-    return worst(silent) if silent else Worst(found.value, found.at, flagged=True)
+def by_flag(place: str, off_m: np.ndarray, wrapped: np.ndarray) -> Iterator[tuple[str, float, bool]]:
+    """The largest error, millimetres, of pixels without a flag, then of those with one; NaN is no depth."""
+    for flag in (False, True):
+        yield place, 1e3 * off_m[np.isfinite(off_m) & (wrapped == flag)].max(initial=0.0), flag

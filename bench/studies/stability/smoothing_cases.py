@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
 
-from bench.studies.stability.cases import Worst, case, worst
+from bench.studies.stability.cases import Seen, case
 from radar.methods.smoothing import masked_mean
 
 U = 2.0**-53  # rounding of double precision
@@ -48,36 +47,20 @@ def _map(seed: int, holes: float, shape: tuple[int, int] = (37, 41)) -> np.ndarr
 SUMS = "2k + 10 roundings of 2⁻⁵³ each: k products and k sums along each axis at most, the offset and the quotient"
 
 
-@case(
-    "smoothing",
-    "masked averages at borders and holes",
-    quantity="error of the average, over its roundings",
-    reference="direct sums in long double",
-    unit="1",
-    bound=1.0,
-    reason=SUMS,
-)
-def holes() -> Worst:
-    def seen() -> Iterator[tuple[str, float]]:
-        for size, share in product((1, 3, 5, 9, 31), (0.0, 0.2, 0.9, 0.99)):
-            values = _map(size, share)
-            weight = np.random.default_rng(size).random(values.shape) + 0.1
-            yield f"size {size}, {share:.0%} holes", _error(values, size)
-            yield f"size {size}, {share:.0%} holes, weighted", _error(values, size, weight)
-
-    return worst(seen())
+@case("smoothing", "masked averages at borders and holes", "1", 1.0)
+def holes() -> Seen:
+    """Error of the average, over its roundings. Against: direct sums in long double. Because: {SUMS}."""
+    for size, share in product((1, 3, 5, 9, 31), (0.0, 0.2, 0.9, 0.99)):
+        values = _map(size, share)
+        weight = np.random.default_rng(size).random(values.shape) + 0.1
+        yield f"size {size}, {share:.0%} holes", _error(values, size)
+        yield f"size {size}, {share:.0%} holes, weighted", _error(values, size, weight)
 
 
-@case(
-    "smoothing",
-    "sums along 10⁷ samples",
-    quantity="drift of the average, over its roundings",
-    reference="direct sums in double precision",
-    unit="1",
-    bound=1.0,
-    reason=f"{SUMS}; each window is summed by itself, so that nothing adds up along the row's 10⁷ steps",
-)
-def drift() -> Worst:
+@case("smoothing", "sums along 10⁷ samples", "1", 1.0)
+def drift() -> Seen:
+    """Drift of the average, over its roundings. Against: direct sums in double precision. Because: {SUMS}; each window
+    is summed by itself, so that nothing adds up along the row's 10⁷ steps."""
     size, row = 5, 0.3 + 0.02 * np.random.default_rng(0).standard_normal(LONG)
     row[: LONG // 2] += 1e3  # a running sum would keep the rounding of these
     found = masked_mean(row[None], size)[0]
@@ -87,82 +70,48 @@ def drift() -> Worst:
         inner += row[2 + shift : LONG - 2 + shift] - offset
     error = np.abs(found[2:-2] - (offset + inner / size))
     allowed = 2 * (2 * size + 10) * U * 1e3  # of both
-    return worst([(f"sample {int(error.argmax())}", float(error.max() / allowed))])
+    return [(f"sample {int(error.argmax())}", float(error.max() / allowed))]
 
 
-@case(
-    "smoothing",
-    "lone pixels and empty maps",
-    quantity="change of what has no neighbour",
-    reference="the pixel itself",
-    unit="1",
-    bound=1.0,
-    reason=SUMS,
-)
-def lone() -> Worst:
-    def seen() -> Iterator[tuple[str, float]]:
-        for size, (y, x) in product((1, 3, 31, 101), ((0, 0), (0, 6), (4, 3), (8, 6))):
-            values = np.full((9, 7), np.nan)
-            values[y, x] = 0.28
-            yield f"size {size}, pixel {y}, {x}", _error(values, size)
-        for shape in ((1, 1), (1, 7), (9, 1)):
-            yield f"a map of {shape}", _error(np.full(shape, 0.28), 5)
-        for hole in (np.nan, np.inf, -np.inf):
-            yield f"a map of {hole}", _error(np.full((5, 5), hole), 3)
-
-    return worst(seen())
+@case("smoothing", "lone pixels and empty maps", "1", 1.0)
+def lone() -> Seen:
+    """Change of what has no neighbour. Against: the pixel itself. Because: {SUMS}."""
+    for size, (y, x) in product((1, 3, 31, 101), ((0, 0), (0, 6), (4, 3), (8, 6))):
+        values = np.full((9, 7), np.nan)
+        values[y, x] = 0.28
+        yield f"size {size}, pixel {y}, {x}", _error(values, size)
+    for shape in ((1, 1), (1, 7), (9, 1)):
+        yield f"a map of {shape}", _error(np.full(shape, 0.28), 5)
+    for hole in (np.nan, np.inf, -np.inf):
+        yield f"a map of {hole}", _error(np.full((5, 5), hole), 3)
 
 
-@case(
-    "smoothing",
-    "infinities among the values",
-    quantity="error of the average, over its roundings",
-    reference="direct sums without them",
-    unit="1",
-    bound=1.0,
-    reason=f"what is not finite is a hole and reaches no neighbour; {SUMS}",
-)
-def infinities() -> Worst:
+@case("smoothing", "infinities among the values", "1", 1.0)
+def infinities() -> Seen:
+    """Error of the average, over its roundings. Against: direct sums without them. Because: what is not finite is a
+    hole and reaches no neighbour; {SUMS}."""
     values = _map(7, 0.1)
     values[3, 4], values[20, 20], values[0, 0] = np.inf, -np.inf, np.inf
-    return worst((f"size {size}", _error(values, size)) for size in (3, 9))
+    return ((f"size {size}", _error(values, size)) for size in (3, 9))
 
 
-@case(
-    "smoothing",
-    "a strong pixel beside weak ones",
-    quantity="error of the average, over its roundings",
-    reference="direct sums in long double",
-    unit="1",
-    bound=1.0,
-    reason=f"{SUMS}: weights are positive and each window is summed by itself, so that no rounding of a strong pixel "
-    "reaches a window without it; float32 images span 166 decades of power",
-)
-def strong_and_weak() -> Worst:
-    def seen() -> Iterator[tuple[str, float]]:
-        for decades, size in product((1, 6, 12, 16, 20, 40, 80, 166, 280), (3, 5, 9)):
-            values = _map(decades, 0.1)
-            weight = np.full(values.shape, 10.0**-decades)
-            weight[::11, ::13] = 1.0
-            yield f"10^{decades}, size {size}", _error(values, size, weight)
-
-    return worst(seen())
+@case("smoothing", "a strong pixel beside weak ones", "1", 1.0)
+def strong_and_weak() -> Seen:
+    """Error of the average, over its roundings. Against: direct sums in long double. Because: {SUMS}: weights are
+    positive and each window is summed by itself, so that no rounding of a strong pixel reaches a window without it;
+    float32 images span 166 decades of power."""
+    for decades, size in product((1, 6, 12, 16, 20, 40, 80, 166, 280), (3, 5, 9)):
+        values = _map(decades, 0.1)
+        weight = np.full(values.shape, 10.0**-decades)
+        weight[::11, ::13] = 1.0
+        yield f"10^{decades}, size {size}", _error(values, size, weight)
 
 
-@case(
-    "smoothing",
-    "an outlier beside the surface",
-    quantity="error of the average, over its roundings",
-    reference="direct sums in long double",
-    unit="1",
-    bound=1.0,
-    reason=f"{SUMS}, of the largest value: what an outlier costs its map is 2⁻⁵³ of itself",
-)
-def outlier() -> Worst:
-    def seen() -> Iterator[tuple[str, float]]:
-        for value, size in product((1.0, 1e3, 1e9, 1e100, 1e300), (3, 9)):
-            values = _map(3, 0.1)
-            values[18, 20] = value
-            yield f"{value:g} m, size {size}", _error(values, size)
-
-    return worst(seen())
+@case("smoothing", "an outlier beside the surface", "1", 1.0)
+def outlier() -> Seen:
+    """Error of the average, over its roundings. Against: direct sums in long double. Because: {SUMS}, of the largest
+    value: what an outlier costs its map is 2⁻⁵³ of itself."""
+    for value, size in product((1.0, 1e3, 1e9, 1e100, 1e300), (3, 9)):
+        values = _map(3, 0.1)
+        values[18, 20] = value
+        yield f"{value:g} m, size {size}", _error(values, size)

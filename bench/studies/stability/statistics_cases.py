@@ -6,8 +6,9 @@ What intervals and tests make of the figures is in `statistics_intervals`.
 from __future__ import annotations
 
 import tracemalloc
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -25,98 +26,55 @@ from bench.evaluation.statistics.paired import block_sums, compare
 from bench.evaluation.statistics.two_samples import f_test
 from bench.results.error_map import ErrorMap
 from bench.results.folder import shown
-from bench.studies.stability import statistics_intervals  # noqa: F401  (its cases enter the catalogue)
-from bench.studies.stability.cases import Worst, case, worst
+from bench.studies.stability.cases import Seen, case
+from bench.studies.stability.statistics_intervals import DEPTH_M, EPS, PIXEL_M, a_map
 from groundtruth.mesh.depth import Reference
 
-EPS = np.finfo(float).eps
-DEPTH_M = 0.3
-SPREADS_M = (1e-3, 1e-6, 1e-9, 1e-12, 0.0)
-SIDE, PIXEL_M = 300, 1e-3
+SIDE = 300
 COUNTED = ("n_observed", "completeness_percent", "false_alarm_percent")  # shares of nothing observed that are known
 
 
-def a_map(error_m: np.ndarray, pixel_m: float = PIXEL_M) -> ErrorMap:
-    """Errors [ny, nx] on a reference at DEPTH_M."""
-    y_m, x_m = (pixel_m * np.arange(n) for n in error_m.shape)
-    return ErrorMap(x_m, y_m, error_m, np.full(error_m.shape, DEPTH_M))
+@case("statistics", "precision of 1 mm to 0 about 0.3 m", "roundings of 0.3 m", 4.0)
+def precision_about_depth() -> Seen:
+    """Error of the standard deviation. Against: closed form of alternating depths. Because: each depth is rounded once,
+    the mean and what is left of it once more."""
+    for spread_m, n in product((1e-3, 1e-6, 1e-9, 1e-12, 0.0), (2, 10, 100_000)):
+        z_m = DEPTH_M + spread_m * np.where(np.arange(n) % 2, 1.0, -1.0)
+        off_m = abs(1e-3 * precision([z_m])["precision_mm"] - spread_m * np.sqrt(n / (n - 1)))
+        yield f"{1e6 * spread_m:g} µm, {n} repeats", off_m / (EPS * DEPTH_M)
 
 
-@case(
-    "statistics",
-    "precision of 1 mm to 0 about 0.3 m",
-    quantity="error of the standard deviation",
-    reference="closed form of alternating depths",
-    unit="roundings of 0.3 m",
-    bound=4.0,
-    reason="each depth is rounded once, the mean and what is left of it once more",
-)
-def precision_about_depth() -> Worst:
-    def seen() -> Iterator[tuple[str, float]]:
-        for spread_m in SPREADS_M:
-            for n in (2, 10, 100_000):
-                z_m = DEPTH_M + spread_m * np.where(np.arange(n) % 2, 1.0, -1.0)
-                off_m = abs(1e-3 * precision([z_m])["precision_mm"] - spread_m * np.sqrt(n / (n - 1)))
-                yield f"{1e6 * spread_m:g} µm, {n} repeats", off_m / (EPS * DEPTH_M)
-
-    return worst(seen())
+@case("statistics", "variance of 1 µm about 0.3 m in float32 depths", "ε", 10_000.0)
+def deviation_of_float32() -> Seen:
+    """Relative error of the deviation. Against: longdouble. Because: one rounding for each of 10⁴ repeats that are
+    summed."""
+    for n, spread_m in product((2, 3, 100, 10_000), (1e-3, 1e-6, 1e-7)):
+        noise = np.random.default_rng(n).standard_normal((n, 4, 4))
+        z_m = (DEPTH_M + spread_m * noise).astype(np.float32)
+        wide = np.std(z_m.astype(np.longdouble), axis=0, ddof=1)
+        found = deviation_map(np.arange(4), np.arange(4), z_m).error_m
+        known = wide > 0  # two float32 depths may be equal
+        off = np.abs(found / np.where(known, wide, 1) - known).max()
+        yield f"{1e6 * spread_m:g} µm, {n} repeats", float(off / EPS)
 
 
-@case(
-    "statistics",
-    "variance of 1 µm about 0.3 m in float32 depths",
-    quantity="relative error of the deviation",
-    reference="longdouble",
-    unit="ε",
-    bound=10_000.0,
-    reason="one rounding for each of 10⁴ repeats that are summed",
-)
-def deviation_of_float32() -> Worst:
-    def seen() -> Iterator[tuple[str, float]]:
-        for n in (2, 3, 100, 10_000):
-            for spread_m in (1e-3, 1e-6, 1e-7):
-                noise = np.random.default_rng(n).standard_normal((n, 4, 4))
-                z_m = (DEPTH_M + spread_m * noise).astype(np.float32)
-                wide = np.std(z_m.astype(np.longdouble), axis=0, ddof=1)
-                found = deviation_map(np.arange(4), np.arange(4), z_m).error_m
-                known = wide > 0  # two float32 depths may be equal
-                off = np.abs(found / np.where(known, wide, 1) - known).max()
-                yield f"{1e6 * spread_m:g} µm, {n} repeats", float(off / EPS)
-
-    return worst(seen())
+@case("statistics", "pooled deviation of 1 mm to 0 about 0.3 m", "roundings of (0.3 m)²", 1.5 * (np.log2(SIDE**2) + 1))
+def pooled_deviation() -> Seen:
+    """Error of the variance. Against: longdouble, two passes. Because: mean square less squared mean, pairwise sums of
+    log₂n roundings each: 1 µm is told to 0.03 %, 10 nm is not."""
+    noise = np.random.default_rng(0).standard_normal((SIDE, SIDE))
+    for spread_m in (1e-3, 1e-5, 1e-6, 1e-7, 1e-8, 0.0):
+        error_m = DEPTH_M + spread_m * noise
+        wide_m2 = np.var(error_m.astype(np.longdouble))
+        off_m2 = abs((1e-3 * pool([a_map(error_m)])["deviation_mm"]) ** 2 - wide_m2)
+        yield f"{1e6 * spread_m:g} µm", float(off_m2 / (EPS * DEPTH_M**2))
 
 
-@case(
-    "statistics",
-    "pooled deviation of 1 mm to 0 about 0.3 m",
-    quantity="error of the variance",
-    reference="longdouble, two passes",
-    unit="roundings of (0.3 m)²",
-    bound=1.5 * (np.log2(SIDE**2) + 1),
-    reason="mean square less squared mean, pairwise sums of log₂n roundings each: 1 µm is told to 0.03 %, 10 nm is not",
-)
-def pooled_deviation() -> Worst:
-    def seen() -> Iterator[tuple[str, float]]:
-        noise = np.random.default_rng(0).standard_normal((SIDE, SIDE))
-        for spread_m in (1e-3, 1e-5, 1e-6, 1e-7, 1e-8, 0.0):
-            error_m = DEPTH_M + spread_m * noise
-            wide_m2 = np.var(error_m.astype(np.longdouble))
-            off_m2 = abs((1e-3 * pool([a_map(error_m)])["deviation_mm"]) ** 2 - wide_m2)
-            yield f"{1e6 * spread_m:g} µm", float(off_m2 / (EPS * DEPTH_M**2))
-
-    return worst(seen())
-
-
-@case(
-    "statistics",
-    "10⁸ samples",
-    quantity="relative error of MAE, RMSE, bias and of what a capture adds to them",
-    reference="longdouble sums of the pixels",
-    unit="ε",
-    bound=(225 + 400 + 1112) / 2,
-    reason="sums of 225 pixels to a block, 400 blocks to a capture and 1112 captures, half a rounding each, one by one",
-)
-def many_samples() -> Worst:
+@case("statistics", "10⁸ samples", "ε", (225 + 400 + 1112) / 2)
+def many_samples() -> Seen:
+    """Relative error of MAE, RMSE, bias and of what a capture adds to them. Against: longdouble sums of the pixels.
+    Because: sums of 225 pixels to a block, 400 blocks to a capture and 1112 captures, half a rounding each, one by
+    one."""
     error_m = 1e-3 + 1e-6 * np.random.default_rng(0).standard_normal((SIDE, SIDE))
     one, captures = block_sums([a_map(error_m)]), 1112  # 90 000 pixels each: 10⁸
     place = np.concatenate([one.place + [n, 0, 0] for n in range(captures)])
@@ -126,23 +84,18 @@ def many_samples() -> Worst:
     units = units_of(blocks.place)
     found = figures({name: units.totals(values).sum() for name, values in blocks.sums.items()})
     added = contributions(units, blocks.sums)
-    return worst(
+    return (
         (f"{key}, {what}", float(abs(value / (1e3 * wanted[key]) - expected)) / EPS)
         for key in wanted
         for what, value, expected in (("pooled", found[key], 1.0), ("a capture's part", np.abs(added[key]).max(), 0.0))
     )
 
 
-@case(
-    "statistics",
-    "memory of many maps",
-    quantity="peak of 40 maps' block sums over that of 4",
-    reference="4 maps",
-    unit="1",
-    bound=1.25,
-    reason="of a map that has been summed, 200 blocks are left of 40 000 pixels",
-)
-def memory() -> float:
+@case("statistics", "memory of many maps", "1", 1.25)
+def memory() -> Seen:
+    """Peak of 40 maps' block sums over that of 4. Against: 4 maps. Because: of a map that has been summed, 200 blocks
+    are left of 40 000 pixels."""
+
     def peak(maps: int) -> int:
         m = a_map(np.full((200, 200), 1e-3))
         tracemalloc.start()
@@ -154,16 +107,9 @@ def memory() -> float:
     return peak(40) / peak(4)
 
 
-@case(
-    "statistics",
-    "one repeat",
-    quantity="figures that are given all the same",
-    reference="none",
-    unit="figures",
-    bound=0.0,
-    reason="one value has no spread",
-)
-def one_repeat() -> float:
+@case("statistics", "one repeat", "figures", 0.0)
+def one_repeat() -> Seen:
+    """Figures that are given all the same. Against: none. Because: one value has no spread."""
     one, two = np.array([0.3]), np.array([0.3, 0.301])
     gap = np.array([0.3, np.nan, np.inf])  # one that is seen
     given = [
@@ -178,99 +124,64 @@ def one_repeat() -> float:
     return float(sum(value is not None for value in given))
 
 
-@case(
-    "statistics",
-    "all values equal",
-    quantity="spread, and 1 − p of a difference",
-    reference="0",
-    unit="1",
-    bound=EPS,
-    reason="one rounding of a depth in metres; no p from roundings",
-)
-def all_equal() -> Worst:
-    def seen() -> Iterator[tuple[str, float]]:
-        for z_m in (0.1, 0.3, 0.7, 1 / 3):
-            hands = [np.full(n, z_m) for n in (2, 3, 7)]
-            yield f"precision at {z_m:g} m", precision(hands)["precision_mm"]
-            yield f"its interval at {z_m:g} m", max(precision_interval(hands))
-            yield f"two methods at {z_m:g} m", 1 - f_test(hands, [np.full(3, 0.7 * z_m)]).p
-            repeats = deviation_map(np.arange(2), np.arange(2), np.full((3, 2, 2), z_m))
-            yield f"map at {z_m:g} m", 1e-3 * pool([repeats])["max_mm"]
-        low, high = median_interval(np.full(5, 0.3))
-        yield "median", high - low
-        maps = [a_map(np.full((60, 60), 1e-3))]
-        [line] = compare({"a": maps, "b": maps}, "").itertuples()
-        yield "two equal maps", 1 - line.p_corrected
-
-    return worst(seen())
+@case("statistics", "all values equal", "1", EPS)
+def all_equal() -> Seen:
+    """Spread, and 1 − p of a difference. Against: 0. Because: one rounding of a depth in metres; no p from
+    roundings."""
+    for z_m in (0.1, 0.3, 0.7, 1 / 3):
+        hands = [np.full(n, z_m) for n in (2, 3, 7)]
+        yield f"precision at {z_m:g} m", precision(hands)["precision_mm"]
+        yield f"its interval at {z_m:g} m", max(precision_interval(hands))
+        yield f"two methods at {z_m:g} m", 1 - f_test(hands, [np.full(3, 0.7 * z_m)]).p
+        repeats = deviation_map(np.arange(2), np.arange(2), np.full((3, 2, 2), z_m))
+        yield f"map at {z_m:g} m", 1e-3 * pool([repeats])["max_mm"]
+    low, high = median_interval(np.full(5, 0.3))
+    yield "median", high - low
+    maps = [a_map(np.full((60, 60), 1e-3))]
+    [line] = compare({"a": maps, "b": maps}, "").itertuples()
+    yield "two equal maps", 1 - line.p_corrected
 
 
-@case(
-    "statistics",
-    "methods that differ by rounding alone",
-    quantity="differences that are shown",
-    reference="none",
-    unit="pairs",
-    bound=0.0,
-    reason="|z − z_ref| of z_ref ± e are one number, rounded twice",
-)
-def rounding_alone() -> Worst:
-    def seen() -> Iterator[tuple[str, float]]:
-        x_m = 2.5e-3 * np.arange(36)
-        slope_m = DEPTH_M + 0.1 * x_m[:, None] + 0 * x_m
-        for captures in (1, 3, 5):
-            for error_m in np.linspace(1e-4, 5e-3, 12):
-                sides = {s: [error_map(x_m, x_m, slope_m + s * error_m, slope_m)] * captures for s in (1, -1)}
-                lines = [compare({"a": sides[1], "b": sides[-1]}, "", key) for key in (HEADLINE, "deviation_mm")]
-                yield f"{captures} captures, {1e3 * error_m:.3g} mm", float(sum(shown(line).sum() for line in lines))
-
-    return worst(seen())
+@case("statistics", "methods that differ by rounding alone", "pairs", 0.0)
+def rounding_alone() -> Seen:
+    """Differences that are shown. Against: none. Because: |z − z_ref| of z_ref ± e are one number, rounded twice."""
+    x_m = 2.5e-3 * np.arange(36)
+    slope_m = DEPTH_M + 0.1 * x_m[:, None] + 0 * x_m
+    for captures, error_m in product((1, 3, 5), np.linspace(1e-4, 5e-3, 12)):
+        sides = {s: [error_map(x_m, x_m, slope_m + s * error_m, slope_m)] * captures for s in (1, -1)}
+        lines = [compare({"a": sides[1], "b": sides[-1]}, "", key) for key in (HEADLINE, "deviation_mm")]
+        yield f"{captures} captures, {1e3 * error_m:.3g} mm", sum(shown(line).sum() for line in lines)
 
 
-@case(
-    "statistics",
-    "NaN and infinite values",
-    quantity="relative error of MAE, RMSE, bias, median and precision",
-    reference="the finite values alone",
-    unit="ε",
-    bound=1.5 * (np.log2(SIDE**2) + 1),
-    reason="pairwise sums, and the square root's half; nothing that is not finite may enter",
-)
-def not_finite() -> Worst:
-    def seen() -> Iterator[tuple[str, float]]:
-        rng = np.random.default_rng(0)
-        for broken in (np.nan, np.inf, -np.inf):
-            for share in (0.01, 0.5, 0.999):
-                z_m, z_ref_m = DEPTH_M + 1e-3 * rng.standard_normal((SIDE, SIDE)), np.full((SIDE, SIDE), DEPTH_M)
-                z_m[rng.random(z_m.shape) < share] = broken
-                z_ref_m[rng.random(z_m.shape) < share / 2] = broken
-                error = (z_m - DEPTH_M)[np.isfinite(z_m) & np.isfinite(z_ref_m)].astype(np.longdouble)
-                x_m = PIXEL_M * np.arange(SIDE)
-                found = pool([error_map(x_m, x_m, z_m, z_ref_m)])
-                wanted = {"mae_mm": np.abs(error).mean(), "rmse_mm": np.sqrt((error**2).mean())}
-                wanted["median_mm"] = np.median(np.abs(error).astype(float))
-                for key, value in wanted.items():
-                    yield f"{share:.1%} {broken}, {key}", float(abs(found[key] / (1e3 * value) - 1) / EPS)
-            mixed = np.array([0.3, broken, 0.301, broken, 0.303])
-            off = precision([mixed])["precision_mm"] / precision([mixed[::2]])["precision_mm"] - 1
-            yield f"precision with {broken}", abs(off) / EPS
-            amplitude = np.array([[[1.0, broken, 2.0]]] * 2)
-            strongest = strongest_scatterer_z_m(np.array([[[0.3, 0.4, 0.5]]] * 2), amplitude)
-            yield f"strongest with {broken}", 0.0 if strongest[0] == (0.4 if broken == np.inf else 0.5) else np.inf
-
-    return worst(seen())
+@case("statistics", "NaN and infinite values", "ε", 1.5 * (np.log2(SIDE**2) + 1))
+def not_finite() -> Seen:
+    """Relative error of MAE, RMSE, bias, median and precision. Against: the finite values alone. Because: pairwise
+    sums, and the square root's half; nothing that is not finite may enter."""
+    rng = np.random.default_rng(0)
+    for broken in (np.nan, np.inf, -np.inf):
+        for share in (0.01, 0.5, 0.999):
+            z_m, z_ref_m = DEPTH_M + 1e-3 * rng.standard_normal((SIDE, SIDE)), np.full((SIDE, SIDE), DEPTH_M)
+            z_m[rng.random(z_m.shape) < share] = broken
+            z_ref_m[rng.random(z_m.shape) < share / 2] = broken
+            error = (z_m - DEPTH_M)[np.isfinite(z_m) & np.isfinite(z_ref_m)].astype(np.longdouble)
+            x_m = PIXEL_M * np.arange(SIDE)
+            found = pool([error_map(x_m, x_m, z_m, z_ref_m)])
+            wanted = {"mae_mm": np.abs(error).mean(), "rmse_mm": np.sqrt((error**2).mean())}
+            wanted["median_mm"] = np.median(np.abs(error).astype(float))
+            for key, value in wanted.items():
+                yield f"{share:.1%} {broken}, {key}", float(abs(found[key] / (1e3 * value) - 1) / EPS)
+        mixed = np.array([0.3, broken, 0.301, broken, 0.303])
+        off = precision([mixed])["precision_mm"] / precision([mixed[::2]])["precision_mm"] - 1
+        yield f"precision with {broken}", abs(off) / EPS
+        amplitude = np.array([[[1.0, broken, 2.0]]] * 2)
+        strongest = strongest_scatterer_z_m(np.array([[[0.3, 0.4, 0.5]]] * 2), amplitude)
+        yield f"strongest with {broken}", 0.0 if strongest[0] == (0.4 if broken == np.inf else 0.5) else np.inf
 
 
-@case(
-    "statistics",
-    "empty maps",
-    quantity="figures that are given all the same",
-    reference="none",
-    unit="figures",
-    bound=0.0,
-    reason="nothing is observed: no figure has anything to stand on",
-)
-def empty() -> Worst:
+@case("statistics", "empty maps", "figures", 0.0)
+def empty() -> Seen:
+    """Figures that are given all the same. Against: none. Because: nothing is observed: no figure has anything to stand
+    on."""
     nothing = [
         ("no map", []),
         ("no pixel", [a_map(np.empty((0, 0)))]),
@@ -288,7 +199,7 @@ def empty() -> Worst:
         if floor_mm(maps, [_known(m) for m in maps]) is not None:
             yield "floor"
 
-    return worst((name, float(len(list(given(maps))))) for name, maps in nothing)
+    return ((name, float(len(list(given(maps))))) for name, maps in nothing)
 
 
 def _unobserved() -> ErrorMap:
@@ -305,26 +216,17 @@ def _known(m: ErrorMap, sigma_m: float = 1e-3) -> Reference:
     return Reference(m.reference_z_m, np.full(shape, sigma_m), np.zeros((*shape, 6)), registration)
 
 
-@case(
-    "statistics",
-    "one pixel",
-    quantity="relative error of its figures; infinite where an interval is given",
-    reference="its error",
-    unit="ε",
-    bound=4.0,
-    reason="roundings of its square, its root, a quotient and millimetres",
-)
-def one_pixel() -> Worst:
-    def seen() -> Iterator[tuple[str, float]]:
-        for error_m in (1e-12, -1e-6, 1e-3, -0.3, 1e6):
-            m = a_map(np.array([[error_m]]))
-            found = pool([m])
-            for key in ("mae_mm", "rmse_mm", "median_mm", "p95_mm", "max_mm"):
-                yield f"{key} of {error_m:g} m", abs(found[key] / (1e3 * abs(error_m)) - 1) / EPS
-            yield f"interval of {error_m:g} m", np.inf if pooled_intervals([m]) else found["deviation_mm"]
-            floor = floor_mm([m], [_known(m, abs(error_m))]) / (1e3 * np.sqrt(2 / np.pi) * abs(error_m))
-            yield f"floor for σ = {abs(error_m):g} m", abs(floor - 1) / EPS
-            for sigma_m in (np.nan, np.inf):
-                yield f"floor for σ = {sigma_m}", 0.0 if floor_mm([m], [_known(m, sigma_m)]) is None else np.inf
-
-    return worst(seen())
+@case("statistics", "one pixel", "ε", 4.0)
+def one_pixel() -> Seen:
+    """Relative error of its figures; infinite where an interval is given. Against: its error. Because: roundings of its
+    square, its root, a quotient and millimetres."""
+    for error_m in (1e-12, -1e-6, 1e-3, -0.3, 1e6):
+        m = a_map(np.array([[error_m]]))
+        found = pool([m])
+        for key in ("mae_mm", "rmse_mm", "median_mm", "p95_mm", "max_mm"):
+            yield f"{key} of {error_m:g} m", abs(found[key] / (1e3 * abs(error_m)) - 1) / EPS
+        yield f"interval of {error_m:g} m", np.inf if pooled_intervals([m]) else found["deviation_mm"]
+        floor = floor_mm([m], [_known(m, abs(error_m))]) / (1e3 * np.sqrt(2 / np.pi) * abs(error_m))
+        yield f"floor for σ = {abs(error_m):g} m", abs(floor - 1) / EPS
+        for sigma_m in (np.nan, np.inf):
+            yield f"floor for σ = {sigma_m}", 0.0 if floor_mm([m], [_known(m, sigma_m)]) is None else np.inf

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import combinations
+from itertools import combinations, product
 from math import erfc, log, sqrt
 
 import numpy as np
@@ -19,73 +18,48 @@ from bench.evaluation.statistics.intervals import (
 )
 from bench.evaluation.statistics.paired import holm, p_value
 from bench.results.error_map import ErrorMap
-from bench.studies.stability.cases import Worst, case, worst
+from bench.studies.stability.cases import Seen, case
 
 EPS = np.finfo(float).eps
+DEPTH_M, PIXEL_M = 0.3, 1e-3
 T2 = 0.95 / sqrt(2 * 0.975 * 0.025)  # 97.5 % of Student's t with two degrees of freedom
 
 
-@case(
-    "statistics",
-    "interval of three repeats",
-    quantity="relative error of its ends",
-    reference="closed form, χ² of two degrees of freedom is −2·ln p",
-    unit="ε",
-    bound=64.0,
-    reason="a quantile by iteration, two square roots and a deviation, some roundings each",
-)
-def three_repeats() -> Worst:
-    def seen() -> Iterator[tuple[str, float]]:
-        for level in (0.5, 0.95, 0.999999):
-            for size_m in (1e-6, 1e-3, 1.0):
-                z_m = np.array([1.0, 2.0, 4.0]) * size_m
-                deviation_mm = 1e3 * size_m * sqrt(7 / 3)
-                ends = precision_interval([z_m], level)
-                for end, tail in zip(ends, ((1 - level) / 2, (1 + level) / 2), strict=True):
-                    wanted = deviation_mm * sqrt(2 / (-2 * log(tail)))
-                    yield f"level {level}, {1e3 * size_m:g} mm", abs(end / wanted - 1) / EPS
-
-    return worst(seen())
+@case("statistics", "interval of three repeats", "ε", 64.0)
+def three_repeats() -> Seen:
+    """Relative error of its ends. Against: closed form, χ² of two degrees of freedom is −2·ln p. Because: a quantile by
+    iteration, two square roots and a deviation, some roundings each."""
+    for level, size_m in product((0.5, 0.95, 0.999999), (1e-6, 1e-3, 1.0)):
+        ends = precision_interval([np.array([1.0, 2.0, 4.0]) * size_m], level)
+        for end, tail in zip(ends, ((1 - level) / 2, (1 + level) / 2), strict=True):
+            wanted = 1e3 * size_m * sqrt(7 / 3) * sqrt(2 / (-2 * log(tail)))
+            yield f"level {level}, {1e3 * size_m:g} mm", abs(end / wanted - 1) / EPS
 
 
-def _captures(errors_m: np.ndarray) -> list[ErrorMap]:
-    """One capture of a single block for each error."""
-    x_m = 1e-3 * np.arange(15)
-    return [ErrorMap(x_m, x_m, np.full((15, 15), e), np.full((15, 15), 0.3)) for e in errors_m]
+def a_map(error_m: np.ndarray, pixel_m: float = PIXEL_M) -> ErrorMap:
+    """Errors [ny, nx] on a reference at DEPTH_M."""
+    y_m, x_m = (pixel_m * np.arange(n) for n in error_m.shape)
+    return ErrorMap(x_m, y_m, error_m, np.full(error_m.shape, DEPTH_M))
 
 
-@case(
-    "statistics",
-    "interval of three captures",
-    quantity="error of the ends' logarithm, over its own size",
-    reference="closed form, Student's t of two degrees of freedom",
-    unit="ε",
-    bound=2.0**11,
-    reason="left-out means cancel: a rounding of the mean for each of 225 pixels and 3 captures, times t = 4.3",
-)
-def three_captures() -> Worst:
-    def seen() -> Iterator[tuple[str, float]]:
-        for relative in (1e-9, 1e-6, 1e-3, 0.1, 0.9):
-            errors_m = 1e-3 * (1 + relative * np.array([-1.0, 0.25, 0.75]))
-            mean, deviation = errors_m.mean(), errors_m.std(ddof=1)
-            reach = T2 * deviation / sqrt(3) / mean
-            low, high = np.log(np.array(pooled_intervals(_captures(errors_m))["mae_mm"]) / (1e3 * mean))
-            for end in (high, -low):
-                yield f"captures {relative:g} apart", float(abs(end - reach) / EPS / max(1, reach))
-
-    return worst(seen())
+@case("statistics", "interval of three captures", "ε", 2.0**11)
+def three_captures() -> Seen:
+    """Error of the ends' logarithm, over its own size. Against: closed form, Student's t of two degrees of freedom.
+    Because: left-out means cancel: a rounding of the mean for each of 225 pixels and 3 captures, times t = 4.3."""
+    for relative in (1e-9, 1e-6, 1e-3, 0.1, 0.9):
+        errors_m = 1e-3 * (1 + relative * np.array([-1.0, 0.25, 0.75]))
+        mean, deviation = errors_m.mean(), errors_m.std(ddof=1)
+        reach = T2 * deviation / sqrt(3) / mean
+        captures = [a_map(np.full((15, 15), error_m)) for error_m in errors_m]  # of a single block each
+        low, high = np.log(np.array(pooled_intervals(captures)["mae_mm"]) / (1e3 * mean))
+        for end in (high, -low):
+            yield f"captures {relative:g} apart", float(abs(end - reach) / EPS / max(1, reach))
 
 
-@case(
-    "statistics",
-    "coverage of three captures",
-    quantity="captures' true MAE outside the 95 % interval, off 5 %",
-    reference="5 %",
-    unit="percentage points",
-    bound=3.0,
-    reason="4000 trials know the share to 0.35 points; two degrees of freedom and 225 half-normal errors, nearly even",
-)
-def coverage() -> float:
+@case("statistics", "coverage of three captures", "percentage points", 3.0)
+def coverage() -> Seen:
+    """Captures' true MAE outside the 95 % interval, off 5 %. Against: 5 %. Because: 4000 trials know the share to 0.35
+    points; two degrees of freedom and 225 half-normal errors, nearly even."""
     rng, trials = np.random.default_rng(0), 4000
     place = np.array([[capture, 0, 0] for capture in range(3)])
     units, missed = units_of(place), 0
@@ -112,41 +86,27 @@ def _student(freedom: int, t: float) -> float:
     return erfc(t / sqrt(2))
 
 
-@case(
-    "statistics",
-    "p-values down to 0",
-    quantity="relative error of p",
-    reference="closed forms",
-    unit="1",
-    bound=EPS**0.5,
-    reason="of ν/(ν + t²), where p is read, a t below √ε is lost; t to 10³⁰⁰, and below 10⁻¹⁵⁰ p may underflow to 0",
-)
-def tiny_p() -> Worst:
-    def seen() -> Iterator[tuple[str, float]]:
-        for freedom in (1, 2, 4, 10**15):
-            for t in (1e-300, *np.logspace(-9, 3, 37), 37.0, 39.0, 1e8, 1e77, 1e150, 1e170, 1e300):
-                wanted = _student(freedom, t)
-                found = p_value(t, Spread(1.0, float(freedom), 5))
-                gone = wanted < 1e-150  # its t² may underflow first
-                off = 0.0 if gone and 0 <= found < 1e-150 else abs(found - wanted) / max(wanted, 5e-324)
-                yield f"t = {t:g}, ν = {freedom}", off if 0 <= found <= 1 else np.inf
-        yield "no spread, a difference", p_value(1e-3, Spread(0.0, 4.0, 5))
-        yield "no difference", 1 - p_value(0.0, Spread(0.0, 4.0, 5))
-        yield "nothing to test with", 1 - p_value(1.0, None)
-
-    return worst(seen())
+@case("statistics", "p-values down to 0", "1", EPS**0.5)
+def tiny_p() -> Seen:
+    """Relative error of p. Against: closed forms. Because: of ν/(ν + t²), where p is read, a t below √ε is lost; t to
+    10³⁰⁰, and below 10⁻¹⁵⁰ p may underflow to 0."""
+    for freedom in (1, 2, 4, 10**15):
+        for t in (1e-300, *np.logspace(-9, 3, 37), 37.0, 39.0, 1e8, 1e77, 1e150, 1e170, 1e300):
+            wanted = _student(freedom, t)
+            found = p_value(t, Spread(1.0, float(freedom), 5))
+            gone = wanted < 1e-150  # its t² may underflow first
+            off = 0.0 if gone and 0 <= found < 1e-150 else abs(found - wanted) / max(wanted, 5e-324)
+            yield f"t = {t:g}, ν = {freedom}", off if 0 <= found <= 1 else np.inf
+    yield "no spread, a difference", p_value(1e-3, Spread(0.0, 4.0, 5))
+    yield "no difference", 1 - p_value(0.0, Spread(0.0, 4.0, 5))
+    yield "nothing to test with", 1 - p_value(1.0, None)
 
 
-@case(
-    "statistics",
-    "Holm's correction with ties",
-    quantity="largest difference of a corrected p",
-    reference="closed testing: the largest Bonferroni p of all sets that hold it",
-    unit="1",
-    bound=0.0,
-    reason="both are products of the same two numbers",
-)
-def ties() -> Worst:
+@case("statistics", "Holm's correction with ties", "1", 0.0)
+def ties() -> Seen:
+    """Largest difference of a corrected p. Against: closed testing: the largest Bonferroni p of all sets that hold it.
+    Because: both are products of the same two numbers."""
+
     def closed(p: list[float]) -> list[float]:
         sets = [s for size in range(1, len(p) + 1) for s in combinations(range(len(p)), size)]
         return [max(min(len(s) * min(p[k] for k in s), 1.0) for s in sets if i in s) for i in range(len(p))]
@@ -154,30 +114,19 @@ def ties() -> Worst:
     rng = np.random.default_rng(0)
     chosen = np.array([0.0, 5e-324, 1e-300, 0.01, 0.0125, 0.05, 0.5, 1.0])
     lists = [[], [0.0], [1.0] * 6, [0.01] * 6, *(list(rng.choice(chosen, 6)) for _ in range(40))]
-    return worst(
-        (str(p), max((abs(a - b) for a, b in zip(holm(p), closed(p), strict=True)), default=0.0)) for p in lists
-    )
+    return ((str(p), max((abs(a - b) for a, b in zip(holm(p), closed(p), strict=True)), default=0.0)) for p in lists)
 
 
-@case(
-    "statistics",
-    "contributions of any size",
-    quantity="relative error of the standard error and its freedom",
-    reference="those of size 1",
-    unit="ε",
-    bound=8.0,
-    reason="a scale goes through the sums unchanged, by two roundings; fourth powers of 10⁻¹⁰⁰ would underflow",
-)
-def any_size() -> Worst:
-    def seen() -> Iterator[tuple[str, float]]:
-        d = np.array([1.0, -3.0, 0.5, 1.5])
-        for name, weights in (("captures", None), ("blocks", np.eye(4) + 0.3 * (1 - np.eye(4)))):
-            one = spread(d, weights)
-            for size in (1e-300, 1e-170, 1e-100, 1e-60, 1e60, 1e100, 1e170, 1e300):
-                found = spread(size * d, weights)
-                off = max(abs(found.error / size / one.error - 1), abs(found.freedom / one.freedom - 1))
-                yield f"{name}, {size:g}", off / EPS
-        for gone in (np.nan, np.inf):
-            yield f"{gone}", 0.0 if spread(np.array([1.0, gone]), None) is None else np.inf
-
-    return worst(seen())
+@case("statistics", "contributions of any size", "ε", 8.0)
+def any_size() -> Seen:
+    """Relative error of the standard error and its freedom. Against: those of size 1. Because: a scale goes through the
+    sums unchanged, by two roundings; fourth powers of 10⁻¹⁰⁰ would underflow."""
+    d = np.array([1.0, -3.0, 0.5, 1.5])
+    for name, weights in (("captures", None), ("blocks", np.eye(4) + 0.3 * (1 - np.eye(4)))):
+        one = spread(d, weights)
+        for size in (1e-300, 1e-170, 1e-100, 1e-60, 1e60, 1e100, 1e170, 1e300):
+            found = spread(size * d, weights)
+            off = max(abs(found.error / size / one.error - 1), abs(found.freedom / one.freedom - 1))
+            yield f"{name}, {size:g}", off / EPS
+    for gone in (np.nan, np.inf):
+        yield f"{gone}", 0.0 if spread(np.array([1.0, gone]), None) is None else np.inf

@@ -24,7 +24,7 @@ from bench.studies.tradeoff.lines import line, section
 from calibration.registration import register as registration
 from calibration.registration.combination import combine
 from calibration.registration.rigid_fit import Pairs
-from radar.simulation.simulate import shoot
+from radar.simulation.simulate import simulate_scene
 from radar.support.config import Config
 from radar.support.errors import HandbenchError
 from radar.support.progress import say, track
@@ -95,7 +95,7 @@ def placements(number: int, count: int, folder: Path) -> list[Case]:
 def _measured(chosen: Case) -> Measured | None:
     points_m, normals = seen_cloud(chosen)
     radar_scene = echo_scene(chosen.scene)
-    echoes = shoot(radar_scene, choices(chosen.scene, radar_scene)).capture
+    echoes = simulate_scene(radar_scene, choices(chosen.scene, radar_scene)).capture
     start = time.perf_counter()
     try:
         pairs, common_m2 = registration.measure(points_m, normals, echoes, chosen.described)

@@ -19,7 +19,7 @@ from radar.simulation.causes import Noise
 from radar.simulation.effects.catalogue import EFFECTS, check_names
 from radar.simulation.scene import EchoScene
 from radar.simulation.selection import CONTAINED, Choice, choose
-from radar.simulation.simulate import shoot
+from radar.simulation.simulate import simulate_scene
 from radar.support.config import Config
 from radar.support.errors import HandbenchError
 from radar.support.files import inside
@@ -100,7 +100,7 @@ class Way:
         plain = echo_scene(scene)
         given = {field.name: getattr(plain, field.name) for field in fields(plain) if field.init}
         sampled = Sampled(**given, facets_per_wavelength=self.facets_per_wavelength)
-        return shoot(sampled, self._choices(sampled)).capture.samples[0]
+        return simulate_scene(sampled, self._choices(sampled)).capture.samples[0]
 
     def _choices(self, scene: EchoScene) -> tuple[Choice, ...]:
         if self.tolerance_mm is not None:

@@ -7,12 +7,19 @@ is its exact adjoint: conjugate phases, transposed weights, in reverse order.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numba
 import numpy as np
 
 from radar.imaging.cpu.steering import cis_turns
 
-FAST = {"nogil": True, "cache": True, "fastmath": {"contract", "reassoc", "nsz"}, "error_model": "numpy"}
+FAST: dict[str, Any] = {
+    "nogil": True,
+    "cache": True,
+    "fastmath": {"contract", "reassoc", "nsz"},
+    "error_model": "numpy",
+}
 
 
 def planes(samples: np.ndarray) -> np.ndarray:

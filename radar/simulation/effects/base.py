@@ -1,4 +1,4 @@
-"""What an effect is: it says what it needs, how much it matters in a scene and what it costs; and it can be applied."""
+"""The interface of an effect: its needs, the estimate of its size and cost in a scene, and its application."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import numpy as np
 from radar.simulation.scene import EchoScene
 
 if TYPE_CHECKING:
-    from radar.simulation.state import Shot
+    from radar.simulation.state import EchoState
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """How much an effect matters: depth_mm, the mean change of the target's depth map at the scene's depth step;
+    """Size of an effect in a scene: depth_mm, the mean change of the target's depth map at the scene's depth step;
     level_db, what it adds to or takes from the echoes against the target's echo; why: the bound, with its numbers;
     cost_s: the seconds that it would take."""
 
@@ -37,7 +37,7 @@ class Effect(ABC):
     source: ClassVar[str]
 
     def missing(self, scene: EchoScene) -> str:
-        """What the effect needs and the scene lacks, as a phrase ("[noise] in the scene file"); "" if it has all."""
+        """The needs of the effect that the scene lacks, as a phrase ("[noise] in the scene file"); "" if it has all."""
         return ""
 
     @abstractmethod
@@ -45,5 +45,5 @@ class Effect(ABC):
         """A cheap bound: it casts no ray and draws no random number. Only asked where nothing is missing."""
 
     @abstractmethod
-    def apply(self, shot: Shot) -> None:
-        """Change the shot."""
+    def apply(self, state: EchoState) -> None:
+        """Change the state of the simulation."""

@@ -1,4 +1,4 @@
-"""What stands around the target: its echoes do not move with the target and stay when it is taken away."""
+"""Clutter: echoes of the bodies around the target, which stay when the target moves or is taken away."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from radar.simulation.physics.facets import Facets
 from radar.simulation.physics.visibility import visible_from
 from radar.simulation.pilot import CENTRE_M, TOLERANCE, body_echoes, change_db, change_mm, coarse_surface, pilot
 from radar.simulation.scene import Body, EchoScene
-from radar.simulation.state import Shot, facing
+from radar.simulation.state import EchoState, facing
 from radar.support.rays import Rays
 
 
@@ -34,25 +34,25 @@ class Clutter(Effect):
         why = f"two tones' images with the room's {len(scene.room)} bodies, but where the target stands before them"
         return Estimate(change_mm(scene, samples), change_db(scene, samples), why, cost_s=5.0)
 
-    def apply(self, shot: Shot) -> None:
-        scene = shot.scene
-        rays = _rays([*scene.room, *_opaque_target(scene, shot.with_target)])
-        clutter = np.zeros(shot.samples.shape[1:], np.complex64)
+    def apply(self, state: EchoState) -> None:
+        scene = state.scene
+        rays = _rays([*scene.room, *_opaque_target(scene, state.with_target)])
+        clutter = np.zeros(state.samples.shape[1:], np.complex64)
         for body in scene.room:
             facets = facing(scene, body)
             optics = facets.where(rays.in_sight(facets.position_m, CENTRE_M)).optics
-            clutter += body_echoes(body, optics, scene.frequencies_hz, shot.array, shot.tolerance, shot.pattern)
-        shot.samples = shot.samples + clutter
+            clutter += body_echoes(body, optics, scene.frequencies_hz, state.array, state.tolerance, state.pattern)
+        state.samples = state.samples + clutter
 
 
 def _opaque_target(scene: EchoScene, with_target: bool) -> tuple[Body, ...]:
     """The target, if it stands there and casts a shadow: foam does not."""
-    hides = with_target and scene.target is not None and not scene.target.transparent
-    return (scene.target,) if hides else ()
+    body = scene.target if with_target else None
+    return () if body is None or body.transparent else (body,)
 
 
 def _beside_target(scene: EchoScene, facets: Facets) -> np.ndarray:
-    """Which of the room's facets the target does not hide from the aperture's centre, without rays: bool [p]."""
+    """Mask [p] of the room's facets that the target does not hide from the aperture's centre, without rays."""
     target = [coarse_surface(scene, body) for body in _opaque_target(scene, True)]
     columns = zip(*(vars(part).values() for part in (*target, facets)), strict=True)
     return visible_from(Facets(*map(np.concatenate, columns)), CENTRE_M)[sum(map(len, target)) :]

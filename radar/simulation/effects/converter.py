@@ -8,7 +8,7 @@ from radar.simulation.causes import Converter
 from radar.simulation.effects.base import Effect, Estimate
 from radar.simulation.pilot import change_db, change_mm, pilot
 from radar.simulation.scene import EchoScene
-from radar.simulation.state import Shot
+from radar.simulation.state import EchoState
 
 
 class Quantisation(Effect):
@@ -27,10 +27,10 @@ class Quantisation(Effect):
         why = f"two tones' images from {converter.bits} bits"
         return Estimate(change_mm(scene, rounded), change_db(scene, rounded), why)
 
-    def apply(self, shot: Shot) -> None:
-        converter = shot.scene.causes.converter
-        scale = shot.level(self.id, lambda: full_scale(shot.samples, converter))
-        shot.samples = np.stack([quantised(frame, converter, scale) for frame in shot.samples])
+    def apply(self, state: EchoState) -> None:
+        converter = state.scene.causes.converter
+        scale = state.level(self.id, lambda: full_scale(state.samples, converter))
+        state.samples = np.stack([quantised(frame, converter, scale) for frame in state.samples])
 
 
 def full_scale(samples: np.ndarray, converter: Converter) -> float:
@@ -41,7 +41,7 @@ def full_scale(samples: np.ndarray, converter: Converter) -> float:
 
 def quantised(samples: np.ndarray, converter: Converter, scale: float) -> np.ndarray:
     """Samples rounded to the middles of 2^bits steps over ±scale (mid-rise): complex64."""
-    if scale == 0:
+    if scale == 0 or converter.bits is None:
         return samples
     step = 2 * scale / 2**converter.bits
     parts = np.ascontiguousarray(samples).view(np.float32).astype(np.float64)

@@ -1,4 +1,4 @@
-"""What leaks from the transmitters straight to the receivers."""
+"""Leakage straight from the transmitters to the receivers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from radar.imaging.cpu.steering import phasor
 from radar.simulation.effects.base import Effect, Estimate
 from radar.simulation.pilot import change_db, change_mm, pilot, rms
 from radar.simulation.scene import EchoScene
-from radar.simulation.state import Shot
+from radar.simulation.state import EchoState
 
 
 class AntennaCoupling(Effect):
@@ -24,15 +24,15 @@ class AntennaCoupling(Effect):
 
     def estimate(self, scene: EchoScene) -> Estimate:
         known = pilot(scene)
-        level = 10 ** (scene.causes.coupling.level_db / 20) * known.channel_rms
+        level = scene.causes.coupling.amplitude * known.channel_rms
         samples = known.samples + level * direct_wave(scene.array, known.tones_hz)
         why = f"two tones' images with a direct wave of {scene.causes.coupling.level_db:g} dB, which lies out of focus"
         return Estimate(change_mm(scene, samples), change_db(scene, samples), why)
 
-    def apply(self, shot: Shot) -> None:
-        causes, frequencies_hz = shot.scene.causes, shot.scene.frequencies_hz
-        level = shot.level(self.id, lambda: 10 ** (causes.coupling.level_db / 20) * rms(shot.samples))
-        shot.samples = shot.samples + level * direct_wave(shot.array, frequencies_hz)
+    def apply(self, state: EchoState) -> None:
+        causes, frequencies_hz = state.scene.causes, state.scene.frequencies_hz
+        level = state.level(self.id, lambda: causes.coupling.amplitude * rms(state.samples))
+        state.samples = state.samples + level * direct_wave(state.array, frequencies_hz)
 
 
 def direct_wave(array: AntennaArray, frequencies_hz: np.ndarray) -> np.ndarray:

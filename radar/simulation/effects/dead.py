@@ -8,7 +8,7 @@ from radar.simulation.causes import Dead
 from radar.simulation.effects.base import Effect, Estimate
 from radar.simulation.pilot import change_db, change_mm, pilot
 from radar.simulation.scene import EchoScene
-from radar.simulation.state import Shot
+from radar.simulation.state import EchoState
 from radar.support.errors import HandbenchError
 
 
@@ -28,8 +28,8 @@ class DeadElements(Effect):
         why = f"two tones' images without {count} antennas"
         return Estimate(change_mm(scene, samples), change_db(scene, samples), why)
 
-    def apply(self, shot: Shot) -> None:
-        shot.samples = silenced(shot.samples, shot.scene.causes.dead)
+    def apply(self, state: EchoState) -> None:
+        state.samples = silenced(state.samples, state.scene.causes.dead)
 
 
 def silenced(samples: np.ndarray, dead: Dead) -> np.ndarray:

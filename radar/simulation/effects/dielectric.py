@@ -17,7 +17,7 @@ from radar.simulation.physics.facets import Facets, face_vectors
 from radar.simulation.physics.reflection import dielectric_permittivity, echo_reflection
 from radar.simulation.pilot import CENTRE_M, TOLERANCE, change_db, change_mm, pilot
 from radar.simulation.scene import Body, EchoScene
-from radar.simulation.state import Shot, facing
+from radar.simulation.state import EchoState, Surface, facing
 from radar.support.rays import Rays
 
 MOST_CROSSINGS = 16  # surfaces that a ray may cross on its way to a facet
@@ -43,40 +43,39 @@ class Dielectric(Effect):
             delay_mm = 1e3 * float(foam_delays_m(scene.balls).mean())
             reasons.append(f"the balls' foam delays by {delay_mm:.2f} mm on average and echoes itself")
         if _of_dielectric(scene):
-            reasons.append(_inside(scene.target, tones_hz))
-            if scene.target.material.kind == "foam":
+            reasons.append(_inside(scene.body, tones_hz))
+            if scene.body.material.kind == "foam":
                 added += _back_echoes(scene, tones_hz)
         samples = pilot(scene).samples + added
         return Estimate(delay_mm + change_mm(scene, samples), _level_db(scene, samples), "; ".join(reasons), cost_s=1.0)
 
-    def apply(self, shot: Shot) -> None:
-        if shot.with_target and any(map(has_foam, shot.scene.balls)):
-            shot.ball_delay_m = foam_delays_m(shot.scene.balls)
-            shot.extra.append(lambda: _foam_of_balls(shot))
-        if shot.surface is None or not _of_dielectric(shot.scene):
+    def apply(self, state: EchoState) -> None:
+        if state.with_target and any(map(has_foam, state.scene.balls)):
+            state.ball_delay_m = foam_delays_m(state.scene.balls)
+            state.extra.append(lambda: _foam_of_balls(state))
+        if state.surface is None or not _of_dielectric(state.scene):
             return
-        front = echo_reflection(shot.scene.target.material, shot.scene.frequencies_hz)
-        if shot.scene.target.material.kind == "plastic":
-            shot.surface.reflection, shot.surface.layer = front[None], np.zeros(len(shot.surface.facets), int)
+        front = echo_reflection(state.scene.body.material, state.scene.frequencies_hz)
+        if state.scene.body.material.kind == "plastic":
+            state.surface.reflection, state.surface.layer = front[None], np.zeros(len(state.surface.facets), int)
         else:
-            _make_transparent(shot, front)
+            _make_transparent(state, state.surface, front)
 
 
 def _of_dielectric(scene: EchoScene) -> bool:
     return scene.target is not None and scene.target.material.kind in ("foam", "plastic")
 
 
-def _foam_of_balls(shot: Shot) -> np.ndarray:
-    return foam_echoes(shot.scene.balls, shot.scene.frequencies_hz, shot.array, shot.pattern)
+def _foam_of_balls(state: EchoState) -> np.ndarray:
+    return foam_echoes(state.scene.balls, state.scene.frequencies_hz, state.array, state.pattern)
 
 
-def _make_transparent(shot: Shot, front: np.ndarray) -> None:
+def _make_transparent(state: EchoState, surface: Surface, front: np.ndarray) -> None:
     """All of the body's facets, in two layers: facing the array, with `front` [f], and turned away."""
-    body = shot.scene.target
-    parts = facing(shot.scene, body), turned_away(shot.scene, body)
+    body = surface.body
+    parts = facing(state.scene, body), turned_away(state.scene, body)
     columns = zip(*(vars(part).values() for part in parts), strict=True)
     index = np.sqrt(body.material.real_permittivity)
-    surface = shot.surface
     surface.facets = facets = Facets(*map(np.concatenate, columns))
     surface.seen = None
     surface.layer = np.repeat([0, 1], [len(part) for part in parts])
@@ -91,7 +90,7 @@ def turned_away(scene: EchoScene, body: Body) -> Facets:
 
 
 def inside_m(rays: Rays, points_m: np.ndarray, origin_m: np.ndarray) -> np.ndarray:
-    """How far the straight ray from an origin [3] outside a closed body to each point [n, 3] runs inside it: [n]."""
+    """Length [n] inside a closed body of the straight rays from an origin [3] outside it to points [n, 3]."""
     towards = points_m - origin_m
     distance_m = np.linalg.norm(towards, axis=1)
     towards = towards / distance_m[:, None]
@@ -109,9 +108,9 @@ def inside_m(rays: Rays, points_m: np.ndarray, origin_m: np.ndarray) -> np.ndarr
 
 def _back_echoes(scene: EchoScene, tones_hz: np.ndarray) -> np.ndarray:
     """Samples [f, t, r] of a foam target's back surface with the mean delay everywhere."""
-    material = scene.target.material
-    facets = turned_away(scene, scene.target)
-    delay_m = (np.sqrt(material.real_permittivity) - 1) * mean_thickness_m(scene.target)
+    material = scene.body.material
+    facets = turned_away(scene, scene.body)
+    delay_m = (np.sqrt(material.real_permittivity) - 1) * mean_thickness_m(scene.body)
     back = Scatterers(facets.position_m, facets.area_m2, facets.normal, np.full(len(facets), delay_m))
     reflection = echo_reflection(material, tones_hz)
     echoes = simulate(back, tones_hz, scene.array, tolerance=TOLERANCE)
@@ -119,7 +118,7 @@ def _back_echoes(scene: EchoScene, tones_hz: np.ndarray) -> np.ndarray:
 
 
 def _inside(body: Body, tones_hz: np.ndarray) -> str:
-    """How strong the echo of the back is against the front's, in words."""
+    """Strength of the back's echo against the front's, in words."""
     material, thickness_m = body.material, mean_thickness_m(body)
     reflection = echo_reflection(material, tones_hz)
     n = np.sqrt(dielectric_permittivity(material))
@@ -137,7 +136,7 @@ def mean_thickness_m(body: Body) -> float:
 
 
 def _level_db(scene: EchoScene, samples: np.ndarray) -> float:
-    """What is added against the target's echo; of a dielectric body, what is taken from metal's."""
+    """Level of the added echoes against the target's; of a dielectric body, of the part taken from metal's."""
     if not _of_dielectric(scene):
         return change_db(scene, samples)
-    return float(20 * np.log10(abs(1 - echo_reflection(scene.target.material, pilot(scene).tones_hz)[0])))
+    return float(20 * np.log10(abs(1 - echo_reflection(scene.body.material, pilot(scene).tones_hz)[0])))

@@ -15,7 +15,7 @@ from radar.imaging.cpu.steering import phasor
 from radar.simulation.causes import Motion
 from radar.simulation.effects.base import Effect, Estimate
 from radar.simulation.scene import EchoScene
-from radar.simulation.state import Shot, require_facets
+from radar.simulation.state import EchoState, require_facets
 from radar.support.errors import HandbenchError
 
 MOST_NODES = 30  # displacements, each a simulation of its own
@@ -46,14 +46,14 @@ class TargetMotion(Effect):
         turned_rad = 2 * np.pi * scene.frequencies_hz[top] / SPEED_OF_LIGHT_M_S * 2 * moved_m
         return Estimate(1e3 * towards * gain * moved_m, 20 * np.log10(turned_rad + 1e-12), why, cost_s=2.0)
 
-    def apply(self, shot: Shot) -> None:
-        if not shot.with_target:
+    def apply(self, state: EchoState) -> None:
+        if not state.with_target:
             return
-        motion = shot.scene.causes.motion
+        motion = state.scene.causes.motion
         along = np.array(motion.direction) / np.linalg.norm(motion.direction)
-        phases = [shot.random(shot.frame_seed(self.id, frame)).uniform(0, 2 * np.pi) for frame in range(shot.frames)]
-        offset_m = np.stack([displacement_m(motion, shot.scene.time_s, phase) for phase in phases])
-        shot.samples = echoes_of_moving(shot, along, offset_m, reach_m(motion, shot.scene.time_s))
+        phases = [state.random(state.frame_seed(self.id, frame)).uniform(0, 2 * np.pi) for frame in range(state.frames)]
+        offset_m = np.stack([displacement_m(motion, state.scene.time_s, phase) for phase in phases])
+        state.samples = echoes_of_moving(state, along, offset_m, reach_m(motion, state.scene.time_s))
 
 
 def _cosine(a: np.ndarray, b: np.ndarray) -> float:
@@ -67,16 +67,18 @@ def displacement_m(motion: Motion, time_s: np.ndarray, phase_rad: float) -> np.n
 
 
 def reach_m(motion: Motion, time_s: np.ndarray) -> tuple[float, float]:
-    """What no displacement leaves, whatever the tremor's phase: frames do not depend on which others there are."""
+    """Bounds of the displacement, whatever the tremor's phase: frames do not depend on which others there are."""
     drift_m = motion.velocity_m_s * time_s
     return float(drift_m.min() - 2 * motion.amplitude_m), float(drift_m.max() + 2 * motion.amplitude_m)
 
 
-def echoes_of_moving(shot: Shot, along: np.ndarray, offset_m: np.ndarray, reach: tuple[float, float]) -> np.ndarray:
+def echoes_of_moving(
+    state: EchoState, along: np.ndarray, offset_m: np.ndarray, reach: tuple[float, float]
+) -> np.ndarray:
     """Samples [frame, f, t, r] of the target displaced by offset_m [frame, f], all within `reach`, along the unit
     vector `along`."""
-    frequencies_hz = shot.scene.frequencies_hz
-    middle_m, spread = _middle(shot, along)
+    frequencies_hz = state.scene.frequencies_hz
+    middle_m, spread = _middle(state, along)
     low, high = reach
     residual_rad = 4 * np.pi * frequencies_hz.max() / SPEED_OF_LIGHT_M_S * spread * (high - low)
     if residual_rad > MOST_NODES * RESIDUAL_RAD:
@@ -85,13 +87,13 @@ def echoes_of_moving(shot: Shot, along: np.ndarray, offset_m: np.ndarray, reach:
             "millimetres: lower velocity_m_s, or shorten the frame by fewer tones or a smaller sensor.step_time_s"
         )
     nodes_m = np.linspace(low, high, 2 + int(residual_rad / RESIDUAL_RAD))
-    slope = _slope(shot, along, middle_m)
+    slope = _slope(state, along, middle_m)
     # Turned by −slope·δ, the echoes of all displacements look alike.
-    extra = shot.extra_echoes()
-    still = [_turned(shot.echo(shot.moved(node * along)), -node * slope, frequencies_hz) + extra for node in nodes_m]
+    extra = state.extra_echoes()
+    still = [_turned(state.echo(state.moved(node * along)), -node * slope, frequencies_hz) + extra for node in nodes_m]
     place = np.clip((offset_m - low) / max(high - low, 1e-12) * (len(nodes_m) - 1), 0, len(nodes_m) - 1)
     below = np.minimum(place.astype(int), len(nodes_m) - 2)
-    samples = np.empty((*offset_m.shape, *shot.array.channels), np.complex64)
+    samples = np.empty((*offset_m.shape, *state.array.channels), np.complex64)
     for frame, tone in np.ndindex(*offset_m.shape):
         n, part = below[frame, tone], np.float32(place[frame, tone] - below[frame, tone])
         mixed = still[n][tone] * (1 - part) + still[n + 1][tone] * part
@@ -99,19 +101,19 @@ def echoes_of_moving(shot: Shot, along: np.ndarray, offset_m: np.ndarray, reach:
     return samples
 
 
-def _middle(shot: Shot, along: np.ndarray) -> tuple[np.ndarray, float]:
+def _middle(state: EchoState, along: np.ndarray) -> tuple[np.ndarray, float]:
     """The target's middle [3], and how far its parts' direction cosines to `along` differ from the middle's."""
-    parts = [] if shot.surface is None else [require_facets(shot.surface.facets).position_m]
-    parts += [ball.centre_m[None] for ball in shot.scene.balls]
+    parts = [] if state.surface is None else [require_facets(state.surface.facets).position_m]
+    parts += [ball.centre_m[None] for ball in state.scene.balls]
     points_m = np.concatenate(parts)
     middle_m = points_m.mean(axis=0)
     cosine = points_m @ along / np.linalg.norm(points_m, axis=1)
     return middle_m, float(np.abs(cosine - middle_m @ along / np.linalg.norm(middle_m)).max())
 
 
-def _slope(shot: Shot, along: np.ndarray, middle_m: np.ndarray) -> np.ndarray:
-    """How the path of each channel [t, r] to the middle grows per metre of displacement."""
-    towards = [middle_m - leg.position_m for leg in shot.array.legs]
+def _slope(state: EchoState, along: np.ndarray, middle_m: np.ndarray) -> np.ndarray:
+    """Growth of each channel's path [t, r] over the middle per metre of displacement."""
+    towards = [middle_m - leg.position_m for leg in state.array.legs]
     cosines = [leg @ along / np.linalg.norm(leg, axis=1) for leg in towards]
     return cosines[0][:, None] + cosines[1]
 

@@ -9,7 +9,7 @@ from radar.imaging.cpu.exact import tone_images
 from radar.simulation.effects.base import Effect, Estimate
 from radar.simulation.pilot import pilot
 from radar.simulation.scene import EchoScene
-from radar.simulation.state import Shot
+from radar.simulation.state import EchoState
 
 PEAK_POINTS = 20_000  # surface points on which the strongest pixel is looked for
 
@@ -33,25 +33,25 @@ class ThermalNoise(Effect):
         noise = sigma_rad * known.strongest / np.sqrt(known.samples[0].size)
         return Estimate(1e3 * depth_m, 20 * np.log10(noise / known.channel_rms), why)
 
-    def apply(self, shot: Shot) -> None:
-        scene = shot.scene
-        strongest, sigma_rad = shot.level(self.id, lambda: _strongest(shot)), scene.causes.noise.between_tones_rad
-        shot.samples = np.stack(
+    def apply(self, state: EchoState) -> None:
+        scene = state.scene
+        strongest, sigma_rad = state.level(self.id, lambda: _strongest(state)), scene.causes.noise.between_tones_rad
+        state.samples = np.stack(
             [
-                thermal_noise(samples, scene.frequencies_hz, sigma_rad, strongest, shot.frame_seed(self.id, frame))
-                for frame, samples in enumerate(shot.samples)
+                thermal_noise(samples, scene.frequencies_hz, sigma_rad, strongest, state.frame_seed(self.id, frame))
+                for frame, samples in enumerate(state.samples)
             ]
         )
 
 
-def _strongest(shot: Shot) -> float:
+def _strongest(state: EchoState) -> float:
     """The strongest pixel of the first frame's highest tone on the target's surface."""
-    points = [] if shot.surface is None else [shot.surface.facets.position_m]
-    points += [ball.centre_m[None] for ball in shot.scene.balls]
+    points = [] if state.surface is None else [state.surface.facets.position_m]
+    points += [ball.centre_m[None] for ball in state.scene.balls]
     surface_m = np.concatenate(points)
     surface_m = surface_m[:: max(1, len(surface_m) // PEAK_POINTS)]
-    top = int(shot.scene.frequencies_hz.argmax())
-    return strongest_amplitude(shot.samples[0, top], shot.scene.frequencies_hz[top], shot.scene.array, surface_m)
+    top = int(state.scene.frequencies_hz.argmax())
+    return strongest_amplitude(state.samples[0, top], state.scene.frequencies_hz[top], state.scene.array, surface_m)
 
 
 def strongest_amplitude(samples: np.ndarray, frequency_hz: float, array: AntennaArray, surface_m: np.ndarray) -> float:

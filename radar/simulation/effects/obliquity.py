@@ -5,7 +5,7 @@ from __future__ import annotations
 from radar.simulation.effects.base import Effect, Estimate
 from radar.simulation.pilot import change_db, change_mm, echoes_of, pilot
 from radar.simulation.scene import EchoScene
-from radar.simulation.state import Shot
+from radar.simulation.state import EchoState
 
 
 class Obliquity(Effect):
@@ -23,6 +23,6 @@ class Obliquity(Effect):
         why = "two tones' images of facets that scatter evenly"
         return Estimate(change_mm(scene, even), change_db(scene, even), why)
 
-    def apply(self, shot: Shot) -> None:
-        if shot.surface is not None:
-            shot.surface.oblique = True
+    def apply(self, state: EchoState) -> None:
+        if state.surface is not None:
+            state.surface.oblique = True

@@ -18,7 +18,7 @@ from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.simulation.causes import Oscillator
 from radar.simulation.effects.base import Effect, Estimate
 from radar.simulation.scene import EchoScene
-from radar.simulation.state import Shot
+from radar.simulation.state import EchoState
 
 OFFSET_HZ = 1e6  # where the level is given
 
@@ -39,22 +39,21 @@ class OscillatorNoise(Effect):
         why = f"{1e3 * sigma_rad:.2g} mrad per tone and transmitter after range correlation, averaged over transmitters"
         return Estimate(1e3 * depth_m, 20 * np.log10(sigma_rad), why)
 
-    def apply(self, shot: Shot) -> None:
-        sigma_rad = phase_rad(shot.scene.causes.oscillator, _delay_s(shot.scene))
-        shape = (len(shot.scene.frequencies_hz), len(shot.scene.array.tx_m), 1)
+    def apply(self, state: EchoState) -> None:
+        sigma_rad = phase_rad(state.scene.causes.oscillator, _delay_s(state.scene))
+        shape = (len(state.scene.frequencies_hz), len(state.scene.array.tx_m), 1)
         turns = [
-            np.exp(1j * sigma_rad * shot.random(shot.frame_seed(self.id, frame)).standard_normal(shape))
-            for frame in range(shot.frames)
+            np.exp(1j * sigma_rad * state.random(state.frame_seed(self.id, frame)).standard_normal(shape))
+            for frame in range(state.frames)
         ]
-        shot.samples = (shot.samples * np.stack(turns)).astype(np.complex64)
+        state.samples = (state.samples * np.stack(turns)).astype(np.complex64)
 
 
 def phase_rad(oscillator: Oscillator, delay_s: float) -> float:
     """Standard deviation of the phase that is left after the echo's delay."""
-    density = 10 ** (oscillator.level_dbc_hz / 10)
     a, bandwidth_hz = np.pi * delay_s, oscillator.bandwidth_hz
     integral = a * sici(2 * a * bandwidth_hz)[0] - np.sin(a * bandwidth_hz) ** 2 / bandwidth_hz
-    return float(np.sqrt(8 * density * OFFSET_HZ**2 * integral))
+    return float(np.sqrt(8 * oscillator.density * OFFSET_HZ**2 * integral))
 
 
 def _delay_s(scene: EchoScene) -> float:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from radar.simulation.effects.base import Effect, Estimate
 from radar.simulation.pilot import change_db, change_mm, echoes_of, pilot
 from radar.simulation.scene import EchoScene
-from radar.simulation.state import Shot
+from radar.simulation.state import EchoState
 
 
 class AntennaPattern(Effect):
@@ -21,16 +19,10 @@ class AntennaPattern(Effect):
         return "" if scene.causes.pattern.beamwidth_deg is not None else "[sensor.pattern] with beamwidth_deg"
 
     def estimate(self, scene: EchoScene) -> Estimate:
-        width_deg = scene.causes.pattern.beamwidth_deg
-        q = exponent(width_deg)
+        width_deg, q = scene.causes.pattern.beamwidth_deg, scene.causes.pattern.exponent
         samples = echoes_of(scene, pilot(scene).tones_hz, scene.array, pattern=q)
         why = f"two tones' images with {width_deg:g}° between the half-power directions, cosᵠθ with q = {q:.2g}"
         return Estimate(change_mm(scene, samples), change_db(scene, samples), why)
 
-    def apply(self, shot: Shot) -> None:
-        shot.pattern = exponent(shot.scene.causes.pattern.beamwidth_deg)
-
-
-def exponent(beamwidth_deg: float) -> float:
-    """q of the amplitude cosᵠθ whose power, cos²ᵠθ, is halved at half the beamwidth from the axis."""
-    return float(-np.log(2) / (2 * np.log(np.cos(np.radians(beamwidth_deg) / 2))))
+    def apply(self, state: EchoState) -> None:
+        state.pattern = state.scene.causes.pattern.exponent

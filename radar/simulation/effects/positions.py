@@ -8,7 +8,7 @@ from radar.data.arrays import AntennaArray
 from radar.simulation.effects.base import Effect, Estimate
 from radar.simulation.pilot import change_db, change_mm, echoes_of, pilot, stand_in
 from radar.simulation.scene import EchoScene
-from radar.simulation.state import Shot
+from radar.simulation.state import EchoState
 
 
 class PositionErrors(Effect):
@@ -28,10 +28,10 @@ class PositionErrors(Effect):
         why = f"two tones' images with antennas off by {1e3 * sigma_m:.2g} mm"
         return Estimate(change_mm(scene, samples), change_db(scene, samples), why)
 
-    def apply(self, shot: Shot) -> None:
-        shapes = [leg.position_m.shape for leg in shot.array.legs]
-        errors = [shot.random(shot.seed(self.id, i)).standard_normal(shape) for i, shape in enumerate(shapes)]
-        shot.array = _off(shot.array, shot.scene.causes.positions.sigma_m, errors)
+    def apply(self, state: EchoState) -> None:
+        shapes = [leg.position_m.shape for leg in state.array.legs]
+        errors = [state.random(state.seed(self.id, i)).standard_normal(shape) for i, shape in enumerate(shapes)]
+        state.array = _off(state.array, state.scene.causes.positions.sigma_m, errors)
 
 
 def _off(array: AntennaArray, sigma_m: float, errors: list[np.ndarray]) -> AntennaArray:

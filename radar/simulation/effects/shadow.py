@@ -1,4 +1,4 @@
-"""Shadows: what of the target each antenna, or the aperture's centre for all of them, sees."""
+"""Shadows: visibility of the target's facets from each antenna, or from the aperture's centre for all of them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from radar.simulation.pilot import (
     seen_from_centre,
 )
 from radar.simulation.scene import EchoScene
-from radar.simulation.state import Shot, facing
+from radar.simulation.state import EchoState, facing
 
 FACETS_PER_S = 5e5  # of the estimate's coarse ones; on two cores
 
@@ -37,19 +37,19 @@ class ShadowCentre(Effect):
         return scene.lacks_surface
 
     def estimate(self, scene: EchoScene) -> Estimate:
-        facets, visible = coarse_surface(scene, scene.target), seen_from_centre(scene)
+        facets, visible = coarse_surface(scene, scene.body), seen_from_centre(scene)
         share = facets.area_m2[~visible].sum() / facets.area_m2.sum()
         why = f"two tones' images with the {100 * share:.1f} % of the surface that a buffer of depths hides"
         return _estimate(scene, _pair_of(scene, facets.where(~visible)), why, FACETS_PER_S)
 
-    def apply(self, shot: Shot) -> None:
-        if shot.surface is None:
+    def apply(self, state: EchoState) -> None:
+        if state.surface is None:
             return
-        facets, body = shot.surface.facets, shot.surface.body
+        facets, body = state.surface.facets, state.surface.body
         corners_m = body.vertices_m[body.faces[facets.face, 0]]
         front = (face_vectors(body.vertices_m, body.faces[facets.face]) * (CENTRE_M - corners_m)).sum(axis=1) > 0
-        front[front] = rays_of(shot.scene, body).in_sight(facets.position_m[front], CENTRE_M)
-        shot.surface.keep(front)
+        front[front] = rays_of(state.scene, body).in_sight(facets.position_m[front], CENTRE_M)
+        state.surface.keep(front)
 
 
 class ShadowAntennas(Effect):
@@ -64,7 +64,7 @@ class ShadowAntennas(Effect):
 
     def estimate(self, scene: EchoScene) -> Estimate:
         """Of what it changes beyond `shadow_centre`."""
-        facets, visible = coarse_surface(scene, scene.target), seen_from_centre(scene)
+        facets, visible = coarse_surface(scene, scene.body), seen_from_centre(scene)
         (tx, nearest_tx), (rx, nearest_rx) = (_from_ends(facets, leg.position_m) for leg in scene.array.legs)
         everyone = tx.all(axis=0) & rx.all(axis=0) & visible
         differ = ~everyone & ((tx.any(axis=0) & rx.any(axis=0)) | visible)
@@ -74,23 +74,24 @@ class ShadowAntennas(Effect):
         why = f"two tones' images; buffers of depths hide {100 * share:.1f} % of the surface from some of the array"
         return _estimate(scene, change, why, FACETS_PER_S / 8)
 
-    def apply(self, shot: Shot) -> None:
-        surface = shot.surface
+    def apply(self, state: EchoState) -> None:
+        surface = state.surface
         if surface is None:
             return
         body = surface.body
-        surface.facets = facing(shot.scene, body)  # anew: what the centre does not see may be seen by others
-        antennas_m = np.concatenate([shot.array.tx_m, shot.array.rx_m])
-        seen = facets_in_sight(rays_of(shot.scene, body), body, surface.facets, antennas_m)
-        tx, rx = np.split(seen, [len(shot.array.tx_m)])
+        surface.facets = facing(state.scene, body)  # anew: what the centre does not see may be seen by others
+        antennas_m = np.concatenate([state.array.tx_m, state.array.rx_m])
+        seen = facets_in_sight(rays_of(state.scene, body), body, surface.facets, antennas_m)
+        tx, rx = np.split(seen, [len(state.array.tx_m)])
         surface.seen = tx, rx
-        surface.keep(tx.any(axis=0) & rx.any(axis=0))
+        surface.keep(np.asarray(tx.any(axis=0) & rx.any(axis=0)))
 
 
 def _from_ends(facets: Facets, antennas_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """bool [views, p] by buffers of depths at both ends and the middle of each line of antennas, and the view [a] in
     each antenna's line that is nearest to it."""
-    visible, nearest = [], np.empty(len(antennas_m), int)
+    visible: list[np.ndarray] = []
+    nearest = np.empty(len(antennas_m), int)
     for line in lines(antennas_m):
         views = np.unique([0, (len(line) - 1) // 2, len(line) - 1])
         nearest[line] = len(visible) + np.abs(np.arange(len(line))[:, None] - views).argmin(axis=1)
@@ -101,12 +102,12 @@ def _from_ends(facets: Facets, antennas_m: np.ndarray) -> tuple[np.ndarray, np.n
 def _pair_of(scene: EchoScene, facets: Facets, seen: tuple[np.ndarray, np.ndarray] | None = None) -> np.ndarray:
     """Echoes [2, t, r] of some facets at the scene's pair of tones."""
     optics = dataclasses.replace(facets.optics, seen=seen)
-    return body_echoes(scene.target, optics, pilot(scene).tones_hz, scene.array, TOLERANCE)
+    return body_echoes(scene.body, optics, pilot(scene).tones_hz, scene.array, TOLERANCE)
 
 
 def _estimate(scene: EchoScene, change: np.ndarray, why: str, facets_per_s: float) -> Estimate:
     if not change.any():
         return Estimate(0.0, NOTHING, why)
     samples = pilot(scene).samples + change
-    cost_s = len(coarse_surface(scene, scene.target)) / facets_per_s
+    cost_s = len(coarse_surface(scene, scene.body)) / facets_per_s
     return Estimate(change_mm(scene, samples), change_db(scene, samples), why, cost_s)

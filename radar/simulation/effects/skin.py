@@ -11,11 +11,10 @@ from __future__ import annotations
 import numpy as np
 
 from radar.simulation.effects.base import Effect, Estimate
-from radar.simulation.physics.reflection import skin_reflection
-from radar.simulation.physics.tissue import THIN_M
+from radar.simulation.physics.reflection import THIN_M, skin_reflection
 from radar.simulation.pilot import TOLERANCE, body_echoes, change_db, change_mm, pilot, visible_surface
 from radar.simulation.scene import Body, EchoScene
-from radar.simulation.state import Shot
+from radar.simulation.state import EchoState
 
 
 class Skin(Effect):
@@ -30,18 +29,17 @@ class Skin(Effect):
 
     def estimate(self, scene: EchoScene) -> Estimate:
         known = pilot(scene)
-        reflection = reflections(scene.target, known.tones_hz)
+        reflection = reflections(scene.body, known.tones_hz)
         bias_m = scene.depth_m_per_rad * np.abs(np.angle(reflection[:, 0] * reflection[:, 1].conj()))
         facets = visible_surface(scene)
-        layer = layers(scene.target, facets.face)
-        share = np.bincount(layer, facets.area_m2 * np.abs(facets.normal[:, 2]), len(reflection))
-        share /= share.sum()
+        layer = layers(scene.body, facets.face)
+        area_m2 = np.bincount(layer, facets.area_m2 * np.abs(facets.normal[:, 2]), len(reflection))
+        share = area_m2 / area_m2.sum()
         # The pilot reflects as one half-space: against it both layers count relative to metal, which is what "off" is.
-        samples = sum(
-            body_echoes(scene.target, facets.where(layer == n).optics, known.tones_hz, scene.array, TOLERANCE)
-            * of_layer[:, None, None]
-            for n, of_layer in enumerate(reflection)
-        )
+        samples = np.zeros_like(known.samples)
+        for n, of_layer in enumerate(reflection):
+            echoes = body_echoes(scene.body, facets.where(layer == n).optics, known.tones_hz, scene.array, TOLERANCE)
+            samples = samples + echoes * of_layer[:, None, None]
         level_db = 20 * np.log10(np.abs(reflection[:, 0]))
         why = ", ".join(
             f"{name} {100 * part:.0f} %: {db:.1f} dB, {1e3 * metres:.2f} mm from the phase's slope"
@@ -49,10 +47,10 @@ class Skin(Effect):
         )
         return Estimate(change_mm(scene, samples), change_db(scene, samples), f"two tones' images; {why}", cost_s=0.3)
 
-    def apply(self, shot: Shot) -> None:
-        if shot.surface is not None:
-            shot.surface.reflection = reflections(shot.scene.target, shot.scene.frequencies_hz)
-            shot.surface.layer = layers(shot.scene.target, shot.surface.facets.face)
+    def apply(self, state: EchoState) -> None:
+        if state.surface is not None:
+            state.surface.reflection = reflections(state.scene.body, state.scene.frequencies_hz)
+            state.surface.layer = layers(state.scene.body, state.surface.facets.face)
 
 
 def reflections(body: Body, frequencies_hz: np.ndarray) -> np.ndarray:
@@ -62,5 +60,5 @@ def reflections(body: Body, frequencies_hz: np.ndarray) -> np.ndarray:
 
 
 def layers(body: Body, face: np.ndarray) -> np.ndarray:
-    """Which of them each facet [p] of these faces has."""
+    """Layer of each facet [p] of these faces: 0 thin skin, 1 the palm's."""
     return np.zeros(len(face), int) if body.palm is None else body.palm[face].astype(int)

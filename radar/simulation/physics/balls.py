@@ -50,7 +50,7 @@ def foam_echoes(
 
 
 def has_foam(ball: Ball) -> bool:
-    """Whether there is foam around the ball."""
+    """True if there is foam around the ball."""
     return ball.foam_radius_m > ball.radius_m and ball.foam_permittivity > 1
 
 

@@ -6,6 +6,8 @@ the rest of both is interpolated, as in `radar.imaging.tree`. Rays are only trac
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
@@ -74,7 +76,7 @@ class Bundles:
     def _sum(
         self, bundles: list[np.ndarray], frequencies_hz: np.ndarray, array: AntennaArray, pattern: float
     ) -> np.ndarray:
-        parts: list[np.ndarray | int] = [0] * min(SUMS, len(bundles))
+        parts: list[Any] = [0] * min(SUMS, len(bundles))
 
         def work(i: int) -> None:
             for bundle in bundles[i :: len(parts)]:

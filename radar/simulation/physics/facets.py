@@ -86,10 +86,15 @@ def _centres(splits: int) -> np.ndarray:
     """Barycentric coordinates [4ⁿ, 3] of the centres of a triangle split n times at its edges' midpoints."""
     triangles = np.eye(3)[None]
     for _ in range(splits):
-        a, b, c = (triangles[:, i] for i in range(3))
-        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
-        triangles = np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+        triangles = quarters(triangles)
     return triangles.mean(axis=1)
+
+
+def quarters(corners: np.ndarray) -> np.ndarray:
+    """Triangles [m, 3, 3], each split into four at its edges' midpoints: [4·m, 3, 3]."""
+    a, b, c = (corners[:, i] for i in range(3))
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    return np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

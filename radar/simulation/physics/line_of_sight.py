@@ -1,4 +1,4 @@
-"""Which antennas see which facets of a body.
+"""Line of sight between antennas and the facets of a body.
 
 Rays go to the vertices of the mesh, from few antennas first: where two antennas of a line agree, those between them do
 too. Then every face whose corners disagree, and every coarse face, is asked facet by facet. What is missed is narrower
@@ -26,7 +26,7 @@ def rays_of(scene: EchoScene, body: Body) -> Rays:
 
 
 def facets_in_sight(rays: Rays, body: Body, facets: Facets, antennas_m: np.ndarray) -> np.ndarray:
-    """bool [a, p]: whether antenna a [a, 3] sees facet p: its face turns its front to the antenna, and nothing stands
+    """Mask [a, p] of the facets p that antenna a sees: the face turns its front to the antenna, and nothing stands
     between them."""
     faces, place, parts = np.unique(facets.face, return_inverse=True, return_counts=True)
     used, corners = np.unique(body.faces[faces], return_inverse=True)
@@ -47,7 +47,7 @@ def facets_in_sight(rays: Rays, body: Body, facets: Facets, antennas_m: np.ndarr
 
 
 def points_in_sight(rays: Rays, points_m: np.ndarray, antennas_m: np.ndarray) -> np.ndarray:
-    """bool [a, n]: whether nothing stands between antenna and point."""
+    """Mask [a, n] of the antennas and points between which nothing stands."""
     clear = np.empty((len(antennas_m), len(points_m)), bool)
     for line in lines(antennas_m):
         step_m = np.linalg.norm(np.diff(antennas_m[line], axis=0), axis=1).max(initial=0)
@@ -75,7 +75,7 @@ def lines(antennas_m: np.ndarray) -> list[np.ndarray]:
 
 @numba.njit(nogil=True, cache=True)
 def _corners_in_sight(clear, corners):  # type: ignore[no-untyped-def]
-    """How many of each face's corners [m, 3] (places in clear [n]) are clear: uint8 [m]."""
+    """Number of clear corners of each face: uint8 [m]; corners [m, 3]: indices into clear [n]."""
     count = np.zeros(len(corners), np.uint8)
     for m in range(len(corners)):
         for i in range(3):

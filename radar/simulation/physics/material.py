@@ -1,4 +1,4 @@
-"""What surfaces are made of."""
+"""Materials of surfaces."""
 
 from __future__ import annotations
 

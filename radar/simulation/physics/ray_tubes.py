@@ -9,7 +9,7 @@ import numpy as np
 
 from radar.data.arrays import AntennaArray
 from radar.simulation.physics.bounces import Patches, Tubes, land, mirror
-from radar.simulation.physics.facets import face_vectors, vertex_normals
+from radar.simulation.physics.facets import face_vectors, quarters, vertex_normals
 from radar.simulation.physics.line_of_sight import lines, points_in_sight
 from radar.simulation.scene import Body
 from radar.support.rays import OWN_SURFACE_M, Rays
@@ -43,8 +43,8 @@ class Traced:
 
     def tubes(self, chosen: np.ndarray) -> Tubes:
         """The tubes around some of the hits, by index [n]."""
-        hits = (column[chosen] for column in self.hits[:3])
-        return _landed(*hits, self.patches, self.surface, self.tx_m)
+        transmitter, patch, face = (column[chosen] for column in self.hits[:3])
+        return _landed(transmitter, patch, face, self.patches, self.surface, self.tx_m)
 
 
 def _landed(
@@ -83,7 +83,7 @@ def trace(rays: Rays, body: Body, array: AntennaArray, longest_m: float) -> Trac
 def split(surface: Patches, longest_m: float) -> tuple[Patches, np.ndarray]:
     """Patches split into four until no edge is longer than longest_m, and the face that each is a part of."""
     corners_m, normals, face = surface.corners_m, surface.normals, np.arange(len(surface.normal))
-    done = []
+    done: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     while True:
         long = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(axis=1) > longest_m
         if not done and not long.any():
@@ -92,7 +92,7 @@ def split(surface: Patches, longest_m: float) -> tuple[Patches, np.ndarray]:
         if not long.any():
             break
         face = np.tile(face[long], 4)
-        corners_m, normals = _quarters(corners_m[long]), _quarters(normals[long])
+        corners_m, normals = quarters(corners_m[long]), quarters(normals[long])
         normals = normals / np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-30)
     corners_m, normals, face = (np.concatenate(column) for column in zip(*done, strict=True))
     return _patches(corners_m, normals), face
@@ -105,12 +105,6 @@ def _patches(corners_m: np.ndarray, normals: np.ndarray) -> Patches:
     return Patches(corners_m, normals, corners_m.mean(axis=1), normal, np.cross(b - a, c - a) / 2)
 
 
-def _quarters(corners: np.ndarray) -> np.ndarray:
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
-    return np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
-
-
 def corner_normals(body: Body) -> np.ndarray:
     """Unit normals [m, 3, 3] at the corners of each face: the vertex's, or the face's own at the edges of a body."""
     flat = face_vectors(body.vertices_m, body.faces)
@@ -121,7 +115,7 @@ def corner_normals(body: Body) -> np.ndarray:
 
 
 def _mirrors(rays: Rays, patches: Patches, surface: Patches, tx_m: np.ndarray) -> np.ndarray:
-    """Which patches [m] make tubes with some of a few transmitters."""
+    """Mask [m] of the patches that make tubes with some of a few transmitters."""
     some = np.zeros(len(patches.normal), bool)
     everything = np.arange(len(some))
     for line in lines(tx_m):

@@ -1,4 +1,4 @@
-"""What hides what, coarsely and without rays: buffers of depths, in which every facet is a point."""
+"""Coarse visibility without rays: depth buffers, in which every facet is a point."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ STEEPEST = 6.0  # tangent of incidence up to which a cell's own surface is told 
 
 
 def visible_from(facets: Facets, view_m: np.ndarray) -> np.ndarray:
-    """Which facets [p] turn their front to the point view_m [3] and have none before them in their cell of direction.
+    """Mask [p] of the facets that face the point view_m [3] and have none before them in their cell of direction.
 
     Cells are two facets wide, and what stands less before a facet than the facet's own surface may vary over a cell
     counts as that surface.

@@ -9,7 +9,7 @@ import pytest
 
 import bench.run.photogrammetry
 from bench.cli.main import main
-from calibration.alignment import load_alignment, load_any_transform
+from bench.datasets.maroon_alignment import load_alignment, load_any_transform
 from calibration.transforms import Transform, load_transform
 
 COVARIANCE = np.diag([5e-5, 5e-5, 8e-5, 5e-4, 5e-4, 5e-4]) ** 2

@@ -140,7 +140,7 @@ def test_interrupt_is_one_line(capture, tmp_path, capsys, monkeypatch):
     def interrupt(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("bench.cli.commands.simulate", interrupt)
+    monkeypatch.setattr("bench.cli.simulate.run", interrupt)
     assert main(["simulate", "x.toml", "-o", str(tmp_path / "out")]) == 130
     assert capsys.readouterr().err.startswith("handbench: interrupted")
 

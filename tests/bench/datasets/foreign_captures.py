@@ -33,7 +33,7 @@ def patch_m() -> np.ndarray:
 
 
 def echoes(frames: int = 2) -> RadarCapture:
-    """What the radar hears of it, with noise of its own in each frame."""
+    """Its echoes, with noise of its own in each frame."""
     samples = simulate(Scatterers(patch_m(), np.ones(25)), TONES_HZ, qar50())
     rng = np.random.default_rng(1)
     noise = rng.standard_normal((2, frames, *samples.shape)) * 0.1 * np.abs(samples).mean()

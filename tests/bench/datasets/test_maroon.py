@@ -8,12 +8,12 @@ import pytest
 
 from bench.datasets.dataset import captures, import_capture, open_capture
 from bench.datasets.maroon import MESHES, MaroonCapture
+from bench.datasets.maroon_alignment import save_alignment
 from bench.datasets.maroon_export import export_maroon
 from bench.datasets.maroon_mask import eroded, radar_kernel_px
 from bench.datasets.native import NativeCapture
 from bench.run.reconstruct_stage import configuration, image_frames
 from bench.run.scoring import reference_depth
-from calibration.alignment import save_alignment
 from calibration.transforms import Transform, identity
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
 from radar.data.capture import RadarCapture, save_capture
@@ -250,7 +250,7 @@ def test_erosion_leaves_more_than_ten_pixels():
 def test_an_object_becomes_a_capture_folder(written, tmp_path):
     import_capture("maroon", written[1], tmp_path / "native")
     native, maroon = open_capture(tmp_path / "native"), open_capture(written[1])
-    assert isinstance(native, NativeCapture)
+    assert type(native) is NativeCapture
     assert native.about.contains == ("echoes.h5", "mesh.ply", "radar_from_photo.json")
     assert native.about.model_copy(update={"contains": ()}) == maroon.about
     np.testing.assert_array_equal(native.echoes().samples, maroon.echoes().samples)

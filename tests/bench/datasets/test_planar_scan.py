@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.datasets.foam_panel import import_planar_scan
 from bench.datasets.native import load_capture_file, load_echoes
-from bench.datasets.planar_scan import import_planar_scan
 from radar.imaging.cpu.exact import backproject
 from radar.methods.registry import method
 from radar.support.errors import HandbenchError

@@ -31,7 +31,6 @@ def site(tmp_path, monkeypatch) -> Path:
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(registry, "_begun", set())
     monkeypatch.setattr(registry, "BROKEN", {})
-    monkeypatch.setattr("bench.cli.listing.BROKEN", registry.BROKEN)
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     yield tmp_path
     METHODS.clear()

@@ -83,11 +83,11 @@ def test_the_stand_is_seen_where_it_reflects(tmp_path):
     [plate] = echo_scene(seen).room
     assert np.linalg.norm(plate.vertices_m[:, :2].max(axis=0) - [0.2, 0.15]) < 0.02
     assert plate.vertices_m[:, 2].min() > 0.37
-    shots = echoes(seen)
-    assert np.abs(shots.empty.samples).max() > 0
+    simulated = echoes(seen)
+    assert np.abs(simulated.empty.samples).max() > 0
     subtracted = seen.file.model_copy(update={"stand": seen.file.stand.model_copy(update={"subtract": True})})
     bare = echoes(dataclasses.replace(seen, file=subtracted)).capture.samples
-    assert np.array_equal(bare, shots.capture.samples - shots.empty.samples[0])
+    assert np.array_equal(bare, simulated.capture.samples - simulated.empty.samples[0])
 
 
 def test_the_calibration_targets_balls_sit_in_foam():

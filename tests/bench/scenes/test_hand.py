@@ -12,8 +12,8 @@ from pydantic import ValidationError
 
 from bench.scenes.bones import HAND_AXES, LENGTHS_MM, PALMAR, RADIAL, hand_from_palm, skeleton
 from bench.scenes.hand import hand_field, hand_mesh
+from bench.scenes.hand_pose import POSES, FingerPose, Pose, ThumbPose, WristPose
 from bench.scenes.implicit import triangle_quality
-from bench.scenes.poses import POSES, FingerPose, Pose, ThumbPose, WristPose
 from bench.scenes.skin_texture import Skin
 from bench.scenes.textures import skin
 from bench.studies.smoothness import crossing_facets

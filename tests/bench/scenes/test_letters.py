@@ -9,7 +9,7 @@ import pytest
 
 from bench.scenes.bones import DISTAL, FINGERS, PALMAR, RADIAL, Bone, skeleton, skeleton_of_palm
 from bench.scenes.hand import RADII_MM, TIP_TISSUE_MM, hand_field
-from bench.scenes.poses import POSES, FingerPose, Pose
+from bench.scenes.hand_pose import POSES, FingerPose, Pose
 
 DIGITS = (*FINGERS, "thumb")
 CONTACT_M = 1.5e-3  # flesh gives way by this much where digits touch
@@ -56,7 +56,7 @@ def clearance_m(pose: Pose, one: str, other: str) -> tuple[float, np.ndarray]:
 
 
 def overlap_m(pose: Pose) -> float:
-    """How deep any two digits, or a fingertip and its own base, or a tip and the metacarpals, are inside each other."""
+    """Greatest depth to which two digits, a fingertip and its base, or a tip and the metacarpals overlap."""
     bones = skeleton(pose)
     gaps = [clearance_m(pose, one, other)[0] for one, other in itertools.combinations(DIGITS, 2)]
     t = np.linspace(0, 0.9, 20)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from bench.scenes.build import Scene, build
+from bench.scenes.hand_pose import POSES
 from bench.scenes.photographs import Studio
-from bench.scenes.poses import POSES
 from bench.scenes.scene_file import SceneFile
 from bench.scenes.skin_texture import Skin
 from bench.scenes.textures import cells, foam, skin, solid_noise

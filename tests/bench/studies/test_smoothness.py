@@ -7,7 +7,7 @@ import pytest
 
 from bench.scenes.bones import skeleton
 from bench.scenes.hand import hand_field, hand_mesh
-from bench.scenes.poses import POSES
+from bench.scenes.hand_pose import POSES
 from bench.studies.smoothness import TONES_HZ, crossing_facets, facet_angles, parts_at, radar_change, subdivided
 from groundtruth.mesh.mesh_files import load_open3d
 from radar.data.arrays import SPEED_OF_LIGHT_M_S

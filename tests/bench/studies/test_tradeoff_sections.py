@@ -29,7 +29,7 @@ from calibration.transforms import load_transform
 from groundtruth.cameras.cameras import load_cameras
 from groundtruth.mesh.surface import Surface
 from groundtruth.photos.photos import find_photos
-from radar.simulation.state import Shot
+from radar.simulation.state import EchoState
 from radar.support.config import parse
 from radar.support.errors import HandbenchError
 
@@ -187,9 +187,10 @@ def test_sampling_is_of_facets(small_bench):
     scene = echo_scene(load_scene(small_bench.parent / "ball.toml"))
     given = {name: getattr(scene, name) for name in ("array", "frequencies_hz", "time_s", "target")}
     counts = [
-        len(Shot(simulation_stage.Sampled(**given, facets_per_wavelength=n), 1).surface.facets) for n in (1.0, 4.0, 8.0)
+        len(EchoState(simulation_stage.Sampled(**given, facets_per_wavelength=n), 1).surface.facets)
+        for n in (1.0, 4.0, 8.0)
     ]
-    assert counts[1] == len(Shot(scene, 1).surface.facets)
+    assert counts[1] == len(EchoState(scene, 1).surface.facets)
     assert counts[0] < counts[1] < counts[2]
 
 

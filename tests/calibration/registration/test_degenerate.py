@@ -14,12 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calibration.registration.register import align
 from calibration.registration.rigid_fit import Pairs, fit
 from calibration.target.description import Candidate
 from calibration.transforms import Transform, adjoint, condition_number, perturbation_jacobian, umeyama
 from radar.support.errors import HandbenchError
-from tests.calibration.seen_target import candidates
+from tests.calibration.seen_target import align, candidates
 from tests.strategies import examples
 
 mp.mp.dps = 50

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from calibration.registration.combination import HAND_M, combine, motion, require_rest
-from calibration.registration.register import align, solve
+from calibration.registration.register import solve
 from calibration.registration.rigid_fit import Pairs
 from calibration.target.description import default_target
 from calibration.transforms import Transform, identity
 from radar.support.errors import HandbenchError
-from tests.calibration.seen_target import candidates, pose
+from tests.calibration.seen_target import align, candidates, pose
 from tests.strategies import examples
 
 SPREAD_M = 5e-5

@@ -5,8 +5,7 @@ import pytest
 
 from groundtruth.cameras.cameras import registered
 from groundtruth.options import Distance
-from groundtruth.sparse.distances import distances_from_model
-from groundtruth.sparse.frame import apply
+from groundtruth.sparse.frame import apply, distances_from_model
 from radar.support.errors import HandbenchError
 from tests.groundtruth.synthetic_model import synthetic_model
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bench.cli.main import main
-from groundtruth import pipeline
+from groundtruth import dense_stage, pipeline
 from groundtruth.cameras.cameras import cuda_devices, load_pycolmap
 from groundtruth.dense import cuda, dense
 from groundtruth.dense.fusion import fuse
@@ -61,7 +61,7 @@ def stand_in(workspace: Path, options: dict) -> None:
 
 
 def right(maps: list[dense.DepthMap], depths_m: tuple[np.ndarray, ...]) -> None:
-    """Whether the maps are as good as the processor's."""
+    """Check that the maps are as good as the processor's."""
     for m, depth_m in zip(maps, depths_m, strict=True):
         known = np.isfinite(m.depth_m)
         error = np.abs(m.depth_m - depth_m)[known] / DISPARITY_M
@@ -242,32 +242,20 @@ def room_options(tmp_path):
 
 def test_the_pipeline_takes_the_maps_from_cuda(scene, monkeypatch):
     views, _, *sparse_points = scene
-    monkeypatch.setattr(dense, "open_views", lambda *_: (views, *sparse_points))
+    monkeypatch.setattr(dense_stage, "open_views", lambda *_: (views, *sparse_points))
     monkeypatch.setattr(cuda, "search", stand_in)
-    monkeypatch.setattr(dense, "depth_maps", lambda *_: pytest.fail("the processor's depth maps"))
+    monkeypatch.setattr(dense_stage, "depth_maps", lambda *_: pytest.fail("the processor's depth maps"))
     solved = SimpleNamespace(model=None)
-    cloud = pipeline._dense_cloud(inputs.Inputs((), None, None, {}), solved, Options(dense="cuda", quality="draft"))
+    cloud = dense_stage.dense_cloud((), solved, Options(dense="cuda", quality="draft"))
     on_sphere = cloud.points_m[:, 2] < -0.02
     assert on_sphere.sum() > 1000
     assert np.median(np.abs(np.linalg.norm(cloud.points_m[on_sphere], axis=1) - RADIUS_M)) < 0.05 * DISPARITY_M
 
 
-def test_a_cloud_of_the_other_machine_is_not_taken_from_the_cache(tmp_path, monkeypatch):
-    class Asked(Exception):  # noqa: N818
-        pass
-
-    def stages(name, depends_on, make):
-        if name == "dense":
-            raise Asked(depends_on)
-        return tmp_path
-
-    monkeypatch.setattr(pipeline.Sparse, "load", lambda folder: None)
-    keys = []
-    for place in ("cpu", "cuda"):
-        with pytest.raises(Asked) as asked:
-            pipeline._reconstruct(inputs.Inputs((), None, None, {}), Options(dense=place), stages)
-        keys.append(asked.value.args[0])
-    assert keys[0] != keys[1]
+def test_a_cloud_of_the_other_machine_is_not_taken_from_the_cache(tmp_path):
+    chains = [pipeline.stages(tmp_path, tmp_path, Options(dense=place), ["photographs"]) for place in ("cpu", "cuda")]
+    (sparse, mapped, mesh), (same, other, another) = chains
+    assert sparse.key == same.key and mapped.key != other.key and mesh.key != another.key
 
 
 @pytest.mark.parametrize("quality", ["draft", "normal"])

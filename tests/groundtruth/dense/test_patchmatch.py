@@ -74,7 +74,7 @@ def pictures(xx, yy):
 
 
 def polished_error(xx, yy, start_off=0.0):
-    """What the disparities of a paraboloid are off after polishing from the true planes, in the inside."""
+    """Errors of a paraboloid's disparities after polishing from the true planes, in the inside."""
     reference, sources, planes = pictures(xx, yy)
     truth = planes[..., 0].copy()
     planes[..., 0] += start_off

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from bench.cli.main import main
-from groundtruth.mesh.foreign_mesh import metric_mesh
-from groundtruth.mesh.mesh_files import mesh, read_mesh, write_mesh
+from groundtruth.mesh.mesh_files import mesh, metric_mesh, read_mesh, write_mesh
 from radar.support.errors import HandbenchError
 
 VERTICES_MM = np.array([(10, 20, 300), (90, 20, 310), (10, 180, 290), (90, 180, 305)], dtype=float)

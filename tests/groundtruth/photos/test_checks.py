@@ -1,4 +1,4 @@
-"""What would end in a wrong mesh or in none: said, left out or refused before the work starts."""
+"""Photographs that would end in a wrong mesh or in none: said, left out or refused before the work starts."""
 
 import cv2
 import numpy as np
@@ -8,7 +8,7 @@ from PIL import Image
 from groundtruth.photos.looks import look_at, usable
 from groundtruth.photos.photos import find_photos
 from groundtruth.sparse.frame import check_fit
-from groundtruth.sparse.geometry_checks import check_geometry, unregistered
+from groundtruth.sparse.sparse import check_geometry, unregistered
 from radar.support.errors import HandbenchError
 from tests.groundtruth.room import around, look, photograph
 from tests.groundtruth.synthetic_model import photos_of, synthetic_model

@@ -1,4 +1,4 @@
-"""What EXIF data tell of a camera."""
+"""EXIF data of a camera."""
 
 import numpy as np
 import pytest

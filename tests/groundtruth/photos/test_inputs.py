@@ -1,4 +1,4 @@
-"""What the command accepts and refuses before the work starts; and hard photographs, registered."""
+"""Inputs that the command accepts and refuses before the work starts; and hard photographs, registered."""
 
 import cv2
 import numpy as np
@@ -9,9 +9,9 @@ from bench.cli.groundtruth import _values
 from bench.cli.main import parser
 from groundtruth.options import Distance, Options
 from groundtruth.photos.photos import find_photos
-from groundtruth.sparse.geometry_checks import check_geometry, unregistered
 from groundtruth.sparse.inputs import content, gather
 from groundtruth.sparse.sfm import structure_from_motion
+from groundtruth.sparse.sparse import check_geometry, unregistered
 from radar.support.config import parse
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash

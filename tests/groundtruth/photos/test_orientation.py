@@ -5,10 +5,9 @@ import pytest
 from PIL import Image, ImageOps
 from scipy.spatial.transform import Rotation
 
+from groundtruth.cameras.camera_files import stored_camera
 from groundtruth.cameras.cameras import Camera
-from groundtruth.cameras.upright import stored_camera
-from groundtruth.photos.orientation import sides_swapped, stored_picture
-from groundtruth.photos.photos import Photo
+from groundtruth.photos.photos import Photo, sides_swapped, stored_picture
 from radar.support.errors import HandbenchError
 
 WIDTH, HEIGHT = 32, 24  # as stored

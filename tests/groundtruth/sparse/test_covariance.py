@@ -1,4 +1,4 @@
-"""What the cameras' covariance promises, against many draws of the noise."""
+"""The cameras' covariance against many draws of the noise."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def adjusted(seed, free, **options):
 
 
 def meeting_point(images, pixels, start_m):
-    """Where the rays of the pixels [n, 2] meet best, pixels weighing alike."""
+    """The point nearest to the rays of the pixels [n, 2], pixels weighing alike."""
 
     def off(point_m):
         return np.concatenate([project(i, point_m[None])[0] - p for i, p in zip(images, pixels, strict=True)])

@@ -1,4 +1,4 @@
-"""Which photographs share a camera, and what COLMAP is told about it."""
+"""Groups of photographs that share a camera, and what COLMAP is told about it."""
 
 import numpy as np
 import pytest

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from bench.cli import commands
+from bench.cli import reconstruct
 from bench.cli.main import main
 from bench.studies import gpu_benchmark, study
 from radar.data.arrays import AntennaArray, PlanarScan, qar50
@@ -235,7 +235,7 @@ def test_unknown_devices_are_refused(monkeypatch):
 @pytest.mark.parametrize(("option", "setting"), [(["--device", "cuda"], "cpu"), ([], "cuda")])
 def test_the_command_line_chooses(option, setting, device, monkeypatch):
     seen = []
-    monkeypatch.setattr(commands, "reconstruct", lambda _: seen.append(describe()))
+    monkeypatch.setattr(reconstruct, "run", lambda _: seen.append(describe()))
     monkeypatch.setenv(SETTING, setting)
     assert main(["reconstruct", "somewhere", "--method", "3fsk", "-o", "depth.npz", *option]) == 0
     assert seen == ["cuda: Stand-in"]

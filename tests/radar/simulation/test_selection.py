@@ -1,4 +1,4 @@
-"""Which effects are on: the tolerance is a budget, a list is a list, and what a scene lacks is said."""
+"""Selection of effects: the tolerance is a budget, a list is a list, and what a scene lacks is said."""
 
 import dataclasses
 
@@ -24,7 +24,7 @@ def effect(name, depth_mm, lacks=""):
         def estimate(self, scene):
             return Estimate(depth_mm, -20.0, "as the test says")
 
-        def apply(self, shot):
+        def apply(self, state):
             raise AssertionError("planning applies nothing")
 
     return Known()

@@ -42,7 +42,7 @@ def reached(graph: grimp.ImportGraph, start: str) -> set[str]:
 
 def test_an_edit_of_any_module_changes_the_keys_of_exactly_the_stages_that_run_it(graph, tmp_path):
     for package in PACKAGES:
-        ignore = shutil.ignore_patterns("__pycache__", "*.toml", "templates")
+        ignore = shutil.ignore_patterns("__pycache__")
         shutil.copytree(ROOT / package, tmp_path / package, ignore=ignore)
     expected = {name: reached(graph, module) for name, module in STAGES.items()}
     whole_tree = Sources(tmp_path)
@@ -116,6 +116,23 @@ def test_other_libraries_count_with_their_versions(tmp_path, monkeypatch):
     assert Sources(tmp_path).key("bench.one") != before
     with pytest.raises(ModuleNotFoundError, match=r"bench\.no: is no module"):
         Sources(tmp_path).key("bench.no")
+
+
+def test_data_beside_a_module_count_with_it(tmp_path):
+    (tmp_path / "bench" / "data").mkdir(parents=True)
+    (tmp_path / "bench" / "one.py").write_text("import bench.two")
+    (tmp_path / "bench" / "two.py").write_text("from pathlib import Path\nx = Path(__file__).parent / 'data'")
+    (tmp_path / "bench" / "plain.py").write_text("")
+
+    def found() -> tuple[str, str]:
+        return Sources(tmp_path).key("bench.one"), Sources(tmp_path).key("bench.plain")
+
+    seen = [found()]
+    for name in ("a.toml", "data/b.html"):
+        for text in ("x = 1", "x = 2"):
+            (tmp_path / "bench" / name).write_text(text)
+            seen.append(found())
+    assert len({one for one, _ in seen}) == 5 and len({plain for _, plain in seen}) == 1
 
 
 def test_nothing_that_a_stage_runs_is_imported_under_a_name_that_nobody_can_read():

@@ -1,7 +1,6 @@
 """Printed boards: what OpenCV finds on the sheets is what board.toml says; and `handbench draw`."""
 
 import argparse
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -151,7 +150,7 @@ def ticks_mm(figure):
 
 
 def neighbours_mm(figure, window, windows):
-    """Where on the sheet the right neighbour's left edge comes, and the lower one's upper edge."""
+    """Places on the sheet of the right neighbour's left edge and of the lower one's upper edge."""
     box = figure.axes[1].get_position()
     width, height = figure.get_size_inches() * INCH_MM
     right = sorted({w[0] for w in windows if w[0] > window[0]})[:1]
@@ -179,8 +178,6 @@ def test_what_cannot_be_printed_is_refused():
 def draw(*arguments):
     parser = argparse.ArgumentParser()
     drawing_command.add_arguments(parser)
-    parser.add_argument("-o", "--out", type=Path)
-    parser.add_argument("--overwrite", action="store_true")
     drawing_command.run(parser.parse_args([str(argument) for argument in arguments]))
 
 

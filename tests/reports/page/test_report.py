@@ -16,8 +16,8 @@ import pytest
 from PIL import Image
 
 from bench import results
-from bench.results.stability import HardCase, StabilityFacts, Table, write_stability
-from bench.results.tables import COMPARISONS, frame
+from bench.results.stability import StabilityFacts, Table, write_stability
+from bench.results.tables import CASES, COMPARISONS, frame
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json
 from reports.figures import depth_maps
@@ -347,10 +347,10 @@ def test_effects_stability_and_failures_are_told(folder, tmp_path, undrawn):
     about["captures"][0]["effects"] = rows
     about["failures"] = [{"capture": "X", "stage": "score", "message": "<b>no</b>"}]
     write_json(told / "result.json", about)
-    case = HardCase("wrap", "<b>", "MAE", "truth", "mm", 1e-3, 2.00001e-05, "holds", "0°", "why", 1.0)
-    lost = replace(case, case="lost", measured=np.inf, verdict="fails")
+    case = ("wrap", "<b>", "MAE", "truth", "mm", 1e-3, 2.00001e-05, "holds", "0°", "why", 1.0)
+    lost = ("lost", *case[1:6], np.inf, "fails", *case[8:])
     aside = Table(title="float32", text="Errors.", columns=("of", "by"), rows=(("sum", 1e-7),))
-    write_stability(told, StabilityFacts(seed=1, seconds=2.0, tables=(aside,)), [case, lost])
+    write_stability(told, StabilityFacts(seed=1, seconds=2.0, tables=(aside,)), frame(CASES, [case, lost]))
     html.build(told, tmp_path / "out")
     text = (tmp_path / "out/index.html").read_text(encoding="utf-8")
     assert "<b>no" not in text and "X: score failed: &lt;b&gt;no" in text

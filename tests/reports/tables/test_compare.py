@@ -92,8 +92,7 @@ def test_latex_has_a_table_for_each_reference(compared):
 
 def test_the_command_writes_four_files(result_folder, other_folder, tmp_path):
     out = tmp_path / "out"
-    found = run(result_folder, other_folder, "-o", out)
-    comparison.write(found, out)
+    run(result_folder, other_folder, "-o", out)
     assert sorted(p.name for p in out.iterdir()) == ["compare.csv", "compare.json", "compare.md", "compare.tex"]
     with (out / "compare.csv").open(encoding="utf-8") as stream:
         lines = list(csv.DictReader(stream))

@@ -67,11 +67,19 @@ def compared(name: str) -> Compared:
     return Compared(side, side, (f"against truth: {name}",), frame(DIFFERENCES, [line, blank]), times, changes)
 
 
+def document(*files: str) -> str:
+    r"""A document of its own that \inputs `files`, which lie beside it: for pdflatex, lualatex or xelatex."""
+    packages = (r"\usepackage[margin=18mm]{geometry}", r"\usepackage{booktabs}", r"\usepackage{siunitx}")
+    inputs = (rf"\input{{{file}}}" for file in files)
+    start = (r"\documentclass[10pt,a4paper]{article}", *packages, r"\begin{document}")
+    return "\n".join([*start, *inputs, r"\end{document}", ""])
+
+
 def files_read(folder: Path, texts: dict[str, str]) -> str:
     """Compile the texts; LaTeX's record of the files that it opened."""
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
-    (folder / "document.tex").write_text(latex.document(*texts), encoding="utf-8")
+    (folder / "document.tex").write_text(document(*texts), encoding="utf-8")
     options = ("-no-shell-escape", "-interaction=nonstopmode", "-halt-on-error", "-recorder")
     done = subprocess.run(["pdflatex", *options, "document.tex"], cwd=folder, capture_output=True, timeout=60)
     assert done.returncode == 0, done.stdout.decode("latin-1")[-1500:]

@@ -1,4 +1,4 @@
-"""What goes wrong around a program, made to happen: a disk that is full from the n-th file on, files that must not be
+"""Faults around a program, made to happen: a disk that is full from the n-th file on, files that must not be
 written, a run whose stages take no time."""
 
 import ctypes

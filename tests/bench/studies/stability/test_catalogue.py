@@ -10,7 +10,7 @@ import pytest
 from bench.results.stability import StabilityFacts, Table, load_stability, write_stability
 from bench.studies.stability import random_scenes
 from bench.studies.stability.cases import GROUPS, Case, Refused, Worst, cases, measured, refused, worst
-from bench.studies.stability.run import run_stability
+from bench.studies.stability.measure import run_stability
 from radar.support.errors import HandbenchError
 
 
@@ -19,7 +19,8 @@ def test_hard_case(chosen):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = measured(chosen)
-    assert found.verdict in ("holds", "refused", "flagged"), f"{found.measured} at {found.at}: {found.reason}"
+    said = f"{found['measured']} at {found['at']}: {found['reason']}"
+    assert found["verdict"] in ("holds", "refused", "flagged"), said
 
 
 def test_every_group_has_hard_cases_with_a_reason():
@@ -46,7 +47,7 @@ def raises():
     ],
 )
 def test_verdicts(measure, verdict):
-    assert measured(Case("x", "data", "q", "r", "mm", 1.0, "because", measure)).verdict == verdict
+    assert measured(Case("x", "data", "q", "r", "mm", 1.0, "because", measure))["verdict"] == verdict
 
 
 def test_a_refusal_has_to_say_why():
@@ -68,7 +69,7 @@ def test_random_scenes_are_the_same_for_a_seed_and_count_what_is_silent(monkeypa
 def test_what_was_written_is_read_back(tmp_path):
     facts, found = run_stability("statistics", folder=tmp_path)
     kept, lines = load_stability(tmp_path)
-    assert kept == facts and list(lines) == found
+    assert kept == facts and lines.equals(found)
     table = Table(title="t", text="x", columns=("a", "b"), rows=(("1", 2.5), (None, 3)))
     write_stability(tmp_path, StabilityFacts(seed=1, seconds=2.0, tables=(table,)), found)
     assert load_stability(tmp_path)[0].tables == (table,)

@@ -4,13 +4,18 @@ import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from radar.simulation.forward import Scatterers, simulate
-from radar.simulation.mie import mie_backscatter, sphere_echo
+from radar.simulation.mie import mie_amplitudes, sphere_echo
 from radar.simulation.physics.facets import facets_of
 from radar.simulation.scene import Body
 
 FAR_M = 1e4
 TONE_HZ = 77e9
 WAVELENGTH_M = SPEED_OF_LIGHT_M_S / TONE_HZ
+
+
+def mie_backscatter(ka: np.ndarray) -> np.ndarray:
+    """Backscattering amplitude of a metal sphere over that of geometrical optics: complex [n]; |F|² = σ/(πa²)."""
+    return mie_amplitudes(ka, np.ones(1))[0][:, 0]
 
 
 def sphere_body(radius_m: float, splits: int, centre_m=(0.0, 0.0, 0.0)) -> Body:

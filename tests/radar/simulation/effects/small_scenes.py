@@ -6,7 +6,7 @@ from radar.data.arrays import qar50
 from radar.simulation.causes import Causes
 from radar.simulation.scene import Body, EchoScene
 from radar.simulation.selection import choose
-from radar.simulation.simulate import Shots, shoot
+from radar.simulation.simulate import SimulatedCapture, simulate_scene
 
 TONES_HZ = np.array([79.5e9, 81.8e9, 82e9])
 
@@ -27,6 +27,6 @@ def bead_scene(causes: dict | None = None, time_s=(0.0, 1e-3, 2e-3), **changes) 
     return EchoScene(qar50(), TONES_HZ, np.asarray(time_s), causes=Causes(**(causes or {})), **values)
 
 
-def shots(scene: EchoScene, *effects: str, frames: int = 1, **options) -> Shots:
+def simulated(scene: EchoScene, *effects: str, frames: int = 1, **options) -> SimulatedCapture:
     """The scene with the listed effects."""
-    return shoot(scene, choose(scene, effects, 0.1), frames, **options)
+    return simulate_scene(scene, choose(scene, effects, 0.1), frames, **options)

@@ -10,10 +10,10 @@ from radar.simulation.effects.clutter import Clutter
 from radar.simulation.physics.material import Material
 from radar.simulation.pilot import change_db, change_mm
 from radar.simulation.scene import EchoScene
-from radar.simulation.state import Shot
+from radar.simulation.state import EchoState
 from radar.support.rays import Rays
 from tests.radar.simulation.effects.closed_forms import sheet_body
-from tests.radar.simulation.effects.small_scenes import bead_scene, shots, sphere_body
+from tests.radar.simulation.effects.small_scenes import bead_scene, simulated, sphere_body
 
 HERE = AntennaArray(np.zeros((1, 3)), np.zeros((1, 3)))
 
@@ -23,11 +23,11 @@ def plate(side_m=0.1, z_m=0.4, reflectivity_db=-10.0, step_m=5e-3):
 
 
 def clutter(scene, **options):
-    """What the effect adds [f, t, r]."""
-    shot = Shot(scene, 1, **options)
-    before = shot.samples[0].copy()
-    Clutter().apply(shot)
-    return shot.samples[0] - before
+    """The samples [f, t, r] that the effect adds."""
+    state = EchoState(scene, 1, **options)
+    before = state.samples[0].copy()
+    Clutter().apply(state)
+    return state.samples[0] - before
 
 
 def test_a_wide_plate_mirrors():
@@ -63,7 +63,7 @@ def test_the_echo_is_as_strong_as_the_material_says():
 
 def test_the_room_stays_when_the_target_moves():
     scene = bead_scene({"motion": {"velocity_m_s": 0.01}}, room=(plate(),))
-    with_room, without = (shots(scene, "motion", *more, frames=2).capture.samples for more in (("clutter",), ()))
+    with_room, without = (simulated(scene, "motion", *more, frames=2).capture.samples for more in (("clutter",), ()))
     still = clutter(scene)
     for frame in with_room - without:
         assert np.abs(frame - still).max() < 1e-6 * np.abs(with_room).max()  # float32
@@ -75,7 +75,7 @@ def test_the_estimate_is_what_the_room_changes(level_db):
     cast = Rays.cast
     estimate = Clutter().estimate(scene)
     assert Rays.cast == cast
-    samples = shots(scene, "obliquity", "clutter").capture.samples[0, [2, 0]]
+    samples = simulated(scene, "obliquity", "clutter").capture.samples[0, [2, 0]]
     # The same sum but for the shadow's edge, which the estimate knows to two facets.
     assert estimate.depth_mm == pytest.approx(change_mm(scene, samples), rel=0.2)
     assert estimate.level_db == pytest.approx(change_db(scene, samples), abs=1)

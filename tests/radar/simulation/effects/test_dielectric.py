@@ -14,12 +14,12 @@ from radar.simulation.physics.material import Material
 from radar.simulation.physics.reflection import body_reflection, fresnel, layered
 from radar.simulation.pilot import change_mm
 from radar.simulation.scene import Ball, Body, EchoScene
-from radar.simulation.state import Shot
+from radar.simulation.state import EchoState
 from radar.support.config import parse
 from radar.support.errors import HandbenchError
 from radar.support.rays import Rays
 from tests.radar.simulation.effects.closed_forms import sphere_body
-from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, shots
+from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, simulated
 
 
 def foam_ball(**changes):
@@ -36,10 +36,10 @@ def foam_ball(**changes):
 
 def dielectric_samples(scene, *before):
     """The scene's samples [f, t, r] with the effect, after others."""
-    shot = Shot(scene, 1, tolerance=None)
+    state = EchoState(scene, 1, tolerance=None)
     for effect in (Obliquity(), *before, Dielectric()):
-        effect.apply(shot)
-    return shot.samples[0]
+        effect.apply(state)
+    return state.samples[0]
 
 
 @pytest.mark.parametrize(("permittivity", "reflected_db", "delay_mm"), [(1.03, -42.6, 0.74), (1.05, -38.3, 1.23)])
@@ -53,7 +53,7 @@ def test_foam_as_published(permittivity, reflected_db, delay_mm):
 def test_plastic_reflects_by_fresnel_alone():
     plastic = Material(kind="plastic", loss_tangent=0.015)
     scene = bead_scene(target=replace(bead_scene().target, material=plastic))
-    metal, samples = (shots(scene, "obliquity", *more).capture.samples[0] for more in ((), ("dielectric",)))
+    metal, samples = (simulated(scene, "obliquity", *more).capture.samples[0] for more in ((), ("dielectric",)))
     n = np.sqrt(2.7 * (1 - 0.015j))
     assert np.allclose(samples, metal * ((n - 1) / (n + 1)), rtol=1e-5, atol=1e-6 * np.abs(metal).max())
     estimate = Dielectric().estimate(scene)
@@ -71,7 +71,7 @@ def test_a_slab_of_foam_is_a_layer():
     foam = Material(kind="foam", permittivity=1.05)
     one = AntennaArray(np.zeros((1, 3)), np.zeros((1, 3)))
     scene = EchoScene(one, tones_hz, np.zeros(7), target=Body(corners, faces, foam))
-    metal_shot = Shot(scene, 1, tolerance=None)
+    metal_shot = EchoState(scene, 1, tolerance=None)
     Obliquity().apply(metal_shot)
     ratio = dielectric_samples(scene)[:, 0, 0] / metal_shot.samples[0, :, 0, 0]
     expected = -layered(np.full(7, 1.05), np.ones(7), thickness_m, tones_hz)
@@ -95,7 +95,7 @@ def test_a_sphere_of_foam_by_rays_and_by_its_facets(radius_m):
 def test_the_ball_is_delayed_and_hides_the_back():
     ball, array = foam_ball(), AntennaArray([[0.01, -0.02, 0]], [[0.012, -0.02, 0], [0.01, 0.14, 0]])
     scene = EchoScene(array, TONES_HZ, np.zeros(3), balls=(ball,))
-    bare, foamed = Shot(scene, 1).samples[0], dielectric_samples(scene)
+    bare, foamed = EchoState(scene, 1).samples[0], dielectric_samples(scene)
     shell = foam_echoes((ball,), TONES_HZ, array)
     delay_m = (np.sqrt(1.03) - 1) * 0.02
     delayed = bare * np.exp(-4j * np.pi * TONES_HZ * delay_m / SPEED_OF_LIGHT_M_S)[:, None, None]
@@ -129,16 +129,16 @@ def test_foam_casts_no_shadow():
 
 def test_the_estimate_meets_what_happens_to_a_ball():
     scene = bead_scene(target=None, balls=(foam_ball(),))
-    foamed = shots(scene, "dielectric").capture.samples[0, [2, 0]]
+    foamed = simulated(scene, "dielectric").capture.samples[0, [2, 0]]
     estimate = Dielectric().estimate(scene)
     assert estimate.depth_mm / change_mm(scene, foamed) == pytest.approx(1, abs=0.67)  # within a factor of three
     assert estimate.level_db == pytest.approx(-28, abs=3)  # 0.0074 · 25 mm / 5 mm and as much from behind
 
 
 def test_the_room_without_the_target_has_no_foam():
-    shot = Shot(bead_scene(target=None, balls=(foam_ball(),)), 1, levels={})
-    Dielectric().apply(shot)
-    assert not shot.samples.any()
+    state = EchoState(bead_scene(target=None, balls=(foam_ball(),)), 1, levels={})
+    Dielectric().apply(state)
+    assert not state.samples.any()
 
 
 def test_what_is_missing_and_what_foam_cannot_be():

@@ -7,15 +7,15 @@ from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.imaging.api import image_points
 from radar.simulation.causes import Causes, Motion
 from radar.simulation.effects.motion import TargetMotion, displacement_m, echoes_of_moving
-from radar.simulation.state import Shot
+from radar.simulation.state import EchoState
 from radar.support.errors import HandbenchError
-from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, shots, sphere_body
+from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, simulated, sphere_body
 
 NEAR_SIDE_M = np.array([[0.01, -0.005, 0.296]])
 
 
 def depth_error_m(still, moving, low, high):
-    """How far motion moves the bead's FSK depth between two tones."""
+    """Shift of the bead's FSK depth between two tones by motion."""
     phase = []
     for capture in (still, moving):
         images = image_points(capture.samples[0], TONES_HZ, capture.aperture, NEAR_SIDE_M, None, apart=True)[:, 0]
@@ -28,7 +28,7 @@ def depth_error_m(still, moving, low, high):
 @pytest.mark.parametrize("velocity_m_s", [2.2e-3, -4e-3])
 def test_velocity_moves_the_depth_by_f_over_delta_f_times_v_t(low, high, velocity_m_s):
     scene = bead_scene({"motion": {"velocity_m_s": velocity_m_s}})
-    error_m = depth_error_m(shots(scene).capture, shots(scene, "motion").capture, low, high)
+    error_m = depth_error_m(simulated(scene).capture, simulated(scene, "motion").capture, low, high)
     tones_hz, time_s = TONES_HZ[[low, high]], scene.time_s[[low, high]]
     # z + (f_b δ_b − f_a δ_a)/(f_b − f_a): away from the radar counts as further; an antenna sees cos θ of the velocity.
     moved = velocity_m_s * (tones_hz @ (time_s * [-1, 1])) / np.ptp(tones_hz)
@@ -48,21 +48,21 @@ def test_tremor_starts_where_the_target_is_and_swings_by_its_amplitude():
 
 def test_displaced_echoes_are_those_of_a_displaced_target():
     scene = bead_scene()
-    shot = Shot(scene, 1, tolerance=None)
+    state = EchoState(scene, 1, tolerance=None)
     along, offsets_m = np.array([0.6, 0.0, 0.8]), np.array([[0.0, 1.3e-4, -3.5e-4]])
-    samples = echoes_of_moving(shot, along, offsets_m, (-4e-4, 2e-4))[0]
+    samples = echoes_of_moving(state, along, offsets_m, (-4e-4, 2e-4))[0]
     for tone, offset_m in enumerate(offsets_m[0]):
         body = scene.target
         body = type(body)(body.vertices_m + offset_m * along, body.faces)
-        expected = Shot(bead_scene(target=body), 1, tolerance=None).samples[0, tone]
+        expected = EchoState(bead_scene(target=body), 1, tolerance=None).samples[0, tone]
         # Interpolation errs by 0.06²/8 = 5e-4 at most; float32 echoes by 1e-6.
         assert np.linalg.norm(samples[tone] - expected) < 5e-4 * np.linalg.norm(expected)
 
 
 def test_frames_have_their_own_tremor():
     scene = bead_scene({"motion": {"amplitude_m": 1e-4}}, time_s=(0.0, 0.03, 0.05))
-    first, second = shots(scene, "motion", frames=2).capture.samples
-    assert np.array_equal(first, shots(scene, "motion", frames=1).capture.samples[0])
+    first, second = simulated(scene, "motion", frames=2).capture.samples
+    assert np.array_equal(first, simulated(scene, "motion", frames=1).capture.samples[0])
     assert np.linalg.norm(first[0] - second[0]) < 1e-6 * np.linalg.norm(first[0])  # nothing has moved at the first tone
     assert np.linalg.norm(first[2] - second[2]) > 1e-2 * np.linalg.norm(first[2])
 
@@ -86,4 +86,6 @@ def test_motion_across_the_line_of_sight_counts_by_its_share():
 
 def test_a_target_that_flies_is_refused():
     with pytest.raises(HandbenchError, match=r"target\.motion: moves the target by 100 mm"):
-        shots(bead_scene({"motion": {"velocity_m_s": 50.0}}, target=sphere_body(0.08, (0.0, 0.0, 0.3), 16)), "motion")
+        simulated(
+            bead_scene({"motion": {"velocity_m_s": 50.0}}, target=sphere_body(0.08, (0.0, 0.0, 0.3), 16)), "motion"
+        )

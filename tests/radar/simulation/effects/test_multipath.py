@@ -10,7 +10,7 @@ from radar.simulation.effects.motion import echoes_of_moving
 from radar.simulation.effects.multipath import Multipath
 from radar.simulation.physics.bundles import nodes
 from radar.simulation.scene import Body, EchoScene
-from radar.simulation.state import Shot
+from radar.simulation.state import EchoState
 from radar.support.rays import Rays
 from tests.radar.samples import relative_error
 from tests.radar.simulation.effects.plates import cylinder, dihedral, joined, plate
@@ -25,15 +25,15 @@ CORNER = dihedral(0.02, 0.03, (0.01, 0.005, 0.33))
 FINGERS = joined(cylinder((-0.011, 0.0, 0.31), 8e-3, 0.04), cylinder((0.011, 0.0, 0.32), 8e-3, 0.04))
 
 
-def shot(body: Body, frequencies_hz=TONES_HZ, array: AntennaArray = SPARSE) -> Shot:
-    made = Shot(EchoScene(array, frequencies_hz, np.zeros(len(frequencies_hz)), body), 1)
+def state(body: Body, frequencies_hz=TONES_HZ, array: AntennaArray = SPARSE) -> EchoState:
+    made = EchoState(EchoScene(array, frequencies_hz, np.zeros(len(frequencies_hz)), body), 1)
     Multipath().apply(made)
     return made
 
 
 def twice(body: Body, frequencies_hz=TONES_HZ, array: AntennaArray = SPARSE) -> np.ndarray:
     """The two-bounce echoes alone."""
-    extra = shot(body, frequencies_hz, array).extra
+    extra = state(body, frequencies_hz, array).extra
     return sum((echo() for echo in extra), np.zeros((len(frequencies_hz), *array.channels)))
 
 
@@ -132,7 +132,7 @@ def test_finer_patches_change_little(monkeypatch):
 
 
 def test_no_result_depends_on_the_threads(monkeypatch):
-    made = shot(FINGERS)
+    made = state(FINGERS)
     echoes = []
     for workers in ("1", "3"):
         monkeypatch.setenv("HANDBENCH_WORKERS", workers)
@@ -141,7 +141,7 @@ def test_no_result_depends_on_the_threads(monkeypatch):
 
 
 def test_motion_turns_the_bounces_with_the_target():
-    made = shot(FINGERS)
+    made = state(FINGERS)
     made.surface.keep(np.arange(1))  # the extra echoes alone, but for one facet
     along, offset_m = np.array([0.0, 0.0, 1.0]), 2e-4
     turned = echoes_of_moving(made, along, np.full((1, len(TONES_HZ)), offset_m), (0.0, offset_m))[0]
@@ -152,7 +152,7 @@ def test_motion_turns_the_bounces_with_the_target():
 
 
 def test_reflection_and_pattern_act_on_every_bounce():
-    made = shot(CORNER, TONE_HZ)
+    made = state(CORNER, TONE_HZ)
     metal = made.extra[0]()
     made.surface.reflection = np.array([[0.3 + 0.4j]])
     assert np.allclose(made.extra[0](), metal * (0.3 + 0.4j) ** 2, rtol=1e-5, atol=1e-6 * np.abs(metal).max())
@@ -163,7 +163,7 @@ def test_reflection_and_pattern_act_on_every_bounce():
 
 
 def test_layers_reflect_each_in_its_way():
-    made = Shot(EchoScene(SPARSE, TONE_HZ, np.zeros(1), CORNER), 1)
+    made = EchoState(EchoScene(SPARSE, TONE_HZ, np.zeros(1), CORNER), 1)
     made.surface.reflection = np.array([[1.0], [0.5]])
     made.surface.layer = (made.surface.facets.face >= len(CORNER.faces) // 2).astype(int)  # the second plate
     Multipath().apply(made)
@@ -176,7 +176,7 @@ def test_the_estimate_casts_no_ray_and_knows_the_energy():
     before = Rays.cast
     estimate = Multipath().estimate(scene)
     assert Rays.cast == before
-    made = Shot(scene, 1)
+    made = EchoState(scene, 1)
     made.surface.oblique = True
     once = made.echo(scene.array)
     Multipath().apply(made)

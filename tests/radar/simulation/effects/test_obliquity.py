@@ -7,23 +7,23 @@ from radar.simulation.effects.obliquity import Obliquity
 from radar.simulation.forward import Scatterers, simulate
 from radar.simulation.pilot import change_mm, pilot
 from radar.simulation.scene import Ball
-from radar.simulation.state import Shot
-from tests.radar.simulation.effects.small_scenes import bead_scene, shots
+from radar.simulation.state import EchoState
+from tests.radar.simulation.effects.small_scenes import bead_scene, simulated
 
 
 @pytest.mark.parametrize("on", [False, True])
 def test_facets_scatter_evenly_or_by_their_angle(on):
     scene = bead_scene()
-    facets = Shot(scene, 1).surface.facets
+    facets = EchoState(scene, 1).surface.facets
     optics = Scatterers(facets.position_m, facets.area_m2, facets.normal if on else None)
     expected = simulate(optics, scene.frequencies_hz, scene.array)
-    samples = shots(scene, *(["obliquity"] if on else [])).capture.samples[0]
+    samples = simulated(scene, *(["obliquity"] if on else [])).capture.samples[0]
     assert np.array_equal(samples, expected)
 
 
 def test_the_estimate_is_what_leaving_it_out_changes():
     scene = bead_scene()
-    even = shots(scene, "shadow_centre").capture.samples[0, [2, 0]]
+    even = simulated(scene, "shadow_centre").capture.samples[0, [2, 0]]
     # The pilot's facets may be twice as long, and a buffer of depths draws the shadow's border for it.
     assert Obliquity().estimate(scene).depth_mm == pytest.approx(change_mm(scene, even), rel=0.2)
     assert change_mm(scene, pilot(scene).samples) < 1e-6 < 1e-3 < Obliquity().estimate(scene).depth_mm
@@ -32,6 +32,6 @@ def test_the_estimate_is_what_leaving_it_out_changes():
 def test_balls_have_none():
     scene = bead_scene(target=None, balls=(Ball(np.array([0.0, 0.0, 0.3]), 5e-3),))
     assert Obliquity().missing(scene)
-    shot = Shot(scene, 1)
-    Obliquity().apply(shot)
-    assert shot.surface is None
+    state = EchoState(scene, 1)
+    Obliquity().apply(state)
+    assert state.surface is None

@@ -14,13 +14,13 @@ from radar.simulation.effects.oscillator import phase_rad
 from radar.simulation.pilot import rms
 from radar.simulation.scene import Body
 from radar.support.errors import HandbenchError
-from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, shots
+from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, simulated
 
 
 def test_thermal_noise_has_the_phase_noise_of_the_scene():
-    clean = shots(bead_scene()).capture.samples[0]
+    clean = simulated(bead_scene()).capture.samples[0]
     scene = bead_scene({"noise": {"phase_noise_rad": 0.05}})
-    noise = shots(scene, "noise", frames=60).capture.samples - clean
+    noise = simulated(scene, "noise", frames=60).capture.samples - clean
     assert np.abs(noise.mean()) < 5 * noise.std() / np.sqrt(noise.size)
     assert np.mean(noise**2) == pytest.approx(0, abs=5 * noise.std() ** 2 / np.sqrt(noise.size))  # circular
     # At the strongest pixel it turns two tones against each other by 0.05 rad; 60 frames: 9 % (1σ).
@@ -32,8 +32,8 @@ def test_thermal_noise_has_the_phase_noise_of_the_scene():
 
 
 def test_snr_is_another_way_to_say_it():
-    by_ratio = shots(bead_scene({"noise": {"snr_db": 20.0}}), "noise").capture.samples
-    by_phase = shots(bead_scene({"noise": {"phase_noise_rad": 0.1}}), "noise").capture.samples
+    by_ratio = simulated(bead_scene({"noise": {"snr_db": 20.0}}), "noise").capture.samples
+    by_phase = simulated(bead_scene({"noise": {"phase_noise_rad": 0.1}}), "noise").capture.samples
     assert np.array_equal(by_ratio, by_phase)
 
 
@@ -49,9 +49,9 @@ def test_range_correlation_has_the_integral_of_the_spectrum(bandwidth_hz):
 
 
 def test_oscillator_turns_all_receivers_together():
-    clean = shots(bead_scene()).capture.samples[0]
+    clean = simulated(bead_scene()).capture.samples[0]
     causes = {"oscillator": {"level_dbc_hz": -60.0}}
-    turned = shots(bead_scene(causes), "oscillator").capture.samples[0] / clean
+    turned = simulated(bead_scene(causes), "oscillator").capture.samples[0] / clean
     phase = np.angle(turned)
     assert np.abs(phase - phase[:, :, :1]).max() < 1e-5
     assert np.abs(np.abs(turned) - 1).max() < 1e-5
@@ -61,16 +61,16 @@ def test_oscillator_turns_all_receivers_together():
 
 def test_positions_move_the_antennas_and_not_the_capture():
     scene = bead_scene({"positions": {"sigma_m": 5e-5}})
-    found = shots(scene, "positions").capture
+    found = simulated(scene, "positions").capture
     assert np.array_equal(found.aperture.tx_m, scene.array.tx_m)
-    turned = np.angle(found.samples[0, 2] * shots(scene).capture.samples[0, 2].conj())
+    turned = np.angle(found.samples[0, 2] * simulated(scene).capture.samples[0, 2].conj())
     # Each leg's path varies by 50 µm along the line of sight: √2 · 50 µm · 2π/λ = 0.12 rad.
     assert turned.std() == pytest.approx(np.sqrt(2) * 5e-5 * 2 * np.pi * 82e9 / 3e8, rel=0.25)
 
 
 def test_channel_errors_belong_to_antennas():
     scene = bead_scene({"channels": {"gain_db": 0.5, "phase_rad": 0.1, "delay_m": 1e-4}})
-    factor = shots(scene, "channels").capture.samples[0] / shots(scene).capture.samples[0]
+    factor = simulated(scene, "channels").capture.samples[0] / simulated(scene).capture.samples[0]
     assert np.linalg.svd(factor[1], compute_uv=False)[1] < 1e-4 * np.linalg.norm(factor[1])  # rank 1: t times r
     gain_db = 20 * np.log10(np.abs(factor))
     assert gain_db.std() == pytest.approx(0.5 * np.sqrt(2), rel=0.2)  # 188 antennas: 5 % (1σ), twice four
@@ -80,18 +80,18 @@ def test_channel_errors_belong_to_antennas():
 
 def test_dead_antennas_are_silent():
     scene = bead_scene({"dead": {"tx": (3,), "rx": (0, 93)}})
-    samples = shots(scene, "dead").capture.samples[0]
+    samples = simulated(scene, "dead").capture.samples[0]
     silent = samples == 0
     assert silent[:, 3].all() and silent[:, :, [0, 93]].all()
     assert silent.sum() == 3 * (94 * 94 - 93 * 92)
     with pytest.raises(HandbenchError, match=r"sensor\.dead\.rx: is 94; expected numbers from 0 to 93"):
-        shots(bead_scene({"dead": {"rx": (94,)}}), "dead")
+        simulated(bead_scene({"dead": {"rx": (94,)}}), "dead")
 
 
 def test_coupling_has_its_level_and_the_direct_path():
     scene = bead_scene({"coupling": {"level_db": -6.0}})
-    clean = shots(scene).capture.samples[0]
-    leak = shots(scene, "coupling").capture.samples[0] - clean
+    clean = simulated(scene).capture.samples[0]
+    leak = simulated(scene, "coupling").capture.samples[0] - clean
     assert 20 * np.log10(rms(leak) / rms(clean)) == pytest.approx(-6.0, abs=0.01)
     distance_m = np.linalg.norm(scene.array.tx_m[5] - scene.array.rx_m[7])
     turned = np.angle(leak[2, 5, 7] * leak[0, 5, 7].conj())
@@ -114,10 +114,10 @@ def test_quantisation_is_white_noise_of_a_twelfth_of_a_step_squared():
 
 def test_the_empty_room_has_the_same_sensor_and_other_noise():
     causes = {"noise": {"phase_noise_rad": 0.05}, "coupling": {"level_db": 0.0}, "channels": {"phase_rad": 0.5}}
-    found = shots(bead_scene(causes), "noise", "coupling", "channels", empty=True)
-    quiet = shots(bead_scene(causes), "coupling", "channels", empty=True)
+    found = simulated(bead_scene(causes), "noise", "coupling", "channels", empty=True)
+    quiet = simulated(bead_scene(causes), "coupling", "channels", empty=True)
     assert np.array_equal(quiet.subtracted().capture.samples, quiet.capture.samples - quiet.empty.samples)
-    bare = shots(bead_scene(causes), "channels").capture.samples
+    bare = simulated(bead_scene(causes), "channels").capture.samples
     # What is left after subtracting is the bead behind the sensor's channels.
     assert np.linalg.norm(quiet.subtracted().capture.samples - bare) < 1e-5 * np.linalg.norm(bare)
     noise = [a.samples - b.samples for a, b in ((found.capture, quiet.capture), (found.empty, quiet.empty))]
@@ -130,6 +130,6 @@ def test_coupling_is_told_against_the_target_whatever_stands_around():
     corners_m = np.array([[-0.1, -0.1, 0.4], [0.1, -0.1, 0.4], [0.0, 0.1, 0.4]])
     wall = Body(corners_m, np.array([[0, 2, 1]]), reflectivity_db=0.0)
     scene = bead_scene(causes, room=(wall,))
-    with_wall = shots(scene, "coupling", "clutter").capture.samples - shots(scene, "clutter").capture.samples
-    without = shots(scene, "coupling").capture.samples - shots(scene).capture.samples
+    with_wall = simulated(scene, "coupling", "clutter").capture.samples - simulated(scene, "clutter").capture.samples
+    without = simulated(scene, "coupling").capture.samples - simulated(scene).capture.samples
     assert rms(with_wall) == pytest.approx(rms(without), rel=1e-3)

@@ -10,7 +10,7 @@ from radar.simulation.physics.facets import face_vectors
 from radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
 from radar.simulation.physics.visibility import visible_from
 from radar.simulation.scene import Body, EchoScene
-from radar.simulation.state import Shot, facing
+from radar.simulation.state import EchoState, facing
 from radar.support.errors import HandbenchError
 from radar.support.rays import Rays
 from tests.radar.simulation.effects.plates import cylinder, joined, plate
@@ -24,8 +24,8 @@ def scene(body: Body, array: AntennaArray | None = None) -> EchoScene:
     return EchoScene(array or qar50(), TONES_HZ, np.zeros(3), body)
 
 
-def shot(body: Body, *effects) -> Shot:
-    made = Shot(scene(body), 1)
+def state(body: Body, *effects) -> EchoState:
+    made = EchoState(scene(body), 1)
     made.surface.oblique = True
     for effect in effects:
         effect.apply(made)
@@ -64,14 +64,14 @@ def test_a_coarse_face_in_the_shadow_of_something_small_is_asked_facet_by_facet(
 
 
 def test_echoes_with_shadows_leave_out_what_is_hidden():
-    alone = shot(joined(cylinder((0.0, 0.0, 0.30), 8e-3, 0.05)), ShadowAntennas())
+    alone = state(joined(cylinder((0.0, 0.0, 0.30), 8e-3, 0.05)), ShadowAntennas())
     # A small ball right behind the cylinder is hidden from all antennas: no echo of it is left.
-    hidden = shot(joined(cylinder((0.0, 0.0, 0.30), 8e-3, 0.05), sphere_body(2e-3, (0, 0, 0.315))), ShadowAntennas())
+    hidden = state(joined(cylinder((0.0, 0.0, 0.30), 8e-3, 0.05), sphere_body(2e-3, (0, 0, 0.315))), ShadowAntennas())
     assert np.array_equal(hidden.echo(hidden.array), alone.echo(alone.array))
 
 
 def test_shadows_from_the_centre_keep_what_it_sees():
-    made = shot(FINGERS, ShadowCentre())
+    made = state(FINGERS, ShadowCentre())
     facets = facing(made.scene, FINGERS)
     expected = by_rays(FINGERS, facets, np.zeros((1, 3)))[0]
     assert np.array_equal(made.surface.facets.position_m, facets.position_m[expected])
@@ -79,14 +79,14 @@ def test_shadows_from_the_centre_keep_what_it_sees():
 
 
 def test_shadows_of_antennas_supersede_those_of_the_centre():
-    both, one = shot(FINGERS, ShadowCentre(), ShadowAntennas()), shot(FINGERS, ShadowAntennas())
+    both, one = state(FINGERS, ShadowCentre(), ShadowAntennas()), state(FINGERS, ShadowAntennas())
     assert np.array_equal(both.echo(both.array), one.echo(one.array))
 
 
 def test_nothing_hides_a_sheet():
-    bare = shot(SHEET)
+    bare = state(SHEET)
     for effect in (ShadowCentre(), ShadowAntennas()):
-        made = shot(SHEET, effect)
+        made = state(SHEET, effect)
         assert np.array_equal(made.echo(made.array), bare.echo(bare.array))
 
 
@@ -95,7 +95,7 @@ def test_a_target_of_which_nothing_is_seen_is_refused():
     inverted = joined(Body(SHEET.vertices_m, SHEET.faces[:, ::-1]), behind)
     for effect in (ShadowCentre(), ShadowAntennas()):
         with pytest.raises(HandbenchError, match="no facet"):
-            np.asarray(shot(inverted, effect).samples)
+            np.asarray(state(inverted, effect).samples)
 
 
 def test_lines_are_runs_of_neighbours():

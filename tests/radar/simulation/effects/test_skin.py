@@ -8,10 +8,9 @@ import pytest
 from radar.imaging.api import image_points
 from radar.simulation.effects.skin import Skin
 from radar.simulation.physics.material import Material
-from radar.simulation.physics.reflection import fresnel, layered, skin_reflection
-from radar.simulation.physics.tissue import skin_permittivity
-from radar.simulation.state import Shot
-from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, shots, sphere_body
+from radar.simulation.physics.reflection import fresnel, layered, skin_permittivity, skin_reflection
+from radar.simulation.state import EchoState
+from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, simulated, sphere_body
 
 SKIN = Material(kind="skin")
 
@@ -62,7 +61,7 @@ def test_a_quarter_wave_of_the_geometric_mean_matches():
 
 
 def depth_change_m(before, after):
-    """How far the bead's FSK depth between the outer tones moves."""
+    """Shift of the bead's FSK depth between the outer tones."""
     near_side_m = np.array([[0.01, -0.005, 0.296]])
     products = []
     for capture in (before, after):
@@ -78,7 +77,7 @@ def test_the_palm_seems_further_away(palm, thickness_m, bias_m):
     body = sphere_body(4e-3, (0.01, -0.005, 0.3))
     material = Material(kind="skin", palm_thickness_m=thickness_m)
     scene = bead_scene(target=replace(body, material=material, palm=np.full(len(body.faces), palm)))
-    change_m = depth_change_m(shots(scene, "obliquity").capture, shots(scene, "obliquity", "skin").capture)
+    change_m = depth_change_m(simulated(scene, "obliquity").capture, simulated(scene, "obliquity", "skin").capture)
     assert change_m == pytest.approx(bias_m, abs=0.05e-3)
     assert Skin().estimate(scene).depth_mm == pytest.approx(1e3 * change_m, rel=0.05)  # exact for one layer
 
@@ -87,17 +86,17 @@ def test_each_face_has_its_own_layer():
     body = sphere_body(4e-3, (0.01, -0.005, 0.3))
     left = body.vertices_m[body.faces].mean(axis=1)[:, 0] < 0.01
     scene = bead_scene(target=replace(body, material=SKIN, palm=left))
-    shot = Shot(scene, 1)
-    Skin().apply(shot)
-    assert np.array_equal(shot.surface.layer == 1, left[shot.surface.facets.face])
+    state = EchoState(scene, 1)
+    Skin().apply(state)
+    assert np.array_equal(state.surface.layer == 1, left[state.surface.facets.face])
     halves = []
     for part in (left, ~left):
-        half = Shot(scene, 1)
+        half = EchoState(scene, 1)
         half.surface.keep(part[half.surface.facets.face])
         halves.append(half.echo(scene.array))
-    expected = sum(half * r[:, None, None] for half, r in zip(halves, shot.surface.reflection[::-1], strict=True))
+    expected = sum(half * r[:, None, None] for half, r in zip(halves, state.surface.reflection[::-1], strict=True))
     # The halves together and apart go through other boxes of the fast chain: its tolerance, 1e-5, twice.
-    assert np.linalg.norm(shot.echo(scene.array) - expected) < 3e-5 * np.linalg.norm(expected)
+    assert np.linalg.norm(state.echo(scene.array) - expected) < 3e-5 * np.linalg.norm(expected)
 
 
 def test_only_skin_has_it():

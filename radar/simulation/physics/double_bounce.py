@@ -1,4 +1,4 @@
-"""How strong echoes over two mirrors are, without rays: a walk through a grid of the surface's normals.
+"""Strength of echoes over two mirrors, without rays: a walk through a grid of the surface's normals.
 
 Geometrical optics keeps the energy of a tube. What a facet catches of a wave from the aperture's centre, A_p / R²,
 and what then leaves a second place towards the aperture, spreads over an area about the aperture; physical optics'
@@ -20,7 +20,7 @@ MOST_CELLS = 1 << 24
 WIDE = 2.0  # the area in which rays are counted over the aperture's width: more of them, and they scatter widely
 
 
-def glints(facets: Facets, array: AntennaArray, view_m: np.ndarray) -> tuple[float, int]:
+def double_bounce(facets: Facets, array: AntennaArray, view_m: np.ndarray) -> tuple[float, int]:
     """Σ A_p / R² / area (1/m²) of what comes back of a wave from view_m [3], and how many facets mirror onto others."""
     if len(facets) == 0:
         return 0.0, 0

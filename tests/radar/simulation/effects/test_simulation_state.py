@@ -1,13 +1,13 @@
-"""What is off costs nothing and changes nothing; shots do not depend on the number of workers."""
+"""Effects that are off cost and change nothing; captures do not depend on the number of workers."""
 
 import numpy as np
 import pytest
 
 from radar.simulation import simulate
 from radar.simulation.selection import choose
-from radar.simulation.simulate import Stopwatch, shoot
+from radar.simulation.simulate import Stopwatch, simulate_scene
 from radar.support.rays import Rays
-from tests.radar.simulation.effects.small_scenes import bead_scene, shots
+from tests.radar.simulation.effects.small_scenes import bead_scene, simulated
 
 EVERYTHING = {
     "noise": {"phase_noise_rad": 0.05},
@@ -37,7 +37,7 @@ def no_random_numbers(monkeypatch):
 
 def test_what_is_off_draws_no_number_and_casts_no_ray(no_random_numbers):
     before = Rays.cast
-    shots(bead_scene(EVERYTHING), "obliquity", "pattern", "coupling", "dead", "converter")
+    simulated(bead_scene(EVERYTHING), "obliquity", "pattern", "coupling", "dead", "converter")
     assert Rays.cast == before
 
 
@@ -51,14 +51,14 @@ def test_estimates_draw_none_of_the_scene_s_numbers_and_cast_no_ray(no_random_nu
 @pytest.mark.parametrize("name", CASTING)
 def test_what_casts_rays_does_so_when_it_is_on(name):
     before = Rays.cast
-    shots(bead_scene(), name)
+    simulated(bead_scene(), name)
     assert Rays.cast > before
 
 
 @pytest.mark.parametrize("name", RANDOM)
 def test_what_draws_numbers_does_so_when_it_is_on(name, no_random_numbers):
     with pytest.raises(AssertionError, match="drew a random number"):
-        shots(bead_scene(EVERYTHING), name)
+        simulated(bead_scene(EVERYTHING), name)
 
 
 @pytest.mark.parametrize("other", [name for name in RANDOM if name != "noise"])
@@ -72,10 +72,10 @@ def test_no_effect_changes_anothers_draws(other, monkeypatch):
         return original(entropy, *arguments, **named)
 
     monkeypatch.setattr(np.random, "SeedSequence", record)
-    shots(bead_scene(EVERYTHING), "noise")
+    simulated(bead_scene(EVERYTHING), "noise")
     alone = set(drawn)
     drawn.clear()
-    shots(bead_scene(EVERYTHING), "noise", other)
+    simulated(bead_scene(EVERYTHING), "noise", other)
     assert alone < set(drawn) and max(drawn.values()) == 1
 
 
@@ -84,12 +84,12 @@ def test_a_shot_is_the_same_for_any_number_of_workers(monkeypatch):
     found = []
     for workers in ("1", "2", "3"):
         monkeypatch.setenv("HANDBENCH_WORKERS", workers)
-        found.append(shots(bead_scene(EVERYTHING), *names, frames=2).capture.samples)
+        found.append(simulated(bead_scene(EVERYTHING), *names, frames=2).capture.samples)
     assert np.array_equal(found[0], found[1]) and np.array_equal(found[0], found[2])
 
 
 def test_rows_say_what_each_effect_took():
-    rows = shots(bead_scene(EVERYTHING), "noise", "dead").rows
+    rows = simulated(bead_scene(EVERYTHING), "noise", "dead").rows
     assert [row.effect for row in rows if row.on] == [simulate.ECHOES, "noise", "dead"]
     assert all((row.seconds is not None) == row.on for row in rows)
 
@@ -108,7 +108,7 @@ def test_time_inside_another_counts_once():
 def test_frames_and_seeds():
     scene = bead_scene(EVERYTHING)
     rows = choose(scene, "auto", 0.1)
-    once, again = (shoot(scene, rows, frames=2).capture.samples for _ in range(2))
+    once, again = (simulate_scene(scene, rows, frames=2).capture.samples for _ in range(2))
     assert np.array_equal(once, again)
-    other = shoot(bead_scene(EVERYTHING, seed=4), rows, frames=2).capture.samples
+    other = simulate_scene(bead_scene(EVERYTHING, seed=4), rows, frames=2).capture.samples
     assert not np.array_equal(once, other)

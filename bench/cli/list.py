@@ -1,18 +1,25 @@
-"""Everything that has a name: methods with their defaults and sources, metrics, benchmarks, effects, poses."""
+"""`handbench list`: methods with their defaults and sources, metrics, benchmarks, effects, poses."""
 
 from __future__ import annotations
 
+import argparse
 import json
 
-from bench.evaluation.metrics import definitions
-from bench.run.benchmark_file import EMBEDDED
-from bench.scenes.poses import POSES
-from radar.methods.registry import BROKEN, methods, with_version
-from radar.simulation.effects.catalogue import EFFECTS
+HELP = "methods, metrics, benchmarks and poses that there are"
 
 
-def show() -> None:
-    """Print the lists."""
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """None."""
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print everything that has a name."""
+    from bench.evaluation.metrics import definitions
+    from bench.run.benchmark_file import EMBEDDED
+    from bench.scenes.hand_pose import POSES
+    from radar.methods.registry import BROKEN, methods, with_version
+    from radar.simulation.effects.catalogue import EFFECTS
+
     print("methods")
     for method in methods():
         print(f"  {method.id:<18} {method.summary}")

@@ -1,0 +1,37 @@
+"""`handbench evaluate`: how far a depth map is from a mesh."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+HELP = "depth map against a mesh → metrics as JSON on stdout"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Its options."""
+    command.add_argument("depth", type=Path, metavar="DEPTH.npz")
+    command.add_argument("--mesh", required=True, type=Path, metavar="MESH.ply", help="metres")
+    command.add_argument("--transform", type=Path, metavar="T.json", help="carries the mesh into the radar frame")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Depth map × mesh → metrics on stdout."""
+    from bench.datasets.maroon_alignment import load_any_transform
+    from bench.evaluation.floor import floor_mm
+    from bench.evaluation.metrics import definitions, error_map, pool
+    from bench.run.scoring import reference_depth
+    from calibration.transforms import identity
+    from radar.data.depthmap import load_depthmap
+    from radar.data.grid import PixelGrid
+
+    depth = load_depthmap(options.depth)
+    transform = load_any_transform(options.transform) if options.transform else identity("radar")
+    reference = reference_depth(options.mesh, transform, PixelGrid(depth.x_m, depth.y_m))
+    errors = error_map(depth.x_m, depth.y_m, depth.z_m, reference.z_m, reference.sigma_m, reference.met)
+    values = pool([errors]) | {"floor_mm": floor_mm([errors], [reference])}
+    about = {"method": depth.method, "definitions": definitions(list(values))}
+    if transform.refined:
+        about["refined"] = f"{options.transform}: {transform.refined['reason']}"
+    print(json.dumps({**values, **about}, indent=2))

@@ -1,0 +1,31 @@
+"""`handbench import`: foreign data as a capture folder."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from bench.cli.options import add_out, free_folder
+from radar.support.progress import say
+
+HELP = "another data set → capture folder"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Its options."""
+    command.add_argument("dataset", choices=("maroon", "mapping", "planar_scan"))
+    command.add_argument("source", type=Path, metavar="SRC", help="maroon: OBJECT/DISTANCE; mapping: a folder")
+    add_out(command, "DIR", "capture folder")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Foreign data → capture folder."""
+    from bench.datasets.dataset import import_capture
+    from bench.datasets.foam_panel import import_planar_scan
+
+    free_folder(options.out, options.overwrite, "capture.toml")
+    if options.dataset == "planar_scan":
+        import_planar_scan(options.source, options.out)
+    else:
+        import_capture(options.dataset, options.source, options.out)
+    say(f"capture: {options.out}")

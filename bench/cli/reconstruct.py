@@ -1,0 +1,111 @@
+"""`handbench reconstruct`: one capture imaged by one method."""
+
+from __future__ import annotations
+
+import argparse
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench.cli.options import add_device, add_out, free
+from radar.support.errors import HandbenchError
+from radar.support.progress import say
+
+if TYPE_CHECKING:  # --help answers without them
+    import numpy as np
+
+    from radar.data.capture import RadarCapture
+
+HELP = "one capture, one method → depth map"
+EXACT = 1e-5  # what the exact sum is good to, in single precision
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Its options."""
+    command.add_argument("capture", type=Path, metavar="CAPTURE")
+    command.add_argument("--method", required=True, metavar="ID", help="see `handbench list`")
+    add_out(command, "DEPTH.npz", "depth map")
+    command.add_argument("--frame", type=int, default=0)
+    accuracy = command.add_mutually_exclusive_group()
+    accuracy.add_argument("--tolerance", type=float, metavar="1e-3", help="largest relative error of the images")
+    accuracy.add_argument("--exact", action="store_true", help="sum every tone of every antenna pair")
+    command.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        dest="settings",
+        help="one of the method's parameters, as z.step_m=0.002 (repeatable)",
+    )
+    command.add_argument("--volume", type=Path, metavar="V.npz", help="write the complex volume too")
+    add_device(command)
+    command.add_argument(
+        "--check", type=int, default=0, metavar="N", help="compare the volume at N random voxels with the exact sum"
+    )
+
+
+def run(options: argparse.Namespace) -> None:
+    """Capture × method → depth map."""
+    from bench.datasets.dataset import open_capture
+    from bench.run.reconstruct_stage import configuration
+    from radar.imaging.device import describe
+    from radar.methods.registry import method
+    from radar.support.files import write_npz
+    from radar.warmup import compile_kernels
+
+    for file in filter(None, (options.out, options.volume)):
+        free(file, options.overwrite)
+    if options.volume == options.out:
+        raise HandbenchError(f"--volume: is the same file as -o, {options.out}; name two")
+    chosen = method(options.method)
+    defaults = configuration(options.capture, chosen.id, {})
+    settings = chosen.configure(_settings(options, defaults.model_dump(mode="json")), "--set or --tolerance")
+    echoes = open_capture(options.capture).echoes(max(options.frame, 0) + 1)
+    if not 0 <= options.frame < len(echoes.samples):
+        raise HandbenchError(f"--frame: is {options.frame}; the capture has frames 0 to {len(echoes.samples) - 1}")
+    if (options.volume is not None or options.check) and "z" not in chosen.config.model_fields:
+        raise HandbenchError(f"--volume, --check: '{chosen.id}' makes no volume; choose broadband or narrowband")
+    compile_kernels()
+    result = chosen.run(echoes, settings, options.frame)
+    result.depth.save(options.out)
+    if options.volume is not None or options.check:
+        volume = result.volume()
+        if options.volume is not None:
+            write_npz(options.volume, volume=volume, z_m=result.volume_z_m)
+        if options.check:
+            _check(volume, echoes, settings, options)
+    on_target = int((result.depth.z_m == result.depth.z_m).sum())
+    say(f"{options.out}: {on_target} pixels on target, imaged on {describe()}")
+
+
+def _check(volume: np.ndarray, echoes: RadarCapture, settings: Any, options: argparse.Namespace) -> None:
+    """Say how far the volume is from the exact sum, and refuse one that is further than was asked."""
+    from radar.imaging.api import imaging_error
+
+    samples, frequencies_hz = echoes.tones(settings.tones_hz(), options.frame)
+    error = imaging_error(volume, samples, frequencies_hz, echoes.aperture, settings.grid(), options.check)
+    say(f"checked at {options.check} random voxels against the exact sum: relative error {error:.1e}")
+    if error > (settings.tolerance or EXACT):
+        raise HandbenchError(
+            f"--check: the volume's relative error is {error:.1e}; expected at most {settings.tolerance or EXACT:g}; "
+            "please report the capture, and use --exact meanwhile"
+        )
+
+
+def _settings(options: argparse.Namespace, values: dict[str, Any]) -> dict[str, Any]:
+    """`values` with --set, --tolerance and --exact put in; methods that always image exactly have no tolerance."""
+    for setting in options.settings:
+        key, separator, text = setting.partition("=")
+        *parents, leaf = key.split(".")
+        place: Any = values
+        for parent in parents:
+            place = place.setdefault(parent, {}) if isinstance(place, dict) else None
+        if not separator or not isinstance(place, dict):
+            raise HandbenchError(f"--set: is '{setting}'; expected KEY=VALUE, as z.step_m=0.002")
+        try:
+            place[leaf] = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            place[leaf] = text
+    if "tolerance" in values and (options.exact or options.tolerance is not None):
+        values["tolerance"] = options.tolerance
+    return values

@@ -1,0 +1,72 @@
+"""`handbench simulate`: a scene's capture, and the table of its effects."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bench.cli.options import add_out, free_folder, positive
+from radar.support.errors import HandbenchError
+from radar.support.progress import say
+
+if TYPE_CHECKING:  # --help answers without it
+    from radar.simulation.selection import Choice
+
+HELP = "scene file → capture folder (echoes, photographs, true surface)"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Its options."""
+    command.add_argument("scene", type=Path, metavar="SCENE.toml")
+    add_out(command, "DIR", "capture folder", required=False)
+    command.add_argument("--explain", action="store_true", help="print which effects the scene calls for, and stop")
+    command.add_argument("--frames", type=positive, default=1, help="frames that differ in their noise (default 1)")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Scene → capture folder; or what its echoes would show, and why."""
+    from bench.datasets.simulated import simulate_capture
+    from bench.scenes.build import load_scene
+    from bench.scenes.echoes import choices
+
+    if options.explain:
+        show(choices(load_scene(options.scene), explain=True))
+        return
+    if options.out is None:
+        raise HandbenchError("-o: is missing; name a capture folder, or ask for --explain alone")
+    free_folder(options.out, options.overwrite, "capture.toml")
+    show(simulate_capture(load_scene(options.scene), options.out, options.frames))
+    say(f"capture: {options.out}")
+
+
+def show(rows: tuple[Choice, ...]) -> None:
+    """Print the effects on stdout, as wide as the table needs: estimate, on or off, why, and what each took."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    console = Console(highlight=False)
+    if not console.is_terminal:  # a pipe or a file has no width to keep to
+        console.width = 200
+    table = Table(box=box.SIMPLE, pad_edge=False)
+    for heading in ("effect", "depth mm", "level dB", "on", "seconds", "why"):
+        table.add_column(heading, justify="right" if heading in ("depth mm", "level dB", "seconds") else "left")
+    for row in rows:
+        seconds = row.cost_s if row.seconds is None else row.seconds
+        mark = "~" if row.seconds is None and seconds else ""
+        cells = (
+            row.effect,
+            _number(row.depth_mm, 3),
+            _number(row.level_db, 1),
+            "on" if row.on else "–",
+            mark + _number(seconds, 2),
+            row.why,
+        )
+        table.add_row(*map(Text, cells))
+    console.print(table)
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"

@@ -1,0 +1,80 @@
+"""The stability study: every hard case, then the tables of errors that no single case shows."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Iterable, Sequence
+from importlib import import_module
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from bench.results.stability import StabilityFacts, Table, counted, write_stability
+from bench.results.tables import CASES, frame
+from bench.studies.columns import markdown_table
+from bench.studies.stability.cases import GROUPS, cases, measured
+from bench.studies.study import carried_out, stand
+from radar.support.config import suggest
+from radar.support.errors import HandbenchError
+from radar.support.progress import say
+
+SHOWN = ["group", "case", "quantity", "bound", "measured", "unit", "verdict"]
+
+
+def run_stability(
+    groups: str | None = None, seed: int = 0, scenes: int = 10_000, folder: Path | None = None
+) -> tuple[StabilityFacts, pd.DataFrame]:
+    """Measure the cases of some groups (names with commas; None: all, and the tables), and write them to `folder`, if
+    one is given. scenes: random hard scenes, drawn from `seed`. Returns the facts, and the cases by `CASES`."""
+    start, chosen = time.perf_counter(), cases(_groups(groups))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # a warning without meaning would reach a user too
+        found, _ = carried_out(chosen, measured, attrgetter("name"), "cases")
+        tables = () if groups else _tables(seed, scenes)
+    table = frame(CASES, (line for _, line in found))
+    facts = StabilityFacts(seed=seed, seconds=time.perf_counter() - start, tables=tables, **stand())
+    if folder is not None:
+        write_stability(folder, facts, table)
+        say(f"stability: {folder / 'stability.csv'}")
+    return facts, table
+
+
+def _groups(text: str | None) -> tuple[str, ...]:
+    chosen = GROUPS if text is None else tuple(part.strip() for part in text.split(","))
+    for group in chosen:
+        if group not in GROUPS:
+            raise HandbenchError(f"--groups: unknown '{group}'; {suggest(group, list(GROUPS))}")
+    return chosen
+
+
+def _tables(seed: int, scenes: int) -> tuple[Table, ...]:
+    """Errors of single precision, how much estimators amplify, and random scenes."""
+    precision, condition, random = (
+        import_module(f"bench.studies.stability.{name}")
+        for name in ("precision_cases", "condition_cases", "random_scenes")
+    )
+    tables = (precision.table(), condition.table())
+    return (*tables, random.table(seed, scenes)) if scenes else tables
+
+
+def show(facts: StabilityFacts, found: pd.DataFrame) -> None:
+    """Print the cases, then the tables, on stdout."""
+    print(_markdown(SHOWN, found[SHOWN].itertuples(index=False)))
+    for table in facts.tables:
+        print(f"{table.title}: {table.text}\n\n{_markdown(table.columns, table.rows)}")
+    print(f"{len(found)} hard cases in {facts.seconds:.0f} s: {counted(found)}")
+
+
+def _markdown(headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    columns = dict(zip(headings, zip(*rows, strict=True), strict=True))
+    texts = [any(isinstance(cell, str) for cell in cells) for cells in columns.values()]
+    return markdown_table({heading: list(map(_cell, cells)) for heading, cells in columns.items()}, texts)
+
+
+def _cell(value: Any) -> str:
+    if value is None or value != value:  # NaN alone differs from itself
+        return "–"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)

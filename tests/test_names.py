@@ -1,0 +1,97 @@
+"""One name, one meaning: files, docstrings and the headline metric; and the product keeps its size."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections import defaultdict
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("radar", "calibration", "groundtruth", "bench", "reports")
+FILES = sorted(path.relative_to(ROOT) for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+STUDY_PARTS = {"cases.py", "measure.py", "figure.py", "run.py", "score.py"}
+QUESTION = re.compile(r"(What|How|Whether|Where|Who)\b")
+MOST_LINES = 33_000
+MOST_MAE_FILES = 5
+
+
+def meaning(file: Path) -> str:
+    """The idea that a file's name stands for: files of one name may share it, and no other."""
+    match file.parts:
+        case [*_, "__init__.py" | "__main__.py"]:
+            return file.as_posix()
+        case ["bench", "cli", _]:
+            return f"the command's own file {file}"
+        case ["bench", "studies", _, name] if name in STUDY_PARTS:
+            return "a part of a study"
+        case [*above, "cpu" | "gpu", _]:
+            return f"on either device, in {'/'.join(above)}"
+    return file.as_posix()
+
+
+def clashes(files: Iterable[Path]) -> list[list[str]]:
+    """The files whose name stands for two ideas. A file named after its command stands beside what the command does."""
+    named = defaultdict(list)
+    for file in files:
+        if file.name not in ("__init__.py", "__main__.py") and file.parts[:2] != ("bench", "cli"):
+            named[file.name].append(file)
+    return [[f.as_posix() for f in same] for same in named.values() if len({meaning(f) for f in same}) > 1]
+
+
+def test_no_file_name_stands_twice_with_two_meanings():
+    assert clashes(FILES) == []
+
+
+@pytest.mark.parametrize(
+    ("files", "clash"),
+    [
+        (
+            ["radar/__init__.py", "bench/__init__.py", "bench/studies/a/__main__.py", "bench/studies/b/__main__.py"],
+            False,
+        ),
+        (["bench/cli/stability.py", "bench/results/stability.py"], False),
+        (["bench/studies/a/cases.py", "bench/studies/b/cases.py"], False),
+        (["radar/imaging/cpu/leaf.py", "radar/imaging/gpu/leaf.py"], False),
+        (["radar/support/errors.py", "bench/evaluation/errors.py"], True),
+        (["bench/studies/a/page.py", "reports/page/page.py"], True),
+        (["bench/studies/a/other.py", "bench/studies/b/other.py"], True),
+        (["radar/imaging/cpu/leaf.py", "groundtruth/dense/gpu/leaf.py"], True),
+    ],
+)
+def test_clashes_are_noticed(files, clash):
+    assert bool(clashes(map(Path, files))) == clash
+
+
+def questions(source: str) -> list[int]:
+    """The lines of docstrings that begin with a question word instead of what the thing is or does."""
+    kinds = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+    told = [node for node in ast.walk(ast.parse(source)) if isinstance(node, kinds) and ast.get_docstring(node)]
+    return sorted(node.body[0].lineno for node in told if QUESTION.match(ast.get_docstring(node)))
+
+
+@pytest.mark.parametrize("room", sorted({"/".join(file.parts[:2]).removesuffix(".py") for file in FILES}))
+def test_docstrings_say_what_a_thing_is_or_does(room):
+    files = [file for file in FILES if "/".join(file.parts[:2]).removesuffix(".py") == room]
+    found = [f"{file}:{line}" for file in files for line in questions((ROOT / file).read_text("utf-8"))]
+    assert found == []
+
+
+def test_questions_are_noticed():
+    source = '"""What."""\n\n\ndef f():\n    r"""How it\n    runs."""\n\n\nclass A:\n    """Whatever."""\n'
+    assert questions(source) == [1, 5]
+
+
+def test_the_product_keeps_its_size():
+    lines = {package: 0 for package in PACKAGES}
+    for file in FILES:
+        lines[file.parts[0]] += len((ROOT / file).read_text("utf-8").splitlines())
+    assert sum(lines.values()) < MOST_LINES, lines
+
+
+def test_the_headline_metric_is_spelt_in_few_files():
+    found = [str(file) for file in FILES if re.search(r"\bmae", (ROOT / file).read_text("utf-8"), re.IGNORECASE)]
+    assert len(found) <= MOST_MAE_FILES, found
