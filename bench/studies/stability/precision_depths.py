@@ -10,7 +10,7 @@ import numpy as np
 from bench.studies.stability.precision_images import PAIR_MM, C, Line, U, fast_floor, image_line, relative, sums
 from bench.studies.stability.scenes import LADDER_HZ, POINT_M, capture, depth_map, echoes, small_array
 from radar.imaging.cpu.exact import direct_sum, tone_images
-from radar.imaging.resample import AMPLIFICATION, resampler
+from radar.imaging.skeleton import AMPLIFICATION, resampler
 from radar.methods.fsk import depth_step_m
 from radar.methods.smoothing import masked_mean
 
