@@ -16,7 +16,7 @@ from radar.data.capture import RadarCapture, near_one
 from radar.data.depthmap import DepthMap, amplitude_db
 from radar.data.grid import Axis, VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
-from radar.imaging.cpu.volume import strongest_voxels
+from radar.imaging.cpu.executor import strongest_voxels
 from radar.methods.confidence import least_coherence
 from radar.methods.fsk_config import PAPER_LATERAL
 from radar.support.config import Config
