@@ -59,8 +59,8 @@ def three_captures() -> Seen:
 
 @case("statistics", "coverage of three captures", "percentage points", 3.0)
 def coverage() -> Seen:
-    """Captures' true mean error outside the 95 % interval, off 5 %. Against: 5 %. Because: 4000 trials know the share to 0.35
-    points; two degrees of freedom and 225 half-normal errors, nearly even."""
+    """Captures' true mean error outside the 95 % interval, off 5 %. Against: 5 %. Because: 4000 trials know the share
+    to 0.35 points; two degrees of freedom and 225 half-normal errors, nearly even."""
     rng, trials = np.random.default_rng(0), 4000
     place = np.array([[capture, 0, 0] for capture in range(3)])
     units, missed = units_of(place), 0
