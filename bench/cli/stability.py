@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from bench.cli.options import add_out, free
+from bench.cli.options import add_out
 from radar.support.errors import HandbenchError
 
 HELP = "hard cases: what could blow up, its bound, and the measured figure"
@@ -21,6 +21,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Measure, show, write; a case that fails ends with exit code 2."""
+    from bench.cli.options import free
     from bench.studies.stability.measure import run_stability, show
 
     if options.out is not None:

@@ -11,8 +11,8 @@ photos/       CAPTURE.jpg, at most 600 pixels wide and high
 
 from bench.results.about import HEADLINE, HEADLINES, REFERENCES, About, CaptureFacts, Failure, MethodFacts, MetricFacts
 from bench.results.error_map import ErrorMap
-from bench.results.folder import Result, load, write_about, write_config, write_tables
 from bench.results.maps import Surface, depth_path, errors_path, write_errors, write_photo, write_surface
+from bench.results.result_folder import Result, load, write_about, write_config, write_tables
 from bench.results.tradeoff import Claim, Section, Setting, Tradeoff, TradeoffFacts, load_tradeoff, write_tradeoff
 
 __all__ = [

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.results import HEADLINE, HEADLINES, Result
-from bench.results.folder import shown
+from bench.results.result_folder import shown
 from bench.results.stability import VERDICTS, counted, load_stability
 from reports.figures.style import AGAINST
 from reports.tables.blocks import NONE, Block, Line, blocks, figure, known, number, p_text, three_digits

@@ -24,8 +24,8 @@ from bench.evaluation.statistics.two_samples import f_test, paired, unpaired
 from bench.results.about import REFERENCES, MethodFacts
 from bench.results.compared import Compared, Side
 from bench.results.error_map import ErrorMap
-from bench.results.folder import Result
 from bench.results.maps import errors_path, read_map
+from bench.results.result_folder import Result
 from bench.results.tables import DIFFERENCES, LEVEL, TIMES, conform, frame
 from radar.support.errors import HandbenchError
 

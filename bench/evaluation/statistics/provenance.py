@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from bench.results.folder import Result
+from bench.results.result_folder import Result
 from bench.results.tables import CHANGES, frame
 
 HASH_CHARACTERS = 12  # tell two hashes apart

@@ -25,7 +25,7 @@ from bench.evaluation.statistics.intervals import (
 from bench.evaluation.statistics.paired import block_sums, compare
 from bench.evaluation.statistics.two_samples import f_test
 from bench.results.error_map import ErrorMap
-from bench.results.folder import shown
+from bench.results.result_folder import shown
 from bench.studies.stability.cases import Seen, case
 from bench.studies.stability.statistics_intervals import DEPTH_M, EPS, PIXEL_M, a_map
 from groundtruth.mesh.depth import Reference

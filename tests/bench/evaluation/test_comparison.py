@@ -10,7 +10,7 @@ from bench.evaluation.depth_errors import error_map
 from bench.evaluation.metrics import pool
 from bench.evaluation.statistics.paired import compare, holm
 from bench.results.error_map import ErrorMap
-from bench.results.folder import best, shown
+from bench.results.result_folder import best, shown
 from bench.results.tables import COMPARISONS, frame, write
 from radar.support.errors import HandbenchError
 
