@@ -126,7 +126,7 @@ def keep(folder: Path, make: Callable[[Path], None]) -> bool:
 
 
 def changed(folder: Path) -> str | None:
-    """Which of a kept folder's files are no longer as they were made, or None."""
+    """The files of a kept folder that are no longer as they were made, in words, or None."""
     try:
         written = json.loads(b"".join(read_own(folder / MANIFEST)))
         expected = {name: tuple(facts) for name, facts in written.items()}
