@@ -1,4 +1,5 @@
-"""The figures of docs/measurements/planar_scan.md: python docs/planar_scan.py CAPTURE OUT.png (from `handbench import`)."""
+"""The figures of docs/measurements/planar_scan.md: python docs/planar_scan.py CAPTURE OUT.png (from `handbench
+import`)."""
 
 from __future__ import annotations
 

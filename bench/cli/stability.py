@@ -21,7 +21,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Measure, show, write; a case that fails ends with exit code 2."""
-    from bench.cli.commands import free
+    from bench.cli.options import free
     from bench.studies.stability.measure import run_stability, show
 
     if options.out is not None:

@@ -1,33 +1,51 @@
-"""The tables of a study: records of plain values, columns that say what they hold, and both as Markdown."""
+"""The tables of a study: records of plain values, columns (columns.toml) that say what they hold, both as Markdown."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 Record = dict[str, Any]
+FORMS = {  # ways to write a value that are no format
+    "seconds": lambda value: f"{value:,.0f}" if value >= 100 else f"{value:.3g}",
+    "list": lambda values: ", ".join(f"{v:.3g}" if isinstance(v, float) else f"{v:,}" for v in values),
+    "rounded list": lambda values: ", ".join(f"{v:.0f}" for v in values),
+    "band": lambda ends: f"{ends[0]:.2f}–{ends[1]:.2f}",
+    "yes or no": lambda value: "yes" if value else "**no**",
+}
 
 
 @dataclass(frozen=True)
 class Column:
     """A column, whose name ends in its unit. text: its definition; heading: with the unit that a person reads (none: it
-    stands in the files alone), scale: what the value is multiplied by for that, form: how it is written."""
+    stands in the files alone), scale: what the value is multiplied by for that, form: how it is written (or FORMS)."""
 
     text: str
     heading: str = ""
-    form: str | Callable[[Any], str] = "{:.3g}"
+    form: str = "{:.3g}"
     scale: float = 1
 
     def cell(self, value: Any) -> str:
         """The value as a person reads it; nothing for None and NaN."""
         if value is None or value != value:  # NaN alone differs from itself
             return ""
-        if callable(self.form):
-            return self.form(value)
+        if self.form in FORMS:
+            return FORMS[self.form](value)
         return value if isinstance(value, str) else self.form.format(self.scale * value)
+
+
+@cache
+def columns(name: str) -> dict[str, Column]:
+    """The columns of a table of columns.toml, as engine.rows."""
+    study, table = name.split(".")
+    known = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+    return {key: Column(**about) for key, about in known[study][table].items()}
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.studies.columns import Column, Record, Table
+from bench.studies.columns import Record, Table, columns
 from bench.studies.study import Study
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
@@ -31,16 +31,6 @@ TOLERANCE = 1e-3
 SHARE = Axis(start_m=-0.03, stop_m=0.03, step_m=0.001)  # x and y of the exact sum's part of the volume
 
 
-COLUMNS = {
-    "what": Column("what is imaged", "imaging"),
-    "first_ms": Column("the first call: with the plan and, once per machine, the compilation", "first ms"),
-    "ms": Column("median of the calls that follow", "ms"),
-    "voxels": Column("of the volume, or of its part", "voxels", "{:,}"),
-    "whole_volume_ms": Column("of the exact sum of the whole volume, from the part's", "whole volume ms", "{:,.0f}"),
-    "error": Column("relative L2 error at random voxels against the processor's exact sum", "error", "{:.1e}"),
-}
-
-
 def study(work: Path, device: str, repeats: int) -> Study:
     """Everything is one case, imaged on the device that is chosen."""
     configs = BroadbandConfig(), ThreeToneConfig(), SHARE
@@ -49,7 +39,7 @@ def study(work: Path, device: str, repeats: int) -> Study:
         "Imaging on a device",
         [f"{device}, {max(repeats, 1)} repeats"],
         lambda _: measure(*configs, max(repeats, 1)),
-        lambda records: [Table("rows", COLUMNS, records)],
+        lambda records: [Table("rows", columns("gpu.rows"), records)],
     )
 
 
@@ -84,7 +74,7 @@ def surface_echoes(frequencies_hz: np.ndarray) -> RadarCapture:
 
 
 def _timed(name: str, work: Callable[[], Any], repeats: int) -> tuple[Any, Record]:
-    """What work() returns, and its row: the first call's milliseconds and the median of `repeats` further ones."""
+    """The value of work(), and its row: the first call's milliseconds and the median of `repeats` further ones."""
     result, first = _milliseconds(work)
     return result, {
         "what": name,

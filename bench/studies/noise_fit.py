@@ -17,7 +17,7 @@ from bench.run.repeat_stage import strongest_z_m
 from bench.scenes.build import Scene, build
 from bench.scenes.echoes import echoes
 from bench.scenes.scene_file import SceneFile, Sensor
-from bench.studies.columns import Column, Record, Table
+from bench.studies.columns import Record, Table, columns
 from bench.studies.study import Study
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.methods.fsk import TwoToneConfig, two_tone
@@ -28,13 +28,6 @@ from radar.support.progress import track
 STEPS = 3  # of the fixed-point iteration: precision is nearly proportional to the noise
 
 
-COLUMNS = {
-    "step": Column("of the iteration, from the closed form of a point scatterer, σ_z = c/(4πΔf)·σ_φ", "step"),
-    "phase_noise_rad": Column("standard deviation of the phase noise", "phase_noise_rad", "{:.5f}"),
-    "precision_mm": Column("precision of 2-FSK at this noise", "precision mm", "{:.3f}"),
-}
-
-
 def study(work: Path, benchmark: str, precision_mm: float, repeats: int | None) -> Study:
     """The fixed-point iteration over a benchmark's scenes: one case, a record a step."""
     return Study(
@@ -42,7 +35,7 @@ def study(work: Path, benchmark: str, precision_mm: float, repeats: int | None) 
         f"Phase noise at which 2-FSK has a precision of {precision_mm:g} mm",
         [benchmark],
         lambda benchmark: fit(benchmark, precision_mm, repeats),
-        lambda records: [Table("rows", COLUMNS, records)],
+        lambda records: [Table("rows", columns("noise-fit.rows"), records)],
     )
 
 

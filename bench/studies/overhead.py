@@ -30,7 +30,7 @@ from bench.run.outcome import Capture, Outcome, basis, comparisons, tabulate
 from bench.run.runner import Run
 from bench.run.scoring import GRIDS, REFERENCES, write_reference
 from bench.run.tasks import Done
-from bench.studies.columns import Column, Record, Table
+from bench.studies.columns import Record, Table, columns
 from bench.studies.study import Study
 from calibration.transforms import identity
 from groundtruth.mesh.depth import Reference
@@ -98,7 +98,7 @@ def run_record(name: str, bench: BenchFile, base: Path, work: Path, workers: Exe
 
 
 def scored_captures(bench: BenchFile, base: Path, scores: Path) -> Outcome:
-    """What a run would have found whose captures are all one disc of 100 mm, seen with errors of 1 mm."""
+    """The outcome of a run whose captures are all one disc of 100 mm, seen with errors of 1 mm."""
     axis_m, rng = np.linspace(-0.15, 0.15, 301), np.random.default_rng(0)
     disc = np.hypot(*np.meshgrid(axis_m, axis_m)) < 0.05
     z_m, transform = np.where(disc, 0.3, np.nan), replace(identity("radar"), covariance=np.zeros((6, 6)))
@@ -134,18 +134,6 @@ def table_record(found: Outcome) -> Record:
     return {"what": "table", "each_ms": each_ms, "memory_mb": memory_mb}
 
 
-COLUMNS = {
-    "what": Column("two runs of the same tasks, and the table", "what"),
-    "each_ms": Column("a task, opening and planning included; of the table a capture", "ms each", "{:.2f}"),
-    "cpu_ms": Column("of the client's CPU, a task", "client's CPU, ms", "{:.2f}"),
-    "memory_mb": Column(
-        "the client's resident memory at each tenth of the tasks; before, between and after the parts of the table",
-        "client's memory, MB",
-        lambda values: ", ".join(f"{value:.0f}" for value in values),
-    ),
-}
-
-
 def study(work: Path, captures: int, scheduler: str | None) -> Study:
     """All of it is one case; a task that costs more than BAR_MS is an error."""
     return Study(
@@ -153,7 +141,7 @@ def study(work: Path, captures: int, scheduler: str | None) -> Study:
         f"The runner's own cost, {captures} captures",
         [captures],
         lambda captures: measure(captures, scheduler),
-        lambda records: [Table("rows", COLUMNS, records)],
+        lambda records: [Table("rows", columns("overhead.rows"), records)],
         check=_check,
     )
 

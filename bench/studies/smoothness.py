@@ -13,7 +13,7 @@ from bench.scenes.bones import skeleton
 from bench.scenes.hand import RADII_MM, hand_field, hand_mesh
 from bench.scenes.hand_pose import POSES, Pose
 from bench.scenes.implicit import crossing_faces, project
-from bench.studies.columns import Column, Record, Table
+from bench.studies.columns import Record, Table, columns
 from bench.studies.study import Study
 from groundtruth.mesh.mesh_files import load_open3d, mesh, raycasting_scene
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
@@ -31,17 +31,6 @@ POINTS = 3000  # at which depths are compared
 ON_TARGET = 10 ** (-13 / 20)  # amplitude over the strongest one's below which the methods see no target
 
 
-COLUMNS = {
-    "letter": Column("pose", "letter"),
-    "crossing": Column("facets that cut another one", "crossing facets", "{:d}"),
-    "largest_deg": Column("largest angle between the normals of neighbouring facets", "largest angle, °", "{:.0f}"),
-    "permille_deg": Column("the angle that a thousandth of the edges exceeds", "99.9 %, °", "{:.1f}"),
-    "where": Column("parts of the hand at the largest angle", "sharpest between"),
-    "echo_change": Column("relative change (L2, tones and channels) under a subdivision", "echoes, %", "{:.2f}", 100),
-    "depth_change_m": Column("RMS change of the depths on target under a subdivision", "depths, mm", "{:.3f}", 1e3),
-}
-
-
 def study(work: Path, letters: str, edge_mm: float) -> Study:
     """Each letter's mesh as it stands before the radar."""
     return Study(
@@ -49,7 +38,7 @@ def study(work: Path, letters: str, edge_mm: float) -> Study:
         f"Smoothness of hands with edges of {edge_mm:g} mm",
         list(letters or POSES),
         lambda letter: {"letter": letter, **smoothness(POSES[letter], 1e-3 * edge_mm)},
-        lambda records: [Table("rows", COLUMNS, records)],
+        lambda records: [Table("rows", columns("smoothness.rows"), records)],
     )
 
 

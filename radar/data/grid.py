@@ -60,7 +60,7 @@ class PixelGrid:
 
     def placed(self, part: PixelGrid, values: np.ndarray, elsewhere: float = np.nan) -> np.ndarray:
         """The map [ny, nx] that a part's values are of, with the value `elsewhere` beyond it."""
-        if part.shape == self.shape:
+        if part is self:
             return values
         whole = np.full(self.shape, elsewhere)
         whole[np.ix_(np.isin(self.y_m, part.y_m), np.isin(self.x_m, part.x_m))] = values
@@ -95,6 +95,11 @@ class VoxelGrid:
     def pixels(self) -> PixelGrid:
         """The grid seen along z."""
         return PixelGrid(self.x_m, self.y_m)
+
+    def points_at_m(self, index: np.ndarray) -> np.ndarray:
+        """Centres [n, 3] of the voxels with the flat indices [n]."""
+        z, y, x = np.unravel_index(index, self.shape)
+        return np.stack([self.x_m[x], self.y_m[y], self.z_m[z]], axis=1)
 
     def points_m(self) -> np.ndarray:
         """Voxel centres [nz, ny, nx, 3]."""

@@ -1,58 +1,103 @@
 """Imaging: samples → complex images at points, on pixel planes and in volumes, exact or to a tolerance.
 
 With a tolerance, images come from the tree of skeletons (`radar.imaging.tree`) and, on grids, from band-limited
-upsampling (`radar.imaging.cpu.volume`); the relative L2 error stays below it on any samples, white noise included. With
-None every tone and antenna is summed (`radar.imaging.cpu.exact`). Plans are kept per geometry and grid. On a device
-other than the processor (`radar.imaging.device`) the same plans run as array code.
+upsampling; the relative L2 error stays below it on any samples, white noise included. With None every tone and antenna
+is summed. One plan (`radar.imaging.plan`) serves the processor's cores (`radar.imaging.cpu`) and, as array code, other
+devices (`radar.imaging.gpu`).
 """
 
 from __future__ import annotations
 
-import hashlib
-from collections import OrderedDict
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from threading import Lock
-from typing import Any
+from contextvars import ContextVar
+from dataclasses import dataclass
+from functools import wraps
+from math import prod
+from typing import NamedTuple, TypeVar, cast
 
 import numpy as np
 
 from radar.data.arrays import Aperture, positions
 from radar.data.grid import VoxelGrid
-from radar.imaging.cpu.engine import Engine
-from radar.imaging.cpu.exact import backproject, check_samples, tone_images
-from radar.imaging.cpu.volume import VolumePlan, strongest_voxels
+from radar.imaging.cpu import exact as cpu_exact
+from radar.imaging.cpu import executor as cpu
 from radar.imaging.device import chosen
 from radar.imaging.gpu import exact as gpu_exact
-from radar.imaging.gpu.engine import DeviceEngine
-from radar.imaging.gpu.volume import DeviceVolumePlan
-from radar.imaging.stopwatch import imaging
-from radar.imaging.tree import Box, Family, clusters, crowded
+from radar.imaging.gpu import executor as gpu
+from radar.imaging.plan import GridPlan, TreePlan, kept, roomy
+from radar.imaging.tree import Family, clusters, crowded
 from radar.support.errors import HandbenchError
 from radar.support.memory import require_memory
-from radar.support.parallel import one_blas_thread
 from radar.support.progress import track
 
 TOLERANCES = (1e-6, 0.1)  # float32 ends before the one, the bounds' derivation before the other
-PLANS = 24  # kept; the oldest goes first
 CHUNK = 1 << 18  # voxels that the exact path images at once
 
-_plans: OrderedDict[bytes, Any] = OrderedDict()
-_lock = Lock()
+Made = TypeVar("Made")
+Image = TypeVar("Image", bound=Callable[..., object])
+
+
+class Device(NamedTuple):
+    """The executor of a device."""
+
+    executor: type[cpu.Executor] | type[gpu.Executor]
+    upsampler: type[cpu.Upsampler] | type[gpu.Upsampler]
+    exact: Callable[[np.ndarray, np.ndarray, Aperture, np.ndarray, bool], np.ndarray]
+
+
+CPU = Device(cpu.Executor, cpu.Upsampler, cpu_exact.exact_images)
+GPU = Device(gpu.Executor, gpu.Upsampler, gpu_exact.exact_images)
+
+
+@dataclass
+class Laps:
+    """imaging_s: seconds spent in imaging; terms: complex products that the plain sums of these images have, one for
+    each point, tone and channel; tones: most that one of them summed."""
+
+    imaging_s: float = 0.0
+    terms: int = 0
+    tones: int = 0
+
+
+_laps: ContextVar[Laps | None] = ContextVar("laps", default=None)
 
 
 @contextmanager
-def fresh_plans() -> Iterator[None]:
-    """Begin without a plan, as a new process does, and drop those made in the block when it ends."""
-    global _plans
-    before, _plans = _plans, OrderedDict()
+def watch() -> Iterator[Laps]:
+    """Yield what the images made in the block, by this thread, add up to. Nothing is kept unless somebody asks."""
+    laps = Laps()
+    token = _laps.set(laps)
     try:
-        yield
+        yield laps
     finally:
-        _plans = before
+        _laps.reset(token)
 
 
-@imaging
+def _watched(function: Image) -> Image:
+    """Decorator of an imaging function (samples, frequencies_hz, aperture, points or grid, …). One that calls another
+    counts once."""
+
+    @wraps(function)
+    def timed(samples: np.ndarray, *others: object, **named: object) -> object:
+        laps = _laps.get()
+        if laps is None:
+            return function(samples, *others, **named)
+        token, start, where = _laps.set(None), time.perf_counter(), others[2]
+        try:
+            return function(samples, *others, **named)
+        finally:
+            _laps.reset(token)
+            laps.imaging_s += time.perf_counter() - start
+            points = where.size // 3 if isinstance(where, np.ndarray) else prod(cast(VoxelGrid, where).shape)
+            laps.terms += samples.size * points
+            laps.tones = max(laps.tones, len(samples))
+
+    return cast(Image, timed)
+
+
+@_watched
 def image_points(
     samples: np.ndarray,
     frequencies_hz: np.ndarray,
@@ -72,16 +117,16 @@ def image_points(
         return np.zeros(shape, np.complex64)
     points = positions("points_m", points)
     if tolerance is None or crowded(aperture):
-        return _exact(apart)(samples, frequencies_hz, aperture, points).reshape(shape)
-    kind = Engine if chosen() == "cpu" else DeviceEngine
+        return _device().exact(samples, frequencies_hz, aperture, points, apart).reshape(shape)
     images = np.empty((len(samples) if apart else 1, len(points)), np.complex64)
     for near in clusters(points, frequencies_hz):
-        engine = points_engine(frequencies_hz, aperture, points[near], Family(tolerance, apart), kind)
-        images[:, near] = engine.image(samples, engine.sort(points[near]))
+        family = Family(tolerance, apart)
+        executor = points_executor(frequencies_hz, aperture, points[near], family, _device().executor)
+        images[:, near] = executor.image(samples, executor.plan.sort(points[near]))
     return images.reshape(shape)
 
 
-@imaging
+@_watched
 def image_volume(
     samples: np.ndarray,
     frequencies_hz: np.ndarray,
@@ -97,16 +142,16 @@ def image_volume(
     tones, and faster. Refuses a volume that does not fit the memory limit (see `radar.support.memory`).
     """
     check(samples, frequencies_hz, aperture, tolerance)
-    images = len(samples) if apart else 1
-    require_memory(8 * images * int(np.prod(grid.shape)), f"volume of {images} × {grid.shape} voxels [nz, ny, nx]")
-    shape = (images, *grid.shape) if apart else grid.shape
+    count = len(samples) if apart else 1
+    require_memory(8 * count * int(np.prod(grid.shape)), f"volume of {count} × {grid.shape} voxels [nz, ny, nx]")
+    shape = (count, *grid.shape) if apart else grid.shape
     if tolerance is None:
         return _exact_volume(samples, frequencies_hz, aperture, grid, apart).reshape(shape)
-    plan = _volume_plan(frequencies_hz, aperture, grid, Family(tolerance, apart))
-    return plan.volumes(samples, grid.z_m, carrier).reshape(shape)
+    imager = _grid_imager(frequencies_hz, aperture, grid, Family(tolerance, apart))
+    return imager.upsampler.volume(*imager.nodes(samples, grid.z_m), carrier).reshape(shape)
 
 
-@imaging
+@_watched
 def project_volume(
     samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, tolerance: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -114,18 +159,43 @@ def project_volume(
     [3, ny, nx] of the voxel before it, itself and the one behind it (NaN beyond the volume)."""
     check(samples, frequencies_hz, aperture, tolerance)
     if tolerance is None:
-        return strongest_voxels(image_volume(samples, frequencies_hz, aperture, grid, None))
-    return _volume_plan(frequencies_hz, aperture, grid, Family(tolerance, False)).peaks(samples, grid.z_m)
+        return cpu.strongest_voxels(image_volume(samples, frequencies_hz, aperture, grid, None))
+    imager = _grid_imager(frequencies_hz, aperture, grid, Family(tolerance, False))
+    return imager.upsampler.project(*imager.nodes(samples, grid.z_m))
 
 
-def points_engine(
-    frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray, family: Family, kind: type = Engine
-) -> Any:
-    """The engine, or another `kind` that is made alike, that images or simulates points_m [n, 3] and others nearby."""
-    box = _roomy(points_m.min(axis=0), points_m.max(axis=0))
-    return _plan(
-        (kind.__name__, *box), frequencies_hz, aperture, family, lambda: kind(frequencies_hz, aperture, box, family)
-    )
+def points_executor(
+    frequencies_hz: np.ndarray,
+    aperture: Aperture,
+    points_m: np.ndarray,
+    family: Family,
+    executor: Callable[[TreePlan], Made],
+) -> Made:
+    """The work of `executor` on a plan for points_m [n, 3] and others nearby."""
+    box = roomy(points_m.min(axis=0), points_m.max(axis=0))
+    what = (chosen(), executor.__module__, *box)
+    build = lambda: executor(TreePlan(frequencies_hz, aperture, box, family))  # noqa: E731
+    return kept(what, frequencies_hz, aperture, family, build)
+
+
+class GridImager:
+    """Images the nodes of a grid's plan, on the chosen device, and has what upsamples them there."""
+
+    def __init__(self, plan: GridPlan, frequencies_hz: np.ndarray, aperture: Aperture, apart: bool) -> None:
+        device = _device()
+        self._plan, self._how = plan, (frequencies_hz, aperture, apart)
+        self._executor = None if plan.tree is None else device.executor(plan.tree)
+        self.upsampler = device.upsampler(plan)
+
+    def nodes(self, samples: np.ndarray, z_m: np.ndarray) -> tuple[VoxelGrid, np.ndarray]:
+        """The coarse nodes and their images [k or 1, nz, ny, nx]; z_m: the grid's, or a plane's depth [1]."""
+        nodes = self._plan.nodes_at(z_m)
+        if self._executor is None:
+            frequencies_hz, aperture, apart = self._how
+            images = _device().exact(samples, frequencies_hz, aperture, nodes.points_m().reshape(-1, 3), apart)
+        else:
+            images = self._executor.image(samples, self._plan.sort(self._executor.plan, nodes))
+        return nodes, images.reshape(-1, *nodes.shape)
 
 
 def imaging_error(
@@ -140,83 +210,45 @@ def imaging_error(
     """A-posteriori check: relative L2 error of a volume [nz, ny, nx] at `count` random voxels against the exact sum,
     relative to the whole volume's own size there."""
     picked = np.random.default_rng(seed).integers(0, image.size, count)
-    z, y, x = np.unravel_index(picked, grid.shape)
-    points = np.stack([grid.x_m[x], grid.y_m[y], grid.z_m[z]], axis=1)
-    exact = backproject(samples, frequencies_hz, aperture, points)
+    exact = cpu_exact.backproject(samples, frequencies_hz, aperture, grid.points_at_m(picked))
     mean_square = np.mean(np.abs(image) ** 2, dtype=np.float64)
     return float(np.sqrt(np.mean(np.abs(image.ravel()[picked] - exact) ** 2) / mean_square))
 
 
 def check(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, tolerance: float | None) -> None:
     """Refuse samples of the wrong shape and tolerances that cannot be met."""
-    check_samples(samples, frequencies_hz, aperture)
+    cpu_exact.check_samples(samples, frequencies_hz, aperture)
     if tolerance is not None and not TOLERANCES[0] <= tolerance <= TOLERANCES[1]:
         raise HandbenchError(
             f"tolerance: is {tolerance}; expected {TOLERANCES[0]:g} to {TOLERANCES[1]:g}, or the exact sum (--exact)"
         )
 
 
-def _volume_plan(frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, family: Family) -> Any:
-    kind = VolumePlan if chosen() == "cpu" else DeviceVolumePlan
-    low, high = (np.array([a[i] for a in (grid.x_m, grid.y_m, grid.z_m)]) for i in (0, -1))
-    depth = grid.z_m
-    if len(depth) == 1:  # planes come at any depth: one plan serves all that are near
-        box = _roomy(low, high)
-        depth = np.array([box.low_m[2], box.high_m[2]])
-    key = ("volume", len(grid.z_m) == 1, grid.x_m, grid.y_m, depth)
-    return _plan(
-        key,
-        frequencies_hz,
-        aperture,
-        family,
-        lambda: kind(frequencies_hz, aperture, VoxelGrid(grid.x_m, grid.y_m, depth), family, len(grid.z_m) == 1),
-    )
+def _device() -> Device:
+    return CPU if chosen() == "cpu" else GPU
 
 
-def _plan(what: tuple, frequencies_hz: np.ndarray, aperture: Aperture, family: Family, build: Callable[[], Any]) -> Any:
-    """The plan of this geometry on the chosen device, built once."""
-    digest = hashlib.blake2b(repr((chosen(), type(aperture).__name__, tuple(family))).encode())
-    positions = [leg.position_m for leg in aperture.legs]
-    for part in [*what, frequencies_hz, *positions]:
-        digest.update(_bytes(part))
-    key = digest.digest()
-    with _lock:
-        if key not in _plans:
-            with one_blas_thread():  # rounding, and with it the plan, must not depend on the number of threads
-                _plans[key] = build()
-            if len(_plans) > PLANS:
-                _plans.popitem(last=False)
-        _plans.move_to_end(key)
-        return _plans[key]
+def _grid_imager(frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, family: Family) -> GridImager:
+    """The imager of a grid or, where it is one plane, of that and others near it."""
+    low, high = (np.array([axis[i] for axis in (grid.x_m, grid.y_m, grid.z_m)]) for i in (0, -1))
+    planes, z_m = len(grid.z_m) == 1, grid.z_m
+    if planes:
+        box = roomy(low, high)
+        z_m = np.array([box.low_m[2], box.high_m[2]])
 
+    def build() -> GridImager:
+        plan = GridPlan(frequencies_hz, aperture, VoxelGrid(grid.x_m, grid.y_m, z_m), family, planes)
+        return GridImager(plan, frequencies_hz, aperture, family.apart)
 
-def _bytes(part: Any) -> bytes:
-    return part.tobytes() + repr(part.shape).encode() if isinstance(part, np.ndarray) else repr(part).encode()
-
-
-def _roomy(low_m: np.ndarray, high_m: np.ndarray) -> Box:
-    """The box from low_m to high_m, widened to a lattice of about its size, so that the points of one frame and the
-    next share a plan; what they do not touch is never planned."""
-    extent = high_m - low_m
-    cell = 2.0 ** np.ceil(np.log2(np.maximum(np.maximum(extent, extent.max() / 16), 1e-4) / 2))
-    return Box(np.floor(low_m / cell) * cell, np.ceil(high_m / cell) * cell)
-
-
-def _exact(apart: bool) -> Callable[..., np.ndarray]:
-    """The exact sum on the chosen device."""
-    if chosen() == "cpu":
-        return tone_images if apart else backproject
-    return gpu_exact.tone_images if apart else gpu_exact.backproject
+    return kept((chosen(), "volume", planes, grid.x_m, grid.y_m, z_m), frequencies_hz, aperture, family, build)
 
 
 def _exact_volume(
     samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, apart: bool
 ) -> np.ndarray:
     volume = np.empty((len(samples) if apart else 1, int(np.prod(grid.shape))), np.complex64)
-    image = _exact(apart)
     flat = np.arange(volume.shape[1])
-    for start in track(range(0, volume.shape[1], CHUNK), "exact volume"):
-        z, y, x = np.unravel_index(flat[start : start + CHUNK], grid.shape)
-        points = np.stack([grid.x_m[x], grid.y_m[y], grid.z_m[z]], axis=1)
-        volume[:, start : start + CHUNK] = image(samples, frequencies_hz, aperture, points)
+    for start in track(range(0, len(flat), CHUNK), "exact volume"):
+        chunk = slice(start, start + CHUNK)
+        volume[:, chunk] = _device().exact(samples, frequencies_hz, aperture, grid.points_at_m(flat[chunk]), apart)
     return volume

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
-from radar.imaging.cpu.chain import ascend, complex_samples, descend, planes, turn
+from radar.imaging.cpu.ascent import ascend
+from radar.imaging.cpu.descent import complex_samples, descend, planes, turn
 from radar.imaging.tree import Box, Family, branch, trunk
 
 

@@ -16,9 +16,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, positions
-from radar.imaging.api import points_engine
+from radar.imaging.api import points_executor
+from radar.imaging.cpu.ascent import Source
 from radar.imaging.cpu.exact import path_lengths
-from radar.imaging.cpu.leaf import Source
+from radar.imaging.cpu.executor import Executor
 from radar.imaging.cpu.steering import cis_turns
 from radar.imaging.gains import GRAZING, least_cosine
 from radar.imaging.tree import Box, Family, clusters
@@ -75,10 +76,11 @@ def simulate(
         alike = np.flatnonzero(kinked == whole)
         for near in clusters(position[alike], frequencies_hz) if len(alike) else []:
             chosen = alike[near]
-            engine = points_engine(frequencies_hz, array, position[chosen], family._replace(whole=whole))
-            where = engine.sort(position[chosen])
+            family = family._replace(whole=whole)
+            executor = points_executor(frequencies_hz, array, position[chosen], family, Executor)
+            where = executor.plan.sort(position[chosen])
             part = scatterers.where(chosen[where.order])
-            samples += engine.echoes(_source(part, where.points_m, spreading, pattern, masked=whole), where)
+            samples += executor.echoes(_source(part, where.points_m, spreading, pattern, masked=whole), where)
     return samples
 
 

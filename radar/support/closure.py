@@ -43,11 +43,9 @@ class Sources:
     def closure(self, module: str) -> tuple[list[str], list[str]]:
         """The modules that `module` runs, itself among them, and the other libraries' names; both in order. Raises
         ModuleNotFoundError where there is no such module."""
-        if self._file(module) is None:
-            raise ModuleNotFoundError(f"{module}: is no module below {self.root}")
         ours: set[str] = set()
         others: set[str] = set()
-        waiting = set(self._passed(module))
+        waiting = {module, *self._passed(module)}
         while waiting:
             name = waiting.pop()
             ours.add(name)
@@ -65,6 +63,8 @@ class Sources:
     def _module(self, name: str) -> _Module:
         if name not in self._modules:
             file = self._file(name)
+            if file is None:
+                raise ModuleNotFoundError(f"{name}: is no module below {self.root}")
             source = file.read_bytes()
             package = name if file.name == "__init__.py" else name.rpartition(".")[0]
             names = _imported(source, package)
@@ -128,7 +128,8 @@ def _names(tree: ast.Module, package: str, calls: bool) -> Iterator[str]:
             yield from (base, *(f"{base}.{alias.name}" for alias in node.names))
     for node in ast.walk(tree) if calls else ():
         if isinstance(node, ast.Call) and ast.unparse(node.func).endswith(BY_NAME):
-            yield from (name.value for name in node.args[:1] if isinstance(name, ast.Constant))
+            given = [name.value for name in node.args[:1] if isinstance(name, ast.Constant)]
+            yield from (name for name in given if isinstance(name, str))
 
 
 def _statements(node: ast.AST) -> Iterator[ast.AST]:

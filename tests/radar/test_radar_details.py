@@ -9,9 +9,9 @@ from scipy.optimize import brentq
 
 from radar.data.arrays import AntennaArray, PlanarScan, qar50
 from radar.data.grid import VoxelGrid
-from radar.imaging.api import image_points
+from radar.imaging.api import GridImager, image_points
 from radar.imaging.cpu.exact import direct_sum, tone_images
-from radar.imaging.cpu.volume import VolumePlan
+from radar.imaging.plan import GridPlan
 from radar.imaging.tree import DIRECT, Family
 from radar.methods.confidence import UNRELATED_RAD, incoherent
 from radar.methods.fsk_config import ThreeToneConfig
@@ -68,12 +68,14 @@ def test_a_plane_of_a_deep_plan_is_sorted_anew_at_every_depth():
     """0.2 m are several leaves deep, so that each depth lies in other ones."""
     tones_hz = np.array([82e9, 81.8e9])
     grid = VoxelGrid(4e-3 * np.arange(-8, 9), 4e-3 * np.arange(-5, 6), np.array([0.25, 0.45]))
-    plan = VolumePlan(tones_hz, SPARSE, grid, Family(1e-4, True), planes=True)
+    plan = GridPlan(tones_hz, SPARSE, grid, Family(1e-4, True), planes=True)
+    imager = GridImager(plan, tones_hz, SPARSE, apart=True)
     samples = noise((2, *SPARSE.channels))
     for z_m in (0.25, 0.31, 0.449):
         points_m = VoxelGrid(grid.x_m, grid.y_m, np.array([z_m])).points_m().reshape(-1, 3)
         exact = tone_images(samples, tones_hz, SPARSE, points_m)
-        assert relative_error(plan.volumes(samples, np.array([z_m]), carrier=True).reshape(2, -1), exact) < 1e-4
+        images = imager.upsampler.volume(*imager.nodes(samples, np.array([z_m])), carrier=True)
+        assert relative_error(images.reshape(2, -1), exact) < 1e-4
 
 
 def test_an_echo_on_an_antenna_is_refused_where_it_would_be_infinite():

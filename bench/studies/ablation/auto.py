@@ -11,7 +11,7 @@ import numpy as np
 from bench.scenes.build import Scene, load_scene
 from bench.scenes.echoes import echo_scene, echoes
 from bench.studies.ablation.measure import image
-from bench.studies.columns import Column, Record, Table
+from bench.studies.columns import Record, Table, columns
 from bench.studies.study import Study
 from radar.data.capture import RadarCapture
 from radar.simulation.effects.catalogue import EFFECTS
@@ -21,21 +21,6 @@ from radar.simulation.simulate import SimulatedCapture
 SCENES = Path(__file__).parent / "scenes"
 METHODS = ("3fsk", "2fsk", "broadband-subvoxel")
 REPEATS = 3
-COLUMNS = {
-    "scene": Column("name of the scene", "scene"),
-    "tolerance_mm": Column("of auto", "tolerance mm", "{:g}"),
-    "on": Column("effects that auto chose", "on"),
-    "left_out": Column("effects with a cause that it left out, and their estimates", "left out (estimates, mm)"),
-    "auto_s": Column("its simulation, with the estimates", "auto s", "{:.1f}"),
-    "all_s": Column("the simulation of everything that the scene has a cause for", "all s", "{:.1f}"),
-    "ratio": Column("of all over auto", "ratio", "{:.1f}"),
-    **{
-        f"{m}_mm": Column(
-            "mean |difference| of the depth maps over pixels that both have on target", f"{m} mm", "{:.3f}"
-        )
-        for m in METHODS
-    },
-}
 
 
 def study(work: Path, scenes: list[Path], tolerances: str) -> Study:
@@ -46,7 +31,7 @@ def study(work: Path, scenes: list[Path], tolerances: str) -> Study:
         'What effects = "auto" chooses',
         scenes or sorted(SCENES.glob("*.toml")),
         lambda path: compare(load_scene(path), tolerances_mm),
-        lambda records: [Table("rows", COLUMNS, records)],
+        lambda records: [Table("rows", columns("auto.rows"), records)],
         label=lambda path: path.stem,
     )
 

@@ -15,7 +15,7 @@ from bench.scenes.build import Scene, build
 from bench.scenes.echoes import choices, echo_scene
 from bench.studies.ablation.cases import Case, cases, scene_file
 from bench.studies.ablation.figure import draw
-from bench.studies.columns import Column, Record, Table
+from bench.studies.columns import Column, Record, Table, columns
 from bench.studies.study import Study
 from groundtruth.mesh.depth import depth_on_grid
 from radar.data.capture import RadarCapture
@@ -29,11 +29,7 @@ REPEATED = ("2fsk", "3fsk")  # methods whose precision is measured
 CHANGED = "3fsk"  # the method whose depth map is compared with the reference's
 SHOWN = {HEADLINE: 3, "max_mm": 1}  # metrics of every method, and their decimals
 COLUMNS = {
-    "case": Column("the reference, or in what a case differs from it", "case"),
-    "change_mm": Column("mean |z − z of the case that it is held against| of 3-FSK", "change of 3-FSK mm", "{:.3f}"),
-    "estimate_mm": Column("what the effect's bound said of that", "estimate mm", "{:.3f}"),
-    "effect_s": Column("of the effect, a pose; of one left out, those in the other case", "effect s", "{:.2f}"),
-    "simulate_s": Column("of the whole simulation, a pose", "simulation s", "{:.2f}"),
+    **columns("ablation.rows"),
     **{
         f"{m}_{key}": Column(METRICS[key].definition, f"{m} {METRICS[key].title.split()[0]} mm", f"{{:.{places}f}}")
         for m in METHODS

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bench.scenes.build import build
 from bench.scenes.capture_folder import write_photos
-from bench.studies.columns import Column, Record, Table
+from bench.studies.columns import Record, Table, columns
 from bench.studies.photogrammetry.cases import Case, bars, sweep
 from bench.studies.photogrammetry.figure import draw
 from bench.studies.photogrammetry.score import score
@@ -18,27 +18,6 @@ from radar.support.cost import measured
 from radar.support.files import content_hash
 from radar.support.store import keep
 
-COLUMNS = {
-    "case": Column("the photographs", "case"),
-    "pose": Column("of the hand", "pose"),
-    "cameras": Column("photographs"),
-    "width": Column("of the photographs, pixels"),
-    "quality": Column("of the depth maps, as `handbench groundtruth --quality`"),
-    "median_m": Column("distance of the mesh's observed vertices to the true surface", "median mm", "{:.3f}", 1e3),
-    "rms_m": Column("its root mean square", "RMS mm", "{:.3f}", 1e3),
-    "p95_m": Column("its 95th percentile", "p95 mm", "{:.3f}", 1e3),
-    "max_m": Column("the largest", "max mm", "{:.2f}", 1e3),
-    "complete": Column("share of the radar's side of the surface within 1 mm of them", "complete %", "{:.1f}", 100),
-    "scale": Column("relative error of the frame's scale", "scale %", "{:+.4f}", 100),
-    "centre_m": Column("mean error of the cameras' centres", "centres mm", "{:.3f}", 1e3),
-    "within_1_sigma": Column("vertices within their standard deviation", "1σ %", "{:.1f}", 100),
-    "within_2_sigma": Column("vertices within two of them", "2σ %", "{:.1f}", 100),
-    "within_95": Column("vertices within their 95 % band", "95 % band %", "{:.1f}", 100),
-    **{f"{stage}_s": Column("when it was made", f"{stage} s", "{:.1f}") for stage in ("sparse", "dense", "mesh")},
-    "all_s": Column("all stages together", "all s", "{:.1f}"),
-    "peak_memory_mb": Column("of the process; small where stages had been made before", "peak MB", "{:.0f}"),
-}
-
 
 def study(work: Path, what: str, poses: str) -> Study:
     """`bars`: what a ground truth is held to, on all poses; `sweep`: its price in time, on the first one."""
@@ -48,7 +27,7 @@ def study(work: Path, what: str, poses: str) -> Study:
         "Photogrammetry of rendered hands",
         list(bars(letters) if what == "bars" else sweep(letters[0])),
         lambda case: measure(case, work),
-        lambda records: [Table("rows", COLUMNS, records)],
+        lambda records: [Table("rows", columns("photogrammetry.rows"), records)],
         draw if what == "sweep" else lambda frames: None,
         label=lambda case: f"{case.name}, {case.pose}",
     )

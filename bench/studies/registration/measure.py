@@ -14,7 +14,7 @@ from bench.datasets.native import TARGET
 from bench.datasets.simulated import simulate_capture
 from bench.run.photogrammetry import calibrate_captures
 from bench.scenes.echoes import choices, echo_scene
-from bench.studies.columns import Column, Record, Table
+from bench.studies.columns import Record, Table, columns
 from bench.studies.registration.cases import FAULTS, Case, case, only
 from bench.studies.registration.cloud import seen_cloud
 from bench.studies.registration.figure import draw
@@ -31,34 +31,6 @@ from radar.support.errors import HandbenchError
 CLUTTER_M = (0.010, 0.030)  # radius of the ball that stands beside the target, at least and at most
 APART_M = 0.06  # from the target's balls, at least: nearer it would not be beside it
 TRIALS = {"full": 20, "faults": 200}
-COLUMNS = {
-    "placement": Column("number of the placement", "placement", "{:d}"),
-    "fault": Column("what is wrong with it", "fault"),
-    "shift_m": Column("how far the hand's centre is off", "shift mm", "{:.3f}", 1e3),
-    "turn_rad": Column("the rotation's error", "turn °", "{:.3f}", np.degrees(1)),
-    "tre_max_m": Column("largest distance from the truth in the hand's volume", "largest TRE mm", "{:.3f}", 1e3),
-    "tre_rms_m": Column("its root mean square", "TRE mm", "{:.3f}", 1e3),
-    "predicted_rms_m": Column("what the covariance says of that", "predicted TRE mm", "{:.3f}", 1e3),
-    "nees": Column("eᵀC⁻¹e of the six errors: χ² of 6 if the covariance is honest", "NEES", "{:.1f}"),
-    "seconds": Column("of the calibration alone", "s", "{:.1f}"),
-    "refused": Column("why there is no transform", "refused"),
-}
-SUMMARY = {
-    "fault": Column("what is wrong with the placements", "fault"),
-    "trials": Column("placements", "trials", "{:d}"),
-    "calibrated": Column("placements with a transform", "calibrated", "{:d}"),
-    "refused": Column("placements without one", "refused", "{:d}"),
-    "wrong": Column("transforms that are 2 mm or more off somewhere in the hand's volume", "wrong", "{:d}"),
-    "shift_rms_m": Column("of the hand's centre", "shift RMS mm", "{:.3f}", 1e3),
-    "turn_rms_rad": Column("of the rotation's error", "turn RMS °", "{:.3f}", np.degrees(1)),
-    "turn_max_rad": Column("the largest", "turn max °", "{:.3f}", np.degrees(1)),
-    "tre_p95_m": Column("95th percentile of the error over the volume", "TRE p95 mm", "{:.3f}", 1e3),
-    "predicted_over_seen": Column("RMS of the error over the volume, by the covariances over the one seen"),
-    "nees": Column("mean eᵀC⁻¹e", "mean NEES of 6", "{:.2f}"),
-    "band": Column("holds the mean of honest covariances in 95 %", "its 95 % band", lambda b: f"{b[0]:.2f}–{b[1]:.2f}"),
-    "within_95": Column("share of the placements whose error is in its 95 % ellipsoid"),
-    "seconds": Column("median of the calibrations", "seconds (median)", "{:.1f}"),
-}
 WRONG_M = 2e-3  # an error of the transform, anywhere in the hand's volume, that should have been a refusal
 
 
@@ -82,12 +54,14 @@ def tables(records: list[Record]) -> list[Table]:
     """A record a placement, and a summary of each fault with the refusals word for word."""
     reasons = dict.fromkeys(f"- {r['fault']}: {r['refused']}\n" for r in records if r["refused"])
     faults = [[r for r in records if r["fault"] == fault] for fault in dict.fromkeys(r["fault"] for r in records)]
-    summaries = Table("summary", SUMMARY, [summarised(of_it) for of_it in faults], note="".join(reasons))
-    return [Table("rows", COLUMNS, records, shown=False), summaries]
+    summaries = Table(
+        "summary", columns("registration.summary"), [summarised(of_it) for of_it in faults], note="".join(reasons)
+    )
+    return [Table("rows", columns("registration.rows"), records, shown=False), summaries]
 
 
 def summarised(records: list[Record]) -> Record:
-    """What came of one fault's placements."""
+    """The outcome of one fault's placements."""
     scores = [record["score"] for record in records if not record["refused"]]
     return {
         "fault": records[0]["fault"],

@@ -11,7 +11,7 @@ import numpy as np
 from bench.studies.stability.precision_images import PAIR_MM, Line, U, fast_floor, image_line, relative, sums
 from bench.studies.stability.scenes import LADDER_HZ, POINT_M, C, capture, depth_map, echoes, small_array
 from radar.imaging.cpu.exact import direct_sum, tone_images
-from radar.imaging.resample import AMPLIFICATION, resampler
+from radar.imaging.skeleton import AMPLIFICATION, resampler
 from radar.methods.fsk import depth_step_m
 from radar.methods.smoothing import masked_mean
 

@@ -19,8 +19,8 @@ from bench.run.outcome import Capture
 from bench.run.reconstruct_stage import configuration
 from bench.run.sweep import ImagingSetting
 from radar.data.capture import RadarCapture, thinned
-from radar.imaging.api import fresh_plans
-from radar.imaging.stopwatch import Laps, watch
+from radar.imaging.api import Laps, watch
+from radar.imaging.plan import fresh_plans
 from radar.methods.registry import Reconstruction, method
 from radar.support.cost import measured
 from radar.support.errors import HandbenchError

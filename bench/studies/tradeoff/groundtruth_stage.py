@@ -24,7 +24,7 @@ from bench.results.error_map import ErrorMap
 from bench.scenes.capture_folder import JPEG_QUALITY
 from bench.studies.photogrammetry.score import GRID_M
 from bench.studies.tradeoff.context import Context
-from bench.studies.tradeoff.lines import line
+from bench.studies.tradeoff.lines import line, section
 from calibration.transforms import Transform, load_transform
 from groundtruth.cameras.cameras import Camera, load_cameras, save_cameras
 from groundtruth.mesh.depth import depth_on_grid, reference_on_grid
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     import open3d as o3d
 
 CAMERAS, BOARD = "cameras.json", "board.toml"
-METRIC = "surface_rms_mm"
 
 
 class GroundTruthKnobs(Config):
@@ -55,8 +54,8 @@ class GroundTruthKnobs(Config):
 
 @dataclass(frozen=True)
 class Subject:
-    """What is reconstructed: a capture's photographs, and its true surface, also on a grid of the radar's side. z_m
-    [ny, nx]: NaN outside the crop box and beside the surface."""
+    """The subject of the reconstruction: a capture's photographs, and its true surface, also on a grid of the radar's
+    side. z_m [ny, nx]: NaN outside the crop box and beside the surface."""
 
     name: str
     photos: tuple[Photo, ...]
@@ -78,7 +77,8 @@ def measure(knobs: GroundTruthKnobs, context: Context) -> tuple[Section, list[Se
     largest_px = max(max(photo.width, photo.height) for photo in subject.photos)
     views = list(dict.fromkeys(min(count, len(subject.photos)) for count in knobs.views))
     sizes_px = list(dict.fromkeys(min(long_px, largest_px) for long_px in knobs.long_px))
-    section = _section(subject, _name(max(views), max(sizes_px), knobs.quality[-1]))
+    reference = _name(max(views), max(sizes_px), knobs.quality[-1])
+    about = section("groundtruth", reference, {"capture": subject.name, "step_mm": 1e3 * GRID_M})
     settings: list[Setting] = []
     for count, long_px in track(list(product(views, sizes_px)), "ground truth"):
         with tempfile.TemporaryDirectory(dir=context.work, prefix=".groundtruth-") as scratch:
@@ -87,29 +87,8 @@ def measure(knobs: GroundTruthKnobs, context: Context) -> tuple[Section, list[Se
             if not settings:  # not counted: the first of a machine compiles
                 list(_reconstructed(photos, subject, knobs.quality[:1], context.seed, Path(scratch) / "first"))
             made = _reconstructed(photos, subject, knobs.quality, context.seed, Path(scratch) / "work")
-            settings += [_setting(section, subject, (count, long_px, *one)) for one in made]
-    return section, settings
-
-
-def _section(subject: Subject, reference: str) -> Section:
-    return Section(
-        name="groundtruth",
-        title="Photogrammetry",
-        metric=METRIC,
-        unit="mm",
-        definition=(
-            f"root mean square distance of the reconstructed surface to the true one of capture {subject.name}: of the "
-            f"points that rays along z, {1e3 * GRID_M:g} mm apart, meet first, where both surfaces are. What was not "
-            "seen adds no error; the share that was stands beside it. The true transform joins the frames. Interval: "
-            "over blocks of 15 mm of this one surface"
-        ),
-        seconds=(
-            "from photographs in files to the mesh, once each: markers, cameras, depth maps, fusion and mesh, nothing "
-            "taken from an earlier run; settings that differ in quality alone share the cameras' poses, whose time "
-            "counts for each"
-        ),
-        reference=reference,
-    )
+            settings += [_setting(about, subject, (count, long_px, *one)) for one in made]
+    return about, settings
 
 
 def _subject(folder: Path) -> Subject | None:
@@ -192,10 +171,10 @@ def _reconstructed(
         yield quality, result, cost
 
 
-def _setting(section: Section, subject: Subject, made: tuple[int, int, str, Result | None, Cost]) -> Setting:
+def _setting(about: Section, subject: Subject, made: tuple[int, int, str, Result | None, Cost]) -> Setting:
     count, long_px, quality, result, cost = made
     title, knobs = f"{count} views, {long_px} px, {quality}", {"views": count, "long_px": long_px, "quality": quality}
-    describe = partial(line, section, _name(count, long_px, quality), knobs=knobs)
+    describe = partial(line, about, _name(count, long_px, quality), knobs=knobs)
     if result is None:
         return describe(title=f"{title} (refused)")
     found = compared(result, subject)

@@ -21,7 +21,7 @@ from bench.run.sweep import ImagingSetting, Sweep, imaging_settings, known_confi
 from bench.studies.tradeoff.claims import claims
 from bench.studies.tradeoff.context import Context
 from bench.studies.tradeoff.frame_timing import Timings, per_round, timed_in_turns
-from bench.studies.tradeoff.lines import line
+from bench.studies.tradeoff.lines import line, section
 from bench.studies.tradeoff.opening import Opened
 from groundtruth.mesh.depth import Reference
 from radar.data.grid import PixelGrid
@@ -54,11 +54,14 @@ def measure(sweep: Sweep, context: Context, ready: Opened) -> Imaging:
     on = basis(found)
     names, stay = [capture.name for capture in on.captures], {entry.id for entry in on.methods}
     standing = {s.name: s for s in settings if s.name in stay}
-    section = _section(ready.reference, sweep.reference if sweep.reference in standing else next(iter(standing)))
-    lines = [_line(section, s, names, timings, scorer.errors(names, s.name), sweep.step_s) for s in standing.values()]
+    reference = sweep.reference if sweep.reference in standing else next(iter(standing))
+    metric, surface = METRICS[HEADLINE], "the true surface" if ready.reference == "truth" else ready.reference
+    words = {"metric": metric.definition, "surface": surface}
+    about = section("imaging", reference, words, metric=HEADLINE, unit=metric.unit)
+    lines = [_line(about, s, names, timings, scorer.errors(names, s.name), sweep.step_s) for s in standing.values()]
     stated = claims(list(standing.values()), lines, on.captures[0], sweep.exact_planes, context.repeats)
     left_out = {"left_out": [failure.line for failure in found.failures]} if found.failures else {}
-    return Imaging(section, lines, standing, stated, {"basis": on.text, **left_out})
+    return Imaging(about, lines, standing, stated, {"basis": on.text, **left_out})
 
 
 class Scorer:
@@ -86,7 +89,7 @@ class Scorer:
 
 
 def _line(
-    section: Section,
+    about: Section,
     setting: ImagingSetting,
     names: Sequence[str],
     timings: Timings,
@@ -103,7 +106,7 @@ def _line(
     frames = [frame for r in timings.rounds for (_, name), frame in r.items() if name == setting.name]
     knobs = {"method": setting.method, **setting.varied, "every_nth_antenna": setting.every_nth_antenna, "tones": tones}
     return line(
-        section,
+        about,
         setting.name,
         setting.title,
         knobs,
@@ -123,19 +126,5 @@ def _line(
 
 
 def _plan_s(frames: dict[tuple[str, str], Any], names: Sequence[str], setting: str) -> float:
-    """What a round's plans took: captures may share one, or need one each; the longest."""
+    """The time of a round's plans: captures may share one, or need one each; the longest."""
     return max(frames[name, setting].plan_s for name in names)
-
-
-def _section(scored_against: str, reference: str) -> Section:
-    surface = "the true surface" if scored_against == "truth" else scored_against
-    return Section(
-        name="imaging",
-        title="Imaging",
-        metric=HEADLINE,
-        unit=METRICS[HEADLINE].unit,
-        definition=f"{METRICS[HEADLINE].definition}; against {surface}, pooled over the captures, 95 % interval",
-        seconds="imaging and extraction of one frame, from echoes in memory to the depth map, without the plan, made "
-        "once, and without the acquisition; median over the captures, then over the rounds",
-        reference=reference,
-    )

@@ -1,19 +1,29 @@
-"""One setting of a section as a line of tradeoff.csv."""
+"""The sections of a trade-off, and one setting of a section as a line of tradeoff.csv."""
 
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bench.evaluation.statistics.intervals import Interval
 from bench.results import Section, Setting
+from bench.run.sweep import SectionName
+
+
+def section(name: SectionName, reference: str, words: dict[str, Any], **known: str) -> Section:
+    """The section of sections.toml; words: fill in its definition; known: what is not there."""
+    about = tomllib.loads(Path(__file__).with_name("sections.toml").read_text("utf-8"))[name]
+    about["definition"] = about["definition"].format(**words)
+    return Section(name=name, reference=reference, **about, **known)
 
 
 def line(
-    section: Section,
+    of: Section,
     name: str,
     title: str,
     knobs: dict[str, Any],
@@ -27,6 +37,6 @@ def line(
     times = {"seconds": float(np.median(seconds)) if len(seconds) else None}
     if len(seconds) > 1:
         times |= {"seconds_low": float(min(seconds)), "seconds_high": float(max(seconds))}
-    texts = {"section": section.name, "name": name, "title": title, "metric": section.metric, "unit": section.unit}
+    texts = {"section": of.name, "name": name, "title": title, "metric": of.metric, "unit": of.unit}
     knobs_json = json.dumps(knobs, ensure_ascii=False)
     return Setting(**texts, knobs=knobs_json, error=error, low=low, high=high, **{**times, **known})

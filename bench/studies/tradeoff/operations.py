@@ -33,5 +33,5 @@ def three_tone_images(config: ThreeToneConfig) -> int:
 
 
 def counted_factor(volume: BroadbandConfig | NarrowbandConfig, fsk: ThreeToneConfig) -> float:
-    """How many times the terms of 3-FSK the volume has, at equal channels."""
+    """The terms of the volume over those of 3-FSK, at equal channels."""
     return volume_images(volume) / three_tone_images(fsk)

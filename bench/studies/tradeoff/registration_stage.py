@@ -1,4 +1,4 @@
-"""How many captures of the calibration target are combined: how far the transform is off where hands are."""
+"""The number of combined captures of the calibration target, and the transform's error where hands are."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bench.studies.registration.cases import Case, case
 from bench.studies.registration.cloud import seen_cloud
 from bench.studies.registration.score import VOLUME_M, score
 from bench.studies.tradeoff.context import Context
-from bench.studies.tradeoff.lines import line
+from bench.studies.tradeoff.lines import line, section
 from calibration.registration import register as registration
 from calibration.registration.combination import combine
 from calibration.registration.rigid_fit import Pairs
@@ -30,7 +30,6 @@ from radar.support.errors import HandbenchError
 from radar.support.progress import say, track
 from radar.warmup import compile_kernels
 
-METRIC = "target_registration_error_mm"
 MOST = 100  # captures of a rig, and rigs: numbers that are drawn from do not meet
 
 
@@ -43,7 +42,8 @@ class RegistrationKnobs(Config):
 
 @dataclass(frozen=True)
 class Measured:
-    """What a rig's capture of the target gave (calibration.registration.register.measure), and in how many seconds."""
+    """The measurement of a rig's capture of the target (calibration.registration.register.measure), and in how many
+    seconds."""
 
     case: Case
     pairs: Pairs
@@ -77,8 +77,9 @@ def measure(knobs: RegistrationKnobs, context: Context) -> tuple[Section, list[S
             for one in measured[:1]:
                 sensor = one.case.scene.file.sensor
                 acquisition_s = len(sensor.frequencies_hz) * sensor.step_time_s
-    section = _section(knobs.trials, _name(min(counts)))
-    return section, [_setting(section, count, rigs, count * acquisition_s) for count, rigs in found.items()]
+    volume = " × ".join(f"{1e3 * size:.0f}" for size in np.ptp(VOLUME_M, axis=0))
+    about = section("registration", _name(min(counts)), {"volume": volume, "trials": knobs.trials})
+    return about, [_setting(about, count, rigs, count * acquisition_s) for count, rigs in found.items()]
 
 
 def placements(number: int, count: int, folder: Path) -> list[Case]:
@@ -121,7 +122,7 @@ def _combined(group: Sequence[Measured]) -> Combined:
     return Combined(float((score(found, first.scene.radar_from_photo).tre_m ** 2).mean()), seconds)
 
 
-def _setting(section: Section, count: int, rigs: list[list[Combined]], acquisition_s: float) -> Setting:
+def _setting(about: Section, count: int, rigs: list[list[Combined]], acquisition_s: float) -> Setting:
     """rigs: the combinations of each."""
     tried = [one for rig in rigs for one in rig]
     known = [[one.square_m2 for one in rig if one.square_m2 is not None] for rig in rigs]
@@ -129,7 +130,7 @@ def _setting(section: Section, count: int, rigs: list[list[Combined]], acquisiti
     refused = len(tried) - sum(map(len, known))
     note = f" ({refused} of {len(tried)} refused)" if refused else ""
     return line(
-        section,
+        about,
         _name(count),
         _name(count).replace("-", " ") + note,
         {"captures": count},
@@ -150,29 +151,6 @@ def rms_interval_mm(square_m2: np.ndarray) -> Interval | None:
     found = spread((rms_m - without_m) * (1 - 1 / n), None)
     factor = float(np.exp(min(found.reach() / rms_m, 700.0))) if found and rms_m else 1.0
     return Interval(1e3 * float(rms_m) / factor, 1e3 * float(rms_m) * factor)
-
-
-def _section(trials: int, reference: str) -> Section:
-    low_m, high_m = VOLUME_M.min(axis=0), VOLUME_M.max(axis=0)
-    volume = " × ".join(f"{1e3 * size:.0f}" for size in high_m - low_m)
-    return Section(
-        name="registration",
-        title="Registration",
-        metric=METRIC,
-        unit="mm",
-        definition=(
-            "target registration error: root mean square distance between where radar_from_photo puts a point and "
-            f"where it lies, over {volume} mm about the hand's place and over {trials} simulated rigs, each with a "
-            "target made within its tolerances, which is moved and turned between captures. In place of photographs "
-            "stand clouds of what eight cameras see. What is made wrong in a target is the same in all its captures: "
-            "no number of them averages all of it away. Interval: over the rigs"
-        ),
-        seconds=(
-            "detection in clouds and echoes of all captures, and the joint fit; median and range over all "
-            "combinations. The photogrammetry of each capture, which has a section of its own, comes on top"
-        ),
-        reference=reference,
-    )
 
 
 def _name(count: int) -> str:

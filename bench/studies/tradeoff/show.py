@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
-from bench.results import Section, Setting, Tradeoff
-from bench.studies.columns import Column, Record, Table
+from bench.evaluation.metrics import METRICS
+from bench.results import HEADLINE, Section, Setting, Tradeoff
+from bench.studies.columns import Record, Table, columns
 from bench.studies.tradeoff.answer import Answer
 from bench.studies.tradeoff.pareto import front, with_acquisition
 from bench.studies.tradeoff.settings import setting_path
@@ -28,9 +29,9 @@ def show(tradeoff: Tradeoff, count_acquisition: bool = False) -> None:
 
 def say_answer(tradeoff: Tradeoff, answer: Answer) -> None:
     """Print an answer, and the command that runs it."""
-    s = answer.setting
+    s, title = answer.setting, METRICS[HEADLINE].title
     print(
-        f"{answer.asked}: {s.name}, MAE {s.error:.3g} mm ({_range(s.low, s.high)}), {1e3 * s.seconds:.3g} ms "
+        f"{answer.asked}: {s.name}, {title} {s.error:.3g} mm ({_range(s.low, s.high)}), {1e3 * s.seconds:.3g} ms "
         f"({_range(s.seconds_low, s.seconds_high, 1e3)})"
     )
     print(f"handbench run {setting_path(tradeoff.folder, s.name)} -o RESULTS")
@@ -40,18 +41,13 @@ def _front(section: Section, settings: tuple[Setting, ...]) -> Table:
     """The front, and the settings that are the best of their own method alone."""
     best = [s.name for s in front(settings)]
     unit = next((s.seconds for s in settings if s.name == section.reference), None)
-    columns = {
-        "name": Column("", "setting"),
-        "error": Column("", section.unit),
-        "interval": Column("", "95 %"),
-        "seen_percent": Column("", "seen %", _number),
-        "seconds": Column("", "ms", scale=1e3),
-        "range": Column("", "range"),
-        "over": Column("", "× reference", _number),
-        "front": Column("", "front"),
-    }
+    known = columns("tradeoff.front")
     shown = sorted((s for s in settings if s.name in best or s.on_method_front), key=lambda s: s.seconds)
-    return Table("front", columns, [_record(s, s.name in best, unit) for s in shown])
+    return Table(
+        "front",
+        {**known, "error": replace(known["error"], heading=section.unit)},
+        [_record(s, s.name in best, unit) for s in shown],
+    )
 
 
 def _record(s: Setting, best: bool, unit: float | None) -> Record:

@@ -14,7 +14,7 @@ from bench.results import Section, Setting
 from bench.scenes.build import Scene, load_scene
 from bench.scenes.echoes import echo_scene
 from bench.studies.tradeoff.context import Context
-from bench.studies.tradeoff.lines import line
+from bench.studies.tradeoff.lines import line, section
 from radar.simulation.causes import Noise
 from radar.simulation.effects.catalogue import EFFECTS, check_names
 from radar.simulation.scene import EchoScene
@@ -26,7 +26,6 @@ from radar.support.files import inside
 from radar.support.progress import say, track
 from radar.warmup import compile_kernels
 
-METRIC = "echo_difference_percent"
 ORDINARY = 4.0  # facets to a wavelength in every simulation
 
 
@@ -65,7 +64,7 @@ class Sampled(EchoScene):
 
     @property
     def wavelength_m(self) -> float:
-        """What ORDINARY facets have to cover."""
+        """The area that ORDINARY facets have to cover."""
         return super().wavelength_m * ORDINARY / self.facets_per_wavelength
 
 
@@ -92,7 +91,7 @@ class Way:
 
     @property
     def knobs(self) -> dict[str, Any]:
-        """What tells it from the others."""
+        """The name that tells it from the others."""
         effects = {"without": self.without} if self.tolerance_mm is None else {"tolerance_mm": self.tolerance_mm}
         return {"facets_per_wavelength": self.facets_per_wavelength, **effects}
 
@@ -132,9 +131,9 @@ def measure(knobs: SimulationKnobs, context: Context) -> tuple[Section, list[Set
             exact = samples
         elif way not in errors:
             errors[way] = difference_percent(samples, exact)
-    section = _section(scene.file.name, finest)
-    return section, [
-        line(section, way.name, ", ".join(way.words), way.knobs, errors.get(way), seconds=times)
+    about = section("simulation", finest.name, {"scene": scene.file.name, "finest": " and ".join(finest.words)})
+    return about, [
+        line(about, way.name, ", ".join(way.words), way.knobs, errors.get(way), seconds=times)
         for way, times in seconds.items()
     ]
 
@@ -150,23 +149,3 @@ def difference_percent(samples: np.ndarray, exact: np.ndarray) -> float:
     """Root of the energy of the difference over that of the exact samples, both complex [f, tx, rx], in percent."""
     difference = (samples - exact).astype(np.complex128)
     return 100 * float(np.linalg.norm(difference) / np.linalg.norm(exact.astype(np.complex128)))
-
-
-def _section(name: str, finest: Way) -> Section:
-    return Section(
-        name="simulation",
-        title="Simulation of echoes",
-        metric=METRIC,
-        unit="%",
-        definition=(
-            f"root of the energy of the difference from the echoes of the same scene, {name}, with "
-            f"{' and '.join(finest.words)}, over the root of these echoes' energy, all tones and antennas of one frame "
-            "without thermal noise. A facet that the scene's own mesh makes small is not made larger. What has no "
-            "setting here, as more bounces than two, is not in it. There is no interval: nothing in it is random"
-        ),
-        seconds=(
-            "from the scene's meshes in memory to the echoes of one frame: the choice of effects, facets, rays and "
-            "echoes; median over rounds in turns, of the finest once"
-        ),
-        reference=finest.name,
-    )

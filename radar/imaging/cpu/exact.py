@@ -14,48 +14,48 @@ import numba
 import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
-from radar.imaging.cpu.steering import cis_turns, distances_m, steering
+from radar.imaging.cpu.steering import FAST, cis_turns, distances_m, steering
 from radar.support.errors import HandbenchError
 from radar.support.parallel import for_each
 
 BLOCK = 256  # points per matrix product: both factors stay in the second-level cache
 
 
-def tone_images(
-    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
+def exact_images(
+    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray, apart: bool
 ) -> np.ndarray:
-    """Images of every tone by itself: complex64 [f, n] at points_m [n, 3].
+    """Images complex64 at points_m [n, 3]: [f, n] of every tone (apart), or [1, n] of their coherent sum.
 
-    samples: [f, t, r] for an AntennaArray, [f, n] for a PlanarScan; frequencies_hz: [f].
+    samples: [f, t, r] for an AntennaArray, [f, n] for a PlanarScan; frequencies_hz: [f]. Every tone is summed.
     """
     check_samples(samples, frequencies_hz, aperture)
-    images = np.empty((len(frequencies_hz), len(points_m)), np.complex64)
+    images = np.zeros((len(samples) if apart else 1, len(points_m)), np.complex64)
     stacked = [_stack(s) for s in samples]
 
     def work(start: int) -> None:
         block = slice(start, start + BLOCK)
         for f, image in enumerate(_block_images(stacked, frequencies_hz, aperture, points_m[block])):
-            images[f, block] = image
+            if apart:
+                images[f, block] = image
+            else:
+                images[0, block] += image
 
     for_each(work, range(0, len(points_m), BLOCK))
     return images
 
 
+def tone_images(
+    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
+) -> np.ndarray:
+    """`exact_images` of every tone by itself: complex64 [f, n]."""
+    return exact_images(samples, frequencies_hz, aperture, points_m, apart=True)
+
+
 def backproject(
     samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
 ) -> np.ndarray:
-    """The coherent sum of all tones' images: complex64 [n] at points_m [n, 3]. Exact: every tone is summed."""
-    check_samples(samples, frequencies_hz, aperture)
-    image = np.zeros(len(points_m), np.complex64)
-    stacked = [_stack(s) for s in samples]
-
-    def work(start: int) -> None:
-        block = slice(start, start + BLOCK)
-        for tone in _block_images(stacked, frequencies_hz, aperture, points_m[block]):
-            image[block] += tone
-
-    for_each(work, range(0, len(points_m), BLOCK))
-    return image
+    """`exact_images` of the tones' coherent sum: complex64 [n]."""
+    return exact_images(samples, frequencies_hz, aperture, points_m, apart=False)[0]
 
 
 def direct_sum(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray) -> np.ndarray:
@@ -71,11 +71,8 @@ def direct_sum(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Apertu
 
 def path_lengths(aperture: Aperture, point_m: np.ndarray) -> np.ndarray:
     """Length of every channel's path over a point [3], metres: [t, r] or [n]."""
-    if isinstance(aperture, AntennaArray):
-        to = np.linalg.norm(point_m - aperture.tx_m, axis=1)
-        back = np.linalg.norm(point_m - aperture.rx_m, axis=1)
-        return to[:, None] + back[None, :]
-    return 2 * np.linalg.norm(point_m - aperture.position_m, axis=1)
+    to, back = (leg.lengths_m(point_m) for leg in aperture.legs)
+    return (to[:, None] + back).reshape(aperture.channels)
 
 
 def _block_images(
@@ -105,7 +102,7 @@ def _stack(samples: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.block([[re, -im], [im, re]]), dtype=np.float32)
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+@numba.njit(**FAST)
 def _contract(a, u):  # type: ignore[no-untyped-def]
     t, n = a.shape[0] // 2, a.shape[1]
     re, im = np.zeros(n, np.float32), np.zeros(n, np.float32)
@@ -116,7 +113,7 @@ def _contract(a, u):  # type: ignore[no-untyped-def]
     return re + np.complex64(1j) * im
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+@numba.njit(**FAST)
 def _scan_image(samples, position_m, points_m, turns_per_m):  # type: ignore[no-untyped-def]
     n = points_m.shape[1]
     re, im = np.zeros(n, np.float64), np.zeros(n, np.float64)

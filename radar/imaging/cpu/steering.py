@@ -13,6 +13,9 @@ from numpy.polynomial import chebyshev, polynomial
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 
+# Sums may be rearranged into vector code; NaN and infinity keep their meaning.
+FAST = {"nogil": True, "cache": True, "fastmath": {"contract", "reassoc", "nsz"}, "error_model": "numpy"}
+
 
 def _minimax(function: np.ufunc, degree: int, parity: int) -> tuple[np.float32, ...]:
     """Power-series coefficients of function(2πt) in t² for |t| ≤ 1/4, by Chebyshev interpolation (parity 1: divided
@@ -53,7 +56,7 @@ def _half_turn(t, sign):  # type: ignore[no-untyped-def]
     return sign * cosine, sign * sine
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+@numba.njit(**FAST)
 def distances_m(antennas_m, points_m):  # type: ignore[no-untyped-def]
     """Distances [a, p] (float64) of antennas [a, 3] to points [3, p], metres."""
     out = np.empty((len(antennas_m), points_m.shape[1]))
@@ -65,7 +68,7 @@ def distances_m(antennas_m, points_m):  # type: ignore[no-untyped-def]
     return out
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+@numba.njit(**FAST)
 def steering(distance_m, turns_per_m, out):  # type: ignore[no-untyped-def]
     """Fill out [2a, p] (float32: real parts above imaginary parts) with exp(j2πfR/c) of distances R [a, p], f/c being
     turns_per_m."""
@@ -75,7 +78,7 @@ def steering(distance_m, turns_per_m, out):  # type: ignore[no-untyped-def]
             out[a, p], out[n_antennas + a, p] = cis_turns(turns_per_m * distance_m[a, p])
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+@numba.njit(**FAST)
 def mean_rise(antennas_m, points_m):  # type: ignore[no-untyped-def]
     """d|p − a|/dz [p] at points [p, 3], averaged over antennas [a, 3]."""
     out = np.zeros(len(points_m))
@@ -92,7 +95,7 @@ def phasor(path_m: np.ndarray, frequency_hz: np.ndarray | float, sign: int) -> n
     return np.exp(sign * 2j * np.pi * np.asarray(frequency_hz) * path_m / SPEED_OF_LIGHT_M_S)
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+@numba.njit(**FAST)
 def steered_differences(antennas_m, turns_per_m, points_m, centre_m):  # type: ignore[no-untyped-def]
     """exp(j2πf(|p − a| − |c − a|)/c) [2p, a] (real parts above imaginary parts) of points [p, 3] with f/c [p] each, for
     antennas [a, 3] about the centre c [3]."""
@@ -109,3 +112,42 @@ def steered_differences(antennas_m, turns_per_m, points_m, centre_m):  # type: i
             length = np.sqrt(dx * dx + dy * dy + dz * dz) - at_centre[a]
             out[p, a], out[n_points + p, a] = cis_turns(turns_per_m[p] * length)
     return out
+
+
+@numba.njit(**FAST)
+def _carrier_turns(x, y, z, turns_per_m, passes, reference_m, ramp):  # type: ignore[no-untyped-def]
+    turns = ramp[0] * x + ramp[1] * y + ramp[2] * z
+    for i in range(2):
+        dx, dy, dz = x - reference_m[i, 0], y - reference_m[i, 1], z - reference_m[i, 2]
+        turns += turns_per_m * passes[i] * np.sqrt(dx * dx + dy * dy + dz * dz)
+    return turns
+
+
+@numba.njit(**FAST)
+def take_carrier_out(image, x_m, y_m, z_m, turns_per_m, passes, reference_m, ramp, planes):  # type: ignore[no-untyped-def]
+    """planes [2, ny, nx] = image [ny, nx] without its carrier."""
+    for j in range(len(y_m)):
+        for i in range(len(x_m)):
+            cosine, sine = cis_turns(_carrier_turns(x_m[i], y_m[j], z_m, turns_per_m, passes, reference_m, ramp))
+            value = image[j, i]
+            planes[0, j, i] = value.real * cosine + value.imag * sine
+            planes[1, j, i] = value.imag * cosine - value.real * sine
+
+
+@numba.njit(**FAST)
+def restore_carrier(re, im, x_m, y_m, z_m, turns_per_m, passes, reference_m, ramp):  # type: ignore[no-untyped-def]
+    """(re + j·im) · carrier: complex64 [nz, ny, nx]."""
+    nx = len(x_m)
+    volume = np.empty(re.shape, np.complex64)
+    cosine, sine = np.empty(nx, np.float32), np.empty(nx, np.float32)
+    for k in range(len(z_m)):
+        for j in range(len(y_m)):
+            for i in range(nx):
+                turns = _carrier_turns(x_m[i], y_m[j], z_m[k], turns_per_m, passes, reference_m, ramp)
+                cosine[i], sine[i] = cis_turns(turns)
+            for i in range(nx):
+                value_re, value_im = re[k, j, i], im[k, j, i]
+                volume[k, j, i] = complex(
+                    value_re * cosine[i] - value_im * sine[i], value_im * cosine[i] + value_re * sine[i]
+                )
+    return volume

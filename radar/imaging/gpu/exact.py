@@ -17,23 +17,10 @@ from radar.imaging.gpu.steering import cis, distances
 POINT_BYTES = 48  # per point and antenna: distances in double, their turns, phases and products
 
 
-def tone_images(
-    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
-) -> np.ndarray:
-    """As `radar.imaging.cpu.exact.tone_images`: complex64 [f, n] at points_m [n, 3]."""
-    return _images(samples, frequencies_hz, aperture, points_m, apart=True)
-
-
-def backproject(
-    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
-) -> np.ndarray:
-    """As `radar.imaging.cpu.exact.backproject`: complex64 [n] at points_m [n, 3]."""
-    return _images(samples, frequencies_hz, aperture, points_m, apart=False)[0]
-
-
-def _images(
+def exact_images(
     samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray, apart: bool
 ) -> np.ndarray:
+    """As `radar.imaging.cpu.exact.exact_images`: complex64 [f or 1, n] at points_m [n, 3]."""
     check_samples(samples, frequencies_hz, aperture)
     xp = array_module()
     turns_per_m = np.asarray(frequencies_hz, np.float64) / SPEED_OF_LIGHT_M_S

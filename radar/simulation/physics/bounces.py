@@ -18,8 +18,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from radar.imaging.cpu.chain import FAST
-from radar.imaging.cpu.steering import cis_small
+from radar.imaging.cpu.steering import FAST, cis_small
 
 WIDEST = 100.0  # footprint over patch, at most: what is wider leaves a caustic or grazes, and D silences it
 

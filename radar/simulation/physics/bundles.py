@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from radar.imaging.cpu.chain import ascend, complex_samples
+from radar.imaging.cpu.ascent import ascend
+from radar.imaging.cpu.descent import complex_samples
 from radar.imaging.cpu.steering import steered_differences
 from radar.imaging.skeleton import band_skeleton
 from radar.simulation.physics.bounces import radiate

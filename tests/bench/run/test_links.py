@@ -101,7 +101,7 @@ def test_files_of_a_kept_stage_that_became_links_are_made_again(small_bench, hom
                 with socket.socket(socket.AF_UNIX) as made:
                     made.bind(place.name)
                 monkeypatch.chdir(tmp_path)
-            made = [task.task for task in run(bench, base, out).tasks if not task.cached]
+            made = run(bench, base, out).tasks.query("not cached").task.tolist()
             assert made == ["reconstruct-ball-2fsk"]
             (out / "same").unlink(missing_ok=True)
             assert content(out) == expected

@@ -16,8 +16,7 @@ from bench.studies.tradeoff.settings import setting_path
 from radar.data.arrays import AntennaArray, PlanarScan
 from radar.data.capture import RadarCapture, thinned
 from radar.data.grid import VoxelGrid
-from radar.imaging.api import image_points, image_volume, project_volume
-from radar.imaging.stopwatch import watch
+from radar.imaging.api import image_points, image_volume, project_volume, watch
 from radar.support.errors import HandbenchError
 
 AXES = "x = AXIS, y = AXIS".replace("AXIS", "{ start_m = -0.02, stop_m = 0.02, step_m = 0.002 }")

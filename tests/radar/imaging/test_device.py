@@ -15,9 +15,8 @@ from radar.data.grid import Axis, VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
 from radar.imaging.cpu.exact import direct_sum
 from radar.imaging.device import SETTING, array_module, chosen, describe, use_device
-from radar.imaging.gpu import engine as gpu_engine
-from radar.imaging.gpu import exact, levels
-from radar.imaging.gpu import volume as gpu_volume
+from radar.imaging.gpu import exact, executor, levels
+from radar.imaging.plan import TreePlan
 from radar.imaging.tree import Box, Family
 from radar.methods.fsk import three_tone
 from radar.methods.fsk_config import ThreeToneConfig
@@ -134,7 +133,7 @@ def test_small_blocks_change_nothing(device, monkeypatch):
         volume = image_volume(samples, TONES_HZ, ARRAY, corner(nz=20), 1e-3)  # of another shape: a plan of its own
         return [volume, image_points(samples, TONES_HZ, ARRAY, points, None)]
 
-    for module in (exact, levels, gpu_engine, gpu_volume):
+    for module in (exact, levels, executor):
         monkeypatch.setattr(module, "BLOCK_BYTES", 1 << 21)
     for there, here in zip(*on(device, everything), strict=True):
         assert relative_error(there, here) < AGREED
@@ -142,16 +141,17 @@ def test_small_blocks_change_nothing(device, monkeypatch):
 
 def test_limbs_are_planned_when_points_first_touch_them(device):
     with use_device(device):
-        engine = gpu_engine.DeviceEngine(
-            TONES_HZ, ARRAY, Box(np.array([-0.04, -0.04, 0.25]), np.array([0.04, 0.04, 0.35])), Family(1e-3, False)
-        )
+        box = Box(np.array([-0.04, -0.04, 0.25]), np.array([0.04, 0.04, 0.35]))
+        plan = TreePlan(TONES_HZ, ARRAY, box, Family(1e-3, False))
+        engine = executor.Executor(plan)
         samples, points = noise((16, 32, 24)), np.array([[-0.03, -0.03, 0.26], [0.03, 0.03, 0.34]])
-        first = engine.sort(points[:1])
-        second = engine.sort(points[1:])
-        for row, placed in enumerate((first, second, engine.sort(points[:1]))):  # the first stays valid
+        first, second = plan.sort(points[:1]), plan.sort(points[1:])
+        engine.place(first)
+        sent = engine.place(second).limbs
+        for row, where in enumerate((first, second, plan.sort(points[:1]))):  # the first stays valid
             reference = direct_sum(samples, TONES_HZ, ARRAY, points[row % 2][None])
-            assert relative_error(engine.image(samples, placed)[0], reference) < 1e-2
-        assert engine.sort(points).limbs is second.limbs  # all were planned, so that nothing was sent again
+            assert relative_error(engine.image(samples, where)[0], reference) < 1e-2
+        assert engine.place(plan.sort(points)).limbs is sent  # all were planned, so that nothing was sent again
 
 
 def test_a_frame_of_three_tones(device):

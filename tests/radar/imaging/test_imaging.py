@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from radar.data.arrays import AntennaArray, PlanarScan, qar50
 from radar.data.grid import VoxelGrid
-from radar.imaging.api import image_points, image_volume, imaging_error, points_engine, project_volume
+from radar.imaging.api import image_points, image_volume, imaging_error, points_executor, project_volume
 from radar.imaging.cpu.exact import direct_sum
-from radar.imaging.cpu.volume import strongest_voxels
+from radar.imaging.cpu.executor import Executor, strongest_voxels
 from radar.imaging.tree import Family
 from radar.support.errors import HandbenchError
 from tests.radar.samples import noise, relative_error
@@ -147,13 +147,13 @@ def test_the_check_after_the_fact_finds_a_wrong_volume():
 
 def test_plans_are_kept_and_rebuilt_when_the_geometry_changes():
     points, family = np.array([[0.0, 0.0, 0.3], [0.1, 0.1, 0.31]]), Family(1e-3, apart=False)
-    kept = points_engine(PAPER_HZ, qar50(), points, family)
-    assert points_engine(PAPER_HZ, qar50(), points + 1e-4, family) is kept
+    kept = points_executor(PAPER_HZ, qar50(), points, family, Executor)
+    assert points_executor(PAPER_HZ, qar50(), points + 1e-4, family, Executor) is kept
     moved = AntennaArray(qar50().tx_m + [1e-6, 0, 0], qar50().rx_m)
-    assert points_engine(PAPER_HZ, moved, points, family) is not kept
-    assert points_engine(PAPER_HZ + 1.0, qar50(), points, family) is not kept
-    assert points_engine(PAPER_HZ, qar50(), points + 0.2, family) is not kept
-    assert points_engine(PAPER_HZ, qar50(), points, Family(1e-4, apart=False)) is not kept
+    assert points_executor(PAPER_HZ, moved, points, family, Executor) is not kept
+    assert points_executor(PAPER_HZ + 1.0, qar50(), points, family, Executor) is not kept
+    assert points_executor(PAPER_HZ, qar50(), points + 0.2, family, Executor) is not kept
+    assert points_executor(PAPER_HZ, qar50(), points, Family(1e-4, apart=False), Executor) is not kept
 
 
 def test_images_do_not_depend_on_the_number_of_workers(monkeypatch):

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from radar.imaging.resample import resampler
+from radar.imaging.skeleton import resampler
 from tests.strategies import examples
 
 

@@ -17,8 +17,9 @@ from scipy.stats import ortho_group
 from radar.data.arrays import AntennaArray, PlanarScan, qar50
 from radar.data.capture import RadarCapture
 from radar.data.grid import VoxelGrid
-from radar.imaging.api import fresh_plans, image_points, image_volume, project_volume
+from radar.imaging.api import image_points, image_volume, project_volume
 from radar.imaging.cpu.exact import tone_images
+from radar.imaging.plan import fresh_plans
 from radar.simulation.forward import Scatterers, simulate
 from tests.radar.samples import noise, relative_error
 from tests.strategies import examples

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from radar.data.arrays import qar50
-from radar.imaging.cpu.chain import ascend, descend, planes
+from radar.imaging.cpu.ascent import ascend
+from radar.imaging.cpu.descent import descend, planes
 from radar.imaging.skeleton import band_skeleton, skeleton
 from radar.imaging.tree import Box, Family, branch, clusters, split, trunk
 from tests.radar.samples import noise

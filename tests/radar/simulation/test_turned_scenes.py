@@ -13,7 +13,8 @@ import pytest
 from scipy.stats import ortho_group
 
 from radar.data.arrays import AntennaArray
-from radar.imaging.api import fresh_plans, image_points
+from radar.imaging.api import image_points
+from radar.imaging.plan import fresh_plans
 from radar.simulation.forward import Scatterers, simulate
 from tests.radar.samples import noise, relative_error
 

@@ -1,0 +1,127 @@
+"""Up the tree: scatterers → samples, the exact adjoint of `radar.imaging.cpu.descent`: conjugate phases, transposed
+weights, in reverse order."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from radar.imaging.cpu.descent import BLOCK, SECOND_LEVEL, apply, differences, leaf_of, mix, steer, turn
+from radar.imaging.cpu.steering import FAST, cis_turns
+
+
+class Source(NamedTuple):
+    """Scatterers sorted by leaf: point_m [3, n], weight [n] complex64, delay_m [n] one-way, normal [3, n] or [3, 0];
+    spreading: whether legs have gains; pattern: exponent of cos θ in them; seen_a [a, n], seen_b [b, n]: which antennas
+    see each point, or [0, 0] where all do (masks need a leaf that keeps all antennas)."""
+
+    point_m: np.ndarray
+    weight: np.ndarray
+    delay_m: np.ndarray
+    normal: np.ndarray
+    spreading: bool
+    pattern: float
+    seen_a: np.ndarray
+    seen_b: np.ndarray
+
+
+@numba.njit(**FAST)
+def scatter(source, turns_per_m, leaves, passes, reference_m, starts, shape):  # type: ignore[no-untyped-def]
+    """The adjoint of `gather`: samples [k, 2, a, b] (shape) of a node from its part of all scatterers."""
+    samples = np.zeros(shape, np.float32)
+    for i in range(len(starts) - 1):
+        if starts[i + 1] > starts[i]:
+            weights, shifts, turns, place = leaf_of(leaves, i, samples.shape)
+            leaf = radiate(_part(source, starts[i], starts[i + 1]), turns, place, passes, reference_m)
+            samples += ascend(leaf, turns_per_m, *shifts, *weights)
+    return samples
+
+
+@numba.njit(**FAST)
+def ascend(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b):  # type: ignore[no-untyped-def]
+    """The adjoint of `descend`: a child's samples → what they add to its parent's."""
+    spread = apply(weights_b.T.copy(), apply(weights_a.T.copy(), samples))
+    return turn(mix(tone_weights.T.copy(), spread), turns_per_m, shift_a, shift_b, np.float32(-1.0))
+
+
+@numba.njit(**FAST)
+def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no-untyped-def]
+    """The adjoint of `evaluate`: what a leaf's scatterers add to its samples [k, 2, a, b]. `source`: a `Source`."""
+    centre_m, length_a, position_a, length_b, position_b = place
+    tones, n_a, n_b = len(turns_per_m), len(length_a), len(length_b)
+    samples = np.zeros((tones, 2, n_a, n_b), np.float32)
+    block = max(min(BLOCK, SECOND_LEVEL // (n_a + n_b)), 16)
+    for start in range(0, source.point_m.shape[1], block):
+        stop = min(start + block, source.point_m.shape[1])
+        n = stop - start
+        points = source.point_m[:, start:stop].copy()
+        common = (passes[0] + passes[1]) * source.delay_m[start:stop]
+        delta_a, delta_b = np.empty((n_a, n), np.float32), np.empty((n_b, n), np.float32)
+        differences(points, position_a, passes[0], length_a, centre_m, reference_m[0], delta_a, common)
+        differences(points, position_b, passes[1], length_b, centre_m, reference_m[1], delta_b, common)
+        gain_a = _gains(source, start, points, position_a, source.seen_a)
+        gain_b = _gains(source, start, points, position_b, source.seen_b)
+        a, b = np.empty((2 * n_a, n), np.float32), np.empty((2 * n_b, n), np.float32)
+        for m in range(tones):
+            steer(delta_a, -turns_per_m[m], a)
+            steer(delta_b, -turns_per_m[m], b)
+            weight = np.empty((2, n), np.float32)
+            for p in range(n):
+                cosine, sine = cis_turns(-turns_per_m[m] * common[p])
+                w = source.weight[start + p]
+                weight[0, p] = w.real * cosine - w.imag * sine
+                weight[1, p] = w.real * sine + w.imag * cosine
+            for i in range(n_a):
+                for p in range(n):
+                    re, im = gain_a[i, p] * a[i, p], gain_a[i, p] * a[n_a + i, p]
+                    a[i, p] = re * weight[0, p] - im * weight[1, p]
+                    a[n_a + i, p] = re * weight[1, p] + im * weight[0, p]
+            for i in range(n_b):
+                for p in range(n):
+                    b[i, p] *= gain_b[i, p]
+                    b[n_b + i, p] *= gain_b[i, p]
+            product = np.dot(a, b.T)
+            for i in range(n_a):
+                for k in range(n_b):
+                    samples[m, 0, i, k] += product[i, k] - product[n_a + i, n_b + k]
+                    samples[m, 1, i, k] += product[i, n_b + k] + product[n_a + i, k]
+    return samples
+
+
+@numba.njit(**FAST)
+def _gains(source, start, points_m, position_m, seen):  # type: ignore[no-untyped-def]
+    """g [a, p]: 1/R, times √(n·û) where the scatterers have normals and the antennas' cosᵠθ; 1 if nothing spreads; 0
+    where an antenna sees nothing of a point."""
+    n = points_m.shape[1]
+    gain = np.ones((len(position_m), n), np.float32)
+    if source.spreading:
+        for a in range(len(position_m)):
+            for p in range(n):
+                dx = position_m[a, 0] - points_m[0, p]
+                dy = position_m[a, 1] - points_m[1, p]
+                dz = position_m[a, 2] - points_m[2, p]
+                distance = np.sqrt(dx * dx + dy * dy + dz * dz)
+                obliquity = 1.0
+                if source.normal.shape[1] > 0:
+                    i = start + p
+                    along = source.normal[0, i] * dx + source.normal[1, i] * dy + source.normal[2, i] * dz
+                    obliquity = max(along / distance, 0.0)
+                gain[a, p] = np.sqrt(obliquity) / distance
+                if source.pattern != 0.0:
+                    gain[a, p] *= max(-dz / distance, 0.0) ** source.pattern
+    if seen.size != 0:
+        gain *= seen[:, start : start + n]
+    return gain
+
+
+@numba.njit(**FAST)
+def _part(source, start, stop):  # type: ignore[no-untyped-def]
+    """The scatterers start:stop; empty arrays stay empty."""
+    here = slice(start, stop)
+    normal = source.normal if source.normal.shape[1] == 0 else source.normal[:, here]
+    seen_a = source.seen_a if source.seen_a.size == 0 else source.seen_a[:, here]
+    seen_b = source.seen_b if source.seen_b.size == 0 else source.seen_b[:, here]
+    places = source.point_m[:, here], source.weight[here], source.delay_m[here], normal
+    return Source(*places, source.spreading, source.pattern, seen_a, seen_b)

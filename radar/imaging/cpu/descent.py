@@ -1,0 +1,224 @@
+"""Down the tree: samples → the images of a limb's points.
+
+Samples are float32 planes [tone, re/im, transmitter, receiver], so that all products are real matrix products (faster
+than complex ones here). Descending multiplies by the parent-to-child phases and by the real skeleton weights. In a leaf
+ΔR is formed in float64 against a reference point near the aperture; what is left of it differs little from antenna to
+antenna, so that its phase can be formed in float32. The leaves of a limb are packed: one call images a whole limb.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from radar.imaging.cpu.steering import FAST, cis_small, cis_turns
+from radar.imaging.tree import Node
+
+BLOCK = 256  # points per matrix product, fewer where that would push the factors out of the second-level cache:
+SECOND_LEVEL = 65536  # antennas × points
+
+
+class Leaves(NamedTuple):
+    """The leaves of a node, packed: sizes [n, 8] as in `pack`, their arrays one after another in single and double."""
+
+    sizes: np.ndarray
+    single: np.ndarray
+    double: np.ndarray
+
+
+def planes(samples: np.ndarray) -> np.ndarray:
+    """Complex samples [k, t, r] (or a scan's [k, n]) → float32 [k, 2, t, r or 1]."""
+    apart = np.ascontiguousarray(np.stack([samples.real, samples.imag], axis=1), np.float32)
+    return apart[..., None] if apart.ndim == 3 else apart
+
+
+def complex_samples(apart: np.ndarray) -> np.ndarray:
+    """Planes [k, 2, t, r] → complex64 [k, t, r]."""
+    return apart[:, 0] + np.complex64(1j) * apart[:, 1]
+
+
+def pack(leaves: list[Node]) -> Leaves:
+    """Nodes of the tree for the kernels."""
+    sizes, single, double = [], [], []
+    at_single = at_double = 0
+    for leaf in leaves:
+        floats = [leaf.tone_weights, *leaf.leg_weights]
+        doubles = [leaf.box.centre_m, leaf.turns_per_m, *leaf.shifts_m]
+        doubles += [array for leg in leaf.legs for array in (leg.length_m, leg.position_m)]
+        counts = [len(leaf.turns_per_m), *(len(leg.length_m) for leg in leaf.legs)]
+        sizes.append([*counts, *(array.size > 0 for array in floats), at_single, at_double])
+        single += [array.ravel() for array in floats]
+        double += [array.ravel() for array in doubles]
+        at_single += sum(array.size for array in floats)
+        at_double += sum(array.size for array in doubles)
+    return Leaves(np.array(sizes, np.int64), np.concatenate(single), np.concatenate(double))
+
+
+@numba.njit(**FAST)
+def gather(samples, turns_per_m, leaves, passes, reference_m, points_m, starts, count):  # type: ignore[no-untyped-def]
+    """Images [count, n], of each of the k tones or of their sum, from a node's samples [k, 2, a, b] at its part of all
+    points_m [3, …], sorted by leaves: leaf i holds starts[i]:starts[i + 1]."""
+    images = np.empty((count, starts[-1] - starts[0]), np.complex64)
+    for i in range(len(starts) - 1):
+        if starts[i + 1] > starts[i]:
+            weights, shifts, turns, place = leaf_of(leaves, i, samples.shape)
+            below = descend(samples, turns_per_m, *shifts, *weights)
+            here = images[:, starts[i] - starts[0] : starts[i + 1] - starts[0]]
+            evaluate(below, points_m[:, starts[i] : starts[i + 1]], turns, place, passes, reference_m, here)
+    return images
+
+
+@numba.njit(**FAST)
+def descend(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b):  # type: ignore[no-untyped-def]
+    """Samples [k, 2, a, b] of a parent → those of its child. Empty weights leave their axis as it is."""
+    mixed = mix(tone_weights, turn(samples, turns_per_m, shift_a, shift_b, np.float32(1.0)))
+    return apply(weights_b, apply(weights_a, mixed))  # each application swaps the antenna axes: twice restores them
+
+
+@numba.njit(**FAST)
+def turn(samples, turns_per_m, shift_a, shift_b, sign):  # type: ignore[no-untyped-def]
+    """samples · exp(±j2πf(shift_a + shift_b)/c)."""
+    out = np.empty_like(samples)
+    tones, _, n_a, n_b = samples.shape
+    b_re, b_im = np.empty(n_b, np.float32), np.empty(n_b, np.float32)
+    for m in range(tones):
+        for b in range(n_b):
+            b_re[b], b_im[b] = cis_turns(turns_per_m[m] * shift_b[b])
+        for a in range(n_a):
+            a_re, a_im = cis_turns(turns_per_m[m] * shift_a[a])
+            for b in range(n_b):
+                re, im = a_re * b_re[b] - a_im * b_im[b], sign * (a_re * b_im[b] + a_im * b_re[b])
+                out[m, 0, a, b] = samples[m, 0, a, b] * re - samples[m, 1, a, b] * im
+                out[m, 1, a, b] = samples[m, 0, a, b] * im + samples[m, 1, a, b] * re
+    return out
+
+
+@numba.njit(**FAST)
+def mix(weights, samples):  # type: ignore[no-untyped-def]
+    if weights.size == 0:
+        return samples
+    tones, _, n_a, n_b = samples.shape
+    return np.dot(weights, samples.reshape(tones, 2 * n_a * n_b)).reshape(len(weights), 2, n_a, n_b)
+
+
+@numba.njit(**FAST)
+def apply(weights, samples):  # type: ignore[no-untyped-def]
+    """Real weights [n, a] on the first antenna axis of samples [k, 2, a, b], which then swaps with the second:
+    [k, 2, b, n]."""
+    tones, _, n_a, n_b = samples.shape
+    n, flat = n_a if weights.size == 0 else len(weights), np.empty((n_a, tones * 2 * n_b), np.float32)
+    for m in range(2 * tones):
+        for a in range(n_a):
+            for b in range(n_b):
+                flat[a, m * n_b + b] = samples[m // 2, m % 2, a, b]
+    if weights.size != 0:
+        flat = np.dot(weights, flat)
+    out = np.empty((tones, 2, n_b, n), np.float32)
+    for m in range(2 * tones):
+        for b in range(n_b):
+            for i in range(n):
+                out[m // 2, m % 2, b, i] = flat[i, m * n_b + b]
+    return out
+
+
+@numba.njit(**FAST)
+def leaf_of(leaves, i, shape):  # type: ignore[no-untyped-def]
+    """((weights of tones, a, b), (shifts of a, b), turns per metre, (centre, lengths and positions of a, b))."""
+    k, n_a, n_b = leaves.sizes[i, 0], leaves.sizes[i, 1], leaves.sizes[i, 2]
+    tones, at = _weights(leaves.single, leaves.sizes[i, 6], k, shape[0], leaves.sizes[i, 3])
+    weights_a, at = _weights(leaves.single, at, n_a, shape[2], leaves.sizes[i, 4])
+    weights_b, at = _weights(leaves.single, at, n_b, shape[3], leaves.sizes[i, 5])
+    double, start = leaves.double, leaves.sizes[i, 7]
+    centre = double[start : start + 3]
+    turns = double[start + 3 : start + 3 + k]
+    start += 3 + k
+    shift_a, shift_b = double[start : start + shape[2]], double[start + shape[2] : start + shape[2] + shape[3]]
+    start += shape[2] + shape[3]
+    length_a, position_a = double[start : start + n_a], double[start + n_a : start + 4 * n_a].reshape(n_a, 3)
+    start += 4 * n_a
+    length_b, position_b = double[start : start + n_b], double[start + n_b : start + 4 * n_b].reshape(n_b, 3)
+    place = (centre, length_a, position_a, length_b, position_b)
+    return (tones, weights_a, weights_b), (shift_a, shift_b), turns, place
+
+
+@numba.njit(**FAST)
+def _weights(single, start, rows, columns, given):  # type: ignore[no-untyped-def]
+    if given == 0:
+        return single[:0].reshape(0, 0), start
+    stop = start + rows * columns
+    return single[start:stop].reshape(rows, columns), stop
+
+
+@numba.njit(**FAST)
+def evaluate(samples, points_m, turns_per_m, place, passes, reference_m, images):  # type: ignore[no-untyped-def]
+    """Images of a leaf's samples at its points_m [3, n]: complex64 images [k or 1, n]; one row sums all tones."""
+    tones, _, n_a, n_b = samples.shape
+    centre_m, length_a, position_a, length_b, position_b = place
+    stacked = np.empty((2 * n_a, 2 * n_b), np.float32)
+    block = max(min(BLOCK, SECOND_LEVEL // (n_a + n_b)), 16)
+    for start in range(0, points_m.shape[1], block):
+        stop = min(start + block, points_m.shape[1])
+        n = stop - start
+        points = points_m[:, start:stop].copy()  # contiguous: the loops over points become vector code
+        common = np.zeros(n)
+        delta_a, delta_b = np.empty((n_a, n), np.float32), np.empty((n_b, n), np.float32)
+        differences(points, position_a, passes[0], length_a, centre_m, reference_m[0], delta_a, common)
+        differences(points, position_b, passes[1], length_b, centre_m, reference_m[1], delta_b, common)
+        a, b = np.empty((2 * n_a, n), np.float32), np.empty((2 * n_b, n), np.float32)
+        total_re, total_im = np.zeros(n, np.float32), np.zeros(n, np.float32)
+        for m in range(tones):
+            steer(delta_a, turns_per_m[m], a)
+            steer(delta_b, turns_per_m[m], b)
+            for i in range(n_a):
+                for k in range(n_b):
+                    stacked[i, k] = stacked[n_a + i, n_b + k] = samples[m, 0, i, k]
+                    stacked[n_a + i, k] = samples[m, 1, i, k]
+                    stacked[i, n_b + k] = -samples[m, 1, i, k]
+            u = np.dot(stacked, b)
+            re, im = np.zeros(n, np.float32), np.zeros(n, np.float32)
+            for i in range(n_a):
+                for p in range(n):
+                    re[p] += a[i, p] * u[i, p] - a[n_a + i, p] * u[n_a + i, p]
+                    im[p] += a[i, p] * u[n_a + i, p] + a[n_a + i, p] * u[i, p]
+            for p in range(n):
+                cosine, sine = cis_turns(turns_per_m[m] * common[p])
+                total_re[p] += cosine * re[p] - sine * im[p]
+                total_im[p] += cosine * im[p] + sine * re[p]
+            if len(images) > 1:
+                for p in range(n):
+                    images[m, start + p] = total_re[p] + np.complex64(1j) * total_im[p]
+                total_re[:] = 0
+                total_im[:] = 0
+        if len(images) == 1:
+            for p in range(n):
+                images[0, start + p] = total_re[p] + np.complex64(1j) * total_im[p]
+
+
+@numba.njit(**FAST)
+def differences(points_m, position_m, passes, length_m, centre_m, reference_m, out, common_m):  # type: ignore[no-untyped-def]
+    """out[a, p] = ΔR_a(p) − ΔR_reference(p), small enough for float32; common_m [p] gains ΔR_reference(p)."""
+    n = points_m.shape[1]
+    cx, cy, cz = centre_m[0] - reference_m[0], centre_m[1] - reference_m[1], centre_m[2] - reference_m[2]
+    at_centre = passes * np.sqrt(cx * cx + cy * cy + cz * cz)
+    reference = np.empty(n)
+    for p in range(n):
+        dx, dy, dz = points_m[0, p] - reference_m[0], points_m[1, p] - reference_m[1], points_m[2, p] - reference_m[2]
+        reference[p] = passes * np.sqrt(dx * dx + dy * dy + dz * dz) - at_centre
+        common_m[p] += reference[p]
+    for a in range(len(position_m)):
+        ax, ay, az, length = position_m[a, 0], position_m[a, 1], position_m[a, 2], length_m[a]
+        for p in range(n):
+            dx, dy, dz = points_m[0, p] - ax, points_m[1, p] - ay, points_m[2, p] - az
+            out[a, p] = passes * np.sqrt(dx * dx + dy * dy + dz * dz) - length - reference[p]
+
+
+@numba.njit(**FAST)
+def steer(difference_m, turns_per_m, out):  # type: ignore[no-untyped-def]
+    """out[2a, p]: real parts of exp(j2πfΔ/c) above imaginary parts; a negative f gives the conjugate."""
+    n_a, n = difference_m.shape
+    turns = np.float32(turns_per_m)
+    for a in range(n_a):
+        for p in range(n):
+            out[a, p], out[n_a + a, p] = cis_small(turns * difference_m[a, p])

@@ -1,0 +1,178 @@
+"""Execution on the processor: limbs on all cores, leaves by compiled code; volumes by matrix products along x, y and z
+that make every voxel of the coarse nodes, so that a projection along z never holds the volume."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import product
+
+import numba
+import numpy as np
+
+from radar.data.grid import VoxelGrid
+from radar.imaging.cpu.ascent import Source, ascend, scatter
+from radar.imaging.cpu.descent import Leaves, complex_samples, descend, gather, pack, planes
+from radar.imaging.cpu.steering import FAST, restore_carrier, take_carrier_out
+from radar.imaging.plan import GridPlan, Sorted, TreePlan
+from radar.imaging.tree import Node
+from radar.support.parallel import for_each, one_blas_thread
+
+VOXELS = 1 << 16  # upsampled along z at once: they stay in the second-level cache
+ROWS = 16  # pixels along y of one piece of work
+
+
+class Executor:
+    """Images and echoes of points by a plan, whose limbs stay once points have touched them."""
+
+    def __init__(self, plan: TreePlan) -> None:
+        self.plan = plan
+        self._limbs: dict[int, tuple[Node, Leaves]] = {}
+
+    def image(self, samples: np.ndarray, where: Sorted) -> np.ndarray:
+        """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n] at sorted points."""
+        plan, order = self.plan, where.order
+        with one_blas_thread():
+            root = _down(planes(samples), plan.trunk, plan.root)
+        images = np.empty((len(samples) if plan.family.apart else 1, len(order)), np.complex64)
+
+        def work(limb: int) -> None:
+            node, leaves, starts = self._limb(limb, where)
+            below = _down(root, plan.root, node)
+            images[:, starts[0] : starts[-1]] = gather(
+                below, node.turns_per_m, leaves, plan.passes, plan.reference_m, where.points_m, starts, len(images)
+            )
+
+        for_each(work, plan.touched(where))
+        unsorted = np.empty_like(images)
+        unsorted[:, order] = images
+        return unsorted
+
+    def echoes(self, source: Source, where: Sorted) -> np.ndarray:
+        """Samples complex64 [f, t, r or 1] of scatterers, the adjoint of `image` with the tones summed."""
+        plan, touched = self.plan, self.plan.touched(where)
+        parts: dict[int, np.ndarray] = {}
+
+        def work(limb: int) -> None:
+            node, leaves, starts = self._limb(limb, where)
+            shape = (len(node.turns_per_m), 2, *(len(leg.length_m) for leg in node.legs))
+            samples = scatter(source, node.turns_per_m, leaves, plan.passes, plan.reference_m, starts, shape)
+            parts[limb] = _up(samples, plan.root, node)
+
+        for_each(work, touched)
+        with one_blas_thread():  # parts are added in order: no result depends on the threads
+            samples = _up(sum(parts[limb] for limb in touched), plan.trunk, plan.root)
+        return complex_samples(samples)
+
+    def _limb(self, limb: int, where: Sorted) -> tuple[Node, Leaves, np.ndarray]:
+        """A limb, its leaves and where each one's points start."""
+        if limb not in self._limbs:
+            node, leaves = self.plan.limb(limb)
+            self._limbs[limb] = node, pack(leaves)
+        per_limb = self.plan.leaves_per_limb
+        return *self._limbs[limb], where.starts[limb * per_limb : (limb + 1) * per_limb + 1]
+
+
+class Upsampler:
+    """Volumes by a plan, from its nodes and their images [k or 1, nz, ny, nx]."""
+
+    def __init__(self, plan: GridPlan) -> None:
+        self.plan = plan
+
+    def volume(self, nodes: VoxelGrid, images: np.ndarray, carrier: bool) -> np.ndarray:
+        """Complex images [k or 1, nz, ny, nx] of all voxels, with the carrier or without."""
+        grid, z_m = self.plan.grid, nodes.z_m if self.plan.planes else self.plan.grid.z_m
+        volumes = np.empty((len(images), len(z_m), *grid.shape[1:]), np.complex64)
+
+        def keep(image: int, rows: slice, re: np.ndarray, im: np.ndarray) -> None:
+            if carrier:
+                volumes[image, :, rows] = restore_carrier(re, im, grid.x_m, grid.y_m[rows], z_m, *self.plan.carrier)
+            else:
+                volumes[image, :, rows].real, volumes[image, :, rows].imag = re, im
+
+        self._upsample(nodes, images, keep)
+        return volumes
+
+    def project(self, nodes: VoxelGrid, images: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """As `strongest_voxels` of the volume, which is never held."""
+        index = np.empty(self.plan.grid.shape[1:], np.int64)
+        magnitude = np.empty((3, *index.shape), np.float32)
+
+        def keep(_: int, rows: slice, re: np.ndarray, im: np.ndarray) -> None:
+            index[rows], magnitude[:, rows] = _strongest(re, im)
+
+        self._upsample(nodes, images, keep)
+        return index, magnitude
+
+    def _upsample(
+        self, nodes: VoxelGrid, images: np.ndarray, keep: Callable[[int, slice, np.ndarray, np.ndarray], None]
+    ) -> None:
+        """Envelopes of all voxels from the nodes' images, handed to keep(image, rows, re, im) in pieces
+        [nz, rows, nx]."""
+        plan, (count, nz, ny, _) = self.plan, images.shape
+        nx = len(plan.grid.x_m)
+        at_once = max(VOXELS // (nx * (len(plan.grid.z_m) if plan.z.windows else nz)), 1)
+        along_x = np.empty((count, 2, nz, ny, nx), np.float32)
+
+        def widen(part: tuple[int, int, slice]) -> None:
+            image, z, rows = part
+            piece = images[image, z, rows]
+            envelope = np.empty((2, *piece.shape), np.float32)
+            take_carrier_out(piece, nodes.x_m, nodes.y_m[rows], nodes.z_m[z], *plan.carrier, envelope)
+            plan.x.apply(envelope, along_x[image, :, z, rows])
+
+        def heighten(part: tuple[int, tuple[slice, slice, np.ndarray | None]]) -> None:
+            image, (rows, of, weights) = part
+            block = along_x[image, :, :, of] if weights is None else np.matmul(weights, along_x[image, :, :, of])
+            for start in range(0, block.shape[2], at_once):
+                piece = block[:, :, start : start + at_once]
+                re, im = (plan.z.along_first(plane.reshape(nz, -1)).reshape(-1, *plane.shape[1:]) for plane in piece)
+                keep(image, slice(rows.start + start, rows.start + start + piece.shape[2]), re, im)
+
+        halves = [slice(0, (ny + 1) // 2), slice((ny + 1) // 2, ny)]
+        for_each(widen, list(product(range(count), range(nz), halves)))
+        for_each(heighten, list(product(range(count), plan.y.rows(max(ROWS, at_once)))))
+
+
+def strongest_voxels(volume: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Each pixel's strongest voxel of a volume [nz, ny, nx]: index along z [ny, nx], and magnitude [3, ny, nx] of the
+    voxel before it, itself and the one behind it (NaN beyond the volume)."""
+    index = np.empty(volume.shape[1:], np.int64)
+    magnitude = np.empty((3, *index.shape), np.float32)
+    for row in range(len(index)):
+        here = slice(row, row + 1)
+        re, im = (np.ascontiguousarray(part, np.float32) for part in (volume[:, here].real, volume[:, here].imag))
+        index[here], magnitude[:, here] = _strongest(re, im)
+    return index, magnitude
+
+
+def _down(samples: np.ndarray, parent: Node, child: Node) -> np.ndarray:
+    return descend(samples, parent.turns_per_m, *child.shifts_m, child.tone_weights, *child.leg_weights)
+
+
+def _up(samples: np.ndarray, parent: Node, child: Node) -> np.ndarray:
+    return ascend(samples, parent.turns_per_m, *child.shifts_m, child.tone_weights, *child.leg_weights)
+
+
+@numba.njit(**FAST)
+def _strongest(re, im):  # type: ignore[no-untyped-def]
+    nz, ny, nx = re.shape
+    index, magnitude = np.empty((ny, nx), np.int64), np.empty((3, ny, nx), np.float32)
+    for j in range(ny):
+        best = np.full(nx, np.float32(-1))
+        where = np.zeros(nx, np.int32)
+        for k in range(nz):
+            for i in range(nx):
+                power = re[k, j, i] * re[k, j, i] + im[k, j, i] * im[k, j, i]
+                larger = power > best[i]
+                where[i] = np.int32(k) if larger else where[i]
+                best[i] = power if larger else best[i]
+        for i in range(nx):
+            index[j, i] = where[i]
+            magnitude[1, j, i] = np.sqrt(best[i])
+            for side in (0, 2):
+                k = where[i] + side - 1
+                if 0 <= k < nz:
+                    magnitude[side, j, i] = np.sqrt(re[k, j, i] * re[k, j, i] + im[k, j, i] * im[k, j, i])
+                else:
+                    magnitude[side, j, i] = np.nan
+    return index, magnitude

@@ -1,0 +1,228 @@
+"""Execution on a device as array code: the tree's boxes of a level all at once, and volumes from their nodes.
+
+Points are cut into pieces, each of one leaf, and pieces of like size are padded to batches. A batch is one product per
+tone, as in `radar.imaging.cpu.descent`: ΔR in float64 against a reference point, what is left of it in float32. Nodes'
+images pass through the processor's memory: there are thirty times fewer of them than voxels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from threading import Lock
+from typing import NamedTuple
+
+import numpy as np
+
+from radar.data.grid import VoxelGrid
+from radar.imaging.device import BLOCK_BYTES, Array, array_module, to_host
+from radar.imaging.gpu.levels import Level, level
+from radar.imaging.gpu.steering import cis, distances
+from radar.imaging.plan import GridPlan, Sorted, TreePlan
+from radar.imaging.skeleton import Resampler
+from radar.imaging.tree import Node
+from radar.support.parallel import for_each
+
+PIECE = 512  # points of one leaf that share a product
+WAVE_BYTES = 24  # per point, tone and antenna: turns, phases and products
+PATH_BYTES = 40  # per point and antenna: differences in double
+VOXEL_BYTES = 64  # of a piece of a volume: both planes, and what their magnitude or carrier takes
+
+
+class Batch(NamedTuple):
+    """n pieces of up to p points: sample [n] (its leaf's row among the samples), leaf [n] (its row in the level),
+    points_m [3, n, p], and target [n, p], where each point's image goes; padding goes one column past the last."""
+
+    sample: Array
+    leaf: Array
+    points_m: Array
+    target: Array
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Points on the device, by leaf: how many, the levels of the tree that they need, which leaves, and the batches."""
+
+    count: int
+    limbs: Level
+    leaves: Level
+    rows: Array
+    batches: list[Batch]
+
+
+class Executor:
+    """As `radar.imaging.cpu.executor.Executor`, on the chosen device, where the limbs that points have touched stay."""
+
+    def __init__(self, plan: TreePlan) -> None:
+        self.plan = plan
+        self._xp = array_module()
+        self._top = level(self._xp, [plan.root], [plan.trunk], [0])
+        self._planned: dict[int, tuple[Node, list[Node]]] = {}
+        self._levels: tuple[Level, Level] | None = None
+        self._last: tuple[Sorted | None, Placed | None] = None, None
+        self._lock = Lock()
+
+    def place(self, where: Sorted) -> Placed:
+        """Sorted points on the device; those of the call before stay there."""
+        last, placed = self._last
+        if placed is None or last is not where:
+            per_limb = self.plan.leaves_per_limb
+            touched = np.flatnonzero(np.diff(where.starts))  # leaves, counted over all limbs
+            limbs, leaves, limb_rows = self._require(np.unique(touched // per_limb))
+            rows = limb_rows[touched // per_limb] * per_limb + touched % per_limb
+            batches = _batches(where, touched, rows, _point_bytes(leaves))
+            on_device = [Batch(*map(self._xp.asarray, batch)) for batch in batches]
+            placed = Placed(len(where.order), limbs, leaves, self._xp.asarray(rows), on_device)
+            self._last = where, placed
+        return placed
+
+    def image(self, samples: np.ndarray, where: Sorted) -> np.ndarray:
+        """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n] at sorted points."""
+        xp, apart, placed = self._xp, self.plan.family.apart, self.place(where)
+        whole = xp.asarray(samples.reshape(1, len(samples), samples.shape[1], -1), dtype=np.complex64)
+        root = self._top.descend(whole, xp.arange(1))
+        limbs = placed.limbs.descend(root, xp.arange(placed.limbs.centre_m.shape[1]))
+        leaves = placed.leaves.descend(limbs, placed.rows)
+        images = xp.empty((len(samples) if apart else 1, placed.count + 1), np.complex64)
+        for batch in placed.batches:
+            tones = self._evaluate(placed.leaves, leaves, batch)
+            images[:, batch.target] = tones.swapaxes(0, 1) if apart else tones.sum(axis=1)[None]
+        return to_host(images[:, :-1])
+
+    def _evaluate(self, leaves: Level, samples: Array, batch: Batch) -> Array:
+        """Images [n, k, p] of every tone at a batch's points, from the leaves' samples [leaves, k, a, b]."""
+        xp, plan = self._xp, self.plan
+        turns = leaves.turns_per_m[batch.leaf][:, :, None]
+        waves, common_m = [], 0.0
+        for leg, (passes, reference_m) in enumerate(zip(plan.passes, plan.reference_m, strict=True)):
+            reference = xp.asarray(reference_m)[:, None]
+            centre = distances(xp, leaves.centre_m[:, batch.leaf], reference)[:, None]
+            shared_m = passes * (distances(xp, batch.points_m, reference[:, :, None]) - centre)
+            antennas = leaves.position_m[leg][:, batch.leaf][:, :, :, None]
+            path_m = passes * distances(xp, batch.points_m[:, :, None], antennas)
+            path_m -= leaves.length_m[leg][batch.leaf][:, :, None]
+            path_m -= shared_m[:, None]
+            waves.append(cis(xp, turns.astype(np.float32)[..., None] * path_m.astype(np.float32)[:, None]))
+            common_m = common_m + shared_m
+        heard = xp.matmul(samples[batch.sample].swapaxes(2, 3), waves[0])
+        heard *= waves[1]
+        return heard.sum(axis=2) * cis(xp, turns * common_m[:, None])
+
+    def _require(self, limbs: np.ndarray) -> tuple[Level, Level, np.ndarray]:
+        """The levels of limbs and leaves with these limbs planned, and each limb's row there [limbs] (−1: none)."""
+        with self._lock:
+            new = [int(limb) for limb in limbs if int(limb) not in self._planned]
+            if new:
+                for_each(self._plan_limb, new)
+                nodes = [self._planned[limb] for limb in sorted(self._planned)]
+                above = [limb for limb, _ in nodes]
+                below = [leaf for _, leaves in nodes for leaf in leaves]
+                parent = [row for row, (_, leaves) in enumerate(nodes) for _ in leaves]
+                self._levels = (
+                    level(self._xp, above, [self.plan.root], [0] * len(above)),
+                    level(self._xp, below, above, parent),
+                )
+            rows = np.full(len(self.plan.boxes), -1)
+            rows[sorted(self._planned)] = np.arange(len(self._planned))
+            return *self._levels, rows
+
+    def _plan_limb(self, limb: int) -> None:
+        self._planned[limb] = self.plan.limb(limb)
+
+
+class Upsampler:
+    """As `radar.imaging.cpu.executor.Upsampler`, on the chosen device."""
+
+    def __init__(self, plan: GridPlan) -> None:
+        self.plan, self._xp = plan, array_module()
+        self._along_x, self._along_z = self._windows(plan.x), self._windows(plan.z)
+        rows = max(BLOCK_BYTES // (VOXEL_BYTES * len(plan.grid.z_m) * len(plan.grid.x_m)), 1)
+        self._along_y = [
+            (fine, of, None if weights is None else self._xp.asarray(weights))
+            for fine, of, weights in plan.y.rows(rows)
+        ]
+
+    def volume(self, nodes: VoxelGrid, images: np.ndarray, carrier: bool) -> np.ndarray:
+        """Complex images [k or 1, nz, ny, nx] of all voxels, with the carrier or without."""
+        grid, z_m = self.plan.grid, nodes.z_m if self.plan.planes else self.plan.grid.z_m
+        volumes = np.empty((len(images), len(z_m), *grid.shape[1:]), np.complex64)
+        for image, volume in zip(images, volumes, strict=True):
+            for rows, envelope in self._upsampled(nodes, image):
+                voxels = envelope[0] + np.complex64(1j) * envelope[1]
+                if carrier:
+                    voxels *= self._carrier(VoxelGrid(grid.x_m, grid.y_m[rows], z_m))
+                volume[:, rows] = to_host(voxels)
+        return volumes
+
+    def project(self, nodes: VoxelGrid, images: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """As `radar.imaging.cpu.executor.strongest_voxels` of the volume, which is never held."""
+        index = np.empty(self.plan.grid.shape[1:], np.int64)
+        magnitude = np.empty((3, *index.shape), np.float32)
+        for rows, envelope in self._upsampled(nodes, images[0]):
+            index[rows], magnitude[:, rows] = self._strongest(envelope[0] ** 2 + envelope[1] ** 2)
+        return index, magnitude
+
+    def _upsampled(self, nodes: VoxelGrid, image: np.ndarray) -> Iterator[tuple[slice, Array]]:
+        """Envelopes of all voxels from the nodes' image [nz, ny, nx]: (rows, float32 planes [2, nz, rows, nx])."""
+        xp = self._xp
+        envelope = xp.asarray(image) * self._carrier(nodes).conj()
+        nz, ny, _ = nodes.shape
+        planes = xp.stack([envelope.real, envelope.imag]).reshape(2 * nz * ny, -1)
+        along_x = self._along(self._along_x, planes.T).T.reshape(2, nz, ny, -1)
+        for rows, of, weights in self._along_y:
+            block = along_x[:, :, of] if weights is None else xp.matmul(weights, along_x[:, :, of])
+            voxels = self._along(self._along_z, block.reshape(2, nz, -1))
+            yield rows, voxels.reshape(2, voxels.shape[1], *block.shape[2:])
+
+    def _windows(self, resampler: Resampler) -> list[tuple[slice, Array]]:
+        """(node slice, weights [fine, nodes]) of every window, on the device."""
+        return [(of, self._xp.asarray(weights)) for _, of, weights in resampler.windows]
+
+    def _along(self, windows: list[tuple[slice, Array]], nodes: Array) -> Array:
+        """Node values [..., n, m] → fine values [..., fine, m]; without windows the nodes are the fine samples."""
+        if not windows:
+            return nodes
+        return self._xp.concatenate([self._xp.matmul(weights, nodes[..., of, :]) for of, weights in windows], axis=-2)
+
+    def _carrier(self, grid: VoxelGrid) -> Array:
+        """The carrier that the plan takes out of an image and puts back: complex64 [nz, ny, nx]."""
+        xp = self._xp
+        turns_per_m, passes, reference_m, ramp = self.plan.carrier
+        z, y, x = (xp.asarray(axis) for axis in (grid.z_m[:, None, None], grid.y_m[:, None], grid.x_m))
+        turns = ramp[0] * x + ramp[1] * y + ramp[2] * z
+        for count, reference in zip(passes, reference_m, strict=True):
+            turns += turns_per_m * count * distances(xp, (x, y, z), reference)
+        return cis(xp, turns)
+
+    def _strongest(self, power: Array) -> tuple[np.ndarray, np.ndarray]:
+        """Index of the maximum along z [ny, nx], and magnitudes [3, ny, nx] before, at and behind it, of power
+        [nz, ny, nx]."""
+        xp, last = self._xp, len(power) - 1
+        index = power.argmax(axis=0)
+        around = xp.stack([index - 1, index, index + 1])
+        magnitude = xp.sqrt(xp.take_along_axis(power, xp.clip(around, 0, last), axis=0))
+        magnitude[(around < 0) | (around > last)] = np.nan
+        return to_host(index), to_host(magnitude)
+
+
+def _point_bytes(leaves: Level) -> int:
+    """Intermediate bytes per point of a batch."""
+    antennas = sum(length.shape[1] for length in leaves.length_m)
+    return antennas * (WAVE_BYTES * leaves.turns_per_m.shape[1] + PATH_BYTES)
+
+
+def _batches(where: Sorted, touched: np.ndarray, rows: np.ndarray, point_bytes: int) -> Iterator[Batch]:
+    """The points of the touched leaves, whose rows in the level are `rows`, still in numpy: even pieces, the largest
+    first, so that little is padded. Padding repeats a piece's last point."""
+    starts, counts = where.starts[touched], np.diff(where.starts)[touched]
+    pieces = -(-counts // PIECE)
+    leaf = np.repeat(np.arange(len(touched)), pieces)
+    place = np.arange(len(leaf)) - np.repeat(np.cumsum(pieces) - pieces, pieces)  # among the pieces of its leaf
+    first, end = (starts[leaf] + counts[leaf] * (place + i) // pieces[leaf] for i in (0, 1))
+    order = np.argsort(first - end, kind="stable")
+    while len(order):
+        widest = end[order[0]] - first[order[0]]
+        now, order = np.split(order, [max(BLOCK_BYTES // int(point_bytes * widest), 1)])
+        index, last = first[now, None] + np.arange(widest), end[now, None] - 1
+        target = np.where(index <= last, where.order[np.minimum(index, last)], len(where.order))
+        yield Batch(leaf[now], rows[leaf[now]], where.points_m[:, np.minimum(index, last)], target)

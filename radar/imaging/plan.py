@@ -1,0 +1,208 @@
+"""Plans: what imaging and simulation of a box or a grid ask for, from the geometry alone.
+
+A plan touches no samples. Executors (`radar.imaging.cpu.executor`, `radar.imaging.gpu.executor`) carry it out: images
+of points, their adjoint, and volumes by band-limited upsampling. What has been planned is kept per geometry.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import Lock
+from typing import Any, NamedTuple, TypeVar, cast
+
+import numpy as np
+
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
+from radar.data.grid import VoxelGrid
+from radar.imaging.skeleton import GUARD, Resampler, resampler
+from radar.imaging.tree import Box, Family, Node, branch, crowded, split, trunk
+from radar.support.memory import require_memory
+from radar.support.parallel import one_blas_thread
+
+LEAF = 7.0  # Nyquist intervals along each axis of a leaf, at most ...
+LIMB = 3  # ... and leaves along each axis of a limb: the balance of compressing against evaluating
+PROBES = 7  # points along each axis of a box at which the local band is looked up
+NODE_BYTES = 100  # a node's position, order and images
+UPSAMPLING = 0.6  # its share of the tolerance
+KEPT = 24  # plans; the oldest goes first
+
+Kept = TypeVar("Kept")
+
+_kept: OrderedDict[bytes, Any] = OrderedDict()
+_lock = Lock()
+
+
+class Sorted(NamedTuple):
+    """Points [3, n] by limb and leaf: order [n] of the original ones, starts [leaves + 1] of each leaf's."""
+
+    points_m: np.ndarray
+    order: np.ndarray
+    starts: np.ndarray
+
+
+class TreePlan:
+    """A box's root, and its division into limbs and leaves, for images and echoes of points within it."""
+
+    def __init__(self, frequencies_hz: np.ndarray, aperture: Aperture, box: Box, family: Family) -> None:
+        self.box, self.family = box, family
+        low, high = bands(frequencies_hz, aperture, box)
+        leaves = np.maximum(np.ceil((box.high_m - box.low_m) * (high - low) / 2 / np.pi / LEAF), 1).astype(int)
+        self.limbs = np.maximum(np.round(leaves / LIMB), 1).astype(int)
+        self.leaves = np.ceil(leaves / self.limbs).astype(int)  # of each limb
+        self.passes, self.reference_m = carriers(aperture)
+        self.trunk = trunk(frequencies_hz, aperture)
+        self.root = branch(self.trunk, box, family, keep_antennas=True)
+        self.boxes = split(box, self.limbs)
+
+    @property
+    def leaves_per_limb(self) -> int:
+        """The number of leaves of each limb."""
+        return int(np.prod(self.leaves))
+
+    def touched(self, where: Sorted) -> list[int]:
+        """The limbs that points lie in."""
+        begin = where.starts[:: self.leaves_per_limb]
+        return [int(limb) for limb in np.flatnonzero(np.diff(begin))]
+
+    def limb(self, limb: int) -> tuple[Node, list[Node]]:
+        """A limb and its leaves, planned anew: executors keep what they need of those that points touch."""
+        node = branch(self.root, self.boxes[limb], self.family)
+        return node, [branch(node, box, self.family) for box in split(node.box, self.leaves)]
+
+    def sort(self, points_m: np.ndarray) -> Sorted:
+        """Points [n, 3] within the box, by limb and leaf."""
+        counts = self.limbs * self.leaves
+        extent = np.maximum(self.box.high_m - self.box.low_m, np.finfo(float).tiny)
+        cell = np.clip(((points_m - self.box.low_m) / extent * counts).astype(int), 0, counts - 1)
+        limb, leaf = np.divmod(cell, self.leaves)
+        key = np.ravel_multi_index(limb.T, self.limbs) * self.leaves_per_limb
+        key += np.ravel_multi_index(leaf.T, self.leaves)
+        order = np.argsort(key.astype(np.int32), kind="stable")
+        starts = np.searchsorted(key[order], np.arange(int(np.prod(counts)) + 1))
+        return Sorted(np.ascontiguousarray(points_m[order].T, np.float64), order, starts)
+
+
+class GridPlan:
+    """The coarse nodes of a voxel grid and how its axes x, y, z follow from them; with `planes`, of any one plane
+    between the grid's first and last z. tree: of the nodes, None where the aperture is too crowded for skeletons.
+
+    Between the nodes only the envelope is interpolated: with the carrier exp(jk_c Σ R_reference) and the middle of the
+    band taken out, an image varies as slowly as the array's angles and bandwidth allow.
+    """
+
+    def __init__(
+        self, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, family: Family, planes: bool = False
+    ) -> None:
+        axes = (grid.x_m, grid.y_m, grid.z_m)
+        low_m, high_m = (np.array([axis[i] for axis in axes]) for i in (0, -1))
+        low, high = bands(frequencies_hz, aperture, Box(low_m, high_m))
+        margin_m = 2 * np.pi * GUARD / np.maximum(high - low, 1.0) * (high_m > low_m)
+        low, high = bands(frequencies_hz, aperture, Box(low_m - margin_m, high_m + margin_m))
+        self.x, self.y, self.z = (
+            Resampler(axis, ()) if planes and axis is grid.z_m else resampler(axis, half, UPSAMPLING * family.tolerance)
+            for axis, half in zip(axes, (high - low) / 2, strict=True)
+        )
+        self.grid, self.planes = grid, planes
+        nodes = (self.x.nodes_m, self.y.nodes_m, self.z.nodes_m)
+        self.nodes = VoxelGrid(*nodes)
+        along_x = self.nodes.shape[0] * self.nodes.shape[1] * len(grid.x_m)
+        images = len(frequencies_hz) if family.apart else 1
+        needed = images * (NODE_BYTES * int(np.prod(self.nodes.shape)) + 8 * along_x)
+        require_memory(needed, f"grid of {grid.shape} voxels [nz, ny, nx]")
+        box = Box(*(np.array([axis[i] for axis in nodes]) for i in (0, -1)))
+        self.tree = None if crowded(aperture) else TreePlan(frequencies_hz, aperture, box, family)
+        self._sorted: Sorted | None = None
+        middle = (np.min(frequencies_hz) + np.max(frequencies_hz)) / 2 / SPEED_OF_LIGHT_M_S
+        self.carrier = (middle, *carriers(aperture), (low + high) / (4 * np.pi))
+
+    def nodes_at(self, z_m: np.ndarray) -> VoxelGrid:
+        """The nodes of the grid, or of the plane at z_m [1]."""
+        return VoxelGrid(self.nodes.x_m, self.nodes.y_m, z_m) if self.planes else self.nodes
+
+    def sort(self, tree: TreePlan, nodes: VoxelGrid) -> Sorted:
+        """The nodes in the order of the plan's tree, which no plane's depth changes while the leaves are one layer."""
+        if self.planes and tree.limbs[2] * tree.leaves[2] > 1:
+            return tree.sort(nodes.points_m().reshape(-1, 3))
+        if self._sorted is None:
+            self._sorted = tree.sort(nodes.points_m().reshape(-1, 3))
+        if not self.planes:
+            return self._sorted
+        points_m = self._sorted.points_m.copy()
+        points_m[2] = nodes.z_m
+        return self._sorted._replace(points_m=points_m)
+
+
+def carriers(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
+    """The reference that `bands` takes the path of out: passes [2] and reference points [2, 3], the middle of each
+    leg's antennas."""
+    passes = np.array([float(leg.passes) for leg in aperture.legs])
+    return passes, np.array([leg.position_m.mean(axis=0) for leg in aperture.legs])
+
+
+def bands(frequencies_hz: np.ndarray, aperture: Aperture, box: Box) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest spatial frequency [3], [3] (rad/m) that an image has along x, y, z within the box, once
+    exp(jk_c Σ R_reference) is taken out of it."""
+    wavenumber = 2 * np.pi * np.asarray(frequencies_hz) / SPEED_OF_LIGHT_M_S
+    k_c = (wavenumber.min() + wavenumber.max()) / 2
+    axes = [np.linspace(low, high, PROBES if high > low else 1) for low, high in zip(*box, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    low, high = np.zeros_like(points), np.zeros_like(points)
+    for leg, passes, reference_m in zip(aperture.legs, *carriers(aperture), strict=True):
+        about = k_c * passes * _direction(points, reference_m)
+        least, most = np.full_like(points, np.inf), np.full_like(points, -np.inf)
+        for antenna in leg.position_m:
+            seen = leg.passes * _direction(points, antenna)
+            np.minimum(least, seen, out=least)
+            np.maximum(most, seen, out=most)
+        ends = wavenumber.min(), wavenumber.max()
+        low += np.minimum(ends[0] * least, ends[1] * least) - about
+        high += np.maximum(ends[0] * most, ends[1] * most) - about
+    return low.min(axis=0), high.max(axis=0)
+
+
+def _direction(points_m: np.ndarray, antenna_m: np.ndarray) -> np.ndarray:
+    towards = points_m - antenna_m
+    return towards / np.maximum(np.linalg.norm(towards, axis=1), 1e-12)[:, None]
+
+
+def roomy(low_m: np.ndarray, high_m: np.ndarray) -> Box:
+    """The box from low_m to high_m, widened to a lattice of about its size, so that the points of one frame and the
+    next share a plan; what they do not touch is never planned."""
+    extent = high_m - low_m
+    cell = 2.0 ** np.ceil(np.log2(np.maximum(np.maximum(extent, extent.max() / 16), 1e-4) / 2))
+    return Box(np.floor(low_m / cell) * cell, np.ceil(high_m / cell) * cell)
+
+
+@contextmanager
+def fresh_plans() -> Iterator[None]:
+    """Begin without a plan, as a new process does, and drop those made in the block when it ends."""
+    global _kept
+    before, _kept = _kept, OrderedDict()
+    try:
+        yield
+    finally:
+        _kept = before
+
+
+def kept(
+    what: tuple[Any, ...], frequencies_hz: np.ndarray, aperture: Aperture, family: Family, build: Callable[[], Kept]
+) -> Kept:
+    """The plan of this geometry with its executor, built once by `build`."""
+    digest = hashlib.blake2b(repr((type(aperture).__name__, tuple(family))).encode())
+    for part in [*what, frequencies_hz, *(leg.position_m for leg in aperture.legs)]:
+        if isinstance(part, np.ndarray):
+            digest.update(part.tobytes())
+            part = part.shape
+        digest.update(repr(part).encode())
+    key = digest.digest()
+    with _lock:
+        if key not in _kept:
+            with one_blas_thread():  # rounding, and with it the plan, must not depend on the number of threads
+                _kept[key] = build()
+            if len(_kept) > KEPT:
+                _kept.popitem(last=False)
+        _kept.move_to_end(key)
+        return cast(Kept, _kept[key])
