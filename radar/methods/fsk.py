@@ -54,7 +54,9 @@ def fsk(
         z_m = review(look := look.cropped())
         for count in range(3, len(tones) + 1):
             z_m = look.smoothed(z_m, config.coarse_filter_px)
-            for _ in range(config.fine_refinements if np.isfinite(z_m).any() else 0):
+            for _ in range(config.fine_refinements):
+                if not np.isfinite(z_m).any():  # `review` has dropped them all
+                    break
                 # Step 4: the curved surface found so far is imaged at f3, too.
                 look = tones.first(count).surface(look.grid, z_m)
                 # Step 5: the phases between f3 and the others correct every point; an averaging filter comes last.

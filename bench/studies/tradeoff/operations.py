@@ -8,7 +8,7 @@ An image at a point sums samples times phases over tones and channels (C = trans
     ladder of n tones       2-FSK, then Σ k × points × C over its rungs, k = 3 … n
 
 What follows the images (phases, filters, projection) is no sum over channels, thousands of times less, and not counted.
-What a frame has really summed, passes and points as the echoes brought them, `radar.imaging.stopwatch` counts; the
+What a frame has really summed, passes and points as the echoes brought them, `radar.imaging.api.watch` counts; the
 engine reaches the same images with fewer operations, of which it keeps no count.
 """
 
