@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.results import HEADLINE, Result, load
-from bench.results.tables import TABLE, frame, records
+from bench.results.tables import TABLE, each, frame, records
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, write_text
 from reports.tables.blocks import NONE, decimals, interval, known, number, outstanding, paper
@@ -66,7 +66,7 @@ def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
         "best": {metric: sorted(outstanding(result, metric, REFERENCE)) for metric in METRICS},
         "sentences": [
             c.sentence
-            for c in result.comparisons.itertuples()
+            for c in each(result.comparisons)
             if (c.metric, c.reference) == (HEADLINE, REFERENCE) and {c.better, c.worse} in map(set, SAID)
         ],
         "figures": {name: _sha256(result.folder / source) for name, source in FIGURES.items()},
@@ -95,7 +95,7 @@ def render(recorded: dict[str, Any]) -> str:
 
 def _by_figure(recorded: dict[str, Any]) -> dict[tuple[str, str], Any]:
     """The recorded lines by metric and method."""
-    return {(row.metric, row.method): row for row in frame(TABLE, recorded["rows"]).itertuples()}
+    return {(row.metric, row.method): row for row in each(frame(TABLE, recorded["rows"]))}
 
 
 def _cell(row: Any, star: bool) -> str:

@@ -89,7 +89,7 @@ def _from_targets(options: argparse.Namespace) -> Transform:
 
 
 def expected_error(transform: Transform) -> str:
-    """What the covariance says of the middle of the hand, in words."""
+    """The covariance at the middle of the hand, in words."""
     import numpy as np
 
     from calibration.registration.combination import HAND_M

@@ -58,7 +58,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _described(what: str) -> tuple[Target | Board, str]:
-    """What is to be drawn, and its title: a file's with the first digits of its SHA-256."""
+    """The subject of the drawing, and its title: a file's with the first digits of its SHA-256."""
     from bench.scenes.stand import stand_board
     from calibration.target.description import Target, default_target
     from groundtruth.board.board import Board

@@ -1,4 +1,4 @@
-"""What several commands share: their options, and refusals to overwrite."""
+"""Options that several commands share, and refusals to overwrite."""
 
 from __future__ import annotations
 

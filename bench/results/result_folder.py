@@ -11,7 +11,7 @@ import pandas as pd
 from bench.results.about import About, CaptureFacts, read_about
 from bench.results.error_map import ErrorMap
 from bench.results.maps import Surface, depth_path, errors_path, photo_path, read_map
-from bench.results.tables import COMPARISONS, LEVEL, REPEATS, TABLE, TASKS, frame, read, write
+from bench.results.tables import COMPARISONS, LEVEL, REPEATS, TABLE, TASKS, each, frame, read, write
 from radar.support.errors import HandbenchError
 from radar.support.files import require_file, require_folder, write_json, write_text
 
@@ -35,12 +35,12 @@ class Result:
     def row(self, metric: str, method: str, reference: str) -> Any:
         """The table's line, a named tuple of its columns; None without one."""
         found = self.table[(self.table.method == method) & (self.table.metric == metric)]
-        return next(found[found.reference == reference].itertuples(index=False, name="Row"), None)
+        return next(each(found[found.reference == reference]), None)
 
     def time(self, method: str) -> Any:
         """The line of the method's time per frame, which is the same with every reference; None where none is known."""
         found = self.table[(self.table.method == method) & (self.table.metric == "seconds")]
-        return next(found[found.value.notna()].itertuples(index=False, name="Row"), None)
+        return next(each(found[found.value.notna()]), None)
 
     def title(self, metric: str) -> str:
         """The metric as it is printed."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from radar.support.files import atomic_path, require_file
 
 LEVEL = 0.95  # of every confidence interval
 KINDS = {"text": str, "real": float, "whole": int, "flag": bool}
-DTYPES = {str: "str", float: "float64", int: "int64", bool: "bool"}
+DTYPES: dict[type, Any] = {str: "str", float: "float64", int: "int64", bool: "bool"}
 EXPECTED = {float: "a finite number or nothing", int: "a whole number", bool: "0 or 1", str: "text"}
 OLDER = {str: "", int: 0, bool: False}  # what a column that an older file lacks is filled with
 
@@ -85,18 +85,25 @@ def conform(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
     return pd.DataFrame(typed, columns=schema.names).reset_index(drop=True)
 
 
+def each(table: pd.DataFrame) -> Iterator[Any]:
+    """Each line of a table, a named tuple of its columns."""
+    return iter(table.itertuples(index=False, name="Line"))
+
+
 def records(table: pd.DataFrame) -> list[dict[str, Any]]:
     """The lines of a table as plain values; what is not known is None."""
-    return table.astype(object).where(table.notna(), None).to_dict("records")
+    lines: list[Any] = table.astype(object).where(table.notna(), None).to_dict("records")
+    return lines
 
 
 def read(path: Path, schema: Schema) -> pd.DataFrame:
     """Read a CSV file that `write` wrote. Other columns, and the first cell that is not of its kind, with its line, are
     a HandbenchError. An older file may lack the last columns, those that are optional."""
     path = require_file(path, f"a CSV file with the columns {', '.join(schema.names)}")
-    options = {"header": None, "dtype": str, "keep_default_na": False, "skip_blank_lines": False, "encoding": "utf-8"}
+    options: dict[str, Any] = {"header": None, "dtype": str, "keep_default_na": False, "skip_blank_lines": False}
     try:
-        cells = pd.read_csv(path, engine="python", **options)  # which alone tells a short line from empty cells
+        # The Python engine alone tells a short line from one with empty cells.
+        cells = pd.read_csv(path, engine="python", encoding="utf-8", **options)
         header, cells = cells.iloc[0].tolist(), cells[1:]
         required = sum(not column.optional for column in schema.columns)
         if len(header) < required or header != schema.names[: len(header)]:

@@ -52,7 +52,7 @@ class DataSet(Config):
 
 
 class GroundTruth(Config):
-    """How photographs become a mesh."""
+    """Options by which photographs become a mesh."""
 
     quality: Literal["draft", "normal", "high"] = "draft"
 

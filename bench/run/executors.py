@@ -1,4 +1,4 @@
-"""Who carries out the jobs of a run: this process, one after the other, or the workers of a Dask cluster.
+"""Executors carry out the jobs of a run: this process, one after the other, or the workers of a Dask cluster.
 
 The jobs of one call depend on nothing in that call: what needs another stage's outcome is in a later call. So the order
 in which they end does not matter, and a worker's loss costs the jobs that it had.

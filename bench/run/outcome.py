@@ -209,7 +209,8 @@ def tabulate(outcome: Outcome, on: Basis) -> pd.DataFrame:
             scored = [name for name in names if reference in outcome.references[name]]
             if not scored:
                 continue
-            maps, found = (read(outcome, scored, entry.id, reference) for read in (errors, surfaces))
+            about_maps = outcome, scored, entry.id, reference
+            maps, found = errors(*about_maps), surfaces(*about_maps)
             rows.append(accuracy_rows(entry.id, reference, maps, seed, found, chosen))
             if entry.precision and "precision_mm" in chosen.metrics:
                 several = [name for name in names if (name, entry.id) in outcome.deviations]

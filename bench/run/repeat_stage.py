@@ -39,6 +39,7 @@ def strongest_z_m(depths: list[DepthMap]) -> np.ndarray:
 
 
 def read_repeats(folder: Path) -> tuple[np.ndarray, ErrorMap]:
-    """What `repeat` wrote: the strongest scatterer's depths [n]; every pixel's deviation in place of errors."""
+    """Read the files that `repeat` wrote: the strongest scatterer's depths [n]; every pixel's deviation in place of
+    errors."""
     kept = read_npz(folder / REPEATS, ("z_m", "x_m", "y_m", "deviation_m"))
     return kept["z_m"], ErrorMap(kept["x_m"], kept["y_m"], kept["deviation_m"], kept["deviation_m"])

@@ -189,7 +189,7 @@ class Run:
 
 
 def collect(stage: Stage, folder: Path, found: Outcome) -> None:
-    """What a stage that images has left in its folder."""
+    """Collect the files that an imaging stage has left in its folder."""
     about = stage.capture, stage.method
     times = read_json(folder / TIMING, "a stage's times")["seconds"]
     found.seconds.setdefault(about, []).extend(times)

@@ -34,7 +34,7 @@ Key, Value = TypeVar("Key"), TypeVar("Value")
 
 
 class Files(Sequence[Value], Generic[Key, Value]):
-    """What lies in files, read each time that it is asked for: of a thousand maps, one is in memory."""
+    """Objects that lie in files, read each time that it is asked for: of a thousand maps, one is in memory."""
 
     def __init__(self, read: Callable[[Key], Value], keys: Sequence[Key]) -> None:
         self.read, self.keys = read, keys
@@ -96,7 +96,7 @@ def reference_depth(mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid
 
 
 def read_errors(folder: Path, capture: str, method: str, reference: str) -> ErrorMap:
-    """What `score` found for a depth map."""
+    """The errors that `score` found for a depth map."""
     names = ("x_m", "y_m", "error_m", "reference_z_m", "sigma_m", "to_reference_m", "to_map_m")
     return ErrorMap(**read_npz(errors_path(folder, capture, method, reference), names))
 

@@ -1,4 +1,4 @@
-"""What a trade-off sweeps: the [tradeoff] table of a benchmark file.
+"""The knobs that a trade-off sweeps: the [tradeoff] table of a benchmark file.
 
 An imaging entry names a method, what of its configuration is fixed (`config`) and what takes several values (`sweep`):
 

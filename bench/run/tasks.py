@@ -18,7 +18,8 @@ _ALONE = threading.Lock()  # a cost is measured of the whole process, which ther
 
 @dataclass(frozen=True)
 class Done:
-    """What a stage came to. stamp: None where no folder was made; failure: the error that the user can mend, if any."""
+    """The outcome of a stage. stamp: None where no folder was made; failure: the error that the user can mend, if
+    any."""
 
     stamp: Stamp | None = None
     cached: bool = False

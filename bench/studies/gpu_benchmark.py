@@ -74,7 +74,7 @@ def surface_echoes(frequencies_hz: np.ndarray) -> RadarCapture:
 
 
 def _timed(name: str, work: Callable[[], Any], repeats: int) -> tuple[Any, Record]:
-    """What work() returns, and its row: the first call's milliseconds and the median of `repeats` further ones."""
+    """The value of work(), and its row: the first call's milliseconds and the median of `repeats` further ones."""
     result, first = _milliseconds(work)
     return result, {
         "what": name,

@@ -98,7 +98,7 @@ def run_record(name: str, bench: BenchFile, base: Path, work: Path, workers: Exe
 
 
 def scored_captures(bench: BenchFile, base: Path, scores: Path) -> Outcome:
-    """What a run would have found whose captures are all one disc of 100 mm, seen with errors of 1 mm."""
+    """The outcome of a run whose captures are all one disc of 100 mm, seen with errors of 1 mm."""
     axis_m, rng = np.linspace(-0.15, 0.15, 301), np.random.default_rng(0)
     disc = np.hypot(*np.meshgrid(axis_m, axis_m)) < 0.05
     z_m, transform = np.where(disc, 0.3, np.nan), replace(identity("radar"), covariance=np.zeros((6, 6)))

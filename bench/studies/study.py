@@ -57,7 +57,7 @@ class Study:
 
 @dataclass(frozen=True)
 class Found:
-    """What a study came to. facts: see `stand`; failures: message by case."""
+    """The outcome of a study. facts: see `stand`; failures: message by case."""
 
     study: Study
     tables: list[Table]
@@ -112,8 +112,8 @@ def carried_out(
 
 
 def stand() -> dict[str, Any]:
-    """What figures stand on: the machine, with its rate of float32 matrix products and what it images on, and the
-    versions of what was run."""
+    """The ground that figures stand on: the machine, with its rate of float32 matrix products and what it images on,
+    and the versions of what was run."""
     return {"machine": {**calibrated_machine(), "imaging_device": describe()}, "versions": versions()}
 
 

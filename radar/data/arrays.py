@@ -23,7 +23,7 @@ class Leg:
     passes: int
 
     def lengths_m(self, point_m: np.ndarray) -> np.ndarray:
-        """What the leg adds to the path over a point [3]: [n]."""
+        """Length that the leg adds to the path over a point [3]: [n]."""
         return self.passes * np.linalg.norm(point_m - self.position_m, axis=1)
 
 

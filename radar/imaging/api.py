@@ -40,7 +40,7 @@ Image = TypeVar("Image", bound=Callable[..., object])
 
 
 class Device(NamedTuple):
-    """What images on a device."""
+    """The executor of a device."""
 
     executor: type[cpu.Executor] | type[gpu.Executor]
     upsampler: type[cpu.Upsampler] | type[gpu.Upsampler]
@@ -171,7 +171,7 @@ def points_executor(
     family: Family,
     executor: Callable[[TreePlan], Made],
 ) -> Made:
-    """What `executor` makes of a plan for points_m [n, 3] and others nearby."""
+    """The work of `executor` on a plan for points_m [n, 3] and others nearby."""
     box = roomy(points_m.min(axis=0), points_m.max(axis=0))
     what = (chosen(), executor.__module__, *box)
     build = lambda: executor(TreePlan(frequencies_hz, aperture, box, family))  # noqa: E731

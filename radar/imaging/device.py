@@ -1,5 +1,5 @@
-"""Where imaging runs: on the processor's cores (cpu), or as array code on a CUDA device (cuda, by CuPy) or in numpy
-(numpy, which tests that code where there is no such device).
+"""The device on which imaging runs: on the processor's cores (cpu), or as array code on a CUDA device (cuda, by CuPy)
+or in numpy (numpy, which tests that code where there is no such device).
 
 The choice holds for the whole process. It is kept in HANDBENCH_DEVICE, so that every worker thread sees it and every
 child process inherits it; the command line sets it from --device.

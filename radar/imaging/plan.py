@@ -59,7 +59,7 @@ class TreePlan:
 
     @property
     def leaves_per_limb(self) -> int:
-        """How many leaves each limb has."""
+        """The number of leaves of each limb."""
         return int(np.prod(self.leaves))
 
     def touched(self, where: Sorted) -> list[int]:
@@ -136,7 +136,8 @@ class GridPlan:
 
 
 def carriers(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
-    """What `bands` takes the path of out: passes [2] and reference points [2, 3], the middle of each leg's antennas."""
+    """The reference that `bands` takes the path of out: passes [2] and reference points [2, 3], the middle of each
+    leg's antennas."""
     passes = np.array([float(leg.passes) for leg in aperture.legs])
     return passes, np.array([leg.position_m.mean(axis=0) for leg in aperture.legs])
 
@@ -189,7 +190,7 @@ def fresh_plans() -> Iterator[None]:
 def kept(
     what: tuple[Any, ...], frequencies_hz: np.ndarray, aperture: Aperture, family: Family, build: Callable[[], Kept]
 ) -> Kept:
-    """What `build` makes for this geometry, built once: a plan with its executor."""
+    """The plan of this geometry with its executor, built once by `build`."""
     digest = hashlib.blake2b(repr((type(aperture).__name__, tuple(family))).encode())
     for part in [*what, frequencies_hz, *(leg.position_m for leg in aperture.legs)]:
         if isinstance(part, np.ndarray):

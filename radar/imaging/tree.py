@@ -80,9 +80,9 @@ class Node:
 
 
 class Family(NamedTuple):
-    """What a tree's boxes have in common: the tolerance, whether tones stay apart (one image each), how much longer
-    than geometry a path can be (delays), whether all antennas are kept, and the exponent of the antennas' pattern where
-    legs have gains (simulation with spreading)."""
+    """The properties that a tree's boxes share: the tolerance, whether tones stay apart (one image each), how much
+    longer than geometry a path can be (delays), whether all antennas are kept, and the exponent of the antennas'
+    pattern where legs have gains (simulation with spreading)."""
 
     tolerance: float
     apart: bool
@@ -92,7 +92,7 @@ class Family(NamedTuple):
 
 
 def crowded(aperture: Aperture) -> bool:
-    """Whether the aperture has too many antennas for skeletons: a raster scan of tens of thousands of positions."""
+    """True where the aperture has too many antennas for skeletons: a raster scan of tens of thousands of positions."""
     return max(aperture.channels) > CROWDED
 
 

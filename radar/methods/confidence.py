@@ -61,7 +61,7 @@ def spread_m(quadrature_m: np.ndarray, amplitude: np.ndarray, window_px: int) ->
 
 
 def incoherent(sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarray:
-    """Whether a phase that tells depths within ±ambiguity is noise: three standard deviations σ fill its circle.
+    """True where a phase that tells depths within ±ambiguity is noise: three standard deviations σ fill its circle.
 
     An amplitude tells σ_φ = πσ_z/a up to that of unrelated images only, σ₀; s = σ_φ/√(1 − (σ_φ/σ₀)²) undoes that, and
     3s > π where σ_φ exceeds (π/3)σ₀/√((π/3)² + σ₀²) = 0.61.
@@ -71,8 +71,8 @@ def incoherent(sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarr
 
 
 def least_coherence(count: int, known: int, range_cells: float) -> float:
-    """What |Σ O|² / (N Σ |O|²) of the N = count tones' images O must reach at a pixel's strongest voxel to be an
-    echo's: that of one depth has 1, noise 1/N on average. Of Σ |O|², n = `known` of the tones tell.
+    """The value that |Σ O|² / (N Σ |O|²) of the N = count tones' images O must reach at a pixel's strongest voxel to be
+    an echo's: that of one depth has 1, noise 1/N on average. Of Σ |O|², n = `known` of the tones tell.
 
     Of noise, N times the ratio is F-distributed with 2 and 2n degrees of freedom, so that the strongest of K depths,
     two a range cell of the volume, exceeds x in a share K (1 + Nx/n)^(−n) of the pixels: NOISE_PASSES. An echo from
@@ -160,7 +160,8 @@ def _quadrature_m(look: Look) -> np.ndarray:
 
 
 def _sharper_elsewhere(look: Look, grid: PixelGrid) -> bool:
-    """Whether the plane a period before or behind the look's, where the pair's phase is the same, has a higher peak."""
+    """True where the plane a period before or behind the look's, where the pair's phase is the same, has a higher
+    peak."""
     z_m, period_m = float(look.formed_m), look.tones.period_m
     planes_m = [there_m for there_m in (z_m - period_m, z_m + period_m) if there_m > 0]
     return any(_peak(look.tones.first(1), grid, there_m) > SHARPER * look.peak for there_m in planes_m)

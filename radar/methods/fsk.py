@@ -84,7 +84,7 @@ def depth_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float)
 
 
 def stretch(points_m: np.ndarray, aperture: Aperture, off_axis: bool) -> np.ndarray | float:
-    """What Δz is multiplied by at points [n, 3]: 1 in the paper; else 2 over d(|p − t| + |p − r|)/dz, averaged
+    """The factor of Δz at points [n, 3]: 1 in the paper; else 2 over d(|p − t| + |p − r|)/dz, averaged
     over the antennas: 1 on the axis far away, 1.3 at the corner of the paper's image."""
     if not off_axis:
         return 1.0
@@ -162,7 +162,7 @@ class Look:
 
     @cached_property
     def correction_m(self) -> np.ndarray:
-        """What the phases say is the error [n] of the depths that the images were formed at."""
+        """The error [n], as the phases tell it, of the depths that the images were formed at."""
         return self.steps_m().mean(axis=0) * self.factor
 
     @cached_property
@@ -197,7 +197,7 @@ class Look:
         return masked_mean(values, size_px, self.amplitude**2 if weighted else None)
 
     def at(self, values: np.ndarray) -> np.ndarray:
-        """What a map [ny, nx] has at the pixels: [n]."""
+        """The values of a map [ny, nx] at the pixels: [n]."""
         return values.ravel()[self.index]
 
     def on_map(self, values: np.ndarray, elsewhere: float = np.nan) -> np.ndarray:

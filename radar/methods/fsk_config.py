@@ -1,4 +1,4 @@
-"""What the FSK methods may be told; the defaults are the paper's."""
+"""Parameters of the FSK methods; the defaults are the paper's."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Tone = Annotated[float, Field(gt=0)]
 
 
 class FskConfig(Config):
-    """What all FSK methods share."""
+    """Parameters that all FSK methods share."""
 
     x: Axis = PAPER_LATERAL
     y: Axis = PAPER_LATERAL
@@ -56,7 +56,7 @@ class TwoToneConfig(FskConfig):
 
 
 class RefinedConfig(FskConfig):
-    """What the methods with further tones share; the paper does not give its filters' sizes."""
+    """Parameters that the methods with further tones share; the paper does not give its filters' sizes."""
 
     coarse_filter_px: OddPixels = Field(default=5, description="averaging filter before each further tone, pixels")
     fine_filter_px: OddPixels = Field(default=5, description="averaging filter of the result, pixels")
@@ -126,7 +126,7 @@ def check_ladder(tones_hz: tuple[float, ...], phase_noise_rad: float) -> None:
 
 
 def reach_hz(tones_hz: Sequence[float]) -> float:
-    """How far the last tone lies from the first two (of two tones, from the other), hertz: the larger distance, which
+    """Distance of the last tone from the first two (of two tones, from the other), hertz: the larger distance, which
     makes the step from them unambiguous within ±c/(4·reach)."""
     *others, last = tones_hz
     return max(abs(last - tone) for tone in others[:2])

@@ -116,7 +116,8 @@ def maximum_projection(image: np.ndarray | Peaks, config: BroadbandConfig | Narr
 def _incoherent(
     samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, peaks: Peaks, seen: np.ndarray
 ) -> np.ndarray:
-    """Whether at a seen pixel's peak the tones agree no better than those of noise or of a sidelobe: bool [ny, nx]."""
+    """True where at a seen pixel's peak the tones agree no better than those of noise or of a sidelobe: bool [ny,
+    nx]."""
     count, flagged = len(frequencies_hz), np.zeros(seen.shape, bool)
     range_cells = 2 * np.ptp(frequencies_hz) * np.ptp(grid.z_m) / SPEED_OF_LIGHT_M_S
     least = least_coherence(count, CHECKED, range_cells)
@@ -131,7 +132,7 @@ def _incoherent(
 
 
 def peak_offset(magnitude: np.ndarray) -> np.ndarray:
-    """Where the maximum lies between three voxels [3, ...], in voxels about the middle one, within ±½; 0 where one of
+    """The place of the maximum between three voxels [3, ...], in voxels about the middle one, within ±½; 0 where one of
     them is NaN, since the maximum may lie beyond the volume.
 
     The vertex of the parabola through their decibels: the logarithm of a band-limited main lobe is closer to a parabola

@@ -115,8 +115,9 @@ def method_key(id: str) -> tuple[str, ...]:
 
 @cache
 def source_key(method: Method) -> tuple[str, ...]:
-    """What a method's code is, as first asked for: for the key of what it makes. Of a plug-in all Python files of its
-    package, its version and those of the distributions that it requires; of a method here all that its module runs."""
+    """Identity of a method's code, as first asked for: for the key of what it makes. Of a plug-in all Python files of
+    its package, its version and those of the distributions that it requires; of a method here all that its module
+    runs."""
     try:
         file = Path(inspect.getsourcefile(method.run) or "")
     except TypeError:  # no Python function

@@ -1,1 +1,1 @@
-"""What every package stands on: errors, configuration, files, progress, parallel work, the store of stages."""
+"""Common ground of all packages: errors, configuration, files, progress, parallel work, the store of stages."""

@@ -1,4 +1,4 @@
-"""What work costs: wall-clock time, CPU time and peak memory; and the machine that it ran on."""
+"""The cost of work: wall-clock time, CPU time and peak memory; and the machine that it ran on."""
 
 from __future__ import annotations
 

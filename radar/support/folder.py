@@ -22,7 +22,7 @@ PART_BYTES = 2**22
 
 
 def own(path: Path) -> os.stat_result | None:
-    """What stands at a path, which is not followed: a file or a folder of this user (root: anyone's), or None. What
+    """The state of a path, which is not followed: a file or a folder of this user (root: anyone's), or None. What
     else stands there is a HandbenchError."""
     try:
         found = os.lstat(path)
@@ -45,7 +45,7 @@ def _require_own(found: os.stat_result, path: Path) -> None:
 
 
 def is_own_folder(path: Path) -> bool:
-    """Whether a folder of this user stands at a path, which is not followed; see `own`."""
+    """True where a folder of this user stands at a path, which is not followed; see `own`."""
     found = own(path)
     return found is not None and stat.S_ISDIR(found.st_mode)
 

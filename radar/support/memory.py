@@ -1,4 +1,4 @@
-"""What memory there is, asked before it is taken: imaging may take a quarter of the machine's, or what
+"""Memory that is free, asked before it is taken: imaging may take a quarter of the machine's, or what
 HANDBENCH_MEMORY_GB says; other work what is free."""
 
 from __future__ import annotations

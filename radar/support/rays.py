@@ -66,7 +66,7 @@ class Rays:
         return found["t_hit"].numpy(), found["primitive_ids"].numpy()
 
     def in_sight(self, points_m: np.ndarray, origins_m: np.ndarray) -> np.ndarray:
-        """Whether each point [n, 3] on the surface is seen from its origin, [n, 3] or [3]: bool [n]."""
+        """True where each point [n, 3] on the surface is seen from its origin, [n, 3] or [3]: bool [n]."""
         towards = origins_m - points_m
         start = points_m + towards * (OWN_SURFACE_M / np.sqrt(np.einsum("ni,ni->n", towards, towards))[:, None])
         return ~self._scene.test_occlusions(self._tensor(start, origins_m - start), 0.0, 1.0).numpy()

@@ -52,7 +52,7 @@ class Stage:
         return "-".join(part for part in (self.name, self.capture, self.method) if part)
 
     def folder(self, root: Path) -> Path:
-        """Where its files lie, in the store at `root`."""
+        """The place of its files, in the store at `root`."""
         return root / f"{self.label}-{self.key[:16]}"
 
     def make(self, folder: Path) -> None:
@@ -63,7 +63,7 @@ class Stage:
 
 @dataclass
 class Stamp(Cost):
-    """What a stage cost when it was made, and facts of the machine that made it."""
+    """The cost of a stage when it was made, and facts of the machine that made it."""
 
     machine: dict[str, Any] = field(default_factory=dict)
 
@@ -126,7 +126,7 @@ def keep(folder: Path, make: Callable[[Path], None]) -> bool:
 
 
 def changed(folder: Path) -> str | None:
-    """Which of a kept folder's files are no longer as they were made, or None."""
+    """The files of a kept folder that are no longer as they were made, in words, or None."""
     try:
         written = json.loads(b"".join(read_own(folder / MANIFEST)))
         expected = {name: tuple(facts) for name, facts in written.items()}

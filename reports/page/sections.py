@@ -11,6 +11,7 @@ from typing import Any
 from bench.results import HEADLINE, HEADLINES, Result
 from bench.results.result_folder import shown
 from bench.results.stability import VERDICTS, counted, load_stability
+from bench.results.tables import each
 from reports.figures.style import AGAINST
 from reports.tables.blocks import NONE, Block, Line, blocks, figure, known, number, p_text, three_digits
 from reports.tables.result_tables import stages
@@ -61,7 +62,7 @@ def verdicts(result: Result) -> list[Verdict]:
         beaten = set(lines.worse)
         best = sorted(result.best(metric, reference), key=lambda name: name in beaten)  # the best figure comes first
         ahead = lines[shown(lines) & (lines.better == best[0])].sort_values("difference", kind="stable")
-        rows = tuple((c.sentence, p_text(c.p_corrected), number(c.effect, 2)) for c in lines.itertuples())
+        rows = tuple((c.sentence, p_text(c.p_corrected), number(c.effect, 2)) for c in each(lines))
         heading = f"{result.title(metric)} {AGAINST.get(reference, reference)}"
         first = lines.iloc[0]
         caption = f"{heading}: every pair of {first.n_captures} captures ({first.n_blocks} blocks)"
@@ -163,7 +164,7 @@ def stability(folder: Path) -> list[tuple[str, Grid]]:
     headings = ("case", "group", "quantity", "verdict", "worst at", "bound", "measured", "unit")
     rows = tuple(
         (c.case, c.group, c.quantity, c.verdict, c.at or NONE, _short(c.bound), _short(c.measured), c.unit)
-        for c in sorted(cases.itertuples(), key=lambda c: -VERDICTS.index(c.verdict) if c.verdict in VERDICTS else 0)
+        for c in sorted(each(cases), key=lambda c: -VERDICTS.index(c.verdict) if c.verdict in VERDICTS else 0)
     )
     grids = [(text, Grid(f"{len(cases)} hard cases: {counted(cases)}", headings, rows, texts=5))]
     for found in facts.tables:

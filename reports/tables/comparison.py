@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.results.compared import Compared
+from bench.results.tables import each
 from radar.support.files import write_text
 from reports.tables import latex
 from reports.tables.blocks import NONE, figure, number, p_text
@@ -29,10 +30,10 @@ def show(compared: Compared) -> None:
     console = wide_console()
     for text in _head(compared):
         console.print(text, markup=False)
-    lines = [(line.title, _metric(line), *_cells(line), line.better) for line in compared.differences.itertuples()]
+    lines = [(line.title, _metric(line), *_cells(line), line.better) for line in each(compared.differences)]
     console.print(terminal_table("Differences", ("", "", *HEAD, "better"), lines))
     if len(compared.times):
-        lines = [_time(time) for time in compared.times.itertuples()]
+        lines = [_time(time) for time in each(compared.times)]
         console.print(terminal_table("Time per frame (s)", ("", *_machines(compared), "B / A"), lines))
         console.print(TIMES, markup=False)
     for text in _changes(compared):
@@ -51,8 +52,7 @@ def markdown(compared: Compared) -> str:
     """Differences in words and figures; bold: what is shown to be better."""
     shown = [f"- {escaped(text)}" for text in _shown(compared)]
     differences = (
-        (escaped(d.title), escaped(_metric(d)), *_marked(d), p_text(d.p_corrected))
-        for d in compared.differences.itertuples()
+        (escaped(d.title), escaped(_metric(d)), *_marked(d), p_text(d.p_corrected)) for d in each(compared.differences)
     )
     parts = [
         "# A and B side by side\n",
@@ -61,7 +61,7 @@ def markdown(compared: Compared) -> str:
         table(("method", "metric", *HEAD), differences, texts=2),
     ]
     if len(compared.times):
-        lines = (tuple(map(escaped, _time(time))) for time in compared.times.itertuples())
+        lines = (tuple(map(escaped, _time(time))) for time in each(compared.times))
         parts += [table(("time per frame (s)", *_machines(compared), "B / A"), lines), f"{TIMES}\n"]
     changes = [f"- {escaped(text)}" for text in _changes(compared)]
     parts += ["## What else differs\n", "\n".join(changes or ["Nothing."]) + "\n"]
@@ -79,7 +79,7 @@ def tex(compared: Compared) -> str:
     for reference, lines in compared.differences.groupby("reference", sort=False):
         body = [
             latex.row([latex.escaped(line.title), latex.titled(line.metric_title, line.unit), *_tex_cells(line)])
-            for line in lines.itertuples()
+            for line in each(lines)
         ]
         stands = (text for text in _basis(compared) if reference and text.startswith(f"Against {reference}:"))
         text = f"{'; '.join(_sides(compared))}. {' '.join((*stands, NOTE))} Bold: shown to be better."
@@ -141,7 +141,7 @@ def _changes(compared: Compared) -> list[str]:
     """Everything that the two do not share, a line each, of each kind the first ones."""
     texts = []
     for what, changes in compared.changes.groupby("what", sort=False):
-        first = changes[:CHANGES].itertuples()
+        first = each(changes[:CHANGES])
         texts += [f"{what} {c.key}: {c.a or NONE} in A, {c.b or NONE} in B" for c in first]
         if len(changes) > CHANGES:
             texts.append(f"{what}: {len(changes) - CHANGES} more, see compare.json")

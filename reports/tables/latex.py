@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from itertools import groupby, pairwise, zip_longest
 
 from bench.results import Result, Setting, Tradeoff
+from bench.results.tables import each
 from reports.tables.blocks import NONE, Block, Line, best_note, blocks, caption, decimals, known, p_text, three_digits
 
 COLUMNS = 5  # methods that fit beside each other
@@ -127,7 +128,7 @@ def comparisons(result: Result) -> str:
                     num(c.effect, 2),
                 ]
             )
-            for c in group.itertuples()
+            for c in each(group)
         ]
         texts.append(
             float_table(

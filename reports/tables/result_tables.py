@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from bench.results import HEADLINES, Result, Setting, Tradeoff
+from bench.results.tables import each
 from reports.tables.blocks import Line, best_note, blocks, caption, figure, known, number, p_text, ratio, three_digits
 from reports.tables.markdown import bold, escaped, table
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
 
 
@@ -37,7 +39,7 @@ def comparisons_markdown(result: Result) -> str:
         return ""
     lines = (
         (escaped(c.sentence), c.reference, p_text(c.p_corrected), number(c.effect, 2), str(c.n_captures))
-        for c in result.comparisons.itertuples()
+        for c in each(result.comparisons)
     )
     return (
         f"# {escaped(result.about.name)}: which method is better\n\n"
@@ -103,7 +105,7 @@ def show(result: Result) -> None:
         console.print(failure.line, markup=False)
 
 
-def wide_console():
+def wide_console() -> Console:
     """A rich console on stdout; a pipe or a file has no width to keep to."""
     from rich.console import Console
 

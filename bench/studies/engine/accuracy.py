@@ -1,4 +1,4 @@
-"""What has to hold on any machine: results do not depend on the threads, kernels compile in seconds, and the engine is
+"""Checks that hold on any machine: results do not depend on the threads, kernels compile in seconds, and the engine is
 as fast and as exact as it says."""
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ print(time.perf_counter() - start)
 
 
 def bars(records: list[Record]) -> list[Record]:
-    """What was asked for, what was measured, and whether that is met, as far as it was measured."""
+    """A demand, the measured figure, and whether that is met, as far as it was measured."""
     claims = [record for record in records if record.get("met") is not None]
     met = [record for record in claims if record["met"]]
     all_met = {"expected": f"all {len(claims)}", "measured": len(met), "met": len(met) == len(claims)}
@@ -83,7 +83,7 @@ def _works(inputs: Inputs) -> dict[str, partial]:
 
 
 def _values(result: np.ndarray | DepthMap) -> np.ndarray:
-    """What is compared: of a depth map its depths, 0 off target."""
+    """The compared values: of a depth map its depths, 0 off target."""
     return np.nan_to_num(result.z_m) if isinstance(result, DepthMap) else result
 
 

@@ -1,4 +1,5 @@
-"""What is measured: the paper's volume, tones and array, and the echoes of a hand; and how much of it in how long."""
+"""The scope of the measurement: the paper's volume, tones and array, and the echoes of a hand; and how much of it in
+how long."""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ PAPER_DEPTH = Axis(start_m=0.245, stop_m=0.325, step_m=0.001)
 
 @dataclass(frozen=True)
 class Scope:
-    """How much is measured; the defaults are the paper's volume and what `make bench` does in some minutes."""
+    """The extent of the measurement; the defaults are the paper's volume and what `make bench` does in some minutes."""
 
     lateral: Axis = PAPER_LATERAL
     depth: Axis = PAPER_DEPTH

@@ -62,7 +62,7 @@ class Measured:
 
     @property
     def plan_s(self) -> float:
-        """What the first call took longer."""
+        """The extra time of the first call."""
         return max(self.first.seconds - float(np.median(self.repeats_s or [self.first.seconds])), 0.0)
 
     def _whole(self, of: Callable[[Sequence[float]], float]) -> float:

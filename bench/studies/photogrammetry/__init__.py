@@ -1,1 +1,1 @@
-"""What photogrammetry's accuracy costs in time, and whether its error bars are honest, on rendered hands."""
+"""The price in time of photogrammetry's accuracy, and the honesty of its error bars, on rendered hands."""

@@ -43,7 +43,7 @@ class Case:
 
 
 def bars(poses: tuple[str, ...]) -> Iterator[Case]:
-    """What a ground truth is held to, on each pose."""
+    """The demands on a ground truth, on each pose."""
     for seed, pose in enumerate(poses, start=201):
         yield Case("8 views", pose, seed)
         yield Case("5 views, speckle", pose, seed, cameras=5, photos=SPECKLE)

@@ -1,1 +1,1 @@
-"""How well the calibration target carries photographs into the radar's frame, in placements whose truth is known."""
+"""Accuracy with which the target carries photographs into the radar's frame, in placements whose truth is known."""

@@ -1,4 +1,4 @@
-"""What eight cameras would make of the target: points on the spheres that they see, with errors like theirs."""
+"""The target as eight cameras would reconstruct it: points on the spheres that they see, with errors like theirs."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def seen_cloud(case: Case) -> tuple[np.ndarray, np.ndarray]:
 def _sees(
     eye_m: np.ndarray, points_m: np.ndarray, outward: np.ndarray, centres_m: np.ndarray, radii_m: np.ndarray
 ) -> np.ndarray:
-    """Whether a camera sees each point [n] of a sphere: not too steeply, and past all spheres."""
+    """True where a camera sees each point [n] of a sphere: not too steeply, and past all spheres."""
     ray = points_m - eye_m
     length = np.linalg.norm(ray, axis=1, keepdims=True)
     ray /= length

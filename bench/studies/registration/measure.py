@@ -61,7 +61,7 @@ def tables(records: list[Record]) -> list[Table]:
 
 
 def summarised(records: list[Record]) -> Record:
-    """What came of one fault's placements."""
+    """The outcome of one fault's placements."""
     scores = [record["score"] for record in records if not record["refused"]]
     return {
         "fault": records[0]["fault"],

@@ -17,6 +17,7 @@ from bench.evaluation.statistics.intervals import (
     units_of,
 )
 from bench.evaluation.statistics.paired import holm, p_value
+from bench.results import HEADLINE
 from bench.results.error_map import ErrorMap
 from bench.studies.stability.cases import Seen, case
 
@@ -51,23 +52,23 @@ def three_captures() -> Seen:
         mean, deviation = errors_m.mean(), errors_m.std(ddof=1)
         reach = T2 * deviation / sqrt(3) / mean
         captures = [a_map(np.full((15, 15), error_m)) for error_m in errors_m]  # of a single block each
-        low, high = np.log(np.array(pooled_intervals(captures)["mae_mm"]) / (1e3 * mean))
+        low, high = np.log(np.array(pooled_intervals(captures)[HEADLINE]) / (1e3 * mean))
         for end in (high, -low):
             yield f"captures {relative:g} apart", float(abs(end - reach) / EPS / max(1, reach))
 
 
 @case("statistics", "coverage of three captures", "percentage points", 3.0)
 def coverage() -> Seen:
-    """Captures' true MAE outside the 95 % interval, off 5 %. Against: 5 %. Because: 4000 trials know the share to 0.35
-    points; two degrees of freedom and 225 half-normal errors, nearly even."""
+    """Captures' true mean error outside the 95 % interval, off 5 %. Against: 5 %. Because: 4000 trials know the share
+    to 0.35 points; two degrees of freedom and 225 half-normal errors, nearly even."""
     rng, trials = np.random.default_rng(0), 4000
     place = np.array([[capture, 0, 0] for capture in range(3)])
     units, missed = units_of(place), 0
     sums = dict.fromkeys(TERMS, np.zeros(3)) | {"observed": np.full(3, 225.0), "surface": np.full(3, 225.0)}
     for absolute_m in np.abs(rng.standard_normal((trials, 3, 225))).sum(axis=2):
         sums["absolute_m"] = absolute_m
-        value = float(figures({name: values.sum() for name, values in sums.items()})["mae_mm"])
-        reach = spread(contributions(units, sums)["mae_mm"], units.weights).reach() / value
+        value = float(figures({name: values.sum() for name, values in sums.items()})[HEADLINE])
+        reach = spread(contributions(units, sums)[HEADLINE], units.weights).reach() / value
         missed += abs(log(value / (1e3 * sqrt(2 / np.pi)))) > reach
     return abs(100 * missed / trials - 5)
 

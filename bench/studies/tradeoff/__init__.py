@@ -1,1 +1,1 @@
-"""What accuracy costs in time: knobs swept, errors and times measured side by side in one run."""
+"""The price of accuracy in time: knobs swept, errors and times measured side by side in one run."""

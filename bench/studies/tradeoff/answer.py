@@ -9,7 +9,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from bench.results import Setting, Tradeoff
+from bench.evaluation.metrics import METRICS
+from bench.results import HEADLINE, Setting, Tradeoff
 from bench.studies.tradeoff.pareto import with_acquisition
 from radar.support.errors import HandbenchError
 
@@ -48,7 +49,7 @@ def answer(
     if not settings:
         raise HandbenchError(f"{tradeoff.folder}: has no imaging settings to choose from; sweep the section imaging")
     time_of = "frame and acquisition" if count_acquisition else "frame"
-    limits = [f"MAE ≤ {max_error_mm:g} mm"] if max_error_mm is not None else []
+    limits = [f"{METRICS[HEADLINE].title} ≤ {max_error_mm:g} mm"] if max_error_mm is not None else []
     limits += [f"{time_of} ≤ {1e3 * max_seconds:g} ms"] if max_seconds is not None else []
     asked = " and ".join(limits)
     fit = [s for s in settings if _excess(s, max_error_mm, max_seconds) <= 1]
@@ -72,5 +73,5 @@ def _excess(setting: Setting, max_error_mm: float | None, max_seconds: float | N
 
 
 def _slowest_s(setting: Setting) -> float:
-    """What a later run may take."""
+    """The time that a later run may take."""
     return HEADROOM * setting.seconds_high

@@ -1,4 +1,4 @@
-"""What every section of a trade-off is given."""
+"""The context that every section of a trade-off is given."""
 
 from __future__ import annotations
 

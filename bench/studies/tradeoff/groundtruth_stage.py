@@ -54,8 +54,8 @@ class GroundTruthKnobs(Config):
 
 @dataclass(frozen=True)
 class Subject:
-    """What is reconstructed: a capture's photographs, and its true surface, also on a grid of the radar's side. z_m
-    [ny, nx]: NaN outside the crop box and beside the surface."""
+    """The subject of the reconstruction: a capture's photographs, and its true surface, also on a grid of the radar's
+    side. z_m [ny, nx]: NaN outside the crop box and beside the surface."""
 
     name: str
     photos: tuple[Photo, ...]

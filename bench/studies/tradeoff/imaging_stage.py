@@ -126,5 +126,5 @@ def _line(
 
 
 def _plan_s(frames: dict[tuple[str, str], Any], names: Sequence[str], setting: str) -> float:
-    """What a round's plans took: captures may share one, or need one each; the longest."""
+    """The time of a round's plans: captures may share one, or need one each; the longest."""
     return max(frames[name, setting].plan_s for name in names)

@@ -8,7 +8,7 @@ An image at a point sums samples times phases over tones and channels (C = trans
     ladder of n tones       2-FSK, then Σ k × points × C over its rungs, k = 3 … n
 
 What follows the images (phases, filters, projection) is no sum over channels, thousands of times less, and not counted.
-What a frame has really summed, passes and points as the echoes brought them, `radar.imaging.stopwatch` counts; the
+What a frame has really summed, passes and points as the echoes brought them, `radar.imaging.api.watch` counts; the
 engine reaches the same images with fewer operations, of which it keeps no count.
 """
 
@@ -33,5 +33,5 @@ def three_tone_images(config: ThreeToneConfig) -> int:
 
 
 def counted_factor(volume: BroadbandConfig | NarrowbandConfig, fsk: ThreeToneConfig) -> float:
-    """How many times the terms of 3-FSK the volume has, at equal channels."""
+    """The terms of the volume over those of 3-FSK, at equal channels."""
     return volume_images(volume) / three_tone_images(fsk)

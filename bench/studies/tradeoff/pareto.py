@@ -12,8 +12,8 @@ from bench.results import Setting
 
 
 def dominates(one: Setting, other: Setting) -> bool:
-    """Whether `one` is at least as fast, accurate and complete as `other`, and better in one; neither lacks an error or
-    a time."""
+    """True where `one` is at least as fast, accurate and complete as `other`, and better in one; neither lacks an error
+    or a time."""
     ours, theirs = ((s.seconds, s.error, -(s.seen_percent or 0.0)) for s in (one, other))
     return ours != theirs and all(a <= b for a, b in zip(ours, theirs, strict=True))
 

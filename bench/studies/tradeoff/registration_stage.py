@@ -1,4 +1,4 @@
-"""How many captures of the calibration target are combined: how far the transform is off where hands are."""
+"""The number of combined captures of the calibration target, and the transform's error where hands are."""
 
 from __future__ import annotations
 
@@ -42,7 +42,8 @@ class RegistrationKnobs(Config):
 
 @dataclass(frozen=True)
 class Measured:
-    """What a rig's capture of the target gave (calibration.registration.register.measure), and in how many seconds."""
+    """The measurement of a rig's capture of the target (calibration.registration.register.measure), and in how many
+    seconds."""
 
     case: Case
     pairs: Pairs

@@ -32,7 +32,7 @@ FILES = ("tradeoff.json", "tradeoff.csv", "config.toml", FOLDER)
 
 @dataclass
 class _Found:
-    """What the sections came to."""
+    """The outcome of the sections."""
 
     sections: list[Section] = field(default_factory=list)
     settings: list[Setting] = field(default_factory=list)
@@ -71,7 +71,7 @@ def _knobs(name: str, sweep: Sweep) -> Any:
 
 
 def _check_room(folder: Path, config: str, overwrite: bool) -> bool:
-    """Whether the folder's configuration is this one; another's trade-off and a run's results are not mixed with."""
+    """True where the folder's configuration is this one; another's trade-off and a run's results are not mixed with."""
     if (folder / "result.json").exists():
         raise HandbenchError(f"{folder}: holds the results of `handbench run`; choose another -o")
     before = folder / "config.toml"

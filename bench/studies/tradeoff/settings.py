@@ -19,7 +19,7 @@ FOLDER, CAPTURES = "settings", "captures"
 
 
 def setting_path(folder: Path, name: str) -> Path:
-    """Where a trade-off folder has a setting."""
+    """The place of a setting in a trade-off folder."""
     return folder / FOLDER / f"{name}.toml"
 
 

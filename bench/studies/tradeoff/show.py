@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 
-from bench.results import Section, Setting, Tradeoff
+from bench.evaluation.metrics import METRICS
+from bench.results import HEADLINE, Section, Setting, Tradeoff
 from bench.studies.columns import Record, Table, columns
 from bench.studies.tradeoff.answer import Answer
 from bench.studies.tradeoff.pareto import front, with_acquisition
@@ -28,9 +29,9 @@ def show(tradeoff: Tradeoff, count_acquisition: bool = False) -> None:
 
 def say_answer(tradeoff: Tradeoff, answer: Answer) -> None:
     """Print an answer, and the command that runs it."""
-    s = answer.setting
+    s, title = answer.setting, METRICS[HEADLINE].title
     print(
-        f"{answer.asked}: {s.name}, MAE {s.error:.3g} mm ({_range(s.low, s.high)}), {1e3 * s.seconds:.3g} ms "
+        f"{answer.asked}: {s.name}, {title} {s.error:.3g} mm ({_range(s.low, s.high)}), {1e3 * s.seconds:.3g} ms "
         f"({_range(s.seconds_low, s.seconds_high, 1e3)})"
     )
     print(f"handbench run {setting_path(tradeoff.folder, s.name)} -o RESULTS")

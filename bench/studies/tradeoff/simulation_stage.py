@@ -64,7 +64,7 @@ class Sampled(EchoScene):
 
     @property
     def wavelength_m(self) -> float:
-        """What ORDINARY facets have to cover."""
+        """The area that ORDINARY facets have to cover."""
         return super().wavelength_m * ORDINARY / self.facets_per_wavelength
 
 
@@ -91,7 +91,7 @@ class Way:
 
     @property
     def knobs(self) -> dict[str, Any]:
-        """What tells it from the others."""
+        """The name that tells it from the others."""
         effects = {"without": self.without} if self.tolerance_mm is None else {"tolerance_mm": self.tolerance_mm}
         return {"facets_per_wavelength": self.facets_per_wavelength, **effects}
 

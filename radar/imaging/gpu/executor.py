@@ -185,7 +185,7 @@ class Upsampler:
         return self._xp.concatenate([self._xp.matmul(weights, nodes[..., of, :]) for of, weights in windows], axis=-2)
 
     def _carrier(self, grid: VoxelGrid) -> Array:
-        """What the plan takes out of an image and puts back: complex64 [nz, ny, nx]."""
+        """The carrier that the plan takes out of an image and puts back: complex64 [nz, ny, nx]."""
         xp = self._xp
         turns_per_m, passes, reference_m, ramp = self.plan.carrier
         z, y, x = (xp.asarray(axis) for axis in (grid.z_m[:, None, None], grid.y_m[:, None], grid.x_m))

@@ -137,7 +137,7 @@ def test_an_edit_shows_in_the_next_run_and_makes_no_more_than_it_must(small_benc
     [errors] = [f for f in (copied / "bench" / "evaluation").glob("*.py") if "\ndef deviation_map(" in f.read_text()]
     code = errors.read_text()
     twice = "\n\n_single = deviation_map\n\n\ndef deviation_map(x_m, y_m, z_m):\n    found = _single(x_m, y_m, z_m)\n"
-    errors.write_text(f"{code}{twice}    return type(found)(x_m, y_m, 2 * found.error_m, 2 * found.reference_z_m)\n")
+    errors.write_text(f"{code}{twice}    return type(found)(x_m, y_m, 2 * found.error_m, found.reference_z_m)\n")
     after, found = run_copy(), tasks(out)
     doubled = {key for key in before if after[key] == pytest.approx(2 * before[key], rel=1e-9) and before[key]}
     assert doubled == {"pixel_precision_mm 2fsk"}
