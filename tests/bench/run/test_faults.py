@@ -56,7 +56,7 @@ def clean(small_bench, tmp_path, monkeypatch) -> Path:
     return tmp_path / "clean"
 
 
-@pytest.mark.parametrize("rename", [False, True], ids=["files", "renames"])
+@pytest.mark.parametrize("rename", [pytest.param(False, marks=pytest.mark.slow), True], ids=["files", "renames"])
 def test_a_disk_full_at_any_write_leaves_nothing_half_made(small_bench, clean, tmp_path, rename):
     """At the first, the second, … of all writes, until none is left to fail."""
     expected, at, said = content(clean), 0, "…"

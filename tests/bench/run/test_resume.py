@@ -96,6 +96,7 @@ def start(bench: Path, out: Path, last: str) -> int:
     return subprocess.run(command, capture_output=True, text=True, cwd=ROOT).returncode
 
 
+@pytest.mark.slow
 def test_a_run_killed_after_any_stage_goes_on_there(photographed, tmp_path):
     """One folder, killed after the first stage of each kind in turn: no kill costs a stage that was done."""
     out, made = tmp_path / "out", set()

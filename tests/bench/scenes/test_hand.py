@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,12 +44,10 @@ def fine() -> o3d.geometry.TriangleMesh:
     return hand_mesh(POSES["B"])
 
 
-@pytest.fixture(scope="module")
-def coarse() -> dict[str, o3d.geometry.TriangleMesh]:
-    edges_m = {name: COARSE_M if name in "BFU" else COARSER_M for name in POSES}
-    return {name: hand_mesh(POSES[name], edge_m) for name, edge_m in edges_m.items()} | {
-        "open": hand_mesh(Pose(), COARSE_M)
-    }
+@cache
+def coarse(name: str) -> o3d.geometry.TriangleMesh:
+    """The hand of a letter, or one that is open; meshed when a test asks for it."""
+    return hand_mesh(POSES.get(name, Pose()), COARSE_M if name in ("B", "F", "U", "open") else COARSER_M)
 
 
 def test_mesh_is_sound(fine: o3d.geometry.TriangleMesh) -> None:
@@ -75,8 +74,8 @@ def test_vertices_lie_on_the_surface(fine: o3d.geometry.TriangleMesh) -> None:
     assert np.abs(hand_field(POSES["B"])(np.asarray(fine.vertices))).max() < 1e-5
 
 
-def test_size_is_a_hands(coarse: dict[str, o3d.geometry.TriangleMesh]) -> None:
-    vertices = np.asarray(coarse["open"].vertices)
+def test_size_is_a_hands() -> None:
+    vertices = np.asarray(coarse("open").vertices)
     assert 0.170 < vertices[:, 1].max() - WRIST_M < 0.200
     knuckles = vertices[(np.abs(vertices[:, 1] - 0.040) < 0.005) & (vertices[:, 0] > -0.045)]  # without the thumb
     assert 0.075 < np.ptp(knuckles[:, 0]) < 0.090
@@ -85,15 +84,15 @@ def test_size_is_a_hands(coarse: dict[str, o3d.geometry.TriangleMesh]) -> None:
     assert 0.055 < np.ptp(wrist[:, 0]) < 0.072
 
 
-def test_the_palm_faces_the_radar_and_the_thumb_is_a_right_hands(coarse: dict[str, o3d.geometry.TriangleMesh]) -> None:
-    vertices = np.asarray(coarse["open"].vertices)
+def test_the_palm_faces_the_radar_and_the_thumb_is_a_right_hands() -> None:
+    vertices = np.asarray(coarse("open").vertices)
     assert vertices[:, 0].min() < -0.06 and vertices[:, 0].max() < 0.055  # the thumb's side is -x
     assert vertices[:, 2].min() < -0.04 and vertices[:, 2].max() < 0.02  # the thumb leans out of the palm, to -z
 
 
 @pytest.mark.parametrize("name", POSES)
-def test_letters_are_one_body_that_fits_the_scene(name: str, coarse: dict[str, o3d.geometry.TriangleMesh]) -> None:
-    surface = coarse[name]
+def test_letters_are_one_body_that_fits_the_scene(name: str) -> None:
+    surface = coarse(name)
     assert surface.is_edge_manifold(allow_boundary_edges=False)
     assert len(surface.cluster_connected_triangles()[1]) == 1
     assert np.abs(hand_field(POSES[name])(np.asarray(surface.vertices))).max() < 1e-5
@@ -146,8 +145,8 @@ def test_what_no_hand_can_do_is_refused(bad: Callable[[], object]) -> None:
 
 
 @pytest.mark.parametrize("name", POSES)
-def test_skin_marks_follow_every_pose(name: str, coarse: dict[str, o3d.geometry.TriangleMesh]) -> None:
-    points_m, palm = np.asarray(coarse[name].vertices), POSES[name].model_copy(update={"turn_deg": (0.0, 0.0, 0.0)})
+def test_skin_marks_follow_every_pose(name: str) -> None:
+    points_m, palm = np.asarray(coarse(name).vertices), POSES[name].model_copy(update={"turn_deg": (0.0, 0.0, 0.0)})
     marks = Skin(POSES[name], 1.0, 3)(points_m) / skin(points_m, 1.0, 3)
     still_m = points_m @ hand_from_palm(POSES[name])
     still = Skin(palm, 1.0, 3)(still_m) / skin(still_m, 1.0, 3)
@@ -157,11 +156,11 @@ def test_skin_marks_follow_every_pose(name: str, coarse: dict[str, o3d.geometry.
     assert (marks < 0.9).sum() == pytest.approx((still < 0.9).sum(), rel=0.35)
 
 
-def test_f_closes_a_ring(coarse: dict[str, o3d.geometry.TriangleMesh]) -> None:
+def test_f_closes_a_ring() -> None:
     bones = skeleton(POSES["F"])
     tips = [bones[name][-1].end_m for name in ("index", "thumb")]
     assert np.linalg.norm(tips[0] - tips[1]) < 0.020  # two fingertips' radii and some
-    genus = 1 - coarse["F"].euler_poincare_characteristic() / 2
+    genus = 1 - coarse("F").euler_poincare_characteristic() / 2
     assert genus == 1
 
 
@@ -175,8 +174,8 @@ def test_bones_keep_their_lengths_and_bend_to_the_palm() -> None:
     assert np.linalg.det(HAND_AXES) == pytest.approx(1.0)
 
 
-def test_poses_differ(coarse: dict[str, o3d.geometry.TriangleMesh]) -> None:
-    boxes = [np.r_[coarse[name].get_min_bound(), coarse[name].get_max_bound()] for name in ("B", "F", "U", "open")]
+def test_poses_differ() -> None:
+    boxes = [np.r_[coarse(name).get_min_bound(), coarse(name).get_max_bound()] for name in ("B", "F", "U", "open")]
     for i, box in enumerate(boxes):
         for other in boxes[:i]:
             assert np.abs(box - other).max() > 5e-3
