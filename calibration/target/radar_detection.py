@@ -21,8 +21,8 @@ from radar.data.capture import RadarCapture
 from radar.data.grid import Axis, VoxelGrid
 from radar.imaging.api import image_volume
 from radar.imaging.cpu.exact import backproject, path_lengths
+from radar.imaging.cpu.executor import ToneSkeleton
 from radar.imaging.cpu.steering import phasor
-from radar.imaging.tones import ToneSkeleton
 from radar.simulation.mie import half_angle_cosine
 from radar.support.config import Config
 from radar.support.errors import HandbenchError

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from radar.support.errors import HandbenchError
 from radar.support.files import require_file
@@ -101,7 +102,7 @@ def load_positions(path: str | Path) -> np.ndarray:
         raise HandbenchError(f"{path}: holds something that is no number ({error})") from None
 
 
-def positions(name: str, values: np.ndarray) -> np.ndarray:
+def positions(name: str, values: ArrayLike) -> np.ndarray:
     """Places [n, 3] in metres as float64; `name` is refused where it holds none, or such as no phase can be told of."""
     values = np.ascontiguousarray(values, dtype=np.float64)
     if values.ndim != 2 or values.shape[1] != 3 or len(values) == 0:

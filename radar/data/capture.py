@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from radar.data.arrays import AntennaArray, Aperture, PlanarScan
 from radar.support.errors import HandbenchError
@@ -46,27 +47,27 @@ class RadarCapture:
                 "repair or leave out the capture"
             )
 
-    def tones(self, wanted_hz: np.ndarray, frame: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    def tones(self, wanted_hz: ArrayLike, frame: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Samples and true frequencies of the measured tones nearest to wanted_hz: ([f, …], [f]).
 
         A tone further away than half the median spacing of the measured ones (at least 1 MHz) is an error: the method
         asks for what was not measured. Formulas use the true frequencies.
         """
-        wanted_hz = np.asarray(wanted_hz, np.float64)
-        index = np.abs(self.frequencies_hz[None] - wanted_hz[:, None]).argmin(axis=1)
-        off = np.abs(self.frequencies_hz[index] - wanted_hz)
+        wanted = np.asarray(wanted_hz, np.float64)
+        index = np.abs(self.frequencies_hz[None] - wanted[:, None]).argmin(axis=1)
+        off = np.abs(self.frequencies_hz[index] - wanted)
         spacing = np.median(np.diff(np.sort(self.frequencies_hz))) if len(self.frequencies_hz) > 1 else 0.0
         worst = int(off.argmax())
         if off[worst] > max(0.5 * spacing * (1 + 1e-6), 1e6):
             low, high = self.frequencies_hz.min() / 1e9, self.frequencies_hz.max() / 1e9
             raise HandbenchError(
-                f"frequencies: the method asks for {wanted_hz[worst] / 1e9:.4f} GHz, but the capture has "
+                f"frequencies: the method asks for {wanted[worst] / 1e9:.4f} GHz, but the capture has "
                 f"{len(self.frequencies_hz)} tones in {low:.4f}–{high:.4f} GHz, the nearest "
                 f"{off[worst] / 1e6:.1f} MHz away; set the method's tones to measured ones"
             )
         if len(np.unique(index)) < len(index):
             raise HandbenchError(
-                f"frequencies: two of the {len(wanted_hz)} tones asked for fall on the same measured tone; "
+                f"frequencies: two of the {len(wanted)} tones asked for fall on the same measured tone; "
                 "choose tones further apart"
             )
         return self.samples[frame][index], self.frequencies_hz[index]

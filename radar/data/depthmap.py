@@ -50,7 +50,7 @@ class DepthMap:
 
 def load_depthmap(path: str | Path) -> DepthMap:
     """Read a depth map; refuses axes that do not fit the map."""
-    content = read_npz(path, ("x_m", "y_m", "z_m", "amplitude_db", "method", "config"), tuple(OPTIONAL))
+    content: dict[str, Any] = read_npz(path, ("x_m", "y_m", "z_m", "amplitude_db", "method", "config"), tuple(OPTIONAL))
     known = [name for name in OPTIONAL if name in content]
     shape = content["y_m"].size, content["x_m"].size
     shapes = {"x_m": shape[1:], "y_m": shape[:1], "z_m": shape, "amplitude_db": shape} | dict.fromkeys(known, shape)

@@ -15,16 +15,15 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import wraps
 from math import prod
-from typing import NamedTuple, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from radar.data.arrays import Aperture, positions
 from radar.data.grid import VoxelGrid
-from radar.imaging.cpu import exact as cpu_exact
 from radar.imaging.cpu import executor as cpu
+from radar.imaging.cpu.exact import backproject, check_samples
 from radar.imaging.device import chosen
-from radar.imaging.gpu import exact as gpu_exact
 from radar.imaging.gpu import executor as gpu
 from radar.imaging.plan import GridPlan, TreePlan, kept, roomy
 from radar.imaging.tree import Family, clusters, crowded
@@ -37,18 +36,6 @@ CHUNK = 1 << 18  # voxels that the exact path images at once
 
 Made = TypeVar("Made")
 Image = TypeVar("Image", bound=Callable[..., object])
-
-
-class Device(NamedTuple):
-    """The executor of a device."""
-
-    executor: type[cpu.Executor] | type[gpu.Executor]
-    upsampler: type[cpu.Upsampler] | type[gpu.Upsampler]
-    exact: Callable[[np.ndarray, np.ndarray, Aperture, np.ndarray, bool], np.ndarray]
-
-
-CPU = Device(cpu.Executor, cpu.Upsampler, cpu_exact.exact_images)
-GPU = Device(gpu.Executor, gpu.Upsampler, gpu_exact.exact_images)
 
 
 @dataclass
@@ -117,11 +104,11 @@ def image_points(
         return np.zeros(shape, np.complex64)
     points = positions("points_m", points)
     if tolerance is None or crowded(aperture):
-        return _device().exact(samples, frequencies_hz, aperture, points, apart).reshape(shape)
+        return _device().exact_images(samples, frequencies_hz, aperture, points, apart).reshape(shape)
     images = np.empty((len(samples) if apart else 1, len(points)), np.complex64)
     for near in clusters(points, frequencies_hz):
         family = Family(tolerance, apart)
-        executor = points_executor(frequencies_hz, aperture, points[near], family, _device().executor)
+        executor = points_executor(frequencies_hz, aperture, points[near], family, _device().Executor)
         images[:, near] = executor.image(samples, executor.plan.sort(points[near]))
     return images.reshape(shape)
 
@@ -184,15 +171,15 @@ class GridImager:
     def __init__(self, plan: GridPlan, frequencies_hz: np.ndarray, aperture: Aperture, apart: bool) -> None:
         device = _device()
         self._plan, self._how = plan, (frequencies_hz, aperture, apart)
-        self._executor = None if plan.tree is None else device.executor(plan.tree)
-        self.upsampler = device.upsampler(plan)
+        self._executor = None if plan.tree is None else device.Executor(plan.tree)
+        self.upsampler = device.Upsampler(plan)
 
     def nodes(self, samples: np.ndarray, z_m: np.ndarray) -> tuple[VoxelGrid, np.ndarray]:
         """The coarse nodes and their images [k or 1, nz, ny, nx]; z_m: the grid's, or a plane's depth [1]."""
         nodes = self._plan.nodes_at(z_m)
         if self._executor is None:
             frequencies_hz, aperture, apart = self._how
-            images = _device().exact(samples, frequencies_hz, aperture, nodes.points_m().reshape(-1, 3), apart)
+            images = _device().exact_images(samples, frequencies_hz, aperture, nodes.points_m().reshape(-1, 3), apart)
         else:
             images = self._executor.image(samples, self._plan.sort(self._executor.plan, nodes))
         return nodes, images.reshape(-1, *nodes.shape)
@@ -210,22 +197,23 @@ def imaging_error(
     """A-posteriori check: relative L2 error of a volume [nz, ny, nx] at `count` random voxels against the exact sum,
     relative to the whole volume's own size there."""
     picked = np.random.default_rng(seed).integers(0, image.size, count)
-    exact = cpu_exact.backproject(samples, frequencies_hz, aperture, grid.points_at_m(picked))
+    exact = backproject(samples, frequencies_hz, aperture, grid.points_at_m(picked))
     mean_square = np.mean(np.abs(image) ** 2, dtype=np.float64)
     return float(np.sqrt(np.mean(np.abs(image.ravel()[picked] - exact) ** 2) / mean_square))
 
 
 def check(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, tolerance: float | None) -> None:
     """Refuse samples of the wrong shape and tolerances that cannot be met."""
-    cpu_exact.check_samples(samples, frequencies_hz, aperture)
+    check_samples(samples, frequencies_hz, aperture)
     if tolerance is not None and not TOLERANCES[0] <= tolerance <= TOLERANCES[1]:
         raise HandbenchError(
             f"tolerance: is {tolerance}; expected {TOLERANCES[0]:g} to {TOLERANCES[1]:g}, or the exact sum (--exact)"
         )
 
 
-def _device() -> Device:
-    return CPU if chosen() == "cpu" else GPU
+def _device() -> Any:
+    """The module with what runs on the chosen device: Executor, Upsampler, exact_images."""
+    return cpu if chosen() == "cpu" else gpu
 
 
 def _grid_imager(frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, family: Family) -> GridImager:
@@ -250,5 +238,7 @@ def _exact_volume(
     flat = np.arange(volume.shape[1])
     for start in track(range(0, len(flat), CHUNK), "exact volume"):
         chunk = slice(start, start + CHUNK)
-        volume[:, chunk] = _device().exact(samples, frequencies_hz, aperture, grid.points_at_m(flat[chunk]), apart)
+        volume[:, chunk] = _device().exact_images(
+            samples, frequencies_hz, aperture, grid.points_at_m(flat[chunk]), apart
+        )
     return volume

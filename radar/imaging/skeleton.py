@@ -108,14 +108,17 @@ class Resampler:
 
     def rows(self, most: int) -> list[tuple[slice, slice, np.ndarray | None]]:
         """The windows in pieces of at most `most` fine samples: (fine slice, node slice, weights or None)."""
-        whole = self.windows or ((slice(0, len(self.nodes_m)), None, None),)
-        pieces = []
-        for fine, of, weights in whole:
-            for start in range(fine.start, fine.stop, most):
-                here = slice(start, min(start + most, fine.stop))
-                local = slice(here.start - fine.start, here.stop - fine.start)
-                pieces.append((here, here, None) if weights is None else (here, of, weights[local]))
-        return pieces
+
+        def cut(start: int, stop: int) -> list[slice]:
+            return [slice(at, min(at + most, stop)) for at in range(start, stop, most)]
+
+        if not self.windows:
+            return [(here, here, None) for here in cut(0, len(self.nodes_m))]
+        return [
+            (here, of, weights[here.start - fine.start : here.stop - fine.start])
+            for fine, of, weights in self.windows
+            for here in cut(fine.start, fine.stop)
+        ]
 
 
 def resampler(fine_m: np.ndarray, half_band: float, tolerance: float) -> Resampler:

@@ -73,10 +73,10 @@ class Node:
 
     box: Box
     turns_per_m: np.ndarray
-    legs: tuple[LocalLeg, LocalLeg]
+    legs: tuple[LocalLeg, ...]
     tone_weights: np.ndarray
-    leg_weights: tuple[np.ndarray, np.ndarray]
-    shifts_m: tuple[np.ndarray, np.ndarray]
+    leg_weights: tuple[np.ndarray, ...]
+    shifts_m: tuple[np.ndarray, ...]
 
 
 class Family(NamedTuple):

@@ -138,15 +138,10 @@ class Review:
         # The rung below, seen from the same points, tells where these are wrong themselves: where a filter crossed an
         # edge.
         below, half_period_m = look.below(), look.tones.period_m / 2
-        probability = np.maximum(
-            *(
-                wrap_probability(step_m, look.at(sigma_m), half_period_m * look.factor)
-                for step_m, sigma_m in (
-                    (look.correction_m, self._sigma_m(before, self.quadrature_m)),
-                    (look.correction_m - below.correction_m, self._sigma_m(below, _quadrature_m(below))),
-                )
-            )
-        )
+        steps_m = look.correction_m, look.correction_m - below.correction_m
+        sigmas_m = self._sigma_m(before, self.quadrature_m), self._sigma_m(below, _quadrature_m(below))
+        ambiguity_m = half_period_m * look.factor
+        probability = np.maximum(*map(wrap_probability, steps_m, map(look.at, sigmas_m), (ambiguity_m, ambiguity_m)))
         parted = np.ptp(look.steps_m(), axis=0) > half_period_m  # one of two has wrapped
         return self.wrapped | look.on_map(parted | (probability > config.wrap_probability), False)
 

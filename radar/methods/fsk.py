@@ -10,7 +10,7 @@ the first two, measures more finely, and holds where the rungs before it have fo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -45,7 +45,7 @@ def fsk(
         plane = tones.first(2).plane(grid, z_e)
         # Step 2: the phase at the strongest pixel corrects z_e. The paper does so once, which settles a target near the
         # axis; one far off it takes a pass or two more.
-        [correction_m] = plane.only([plane.amplitude.argmax()]).correction_m
+        [correction_m] = plane.only(np.array([plane.amplitude.argmax()])).correction_m
         if passes > 0 and abs(correction_m) < config.settled_m:
             break
     # Step 3: every pixel above the threshold takes the depth that its phase tells.
@@ -176,9 +176,9 @@ class Look:
         last = len(images) - 1
         return np.array([step(images[i], images[last], f[i] - f[last]) for i in range(min(2, last))])
 
-    def only(self, index: Sequence[int] | np.ndarray) -> Look:
+    def only(self, index: np.ndarray) -> Look:
         """A plane's look at some of its pixels."""
-        return replace(self, index=np.asarray(index), images=self.images[:, index])
+        return replace(self, index=index, images=self.images[:, index])
 
     def cropped(self) -> Look:
         """The look on the smallest part of its grid: a target fills little of an image."""

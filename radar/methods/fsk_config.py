@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import Annotated
 
@@ -125,7 +125,7 @@ def check_ladder(tones_hz: tuple[float, ...], phase_noise_rad: float) -> None:
             )
 
 
-def reach_hz(tones_hz: Sequence[float]) -> float:
+def reach_hz(tones_hz: Iterable[float]) -> float:
     """Distance of the last tone from the first two (of two tones, from the other), hertz: the larger distance, which
     makes the step from them unambiguous within ±c/(4·reach)."""
     *others, last = tones_hz

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 from radar.data.capture import RadarCapture
-from radar.data.depthmap import DepthMap
-from radar.methods.fsk import n_tone, three_tone, two_tone
+from radar.methods.fsk import AnyConfig, n_tone
 from radar.methods.fsk_config import LadderConfig, RefinedConfig, ThreeToneConfig, TwoToneConfig
 from radar.methods.projection import BroadbandConfig, NarrowbandConfig, project, volume
 from radar.methods.registry import PAPER, Reconstruction, register
@@ -52,37 +49,27 @@ class SubvoxelConfig(BroadbandConfig):
     subvoxel: bool = True
 
 
-def _fsk(
-    id: str,
-    config: type[Config],
-    solve: Callable[[RadarCapture, Any, int], DepthMap],
-    summary: str,
-    source: str = OURS,
-    base: str | None = None,
-) -> None:
+def _fsk(id: str, config: type[Config], summary: str, source: str = OURS, base: str | None = None) -> None:
     @register(id, config, summary, source, base)
-    def run(capture: RadarCapture, config: Config, frame: int) -> Reconstruction:
-        return Reconstruction(replace(solve(capture, config, frame), method=id))
+    def run(capture: RadarCapture, config: AnyConfig, frame: int) -> Reconstruction:
+        return Reconstruction(replace(n_tone(capture, config, frame), method=id))
 
 
-def _projection(
-    id: str, config: type[BroadbandConfig | NarrowbandConfig], summary: str, source: str = OURS, base: str | None = None
-) -> None:
+def _projection(id: str, config: type[Config], summary: str, source: str = OURS, base: str | None = None) -> None:
     @register(id, config, summary, source, base)
     def run(capture: RadarCapture, config: BroadbandConfig | NarrowbandConfig, frame: int) -> Reconstruction:
-        return Reconstruction(
-            project(capture, config, id, frame), lambda: volume(capture, config, frame), config.grid().z_m
-        )
+        depth = project(capture, config, id, frame)
+        return Reconstruction(depth, lambda: volume(capture, config, frame), config.grid().z_m)
 
 
-_fsk("2fsk", TwoToneConfig, two_tone, "depth from the phase between images at two tones", PAPER)
-_fsk("3fsk", ThreeToneConfig, three_tone, "2-FSK, then a third tone far away corrects every pixel", PAPER)
+_fsk("2fsk", TwoToneConfig, "depth from the phase between images at two tones", PAPER)
+_fsk("3fsk", ThreeToneConfig, "2-FSK, then a third tone far away corrects every pixel", PAPER)
 _projection("broadband", BroadbandConfig, "backprojected volume of 128 tones, maximum intensity projection", PAPER)
 _projection("narrowband", NarrowbandConfig, "the same with the three 3-FSK tones", PAPER)
 
-_fsk("3fsk-offaxis", OffAxisConfig, three_tone, "3-FSK with the path's true derivative instead of 2", base="3fsk")
-_fsk("3fsk-weighted", WeightedConfig, three_tone, "3-FSK with filters that weigh pixels with their power", base="3fsk")
-_fsk("3fsk-plus", ThreeTonePlusConfig, three_tone, "both, refined twice, without what may have wrapped", base="3fsk")
-_fsk("nfsk", LadderConfig, n_tone, "a ladder of tones, each further away, corrects every pixel in turn")
-_fsk("nfsk-plus", LadderPlusConfig, n_tone, "the ladder with all that 3fsk-plus has", base="nfsk")
+_fsk("3fsk-offaxis", OffAxisConfig, "3-FSK with the path's true derivative instead of 2", base="3fsk")
+_fsk("3fsk-weighted", WeightedConfig, "3-FSK with filters that weigh pixels with their power", base="3fsk")
+_fsk("3fsk-plus", ThreeTonePlusConfig, "both, refined twice, without what may have wrapped", base="3fsk")
+_fsk("nfsk", LadderConfig, "a ladder of tones, each further away, corrects every pixel in turn")
+_fsk("nfsk-plus", LadderPlusConfig, "the ladder with all that 3fsk-plus has", base="nfsk")
 _projection("broadband-subvoxel", SubvoxelConfig, "broadband with depths between voxels", base="broadband")

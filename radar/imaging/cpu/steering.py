@@ -7,6 +7,8 @@ to 1e-7 rad at any range; forming them in float32 would cost 3e-4 rad at 2 m.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numba
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
@@ -14,7 +16,12 @@ from numpy.polynomial import chebyshev, polynomial
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 
 # Sums may be rearranged into vector code; NaN and infinity keep their meaning.
-FAST = {"nogil": True, "cache": True, "fastmath": {"contract", "reassoc", "nsz"}, "error_model": "numpy"}
+FAST: dict[str, Any] = {
+    "nogil": True,
+    "cache": True,
+    "fastmath": {"contract", "reassoc", "nsz"},
+    "error_model": "numpy",
+}
 
 
 def _minimax(function: np.ufunc, degree: int, parity: int) -> tuple[np.float32, ...]:

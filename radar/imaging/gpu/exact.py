@@ -5,13 +5,11 @@ A planar scan is an array whose second leg is one antenna that the wave meets ze
 
 from __future__ import annotations
 
-from types import ModuleType
-
 import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
 from radar.imaging.cpu.exact import check_samples
-from radar.imaging.device import BLOCK_BYTES, Array, array_module, to_host
+from radar.imaging.device import BLOCK_BYTES, array_module, to_host
 from radar.imaging.gpu.steering import cis, distances
 
 POINT_BYTES = 48  # per point and antenna: distances in double, their turns, phases and products
@@ -30,21 +28,16 @@ def exact_images(
     block = max(BLOCK_BYTES // (POINT_BYTES * (n_a + n_b)), 1)
     for start in range(0, len(points_m), block):
         here = slice(start, start + block)
-        points = xp.asarray(np.ascontiguousarray(points_m[here].T, np.float64))
-        images[:, here] = to_host(_block(xp, matrices, turns_per_m, aperture, points, apart))
-    return images
-
-
-def _block(
-    xp: ModuleType, matrices: Array, turns_per_m: np.ndarray, aperture: Aperture, points_m: Array, apart: bool
-) -> Array:
-    """Images [f or 1, p] at points_m [3, p] of samples as matrices [f, b, a]."""
-    paths_a, paths_b = (
-        leg.passes * distances(xp, points_m[:, None], xp.asarray(leg.position_m.T)[:, :, None]) for leg in aperture.legs
-    )
-    images = xp.zeros((len(matrices) if apart else 1, points_m.shape[1]), np.complex64)
-    for f, turns in enumerate(turns_per_m):
-        heard = xp.matmul(matrices[f], cis(xp, turns * paths_a))  # the longer sum over a scan's positions is a product
-        heard *= cis(xp, turns * paths_b)
-        images[f if apart else 0] += heard.sum(axis=0)
+        points = xp.asarray(np.ascontiguousarray(points_m[here].T, np.float64))[:, None]
+        paths_a, paths_b = (
+            leg.passes * distances(xp, points, xp.asarray(leg.position_m.T)[:, :, None]) for leg in aperture.legs
+        )
+        part = xp.zeros((len(images), points.shape[2]), np.complex64)
+        for f, turns in enumerate(turns_per_m):
+            heard = xp.matmul(
+                matrices[f], cis(xp, turns * paths_a)
+            )  # a scan's sum over positions is a product
+            heard *= cis(xp, turns * paths_b)
+            part[f if apart else 0] += heard.sum(axis=0)
+        images[:, here] = to_host(part)
     return images

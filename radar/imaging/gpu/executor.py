@@ -16,6 +16,7 @@ import numpy as np
 
 from radar.data.grid import VoxelGrid
 from radar.imaging.device import BLOCK_BYTES, Array, array_module, to_host
+from radar.imaging.gpu.exact import exact_images as exact_images
 from radar.imaging.gpu.levels import Level, level
 from radar.imaging.gpu.steering import cis, distances
 from radar.imaging.plan import GridPlan, Sorted, TreePlan
@@ -93,7 +94,8 @@ class Executor:
         """Images [n, k, p] of every tone at a batch's points, from the leaves' samples [leaves, k, a, b]."""
         xp, plan = self._xp, self.plan
         turns = leaves.turns_per_m[batch.leaf][:, :, None]
-        waves, common_m = [], 0.0
+        waves: list[Array] = []
+        common_m: Array = 0.0
         for leg, (passes, reference_m) in enumerate(zip(plan.passes, plan.reference_m, strict=True)):
             reference = xp.asarray(reference_m)[:, None]
             centre = distances(xp, leaves.centre_m[:, batch.leaf], reference)[:, None]
@@ -112,7 +114,7 @@ class Executor:
         """The levels of limbs and leaves with these limbs planned, and each limb's row there [limbs] (−1: none)."""
         with self._lock:
             new = [int(limb) for limb in limbs if int(limb) not in self._planned]
-            if new:
+            if new or self._levels is None:
                 for_each(self._plan_limb, new)
                 nodes = [self._planned[limb] for limb in sorted(self._planned)]
                 above = [limb for limb, _ in nodes]
