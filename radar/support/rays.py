@@ -28,7 +28,7 @@ def load_open3d() -> ModuleType:
 
     ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
     os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp workqueue tbb")
-    numba.config.reload_config()
+    numba.config.reload_config()  # type: ignore[no-untyped-call]
     import open3d
 
     open3d.utility.set_verbosity_level(open3d.utility.VerbosityLevel.Error)

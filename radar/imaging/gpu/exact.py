@@ -34,9 +34,7 @@ def exact_images(
         )
         part = xp.zeros((len(images), points.shape[2]), np.complex64)
         for f, turns in enumerate(turns_per_m):
-            heard = xp.matmul(
-                matrices[f], cis(xp, turns * paths_a)
-            )  # a scan's sum over positions is a product
+            heard = xp.matmul(matrices[f], cis(xp, turns * paths_a))  # a scan's sum over positions is a product
             heard *= cis(xp, turns * paths_b)
             part[f if apart else 0] += heard.sum(axis=0)
         images[:, here] = to_host(part)
