@@ -7,6 +7,8 @@ its surface, since what enters is bent far away from the straight path; how stro
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
@@ -123,7 +125,7 @@ def _inside(body: Body, tones_hz: np.ndarray) -> str:
     reflection = echo_reflection(material, tones_hz)
     n = np.sqrt(dielectric_permittivity(material))
     wavenumber = 2 * np.pi * tones_hz[0] / SPEED_OF_LIGHT_M_S
-    back_db = 20 * np.log10(abs(1 - reflection[0] ** 2)) + 40 * np.log10(np.e) * wavenumber * n.imag * thickness_m
+    back_db = 20 * np.log10(abs(1 - reflection[0] ** 2)) + 40 * math.log10(math.e) * wavenumber * n.imag * thickness_m
     words = f"surface {20 * np.log10(abs(reflection[0])):.1f} dB, back {back_db:.1f} dB of it"
     return words if material.kind == "foam" else f"{words} through {1e3 * thickness_m:.0f} mm, which is left out"
 
