@@ -123,6 +123,7 @@ def copied(tmp_path) -> Path:
     return tmp_path / "code"
 
 
+@pytest.mark.slow
 def test_an_edit_shows_in_the_next_run_and_makes_no_more_than_it_must(small_bench, copied, tmp_path):
     out = tmp_path / "out"
 
