@@ -63,7 +63,8 @@ class PixelGrid:
         if part is self:
             return values
         whole = np.full(self.shape, elsewhere)
-        whole[np.ix_(np.isin(self.y_m, part.y_m), np.isin(self.x_m, part.x_m))] = values
+        y, x = np.searchsorted(self.y_m, part.y_m[0]), np.searchsorted(self.x_m, part.x_m[0])
+        whole[y : y + len(part.y_m), x : x + len(part.x_m)] = values
         return whole
 
     def points_m(self, z_m: np.ndarray | float) -> np.ndarray:

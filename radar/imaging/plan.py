@@ -52,15 +52,11 @@ class TreePlan:
         leaves = np.maximum(np.ceil((box.high_m - box.low_m) * (high - low) / 2 / np.pi / LEAF), 1).astype(int)
         self.limbs = np.maximum(np.round(leaves / LIMB), 1).astype(int)
         self.leaves = np.ceil(leaves / self.limbs).astype(int)  # of each limb
+        self.leaves_per_limb = int(np.prod(self.leaves))
         self.passes, self.reference_m = carriers(aperture)
         self.trunk = trunk(frequencies_hz, aperture)
         self.root = branch(self.trunk, box, family, keep_antennas=True)
         self.boxes = split(box, self.limbs)
-
-    @property
-    def leaves_per_limb(self) -> int:
-        """The number of leaves of each limb."""
-        return int(np.prod(self.leaves))
 
     def touched(self, where: Sorted) -> list[int]:
         """The limbs that points lie in."""

@@ -157,8 +157,10 @@ class Look:
     @cached_property
     def factor(self) -> np.ndarray | float:
         """`stretch` at the pixels."""
+        if not self.tones.config.off_axis:  # which asks for no points
+            return 1.0
         points_m = self.grid.points_at_m(self.index, self.formed_m)
-        return stretch(points_m, self.tones.aperture, self.tones.config.off_axis)
+        return stretch(points_m, self.tones.aperture, off_axis=True)
 
     @cached_property
     def correction_m(self) -> np.ndarray:
