@@ -201,7 +201,7 @@ def repeated(outcome: Outcome) -> pd.DataFrame:
 
 def tabulate(outcome: Outcome, on: Basis) -> pd.DataFrame:
     """The result's `TABLE`, one block per reference."""
-    rows = [frame(TABLE)]
+    rows, repeats = [frame(TABLE)], repeated(outcome)
     seed, chosen = outcome.bench.seed, protocol(outcome.bench.protocol)
     names = [capture.name for capture in on.captures]
     for reference in REFERENCES:
@@ -215,7 +215,7 @@ def tabulate(outcome: Outcome, on: Basis) -> pd.DataFrame:
             if entry.precision and "precision_mm" in chosen.metrics:
                 several = [name for name in names if (name, entry.id) in outcome.deviations]
                 deviations = _deviations(outcome, several, entry.id) if several else None
-                rows.append(precision_rows(entry.id, reference, _strongest(outcome, names, entry.id), deviations))
+                rows.append(precision_rows(entry.id, reference, _strongest(repeats, names, entry.id), deviations))
             seconds = [s for name in names for s in outcome.seconds[name, entry.id]]
             rows.append(time_rows(entry.id, reference, seconds, seed))
     return pd.concat(rows)
@@ -285,8 +285,7 @@ def _machines(outcome: Outcome) -> dict[str, Any]:
     return {**here, "imaging_device": describe(), **({"others": others} if others else {})}
 
 
-def _strongest(outcome: Outcome, names: list[str], method_id: str) -> list[np.ndarray]:
+def _strongest(repeats: pd.DataFrame, names: list[str], method_id: str) -> list[np.ndarray]:
     """Each capture's depths of the strongest scatterer [repeats]."""
-    repeats = repeated(outcome)
     mine = repeats[repeats.method == method_id]
     return [mine.z_m[mine.capture == name].to_numpy() for name in names]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from groundtruth.cameras.camera_files import cameras_of
 from groundtruth.cameras.cameras import Camera, cuda_devices
 from groundtruth.options import Options
 from groundtruth.photos.looks import usable
-from groundtruth.photos.masks import Masks, find_masks
+from groundtruth.photos.masks import find_masks
 from groundtruth.photos.photos import Photo, find_photos
 from radar.support.config import suggest
 from radar.support.errors import HandbenchError
@@ -25,14 +25,13 @@ from radar.support.progress import track
 @dataclass(frozen=True)
 class Inputs:
     """The photographs; the known camera of each (None: unknown); the board (None: none) and its corners in each; a
-    COLMAP model of the photographs to start from (None: they have to be registered); the target's masks."""
+    COLMAP model of the photographs to start from (None: they have to be registered)."""
 
     photos: tuple[Photo, ...]
     cameras: tuple[Camera, ...] | None
     board: Board | None
     corners: dict[str, Corners]
     model: Path | None = None
-    masks: Masks = field(default_factory=Masks)
 
     def focal_lengths_px(self) -> dict[str, float]:
         """A focal length for each photograph, from the board or, where it shows too little of it, from the others."""
@@ -72,8 +71,9 @@ def gather(folder: Path, options: Options) -> tuple[Inputs, Options]:
     cameras = None if options.cameras is None else cameras_of(photos, options.cameras, options.metric)
     board = None if options.board is None else load_board(options.board)
     _require_scale(folder, photos, options, cameras)
-    masks = Masks({} if options.masks is None else find_masks(options.masks, photos), options.mask == "colour")
-    return Inputs(photos, cameras, board, _find_board(photos, board), options.model, masks), options
+    if options.masks is not None:
+        find_masks(options.masks, photos)  # a mask that cannot be used is refused before the work
+    return Inputs(photos, cameras, board, _find_board(photos, board), options.model), options
 
 
 def _dense_on(choice: str) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from radar.imaging.cpu.steering import FAST
+
 # Gains that bend too sharply across the array to be carried by few antennas:
 GRAZING = 0.05  # √(n·û) where the cosine falls below this,
 FADED = 0.35  # a pattern that falls below this (half the tolerance was measured at 0.3 m).
@@ -31,7 +33,7 @@ def _normals(count: int) -> np.ndarray:
     return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), z], axis=1)
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+@numba.njit(**FAST)
 def _probe_gains(points_m, normals, antennas_m, pattern, least):  # type: ignore[no-untyped-def]
     n_points, n_antennas = len(points_m), len(antennas_m)
     gains, obliquity, axial = np.empty((n_points, n_antennas)), np.empty(n_antennas), np.empty(n_antennas)

@@ -83,11 +83,9 @@ def depth_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float)
     return -SPEED_OF_LIGHT_M_S * phase / (4 * np.pi * difference_hz)
 
 
-def stretch(points_m: np.ndarray, aperture: Aperture, off_axis: bool) -> np.ndarray | float:
-    """The factor of Δz at points [n, 3]: 1 in the paper; else 2 over d(|p − t| + |p − r|)/dz, averaged
-    over the antennas: 1 on the axis far away, 1.3 at the corner of the paper's image."""
-    if not off_axis:
-        return 1.0
+def stretch(points_m: np.ndarray, aperture: Aperture) -> np.ndarray:
+    """The factor of Δz at points [n, 3] that the paper takes as 1: 2 over d(|p − t| + |p − r|)/dz, averaged over the
+    antennas. It is 1 on the axis far away, and 1.3 at the corner of the paper's image."""
     points = np.ascontiguousarray(points_m, np.float64)
     derivative = sum(leg.passes * mean_rise(leg.position_m, points) for leg in aperture.legs)
     return 2 / derivative
@@ -156,11 +154,10 @@ class Look:
 
     @cached_property
     def factor(self) -> np.ndarray | float:
-        """`stretch` at the pixels."""
-        if not self.tones.config.off_axis:  # which asks for no points
+        """`stretch` at the pixels, where it is configured; else the paper's 1."""
+        if not self.tones.config.off_axis:
             return 1.0
-        points_m = self.grid.points_at_m(self.index, self.formed_m)
-        return stretch(points_m, self.tones.aperture, off_axis=True)
+        return stretch(self.grid.points_at_m(self.index, self.formed_m), self.tones.aperture)
 
     @cached_property
     def correction_m(self) -> np.ndarray:

@@ -20,7 +20,7 @@ from radar.imaging.api import points_executor
 from radar.imaging.cpu.ascent import Source
 from radar.imaging.cpu.exact import path_lengths
 from radar.imaging.cpu.executor import Executor
-from radar.imaging.cpu.steering import cis_turns
+from radar.imaging.cpu.steering import FAST, cis_turns
 from radar.imaging.gains import GRAZING, least_cosine
 from radar.imaging.tree import Box, Family, clusters
 from radar.support.errors import HandbenchError
@@ -201,7 +201,7 @@ def _gain(points_m: np.ndarray, normal: np.ndarray | None, antennas_m: np.ndarra
     return gains
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+@numba.njit(**FAST)
 def _conjugate_steering(distance_m, gain, turns_per_m):  # type: ignore[no-untyped-def]
     out = np.empty(distance_m.shape, np.complex64)
     for a in range(distance_m.shape[0]):
