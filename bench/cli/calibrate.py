@@ -6,50 +6,12 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.cli.options import add_out, free
+from bench.cli.options import free
 from radar.support.errors import HandbenchError
 from radar.support.progress import say
 
 if TYPE_CHECKING:  # --help answers without it
     from calibration.transforms import Transform
-
-HELP = "target capture → radar_from_photo, covariance, residuals"
-
-
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Its options."""
-    command.add_argument(
-        "capture",
-        type=Path,
-        nargs="*",
-        metavar="TARGET_CAPTURE",
-        help="several, of one target before a rig that stood still, are combined",
-    )
-    command.add_argument("--quality", choices=("draft", "normal", "high"), default="draft")
-    command.add_argument("--seed", type=int, default=0)
-    command.add_argument(
-        "--array",
-        type=Path,
-        metavar="ARRAY.json",
-        help="estimate the antennas' gains, phases and places too, write them here and use them",
-    )
-    command.add_argument(
-        "--since",
-        type=Path,
-        metavar="EARLIER.json",
-        help="an earlier calibration of the rig: say whether it has moved since",
-    )
-    command.add_argument(
-        "--maroon",
-        type=Path,
-        metavar="alignment.json",
-        help="write the transform in MAROON's form too; a file that is there keeps its other keys",
-    )
-    without = command.add_argument_group("without a target (never done silently: the result says so)")
-    without.add_argument("--refine", type=Path, metavar="DEPTH.npz", help="align --mesh with this radar depth map")
-    without.add_argument("--mesh", type=Path, metavar="MESH.ply", help="metres")
-    without.add_argument("--transform", type=Path, metavar="START.json", help="where to start (default: as it lies)")
-    add_out(command, "TRANSFORM.json", "transform")
 
 
 def run(options: argparse.Namespace) -> None:

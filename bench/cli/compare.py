@@ -3,20 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from bench.cli.options import free
 from radar.support.errors import HandbenchError
-
-HELP = "two result folders → what differs, tested"
-
-
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """All of them."""
-    command.add_argument("a", type=Path, metavar="A", help="result folder")
-    command.add_argument("b", type=Path, metavar="B", help="result folder: another version, radar or pose")
-    command.add_argument("-o", "--out", type=Path, metavar="DIR", help="write compare.md, .tex, .csv and .json there")
-    command.add_argument("--overwrite", action="store_true", help="replace an earlier comparison in DIR")
 
 
 def run(options: argparse.Namespace) -> None:

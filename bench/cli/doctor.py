@@ -10,12 +10,7 @@ from importlib.util import find_spec
 
 from radar.support.errors import HandbenchError
 
-HELP = "what this machine has, and what each missing piece costs"
 WANTED_DISK_GB, WANTED_MEMORY_GB = 5, 8
-
-
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """None."""
 
 
 def run(options: argparse.Namespace) -> None:

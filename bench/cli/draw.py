@@ -7,31 +7,15 @@ import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.cli.options import add_out, free
+from bench.cli.options import free
 from radar.support.errors import HandbenchError
 
 if TYPE_CHECKING:  # --help answers without them
     from calibration.target.description import Target
     from groundtruth.board.board import Board
 
-HELP = "calibration target or board → drawing at true scale, to print"
 EXPECTED = "a calibration target ([[element]]) or a board ([[marker]], [charuco])"
 SHA_DIGITS, NAME_LETTERS = 12, 30  # of a file, in the title
-
-
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Its options."""
-    command.add_argument(
-        "what",
-        metavar="WHAT",
-        help="target (the default one), stand (the simulated one's board), target.toml or board.toml",
-    )
-    command.add_argument(
-        "--paper",
-        choices=("A4", "A3", "letter", "fit"),
-        help="fit: one sheet as large as needed (default: A4 for a PDF, fit for an SVG)",
-    )
-    add_out(command, "FILE", ".pdf or .svg; .toml: the description itself")
 
 
 def run(options: argparse.Namespace) -> None:

@@ -4,16 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
-
-HELP = "depth map against a mesh → metrics as JSON on stdout"
-
-
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Its options."""
-    command.add_argument("depth", type=Path, metavar="DEPTH.npz")
-    command.add_argument("--mesh", required=True, type=Path, metavar="MESH.ply", help="metres")
-    command.add_argument("--transform", type=Path, metavar="T.json", help="carries the mesh into the radar frame")
 
 
 def run(options: argparse.Namespace) -> None:

@@ -4,65 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 from typing import Any
 
-from bench.cli.options import add_out, free, numbers
+from bench.cli.options import free, numbers
 from radar.support.errors import HandbenchError
 
-HELP = "photographs, or a mesh in another unit → metric mesh"
 MESH_SUFFIXES = (".ply", ".obj", ".stl")
 MILLIMETRE_M = 1e-3
-
-
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Its options."""
-    command.add_argument("photos", type=Path, metavar="PHOTOS", help="folder of photographs, or a mesh file")
-    cameras = command.add_argument_group("cameras")
-    cameras.add_argument(
-        "--cameras",
-        type=Path,
-        metavar="FILE_OR_FOLDER",
-        help="known cameras: cameras.json (default: the one in PHOTOS), COLMAP model, Metashape's XML",
-    )
-    cameras.add_argument("--intrinsics", metavar="fx,fy,cx,cy", help="one known camera for all photographs, pixels")
-    cameras.add_argument("--model", type=Path, metavar="DIR", help="COLMAP model of PHOTOS: registered already")
-    scale = command.add_argument_group("scale and frame")
-    scale.add_argument("--board", type=Path, metavar="board.toml", help="ArUco or ChArUco board: scale and frame")
-    scale.add_argument(
-        "--distance",
-        action="append",
-        default=[],
-        metavar="A.jpg,B.jpg,METRES",
-        dest="distances",
-        help="measured between two photographs' cameras (repeatable)",
-    )
-    scale.add_argument("--metric", action="store_true", help="the COLMAP model's poses are in metres")
-    scale.add_argument("--unscaled", action="store_true", help="accept a mesh without metric scale")
-    scale.add_argument("--unit", choices=("m", "mm"), help="of a mesh file given instead of PHOTOS")
-    target = command.add_argument_group("target")
-    target.add_argument(
-        "--box",
-        metavar="xmin,ymin,zmin,xmax,ymax,zmax",
-        help="region of interest, metres, mesh frame; a first minus needs --box=-0.1,…",
-    )
-    target.add_argument("--masks", type=Path, metavar="DIR", help="NAME.jpg.png or NAME.png, nonzero on the target")
-    target.add_argument(
-        "--mask",
-        choices=("none", "colour"),
-        default="none",
-        help="colour: cut the target out by its colours; give --box too (default none)",
-    )
-    command.add_argument("--quality", choices=("draft", "normal", "high"), default="normal")
-    command.add_argument(
-        "--dense",
-        choices=("auto", "cpu", "cuda"),
-        default="auto",
-        help="depth maps on (default auto: a CUDA device, if pycolmap finds one)",
-    )
-    command.add_argument("--seed", type=int, default=0)
-    command.add_argument("--workdir", type=Path, metavar="DIR", help="keep sparse/, dense.ply and summary.json there")
-    add_out(command, "MESH.ply", "mesh, metres")
 
 
 def run(options: argparse.Namespace) -> None:

@@ -3,19 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from bench.cli.options import add_out, free_folder
+from bench.cli.options import free_folder
 from radar.support.progress import say
-
-HELP = "another data set → capture folder"
-
-
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Its options."""
-    command.add_argument("dataset", choices=("maroon", "mapping", "planar_scan"))
-    command.add_argument("source", type=Path, metavar="SRC", help="maroon: OBJECT/DISTANCE; mapping: a folder")
-    add_out(command, "DIR", "capture folder")
 
 
 def run(options: argparse.Namespace) -> None:

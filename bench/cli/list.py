@@ -5,12 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 
-HELP = "methods, metrics, benchmarks and poses that there are"
-
-
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """None."""
-
 
 def run(options: argparse.Namespace) -> None:
     """Print everything that has a name."""

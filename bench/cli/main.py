@@ -8,32 +8,14 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
+from importlib import import_module
+from pathlib import Path
 
-from bench.cli import (
-    calibrate,
-    compare,
-    doctor,
-    draw,
-    evaluate,
-    export,
-    groundtruth,
-    import_,
-    list,
-    reconstruct,
-    report,
-    run,
-    simulate,
-    stability,
-    study,
-    tradeoff,
-    validate,
-)
+from bench.cli.options import add_options, declared
+from bench.cli.study import add_studies
 from radar.support.errors import HandbenchError
 
-COMMANDS = (
-    *(run, simulate, groundtruth, calibrate, reconstruct, evaluate, draw, report, tradeoff, compare, stability, study),
-    *(import_, export, list, validate, doctor),
-)
+COMMANDS = Path(__file__).with_name("commands.toml")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -41,7 +23,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     try:
         with _device(options):
-            options.module.run(options)
+            import_module(f"bench.cli.{options.module}").run(options)
     except HandbenchError as error:
         print(f"handbench: {error}", file=sys.stderr)
         return 2
@@ -74,11 +56,12 @@ def parser() -> argparse.ArgumentParser:
     purpose = "How well near-field radar sees a human hand, and what that accuracy costs in time."
     top = argparse.ArgumentParser(prog="handbench", description=purpose)
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for command in COMMANDS:
-        name = command.__name__.rpartition(".")[2].rstrip("_")
-        told = commands.add_parser(name, help=command.HELP, description=command.HELP)
-        command.add_arguments(told)
-        told.set_defaults(module=command)
+    for name, entry in declared(COMMANDS).items():
+        command = commands.add_parser(name, help=entry["help"], description=entry["help"])
+        add_options(command, entry["options"])
+        if name == "study":
+            add_studies(command)
+        command.set_defaults(module=entry.get("module", name))
     return top
 
 

@@ -1,22 +1,15 @@
-"""Options that several commands share, and refusals to overwrite."""
+"""Options as commands.toml and studies.toml declare them, and refusals to overwrite."""
 
 from __future__ import annotations
 
 import argparse
+import tomllib
+from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 from radar.support.errors import HandbenchError
-
-
-def add_out(command: argparse.ArgumentParser, metavar: str, text: str, required: bool = True) -> None:
-    """-o and --overwrite."""
-    command.add_argument("-o", "--out", required=required, type=Path, metavar=metavar, help=text)
-    command.add_argument("--overwrite", action="store_true", help=f"replace {metavar} if it exists")
-
-
-def add_device(command: argparse.ArgumentParser) -> None:
-    """--device, on which the command then images."""
-    command.add_argument("--device", choices=("cpu", "cuda"), help="image on (default: HANDBENCH_DEVICE, or cpu)")
 
 
 def positive(text: str) -> int:
@@ -24,6 +17,29 @@ def positive(text: str) -> int:
     if not text.isdigit() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text} is not a whole number ≥ 1")
     return int(text)
+
+
+TYPES = {"int": int, "float": float, "path": Path, "str": str, "positive": positive}
+
+
+@cache
+def declared(file: Path) -> dict[str, dict[str, Any]]:
+    """What commands.toml or studies.toml says of each command."""
+    return tomllib.loads(file.read_text("utf-8"))
+
+
+def add_options(command: argparse.ArgumentParser, options: Mapping[str, Mapping[str, Any]]) -> None:
+    """Add declared options: names, separated by commas, to what argparse takes; type: of TYPES; group: the heading that
+    it stands under; either: of those that share a word, one at most."""
+    groups: dict[str, argparse._ActionsContainer] = {}
+    for names, told in options.items():
+        facts = {key: TYPES[value] if key == "type" else value for key, value in told.items()}
+        place: argparse._ActionsContainer = command
+        if group := facts.pop("group", None):
+            place = groups.get(group) or groups.setdefault(group, command.add_argument_group(group))
+        if either := facts.pop("either", None):
+            place = groups.get(either) or groups.setdefault(either, command.add_mutually_exclusive_group())
+        place.add_argument(*names.split(", "), **facts)
 
 
 def numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | None:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import tomllib
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench.cli.options import add_device, add_out, free
+from bench.cli.options import free
 from radar.support.errors import HandbenchError
 from radar.support.progress import say
 
@@ -16,32 +15,7 @@ if TYPE_CHECKING:  # --help answers without them
 
     from radar.data.capture import RadarCapture
 
-HELP = "one capture, one method → depth map"
 EXACT = 1e-5  # what the exact sum is good to, in single precision
-
-
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Its options."""
-    command.add_argument("capture", type=Path, metavar="CAPTURE")
-    command.add_argument("--method", required=True, metavar="ID", help="see `handbench list`")
-    add_out(command, "DEPTH.npz", "depth map")
-    command.add_argument("--frame", type=int, default=0)
-    accuracy = command.add_mutually_exclusive_group()
-    accuracy.add_argument("--tolerance", type=float, metavar="1e-3", help="largest relative error of the images")
-    accuracy.add_argument("--exact", action="store_true", help="sum every tone of every antenna pair")
-    command.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        dest="settings",
-        help="one of the method's parameters, as z.step_m=0.002 (repeatable)",
-    )
-    command.add_argument("--volume", type=Path, metavar="V.npz", help="write the complex volume too")
-    add_device(command)
-    command.add_argument(
-        "--check", type=int, default=0, metavar="N", help="compare the volume at N random voxels with the exact sum"
-    )
 
 
 def run(options: argparse.Namespace) -> None:

@@ -3,25 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.cli.options import add_out, free_folder, positive
+from bench.cli.options import free_folder
 from radar.support.errors import HandbenchError
 from radar.support.progress import say
 
 if TYPE_CHECKING:  # --help answers without it
     from radar.simulation.selection import Choice
-
-HELP = "scene file → capture folder (echoes, photographs, true surface)"
-
-
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Its options."""
-    command.add_argument("scene", type=Path, metavar="SCENE.toml")
-    add_out(command, "DIR", "capture folder", required=False)
-    command.add_argument("--explain", action="store_true", help="print which effects the scene calls for, and stop")
-    command.add_argument("--frames", type=positive, default=1, help="frames that differ in their noise (default 1)")
 
 
 def run(options: argparse.Namespace) -> None:

@@ -3,34 +3,22 @@
 from __future__ import annotations
 
 import argparse
-import tomllib
-from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from bench.cli.options import add_options, declared
 from radar.support.errors import HandbenchError
 
-HELP = "one of the studies behind the documentation's figures: cases → tables and a figure"
-FILE = Path(__file__).parents[1] / "studies" / "studies.toml"
-TYPES = {"int": int, "float": float, "path": Path, "str": str}
+STUDIES = Path(__file__).parents[1] / "studies" / "studies.toml"
 
 
-@cache
-def studies() -> dict[str, dict[str, Any]]:
-    """Each study's module, what it measures (text), and its options as argparse takes them."""
-    return tomllib.loads(FILE.read_text("utf-8"))
-
-
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """A parser for each study."""
-    command.add_argument("--list", action="store_true", help="print the studies that there are, and stop")
+def add_studies(command: argparse.ArgumentParser) -> None:
+    """Add a parser for each study."""
     commands = command.add_subparsers(dest="study", metavar="NAME")
-    for name, entry in studies().items():
+    for name, entry in declared(STUDIES).items():
         parser = commands.add_parser(name, help=entry["text"], description=entry["text"])
-        for option, settings in entry["options"].items():
-            kind = {"type": TYPES[settings["type"]]} if "type" in settings else {}
-            parser.add_argument(option, **{**settings, **kind})
+        add_options(parser, entry["options"])
         out = f"folder, or FILE.json beside which the page stands (default runs/{name})"
         parser.add_argument("-o", "--out", type=Path, metavar="DIR", help=out)
         parser.add_argument("--only", default="", metavar="TEXT", help="the cases whose name holds TEXT")
@@ -39,11 +27,11 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Measure, print the tables, write the files; a case that fails ends with exit code 2."""
     if options.list or options.study is None:
-        print("\n".join(f"{name:<16}{entry['text']}" for name, entry in studies().items()))
+        print("\n".join(f"{name:<16}{entry['text']}" for name, entry in declared(STUDIES).items()))
         return
     from bench.studies import study
 
-    entry = studies()[options.study]
+    entry = declared(STUDIES)[options.study]
     given = {_key(option): getattr(options, _key(option)) for option in entry["options"]}
     out = options.out or Path("runs") / options.study
     work = (out.parent if out.suffix == ".json" else out) / "work"

@@ -3,26 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from bench.cli.options import add_device
 from radar.support.errors import HandbenchError
-
-HELP = "what accuracy costs in time: every stage's settings, and their front"
-
-
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Its options."""
-    command.add_argument("bench", metavar="BENCH.toml", help="benchmark file, or the name of an embedded one")
-    command.add_argument("-o", "--out", required=True, type=Path, metavar="DIR", help="trade-off folder")
-    command.add_argument("--overwrite", action="store_true", help="measure anew what DIR holds, or replace it")
-    command.add_argument("--sections", metavar="A,B", help="of imaging, groundtruth, simulation, registration")
-    command.add_argument("--max-mae", metavar="2mm", help="answer with the cheapest setting that is as accurate")
-    command.add_argument("--max-time", metavar="33ms", help="answer with the most accurate setting that is as fast")
-    command.add_argument(
-        "--count-acquisition", action="store_true", help="count tones × step time among a setting's time"
-    )
-    add_device(command)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -1,13 +1,12 @@
 """Printed boards: what OpenCV finds on the sheets is what board.toml says; and `handbench draw`."""
 
-import argparse
-
 import cv2
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from bench.cli import draw as drawing_command
+from bench.cli.main import parser
 from bench.scenes.stand import stand_board
 from calibration.target.description import default_target, load_target
 from groundtruth.board.board import Board, Charuco, Marker, load_board
@@ -176,9 +175,7 @@ def test_what_cannot_be_printed_is_refused():
 
 
 def draw(*arguments):
-    parser = argparse.ArgumentParser()
-    drawing_command.add_arguments(parser)
-    drawing_command.run(parser.parse_args([str(argument) for argument in arguments]))
+    drawing_command.run(parser().parse_args(["draw", *map(str, arguments)]))
 
 
 def test_descriptions_are_written_and_drawn(tmp_path):

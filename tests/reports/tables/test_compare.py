@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import re
@@ -15,6 +14,7 @@ import pytest
 
 from bench import results
 from bench.cli import compare as compare_command
+from bench.cli.main import parser
 from bench.evaluation.statistics.compare_results import compare_results
 from bench.results.tables import CHANGES, DIFFERENCES, TIMES, frame
 from radar.support.errors import HandbenchError
@@ -45,9 +45,7 @@ def compared(result_folder, other_folder):
 
 
 def run(*arguments: object):
-    parser = argparse.ArgumentParser()
-    compare_command.add_arguments(parser)
-    return compare_command.run(parser.parse_args(list(map(str, arguments))))
+    return compare_command.run(parser().parse_args(["compare", *map(str, arguments)]))
 
 
 def test_the_terminal_says_what_is_better_and_what_else_differs(compared, capsys):
