@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from bench.cli.options import free
+from bench.datasets.maroon_alignment import save_alignment
+from bench.evaluation.refine import refine_files
+from bench.run import photogrammetry
+from calibration.array.array_file import save_array
+from calibration.registration.combination import HAND_M, motion
+from calibration.transforms import Transform, load_transform
 from radar.support.errors import HandbenchError
 from radar.support.progress import say
-
-if TYPE_CHECKING:  # --help answers without it
-    from calibration.transforms import Transform
 
 
 def run(options: argparse.Namespace) -> None:
@@ -24,27 +27,22 @@ def run(options: argparse.Namespace) -> None:
     transform = _from_surface(options) if options.refine else _from_targets(options)
     transform.save(options.out)
     if options.maroon:
-        from bench.datasets.maroon_alignment import save_alignment
-
         save_alignment(options.maroon, transform)
     if options.since:
-        _compare(options.since, transform, options.out)
+        say(motion(load_transform(options.since), transform, names=(options.since.name, options.out.name)).sentence)
 
 
 def _from_targets(options: argparse.Namespace) -> Transform:
-    from bench.run.photogrammetry import calibrate_array, calibrate_captures
-    from calibration.array.array_file import save_array
-
     if not options.capture:
         raise HandbenchError("TARGET_CAPTURE: is missing; name a capture of the target, or --refine DEPTH.npz --mesh M")
     if options.mesh or options.transform:
         raise HandbenchError("--mesh, --transform: are for --refine; a target's capture needs neither")
     array = None
     if options.array is not None:
-        array = calibrate_array(options.capture)
+        array = photogrammetry.calibrate_array(options.capture)
         save_array(options.array, array)
         say(f"{options.array}: {array.summary()}")
-    transform = calibrate_captures(options.capture, options.quality, options.seed, array=array)
+    transform = photogrammetry.calibrate_captures(options.capture, options.quality, options.seed, array=array)
     residuals = ", ".join(f"{1e3 * r:.2f}" for r in transform.residuals_m)
     say(f"{options.out}: {len(transform.residuals_m)} elements, residuals {residuals} mm; {expected_error(transform)}")
     return transform
@@ -52,23 +50,17 @@ def _from_targets(options: argparse.Namespace) -> Transform:
 
 def expected_error(transform: Transform) -> str:
     """The covariance at the middle of the hand, in words."""
-    import numpy as np
-
-    from calibration.registration.combination import HAND_M
-
     sigma_mm = 1e3 * np.sqrt(np.diag(transform.point_covariance(HAND_M)))
     return "at the hand's centre ± " + " × ".join(f"{s:.2f}" for s in sigma_mm) + " mm (x × y × z, one σ)"
 
 
 def _from_surface(options: argparse.Namespace) -> Transform:
-    from bench.evaluation.refine import refine_files
-
     if options.capture or options.array:
         raise HandbenchError("--refine: does without a target; leave TARGET_CAPTURE and --array out")
     if options.mesh is None:
         raise HandbenchError("--refine: needs --mesh MESH.ply, the surface to align")
     transform = refine_files(options.refine, options.mesh, options.transform)
-    report = transform.refined
+    report = transform.refined or {}
     shift = ", ".join(f"{mm:+.2f}" for mm in report["translation_mm"])
     turn = ", ".join(f"{deg:+.2f}" for deg in report["rotation_deg"])
     say(
@@ -79,10 +71,3 @@ def _from_surface(options: argparse.Namespace) -> Transform:
     for direction in report["free"]:
         say(f"{options.out}: the surface does not hold {direction}; left as it was")
     return transform
-
-
-def _compare(since: Path, transform: Transform, out: Path) -> None:
-    from calibration.registration.combination import motion
-    from calibration.transforms import load_transform
-
-    say(motion(load_transform(since), transform, names=(since.name, out.name)).sentence)

@@ -9,8 +9,9 @@ import json
 def run(options: argparse.Namespace) -> None:
     """Depth map × mesh → metrics on stdout."""
     from bench.datasets.maroon_alignment import load_any_transform
+    from bench.evaluation.depth_errors import error_map
     from bench.evaluation.floor import floor_mm
-    from bench.evaluation.metrics import definitions, error_map, pool
+    from bench.evaluation.metrics import definitions, pool
     from bench.run.scoring import reference_depth
     from calibration.transforms import identity
     from radar.data.depthmap import load_depthmap

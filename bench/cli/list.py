@@ -5,15 +5,16 @@ from __future__ import annotations
 import argparse
 import json
 
+from bench.evaluation.metrics import definitions
+from bench.run.benchmark_file import EMBEDDED
+from bench.scenes.hand_pose import POSES
+from radar.methods.registry import BROKEN, methods
+from radar.simulation.effects.catalogue import EFFECTS
+from radar.support.closure import with_version
+
 
 def run(options: argparse.Namespace) -> None:
     """Print everything that has a name."""
-    from bench.evaluation.metrics import definitions
-    from bench.run.benchmark_file import EMBEDDED
-    from bench.scenes.hand_pose import POSES
-    from radar.methods.registry import BROKEN, methods, with_version
-    from radar.simulation.effects.catalogue import EFFECTS
-
     print("methods")
     for method in methods():
         print(f"  {method.id:<18} {method.summary}")

@@ -4,29 +4,27 @@ from __future__ import annotations
 
 import argparse
 import tomllib
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from bench.cli.options import free
+from bench.datasets.dataset import open_capture
+from bench.run.reconstruct_stage import configuration
+from radar.data.capture import RadarCapture
+from radar.imaging import api
+from radar.imaging.device import describe
+from radar.methods.registry import method
 from radar.support.errors import HandbenchError
+from radar.support.files import write_npz
 from radar.support.progress import say
-
-if TYPE_CHECKING:  # --help answers without them
-    import numpy as np
-
-    from radar.data.capture import RadarCapture
+from radar.warmup import compile_kernels
 
 EXACT = 1e-5  # what the exact sum is good to, in single precision
 
 
 def run(options: argparse.Namespace) -> None:
     """Capture × method → depth map."""
-    from bench.datasets.dataset import open_capture
-    from bench.run.reconstruct_stage import configuration
-    from radar.imaging.device import describe
-    from radar.methods.registry import method
-    from radar.support.files import write_npz
-    from radar.warmup import compile_kernels
-
     for file in filter(None, (options.out, options.volume)):
         free(file, options.overwrite)
     if options.volume == options.out:
@@ -42,7 +40,7 @@ def run(options: argparse.Namespace) -> None:
     compile_kernels()
     result = chosen.run(echoes, settings, options.frame)
     result.depth.save(options.out)
-    if options.volume is not None or options.check:
+    if result.volume is not None and (options.volume is not None or options.check):
         volume = result.volume()
         if options.volume is not None:
             write_npz(options.volume, volume=volume, z_m=result.volume_z_m)
@@ -54,10 +52,8 @@ def run(options: argparse.Namespace) -> None:
 
 def _check(volume: np.ndarray, echoes: RadarCapture, settings: Any, options: argparse.Namespace) -> None:
     """Say how far the volume is from the exact sum, and refuse one that is further than was asked."""
-    from radar.imaging.api import imaging_error
-
     samples, frequencies_hz = echoes.tones(settings.tones_hz(), options.frame)
-    error = imaging_error(volume, samples, frequencies_hz, echoes.aperture, settings.grid(), options.check)
+    error = api.imaging_error(volume, samples, frequencies_hz, echoes.aperture, settings.grid(), options.check)
     say(f"checked at {options.check} random voxels against the exact sum: relative error {error:.1e}")
     if error > (settings.tolerance or EXACT):
         raise HandbenchError(

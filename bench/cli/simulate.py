@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from bench.cli.options import free_folder
+from bench.datasets.simulated import simulate_capture
+from bench.scenes.build import load_scene
+from bench.scenes.echoes import choices
+from radar.simulation.selection import Choice
 from radar.support.errors import HandbenchError
 from radar.support.progress import say
-
-if TYPE_CHECKING:  # --help answers without it
-    from radar.simulation.selection import Choice
 
 
 def run(options: argparse.Namespace) -> None:
     """Scene → capture folder; or what its echoes would show, and why."""
-    from bench.datasets.simulated import simulate_capture
-    from bench.scenes.build import load_scene
-    from bench.scenes.echoes import choices
-
     if options.explain:
         show(choices(load_scene(options.scene), explain=True))
         return
@@ -31,11 +32,6 @@ def run(options: argparse.Namespace) -> None:
 
 def show(rows: tuple[Choice, ...]) -> None:
     """Print the effects on stdout, as wide as the table needs: estimate, on or off, why, and what each took."""
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
     console = Console(highlight=False)
     if not console.is_terminal:  # a pipe or a file has no width to keep to
         console.width = 200
