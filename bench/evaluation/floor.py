@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bench.evaluation.statistics.intervals import Interval, block_numbers
+from bench.evaluation.statistics.intervals import RESAMPLES, TAILS, Interval, block_numbers
 from bench.results.error_map import ErrorMap
 from groundtruth.mesh.depth import Reference
 
@@ -33,12 +33,7 @@ def floor_mm(maps: Sequence[ErrorMap], references: Sequence[Reference]) -> float
 
 
 def floor_interval(
-    maps: Sequence[ErrorMap],
-    references: Sequence[Reference],
-    seed: int = 0,
-    draws: int = 1000,
-    level: float = 0.95,
-    value: float | None = None,
+    maps: Sequence[ErrorMap], references: Sequence[Reference], seed: int = 0, value: float | None = None
 ) -> Interval | None:
     """The mean absolute errors between which a perfect radar would lie, in mm: quantiles of the mean of |e| over seeded
     draws of the reference's error. value: the floor itself, where it is at hand. None where there is no floor, or one
@@ -48,15 +43,17 @@ def floor_interval(
         return None
     rng = np.random.default_rng(seed)
     motions: dict[bytes, np.ndarray] = {}  # captures that share a registration share its error
-    total_m, pixels = np.zeros(draws), 0
+    total_m, pixels = np.zeros(RESAMPLES), 0
     for m, r in zip(maps, references, strict=True):
         assert r.registration is not None and r.registration.covariance is not None  # σ is known, so they are too
         key, covariance = r.registration.matrix.tobytes(), r.registration.covariance
         if key not in motions:
-            motions[key] = rng.multivariate_normal(np.zeros(len(covariance)), covariance, draws, check_valid="ignore")
+            motions[key] = rng.multivariate_normal(
+                np.zeros(len(covariance)), covariance, RESAMPLES, check_valid="ignore"
+            )
         total_m += _absolute_sum_m(m, r, motions[key], rng)
         pixels += np.isfinite(m.error_m).sum()
-    low, high = np.quantile(1e3 * total_m / pixels, [(1 - level) / 2, (1 + level) / 2])
+    low, high = np.quantile(1e3 * total_m / pixels, TAILS)
     return Interval(float(min(low, value)), float(max(high, value)))
 
 
@@ -67,12 +64,8 @@ def _absolute_sum_m(m: ErrorMap, r: Reference, motions: np.ndarray, rng: np.rand
     patches = rng.standard_normal((len(motions), len(names)))
     assert r.leverage is not None  # comes with the registration
     leverage, mesh_sigma_m = r.leverage[observed].T, r.mesh_sigma_m[observed]
-    return np.array(
-        [
-            np.abs(motion @ leverage + patch[block] * mesh_sigma_m).sum()
-            for motion, patch in zip(motions, patches, strict=True)
-        ]
-    )
+    draws = zip(motions, patches, strict=True)
+    return np.array([np.abs(motion @ leverage + patch[block] * mesh_sigma_m).sum() for motion, patch in draws])
 
 
 def budget(reference: Reference) -> dict[str, float | list[str] | None]:
@@ -80,9 +73,8 @@ def budget(reference: Reference) -> dict[str, float | list[str] | None]:
     the registration and by both together. A part that is not known is None and named under "unknown"."""
     surface = np.isfinite(reference.z_m)
     sigmas_m = (reference.mesh_sigma_m, reference.registration_sigma_m, reference.sigma_m)
-    parts = {
-        f"{name}_mm": _rms_mm(sigma_m[surface]) for name, sigma_m in zip((*PARTS, "together"), sigmas_m, strict=True)
-    }
+    named = zip((*PARTS, "together"), sigmas_m, strict=True)
+    parts = {f"{name}_mm": _rms_mm(sigma_m[surface]) for name, sigma_m in named}
     unknown = [name for name in PARTS if parts[f"{name}_mm"] is None]
     return {**parts, **({"unknown": unknown} if unknown else {})}
 

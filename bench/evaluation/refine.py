@@ -48,15 +48,6 @@ class _Pixels(NamedTuple):
     radius_m: float
 
 
-class _Directions(NamedTuple):
-    """Directions [6, k] that the surface holds and those [6, 6 − k] that it does not, with the conditions [6] of both:
-    the largest eigenvalue of the normal matrix over each one's."""
-
-    held: np.ndarray
-    free: np.ndarray
-    condition: np.ndarray
-
-
 def refine_files(depth_file: Path, mesh_file: Path, start_file: Path | None) -> Transform:
     """`refine` from files, which adds the depth map's name; without a start, the mesh lies in the radar frame."""
     start = identity("radar")
@@ -82,8 +73,9 @@ def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
     for _ in range(STEPS):
         pixels = _shared(surface, depth, Transform(start.source, "radar", matrix))
         weight, curvature = _tukey(pixels.distance_m)
-        directions = _directions(pixels.jacobian, weight)
-        step = _solve(pixels, weight, directions.held)
+        vectors, condition = _directions(pixels.jacobian, weight)
+        holds = condition <= CONDITION
+        step = _solve(pixels, weight, vectors[:, holds])
         matrix = _motion(step, pixels) @ matrix
         if np.linalg.norm(step) < STILL_M:
             break
@@ -92,13 +84,21 @@ def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
             f"refine: still moving by {1e3 * np.linalg.norm(step):.3f} mm after {STEPS} steps; mesh and depth map do "
             "not settle: start nearer, or calibrate with a target"
         )
-    shift_m, turn_rad = _moved(matrix @ np.linalg.inv(start.matrix), pixels.centre_m)
-    _check_range(shift_m, turn_rad)
+    change = matrix @ np.linalg.inv(start.matrix)
+    shift_m = pixels.centre_m - np.linalg.inv(change)[:3] @ [*pixels.centre_m, 1]  # of the point that came there
+    turn_rad = Rotation.from_matrix(change[:3, :3]).as_rotvec()
+    shift, turn = float(np.linalg.norm(shift_m)), float(np.linalg.norm(turn_rad))
+    if shift > FARTHEST_M or turn > FARTHEST_RAD:
+        raise HandbenchError(
+            f"refine: the mesh would move by {1e3 * shift:.1f} mm and {np.degrees(turn):.1f}°; at most "
+            f"{1e3 * FARTHEST_M:.0f} mm and {np.degrees(FARTHEST_RAD):.0f}° can be trusted: start nearer "
+            "(--transform), or calibrate with a target"
+        )
     before = _shared(surface, depth, start)
     kept = weight > 0
     _, first, last = np.intersect1d(before.pixel, pixels.pixel[kept], return_indices=True)
-    held, free = _named(directions)
-    covariance = _covariance(pixels, weight, curvature, directions, start.covariance)
+    named = np.array([f"{_name(v)} (condition {c:.3g})" for v, c in zip(vectors.T, condition, strict=True)])
+    covariance = _covariance(pixels, weight, curvature, vectors[:, holds], vectors[:, ~holds], start.covariance)
     refined = {
         "reason": REASON,
         "pixels": int(kept.sum()),
@@ -109,8 +109,8 @@ def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
         "translation_mm": 1e3 * shift_m,
         "rotation_deg": np.degrees(turn_rad),
         "centre_mm": 1e3 * pixels.centre_m,
-        "held": held,
-        "free": free,
+        "held": named[holds].tolist(),
+        "free": named[~holds].tolist(),
         "start": start.matrix,
     }
     return Transform(start.source, "radar", matrix, covariance, refined=refined)
@@ -154,13 +154,12 @@ def _tukey(distance_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (1 - u2) ** 2, (1 - u2) * (1 - 5 * u2)
 
 
-def _directions(jacobian: np.ndarray, weight: np.ndarray) -> _Directions:
-    """Directions that the surface holds: eigenvectors of the normal matrix, in metres of the pixels' motion."""
+def _directions(jacobian: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvectors [6, 6] of the normal matrix, in metres of the pixels' motion, and the condition [6] of each: the
+    largest eigenvalue over its own, rising. The surface holds those with a condition up to CONDITION."""
     value, vector = np.linalg.eigh(jacobian.T @ (weight[:, None] * jacobian))
     value, vector = value[::-1], vector[:, ::-1]
-    condition = value[0] / np.maximum(value, 1e-12 * value[0])
-    holds = condition <= CONDITION
-    return _Directions(vector[:, holds], vector[:, ~holds], condition)
+    return vector, value[0] / np.maximum(value, 1e-12 * value[0])
 
 
 def _solve(pixels: _Pixels, weight: np.ndarray, held: np.ndarray) -> np.ndarray:
@@ -178,40 +177,30 @@ def _motion(step: np.ndarray, pixels: _Pixels) -> np.ndarray:
     return motion
 
 
-def _moved(change: np.ndarray, centre_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Shift [3] of the point that a change (4×4) brings to centre_m, metres, and the turn's vector [3]."""
-    came_from = np.linalg.inv(change)[:3] @ [*centre_m, 1]
-    return centre_m - came_from, Rotation.from_matrix(change[:3, :3]).as_rotvec()
-
-
-def _check_range(shift_m: np.ndarray, turn_rad: np.ndarray) -> None:
-    shift, turn = float(np.linalg.norm(shift_m)), float(np.linalg.norm(turn_rad))
-    if shift > FARTHEST_M or turn > FARTHEST_RAD:
-        raise HandbenchError(
-            f"refine: the mesh would move by {1e3 * shift:.1f} mm and {np.degrees(turn):.1f}°; at most "
-            f"{1e3 * FARTHEST_M:.0f} mm and {np.degrees(FARTHEST_RAD):.0f}° can be trusted: start nearer "
-            "(--transform), or calibrate with a target"
-        )
-
-
 def _covariance(
-    pixels: _Pixels, weight: np.ndarray, curvature: np.ndarray, directions: _Directions, start: np.ndarray | None
+    pixels: _Pixels,
+    weight: np.ndarray,
+    curvature: np.ndarray,
+    held: np.ndarray,
+    free: np.ndarray,
+    start: np.ndarray | None,
 ) -> np.ndarray | None:
-    """Covariance [6, 6] of [translation, rotation] about the origin: M⁻¹ (Σ_b g_b g_bᵀ) M⁻¹ with M = Σ ψ' JᵀJ and one
-    gradient g_b = Σ ψ J per block (Liang & Zeger 1986), times b/(b − k) for k unknowns from b blocks. Errors that reach
-    over the blocks' edges make it small: by a fifth in σ where they reach as far as a resolution cell, 5 mm."""
-    if directions.free.shape[1] and start is None:
+    """Covariance [6, 6] of [translation, rotation] about the origin, from the held [6, k] and the free directions:
+    M⁻¹ (Σ_b g_b g_bᵀ) M⁻¹ with M = Σ ψ' JᵀJ and one gradient g_b = Σ ψ J per block (Liang & Zeger 1986), times
+    b/(b − k) for k unknowns from b blocks. Errors that reach over the blocks' edges make it small: by a fifth in σ
+    where they reach as far as a resolution cell, 5 mm."""
+    if free.shape[1] and start is None:
         return None
-    jacobian = pixels.jacobian @ directions.held
+    jacobian = pixels.jacobian @ held
     blocks, unknowns = pixels.block.max() + 1, jacobian.shape[1]
     gradient = np.zeros((blocks, unknowns))
     np.add.at(gradient, pixels.block, (weight * pixels.distance_m)[:, None] * jacobian)
     bread = np.linalg.inv(jacobian.T @ (curvature[:, None] * jacobian))
     to_origin = adjoint(-pixels.centre_m, 6) @ np.diag(np.repeat([1, 1 / pixels.radius_m], 3))  # from [τ, ω·radius_m]
-    root = to_origin @ directions.held @ bread @ gradient.T
+    root = to_origin @ held @ bread @ gradient.T
     covariance: np.ndarray = blocks / (blocks - unknowns) * root @ root.T
     if start is not None:
-        unmoved = to_origin @ directions.free @ directions.free.T @ np.linalg.inv(to_origin)
+        unmoved = to_origin @ free @ free.T @ np.linalg.inv(to_origin)
         covariance += unmoved @ start[:6, :6] @ unmoved.T
     return covariance
 
@@ -228,19 +217,8 @@ def _rms_mm(distance_m: np.ndarray) -> float:
     return 1e3 * float(np.sqrt((distance_m**2).mean()))
 
 
-def _named(directions: _Directions) -> tuple[list[str], list[str]]:
-    """Held and free directions in words, as "+0.95 z −0.31 about x (condition 12)"."""
-    vectors = np.hstack([directions.held, directions.free]).T
-    named = [
-        f"{_name(vector)} (condition {condition:.3g})"
-        for vector, condition in zip(vectors, directions.condition, strict=True)
-    ]
-    count = directions.held.shape[1]
-    return named[:count], named[count:]
-
-
 def _name(vector: np.ndarray) -> str:
-    """A direction's parts above 0.3, the largest first."""
+    """A direction's parts above 0.3, the largest first, as "+0.95 z −0.31 about x"."""
     vector = vector * np.sign(vector[np.abs(vector).argmax()])
     parts = [i for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > 0.3]
     return " ".join(f"{'−' if vector[i] < 0 else '+'}{abs(vector[i]):.2f} {DIRECTIONS[i]}" for i in parts)

@@ -20,7 +20,7 @@ from bench.evaluation.metrics import HEADLINE, METRICS, RATIOS, pool, precision
 from bench.evaluation.statistics.intervals import note, pooled_intervals, precision_interval
 from bench.evaluation.statistics.paired import amounts_text, holm
 from bench.evaluation.statistics.provenance import changes
-from bench.evaluation.statistics.two_samples import f_test, paired, unpaired
+from bench.evaluation.statistics.two_samples import Tested, f_test, paired, unpaired
 from bench.results.about import REFERENCES, MethodFacts
 from bench.results.compared import Compared, Side
 from bench.results.error_map import ErrorMap
@@ -132,14 +132,12 @@ def _accuracy(a: Result, b: Result, method: MethodFacts, basis: Basis, metrics: 
     ]
     values, intervals = [pool(m) for m in maps], [pooled_intervals(m) for m in maps]
     test = paired if basis.paired else unpaired
-    return [
-        {
-            **_figures(method, metric, [v[metric] for v in values], [i.get(metric, NONE) for i in intervals]),
-            **test(maps[0], maps[1], metric)._asdict(),
-            **{"reference": basis.reference, "paired": basis.paired, "n_a": len(maps[0]), "n_b": len(maps[1])},
-        }
-        for metric in metrics
-    ]
+    lines = []
+    for metric in metrics:
+        ends = [i.get(metric, NONE) for i in intervals]
+        line = _line(method, metric, maps, [v[metric] for v in values], ends, test(maps[0], maps[1], metric))
+        lines.append({**line, "reference": basis.reference, "paired": basis.paired})
+    return lines
 
 
 def _precision(a: Result, b: Result, method: MethodFacts) -> list[dict[str, Any]]:
@@ -149,25 +147,25 @@ def _precision(a: Result, b: Result, method: MethodFacts) -> list[dict[str, Any]
     if None in intervals:
         return []
     metric = "precision_mm"
-    return [
-        {
-            **_figures(method, metric, [precision(z)[metric] for z in hands], intervals),
-            **f_test(hands[0], hands[1])._asdict(),
-            **{"reference": "", "paired": False, "n_a": len(hands[0]), "n_b": len(hands[1])},
-        }
-    ]
+    values = [precision(z)[metric] for z in hands]
+    return [_line(method, metric, hands, values, intervals, f_test(hands[0], hands[1]))]
 
 
-def _figures(method: MethodFacts, metric: str, values: Sequence[Any], intervals: Sequence[Any]) -> dict[str, Any]:
-    """A line's figures of A and of B, with their ends."""
+def _line(
+    method: MethodFacts,
+    metric: str,
+    samples: Sequence[Sequence[Any]],
+    values: Sequence[float | int | None],
+    intervals: Sequence[Any],
+    tested: Tested,
+) -> dict[str, Any]:
+    """A line with the figures of A and of B, their ends, how many captures each stands on, and the test between them;
+    against no reference, and not paired."""
     facts = METRICS[metric]
-    named = {"method": method.name, "title": method.title, "metric": metric}
-    figures = {
-        f"{side}{end}": figure
-        for side, value, interval in zip("ab", values, intervals, strict=True)
-        for end, figure in zip(("", "_low", "_high"), (value, *interval), strict=True)
-    }
-    return {**named, "metric_title": facts.title, "unit": facts.unit, **figures}
+    line: dict[str, Any] = {"method": method.name, "title": method.title, "metric": metric, "metric_title": facts.title}
+    for side, sample, value, (low, high) in zip("ab", samples, values, intervals, strict=True):
+        line |= {side: value, f"{side}_low": low, f"{side}_high": high, f"n_{side}": len(sample)}
+    return {**line, "unit": facts.unit, "reference": "", "paired": False, **tested._asdict()}
 
 
 def _hands(result: Result, method: str) -> list[np.ndarray]:

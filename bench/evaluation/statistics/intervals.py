@@ -31,11 +31,14 @@ from bench.evaluation.metrics import (
     usable_repeats,
 )
 from bench.results.error_map import ErrorMap
+from bench.results.tables import LEVEL
 
+RESAMPLES = 1000  # of a bootstrap
 BLOCK_M = 0.015  # three lateral resolutions of the paper's aperture
 SPAN = 1 << 20  # more blocks than a row can have
 LAG_BLOCKS = 3  # blocks this far apart share neither speckle nor a filter's window
 CAPTURES_AS_UNITS = 5
+TAILS = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)  # shares of a distribution below an interval's ends
 WORST_BLOCKS = 3  # the largest error among the others is the lower end of a maximum's interval
 
 
@@ -83,13 +86,13 @@ class Spread(NamedTuple):
     freedom: float
     units: int
 
-    def reach(self, level: float = 0.95) -> float:
+    def reach(self) -> float:
         """Half the width of the interval."""
-        return float(self.error * stdtrit(self.freedom, (1 + level) / 2)) if self.error else 0.0
+        return float(self.error * stdtrit(self.freedom, TAILS[1])) if self.error else 0.0
 
 
 def pooled_intervals(
-    maps: Sequence[ErrorMap], block_m: float = BLOCK_M, level: float = 0.95, estimate: Values | None = None
+    maps: Sequence[ErrorMap], block_m: float = BLOCK_M, estimate: Values | None = None
 ) -> dict[str, Interval]:
     """Metric → interval of the pooled metrics of `maps` (estimate: their `pool`, where it is at hand); one that has no
     two units to stand on is left out, and so is a share of nothing or of all, which shows no spread.
@@ -109,9 +112,9 @@ def pooled_intervals(
         value = estimate[key]
         bare = METRICS[key].unit == "%" and value in (0, 100)
         if value is not None and not bare and (found := spread(d, units.weights)):
-            intervals[key] = _interval(key, value, found.reach(level))
+            intervals[key] = _interval(key, value, found.reach())
     for key, share in QUANTILES.items():
-        interval, value = _quantile_interval(blocks, units, share, level), estimate[key]
+        interval, value = _quantile_interval(blocks, units, share), estimate[key]
         if interval is not None and value is not None:
             intervals[key] = Interval(min(interval.low, value), max(interval.high, value))
     largest_mm = np.zeros(len(blocks.place))
@@ -126,11 +129,8 @@ def note(captures: int) -> str:
     """A sentence on what the intervals over so many captures speak of."""
     if captures >= CAPTURES_AS_UNITS:
         return f"{captures} captures: the intervals speak of captures like these, between which the figures vary"
-    few = (
-        "1 capture: the intervals speak of this capture"
-        if captures == 1
-        else (f"{captures} captures: the intervals speak of these captures")
-    )
+    few = "1 capture: the intervals speak of this capture"
+    few = few if captures == 1 else f"{captures} captures: the intervals speak of these captures"
     return f"{few}, not of others; {CAPTURES_AS_UNITS} or more would tell how captures vary"
 
 
@@ -219,7 +219,7 @@ def _interval(key: str, value: float, reach: float) -> Interval:
     return Interval(value - reach, value + reach)
 
 
-def _quantile_interval(blocks: Blocks, units: Units, share: float, level: float) -> Interval | None:
+def _quantile_interval(blocks: Blocks, units: Units, share: float) -> Interval | None:
     """Interval of a quantile of |error|, mm."""
     edge_m = np.quantile(blocks.absolute_m, share)
     count = np.ones_like(blocks.absolute_m), (blocks.absolute_m <= edge_m).astype(float)
@@ -229,32 +229,37 @@ def _quantile_interval(blocks: Blocks, units: Units, share: float, level: float)
     found = spread((below - pixels * below.sum() / pixels.sum()) / pixels.sum(), units.weights)
     if found is None:
         return None
-    shares = np.clip([share - found.reach(level), share + found.reach(level)], 0, 1)
-    return Interval(*(float(v) for v in 1e3 * np.quantile(blocks.absolute_m, shares)))
+    shares = np.clip([share - found.reach(), share + found.reach()], 0, 1)
+    return Interval(*map(float, 1e3 * np.quantile(blocks.absolute_m, shares)))
 
 
-def precision_interval(strongest_z_m: Sequence[np.ndarray], level: float = 0.95) -> Interval | None:
-    """χ² interval, in mm, of `metrics.precision`; None where that is None.
-
-    ν s²/σ² is χ² with ν degrees of freedom for normal errors. For a mean of several hands' deviations
-    ν = (Σ s)² / Σ (s²/ν_hand), the value that gives the mean its variance (Welch–Satterthwaite).
-    """
+def mean_deviation(strongest_z_m: Sequence[np.ndarray]) -> tuple[float, float] | None:
+    """Mean standard deviation of several hands' depths [n_repeats], mm, and its degrees of freedom, the value that
+    gives the mean its variance: ν = (Σ s)² / Σ (s²/ν_hand) (Welch–Satterthwaite). None without `usable_repeats`."""
     hands = usable_repeats(strongest_z_m)
     if not hands:
         return None
-    deviations_mm = np.array([1e3 * deviation(z) for z in hands])
+    each_mm = np.array([1e3 * deviation(z) for z in hands])
     freedom = np.array([len(z) - 1 for z in hands])
-    if not deviations_mm.any():
-        return Interval(0.0, 0.0)
-    nu = deviations_mm.sum() ** 2 / (deviations_mm**2 / freedom).sum()
+    if not each_mm.any():
+        return 0.0, float(freedom.sum())
+    return float(each_mm.mean()), float(each_mm.sum() ** 2 / (each_mm**2 / freedom).sum())
+
+
+def precision_interval(strongest_z_m: Sequence[np.ndarray], level: float = LEVEL) -> Interval | None:
+    """χ² interval, in mm, of `metrics.precision`; None where that is None. ν s²/σ² is χ² with ν degrees of freedom for
+    normal errors."""
+    found = mean_deviation(strongest_z_m)
+    if found is None:
+        return None
+    deviation_mm, freedom = found
     tails = np.array([(1 - level) / 2, (1 + level) / 2])
-    return Interval(*map(float, deviations_mm.mean() * np.sqrt(nu / chdtri(nu, tails))))
+    return Interval(*map(float, deviation_mm * np.sqrt(freedom / chdtri(freedom, tails))))
 
 
-def median_interval(values: np.ndarray, seed: int = 0, resamples: int = 1000, level: float = 0.95) -> Interval | None:
+def median_interval(values: np.ndarray, seed: int = 0) -> Interval | None:
     """Bootstrap interval of the median of independent `values` [n]; None for fewer than three."""
     if len(values) < 3:
         return None
-    drawn = np.random.default_rng(seed).choice(values, size=(resamples, len(values)))
-    low, high = np.quantile(np.median(drawn, axis=1), [(1 - level) / 2, (1 + level) / 2])
-    return Interval(float(low), float(high))
+    drawn = np.random.default_rng(seed).choice(values, size=(RESAMPLES, len(values)))
+    return Interval(*map(float, np.quantile(np.median(drawn, axis=1), TAILS)))

@@ -59,7 +59,7 @@ def compare_sums(
     lines = pd.DataFrame(pairs, columns=["better", "worse"]).assign(
         metric=metric, unit=METRICS[metric].unit, reference=reference, sentence="", difference=differences
     )
-    reach = np.array([s.reach(LEVEL) if s else np.nan for s in spreads])
+    reach = np.array([s.reach() if s else np.nan for s in spreads])
     lines["low"], lines["high"] = lines.difference - reach, lines.difference + reach
     lines["p_corrected"] = [p if s else np.nan for p, s in zip(corrected, spreads, strict=True)]
     lines["effect"] = [_effect(difference, s) for difference, s in zip(differences, spreads, strict=True)]

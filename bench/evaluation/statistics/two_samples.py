@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import fdtr, fdtrc, fdtri
 
-from bench.evaluation.metrics import METRICS, deviation, pool, usable_repeats
-from bench.evaluation.statistics.intervals import Spread, contributions, cut, spread, units_of
+from bench.evaluation.metrics import METRICS, pool
+from bench.evaluation.statistics.intervals import TAILS, Spread, contributions, cut, mean_deviation, spread, units_of
 from bench.evaluation.statistics.paired import compare, p_value
 from bench.results.error_map import ErrorMap
-from bench.results.tables import LEVEL
 
 
 class Tested(NamedTuple):
@@ -49,7 +48,7 @@ def unpaired(maps_a: Sequence[ErrorMap], maps_b: Sequence[ErrorMap], metric: str
     terms = sum(v**2 / s.freedom for v, s in zip(variances, spreads, strict=True))
     freedom = sum(variances) ** 2 / terms if terms else min(s.freedom for s in spreads)
     together = Spread(sum(variances) ** 0.5, freedom, sum(s.units for s in spreads))
-    reach = together.reach(LEVEL)
+    reach = together.reach()
     return Tested(difference, difference - reach, difference + reach, p_value(abs(difference), together))
 
 
@@ -62,25 +61,15 @@ def _spread(maps: Sequence[ErrorMap], metric: str) -> Spread | None:
 def f_test(hands_a: Sequence[np.ndarray], hands_b: Sequence[np.ndarray]) -> Tested:
     """Of two precisions, mm, from each hand's strongest depths [n_repeats] in metres, as if all repeats were
     independent: cautious where both image the same echoes. The interval is that of the ratio, times A's precision."""
-    if not usable_repeats(hands_a) or not usable_repeats(hands_b):
+    deviation_a, deviation_b = mean_deviation(hands_a), mean_deviation(hands_b)
+    if deviation_a is None or deviation_b is None:
         return Tested(None)
-    (a, freedom_a), (b, freedom_b) = _deviation(hands_a), _deviation(hands_b)
+    (a, freedom_a), (b, freedom_b) = deviation_a, deviation_b
     if a == b:
         return Tested(0.0, 0.0, 0.0, 1.0)
     if not a or not b:
         return Tested(b - a)
     ratio = b / a
     p = 2 * min(test(freedom_b, freedom_a, ratio**2) for test in (fdtr, fdtrc))
-    tails = ((1 + LEVEL) / 2, (1 - LEVEL) / 2)
-    low, high = (a * (ratio / fdtri(freedom_b, freedom_a, tail) ** 0.5 - 1) for tail in tails)
+    low, high = (a * (ratio / fdtri(freedom_b, freedom_a, tail) ** 0.5 - 1) for tail in TAILS[::-1])
     return Tested(b - a, float(low), float(high), float(min(p, 1)))
-
-
-def _deviation(hands: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Mean standard deviation over the hands, mm, and its degrees of freedom (as `statistics.precision_interval`)."""
-    usable = usable_repeats(hands)
-    each_mm = np.array([1e3 * deviation(z) for z in usable])
-    freedom = np.array([len(z) - 1 for z in usable])
-    if not each_mm.any():
-        return 0.0, float(freedom.sum())
-    return float(each_mm.mean()), float(each_mm.sum() ** 2 / (each_mm**2 / freedom).sum())
