@@ -15,32 +15,7 @@ from bench.results.maps import Surface, depth_path, errors_path, write_errors, w
 from bench.results.result_folder import Result, load, write_about, write_config, write_tables
 from bench.results.tradeoff import Claim, Section, Setting, Tradeoff, TradeoffFacts, load_tradeoff, write_tradeoff
 
-__all__ = [
-    "HEADLINE",
-    "HEADLINES",
-    "REFERENCES",
-    "About",
-    "CaptureFacts",
-    "Claim",
-    "ErrorMap",
-    "Failure",
-    "MethodFacts",
-    "MetricFacts",
-    "Result",
-    "Section",
-    "Setting",
-    "Surface",
-    "Tradeoff",
-    "TradeoffFacts",
-    "depth_path",
-    "errors_path",
-    "load",
-    "load_tradeoff",
-    "write_about",
-    "write_config",
-    "write_errors",
-    "write_photo",
-    "write_surface",
-    "write_tables",
-    "write_tradeoff",
-]
+__all__ = ["HEADLINE", "HEADLINES", "REFERENCES", "About", "CaptureFacts", "Failure", "MethodFacts", "MetricFacts"]
+__all__ += ["ErrorMap", "Surface", "depth_path", "errors_path", "write_errors", "write_photo", "write_surface"]
+__all__ += ["Result", "load", "write_about", "write_config", "write_tables"]
+__all__ += ["Claim", "Section", "Setting", "Tradeoff", "TradeoffFacts", "load_tradeoff", "write_tradeoff"]

@@ -7,12 +7,11 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from radar.support.config import Config, parse
+from radar.support.config import Config, ConfigT, parse
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json
 from radar.support.names import Name
 
-SCHEMA_VERSION = 1
 HEADLINE = "mae_mm"  # the metric that titles, pictures and fronts speak of
 HEADLINES = (HEADLINE, "floor_mm", "max_mm", "completeness_percent", "precision_mm", "seconds")  # read at a glance
 REFERENCES = ("photogrammetry", "truth")
@@ -66,7 +65,7 @@ class About(Config):
     """Content of result.json. inputs: file → SHA-256; captures, methods: those that the table stands on; facts: what is
     known of noise and ground truth; failures: what was left out, and why."""
 
-    schema_version: Literal[1] = SCHEMA_VERSION
+    schema_version: Literal[1] = 1
     name: str
     protocol: dict[str, Any]
     metrics: dict[str, MetricFacts]
@@ -79,13 +78,11 @@ class About(Config):
     failures: tuple[Failure, ...] = ()
 
 
-def read_about(path: Path) -> About:
-    """Read and check result.json; another version is a HandbenchError."""
-    content = read_json(path, "a benchmark's result")
+def read_facts(model: type[ConfigT], path: Path, what: str, remedy: str) -> ConfigT:
+    """Read and check result.json, or a file like it; another schema_version than the model's is a HandbenchError."""
+    content = read_json(path, what)
     version = content.get("schema_version") if isinstance(content, dict) else None
-    if version != SCHEMA_VERSION:
-        raise HandbenchError(
-            f"{path}: schema_version is {version!r}, this handbench reads {SCHEMA_VERSION}; "
-            "run the benchmark again or use the handbench that wrote it"
-        )
-    return parse(About, content, str(path))
+    ours = model.model_fields["schema_version"].default
+    if version != ours:
+        raise HandbenchError(f"{path}: schema_version is {version!r}, this handbench reads {ours}; {remedy}")
+    return parse(model, content, str(path))

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from bench.results.about import About, CaptureFacts, read_about
+from bench.results.about import About, CaptureFacts, read_facts
 from bench.results.error_map import ErrorMap
 from bench.results.maps import Surface, depth_path, errors_path, photo_path, read_map
 from bench.results.tables import COMPARISONS, LEVEL, REPEATS, TABLE, TASKS, each, frame, read, write
@@ -103,7 +103,8 @@ def write_config(folder: Path, toml: str) -> None:
 def load(folder: str | Path) -> Result:
     """Read and check a result folder; a missing, partial or newer one is a HandbenchError."""
     folder = require_folder(folder, "a benchmark's result (result.json)")
-    about = read_about(folder / "result.json")
+    remedy = "run the benchmark again or use the handbench that wrote it"
+    about = read_facts(About, folder / "result.json", "a benchmark's result", remedy)
     config = require_file(folder / "config.toml", "the resolved configuration").read_text("utf-8", "replace")
     files = {name: folder / f"{name}.csv" for name in TABLES}
     absent = [name for name in OPTIONAL if not files[name].exists()]

@@ -17,7 +17,6 @@ from bench.results.tables import CASES, read, write
 from radar.support.config import Config, parse
 from radar.support.files import read_json, write_json
 
-STABILITY_VERSION = 1
 VERDICTS = ("holds", "refused", "flagged", "fails")
 
 
@@ -33,7 +32,7 @@ class Table(Config):
 class StabilityFacts(Config):
     """Content of stability.json."""
 
-    schema_version: Literal[1] = STABILITY_VERSION
+    schema_version: Literal[1] = 1
     seed: int
     seconds: float
     tables: tuple[Table, ...] = ()

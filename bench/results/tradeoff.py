@@ -17,13 +17,11 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from bench.results.about import Name
+from bench.results.about import read_facts
 from bench.results.tables import SETTINGS, frame, read, records, write
-from radar.support.config import Config, parse
-from radar.support.errors import HandbenchError
-from radar.support.files import read_json, require_folder, write_json
-
-TRADEOFF_VERSION = 1
+from radar.support.config import Config
+from radar.support.files import require_folder, write_json
+from radar.support.names import Name
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,7 @@ class Claim(Config):
 class TradeoffFacts(Config):
     """Content of tradeoff.json."""
 
-    schema_version: Literal[1] = TRADEOFF_VERSION
+    schema_version: Literal[1] = 1
     name: Name
     scored_against: str
     sections: tuple[Section, ...]
@@ -123,13 +121,6 @@ def write_tradeoff(folder: Path, facts: TradeoffFacts, settings: Iterable[Settin
 def load_tradeoff(folder: str | Path) -> Tradeoff:
     """Read and check a trade-off folder; a missing or newer one is a HandbenchError."""
     folder = require_folder(folder, "a trade-off (tradeoff.json)")
-    content = read_json(folder / "tradeoff.json", "a trade-off")
-    version = content.get("schema_version") if isinstance(content, dict) else None
-    if version != TRADEOFF_VERSION:
-        raise HandbenchError(
-            f"{folder / 'tradeoff.json'}: schema_version is {version!r}, this handbench reads {TRADEOFF_VERSION}; "
-            "run `handbench tradeoff` again"
-        )
-    facts = parse(TradeoffFacts, content, str(folder / "tradeoff.json"))
+    facts = read_facts(TradeoffFacts, folder / "tradeoff.json", "a trade-off", "run `handbench tradeoff` again")
     lines = records(read(folder / "tradeoff.csv", SETTINGS))
     return Tradeoff(folder, facts, tuple(Setting(**line) for line in lines))

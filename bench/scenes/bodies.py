@@ -11,7 +11,7 @@ import numpy as np
 from bench.scenes.build import Scene
 from bench.scenes.scene_file import CalibrationTarget, HandTarget
 from bench.scenes.skin_texture import Skin
-from bench.scenes.stand import PLATE_M, TEXEL_M, cuboid, plate_print
+from bench.scenes.stand import PLATE_M, TEXEL_M, cuboid, plate_box_m, plate_print
 from bench.scenes.textures import foam, skin, styrodur
 from calibration.transforms import Transform
 from groundtruth.mesh.mesh_files import mesh
@@ -39,24 +39,23 @@ class Body:
 def bodies(scene: Scene) -> list[Body]:
     """Target, plate and, if the scene has one, block."""
     photo_from_radar = scene.radar_from_photo.inverse()
-    target_from_photo = Transform(
-        "photo", "target", scene.radar_from_target.inverse().matrix @ scene.radar_from_photo.matrix
-    )
-    texture = _target_texture(scene)
+    matrix = scene.radar_from_target.inverse().matrix @ scene.radar_from_photo.matrix
+    target_from_photo, texture = Transform("photo", "target", matrix), _target_texture(scene)
 
     def target_albedo(points_m: np.ndarray) -> np.ndarray:
         return texture(target_from_photo.points(points_m))
 
     plain = partial(styrodur, seed=texture_seed(scene) + 200)
-    pixel_m = np.median([np.linalg.norm(camera.centre_m) / camera.params[0] for camera in scene.cameras])
+    pixel_m = float(np.median([np.linalg.norm(camera.centre_m) / camera.params[0] for camera in scene.cameras]))
     vertices_m = photo_from_radar.points(np.asarray(scene.target_mesh.vertices))
     is_skin = not isinstance(scene.file.target, CalibrationTarget)
     result = [
         _body(vertices_m, np.asarray(scene.target_mesh.triangles), target_albedo, skin=is_skin),
-        _body(*_plate(), _Plate(scene.file.seed, pixel_m, plain), board=True),
+        _body(*cuboid(*plate_box_m(), GRID_M), _Plate(scene.file.seed, pixel_m, plain), board=True),
     ]
     if scene.block_m is not None:
-        result.append(_body(*cuboid(*scene.block_m, GRID_M), plain))
+        lower_m, upper_m = scene.block_m
+        result.append(_body(*cuboid(lower_m, upper_m, GRID_M), plain))
     return result
 
 
@@ -67,15 +66,11 @@ def texture_seed(scene: Scene) -> int:
 
 def _target_texture(scene: Scene) -> Albedo:
     """Reflectance over the target's own frame."""
+    assert scene.file.photos is not None  # bodies are for photographs
     target, contrast, seed = scene.file.target, scene.file.photos.texture_contrast, texture_seed(scene)
     if isinstance(target, HandTarget):
         return Skin(target.angles, contrast, seed)
     return partial(foam if isinstance(target, CalibrationTarget) else skin, contrast=contrast, seed=seed)
-
-
-def _plate() -> tuple[np.ndarray, np.ndarray]:
-    width, height, thickness = PLATE_M
-    return cuboid(np.array([-width / 2, -height / 2, -thickness]), np.array([width / 2, height / 2, 0.0]), GRID_M)
 
 
 def _body(vertices_m: np.ndarray, faces: np.ndarray, albedo: Albedo, **kind: bool) -> Body:

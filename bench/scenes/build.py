@@ -29,7 +29,7 @@ from calibration.transforms import Transform
 from groundtruth.board.board import Board
 from groundtruth.cameras.cameras import Camera
 from groundtruth.mesh.mesh_files import mesh, read_mesh
-from radar.support.config import Config, load
+from radar.support.config import load
 from radar.support.errors import HandbenchError
 from radar.support.files import inside
 
@@ -61,7 +61,9 @@ class Scene:
 
     @property
     def balls_m(self) -> np.ndarray:
-        """Centres [n, 3] of the calibration target's balls in the radar frame."""
+        """Centres [n, 3] of the calibration target's balls in the radar frame; of other targets none."""
+        if self.target is None:
+            return np.empty((0, 3))
         return self.radar_from_target.points(self.target.centres_m + self.target.ball_offsets_m)
 
 
@@ -72,7 +74,10 @@ def load_scene(path: str | Path) -> Scene:
 
 def build(file: SceneFile, folder: str | Path = ".") -> Scene:
     """The scene of a parsed scene file; files that it names are looked up in `folder`."""
-    target = _calibration_target(file.target, Path(folder))
+    target = None
+    if isinstance(file.target, CalibrationTarget):
+        described = file.target.file
+        target = load_target(inside(Path(folder), described, "target.file")) if described else default_target()
     surface = _surface(file.target, target, Path(folder))
     radar_from_target = file.target.radar_from_target()
     surface.transform(radar_from_target.matrix)
@@ -117,12 +122,6 @@ def named_files(file: SceneFile, folder: str | Path) -> list[Path]:
     return paths
 
 
-def _calibration_target(spec: Config, folder: Path) -> Target | None:
-    if not isinstance(spec, CalibrationTarget):
-        return None
-    return load_target(inside(folder, spec.file, "target.file")) if spec.file else default_target()
-
-
 def _surface(spec: AnyTarget, target: Target | None, folder: Path) -> o3d.geometry.TriangleMesh:
     match spec:
         case HandTarget():
@@ -137,6 +136,7 @@ def _surface(spec: AnyTarget, target: Target | None, folder: Path) -> o3d.geomet
             surface = read_mesh(inside(folder, spec.path, "target.path"))
             surface.scale({"m": 1.0, "mm": 1e-3}[spec.unit], np.zeros(3))
             return surface
+    assert target is not None  # all others are above
     return spheres(target)
 
 

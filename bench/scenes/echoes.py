@@ -6,9 +6,8 @@ import numpy as np
 
 from bench.scenes.bones import palmar
 from bench.scenes.build import Scene
-from bench.scenes.scene_file import BUILT_IN_ARRAY, HandTarget
-from bench.scenes.stand import PLATE_M, cuboid
-from calibration.transforms import Transform
+from bench.scenes.scene_file import BUILT_IN_ARRAY, CalibrationTarget, HandTarget
+from bench.scenes.stand import cuboid, plate_box_m
 from radar.data.arrays import AntennaArray, load_positions, qar50
 from radar.simulation.effects.shadow import ShadowCentre
 from radar.simulation.forward import Scatterers
@@ -56,29 +55,29 @@ def visible_surface(scene: Scene) -> Scatterers:
     """Facets of the target that face the aperture's centre and are not in another's shadow."""
     state = EchoState(echo_scene(scene), 1)
     ShadowCentre().apply(state)
+    assert state.surface is not None  # a calibration target has none
     return state.surface.facets.optics
 
 
 def _target(scene: Scene) -> Body | None:
     """The target's body; the foam spheres of a calibration target come with its balls."""
-    if scene.target is not None:
+    target = scene.file.target
+    if isinstance(target, CalibrationTarget):
         return None
     vertices_m, faces = np.asarray(scene.target_mesh.vertices), np.asarray(scene.target_mesh.triangles)
     palm = None
-    if isinstance(scene.file.target, HandTarget):
+    if isinstance(target, HandTarget):
         in_hand_m = scene.radar_from_target.inverse().points(vertices_m[faces].mean(axis=1))
-        palm = palmar(scene.file.target.angles, in_hand_m)
-    return Body(vertices_m, faces, scene.file.target.material, palm)
+        palm = palmar(target.angles, in_hand_m)
+    return Body(vertices_m, faces, target.material, palm)
 
 
 def _balls(scene: Scene) -> tuple[Ball, ...]:
     if scene.target is None:
         return ()
-    foam = scene.target.foam_permittivity
-    return tuple(
-        Ball(centre_m, element.ball_radius_m, element.sphere_radius_m, foam)
-        for centre_m, element in zip(scene.balls_m, scene.target.element, strict=True)
-    )
+    elements, foam = scene.target.element, scene.target.foam_permittivity
+    placed = zip(scene.balls_m, elements, strict=True)
+    return tuple(Ball(centre_m, e.ball_radius_m, e.sphere_radius_m, foam) for centre_m, e in placed)
 
 
 def _room(scene: Scene) -> tuple[Body, ...]:
@@ -86,15 +85,9 @@ def _room(scene: Scene) -> tuple[Body, ...]:
     reflectivity_db = scene.file.stand.reflectivity_db
     if reflectivity_db is None:
         return ()
-    half = np.array(PLATE_M[:2]) / 2
-    boxes = [np.array([[*-half, -PLATE_M[2]], [*half, 0.0]])]
-    boxes += [] if scene.block_m is None else [scene.block_m]
-    return tuple(_body(box_m, scene.radar_from_photo, reflectivity_db) for box_m in boxes)
-
-
-def _body(box_m: np.ndarray, radar_from_photo: Transform, reflectivity_db: float) -> Body:
-    vertices_m, faces = cuboid(box_m[0], box_m[1], ROOM_STEP_M)
-    return Body(radar_from_photo.points(vertices_m), faces, reflectivity_db=reflectivity_db)
+    boxes = [plate_box_m()] if scene.block_m is None else [plate_box_m(), scene.block_m]
+    grids = (cuboid(lower_m, upper_m, ROOM_STEP_M) for lower_m, upper_m in boxes)
+    return tuple(Body(scene.radar_from_photo.points(v), faces, reflectivity_db=reflectivity_db) for v, faces in grids)
 
 
 def antenna_array(scene: Scene) -> AntennaArray:

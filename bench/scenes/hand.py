@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -71,7 +72,7 @@ def _field_in_palm_frame(pose: Pose) -> Field:
     palm = _palm(bones, pose.wrist)
     digits = {name: _digit(bones[name][1:], np.array(RADII_MM[name]) * 1e-3) for name in (*FINGERS, "thumb")}
     arm = HAND_AXES @ forearm_from_palm(pose.wrist) @ HAND_AXES.T @ DISTAL  # from the forearm to the wrist
-    end_m = arm @ (1e-3 * HAND_AXES @ _forearm_end_mm(pose.wrist))
+    end_m = arm @ (1e-3 * HAND_AXES @ _bent(pose.wrist, (0.0, FOREARM_END_MM, 0.0)))
 
     def distance(points: np.ndarray) -> np.ndarray:
         result = palm(points)
@@ -81,10 +82,6 @@ def _field_in_palm_frame(pose: Pose) -> Field:
         return -smooth_minimum(-result, points @ arm - end_m, 3e-3)
 
     return distance
-
-
-def _forearm_end_mm(wrist: WristPose) -> np.ndarray:
-    return _bent(wrist, (0.0, FOREARM_END_MM, 0.0))
 
 
 def _bent(wrist: WristPose, point_mm: ArrayLike) -> np.ndarray:
@@ -107,10 +104,7 @@ def _digit(phalanges: tuple[Bone, ...], radii_m: np.ndarray) -> Field:
     def distance(points: np.ndarray) -> np.ndarray:
         values = [part(points) for part in parts]
         pairs = [smooth_minimum(a, b, 1e-3 * WITHIN_FINGER_MM) for a, b in itertools.pairwise(values)]
-        result = pairs[0]
-        for pair in pairs[1:]:
-            result = smooth_minimum(result, pair, 1e-3 * CONTACT_MM)
-        return result
+        return reduce(lambda a, b: smooth_minimum(a, b, 1e-3 * CONTACT_MM), pairs)
 
     return distance
 

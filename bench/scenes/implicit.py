@@ -95,15 +95,12 @@ def lattice(field: Field, lower_m: np.ndarray, upper_m: np.ndarray, step_m: floa
 
     coarse = 3
     shape = np.ceil((upper_m - lower_m) / (coarse * step_m)).astype(int) + 1
-    rough = evaluate(field, _lattice_points(lower_m, shape, coarse * step_m)).reshape(shape)
+    places = np.indices(tuple(shape)).reshape(3, -1).T
+    rough = evaluate(field, lower_m + coarse * step_m * places).reshape(shape)
     values = zoom(rough, (coarse * (shape - 1) + 1) / shape, order=1, grid_mode=False)
     near = np.argwhere(np.abs(values) < 2.5 * coarse * step_m)
     values[tuple(near.T)] = evaluate(field, lower_m + step_m * near)
     return values
-
-
-def _lattice_points(lower_m: np.ndarray, shape: np.ndarray, step_m: float) -> np.ndarray:
-    return lower_m + step_m * np.indices(shape).reshape(3, -1).T
 
 
 def zero_set(field: Field, lower_m: np.ndarray, upper_m: np.ndarray, edge_m: float) -> tuple[np.ndarray, np.ndarray]:

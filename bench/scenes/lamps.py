@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bench.scenes.bodies import Body
-from groundtruth.mesh.mesh_files import load_open3d
+from radar.support.rays import load_open3d
+
+if TYPE_CHECKING:
+    from open3d.t.geometry import RaycastingScene
 
 
 @dataclass(frozen=True)
@@ -22,7 +26,7 @@ class Lamp:
     @property
     def reach_m(self) -> float:
         """Distance to the board's centre, where the irradiance is stated."""
-        return np.linalg.norm(self.centre_m)
+        return float(np.linalg.norm(self.centre_m))
 
     def samples_m(self) -> np.ndarray:
         """Points [LAMP_SAMPLES, 3] spread evenly over the disc."""
@@ -53,7 +57,7 @@ class Light:
     open: np.ndarray
 
 
-def bake(rays: object, body: Body) -> Light:
+def bake(rays: RaycastingScene, body: Body) -> Light:
     """Light at a body's vertices: the lamps with soft shadows and an occluded ambient light."""
     origins_m = body.vertices_m + SHADOW_OFFSET_M * body.normals
     result = np.zeros(len(origins_m))
@@ -76,7 +80,7 @@ def bake(rays: object, body: Body) -> Light:
     return Light(result + AMBIENT * open_sky / whole_sky, seen)
 
 
-def clear(rays: object, origins_m: np.ndarray, towards: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+def clear(rays: RaycastingScene, origins_m: np.ndarray, towards: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """1 where nothing stands between an origin [n, 3] and origin + towards [n, 3], else 0; asked only where `wanted`
     [n]."""
     tensor = load_open3d().core.Tensor

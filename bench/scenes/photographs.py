@@ -16,7 +16,7 @@ from bench.scenes.projector import Projector
 from bench.scenes.scene_file import Photos
 from bench.scenes.sensor import MOTION, develop, generator
 from groundtruth.cameras.cameras import Camera
-from groundtruth.mesh.mesh_files import load_open3d
+from radar.support.rays import load_open3d
 
 ROOM = 0.03  # radiance of the dark room behind the stand
 EDGE_STEP_M = 1.5e-3  # neighbouring pixels whose distance differs by more see an edge between them
@@ -29,11 +29,12 @@ class Studio:
     """A lit scene, ready to be photographed."""
 
     def __init__(self, scene: Scene) -> None:
-        self.photos: Photos = scene.file.photos
+        assert scene.file.photos is not None  # as there are cameras
+        self.photos = scene.file.photos
         self.seed = scene.file.seed
         self.bodies = bodies(scene)
         self.aim_m = scene.radar_from_photo.inverse().points(scene.radar_from_target.matrix[None, :3, 3])[0]
-        self.projector = _projector(scene, self.aim_m)
+        self.projector = _projector(scene, self.photos, self.aim_m)
         o3d = load_open3d()
         self.rays = o3d.t.geometry.RaycastingScene()
         for body in self.bodies:
@@ -59,24 +60,28 @@ class Studio:
         radiance, distance_m, label = self.shoot(camera.centre_m, directions)
         edge = _edges(distance_m, label)
         radiance[edge] = self._supersample(camera.centre_m, directions, edge)
-        if self.photos.f_number is None:
-            return radiance
         lens = self.lens(camera)
+        if lens is None:
+            return radiance
         circle_px = lens.circle_px(distance_m * (directions @ camera.rotation[2]))
         near = near_edges(edge, circle_px / 2)
         radiance = blur_by_discs(radiance, circle_px)
         radiance[near] = self._through_lens(camera, lens, directions, near)
         return radiance
 
-    def lens(self, camera: Camera) -> ThinLens:
+    def lens(self, camera: Camera) -> ThinLens | None:
         """The camera's lens where f_number gives it an aperture; it focuses on the target's origin unless told."""
+        if self.photos.f_number is None:
+            return None
         focus_m = self.photos.focus_m or float((self.aim_m - camera.centre_m) @ camera.rotation[2])
         return ThinLens.of(camera, self.photos.f_number, 1e-3 * self.photos.sensor_width_mm, focus_m)
 
     def shoot(self, origin_m: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Radiance [..., 3], distance [...] and the body's number [...] (-1: none) seen from the point `origin_m` [3]
         along `directions` [..., 3]."""
-        hits = _cast(self.rays, np.broadcast_to(origin_m, directions.shape), directions)
+        origins_m = np.broadcast_to(origin_m, directions.shape)
+        query = np.concatenate([origins_m, directions], axis=-1, dtype=np.float32)
+        hits = {key: found.numpy() for key, found in self.rays.cast_rays(load_open3d().core.Tensor(query)).items()}
         distance_m, label = hits["t_hit"], hits["geometry_ids"].astype(np.int64)
         label[~np.isfinite(distance_m)] = -1
         radiance = np.full(directions.shape, ROOM, dtype=np.float32)
@@ -137,8 +142,7 @@ class Studio:
         return total / LENS_SAMPLES
 
 
-def _projector(scene: Scene, aim_m: np.ndarray) -> Projector | None:
-    photos = scene.file.photos
+def _projector(scene: Scene, photos: Photos, aim_m: np.ndarray) -> Projector | None:
     if photos.speckle == 0:
         return None
     position_m = scene.radar_from_photo.inverse().points(np.array([photos.speckle_from_m]))[0]
@@ -152,12 +156,6 @@ def _pixel_steps(directions: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray
     rows, columns = np.nonzero(pixels)
     r, c = np.clip(rows, 1, height - 2), np.clip(columns, 1, width - 2)
     return (directions[r, c + 1] - directions[r, c - 1]) / 2, (directions[r + 1, c] - directions[r - 1, c]) / 2
-
-
-def _cast(rays: object, origins_m: np.ndarray, directions: np.ndarray) -> dict[str, np.ndarray]:
-    query = np.concatenate([origins_m, directions], axis=-1, dtype=np.float32)
-    hits = rays.cast_rays(load_open3d().core.Tensor(query))
-    return {key: hits[key].numpy() for key in ("t_hit", "geometry_ids", "primitive_ids", "primitive_uvs")}
 
 
 def _edges(distance_m: np.ndarray, label: np.ndarray) -> np.ndarray:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from bench.scenes.lamps import FACING, SHADOW_OFFSET_M, clear
 from bench.scenes.textures import solid_noise
 from radar.support.errors import HandbenchError
+
+if TYPE_CHECKING:
+    from open3d.t.geometry import RaycastingScene
 
 SHARPNESS = 10.0  # of the dots' borders
 NOISE_PER_DOT = 0.85  # the noise's wavelength over the dots' mean size along a line
@@ -53,7 +58,7 @@ class Projector:
         cosine = np.maximum(np.einsum("ij,ij->i", towards, normals) / distance_m, 0)
         return cosine * (self.throw_m / distance_m) ** 2
 
-    def beam(self, rays: object, points_m: np.ndarray, normals: np.ndarray, even: bool) -> np.ndarray:
+    def beam(self, rays: RaycastingScene, points_m: np.ndarray, normals: np.ndarray, even: bool) -> np.ndarray:
         """Light [n] on its way to points [n, 3] with normals [n, 3], zero in shadows: the irradiance over π that it
         would give a surface that faces it at the throw's distance; even: without dots."""
         picture = 0.5 if even else self.pattern(points_m)

@@ -35,7 +35,7 @@ class _Placed(Config):
 
     def radar_from_target(self) -> Transform:
         """The placement as a transform."""
-        return rigid("target", "radar", rotation(self.rotation_deg), (*self.offset_m, self.distance_m))
+        return _placed("target", self.rotation_deg, np.eye(3), (*self.offset_m, self.distance_m))
 
 
 class _Solid(_Placed):
@@ -178,7 +178,7 @@ class Mount(Config):
 
     def radar_from_photo(self) -> Transform:
         """The true transform."""
-        return rigid("photo", "radar", rotation(self.rotation_deg) @ PHOTO_AXES, self.offset_m)
+        return _placed("photo", self.rotation_deg, PHOTO_AXES, self.offset_m)
 
 
 class Stand(Config):
@@ -235,13 +235,12 @@ class SceneFile(Config):
         return Causes(noise=self.noise, motion=self.target.motion, **faults)
 
 
-def rigid(source: str, to: str, turn: np.ndarray, offset_m: tuple[float, ...]) -> Transform:
-    """A transform without scale from a rotation [3, 3] and an offset [3]."""
+def _placed(
+    source: str, angles_deg: tuple[float, float, float], axes: np.ndarray, offset_m: tuple[float, ...]
+) -> Transform:
+    """radar_from_SOURCE without scale: `axes` [3, 3], turned about the fixed x, y and z axes in this order, then moved
+    by an offset [3]."""
     matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = turn, offset_m
-    return Transform(source, to, matrix)
-
-
-def rotation(angles_deg: tuple[float, float, float]) -> np.ndarray:
-    """Rotation [3, 3] about the fixed x, y and z axes, in this order."""
-    return Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix()
+    matrix[:3, :3] = Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix() @ axes
+    matrix[:3, 3] = offset_m
+    return Transform(source, "radar", matrix)

@@ -37,9 +37,11 @@ def plate_print(seed: int) -> np.ndarray:
     pattern of blots from 0.5 to 12 mm, left white around the markers."""
     import cv2
 
-    shape = tuple(round(side / TEXEL_M) for side in (PLATE_M[1], PLATE_M[0]))
+    shape = round(PLATE_M[1] / TEXEL_M), round(PLATE_M[0] / TEXEL_M)
     random = np.random.default_rng([seed, 1])
-    pattern = sum(_blots(random, shape, scale_m) for scale_m in (12e-3, 5e-3, 2e-3, 0.8e-3))
+    pattern = np.zeros(shape, np.float32)
+    for scale_m in (12e-3, 5e-3, 2e-3, 0.8e-3):
+        pattern += _blots(random, shape, scale_m)
     tone = 0.5 + 0.5 * np.tanh(1.6 * pattern / pattern.std())
     image = (INK + (0.9 * PAPER - INK) * tone).astype(np.float32)
     dictionary = stand_board().cv_dictionary()
@@ -67,6 +69,12 @@ def _patch(image: np.ndarray, centre_m: tuple[float, float], side_m: float) -> n
     top = round((PLATE_M[1] / 2 - centre_m[1] - side_m / 2) / TEXEL_M)
     side = round(side_m / TEXEL_M)
     return image[top : top + side, left : left + side]
+
+
+def plate_box_m() -> np.ndarray:
+    """Lower and upper corner [2, 3] of the back plate."""
+    width, height, thickness = PLATE_M
+    return np.array([[-width / 2, -height / 2, -thickness], [width / 2, height / 2, 0.0]])
 
 
 def cuboid(lower_m: np.ndarray, upper_m: np.ndarray, step_m: float) -> tuple[np.ndarray, np.ndarray]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bench.datasets.native import ARRAY, ECHOES, EMPTY, MESH, PHOTOS, TARGET, TRANSFORM, TRUTH, CaptureFile
+from bench.validation.file_lines import Location
 from bench.validation.problems import Found, Problem, Sheet, attempt, parsed
 from calibration.array.array_file import load_array
 from calibration.target.description import Target
@@ -44,11 +46,27 @@ class Seen:
     scored: tuple[bool, bool] = (True, True)
     lacks: tuple[str, ...] = ()
 
+    @classmethod
+    def of(
+        cls,
+        about: CaptureFile | None,
+        echoes: RadarCapture | None,
+        true: bool,
+        measured: bool,
+        carried: bool,
+        lacks: tuple[str, ...],
+    ) -> Seen:
+        """What was read of a capture; true, measured: whether it has such a surface; carried: the second has a
+        transform."""
+        name, methods = (about.name, about.methods) if about else (None, None)
+        frequencies_hz, frames = (echoes.frequencies_hz, len(echoes.samples)) if echoes else (None, None)
+        return cls(name, frequencies_hz, frames, methods, (true or (measured and carried), true or measured), lacks)
+
     def problem_of(self, chosen: Method, asked: dict[str, Any]) -> str | None:
         """The reason why a method, configured as its sensor and `asked` want it, cannot image the capture; None: it
         can."""
         of_sensor = self.methods or {}
-        values = {**of_sensor.get(chosen.base, {}), **of_sensor.get(chosen.id, {}), **asked}
+        values = {**of_sensor.get(chosen.base or chosen.id, {}), **of_sensor.get(chosen.id, {}), **asked}
         try:
             config = chosen.configure(values, "configuration")
         except HandbenchError:
@@ -68,7 +86,7 @@ class Seen:
 def capture_problems(folder: Path) -> Found[Seen]:
     """All problems of a capture folder; what is missing is one only where something needs it."""
     found, about = yield from parsed(CaptureFile, folder / "capture.toml", "a capture description")
-    if found is not None and isinstance(found.values, dict):
+    if isinstance(found.values, dict):
         yield from _described(folder, found)
     echoes = yield from _echoes(folder)
     surfaces = {}
@@ -88,28 +106,19 @@ def capture_problems(folder: Path) -> Found[Seen]:
     measured = any((folder / name).exists() for name in (MESH, PHOTOS))
     if kind != "target" and not measured and TRUTH not in surfaces:
         yield Problem(folder, None, f"nothing to score against; add {PHOTOS}, {MESH} or {TRUTH}")
-    true = TRUTH in surfaces
-    return Seen(
-        about and about.name,
-        echoes and echoes.frequencies_hz,
-        echoes and len(echoes.samples),
-        about and about.methods,
-        (true or (measured and (folder / TRANSFORM).exists()), true or measured),
-        lacks,
-    )
+    return Seen.of(about, echoes, TRUTH in surfaces, measured, (folder / TRANSFORM).exists(), lacks)
 
 
 def _described(folder: Path, sheet: Sheet) -> Iterator[Problem]:
     """Problems of a capture.toml: of the files, the scene and the methods that it names."""
     contains = sheet.values.get("contains")
     for index, name in enumerate(contains if isinstance(contains, list) else ()):
+        at = ("contains", index)
         if not isinstance(name, str):
             continue
-        try:
-            if not inside(folder, name, "contains").exists():
-                yield sheet.problem(("contains", index), f"{name} is missing, but is said to be there; copy it again")
-        except HandbenchError as error:
-            yield sheet.problem(("contains", index), str(error))
+        path = yield from sheet.attempt(at, partial(inside, folder, name, "contains"))
+        if path is not None and not path.exists():
+            yield sheet.problem(at, f"{name} is missing, but is said to be there; copy it again")
     distance_m, box_m = sheet.values.get("distance_m"), sheet.values.get("box_m")
     if isinstance(distance_m, int | float) and abs(distance_m) > FAR_M:
         yield sheet.problem(("distance_m",), f"distance_m is {distance_m:g}; is that millimetres?", warning=True)
@@ -124,39 +133,30 @@ def _described(folder: Path, sheet: Sheet) -> Iterator[Problem]:
         yield from method_problems(sheet, id, values, ("methods", id), ("methods", id))
 
 
-def method_problems(
-    sheet: Sheet, id: str, values: Any, at_id: tuple[str | int, ...], at_values: tuple[str | int, ...]
-) -> Found[Config | None]:
+def method_problems(sheet: Sheet, id: str, values: Any, at_id: Location, at_values: Location) -> Found[Config | None]:
     """An id that no method has, and what is wrong with its configuration."""
-    try:
-        config = method(id).config
-    except HandbenchError as error:
-        yield sheet.problem(at_id, str(error))
-        return None
-    return (yield from sheet.complaints(config, values, at_values))
+    chosen = yield from sheet.attempt(at_id, lambda: method(id))
+    return None if chosen is None else (yield from sheet.complaints(chosen.config, values, at_values))
 
 
 def _echoes(folder: Path) -> Found[RadarCapture | None]:
     echoes = yield from attempt(folder / ECHOES, lambda: load_capture(folder / ECHOES))
-    for name in (ARRAY, EMPTY):
-        if echoes is None or not (folder / name).exists():
-            continue
-        file = folder / name
-        if name == ARRAY:
-            yield from attempt(file, lambda file=file: load_array(file).applied_to(echoes, file))
-        else:
-            yield from attempt(file, lambda file=file: load_capture(file))
-    if echoes is not None:
-        array = echoes.aperture
-        places_m = (array.position_m,) if isinstance(array, PlanarScan) else (array.tx_m, array.rx_m)
-        far_m = max(float(np.abs(place).max()) for place in places_m)
-        if far_m > FAR_M:
-            text = f"an antenna lies {far_m:g} m from the origin; are its positions millimetres?"
-            yield Problem(folder / ECHOES, None, text, warning=True)
-        highest_hz = float(echoes.frequencies_hz.max())
-        if highest_hz < LOW_HZ:
-            text = f"its highest frequency is {highest_hz:g} Hz; are these gigahertz?"
-            yield Problem(folder / ECHOES, None, text, warning=True)
+    if echoes is None:
+        return None
+    array, calibration, empty = echoes.aperture, folder / ARRAY, folder / EMPTY
+    if calibration.exists():
+        yield from attempt(calibration, lambda: load_array(calibration).applied_to(echoes, calibration))
+    if empty.exists():
+        yield from attempt(empty, lambda: load_capture(empty))
+    places_m = (array.position_m,) if isinstance(array, PlanarScan) else (array.tx_m, array.rx_m)
+    far_m = max(float(np.abs(place).max()) for place in places_m)
+    if far_m > FAR_M:
+        text = f"an antenna lies {far_m:g} m from the origin; are its positions millimetres?"
+        yield Problem(folder / ECHOES, None, text, warning=True)
+    highest_hz = float(echoes.frequencies_hz.max())
+    if highest_hz < LOW_HZ:
+        text = f"its highest frequency is {highest_hz:g} Hz; are these gigahertz?"
+        yield Problem(folder / ECHOES, None, text, warning=True)
     return echoes
 
 
@@ -195,18 +195,17 @@ def _target(file: Path) -> Iterator[Problem]:
 
 def _photos(folder: Path) -> Iterator[Problem]:
     photos = yield from attempt(folder, lambda: find_photos(folder))
-    board, cameras = folder / "board.toml", folder / "cameras.json"
-    if board.exists():
-        _, content = yield from parsed(Board, board, "an ArUco board description")
-        reach_m = max((float(np.abs(c).max()) for c in content.corners_m().values()), default=0) if content else 0
+    described, cameras = folder / "board.toml", folder / "cameras.json"
+    if described.exists():
+        _, board = yield from parsed(Board, described, "an ArUco board description")
+        reach_m = max((float(np.abs(c).max()) for c in board.corners_m().values()), default=0) if board else 0
         if reach_m > FAR_M:
-            yield Problem(board, None, f"a corner lies {reach_m:g} m away; are these millimetres?", warning=True)
+            yield Problem(described, None, f"a corner lies {reach_m:g} m away; are these millimetres?", warning=True)
     posed = 0
     if cameras.exists():
-        _, content = yield from parsed(CameraFile, cameras, 'a cameras file {"cameras": [...]}')
-        if content is not None:
-            posed = sum(camera.R is not None and camera.t is not None for camera in content.cameras)
-            if photos is not None:
-                yield from attempt(cameras, lambda: cameras_of(photos, cameras))
-    if not board.exists() and posed < 3:
+        _, told = yield from parsed(CameraFile, cameras, 'a cameras file {"cameras": [...]}')
+        posed = sum(camera.R is not None and camera.t is not None for camera in told.cameras) if told else 0
+        if told is not None and photos is not None:
+            yield from attempt(cameras, partial(cameras_of, photos, cameras))
+    if not described.exists() and posed < 3:
         yield Problem(folder, None, "nothing gives the scale; add board.toml, or poses (R, t) to cameras.json")

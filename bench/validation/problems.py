@@ -16,6 +16,7 @@ from radar.support.errors import HandbenchError
 from radar.support.files import read_json
 
 Read = TypeVar("Read")
+Model = TypeVar("Model", bound=Config)
 Found = Generator["Problem", None, Read]  # problems on the way, then what was read (None: nothing could be)
 
 
@@ -35,7 +36,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A TOML or JSON file: its plain values, and the lines of its keys."""
+    """A TOML or JSON file: its plain values (None: it cannot be parsed), and the lines of its keys."""
 
     file: Path
     values: Any
@@ -53,13 +54,14 @@ class Sheet:
             yield self.problem(location, str(error))
             return None
 
-    def complaints(self, model: type[Config], values: Any, prefix: Location = ()) -> Found[Any]:
+    def complaints(self, model: type[Model], values: Any, prefix: Location = ()) -> Found[Model | None]:
         """All complaints about `values`, which stand at `prefix`; returns them as a `model` if there are none."""
         try:
             return model.model_validate(values)
         except pydantic.ValidationError as error:
             for problem in error.errors():
                 yield self.problem((*prefix, *_keys(values, problem["loc"])), complaint(model, problem, prefix))
+            return None
 
 
 def failure(file: Path, error: HandbenchError) -> Problem:
@@ -78,22 +80,17 @@ def attempt(file: Path, read: Callable[[], Read]) -> Found[Read | None]:
         return None
 
 
-def sheet(file: Path, what: str) -> Found[Sheet | None]:
-    """A TOML or JSON file that can be parsed."""
+def sheet(file: Path, what: str) -> Found[Sheet]:
+    """A TOML or JSON file, and why it cannot be parsed."""
     toml = file.suffix.lower() != ".json"
     values = yield from attempt(file, lambda: (read_toml if toml else read_json)(file, what))
-    if values is None:
-        return None
-    return Sheet(file, values, lines_of(file.read_text(encoding="utf-8"), toml))
+    return Sheet(file, values, {} if values is None else lines_of(file.read_text(encoding="utf-8"), toml))
 
 
-def parsed(model: type[Config], file: Path, what: str) -> Found[tuple[Sheet | None, Any]]:
+def parsed(model: type[Model], file: Path, what: str) -> Found[tuple[Sheet, Model | None]]:
     """A file with all that it should not hold; its content is None where there is such."""
     found = yield from sheet(file, what)
-    if found is None:
-        return None, None
-    content = yield from found.complaints(model, found.values)
-    return found, content
+    return found, None if found.values is None else (yield from found.complaints(model, found.values))
 
 
 def _keys(values: Any, location: tuple[int | str, ...]) -> Location:

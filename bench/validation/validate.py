@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,23 +21,15 @@ from groundtruth.mesh.mesh_files import read_triangles
 from radar.data.arrays import load_positions
 from radar.data.capture import load_capture
 from radar.methods.registry import method
+from radar.support.config import Config
 from radar.support.errors import HandbenchError
 from radar.support.files import inside
 from radar.support.progress import track
 
-DESCRIPTIONS = {  # a key that tells what a TOML file is, if it is no benchmark
-    "target": (SceneFile, "a scene description"),
-    "element": (Target, "a calibration target description"),
-    "marker": (Board, "an ArUco board description"),
-    "charuco": (Board, "an ArUco board description"),
-}
-READERS = {
-    ".ply": read_triangles,
-    ".obj": read_triangles,
-    ".stl": read_triangles,
-    ".h5": load_capture,
-    ".json": load_transform,
-}
+# A key that tells what a TOML file is, if it is neither benchmark nor scene.
+DESCRIPTIONS: dict[str, type[Config]] = {"element": Target, "marker": Board, "charuco": Board}
+READERS: dict[str, Callable[[Path], Any]] = {".h5": load_capture, ".json": load_transform}
+READERS |= dict.fromkeys((".ply", ".obj", ".stl"), read_triangles)
 
 
 def show(inputs: Sequence[str]) -> None:
@@ -75,15 +68,15 @@ def problems_of(name: str) -> Iterator[Problem]:
         yield from attempt(path, lambda: READERS[path.suffix.lower()](path))
         return
     found = yield from sheet(path, "a benchmark or a scene")
-    if found is None:
+    if found.values is None:
         return
     kind = next((kind for key, kind in DESCRIPTIONS.items() if key in found.values), None)
-    if kind is None:
-        yield from _benchmark(found)
-    elif kind[0] is SceneFile:
+    if "target" in found.values:
         yield from _scene(path)
+    elif kind is not None:
+        yield from found.complaints(kind, found.values)
     else:
-        yield from parsed(kind[0], path, kind[1])
+        yield from _benchmark(found)
 
 
 def _folder(path: Path) -> Iterator[Problem]:
@@ -107,36 +100,31 @@ def _capture(path: Path) -> Found[Seen]:
     if capture is None:
         return Seen(None)
     about = yield from attempt(path, lambda: capture.about)
-    echoes = yield from attempt(path, lambda: capture.echoes())
+    echoes = yield from attempt(path, capture.echoes)
     mesh = yield from attempt(path, capture.mesh)
     if mesh is not None:
-        yield from attempt(mesh, lambda: read_triangles(mesh))
+        yield from attempt(mesh, partial(read_triangles, mesh))
     transform = yield from attempt(path, capture.transform)
-    measured, true = mesh is not None or capture.photos is not None, capture.truth is not None
-    return Seen(
-        about and about.name,
-        echoes and echoes.frequencies_hz,
-        echoes and len(echoes.samples),
-        about and about.methods,
-        (true or (measured and transform is not None), true or measured),
-        (TARGET,),
-    )
+    measured = mesh is not None or capture.photos is not None
+    return Seen.of(about, echoes, capture.truth is not None, measured, transform is not None, (TARGET,))
 
 
 def _scene(path: Path) -> Found[Seen]:
     found, scene = yield from parsed(SceneFile, path, "a scene description")
     if scene is None:
         return Seen(None)
-    for key, read in (("file", load_target), ("path", read_triangles)):
+    readers: dict[str, Callable[[Path], Any]] = {"file": load_target, "path": read_triangles}
+    for key, read in readers.items():
         name = getattr(scene.target, key, None)
         if name is not None:
-            at = ("target", key)
-            yield from found.attempt(at, lambda name=name, read=read: read(inside(path.parent, name, "target")))
+            file = yield from found.attempt(("target", key), partial(inside, path.parent, name, "target"))
+            if file is not None:
+                yield from found.attempt(("target", key), partial(read, file))
     if scene.sensor.array != BUILT_IN_ARRAY:
         at = ("sensor", "array")
-        array = yield from found.attempt(at, lambda: inside(path.parent, scene.sensor.array, "array"))
-        for name in ("tx_m.csv", "rx_m.csv") if array is not None else ():
-            yield from found.attempt(at, lambda name=name: load_positions(array / name))
+        array = yield from found.attempt(at, partial(inside, path.parent, scene.sensor.array, "array"))
+        for part in ("tx_m.csv", "rx_m.csv") if array is not None else ():
+            yield from found.attempt(at, partial(load_positions, array / part))
     return Seen(scene.name, scene.sensor.frequencies_hz)
 
 
@@ -155,7 +143,7 @@ def _benchmark(found: Sheet) -> Iterator[Problem]:
         if list(found.complaints(DataSet, values)):
             continue
         dataset = DataSet.model_validate(values)
-        below = yield from found.attempt((*at, "path"), lambda dataset=dataset: dataset.sources(found.file.parent))
+        below = yield from found.attempt((*at, "path"), partial(dataset.sources, found.file.parent))
         sources += [(at, source.model_dump()) for source in below or ()]
     names: dict[str, str] = {}
     for at, source in track(sources, "captures"):
@@ -201,11 +189,11 @@ def _source(found: Sheet, source: dict[str, Any], at: Location) -> Found[Seen | 
         name = source.get(key)
         if not isinstance(name, str):
             continue
-        path = yield from found.attempt((*at, key), lambda name=name, key=key: inside(found.file.parent, name, key))
+        path = yield from found.attempt((*at, key), partial(inside, found.file.parent, name, key))
         if path is not None and not path.exists() and not name.endswith(AT_EMPTY_FILTERED):
             yield found.problem((*at, key), f"{name} is missing beside the benchmark; check the path")
-            path = None
-        return path and (yield from check(path))
+            return None
+        return None if path is None else (yield from check(path))
     return None
 
 
