@@ -9,7 +9,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from bench.datasets.native import load_capture_file, load_echoes
+from bench.datasets.native import NativeCapture
 from radar.data.depthmap import DepthMap
 from radar.methods.registry import methods
 
@@ -45,7 +45,7 @@ def _residual_m(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray
 
 def main(capture: Path, picture: Path) -> None:
     """Run the four methods, print the table, draw depth and amplitude."""
-    description, echoes = load_capture_file(capture), load_echoes(capture)
+    description, echoes = NativeCapture(capture).about, NativeCapture(capture).echoes()
     figure, axes = plt.subplots(2, 4, figsize=(13, 5.4), sharex=True, sharey=True, layout="constrained")
     print("method | median depth mm | RMS about a plane mm (all) | RMS mm (3σ) | left out")
     for column, method in zip(axes.T, (m for m in methods() if m.id in description.methods), strict=True):

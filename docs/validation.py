@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 
 from bench.scenes.build import load_scene
 from bench.scenes.echoes import echo_scene
-from bench.scenes.stand import PLATE_M, cuboid
+from bench.scenes.stand import cuboid, plate_box_m
 from radar.data.capture import RadarCapture
 from radar.methods.registry import method
 from radar.simulation.causes import Causes, Pattern
@@ -107,8 +107,7 @@ def draw_range(axes: Axes) -> None:
 
 def stand(scene: object, reflectivity_db: float) -> tuple[Body, ...]:
     """The benchmark's back plate in the radar frame."""
-    half = np.array(PLATE_M[:2]) / 2
-    vertices_m, faces = cuboid(np.array([*-half, -PLATE_M[2]]), np.array([*half, 0.0]), 5e-3)
+    vertices_m, faces = cuboid(plate_box_m(), 5e-3)
     return (Body(scene.radar_from_photo.points(vertices_m), faces, reflectivity_db=reflectivity_db),)
 
 

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.evaluation.metrics import METRICS
-from bench.evaluation.paper import PAPER
+from bench.evaluation.metrics import METRICS, PAPER
 from bench.evaluation.scoring_protocols import protocol
 from bench.run.benchmark_file import BenchFile, load_benchmark
 from radar.support.store import versions
@@ -55,7 +54,7 @@ def test_the_record_is_of_this_version(recorded):
 
 def test_every_figure_is_there_with_the_papers(recorded):
     """Each method has each figure, but those without a precision of their own; the paper's are those of
-    bench.evaluation.paper."""
+    bench.evaluation.metrics."""
     rows = {(row["metric"], row["method"]): row for row in recorded["rows"]}
     measured = {entry.id for entry in load_benchmark("paper_table")[0].method if entry.precision}
     for metric in readme.METRICS:

@@ -24,7 +24,7 @@ TYPES = {"int": int, "float": float, "path": Path, "str": str, "positive": posit
 
 @cache
 def declared(file: Path) -> dict[str, dict[str, Any]]:
-    """What commands.toml or studies.toml says of each command."""
+    """Each command's entry in commands.toml, or study's in studies.toml."""
     return tomllib.loads(file.read_text("utf-8"))
 
 
@@ -33,7 +33,7 @@ def add_options(command: argparse.ArgumentParser, options: Mapping[str, Mapping[
     it stands under; either: of those that share a word, one at most."""
     groups: dict[str, argparse._ActionsContainer] = {}
     for names, told in options.items():
-        facts = {key: TYPES[value] if key == "type" else value for key, value in told.items()}
+        facts: dict[str, Any] = {key: TYPES[value] if key == "type" else value for key, value in told.items()}
         place: argparse._ActionsContainer = command
         if group := facts.pop("group", None):
             place = groups.get(group) or groups.setdefault(group, command.add_argument_group(group))

@@ -118,19 +118,13 @@ class MappedCapture(NativeCapture):
             with opened(path) as file:
                 source = _Source(path, file)
                 frequencies_hz = source.frequencies_hz(told.frequencies)
-                places = {
-                    name: source.positions_m(name, getattr(told, name))
-                    for name in ("tx", "rx", "position")
-                    if name in told.samples.axes
-                }
+                named = [name for name in ("tx", "rx", "position") if name in told.samples.axes]
+                places = {name: source.positions_m(name, getattr(told, name)) for name in named}
                 counts = {"frequency": len(frequencies_hz), **{name: len(p) for name, p in places.items()}}
                 samples = source.samples(told.samples, counts)[:frames]
-            aperture = (
-                PlanarScan(places["position"])
-                if "position" in places
-                else AntennaArray(**{f"{name}_m": positions_m for name, positions_m in places.items()})
-            )
-            return RadarCapture(samples, frequencies_hz, aperture)
+            if "position" in places:
+                return RadarCapture(samples, frequencies_hz, PlanarScan(places["position"]))
+            return RadarCapture(samples, frequencies_hz, AntennaArray(places["tx"], places["rx"]))
         except HandbenchError as error:
             message = str(error)
             raise HandbenchError(message if message.startswith(str(path)) else f"{path}: {message}") from None

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from bench.datasets.maroon_alignment import load_alignment
+from bench.datasets.maroon_alignment import ALIGNMENT, load_alignment, read_table
 from bench.datasets.maroon_frame import Frame, read_frame
 from bench.datasets.maroon_mask import eroded, radar_kernel_px
 from bench.datasets.native import CaptureFile, NativeCapture
@@ -30,10 +30,10 @@ from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.support.config import Config, parse, suggest
 from radar.support.errors import HandbenchError
-from radar.support.files import content_hash, inside, read_json, require_file
+from radar.support.files import content_hash, inside, require_file
 from radar.support.progress import say
 
-FRAMES, METADATA, ALIGNMENT, VOLUMES = "calibrated_data", "metadata.json", "alignment.json", "calibration.json"
+FRAMES, METADATA, VOLUMES = "calibrated_data", "metadata.json", "calibration.json"
 REGISTRATIONS = "00_registration"  # beside the objects: captures of their calibration target
 EMPTY_FILTERED = "emptyfiltered"  # frames from which their empty room has been taken
 PHOTOGRAMMETRY = "photogrammetry"
@@ -75,24 +75,21 @@ class MaroonCapture(NativeCapture):
     @cached_property
     def metadata(self) -> Metadata:
         """Its metadata.json; without one, nothing is known."""
-        return parse(Metadata, _read(self.folder / METADATA), str(self.folder / METADATA))
+        return parse(Metadata, read_table(self.folder / METADATA, f"MAROON's {METADATA}"), str(self.folder / METADATA))
 
     @cached_property
     def about(self) -> CaptureFile:
         """Its description, named OBJECT-DISTANCE; the methods image the box of calibration.json."""
         folder = self.folder.resolve()
         name = re.sub("_{2,}", "_", f"{folder.parent.name}-{folder.name}").lstrip(".")
-        return parse(
-            CaptureFile,
-            {
-                "name": f"{name}-{EMPTY_FILTERED}" if self.empty_filtered else name,
-                "kind": "other",
-                "distance_m": self.metadata.distance_meters,
-                "source": "MAROON (Wirth et al. 2024)",
-                "methods": self._settings(),
-            },
-            str(self.folder),
-        )
+        facts = {
+            "name": f"{name}-{EMPTY_FILTERED}" if self.empty_filtered else name,
+            "kind": "other",
+            "distance_m": self.metadata.distance_meters,
+            "source": "MAROON (Wirth et al. 2024)",
+            "methods": self._settings(),
+        }
+        return parse(CaptureFile, facts, str(self.folder))
 
     @property
     def radar(self) -> Path:
@@ -209,7 +206,7 @@ class MaroonCapture(NativeCapture):
         """Method id → the pixels and voxels of their box: calibration.json's of the first frame, or their shipped one
         about the object's distance."""
         file = self.radar / VOLUMES
-        frame = _read(file).get(f"{0:06d}", {}) if file.exists() else {}
+        frame = read_table(file, f"MAROON's {VOLUMES}").get(f"{0:06d}", {}) if file.exists() else {}
         distance_m = self.metadata.distance_meters
         if isinstance(frame, dict) and "volume" in frame:
             box = _axes(file, frame["volume"])
@@ -239,10 +236,3 @@ def _axes(file: Path, volume: Any) -> dict[str, dict[str, float]]:
         axis: {"start_m": a, "stop_m": b, "step_m": (b - a) / (n - 1) if n > 1 and b > a else BEHIND_M["step_m"]}
         for axis, (a, b, n) in zip("xyz", rounded, strict=True)
     }
-
-
-def _read(path: Path) -> dict[str, Any]:
-    content = read_json(path, f"MAROON's {path.name}")
-    if not isinstance(content, dict):
-        raise HandbenchError(f"{path}: is a {type(content).__name__}; expected MAROON's {path.name}")
-    return content

@@ -36,7 +36,6 @@ ROUNDING, TOO_CROOKED = 1e-6, 1e-3  # largest element by which a matrix may miss
 FARTHEST_M = 10.0  # no two sensors of the set-up stand further apart; more are millimetres
 MIRROR_X = np.diag([-1.0, 1.0, 1.0, 1.0])
 FRAMES = {"photogrammetry": "photo"}  # ours for theirs; the others keep their names
-WHAT = "MAROON's alignment.json"
 
 
 def load_alignment(path: str | Path, source: str = "photogrammetry", mirrored: bool = True) -> Transform:
@@ -47,7 +46,7 @@ def load_alignment(path: str | Path, source: str = "photogrammetry", mirrored: b
     nearest rotation with a scale. Raises HandbenchError for anything but a finite 4×4 similarity, for an unknown
     source, and where the handedness contradicts `mirrored`.
     """
-    content = _read(path)
+    content = read_table(path)
     key = f"{source}2radar"
     if key not in content:
         known = [name.removesuffix("2radar") for name in content if name.endswith("2radar")]
@@ -59,40 +58,36 @@ def load_alignment(path: str | Path, source: str = "photogrammetry", mirrored: b
         raise HandbenchError(
             f"{path}: '{key}' shifts by {np.linalg.norm(matrix[:3, 3]):.4g} m; expected metres, {FARTHEST_M:g} at most"
         )
-    return Transform(FRAMES.get(source, source), "radar", _straight(path, key, _flip(matrix, mirrored), mirrored))
+    matrix = MIRROR_X @ matrix if mirrored else matrix
+    return Transform(FRAMES.get(source, source), "radar", _straight(path, key, matrix, mirrored))
 
 
-def save_alignment(
-    path: str | Path, transform: Transform, source: str = "photogrammetry", mirrored: bool = True
-) -> None:
-    """Write `radar_from_SOURCE` in MAROON's form, atomically: `SOURCE2radar` and its inverse.
+def save_alignment(path: str | Path, transform: Transform, mirrored: bool = True) -> None:
+    """Write `radar_from_photo` in MAROON's form, atomically: `photogrammetry2radar` and its inverse.
 
-    An existing file keeps its other keys; those that lead to or from `source` without the radar stay as they were, and
-    speak of another calibration then. A new file gets what their viewer asks for besides: `radar2world`, whose axes are
-    the radar's, and the word that no Kinect matrix waits for correction. The covariance has no place there.
+    An existing file keeps its other keys; those that lead to or from the photogrammetry without the radar stay as they
+    were, and speak of another calibration then. A new file gets what their viewer asks for besides: `radar2world`,
+    whose axes are the radar's, and the word that no Kinect matrix waits for correction. The covariance has no place
+    there.
     """
-    transform.require(FRAMES.get(source, source), "radar", "transform")
+    transform.require("photo", "radar", "transform")
     known: dict[str, Any] = {"radar2world": np.eye(4), "kinect_calib": {"space": "depth"}}
     if Path(path).exists():
-        known |= _read(path)
-    there, back = _flip(transform.matrix, mirrored), transform.inverse().matrix
-    back = back @ MIRROR_X if mirrored else back
-    write_json(path, known | {f"{source}2radar": there, f"radar2{source}": back})
+        known |= read_table(path)
+    flip = MIRROR_X if mirrored else np.eye(4)  # from their radar frame to ours, or back
+    there, back = flip @ transform.matrix, transform.inverse().matrix @ flip
+    write_json(path, known | {"photogrammetry2radar": there, "radar2photogrammetry": back})
 
 
-def _read(path: str | Path) -> dict[str, Any]:
-    size = require_file(path, WHAT).stat().st_size
+def read_table(path: str | Path, what: str = "MAROON's alignment.json") -> dict[str, Any]:
+    """One of MAROON's JSON files, which hold a table; anything else, or a larger one, is a HandbenchError."""
+    size = require_file(path, what).stat().st_size
     if size > LARGEST_BYTES:
-        raise HandbenchError(f"{path}: has {size} bytes; expected {WHAT}, {LARGEST_BYTES} at most")
-    content = read_json(path, WHAT)
+        raise HandbenchError(f"{path}: has {size} bytes; expected {what}, {LARGEST_BYTES} at most")
+    content = read_json(path, what)
     if not isinstance(content, dict):
-        raise HandbenchError(f"{path}: holds no table of transforms; expected {WHAT}")
+        raise HandbenchError(f"{path}: holds no table of transforms or facts; expected {what}")
     return content
-
-
-def _flip(matrix: np.ndarray, mirrored: bool) -> np.ndarray:
-    """From their radar frame to ours, or back."""
-    return MIRROR_X @ matrix if mirrored else matrix
 
 
 def _straight(path: str | Path, key: str, matrix: np.ndarray, mirrored: bool) -> np.ndarray:

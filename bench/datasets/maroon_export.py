@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from bench.datasets.dataset import open_capture
-from bench.datasets.maroon import ALIGNMENT, EMPTY_FILTERED, FRAMES, MESHES, METADATA, PHOTOGRAMMETRY, VOLUMES
-from bench.datasets.maroon_alignment import save_alignment
+from bench.datasets.maroon import EMPTY_FILTERED, FRAMES, MESHES, METADATA, PHOTOGRAMMETRY, VOLUMES
+from bench.datasets.maroon_alignment import ALIGNMENT, save_alignment
 from bench.datasets.maroon_frame import Frame, write_frame
 from bench.datasets.native import EMPTY, TRUE_TRANSFORM, NativeCapture
 from calibration.transforms import Transform, load_transform
@@ -45,30 +46,24 @@ def export_maroon(path: str | Path, root: str | Path, overwrite: bool = False) -
         _write_frames(radar / FRAMES, echoes, "")
         empty = capture.folder / EMPTY
         if empty.is_file():
-            _write_frames(radar / FRAMES, _without(echoes, load_capture(empty)), f"_{EMPTY_FILTERED}")
+            filtered = replace(echoes, samples=echoes.samples - load_capture(empty).samples)
+            _write_frames(radar / FRAMES, filtered, f"_{EMPTY_FILTERED}")
         write_json(radar / VOLUMES, {f"{0:06d}": {"volume": _volume(capture)}})
-        write_json(
-            temporary / METADATA,
-            {
-                "distance_meters": about.distance_m,
-                "mask_erosion": 0,
-                "labels": [about.name],
-                "mask_bb": {"zmin": 0.0, "zmax": 2 * about.distance_m},
-            },
-        )
+        box = {"zmin": 0.0, "zmax": 2 * about.distance_m}
+        facts = {"distance_meters": about.distance_m, "mask_erosion": 0, "labels": [about.name], "mask_bb": box}
+        write_json(temporary / METADATA, facts)
         _write_surfaces(capture, temporary)
     return folder
 
 
 def _require_radar(capture: NativeCapture, echoes: RadarCapture) -> None:
     ours, radar = echoes.aperture, qar50()
-    same = isinstance(ours, AntennaArray) and ours.channels == radar.channels
-    if not same or max(np.abs(ours.tx_m - radar.tx_m).max(), np.abs(ours.rx_m - radar.rx_m).max()) > SAME_M:
+    if (
+        not isinstance(ours, AntennaArray)
+        or ours.channels != radar.channels
+        or max(np.abs(ours.tx_m - radar.tx_m).max(), np.abs(ours.rx_m - radar.rx_m).max()) > SAME_M
+    ):
         raise HandbenchError(f'{capture.folder}: its antennas are not those of MAROON\'s radar, array = "qar50"')
-
-
-def _without(echoes: RadarCapture, empty: RadarCapture) -> RadarCapture:
-    return RadarCapture(echoes.samples - empty.samples, echoes.frequencies_hz, echoes.aperture)
 
 
 def _write_frames(folder: Path, echoes: RadarCapture, suffix: str) -> None:

@@ -49,15 +49,9 @@ def write_frame(file: Path, number: int, frame: Frame) -> None:
     """Write a frame as theirs are; the antennas that are not used get zeros."""
     xr = np.zeros((ANTENNAS, ANTENNAS, len(frame.frequencies_hz)), np.complex64)
     xr[USED, USED] = frame.samples.transpose(2, 1, 0)
-    write_dictionary(
-        file,
-        {
-            "fvec": frame.frequencies_hz.astype(np.float64),
-            "xr": xr,
-            "number_of_measurements": frame.count,
-            "timestamp_us": np.array([round(1e6 * number * FRAME_S)]),
-        },
-    )
+    fvec, timestamp_us = frame.frequencies_hz.astype(np.float64), np.array([round(1e6 * number * FRAME_S)])
+    content = {"fvec": fvec, "xr": xr, "number_of_measurements": frame.count, "timestamp_us": timestamp_us}
+    write_dictionary(file, content)
 
 
 def _frequencies_hz(file: Path, content: dict[str, Any]) -> np.ndarray:

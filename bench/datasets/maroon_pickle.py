@@ -55,19 +55,15 @@ def _unpickle(content: bytes) -> dict[str, Any]:
     if not dtype.hasobject or dtype.names or shape != ():
         raise ValueError(f"it is an array {dtype} {shape}, not a dictionary")
     outermost = _Unpickler(stream).load()
-    content = outermost.objects[0] if isinstance(outermost, _Array) and outermost.objects else None
-    if not isinstance(content, dict):
+    held = outermost.objects[0] if isinstance(outermost, _Array) and outermost.objects else None
+    if not isinstance(held, dict):
         raise ValueError("it holds no dictionary")
-    return {_checked_key(key): _checked(key, value) for key, value in content.items()}
+    return {key: _checked(key, value) for key, value in held.items()}
 
 
-def _checked_key(key: Any) -> str:
+def _checked(key: Any, value: Any) -> Any:
     if not isinstance(key, str):
         raise ValueError(f"a key is {type(key).__name__}, not text")
-    return key
-
-
-def _checked(key: str, value: Any) -> Any:
     if isinstance(value, _Array) and value.numbers is not None:
         return value.numbers
     if isinstance(value, PLAIN):
@@ -84,7 +80,7 @@ class _Dtype:
             raise ValueError(f"numbers of type {name!r}")
         self.name, self.order = name, "="
 
-    def __setstate__(self, state: tuple) -> None:
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
         if state[1] not in ("<", ">", "=", "|") or any(part is not None for part in state[2:5]):
             raise ValueError("structured numbers")
         self.order = state[1]
@@ -104,7 +100,7 @@ class _Array:
         self.numbers: np.ndarray | None = None
         self.objects: list[Any] = []
 
-    def __setstate__(self, state: tuple) -> None:
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
         _, shape, dtype, by_column, content = state
         if any(not isinstance(n, int) or n < 0 for n in shape) or not isinstance(dtype, _Dtype):
             raise ValueError("an array without shape or type")

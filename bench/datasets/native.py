@@ -22,6 +22,7 @@ from radar.support.files import content_hash, inside, require_folder, write_text
 from radar.support.names import Name
 from radar.support.progress import say
 
+WHAT = "a capture (capture.toml, echoes.h5, …)"
 DESCRIPTION = "capture.toml"
 ECHOES, TRUTH, MESH, PHOTOS = "echoes.h5", "truth.ply", "mesh.ply", "photos"
 ARRAY = "array.json"  # calibration of the antennas
@@ -51,32 +52,9 @@ class CaptureFile(Config):
     )
 
 
-def load_capture_file(folder: str | Path) -> CaptureFile:
-    """Read a capture folder's `capture.toml`; every file that it names must exist."""
-    folder = require_folder(folder, "a capture (capture.toml, echoes.h5, …)")
-    description = load(CaptureFile, folder / DESCRIPTION, "a capture description")
-    for name in description.contains:
-        if not inside(folder, name, "capture.toml").exists():
-            raise HandbenchError(f"{folder}: {name} is missing, but capture.toml says it is there; copy it again")
-    return description
-
-
 def save_capture_file(folder: Path, description: CaptureFile) -> None:
     """Write `capture.toml`, atomically."""
     write_text(folder / DESCRIPTION, tomlkit.dumps(description.model_dump(exclude_none=True)))
-
-
-def load_echoes(folder: str | Path, calibrated: bool = True) -> RadarCapture:
-    """The echoes of a capture folder; where it holds an `array.json`, of the calibrated array, said in one line
-    (calibrated = False: as recorded)."""
-    folder = require_folder(folder, "a capture (capture.toml, echoes.h5, …)")
-    echoes, file = load_capture(folder / ECHOES), folder / ARRAY
-    if not calibrated or not file.exists():
-        return echoes
-    calibration = load_array(file)
-    echoes = calibration.applied_to(echoes, file)
-    say(f"{file}: applied: {calibration.summary()}")
-    return echoes
 
 
 @dataclass(frozen=True)
@@ -95,12 +73,23 @@ class NativeCapture:
 
     @cached_property
     def about(self) -> CaptureFile:
-        """Its description."""
-        return load_capture_file(self.folder)
+        """Its `capture.toml`; every file that it names must exist."""
+        folder = require_folder(self.folder, WHAT)
+        description = load(CaptureFile, folder / DESCRIPTION, "a capture description")
+        for name in description.contains:
+            if not inside(folder, name, "capture.toml").exists():
+                raise HandbenchError(f"{folder}: {name} is missing, but capture.toml says it is there; copy it again")
+        return description
 
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
-        """Its first `frames` frames, or all; calibrated: with what is known of the antennas put in."""
-        echoes = load_echoes(self.folder, calibrated)
+        """Its first `frames` frames, or all; calibrated: where there is an `array.json`, with what it knows of the
+        antennas put in, said in one line."""
+        folder = require_folder(self.folder, WHAT)
+        echoes, file = load_capture(folder / ECHOES), folder / ARRAY
+        if calibrated and file.exists():
+            calibration = load_array(file)
+            echoes = calibration.applied_to(echoes, file)
+            say(f"{file}: applied: {calibration.summary()}")
         return replace(echoes, samples=echoes.samples[:frames])
 
     @property

@@ -1,17 +1,27 @@
-"""Scene files, turned into capture folders."""
+"""Scene files, turned into capture folders: echoes, photographs, cameras, board, true surface, description."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-from bench.datasets.native import ECHOES, EMPTY
+import tomlkit
+
+from bench.datasets.native import DESCRIPTION, ECHOES, EMPTY, PHOTOS, TARGET, TRUE_TRANSFORM, TRUTH
 from bench.scenes.build import Scene
-from bench.scenes.capture_folder import write_photos
 from bench.scenes.echoes import echoes
+from bench.scenes.photographs import Studio
+from bench.scenes.scene_file import HandTarget, MeshTarget
+from groundtruth.board.board import save_board
+from groundtruth.cameras.cameras import load_pycolmap, save_cameras
+from groundtruth.mesh.mesh_files import write_mesh
 from radar.data.capture import save_capture
 from radar.simulation.selection import Choice
-from radar.support.files import atomic_folder
+from radar.support.files import atomic_folder, atomic_path, write_text
+from radar.support.parallel import for_each
 from radar.support.progress import say
+
+JPEG_QUALITY = 96
 
 
 def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple[Choice, ...]:
@@ -26,3 +36,57 @@ def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple
         say(f"{scene.file.name}: {len(scene.cameras)} photographs")
         write_photos(scene, temporary, simulated.rows)
     return simulated.rows
+
+
+def write_photos(scene: Scene, folder: str | Path, rows: tuple[Choice, ...] = ()) -> None:
+    """Write everything but the echoes: `photos/` (when the scene has any), `truth.ply` (metres, radar frame),
+    `truth_radar_from_photo.json`, `target.toml` for a calibration target, and `capture.toml`; rows: of the effects."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_mesh(folder / TRUTH, scene.target_mesh)
+    scene.radar_from_photo.save(folder / TRUE_TRANSFORM)
+    if scene.target is not None:
+        write_text(folder / TARGET, tomlkit.dumps(scene.target.model_dump()))
+    if scene.cameras:
+        _write_photographs(scene, folder / PHOTOS)
+    contains = sorted(path.name for path in folder.iterdir())
+    write_text(folder / DESCRIPTION, tomlkit.dumps(description(scene, contains, rows)))
+
+
+def description(scene: Scene, contains: list[str], rows: tuple[Choice, ...]) -> dict[str, Any]:
+    """The content of `capture.toml`; contains: what lies beside it; rows: the effects'."""
+    target, pose = scene.file.target, ""
+    kind = "hand" if isinstance(target, HandTarget | MeshTarget) else "other" if scene.target is None else "target"
+    if isinstance(target, HandTarget):
+        pose = target.pose if isinstance(target.pose, str) else "free"
+    return {
+        "version": 1,
+        "name": scene.file.name,
+        "kind": kind,
+        "pose": pose,
+        "distance_m": target.distance_m,
+        "units": "m",
+        "seed": scene.file.seed,
+        "box_m": scene.box_m.ravel().round(6).tolist(),
+        "contains": contains,
+        "effects": [row.model_dump(exclude_none=True) for row in rows],
+    }
+
+
+def _write_photographs(scene: Scene, folder: Path) -> None:
+    import cv2
+
+    studio = Studio(scene)
+    load_pycolmap()  # here, not in a thread
+
+    def take(number: int) -> None:
+        camera = scene.cameras[number]
+        image = studio.photograph(camera, number)
+        _, packed = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        with atomic_path(folder / camera.name) as temporary:
+            temporary.write_bytes(packed.tobytes())  # not by OpenCV, which does not mind a full disk
+
+    for_each(take, range(len(scene.cameras)))
+    save_cameras(folder / "cameras.json", tuple(c.model_copy(update={"R": None, "t": None}) for c in scene.cameras))
+    save_cameras(folder / "truth_cameras.json", scene.cameras)
+    save_board(folder / "board.toml", scene.board)

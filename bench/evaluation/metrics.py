@@ -40,6 +40,8 @@ def _registry() -> dict[str, Metric]:
 
 
 METRICS = _registry()
+TITLES = {"2fsk": "2-FSK", "3fsk": "3-FSK", "broadband": "broadband", "narrowband": "narrowband"}  # the paper's names
+PAPER = {(m.key, method): value for m in METRICS.values() for method, value in m.paper.items()}  # and its figures
 
 
 def score(z_m: np.ndarray, reference_z_m: np.ndarray) -> Values:

@@ -32,16 +32,9 @@ class Protocol:
 
     def about(self) -> dict[str, Any]:
         """Its entry "protocol" in result.json."""
-        return {
-            "id": self.id,
-            "version": self.version,
-            "source": self.source,
-            "frame": self.frame,
-            **self.rules,
-            "metrics": list(self.metrics),
-            "compared": list(self.compared),
-            "setting": self.setting,
-        }
+        facts = {name: getattr(self, name) for name in ("id", "version", "source", "frame")}
+        figures = {"metrics": list(self.metrics), "compared": list(self.compared)}
+        return {**facts, **self.rules, **figures, "setting": self.setting}
 
 
 def _protocols() -> dict[str, Protocol]:

@@ -16,7 +16,7 @@ import pandas as pd
 from bench import results
 from bench.datasets.native import CaptureFile
 from bench.evaluation.floor import budget
-from bench.evaluation.paper import TITLES
+from bench.evaluation.metrics import TITLES
 from bench.evaluation.rows import accuracy_rows, metric_facts, precision_rows, time_rows
 from bench.evaluation.scoring_protocols import protocol
 from bench.evaluation.statistics.intervals import note

@@ -24,7 +24,7 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator
 
-from bench.evaluation.paper import TITLES
+from bench.evaluation.metrics import TITLES
 from radar.methods.registry import method
 from radar.support.config import Config, load
 from radar.support.errors import HandbenchError

@@ -51,11 +51,10 @@ def bodies(scene: Scene) -> list[Body]:
     is_skin = not isinstance(scene.file.target, CalibrationTarget)
     result = [
         _body(vertices_m, np.asarray(scene.target_mesh.triangles), target_albedo, skin=is_skin),
-        _body(*cuboid(*plate_box_m(), GRID_M), _Plate(scene.file.seed, pixel_m, plain), board=True),
+        _body(*cuboid(plate_box_m(), GRID_M), _Plate(scene.file.seed, pixel_m, plain), board=True),
     ]
     if scene.block_m is not None:
-        lower_m, upper_m = scene.block_m
-        result.append(_body(*cuboid(lower_m, upper_m, GRID_M), plain))
+        result.append(_body(*cuboid(scene.block_m, GRID_M), plain))
     return result
 
 

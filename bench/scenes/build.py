@@ -144,7 +144,9 @@ def spheres(target: Target) -> o3d.geometry.TriangleMesh:
     """The foam spheres' surfaces as one mesh in the target's frame, flat to 0.01 mm."""
     whole = mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32))
     for element in target.element:
-        whole += sphere_mesh(element.sphere_radius_m, np.pi * element.sphere_radius_m / 60).translate(element.centre_m)
+        sphere = sphere_mesh(element.sphere_radius_m, np.pi * element.sphere_radius_m / 60)
+        sphere.translate(element.centre_m)
+        whole += sphere
     return whole
 
 

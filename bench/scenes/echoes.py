@@ -86,7 +86,7 @@ def _room(scene: Scene) -> tuple[Body, ...]:
     if reflectivity_db is None:
         return ()
     boxes = [plate_box_m()] if scene.block_m is None else [plate_box_m(), scene.block_m]
-    grids = (cuboid(lower_m, upper_m, ROOM_STEP_M) for lower_m, upper_m in boxes)
+    grids = (cuboid(box_m, ROOM_STEP_M) for box_m in boxes)
     return tuple(Body(scene.radar_from_photo.points(v), faces, reflectivity_db=reflectivity_db) for v, faces in grids)
 
 

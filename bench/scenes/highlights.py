@@ -12,7 +12,7 @@ GRAZING = 1e-3  # smallest cosine towards the eye: interpolated normals may turn
 BLOCK = 20_000  # points per task
 
 
-@numba.njit
+@numba.njit()
 def ggx(to_half: float, to_light: float, to_eye: float, tilt: float, roughness: float, reflectance: float) -> float:
     """Mirrored part of the BRDF, 1/sr, from cosines: of the normal with the half vector, the light and the eye (both
     above 0), and of the half vector with the eye (tilt).
@@ -45,7 +45,15 @@ def mirrored(
 
 
 @numba.njit(nogil=True, cache=True)
-def _mirrored(points_m, normals, eyes, lamp_m, reach_m, roughness, result):
+def _mirrored(
+    points_m: np.ndarray,
+    normals: np.ndarray,
+    eyes: np.ndarray,
+    lamp_m: np.ndarray,
+    reach_m: float,
+    roughness: float,
+    result: np.ndarray,
+) -> None:
     """The rendering equation over a lamp's samples: π / k Σ brdf cos θ (reach / distance)²."""
     for i in range(len(points_m)):
         px, py, pz = points_m[i, 0], points_m[i, 1], points_m[i, 2]

@@ -78,14 +78,6 @@ def near_edges(edge: np.ndarray, radius_px: np.ndarray) -> np.ndarray:
     return result
 
 
-def blur_along(image: np.ndarray, length_px: float, angle_rad: float) -> np.ndarray:
-    """Image [height, width, 3] of a camera that moved evenly along a line while the shutter was open; the sharp picture
-    is that of the middle of the exposure."""
-    import cv2
-
-    return cv2.filter2D(image, -1, line_kernel(length_px, angle_rad))
-
-
 def disc_kernel(diameter_px: float) -> np.ndarray:
     """Weights [n, n] of pixels under a disc, of sum 1."""
     along = _along(diameter_px)

@@ -11,7 +11,7 @@ from bench.scenes.bodies import Body, bodies, texture_seed
 from bench.scenes.build import Scene
 from bench.scenes.highlights import mirrored
 from bench.scenes.lamps import LAMPS, Light, bake, sunflower
-from bench.scenes.lens import ThinLens, blur_along, blur_by_discs, near_edges
+from bench.scenes.lens import ThinLens, blur_by_discs, line_kernel, near_edges
 from bench.scenes.projector import Projector
 from bench.scenes.scene_file import Photos
 from bench.scenes.sensor import MOTION, develop, generator
@@ -51,7 +51,8 @@ class Studio:
             radiance = cv2.GaussianBlur(radiance, (0, 0), photos.blur_px)
         if photos.motion_px > 0:
             angle_rad = generator(self.seed, MOTION, number).uniform(0, np.pi)
-            radiance = blur_along(radiance, photos.motion_px, angle_rad)
+            # The camera moved evenly; the sharp picture is that of the middle of the exposure.
+            radiance = cv2.filter2D(radiance, -1, line_kernel(photos.motion_px, angle_rad))
         return develop(radiance, photos, self.seed, number)[..., ::-1]
 
     def expose(self, camera: Camera) -> np.ndarray:

@@ -29,7 +29,7 @@ def plate_mesh(width_m: float, height_m: float, thickness_m: float, edge_m: floa
     """A plate whose front is z = 0, facing -z."""
     _check_faces(2 * width_m * height_m, edge_m)
     half = np.array([width_m, height_m]) / 2
-    return mesh(*cuboid(np.append(-half, 0.0), np.append(half, thickness_m), edge_m))
+    return mesh(*cuboid(np.array([[*-half, 0.0], [*half, thickness_m]]), edge_m))
 
 
 def dihedral_mesh(side_m: float, edge_m: float) -> o3d.geometry.TriangleMesh:

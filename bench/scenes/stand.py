@@ -77,9 +77,9 @@ def plate_box_m() -> np.ndarray:
     return np.array([[-width / 2, -height / 2, -thickness], [width / 2, height / 2, 0.0]])
 
 
-def cuboid(lower_m: np.ndarray, upper_m: np.ndarray, step_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and outward triangles of a box whose faces are gridded every `step_m` or finer."""
-    vertices, faces, total = [], [], 0
+def cuboid(box_m: np.ndarray, step_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and outward triangles of a box, lower and upper corner [2, 3], with a grid of `step_m` or finer."""
+    (lower_m, upper_m), vertices, faces, total = box_m, [], [], 0
     for axis in range(3):
         for side, bound in ((-1, lower_m[axis]), (1, upper_m[axis])):
             u, v = (axis + 1) % 3, (axis + 2) % 3

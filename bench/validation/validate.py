@@ -123,8 +123,8 @@ def _scene(path: Path) -> Found[Seen]:
     if scene.sensor.array != BUILT_IN_ARRAY:
         at = ("sensor", "array")
         array = yield from found.attempt(at, partial(inside, path.parent, scene.sensor.array, "array"))
-        for part in ("tx_m.csv", "rx_m.csv") if array is not None else ():
-            yield from found.attempt(at, partial(load_positions, array / part))
+        for file in () if array is None else (array / "tx_m.csv", array / "rx_m.csv"):
+            yield from found.attempt(at, partial(load_positions, file))
     return Seen(scene.name, scene.sensor.frequencies_hz)
 
 
@@ -150,7 +150,7 @@ def _benchmark(found: Sheet) -> Iterator[Problem]:
         seen = yield from _source(found, source, at)
         if seen is None or seen.name is None:
             continue
-        here = source.get("scene") or source.get("path")
+        here = str(source.get("scene") or source.get("path"))
         if seen.name in names:
             text = f"capture '{seen.name}' in {here} is named as the one in {names[seen.name]}; give one another name"
             yield found.problem(at, text)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+from bench.datasets.simulated import write_photos
 from bench.scenes.build import build
-from bench.scenes.capture_folder import write_photos
 from bench.studies.columns import Record, Table, columns
 from bench.studies.photogrammetry.cases import Case, bars, sweep
 from bench.studies.photogrammetry.figure import draw

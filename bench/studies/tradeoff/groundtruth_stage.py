@@ -17,11 +17,11 @@ from pydantic import Field
 
 from bench.datasets.dataset import open_capture
 from bench.datasets.native import TRUE_TRANSFORM
+from bench.datasets.simulated import JPEG_QUALITY
 from bench.evaluation.metrics import pool
 from bench.evaluation.statistics.intervals import pooled_intervals
 from bench.results import Section, Setting
 from bench.results.error_map import ErrorMap
-from bench.scenes.capture_folder import JPEG_QUALITY
 from bench.studies.photogrammetry.score import GRID_M
 from bench.studies.tradeoff.context import Context
 from bench.studies.tradeoff.lines import line, section

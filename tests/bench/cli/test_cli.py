@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bench.cli.main import main
-from bench.datasets.native import load_capture_file
+from bench.datasets.native import NativeCapture
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture, save_capture
 from radar.simulation.effects.catalogue import IDS
@@ -57,7 +57,7 @@ def test_explaining_simulates_nothing(small_bench, tmp_path, capsys, monkeypatch
 
 
 def test_a_simulated_capture_says_what_its_echoes_show(capture):
-    rows = {row.effect: row for row in load_capture_file(capture).effects}
+    rows = {row.effect: row for row in NativeCapture(capture).about.effects}
     assert set(rows) == {*IDS, "echoes"}
     assert rows["obliquity"].on and rows["obliquity"].depth_mm > 0.05 and rows["obliquity"].seconds >= 0
     assert not rows["noise"].on and rows["noise"].seconds is None and "needs [noise]" in rows["noise"].why

@@ -10,8 +10,9 @@ import pytest
 from bench.datasets.dataset import open_capture
 from bench.datasets.mapping import Mapping
 from bench.datasets.maroon_export import export_maroon
-from bench.datasets.native import load_capture_file
+from bench.datasets.native import CaptureFile
 from bench.run.benchmark_file import BenchFile, Source, load_benchmark
+from radar.support.config import load
 from radar.support.errors import HandbenchError
 from tests.bench.datasets.foreign_captures import echoes, write_native
 
@@ -105,7 +106,7 @@ def test_the_files_of_the_page_are_read():
 
 def test_what_opens_a_folder(data_set, tmp_path):
     native = open_capture(data_set / "native")
-    assert native.about == load_capture_file(data_set / "native")
+    assert native.about == load(CaptureFile, data_set / "native" / "capture.toml", "a capture description")
     assert native.truth == data_set / "native" / "truth.ply"
     assert (native.mesh(), native.photos, native.transform()) == (None, None, None)
     with pytest.raises(HandbenchError, match="only captures of MAROON have frames @emptyfiltered"):

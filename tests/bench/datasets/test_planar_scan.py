@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.datasets.foam_panel import import_planar_scan
-from bench.datasets.native import load_capture_file, load_echoes
+from bench.datasets.native import NativeCapture
 from radar.imaging.cpu.exact import backproject
 from radar.methods.registry import method
 from radar.support.errors import HandbenchError
@@ -24,7 +24,7 @@ def folder(tmp_path_factory):
 
 @needs_scan
 def test_the_capture_holds_the_scan(folder):
-    capture = load_echoes(folder)
+    capture = NativeCapture(folder).echoes()
     assert capture.samples.shape == (1, 11, 187 * 144)
     assert capture.frequencies_hz[[0, -1]].tolist() == [22.2e9, 26.2e9]
     assert np.abs(capture.samples[0].mean(axis=1)).max() < 1e-3 * np.abs(capture.samples).max()
@@ -34,7 +34,7 @@ def test_the_capture_holds_the_scan(folder):
 @needs_scan
 def test_the_scan_focuses_with_our_sign_and_its_phase_correction(folder):
     # Where the panel is strong, the sharpest image over all depths beats that of the conjugated echoes by far.
-    capture = load_echoes(folder)
+    capture = NativeCapture(folder).echoes()
     depths = np.arange(0.05, 0.2, 0.002)
     points = np.stack([np.full_like(depths, -0.2), np.full_like(depths, 0.15), depths], axis=1)
     images = [
@@ -50,8 +50,8 @@ def test_the_scan_focuses_with_our_sign_and_its_phase_correction(folder):
 def test_every_method_finds_the_panel(folder, name):
     # Every eighth pixel: this shows that the echoes focus on the panel, docs/planar_scan.md how well.
     coarse = {axis: {"start_m": -0.15, "stop_m": 0.15, "step_m": 0.025} for axis in "xy"}
-    config = load_capture_file(folder).methods[name] | coarse
-    depth = method(name).run(load_echoes(folder), method(name).configure(config, name), 0).depth
+    config = NativeCapture(folder).about.methods[name] | coarse
+    depth = method(name).run(NativeCapture(folder).echoes(), method(name).configure(config, name), 0).depth
     assert 0.09 <= np.nanmedian(depth.z_m) <= 0.11
     assert np.isfinite(depth.z_m).mean() > 0.6
 

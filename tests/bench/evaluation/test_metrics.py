@@ -14,8 +14,10 @@ from bench.evaluation.depth_errors import deviation_map, error_map
 from bench.evaluation.metrics import (
     F_MM,
     METRICS,
+    PAPER,
     RATIOS,
     TERMS,
+    TITLES,
     definitions,
     pool,
     precision,
@@ -23,7 +25,6 @@ from bench.evaluation.metrics import (
     strongest_scatterer_z_m,
     terms,
 )
-from bench.evaluation.paper import PAPER, TITLES
 from bench.results.error_map import ErrorMap
 from radar.support.errors import HandbenchError
 

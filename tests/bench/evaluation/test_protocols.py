@@ -10,7 +10,7 @@ import pytest
 
 from bench.evaluation.depth_errors import error_map
 from bench.evaluation.metrics import METRICS, RATIOS
-from bench.evaluation.paper import PAPER as PAPER_FIGURES
+from bench.evaluation.metrics import PAPER as PAPER_FIGURES
 from bench.evaluation.rows import accuracy_rows, precision_rows, time_rows
 from bench.evaluation.scoring_protocols import PAPER, PROTOCOLS, protocol
 from radar.support.errors import HandbenchError

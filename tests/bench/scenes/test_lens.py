@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import cv2
 import numpy as np
 import pytest
 
-from bench.scenes.lens import ThinLens, blur_along, blur_by_discs, disc_kernel, line_kernel, near_edges
+from bench.scenes.lens import ThinLens, blur_by_discs, disc_kernel, line_kernel, near_edges
 from bench.scenes.photographs import Studio
 from bench.scenes.scene_file import Photos
 
@@ -62,7 +63,7 @@ def test_a_point_out_of_focus_becomes_its_circle(diameter_px: float) -> None:
     blurred = blur_by_discs(point, np.full((41, 41), diameter_px))
     variance = diameter_px**2 / 16
     assert moments(blurred[..., 0])[:3] == pytest.approx((1, variance, variance), rel=0.01, abs=1e-6)
-    assert blur_along(point, 5.0, 1.0).sum(axis=(0, 1)) == pytest.approx([1, 1, 1])
+    assert cv2.filter2D(point, -1, line_kernel(5.0, 1.0)).sum(axis=(0, 1)) == pytest.approx([1, 1, 1])
 
 
 def test_edges_reach_as_far_as_the_larger_circle_beside_them() -> None:

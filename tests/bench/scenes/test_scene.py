@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.datasets.simulated import description, write_photos
 from bench.scenes.build import build, load_scene, spheres
-from bench.scenes.capture_folder import description, write_photos
 from bench.scenes.scene_file import Photos, SceneFile, Sensor, Sweep
 from bench.scenes.stand import PLATE_M, cuboid, plate_print, stand_board
 from calibration.target.description import default_target, load_target
@@ -189,7 +189,7 @@ def test_plate_carries_its_markers() -> None:
 
 
 def test_cuboid_is_closed_and_outward() -> None:
-    vertices, faces = cuboid(np.array([0.0, 0, 0]), np.array([0.03, 0.02, 0.01]), 4e-3)
+    vertices, faces = cuboid(np.array([[0.0, 0, 0], [0.03, 0.02, 0.01]]), 4e-3)
     triangles = vertices[faces]
     volume = np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6
     assert volume == pytest.approx(6e-6)

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from bench.datasets.dataset import open_capture
+from bench.datasets.simulated import write_photos
 from bench.run.benchmark_file import load_benchmark
 from bench.run.outcome import Capture
 from bench.scenes.build import build, load_scene
-from bench.scenes.capture_folder import write_photos
 from bench.scenes.echoes import echo_scene
 from bench.scenes.scene_file import SceneFile
 from bench.studies.tradeoff import groundtruth_stage, registration_stage, simulation_stage
