@@ -44,14 +44,10 @@ def _from_targets(options: argparse.Namespace) -> Transform:
         say(f"{options.array}: {array.summary()}")
     transform = photogrammetry.calibrate_captures(options.capture, options.quality, options.seed, array=array)
     residuals = ", ".join(f"{1e3 * r:.2f}" for r in transform.residuals_m)
-    say(f"{options.out}: {len(transform.residuals_m)} elements, residuals {residuals} mm; {expected_error(transform)}")
-    return transform
-
-
-def expected_error(transform: Transform) -> str:
-    """The covariance at the middle of the hand, in words."""
     sigma_mm = 1e3 * np.sqrt(np.diag(transform.point_covariance(HAND_M)))
-    return "at the hand's centre ± " + " × ".join(f"{s:.2f}" for s in sigma_mm) + " mm (x × y × z, one σ)"
+    error = "at the hand's centre ± " + " × ".join(f"{s:.2f}" for s in sigma_mm) + " mm (x × y × z, one σ)"
+    say(f"{options.out}: {len(transform.residuals_m)} elements, residuals {residuals} mm; {error}")
+    return transform
 
 
 def _from_surface(options: argparse.Namespace) -> Transform:

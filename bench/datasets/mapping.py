@@ -120,7 +120,7 @@ class MappedCapture(NativeCapture):
                 frequencies_hz = source.frequencies_hz(told.frequencies)
                 named = [name for name in ("tx", "rx", "position") if name in told.samples.axes]
                 places = {name: source.positions_m(name, getattr(told, name)) for name in named}
-                counts = {"frequency": len(frequencies_hz), **{name: len(p) for name, p in places.items()}}
+                counts = {"frequency": len(frequencies_hz)} | {name: len(p) for name, p in places.items()}
                 samples = source.samples(told.samples, counts)[:frames]
             if "position" in places:
                 return RadarCapture(samples, frequencies_hz, PlanarScan(places["position"]))

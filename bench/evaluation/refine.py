@@ -104,8 +104,8 @@ def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
         "pixels": int(kept.sum()),
         "left_out": int((~kept).sum()),
         "blocks": int(pixels.block.max() + 1),
-        "rms_before_mm": _rms_mm(before.distance_m[first]),
-        "rms_after_mm": _rms_mm(pixels.distance_m[kept][last]),
+        "rms_before_mm": 1e3 * float(np.sqrt((before.distance_m[first] ** 2).mean())),
+        "rms_after_mm": 1e3 * float(np.sqrt((pixels.distance_m[kept][last] ** 2).mean())),
         "translation_mm": 1e3 * shift_m,
         "rotation_deg": np.degrees(turn_rad),
         "centre_mm": 1e3 * pixels.centre_m,
@@ -211,10 +211,6 @@ def _blocks(x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
         return np.full(1, -1)
     cell = np.stack([np.floor((axis - axis.min()) / BLOCK_M + 1e-9) for axis in (y_m, x_m)])
     return np.unique(cell, axis=1, return_inverse=True)[1].ravel()
-
-
-def _rms_mm(distance_m: np.ndarray) -> float:
-    return 1e3 * float(np.sqrt((distance_m**2).mean()))
 
 
 def _name(vector: np.ndarray) -> str:

@@ -61,10 +61,7 @@ def time_rows(method: str, reference: str, seconds: Sequence[float], seed: int =
 
 def metric_facts() -> dict[str, MetricFacts]:
     """The definitions that travel with a result."""
-    return {
-        key: MetricFacts(title=m.title, unit=m.unit, better=m.better, definition=m.definition)
-        for key, m in METRICS.items()
-    }
+    return {key: MetricFacts.model_validate(metric, from_attributes=True) for key, metric in METRICS.items()}
 
 
 def _rows(method: str, reference: str, values: Values, intervals: Intervals) -> pd.DataFrame:

@@ -48,19 +48,12 @@ class Seen:
 
     @classmethod
     def of(
-        cls,
-        about: CaptureFile | None,
-        echoes: RadarCapture | None,
-        true: bool,
-        measured: bool,
-        carried: bool,
-        lacks: tuple[str, ...],
+        cls, about: CaptureFile | None, echoes: RadarCapture | None, scored: tuple[bool, bool], lacks: tuple[str, ...]
     ) -> Seen:
-        """What was read of a capture; true, measured: whether it has such a surface; carried: the second has a
-        transform."""
+        """The facts of a capture, of which some could not be read."""
         name, methods = (about.name, about.methods) if about else (None, None)
         frequencies_hz, frames = (echoes.frequencies_hz, len(echoes.samples)) if echoes else (None, None)
-        return cls(name, frequencies_hz, frames, methods, (true or (measured and carried), true or measured), lacks)
+        return cls(name, frequencies_hz, frames, methods, scored, lacks)
 
     def problem_of(self, chosen: Method, asked: dict[str, Any]) -> str | None:
         """The reason why a method, configured as its sensor and `asked` want it, cannot image the capture; None: it
@@ -106,7 +99,8 @@ def capture_problems(folder: Path) -> Found[Seen]:
     measured = any((folder / name).exists() for name in (MESH, PHOTOS))
     if kind != "target" and not measured and TRUTH not in surfaces:
         yield Problem(folder, None, f"nothing to score against; add {PHOTOS}, {MESH} or {TRUTH}")
-    return Seen.of(about, echoes, TRUTH in surfaces, measured, (folder / TRANSFORM).exists(), lacks)
+    true, carried = TRUTH in surfaces, measured and (folder / TRANSFORM).exists()
+    return Seen.of(about, echoes, (true or carried, true or measured), lacks)
 
 
 def _described(folder: Path, sheet: Sheet) -> Iterator[Problem]:

@@ -105,8 +105,8 @@ def _capture(path: Path) -> Found[Seen]:
     if mesh is not None:
         yield from attempt(mesh, partial(read_triangles, mesh))
     transform = yield from attempt(path, capture.transform)
-    measured = mesh is not None or capture.photos is not None
-    return Seen.of(about, echoes, capture.truth is not None, measured, transform is not None, (TARGET,))
+    true, measured = capture.truth is not None, mesh is not None or capture.photos is not None
+    return Seen.of(about, echoes, (true or (measured and transform is not None), true or measured), (TARGET,))
 
 
 def _scene(path: Path) -> Found[Seen]:

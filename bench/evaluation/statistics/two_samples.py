@@ -41,7 +41,12 @@ def unpaired(maps_a: Sequence[ErrorMap], maps_b: Sequence[ErrorMap], metric: str
     if a is None or b is None:
         return Tested(None)
     difference = b - a
-    spreads = [s for s in (_spread(maps, metric) for maps in (maps_a, maps_b)) if s]
+    spreads = []
+    for maps in (maps_a, maps_b):
+        blocks = cut(maps)
+        units = units_of(blocks.place)
+        found = spread(contributions(units, blocks.sums)[metric], units.weights)
+        spreads += [found] if found else []
     if len(spreads) < 2:
         return Tested(difference)
     variances = [s.error**2 for s in spreads]
@@ -50,12 +55,6 @@ def unpaired(maps_a: Sequence[ErrorMap], maps_b: Sequence[ErrorMap], metric: str
     together = Spread(sum(variances) ** 0.5, freedom, sum(s.units for s in spreads))
     reach = together.reach()
     return Tested(difference, difference - reach, difference + reach, p_value(abs(difference), together))
-
-
-def _spread(maps: Sequence[ErrorMap], metric: str) -> Spread | None:
-    blocks = cut(maps)
-    units = units_of(blocks.place)
-    return spread(contributions(units, blocks.sums)[metric], units.weights)
 
 
 def f_test(hands_a: Sequence[np.ndarray], hands_b: Sequence[np.ndarray]) -> Tested:
