@@ -172,6 +172,19 @@ def usable_repeats(strongest_z_m: Sequence[np.ndarray]) -> list[np.ndarray]:
     return hands if all(len(z) > 1 for z in hands) else []
 
 
+def mean_deviation(strongest_z_m: Sequence[np.ndarray]) -> tuple[float, float] | None:
+    """Mean standard deviation of several hands' depths [n_repeats], mm, and its degrees of freedom, the value that
+    gives the mean its variance: ν = (Σ s)² / Σ (s²/ν_hand) (Welch–Satterthwaite). None without `usable_repeats`."""
+    hands = usable_repeats(strongest_z_m)
+    if not hands:
+        return None
+    each_mm = np.array([1e3 * deviation(z) for z in hands])
+    freedom = np.array([len(z) - 1 for z in hands])
+    if not each_mm.any():
+        return 0.0, float(freedom.sum())
+    return float(each_mm.mean()), float(each_mm.sum() ** 2 / (each_mm**2 / freedom).sum())
+
+
 def definitions(keys: Sequence[str] = tuple(METRICS)) -> dict[str, str]:
     """Metric → "definition [unit]; lower is better", as result and metric files carry it."""
     return {k: f"{m.definition} [{m.unit}]; {m.better} is better" for k in keys if (m := METRICS.get(k))}

@@ -18,18 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri, stdtrit
 
-from bench.evaluation.metrics import (
-    METRICS,
-    QUANTILES,
-    TERMS,
-    Terms,
-    Values,
-    deviation,
-    figures,
-    pool,
-    terms,
-    usable_repeats,
-)
+from bench.evaluation.metrics import METRICS, QUANTILES, TERMS, Terms, Values, figures, mean_deviation, pool, terms
 from bench.results.error_map import ErrorMap
 from bench.results.tables import LEVEL
 
@@ -231,19 +220,6 @@ def _quantile_interval(blocks: Blocks, units: Units, share: float) -> Interval |
         return None
     shares = np.clip([share - found.reach(), share + found.reach()], 0, 1)
     return Interval(*map(float, 1e3 * np.quantile(blocks.absolute_m, shares)))
-
-
-def mean_deviation(strongest_z_m: Sequence[np.ndarray]) -> tuple[float, float] | None:
-    """Mean standard deviation of several hands' depths [n_repeats], mm, and its degrees of freedom, the value that
-    gives the mean its variance: ν = (Σ s)² / Σ (s²/ν_hand) (Welch–Satterthwaite). None without `usable_repeats`."""
-    hands = usable_repeats(strongest_z_m)
-    if not hands:
-        return None
-    each_mm = np.array([1e3 * deviation(z) for z in hands])
-    freedom = np.array([len(z) - 1 for z in hands])
-    if not each_mm.any():
-        return 0.0, float(freedom.sum())
-    return float(each_mm.mean()), float(each_mm.sum() ** 2 / (each_mm**2 / freedom).sum())
 
 
 def precision_interval(strongest_z_m: Sequence[np.ndarray], level: float = LEVEL) -> Interval | None:

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import fdtr, fdtrc, fdtri
 
-from bench.evaluation.metrics import METRICS, pool
-from bench.evaluation.statistics.intervals import TAILS, Spread, contributions, cut, mean_deviation, spread, units_of
+from bench.evaluation.metrics import METRICS, mean_deviation, pool
+from bench.evaluation.statistics.intervals import TAILS, Spread, contributions, cut, spread, units_of
 from bench.evaluation.statistics.paired import compare, p_value
 from bench.results.error_map import ErrorMap
 
