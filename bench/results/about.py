@@ -7,10 +7,9 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from radar.support.config import Config, parse
+from radar.support.config import Config, Name, parse
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json
-from radar.support.names import Name
 
 SCHEMA_VERSION = 1
 HEADLINE = "mae_mm"  # the metric that titles, pictures and fronts speak of

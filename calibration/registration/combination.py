@@ -145,13 +145,11 @@ def _of_offsets(pairs: Pairs, sigma_m: float, unknowns: int) -> np.ndarray:
     return sigma_m**2 * carry @ np.linalg.inv(jacobian.T @ jacobian) @ carry.T
 
 
-def require_rest(transforms: Sequence[Transform], names: Sequence[str], common_m2: np.ndarray | None = None) -> None:
+def require_rest(transforms: Sequence[Transform], names: Sequence[str]) -> None:
     """HandbenchError when the rig moved between any two captures; every pair of them is compared, at a level that
-    leaves 1 % for a false alarm in all (Bonferroni). common_m2: as for `motion`."""
-    motions = [
-        motion(transforms[i], transforms[j], common_m2, (names[i], names[j]))
-        for i, j in combinations(range(len(transforms)), 2)
-    ]
+    leaves 1 % for a false alarm in all (Bonferroni)."""
+    every_two = combinations(zip(transforms, names, strict=True), 2)
+    motions = [motion(first, second, names=(a, b)) for (first, a), (second, b) in every_two]
     worst = min(motions, key=lambda m: m.probability, default=None)
     if worst is not None and worst.probability < FALSE_ALARM / len(motions):
         raise HandbenchError(f"{worst.sentence}; use the captures on one side of the move alone")

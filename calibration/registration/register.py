@@ -24,19 +24,11 @@ from radar.data.capture import RadarCapture
 from radar.support.progress import say
 
 
-def calibrate(
-    points_m: np.ndarray,
-    normals: np.ndarray | None,
-    capture: RadarCapture,
-    target: Target,
-    with_scale: bool = False,
-    search: EchoSearch | None = None,
-    pixel_m: float = 0.0,
-) -> Transform:
+def calibrate(points_m: np.ndarray, normals: np.ndarray | None, capture: RadarCapture, target: Target) -> Transform:
     """`radar_from_photo` from a cloud of the target ([n, 3], metres, photo frame; normals outward or None) and its
     echoes (radar frame). Raises HandbenchError as `measure` and `solve` do."""
-    pairs, common_m2 = measure(points_m, normals, capture, target, search, pixel_m)
-    return solve(pairs, with_scale, common_m2)
+    pairs, common_m2 = measure(points_m, normals, capture, target)
+    return solve(pairs, common_m2=common_m2)
 
 
 def measure(

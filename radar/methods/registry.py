@@ -22,10 +22,9 @@ from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.support import closure
 from radar.support.closure import with_version
-from radar.support.config import Config, parse, suggest
+from radar.support.config import Config, checked_name, parse, suggest
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash
-from radar.support.names import checked_name
 from radar.support.progress import say
 
 GROUP = "handbench.methods"

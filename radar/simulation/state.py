@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from radar.data.arrays import AntennaArray
+from radar.imaging.tree import Box
 from radar.simulation.forward import Scatterers, simulate
 from radar.simulation.physics.balls import ball_echoes
 from radar.simulation.physics.facets import Facets, face_vectors, facets_of
@@ -65,9 +66,9 @@ class EchoState:
         """Seed of one effect alone, so that no other's draws depend on whether it is on."""
         return (self.scene.seed, zlib.crc32(effect.encode()), *keys)
 
-    def frame_seed(self, effect: str, frame: int) -> tuple[int, ...]:
-        """The same for one frame; the empty room has its own."""
-        return self.seed(effect, 0 if self.with_target else 1, frame)
+    def frame_seeds(self, effect: str) -> list[tuple[int, ...]]:
+        """The same for each frame; the empty room has its own."""
+        return [self.seed(effect, 0 if self.with_target else 1, frame) for frame in range(self.frames)]
 
     @staticmethod
     def random(seed: tuple[int, ...]) -> np.random.Generator:
@@ -79,6 +80,12 @@ class EchoState:
         if self.with_target:
             self.levels[name] = measure()
         return self.levels[name]
+
+    @property
+    def points_m(self) -> np.ndarray:
+        """The target's facets and balls: [n, 3]."""
+        facets = [] if self.surface is None else [require_facets(self.surface.facets).position_m]
+        return np.concatenate([*facets, *(ball.centre_m[None] for ball in self.scene.balls)])
 
     def moved(self, offset_m: np.ndarray) -> AntennaArray:
         """The array as the target sees it when the target has moved by offset_m [3]."""
@@ -129,8 +136,7 @@ def _facing(scene: EchoScene, body: Body, longest: float) -> Facets:
     vectors = face_vectors(body.vertices_m, body.faces)
     centres = body.vertices_m[body.faces].mean(axis=1)
     antennas = np.concatenate([scene.array.tx_m, scene.array.rx_m])
-    low, high = antennas.min(axis=0), antennas.max(axis=0)
-    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in {low[2], high[2]}])
+    corners = Box(antennas.min(axis=0), antennas.max(axis=0)).corners_m
     front = (vectors @ corners.T > (vectors * centres).sum(axis=1)[:, None]).any(axis=1)
     return facets_of(body, longest * scene.wavelength_m, np.flatnonzero(front))
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import ast
 import gc
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -97,12 +97,10 @@ def _data_beside(file: Path) -> list[Any]:
 @cache
 def key_of(module: str) -> str:
     """`Sources.key` of the installed code, as it was when this process first asked, which is the code that runs."""
-    return _installed().key(module)
+    return _INSTALLED.key(module)
 
 
-@cache
-def _installed() -> Sources:
-    return Sources()
+_INSTALLED = Sources()
 
 
 @cache
@@ -148,9 +146,7 @@ def installed(library: str) -> tuple[str, ...]:
     return tuple(sorted(with_version(name) for name in set(_distributions().get(library, [library]))))
 
 
-@cache
-def _distributions() -> Mapping[str, list[str]]:
-    return metadata.packages_distributions()
+_distributions = cache(metadata.packages_distributions)
 
 
 def with_version(distribution: str) -> str:

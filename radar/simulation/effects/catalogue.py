@@ -2,42 +2,32 @@
 
 from __future__ import annotations
 
+from radar.simulation.effects import antennas, receiver, surface
 from radar.simulation.effects.base import Effect
-from radar.simulation.effects.channels import ChannelErrors
 from radar.simulation.effects.clutter import Clutter
-from radar.simulation.effects.converter import Quantisation
-from radar.simulation.effects.coupling import AntennaCoupling
-from radar.simulation.effects.dead import DeadElements
 from radar.simulation.effects.dielectric import Dielectric
 from radar.simulation.effects.motion import TargetMotion
 from radar.simulation.effects.multipath import Multipath
-from radar.simulation.effects.noise import ThermalNoise
-from radar.simulation.effects.obliquity import Obliquity
-from radar.simulation.effects.oscillator import OscillatorNoise
-from radar.simulation.effects.pattern import AntennaPattern
-from radar.simulation.effects.positions import PositionErrors
-from radar.simulation.effects.shadow import ShadowAntennas, ShadowCentre
-from radar.simulation.effects.skin import Skin
 from radar.support.config import suggest
 from radar.support.errors import HandbenchError
 
 EFFECTS: tuple[Effect, ...] = (
-    PositionErrors(),
-    AntennaPattern(),
-    Obliquity(),
-    ShadowCentre(),
-    ShadowAntennas(),
-    Skin(),
+    antennas.PositionErrors(),
+    antennas.AntennaPattern(),
+    surface.Obliquity(),
+    surface.ShadowCentre(),
+    surface.ShadowAntennas(),
+    surface.Skin(),
     Dielectric(),
     Multipath(),
     TargetMotion(),
-    AntennaCoupling(),
+    antennas.AntennaCoupling(),
     Clutter(),
-    ChannelErrors(),
-    OscillatorNoise(),
-    ThermalNoise(),
-    Quantisation(),
-    DeadElements(),
+    antennas.ChannelErrors(),
+    receiver.OscillatorNoise(),
+    receiver.ThermalNoise(),
+    receiver.Quantisation(),
+    antennas.DeadElements(),
 )
 IDS = tuple(effect.id for effect in EFFECTS)
 

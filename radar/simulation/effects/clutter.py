@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from radar.simulation.effects.base import Effect, Estimate
-from radar.simulation.physics.facets import Facets
+from radar.simulation.physics.facets import Facets, joined
 from radar.simulation.physics.visibility import visible_from
-from radar.simulation.pilot import CENTRE_M, TOLERANCE, body_echoes, change_db, change_mm, coarse_surface, pilot
+from radar.simulation.pilot import CENTRE_M, TOLERANCE, body_echoes, coarse_surface, pilot
 from radar.simulation.scene import Body, EchoScene
 from radar.simulation.state import EchoState, facing
 from radar.support.rays import Rays
@@ -32,7 +32,7 @@ class Clutter(Effect):
             facets = facets.where(_beside_target(scene, facets))
             samples += body_echoes(body, facets.optics, known.tones_hz, scene.array, TOLERANCE)
         why = f"two tones' images with the room's {len(scene.room)} bodies, but where the target stands before them"
-        return Estimate(change_mm(scene, samples), change_db(scene, samples), why, cost_s=5.0)
+        return Estimate.of(scene, samples, why, cost_s=5.0)
 
     def apply(self, state: EchoState) -> None:
         scene = state.scene
@@ -54,8 +54,7 @@ def _opaque_target(scene: EchoScene, with_target: bool) -> tuple[Body, ...]:
 def _beside_target(scene: EchoScene, facets: Facets) -> np.ndarray:
     """Mask [p] of the room's facets that the target does not hide from the aperture's centre, without rays."""
     target = [coarse_surface(scene, body) for body in _opaque_target(scene, True)]
-    columns = zip(*(vars(part).values() for part in (*target, facets)), strict=True)
-    return visible_from(Facets(*map(np.concatenate, columns)), CENTRE_M)[sum(map(len, target)) :]
+    return visible_from(joined([*target, facets]), CENTRE_M)[sum(map(len, target)) :]
 
 
 def _rays(bodies: list[Body]) -> Rays:

@@ -15,7 +15,7 @@ from radar.imaging.cpu.steering import phasor
 from radar.simulation.causes import Motion
 from radar.simulation.effects.base import Effect, Estimate
 from radar.simulation.scene import EchoScene
-from radar.simulation.state import EchoState, require_facets
+from radar.simulation.state import EchoState
 from radar.support.errors import HandbenchError
 
 MOST_NODES = 30  # displacements, each a simulation of its own
@@ -51,7 +51,7 @@ class TargetMotion(Effect):
             return
         motion = state.scene.causes.motion
         along = np.array(motion.direction) / np.linalg.norm(motion.direction)
-        phases = [state.random(state.frame_seed(self.id, frame)).uniform(0, 2 * np.pi) for frame in range(state.frames)]
+        phases = [state.random(seed).uniform(0, 2 * np.pi) for seed in state.frame_seeds(self.id)]
         offset_m = np.stack([displacement_m(motion, state.scene.time_s, phase) for phase in phases])
         state.samples = echoes_of_moving(state, along, offset_m, reach_m(motion, state.scene.time_s))
 
@@ -103,9 +103,7 @@ def echoes_of_moving(
 
 def _middle(state: EchoState, along: np.ndarray) -> tuple[np.ndarray, float]:
     """The target's middle [3], and how far its parts' direction cosines to `along` differ from the middle's."""
-    parts = [] if state.surface is None else [require_facets(state.surface.facets).position_m]
-    parts += [ball.centre_m[None] for ball in state.scene.balls]
-    points_m = np.concatenate(parts)
+    points_m = state.points_m
     middle_m = points_m.mean(axis=0)
     cosine = points_m @ along / np.linalg.norm(points_m, axis=1)
     return middle_m, float(np.abs(cosine - middle_m @ along / np.linalg.norm(middle_m)).max())
