@@ -18,7 +18,7 @@ def run(options: argparse.Namespace) -> None:
     from bench.run.benchmark_file import EMBEDDED
     from bench.scenes.hand_pose import POSES
     from radar.methods.registry import BROKEN, methods, with_version
-    from radar.simulation.effects.catalogue import EFFECTS
+    from radar.simulation.selection import EFFECTS
 
     print("methods")
     for method in methods():

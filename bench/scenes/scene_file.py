@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from bench.scenes.hand_pose import POSES, Pose
 from calibration.transforms import Transform
 from radar.simulation.causes import Causes, Motion, Noise, SensorFaults
-from radar.simulation.effects.catalogue import check_names
 from radar.simulation.scene import DEPTH_STEP_HZ, Material
+from radar.simulation.selection import check_names
 from radar.support.config import Config, Name, suggest
 from radar.support.errors import HandbenchError
 

@@ -42,12 +42,8 @@ class Antennas:
 
     def moved(self, step: np.ndarray) -> Antennas:
         """Changed by a step of the unknowns [n, 6]."""
-        return Antennas(
-            self.nominal_m,
-            self.log_gain + step[:, LEVEL] + 1j * step[:, PHASE],
-            self.delay_m + step[:, DELAY],
-            self.offset_m + step[:, PLACE],
-        )
+        log_gain = self.log_gain + step[:, LEVEL] + 1j * step[:, PHASE]
+        return Antennas(self.nominal_m, log_gain, self.delay_m + step[:, DELAY], self.offset_m + step[:, PLACE])
 
 
 @dataclass(frozen=True)

@@ -18,12 +18,12 @@ SWEEPS = 30  # of alternation; it starts Gauss–Newton, which ends it
 SEARCH = EchoSearch(threshold_db=-10.0)  # a ball is stronger than the foam and than what an imperfect array smears
 
 
-def nominal_state(capture: RadarCapture, target: Target, search: EchoSearch | None) -> State:
+def nominal_state(capture: RadarCapture, target: Target) -> State:
     """A perfect array before the target where its image says that it is; the balls' strengths are still open.
 
     Raises HandbenchError when not every ball is found.
     """
-    found = match(find_balls(capture, target, search or SEARCH), target, "echoes")
+    found = match(find_balls(capture, target, SEARCH), target, "echoes")
     missing = [i + 1 for i in range(len(target.element)) if i not in found]
     if missing:
         raise HandbenchError(

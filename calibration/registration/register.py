@@ -18,7 +18,7 @@ from calibration.target.ball_fit import fit_balls
 from calibration.target.description import Candidate, Target
 from calibration.target.matching import match
 from calibration.target.optical_detection import TOWARDS_CAMERAS_PX, find_spheres
-from calibration.target.radar_detection import EchoSearch, find_balls
+from calibration.target.radar_detection import find_balls
 from calibration.transforms import Transform, umeyama
 from radar.data.capture import RadarCapture
 from radar.support.progress import say
@@ -32,19 +32,14 @@ def calibrate(points_m: np.ndarray, normals: np.ndarray | None, capture: RadarCa
 
 
 def measure(
-    points_m: np.ndarray,
-    normals: np.ndarray | None,
-    capture: RadarCapture,
-    target: Target,
-    search: EchoSearch | None = None,
-    pixel_m: float = 0.0,
+    points_m: np.ndarray, normals: np.ndarray | None, capture: RadarCapture, target: Target, pixel_m: float = 0.0
 ) -> tuple[Pairs, np.ndarray]:
     """Measurements of one capture of the target: the balls' centres as both sensors see them, and the covariance [3, 3]
     (m²) of the error that all of them share. pixel_m: of the cloud's depth maps, see `find_spheres`. Raises
     HandbenchError when a sensor's candidates cannot be matched to the target in exactly one way, or both share fewer
     than three elements."""
     seen = match(find_spheres(points_m, normals, target, pixel_m), target, "photographs")
-    balls = find_balls(capture, target, search)
+    balls = find_balls(capture, target)
     heard = fit_balls(capture, target, match(balls, target, "echoes"), balls)
     return common_pairs(seen, heard, target), common_covariance(target, pixel_m)
 

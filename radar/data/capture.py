@@ -103,17 +103,13 @@ def save_capture(path: str | Path, capture: RadarCapture) -> None:
     with atomic_path(path) as temporary:
         try:
             with h5py.File(temporary, "w") as file:
-                _fill(file, capture)
+                file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
+                file["samples"] = capture.samples.astype(np.complex64, copy=False)
+                file["frequencies_hz"] = capture.frequencies_hz
+                for name, places_m in vars(capture.aperture).items():  # tx_m and rx_m, or position_m
+                    file[name] = places_m
         except RuntimeError as error:  # what the library calls a disk that is full by the time the file is closed
             raise OSError("the library could not close the file; is there space left on the disk?") from error
-
-
-def _fill(file: h5py.File, capture: RadarCapture) -> None:
-    file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
-    file["samples"] = capture.samples.astype(np.complex64, copy=False)
-    file["frequencies_hz"] = capture.frequencies_hz
-    for name, places_m in vars(capture.aperture).items():  # tx_m and rx_m, or position_m
-        file[name] = places_m
 
 
 def load_capture(path: str | Path) -> RadarCapture:

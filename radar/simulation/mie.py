@@ -76,14 +76,19 @@ def sphere_echo(
 
 def half_angle_cosine(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
     """cos β of each channel [t, r], 2β the angle between transmitter and receiver as the point [3] sees them."""
-    unit_t, unit_r = ((leg.position_m - point_m) / leg.lengths_m(point_m)[:, None] for leg in array.legs)
-    return np.linalg.norm(unit_t[:, None] + unit_r[None], axis=2) / 2
+    return np.linalg.norm(path_gradients(point_m, array), axis=2) / 2
+
+
+def path_gradients(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
+    """û_t + û_r [t, r, 3], the gradient of the path length at a point."""
+    to, back = (leg.directions(point_m) for leg in array.legs)
+    return to[:, None] + back[None]
 
 
 def _shares(point_m: np.ndarray, array: AntennaArray, field: np.ndarray) -> np.ndarray:
     """[2, t, r]: products of what the transmitter's and the receiver's field, `field` less its part along the ray, have
     across the plane of scattering and in it."""
-    to, back = ((point_m - leg.position_m) / leg.lengths_m(point_m)[:, None] for leg in array.legs)
+    to, back = (leg.directions(point_m) for leg in array.legs)
     normal = np.cross(to[:, None], back[None])
     length = np.linalg.norm(normal, axis=2, keepdims=True)
     normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 1e-9)

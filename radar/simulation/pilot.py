@@ -19,9 +19,9 @@ from radar.methods.fsk_config import TwoToneConfig
 from radar.methods.smoothing import masked_mean
 from radar.simulation.forward import Scatterers, simulate
 from radar.simulation.physics.balls import ball_echoes
+from radar.simulation.physics.coarse import visible_from
 from radar.simulation.physics.facets import Facets
 from radar.simulation.physics.reflection import body_reflection
-from radar.simulation.physics.visibility import visible_from
 from radar.simulation.scene import Body, EchoScene
 from radar.simulation.state import facing, require_facets
 
@@ -45,16 +45,6 @@ class Pilot:
     samples: np.ndarray
     points_m: np.ndarray
     images: np.ndarray
-
-    @property
-    def strongest(self) -> float:
-        """The strongest point's magnitude at the first tone."""
-        return float(np.abs(self.images[0]).max())
-
-    @property
-    def channel_rms(self) -> float:
-        """Root mean square of the samples' magnitudes."""
-        return rms(self.samples)
 
 
 def pilot(scene: EchoScene) -> Pilot:

@@ -1,4 +1,4 @@
-"""Selection of the effects that a scene calls for.
+"""All effects, and the selection of those that a scene calls for.
 
 `auto` leaves out the smallest effects as long as the sum of their estimates, doubled since estimates may be wrong by
 a factor of two (docs/effects.md), stays within the tolerance: estimates are means of magnitudes, whose sum bounds the
@@ -11,11 +11,35 @@ from typing import Literal
 
 import numpy as np
 
-from radar.simulation.effects.base import Estimate
-from radar.simulation.effects.catalogue import EFFECTS, check_names
+from radar.simulation.effects import antennas, receiver, surface
+from radar.simulation.effects.base import Effect, Estimate
+from radar.simulation.effects.dielectric import Dielectric
+from radar.simulation.effects.further import Clutter, Multipath
+from radar.simulation.effects.motion import TargetMotion
 from radar.simulation.scene import EchoScene
-from radar.support.config import Config
+from radar.support.config import Config, suggest
 from radar.support.errors import HandbenchError
+
+# In the order in which they are applied.
+EFFECTS: tuple[Effect, ...] = (
+    antennas.PositionErrors(),
+    antennas.AntennaPattern(),
+    surface.Obliquity(),
+    surface.ShadowCentre(),
+    surface.ShadowAntennas(),
+    surface.Skin(),
+    Dielectric(),
+    Multipath(),
+    TargetMotion(),
+    antennas.AntennaCoupling(),
+    Clutter(),
+    antennas.ChannelErrors(),
+    receiver.OscillatorNoise(),
+    receiver.ThermalNoise(),
+    receiver.Quantisation(),
+    antennas.DeadElements(),
+)
+IDS = tuple(effect.id for effect in EFFECTS)
 
 Wanted = tuple[str, ...] | Literal["auto"]
 SAFETY = 2.0
@@ -51,6 +75,15 @@ def choose(scene: EchoScene, wanted: Wanted, tolerance_mm: float, explain: bool 
     estimates = {effect.id: effect.estimate(scene) for effect in EFFECTS if asked and not missing[effect.id]}
     reasons = _budget(estimates, tolerance_mm) if wanted == "auto" else {}
     return tuple(_choice(effect.id, wanted, missing[effect.id], estimates, reasons) for effect in EFFECTS)
+
+
+def check_names(names: tuple[str, ...]) -> None:
+    """Refuse names that no effect has, and repeated ones."""
+    for name in names:
+        if name not in IDS:
+            raise HandbenchError(f"effects: '{name}' is not an effect; {suggest(name, list(IDS))}")
+        if names.count(name) > 1:
+            raise HandbenchError(f"effects: '{name}' is listed twice; list it once")
 
 
 def _budget(estimates: dict[str, Estimate], tolerance_mm: float) -> dict[str, str]:

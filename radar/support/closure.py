@@ -37,8 +37,7 @@ class Sources:
 
     def __init__(self, root: Path = ROOT) -> None:
         self.root = root
-        self._files: dict[str, Path | None] = {}
-        self._modules: dict[str, _Module] = {}
+        self._file, self._module = cache(self._find), cache(self._read)
 
     def closure(self, module: str) -> tuple[list[str], list[str]]:
         """The modules that `module` runs, itself among them, and the other libraries' names; both in order. Raises
@@ -60,19 +59,16 @@ class Sources:
         versions = [installed(name) for name in others]
         return content_hash([[name, self._module(name).hash] for name in ours], versions, sys.version_info[:2])
 
-    def _module(self, name: str) -> _Module:
-        if name not in self._modules:
-            file = self._file(name)
-            if file is None:
-                raise ModuleNotFoundError(f"{name}: is no module below {self.root}")
-            source = file.read_bytes()
-            package = name if file.name == "__init__.py" else name.rpartition(".")[0]
-            names = _imported(source, package)
-            ours = frozenset(passed for n in names for passed in self._passed(n))
-            others = frozenset(top for n in names if (top := n.partition(".")[0]) not in PACKAGES)
-            data = _data_beside(file) if b"__file__" in source else ()
-            self._modules[name] = _Module(content_hash(file, *data), ours, others)
-        return self._modules[name]
+    def _read(self, name: str) -> _Module:
+        file = self._file(name)
+        if file is None:
+            raise ModuleNotFoundError(f"{name}: is no module below {self.root}")
+        source = file.read_bytes()
+        names = _imported(source, name if file.name == "__init__.py" else name.rpartition(".")[0])
+        ours = frozenset(passed for n in names for passed in self._passed(n))
+        others = frozenset(top for n in names if (top := n.partition(".")[0]) not in PACKAGES)
+        data = _data_beside(file) if b"__file__" in source else ()
+        return _Module(content_hash(file, *data), ours, others)
 
     def _passed(self, name: str) -> list[str]:
         """The modules that importing a name runs: those there are of a, a.b and a.b.c."""
@@ -80,12 +76,9 @@ class Sources:
         prefixes = (".".join(parts[:count]) for count in range(1, len(parts) + 1))
         return [prefix for prefix in prefixes if self._file(prefix) is not None]
 
-    def _file(self, name: str) -> Path | None:
-        if name not in self._files:
-            folder = self.root.joinpath(*name.split("."))
-            places = (folder / "__init__.py", folder.with_suffix(".py"))
-            self._files[name] = next((place for place in places if place.is_file()), None)
-        return self._files[name]
+    def _find(self, name: str) -> Path | None:
+        folder = self.root.joinpath(*name.split("."))
+        return next((place for place in (folder / "__init__.py", folder.with_suffix(".py")) if place.is_file()), None)
 
 
 def _data_beside(file: Path) -> list[Any]:

@@ -21,6 +21,7 @@ import numpy as np
 from radar.support.errors import HandbenchError
 
 LARGEST_BYTES = 2**30  # of the arrays read from one .npz file
+UNCHANGED = "nothing was changed: free the space or choose another place"
 NPY_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
@@ -29,7 +30,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path beside `path` (same suffix); it takes `path`'s place when the block succeeds and is
     removed when the block fails. An OSError (a full disk, a read-only folder) becomes a HandbenchError."""
     path = Path(path)
-    with _writable(path), ExitStack() as ending:
+    with writable(path, UNCHANGED), ExitStack() as ending:
         handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
         temporary = Path(name)
         ending.callback(temporary.unlink, missing_ok=True)
@@ -44,7 +45,7 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
     """As `atomic_path`, for a whole folder: it appears complete or not at all. An existing folder is replaced at the
     very end; a file in its place is refused."""
     path = Path(path)
-    with _writable(path), ExitStack() as ending:
+    with writable(path, UNCHANGED), ExitStack() as ending:
         temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
         ending.callback(shutil.rmtree, temporary, ignore_errors=True)
         temporary.chmod(0o777 & ~_umask())
@@ -53,15 +54,13 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
 
 
 @contextmanager
-def _writable(path: Path) -> Iterator[None]:
+def writable(path: Path, advice: str) -> Iterator[None]:
+    """Make the folder of `path`; an OSError of that or in the block becomes a HandbenchError with the advice."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield
     except OSError as error:
-        raise HandbenchError(
-            f"{path}: cannot be written ({error.strerror or error}); nothing was changed: free the space or "
-            "choose another place"
-        ) from error
+        raise HandbenchError(f"{path}: cannot be written ({error.strerror or error}); {advice}") from error
 
 
 def _replace_folder(new: Path, path: Path) -> None:

@@ -72,7 +72,7 @@ class AntennaCoupling(Effect):
 
     def estimate(self, scene: EchoScene) -> Estimate:
         known = pilot(scene)
-        level = scene.causes.coupling.amplitude * known.channel_rms
+        level = scene.causes.coupling.amplitude * rms(known.samples)
         samples = known.samples + level * direct_wave(scene.array, known.tones_hz)
         why = f"two tones' images with a direct wave of {scene.causes.coupling.level_db:g} dB, which lies out of focus"
         return Estimate.of(scene, samples, why)

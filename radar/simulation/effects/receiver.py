@@ -9,7 +9,7 @@ from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.imaging.cpu.exact import tone_images
 from radar.simulation.causes import Converter, Oscillator
 from radar.simulation.effects.base import Effect, Estimate
-from radar.simulation.pilot import pilot
+from radar.simulation.pilot import pilot, rms
 from radar.simulation.scene import EchoScene
 from radar.simulation.state import EchoState
 
@@ -73,12 +73,13 @@ class ThermalNoise(Effect):
 
     def estimate(self, scene: EchoScene) -> Estimate:
         sigma_rad, known = scene.causes.noise.between_tones_rad, pilot(scene)
-        weaker = float((known.strongest / np.abs(known.images[0])).mean())
+        strongest = float(np.abs(known.images[0]).max())
+        weaker = float((strongest / np.abs(known.images[0])).mean())
         depth_m = scene.depth_m_per_rad * np.sqrt(2 / np.pi) * sigma_rad * weaker
         why = f"{sigma_rad:.3g} rad at the strongest pixel, {weaker:.2g} times as much on average"
         # Mean power of the noise over that of the samples, from σ = σ_φ·A/√N.
-        noise = sigma_rad * known.strongest / np.sqrt(known.samples[0].size)
-        return Estimate(1e3 * depth_m, 20 * np.log10(noise / known.channel_rms), why)
+        noise = sigma_rad * strongest / np.sqrt(known.samples[0].size)
+        return Estimate(1e3 * depth_m, 20 * np.log10(noise / rms(known.samples)), why)
 
     def apply(self, state: EchoState) -> None:
         tones_hz, sigma_rad = state.scene.frequencies_hz, state.scene.causes.noise.between_tones_rad

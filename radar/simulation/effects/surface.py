@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 
 from radar.simulation.effects.base import NOTHING, Effect, Estimate
+from radar.simulation.physics.coarse import visible_from
 from radar.simulation.physics.facets import Facets, face_vectors
 from radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
 from radar.simulation.physics.reflection import THIN_M, skin_reflection
-from radar.simulation.physics.visibility import visible_from
 from radar.simulation.pilot import (
     CENTRE_M,
     TOLERANCE,

@@ -14,20 +14,16 @@ from radar.simulation.scene import Ball, EchoScene
 
 
 def ball_echoes(
-    scene: EchoScene,
-    frequencies_hz: np.ndarray,
-    array: AntennaArray,
-    delay_m: np.ndarray | None = None,
-    pattern: float = 0.0,
+    scene: EchoScene, tones_hz: np.ndarray, array: AntennaArray, delay_m: np.ndarray | None = None, pattern: float = 0.0
 ) -> np.ndarray:
     """Samples complex64 [f, t, r] of the scene's bare steel balls by Mie's series. delay_m [n]: extra one-way path of
     each; pattern: exponent of the antennas' amplitude pattern cosᵠθ."""
     delays_m = np.zeros(len(scene.balls)) if delay_m is None else delay_m
     angle = np.radians(scene.polarisation_deg)
     field = np.array([np.cos(angle), np.sin(angle), 0.0])
-    samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
+    samples = np.zeros((len(tones_hz), *array.channels), np.complex64)
     for ball, extra_m in zip(scene.balls, delays_m, strict=True):
-        echo = sphere_echo(ball.centre_m, ball.radius_m, extra_m, frequencies_hz, array, field)
+        echo = sphere_echo(ball.centre_m, ball.radius_m, extra_m, tones_hz, array, field)
         samples += echo * pattern_gain(ball.centre_m, array, pattern)
     return samples
 

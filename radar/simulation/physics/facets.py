@@ -74,7 +74,7 @@ def vertex_normals(body: Body) -> np.ndarray:
     for corner in range(3):
         for axis in range(3):
             normals[:, axis] += np.bincount(body.faces[:, corner], vectors[:, axis], len(normals))
-    return _unit(normals)
+    return unit(normals)
 
 
 def _split(
@@ -82,7 +82,7 @@ def _split(
 ) -> Facets:
     centres = _centres(splits)
     position = np.einsum("kc,mci->mki", centres, corners[chosen]).reshape(-1, 3)
-    normal = _unit(np.einsum("kc,mci->mki", centres, normals[chosen]).reshape(-1, 3))
+    normal = unit(np.einsum("kc,mci->mki", centres, normals[chosen]).reshape(-1, 3))
     area = np.repeat(area_m2[chosen] / len(centres), len(centres))
     return Facets(position, area, normal, np.repeat(face[chosen], len(centres)))
 
@@ -102,6 +102,7 @@ def quarters(corners: np.ndarray) -> np.ndarray:
     return np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors [..., 3] over their lengths; 0 stays 0."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(length > 0, length, 1)
