@@ -92,7 +92,7 @@ def expected_error(transform: Transform) -> str:
     """The covariance at the middle of the hand, in words."""
     import numpy as np
 
-    from calibration.registration.combination import HAND_M
+    from calibration.registration.register import HAND_M
 
     sigma_mm = 1e3 * np.sqrt(np.diag(transform.point_covariance(HAND_M)))
     return "at the hand's centre ± " + " × ".join(f"{s:.2f}" for s in sigma_mm) + " mm (x × y × z, one σ)"
@@ -120,7 +120,7 @@ def _from_surface(options: argparse.Namespace) -> Transform:
 
 
 def _compare(since: Path, transform: Transform, out: Path) -> None:
-    from calibration.registration.combination import motion
+    from calibration.registration.register import motion
     from calibration.transforms import load_transform
 
     say(motion(load_transform(since), transform, names=(since.name, out.name)).sentence)

@@ -10,7 +10,7 @@ from bench.scenes.scene_file import BUILT_IN_ARRAY, HandTarget
 from bench.scenes.stand import PLATE_M, cuboid
 from calibration.transforms import Transform
 from radar.data.arrays import AntennaArray, load_positions, qar50
-from radar.simulation.effects.surface import ShadowCentre
+from radar.simulation.effects.scattering import ShadowCentre
 from radar.simulation.forward import Scatterers
 from radar.simulation.scene import Ball, Body, EchoScene
 from radar.simulation.selection import Choice, choose

@@ -25,8 +25,7 @@ from calibration.array.model import (
     directions,
     normal_equations,
 )
-from calibration.array.prior import Settings, constrained_inverse, gauges, misplaced_m, prior, shape_sigma_m, surprises
-from calibration.array.start import alive, fitted_gains, nominal_state, without
+from calibration.array.prior import Settings, check, constrained_inverse, gauges, nominal_state, prior, start, surprises
 from calibration.target.description import Target
 from radar.data.arrays import AntennaArray
 from radar.data.capture import RadarCapture
@@ -53,10 +52,9 @@ def estimate_array(
     mean = replace(capture, samples=capture.samples.mean(axis=0, keepdims=True))
     samples = np.ascontiguousarray(np.moveaxis(mean.samples[0], 0, -1))
     echoes = Echoes(target, capture.frequencies_hz)
-    raw, start = fitted_gains(samples, nominal_state(mean, target), echoes)
-    live = alive(start, settings.weakest_db)
-    samples, raw, start = samples[live[0]][:, live[1]], without(raw, *live), without(start, *live)
-    state, covariance = fitted(samples, start, echoes, settings)
+    live, raw, begun = start(samples, nominal_state(mean, target), echoes, settings.weakest_db)
+    samples = samples[live[0]][:, live[1]]
+    state, covariance = fitted(samples, begun, echoes, settings)
     before, after = (left_over(samples, s, echoes) for s in (raw, state))
     check(state, after, target, settings, source)
     sides = zip(capture.aperture.legs, live, (state.tx, state.rx), _own_covariances(covariance, state), strict=True)
@@ -82,29 +80,6 @@ def fitted(samples: np.ndarray, state: State, echoes: Echoes, settings: Settings
     raise HandbenchError(
         "echoes: the array's errors do not settle; they may be too large for the target to be seen sharply"
     )
-
-
-def check(state: State, left: float, target: Target, settings: Settings, source: str) -> None:
-    """Refuse a target that explains too little of its echoes (left: see `left_over`), and errors beyond what was
-    expected."""
-    if left > 1 - settings.least_explained:
-        raise HandbenchError(
-            f"{source}: the target explains {100 * (1 - left):.1f} % of its echoes' energy, expected at least "
-            f"{100 * settings.least_explained:.0f} %; check the target's description and that nothing else echoes there"
-        )
-    off_m = misplaced_m(state.centres_m, target)
-    worst = int(np.linalg.norm(off_m, axis=1).argmax())
-    if np.linalg.norm(off_m[worst]) > 2 * settings.most_sigmas * shape_sigma_m(target):
-        raise HandbenchError(
-            f"{source}: the target's element {worst + 1} is {1e3 * np.linalg.norm(off_m[worst]):.2f} mm from where its "
-            f"description has it, expected about {1e3 * shape_sigma_m(target):.2f} mm; measure the target again"
-        )
-    offsets_m = np.sqrt(np.mean(np.concatenate([state.tx.offset_m, state.rx.offset_m]) ** 2, axis=0))
-    if offsets_m.max() > settings.most_sigmas * settings.position_sigma_m:
-        raise HandbenchError(
-            f"{source}: the antennas would be {1e6 * offsets_m.max():.0f} µm off, expected about "
-            f"{1e6 * settings.position_sigma_m:.0f} µm; check the target's description, or expect larger errors"
-        )
 
 
 def left_over(samples: np.ndarray, state: State, echoes: Echoes) -> float:

@@ -21,7 +21,7 @@ from calibration.target.radar_detection import Ball, mimo_array, specular_echo
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.data.capture import RadarCapture
 from radar.imaging.cpu.exact import backproject
-from radar.simulation.mie import path_gradients, sphere_echo
+from radar.simulation.physics.spheres import path_gradients, sphere_echo
 from radar.support.errors import HandbenchError
 
 MAX_STEPS = 8

@@ -23,7 +23,7 @@ from radar.imaging.api import image_volume
 from radar.imaging.cpu.exact import backproject, path_lengths
 from radar.imaging.cpu.executor import ToneSkeleton
 from radar.imaging.cpu.steering import phasor
-from radar.simulation.mie import half_angle_cosine, path_gradients
+from radar.simulation.physics.spheres import half_angle_cosine, path_gradients
 from radar.support.config import Config
 from radar.support.errors import HandbenchError
 

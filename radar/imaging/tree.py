@@ -21,8 +21,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
-from radar.imaging.cpu.steering import steered_differences
-from radar.imaging.gains import probe_gains
+from radar.imaging.cpu.steering import probe_gains, steered_differences
 from radar.imaging.skeleton import band_skeleton, skeleton
 
 # Of the tolerance, for each skeleton: residuals are held below it at their worst member, so that their sum over levels,

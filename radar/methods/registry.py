@@ -129,13 +129,11 @@ def source_key(method: Method) -> tuple[str, ...]:
     package = sys.modules[_top(method.run.__module__)]
     roots = sorted({file, *map(Path, getattr(package, "__path__", ()))})
     files = [path for root in roots for path in ([root] if root.is_file() else sorted(root.rglob("*.py")))]
-    return *_versions(method.distribution), content_hash(*(part for path in files for part in (path.name, path)))
-
-
-def _versions(distribution: str) -> list[str]:
-    """A distribution and those that it requires, each with its version."""
-    required = [re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in metadata.requires(distribution) or []]
-    return [with_version(name) for name in [distribution, *sorted(required)]]
+    required = sorted(
+        re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in metadata.requires(method.distribution) or []
+    )
+    versions = map(with_version, [method.distribution, *required])
+    return *versions, content_hash(*(part for path in files for part in (path.name, path)))
 
 
 def _load() -> None:

@@ -20,8 +20,7 @@ from radar.imaging.api import points_executor
 from radar.imaging.cpu.ascent import Source
 from radar.imaging.cpu.exact import path_lengths
 from radar.imaging.cpu.executor import Executor
-from radar.imaging.cpu.steering import FAST, cis_turns
-from radar.imaging.gains import GRAZING, least_cosine
+from radar.imaging.cpu.steering import FAST, GRAZING, cis_turns, least_cosine
 from radar.imaging.tree import Box, Family, clusters
 from radar.support.errors import HandbenchError
 from radar.support.parallel import for_each

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from radar.simulation.effects import antennas, receiver, surface
+from radar.simulation.effects import antennas, receiver, scattering
 from radar.simulation.effects.base import Effect, Estimate
 from radar.simulation.effects.dielectric import Dielectric
 from radar.simulation.effects.further import Clutter, Multipath
@@ -24,10 +24,10 @@ from radar.support.errors import HandbenchError
 EFFECTS: tuple[Effect, ...] = (
     antennas.PositionErrors(),
     antennas.AntennaPattern(),
-    surface.Obliquity(),
-    surface.ShadowCentre(),
-    surface.ShadowAntennas(),
-    surface.Skin(),
+    scattering.Obliquity(),
+    scattering.ShadowCentre(),
+    scattering.ShadowAntennas(),
+    scattering.Skin(),
     Dielectric(),
     Multipath(),
     TargetMotion(),

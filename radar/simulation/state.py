@@ -11,8 +11,8 @@ import numpy as np
 from radar.data.arrays import AntennaArray
 from radar.imaging.tree import Box
 from radar.simulation.forward import Scatterers, simulate
-from radar.simulation.physics.balls import ball_echoes
 from radar.simulation.physics.facets import Facets, face_vectors, facets_of
+from radar.simulation.physics.spheres import ball_echoes
 from radar.simulation.scene import Body, EchoScene
 from radar.support.errors import HandbenchError
 
@@ -95,10 +95,21 @@ class EchoState:
         """The target's samples complex64 [f, t, r] at antennas that are where `array` says, without extra echoes."""
         samples = np.zeros((len(self.scene.frequencies_hz), *array.channels), np.complex64)
         if self.surface is not None:
-            require_facets(self.surface.facets)
-            samples += surface_echo(self.surface, self, array)
+            samples += self._surface_echo(self.surface, array)
         if self.with_target:
             samples += ball_echoes(self.scene, self.scene.frequencies_hz, array, self.ball_delay_m, self.pattern)
+        return samples
+
+    def _surface_echo(self, surface: Surface, array: AntennaArray) -> np.ndarray:
+        """Samples complex64 [f, t, r] of a surface: each layer's echoes times its reflection."""
+        facets, layer = require_facets(surface.facets), surface.layer
+        normal = facets.normal if surface.oblique else None
+        every = Scatterers(facets.position_m, facets.area_m2, normal, surface.delay_m, surface.seen)
+        layers = [every] if layer is None else [every.where(layer == n) for n in range(layer.max(initial=0) + 1)]
+        samples = np.zeros((len(self.scene.frequencies_hz), *array.channels), np.complex64)
+        for n, part in enumerate(layers):
+            echoes = simulate(part, self.scene.frequencies_hz, array, tolerance=self.tolerance, pattern=self.pattern)
+            samples += echoes if surface.reflection is None else echoes * surface.reflection[n][:, None, None]
         return samples
 
     def extra_echoes(self) -> np.ndarray | int:
@@ -139,17 +150,3 @@ def _facing(scene: EchoScene, body: Body, longest: float) -> Facets:
     corners = Box(antennas.min(axis=0), antennas.max(axis=0)).corners_m
     front = (vectors @ corners.T > (vectors * centres).sum(axis=1)[:, None]).any(axis=1)
     return facets_of(body, longest * scene.wavelength_m, np.flatnonzero(front))
-
-
-def surface_echo(surface: Surface, state: EchoState, array: AntennaArray) -> np.ndarray:
-    """Samples complex64 [f, t, r] of a surface: each layer's echoes times its reflection."""
-    frequencies_hz = state.scene.frequencies_hz
-    facets, layer = surface.facets, surface.layer
-    normal = facets.normal if surface.oblique else None
-    everything = Scatterers(facets.position_m, facets.area_m2, normal, surface.delay_m, surface.seen)
-    layers = [everything] if layer is None else [everything.where(layer == n) for n in range(layer.max(initial=0) + 1)]
-    samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
-    for n, part in enumerate(layers):
-        echoes = simulate(part, frequencies_hz, array, tolerance=state.tolerance, pattern=state.pattern)
-        samples += echoes if surface.reflection is None else echoes * surface.reflection[n][:, None, None]
-    return samples

@@ -19,7 +19,7 @@ from radar.simulation.causes import Converter
 from radar.simulation.effects.dielectric import Dielectric
 from radar.simulation.effects.further import Multipath
 from radar.simulation.effects.receiver import OscillatorNoise, ThermalNoise, full_scale
-from radar.simulation.effects.surface import Obliquity
+from radar.simulation.effects.scattering import Obliquity
 from radar.simulation.forward import Scatterers, simulate
 from radar.simulation.physics import facets
 from radar.simulation.physics.coarse import double_bounce

@@ -14,9 +14,9 @@ import numpy as np
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.simulation.effects.base import Effect, Estimate
 from radar.simulation.forward import Scatterers, simulate
-from radar.simulation.physics.balls import foam_delays_m, foam_echoes, has_foam
 from radar.simulation.physics.facets import Facets, face_vectors, joined
 from radar.simulation.physics.reflection import dielectric_permittivity, echo_reflection
+from radar.simulation.physics.spheres import foam_delays_m, foam_echoes, has_foam
 from radar.simulation.pilot import CENTRE_M, TOLERANCE, change_db, change_mm, pilot
 from radar.simulation.scene import Body, EchoScene
 from radar.simulation.state import EchoState, Surface, facing

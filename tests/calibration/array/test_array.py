@@ -18,7 +18,7 @@ from radar.data.arrays import AntennaArray, PlanarScan, qar50
 from radar.data.capture import RadarCapture
 from radar.imaging.cpu.exact import backproject, tone_images
 from radar.methods.fsk import depth_step_m
-from radar.simulation.mie import sphere_echo
+from radar.simulation.physics.spheres import sphere_echo
 from radar.support.errors import HandbenchError
 
 C = 299_792_458.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from radar.imaging.api import image_points
-from radar.simulation.effects.surface import Skin
+from radar.simulation.effects.scattering import Skin
 from radar.simulation.physics.reflection import fresnel, layered, skin_permittivity, skin_reflection
 from radar.simulation.scene import Material
 from radar.simulation.state import EchoState
