@@ -194,10 +194,8 @@ def combine(
     between two captures, with how far.
     """
     names = list(names) or [f"capture {i + 1}" for i in range(len(captures))]
-    named = [
-        replace(pairs, names=tuple(f"{name}, {pair}" for pair in pairs.names))
-        for name, pairs in zip(names, captures, strict=True)
-    ]
+    both = zip(names, captures, strict=True)
+    named = [replace(pairs, names=tuple(f"{name}, {pair}" for pair in pairs.names)) for name, pairs in both]
     require_rest([solve(pairs, with_scale) for pairs in named], names)
     found = solve(sum(named[1:], named[0]), with_scale, common_m2)
     covariance = found.require_covariance()

@@ -129,9 +129,8 @@ def source_key(method: Method) -> tuple[str, ...]:
     package = sys.modules[_top(method.run.__module__)]
     roots = sorted({file, *map(Path, getattr(package, "__path__", ()))})
     files = [path for root in roots for path in ([root] if root.is_file() else sorted(root.rglob("*.py")))]
-    required = sorted(
-        re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in metadata.requires(method.distribution) or []
-    )
+    requirements = metadata.requires(method.distribution) or []
+    required = sorted(re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in requirements)
     versions = map(with_version, [method.distribution, *required])
     return *versions, content_hash(*(part for path in files for part in (path.name, path)))
 

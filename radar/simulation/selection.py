@@ -116,7 +116,5 @@ def _choice(
     if estimate is None:
         return Choice(effect=name, on=on, why=why)
     level_db = estimate.level_db if np.isfinite(estimate.level_db) else None
-    return Choice(
-        effect=name, on=on, why=f"{why} ({estimate.why})",
-        depth_mm=estimate.depth_mm, level_db=level_db, cost_s=estimate.cost_s,
-    )  # fmt: skip
+    why, depth_mm, cost_s = f"{why} ({estimate.why})", estimate.depth_mm, estimate.cost_s
+    return Choice(effect=name, on=on, why=why, depth_mm=depth_mm, level_db=level_db, cost_s=cost_s)

@@ -108,9 +108,8 @@ class ChannelErrors(Effect):
 
     def apply(self, state: EchoState) -> None:
         scene = state.scene
-        drawn = [
-            state.random(state.seed(self.id, i)).standard_normal((3, n)) for i, n in enumerate(scene.array.channels)
-        ]
+        legs = enumerate(scene.array.channels)
+        drawn = [state.random(state.seed(self.id, i)).standard_normal((3, n)) for i, n in legs]
         state.samples = state.samples * _channel_factor(scene.causes.channels, scene.frequencies_hz, drawn)
 
 

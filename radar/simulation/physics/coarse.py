@@ -11,7 +11,6 @@ from radar.simulation.physics.facets import Facets
 
 BUFFER_CELLS = 1 << 22  # at most
 STEEPEST = 6.0  # tangent of incidence up to which a cell's own surface is told from what stands before it
-
 CELL_M = 2e-3  # of the grid of normals
 FIRST = 2.0  # cells from a facet to where its ray may meet another one
 GRID_CELLS = 1 << 24  # at most
