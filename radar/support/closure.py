@@ -37,7 +37,8 @@ class Sources:
 
     def __init__(self, root: Path = ROOT) -> None:
         self.root = root
-        self._file, self._module = cache(self._find), cache(self._read)
+        self._file = cache(self._find)
+        self._modules: dict[str, _Module] = {}
 
     def closure(self, module: str) -> tuple[list[str], list[str]]:
         """The modules that `module` runs, itself among them, and the other libraries' names; both in order. Raises
@@ -58,6 +59,11 @@ class Sources:
         ours, others = self.closure(module)
         versions = [installed(name) for name in others]
         return content_hash([[name, self._module(name).hash] for name in ours], versions, sys.version_info[:2])
+
+    def _module(self, name: str) -> _Module:
+        if name not in self._modules:
+            self._modules[name] = self._read(name)
+        return self._modules[name]
 
     def _read(self, name: str) -> _Module:
         file = self._file(name)
