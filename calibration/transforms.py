@@ -79,18 +79,9 @@ class Transform:
 
     def save(self, path: str | Path) -> None:
         """Write the transform file (JSON), atomically."""
-        write_json(
-            path,
-            {
-                "from": self.source,
-                "to": self.target,
-                "matrix": self.matrix,
-                "scale": self.scale,
-                "covariance": self.covariance,
-                "residuals_m": self.residuals_m,
-                **({"refined": self.refined} if self.refined else {}),
-            },
-        )
+        content: dict[str, Any] = {"from": self.source, "to": self.target, "matrix": self.matrix, "scale": self.scale}
+        content |= {"covariance": self.covariance, "residuals_m": self.residuals_m}
+        write_json(path, content | ({"refined": self.refined} if self.refined else {}))
 
 
 def identity(frame: str) -> Transform:

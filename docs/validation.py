@@ -17,10 +17,8 @@ from bench.scenes.stand import cuboid, plate_box_m
 from radar.data.capture import RadarCapture
 from radar.methods.registry import method
 from radar.simulation.causes import Causes, Pattern
-from radar.simulation.effects.catalogue import EFFECTS, IDS
-from radar.simulation.physics.material import Material
-from radar.simulation.scene import Body, EchoScene
-from radar.simulation.selection import choose
+from radar.simulation.scene import Body, EchoScene, Material
+from radar.simulation.selection import EFFECTS, IDS, choose
 from radar.simulation.simulate import simulate_scene
 from tests.radar.simulation.effects.closed_forms import (
     phase_errors_rad,

@@ -16,10 +16,9 @@ from calibration.transforms import Transform, load_transform
 from radar.data.capture import RadarCapture, load_capture
 from radar.data.depthmap import DepthMap
 from radar.simulation.selection import Choice
-from radar.support.config import Config, load
+from radar.support.config import Config, Name, load
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash, inside, require_folder, write_text
-from radar.support.names import Name
 from radar.support.progress import say
 
 WHAT = "a capture (capture.toml, echoes.h5, …)"

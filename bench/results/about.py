@@ -7,10 +7,9 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from radar.support.config import Config, ConfigT, parse
+from radar.support.config import Config, ConfigT, Name, parse
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json
-from radar.support.names import Name
 
 HEADLINE = "mae_mm"  # the metric that titles, pictures and fronts speak of
 HEADLINES = (HEADLINE, "floor_mm", "max_mm", "completeness_percent", "precision_mm", "seconds")  # read at a glance

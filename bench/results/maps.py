@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from bench.results.error_map import ErrorMap
+from radar.support.config import checked_name
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, read_npz, require_file, write_npz
-from radar.support.names import checked_name
 
 PHOTO_PX = 600
 

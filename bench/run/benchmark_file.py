@@ -10,10 +10,9 @@ from pydantic import Field, field_validator, model_validator
 from bench.datasets.dataset import AT_EMPTY_FILTERED, captures
 from bench.run.sweep import Sweep, imaging_settings, known_configs
 from radar.methods.registry import method
-from radar.support.config import Config, load, suggest
+from radar.support.config import Config, Name, load, suggest
 from radar.support.errors import HandbenchError
 from radar.support.files import inside
-from radar.support.names import Name
 
 EMBEDDED = Path(__file__).parent / "benchmarks"
 

@@ -10,8 +10,7 @@ import numpy as np
 from bench.datasets.dataset import open_capture
 from bench.datasets.native import TARGET
 from calibration.array.array_file import ArrayCalibration
-from calibration.registration.combination import combine
-from calibration.registration.register import measure
+from calibration.registration.register import combine, measure
 from calibration.target.description import Target, load_target
 from calibration.transforms import Transform
 from groundtruth.dense.fusion import Cloud

@@ -28,7 +28,7 @@ from bench.run.reconstruct_stage import DEPTH, TIMING
 from bench.run.repeat_stage import read_repeats
 from bench.run.simulate_stage import CAPTURE
 from bench.run.tasks import HASH, Done
-from calibration.registration.combination import HAND_M
+from calibration.registration.register import HAND_M
 from calibration.transforms import Transform, identity, load_transform
 from groundtruth.mesh_stage import MESH, VIEW
 from radar.support.errors import HandbenchError

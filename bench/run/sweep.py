@@ -26,9 +26,8 @@ from pydantic import Field, field_validator
 
 from bench.evaluation.metrics import TITLES
 from radar.methods.registry import method
-from radar.support.config import Config, load
+from radar.support.config import Config, checked_name, load
 from radar.support.errors import HandbenchError
-from radar.support.names import checked_name
 
 SectionName = Literal["imaging", "groundtruth", "simulation", "registration"]
 SECTIONS: tuple[SectionName, ...] = ("imaging", "groundtruth", "simulation", "registration")

@@ -9,7 +9,7 @@ from bench.scenes.build import Scene
 from bench.scenes.scene_file import BUILT_IN_ARRAY, CalibrationTarget, HandTarget
 from bench.scenes.stand import cuboid, plate_box_m
 from radar.data.arrays import AntennaArray, load_positions, qar50
-from radar.simulation.effects.shadow import ShadowCentre
+from radar.simulation.effects.scattering import ShadowCentre
 from radar.simulation.forward import Scatterers
 from radar.simulation.scene import Ball, Body, EchoScene
 from radar.simulation.selection import Choice, choose

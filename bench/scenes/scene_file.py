@@ -11,12 +11,10 @@ from scipy.spatial.transform import Rotation
 from bench.scenes.hand_pose import POSES, Pose
 from calibration.transforms import Transform
 from radar.simulation.causes import Causes, Motion, Noise, SensorFaults
-from radar.simulation.effects.catalogue import check_names
-from radar.simulation.physics.material import Material
-from radar.simulation.scene import DEPTH_STEP_HZ
-from radar.support.config import Config, suggest
+from radar.simulation.scene import DEPTH_STEP_HZ, Material
+from radar.simulation.selection import check_names
+from radar.support.config import Config, Name, suggest
 from radar.support.errors import HandbenchError
-from radar.support.names import Name
 
 BUILT_IN_ARRAY = "qar50"
 PHOTO_AXES = np.diag([-1.0, 1.0, -1.0])  # the board faces the radar: its z is the radar's -z

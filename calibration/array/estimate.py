@@ -25,25 +25,21 @@ from calibration.array.model import (
     directions,
     normal_equations,
 )
-from calibration.array.prior import Settings, constrained_inverse, gauges, prior, surprises
-from calibration.array.quality import SINGLE, check, left_over
-from calibration.array.start import alive, fitted_gains, nominal_state, without
+from calibration.array.prior import Settings, check, constrained_inverse, gauges, nominal_state, prior, start, surprises
 from calibration.target.description import Target
-from calibration.target.radar_detection import EchoSearch
 from radar.data.arrays import AntennaArray
 from radar.data.capture import RadarCapture
+from radar.imaging.cpu.exact import path_lengths
 from radar.support.errors import HandbenchError
 
 MAX_STEPS = 20
 ENOUGH = 0.1  # a step that lowers χ² by less is no more than a small part of one standard deviation
+SINGLE = 1e-5  # samples in single precision carry no less noise than this part of their amplitude
+GUARD_CELLS = 3  # of the sweep's range resolution, about the balls
 
 
 def estimate_array(
-    capture: RadarCapture,
-    target: Target,
-    settings: Settings | None = None,
-    source: str = "target capture",
-    search: EchoSearch | None = None,
+    capture: RadarCapture, target: Target, settings: Settings | None = None, source: str = "target capture"
 ) -> ArrayCalibration:
     """The array's calibration from the echoes of a target that stands still (frames are averaged). source: names the
     capture, in the file and in errors.
@@ -56,18 +52,13 @@ def estimate_array(
     mean = replace(capture, samples=capture.samples.mean(axis=0, keepdims=True))
     samples = np.ascontiguousarray(np.moveaxis(mean.samples[0], 0, -1))
     echoes = Echoes(target, capture.frequencies_hz)
-    raw, start = fitted_gains(samples, nominal_state(mean, target, search), echoes)
-    live = alive(start, settings.weakest_db)
-    samples, raw, start = samples[live[0]][:, live[1]], without(raw, *live), without(start, *live)
-    state, covariance = fitted(samples, start, echoes, settings)
+    live, raw, begun = start(samples, nominal_state(mean, target), echoes, settings.weakest_db)
+    samples = samples[live[0]][:, live[1]]
+    state, covariance = fitted(samples, begun, echoes, settings)
     before, after = (left_over(samples, s, echoes) for s in (raw, state))
     check(state, after, target, settings, source)
-    tx, rx = (
-        _side(leg.position_m, lives, side, own, state.centres_m, echoes, settings)
-        for leg, lives, side, own in zip(
-            capture.aperture.legs, live, (state.tx, state.rx), _own_covariances(covariance, state), strict=True
-        )
-    )
+    sides = zip(capture.aperture.legs, live, (state.tx, state.rx), _own_covariances(covariance, state), strict=True)
+    tx, rx = (_side(leg.position_m, lives, s, c, state.centres_m, echoes, settings) for leg, lives, s, c in sides)
     levels_db = {"residual_before_db": 10 * np.log10(before), "residual_after_db": 10 * np.log10(after)}
     return ArrayCalibration(source=source, reference_hz=echoes.reference_hz, tx=tx, rx=rx, **levels_db)
 
@@ -89,6 +80,30 @@ def fitted(samples: np.ndarray, state: State, echoes: Echoes, settings: Settings
     raise HandbenchError(
         "echoes: the array's errors do not settle; they may be too large for the target to be seen sharply"
     )
+
+
+def left_over(samples: np.ndarray, state: State, echoes: Echoes) -> float:
+    """Part of the target's energy in samples [t, r, f] that the state does not explain, noise deducted: at least what
+    the noise leaves uncertain.
+
+    Seen over the path through the target's middle, the balls lie within a few range cells; the noise is the median of
+    the cells beyond.
+    """
+    middle_m = state.centres_m.mean(axis=0)
+    path_m = path_lengths(state.array, middle_m)
+    cell_m = 2 * np.pi / np.ptp(echoes.wavenumber)
+    reach_m = 2 * np.linalg.norm(state.centres_m - middle_m, axis=1).max()
+    cells = np.fft.fftfreq(samples.shape[-1], 1 / samples.shape[-1])
+    near = np.abs(cells) <= reach_m / cell_m + GUARD_CELLS
+    profiles = np.zeros((2, samples.shape[-1]))
+    for t, terms in enumerate(echoes.terms(state)):
+        focus = np.exp(1j * np.multiply.outer(path_m[t], echoes.wavenumber))
+        for profile, what in zip(profiles, (samples[t], samples[t] - terms.sum(axis=1)), strict=True):
+            profile += (np.abs(np.fft.fft(what * focus, axis=-1)) ** 2).sum(axis=0)
+    noise = float(np.median(profiles[1][~near])) if (~near).any() else 0.0
+    whole, rest = ((profile[near] - noise).sum() for profile in profiles)
+    told = max(noise * np.sqrt(near.sum() / path_m.size), SINGLE**2 * whole)  # less than this cannot be told from noise
+    return float(max(rest, told) / whole)
 
 
 def _own_covariances(covariance: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from calibration.target.description import Target
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from radar.simulation.mie import sphere_echo
+from radar.simulation.physics.spheres import sphere_echo
 
 LEVEL, PHASE, DELAY, PLACE, EACH = 0, 1, 2, slice(3, 6), 6  # an antenna's unknowns: log level, phase, delay, offset
 BALL = 5  # a ball's unknowns: centre (all balls'), then log level (all), then phase (all)
@@ -42,12 +42,8 @@ class Antennas:
 
     def moved(self, step: np.ndarray) -> Antennas:
         """Changed by a step of the unknowns [n, 6]."""
-        return Antennas(
-            self.nominal_m,
-            self.log_gain + step[:, LEVEL] + 1j * step[:, PHASE],
-            self.delay_m + step[:, DELAY],
-            self.offset_m + step[:, PLACE],
-        )
+        log_gain = self.log_gain + step[:, LEVEL] + 1j * step[:, PHASE]
+        return Antennas(self.nominal_m, log_gain, self.delay_m + step[:, DELAY], self.offset_m + step[:, PLACE])
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,24 @@
-"""Prior knowledge of an array and a target, and the gauge freedoms that no echo determines."""
+"""Before the array's estimate: prior knowledge of array and target, the gauge freedoms that no echo determines, and the
+start, which is the target's pose in the raw image with gains by alternating least squares."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from pydantic import Field
 
-from calibration.array.model import BALL, DELAY, EACH, LEVEL, PHASE, PLACE, State, split
-from calibration.array.start import placed
+from calibration.array.model import BALL, DELAY, EACH, LEVEL, PHASE, PLACE, Antennas, Echoes, State, split
 from calibration.target.description import Target
-from calibration.transforms import perturbation_jacobian
+from calibration.target.matching import match
+from calibration.target.radar_detection import EchoSearch, find_balls
+from calibration.transforms import perturbation_jacobian, umeyama
+from radar.data.capture import RadarCapture
 from radar.support.config import Config
+from radar.support.errors import HandbenchError
+
+SWEEPS = 30  # of alternation; it starts Gauss–Newton, which ends it
+SEARCH = EchoSearch(threshold_db=-10.0)  # a ball is stronger than the foam and than what an imperfect array smears
 
 
 class Settings(Config):
@@ -60,6 +69,29 @@ def shape_sigma_m(target: Target) -> float:
     return max(target.ball_offset_sigma_m, 1e-6)
 
 
+def check(state: State, left: float, target: Target, settings: Settings, source: str) -> None:
+    """Refuse a target that explains too little of its echoes (left: see `left_over`), and errors beyond what was
+    expected."""
+    if left > 1 - settings.least_explained:
+        raise HandbenchError(
+            f"{source}: the target explains {100 * (1 - left):.1f} % of its echoes' energy, expected at least "
+            f"{100 * settings.least_explained:.0f} %; check the target's description and that nothing else echoes there"
+        )
+    off_m = misplaced_m(state.centres_m, target)
+    worst = int(np.linalg.norm(off_m, axis=1).argmax())
+    if np.linalg.norm(off_m[worst]) > 2 * settings.most_sigmas * shape_sigma_m(target):
+        raise HandbenchError(
+            f"{source}: the target's element {worst + 1} is {1e3 * np.linalg.norm(off_m[worst]):.2f} mm from where its "
+            f"description has it, expected about {1e3 * shape_sigma_m(target):.2f} mm; measure the target again"
+        )
+    offsets_m = np.sqrt(np.mean(np.concatenate([state.tx.offset_m, state.rx.offset_m]) ** 2, axis=0))
+    if offsets_m.max() > settings.most_sigmas * settings.position_sigma_m:
+        raise HandbenchError(
+            f"{source}: the antennas would be {1e6 * offsets_m.max():.0f} µm off, expected about "
+            f"{1e6 * settings.position_sigma_m:.0f} µm; check the target's description, or expect larger errors"
+        )
+
+
 def gauges(state: State) -> np.ndarray:
     """Gauge freedoms [12, u], which no echo determines: the mean level, phase and delay of each side, and the rigid
     motion of the whole array; a step leaves each where it is."""
@@ -84,3 +116,88 @@ def constrained_inverse(normal: np.ndarray, rows: np.ndarray) -> np.ndarray:
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     bordered = np.block([[normal * np.multiply.outer(scale, scale), rows.T], [rows, np.zeros((len(rows),) * 2)]])
     return np.linalg.inv(bordered)[: len(normal), : len(normal)] * np.multiply.outer(scale, scale)
+
+
+def nominal_state(capture: RadarCapture, target: Target) -> State:
+    """A perfect array before the target where its image says that it is; the balls' strengths are still open.
+
+    Raises HandbenchError when not every ball is found.
+    """
+    found = match(find_balls(capture, target, SEARCH), target, "echoes")
+    missing = [i + 1 for i in range(len(target.element)) if i not in found]
+    if missing:
+        raise HandbenchError(
+            f"echoes: the target's elements {', '.join(map(str, missing))} are not seen; expected all of them to "
+            "calibrate an array: check the target's description and its place"
+        )
+    seen_m = np.array([found[i].centre_m for i in range(len(target.element))])
+    places_m = [leg.position_m for leg in capture.aperture.legs]
+    tx, rx = (Antennas(m, np.zeros(len(m), np.complex128), np.zeros(len(m)), np.zeros_like(m)) for m in places_m)
+    return State(tx, rx, placed(target, seen_m), np.zeros(len(seen_m), np.complex128))
+
+
+def placed(target: Target, seen_m: np.ndarray) -> np.ndarray:
+    """The balls' described centres [i, 3], moved as one body to where they are seen [i, 3]."""
+    described_m = target.centres_m + target.ball_offsets_m
+    pose = umeyama(described_m, seen_m)
+    return described_m @ pose[:3, :3].T + pose[:3, 3]
+
+
+def fitted_gains(samples: np.ndarray, state: State, echoes: Echoes) -> tuple[State, State]:
+    """The state with the balls' strengths that fit best with the gains as they are, and with strengths and gains that
+    fit best together; samples [t, r, f].
+
+    For given balls, least squares give each transmitter's gain when receivers are known, and the other way round.
+    """
+    balls = echoes.balls(state.centres_m, state.array)
+    matched = np.einsum("trif,trf->tri", balls.conj(), samples, optimize=True)
+    gram = balls.conj() @ balls.swapaxes(2, 3)
+    a, b = (np.exp(side.log_gain) for side in (state.tx, state.rx))
+    first = strength = _strengths(matched, gram, a, b)
+    for _ in range(SWEEPS):
+        seen = matched @ strength.conj()
+        power = np.einsum("i,trij,j->tr", strength.conj(), gram, strength, optimize=True).real
+        a = (seen @ b.conj()) / (power @ np.abs(b) ** 2)
+        b = (a.conj() @ seen) / (np.abs(a) ** 2 @ power)
+        strength = _strengths(matched, gram, a, b)
+    return replace(state, log_ball=_log(first)), replace(
+        state, tx=replace(state.tx, log_gain=_log(a)), rx=replace(state.rx, log_gain=_log(b)), log_ball=_log(strength)
+    )
+
+
+def start(
+    samples: np.ndarray, nominal: State, echoes: Echoes, weakest_db: float
+) -> tuple[tuple[np.ndarray, np.ndarray], State, State]:
+    """Masks [t] and [r] of the transmitters and receivers that are not weakest_db below their median, and the states of
+    these alone: as they are, and as they fit samples [t, r, f] best."""
+    raw, state = fitted_gains(samples, nominal, echoes)
+    tx, rx = (side.log_gain.real for side in (state.tx, state.rx))
+    live_tx, live_rx = (level > np.median(level) + weakest_db / 20 * np.log(10) for level in (tx, rx))
+    return (live_tx, live_rx), without(raw, live_tx, live_rx), without(state, live_tx, live_rx)
+
+
+def without(state: State, live_tx: np.ndarray, live_rx: np.ndarray) -> State:
+    """The state of the live antennas alone, in the gauge: no mean level, phase or delay on either side; the balls take
+    them over."""
+    sides, taken = [], 0.0
+    for side, live in ((state.tx, live_tx), (state.rx, live_rx)):
+        log_gain = side.log_gain[live]
+        turn = np.angle(np.exp(1j * log_gain.imag).mean())
+        phase = np.angle(np.exp(1j * (log_gain.imag - turn)))  # about 0, where the branch cut is far
+        mean = log_gain.real.mean() + 1j * phase.mean()
+        taken += mean + 1j * turn
+        centred = log_gain.real + 1j * phase - mean
+        sides.append(Antennas(side.nominal_m[live], centred, side.delay_m[live], side.offset_m[live]))
+    return replace(state, tx=sides[0], rx=sides[1], log_ball=state.log_ball + taken)
+
+
+def _strengths(matched: np.ndarray, gram: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The balls' complex strengths [i] for gains a [t] and b [r]."""
+    gain = np.multiply.outer(a, b)
+    together = np.einsum("tr,trij->ij", np.abs(gain) ** 2, gram, optimize=True)
+    return np.linalg.solve(together, np.einsum("tr,tri->i", gain.conj(), matched, optimize=True))
+
+
+def _log(values: np.ndarray) -> np.ndarray:
+    """Complex logarithm; of 0, that of a very small number."""
+    return np.log(np.abs(values) + 1e-12) + 1j * np.angle(values)

@@ -3,14 +3,21 @@
 Both sensors' candidates are matched to the target's elements; the elements that both have seen give the transform, in
 closed form first (`majority`) and then by weighted least squares with every centre's own covariance (`fit`). The
 target's drawing serves only to tell the elements apart: what is registered are the two measurements.
+
+A capture and its repeat each give a transform with its covariance; their difference shows what moved. What all balls
+share (waves that creep round them) is the same in every capture: it cancels in the difference, and no repeat averages
+it away.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from calibration.registration.ransac import majority
 from calibration.registration.rigid_fit import Pairs
@@ -18,41 +25,32 @@ from calibration.target.ball_fit import fit_balls
 from calibration.target.description import Candidate, Target
 from calibration.target.matching import match
 from calibration.target.optical_detection import TOWARDS_CAMERAS_PX, find_spheres
-from calibration.target.radar_detection import EchoSearch, find_balls
-from calibration.transforms import Transform, umeyama
+from calibration.target.radar_detection import find_balls
+from calibration.transforms import Transform, adjoint, perturbation_jacobian, umeyama
 from radar.data.capture import RadarCapture
+from radar.support.errors import HandbenchError
 from radar.support.progress import say
 
+HAND_M = np.array([0.0, 0.0, 0.3])  # the hand's centre, radar frame
+FALSE_ALARM = 0.01  # probability that a rig at rest is said to have moved
 
-def calibrate(
-    points_m: np.ndarray,
-    normals: np.ndarray | None,
-    capture: RadarCapture,
-    target: Target,
-    with_scale: bool = False,
-    search: EchoSearch | None = None,
-    pixel_m: float = 0.0,
-) -> Transform:
+
+def calibrate(points_m: np.ndarray, normals: np.ndarray | None, capture: RadarCapture, target: Target) -> Transform:
     """`radar_from_photo` from a cloud of the target ([n, 3], metres, photo frame; normals outward or None) and its
     echoes (radar frame). Raises HandbenchError as `measure` and `solve` do."""
-    pairs, common_m2 = measure(points_m, normals, capture, target, search, pixel_m)
-    return solve(pairs, with_scale, common_m2)
+    pairs, common_m2 = measure(points_m, normals, capture, target)
+    return solve(pairs, common_m2=common_m2)
 
 
 def measure(
-    points_m: np.ndarray,
-    normals: np.ndarray | None,
-    capture: RadarCapture,
-    target: Target,
-    search: EchoSearch | None = None,
-    pixel_m: float = 0.0,
+    points_m: np.ndarray, normals: np.ndarray | None, capture: RadarCapture, target: Target, pixel_m: float = 0.0
 ) -> tuple[Pairs, np.ndarray]:
     """Measurements of one capture of the target: the balls' centres as both sensors see them, and the covariance [3, 3]
     (m²) of the error that all of them share. pixel_m: of the cloud's depth maps, see `find_spheres`. Raises
     HandbenchError when a sensor's candidates cannot be matched to the target in exactly one way, or both share fewer
     than three elements."""
     seen = match(find_spheres(points_m, normals, target, pixel_m), target, "photographs")
-    balls = find_balls(capture, target, search)
+    balls = find_balls(capture, target)
     heard = fit_balls(capture, target, match(balls, target, "echoes"), balls)
     return common_pairs(seen, heard, target), common_covariance(target, pixel_m)
 
@@ -93,3 +91,132 @@ def solve(pairs: Pairs, with_scale: bool = False, common_m2: np.ndarray | None =
     if common_m2 is not None:
         covariance[:3, :3] += common_m2  # all centres move together: a translation
     return Transform("photo", "radar", found.matrix, covariance, residuals_m)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The motion that carries one capture's transform to another's, about the hand's centre: step = [shift_m,
+    rotation_rad(, log scale)] with its covariance ([6, 6] or [7, 7]); first and second name the captures."""
+
+    step: np.ndarray
+    covariance: np.ndarray
+    first: str
+    second: str
+
+    @property
+    def chi2(self) -> float:
+        """Mahalanobis distance² of the step from none."""
+        return float(self.step @ np.linalg.solve(self.covariance, self.step))
+
+    @property
+    def probability(self) -> float:
+        """That a rig at rest shows so large a step or a larger one."""
+        return float(chi2.sf(self.chi2, len(self.step)))
+
+    @property
+    def moved(self) -> bool:
+        """True if a rig at rest would show so large a step in fewer than 1 % of all repeats."""
+        return self.probability < FALSE_ALARM
+
+    @property
+    def shift_m(self) -> float:
+        """Displacement of a point at the hand's centre, metres."""
+        return float(np.linalg.norm(self.step[:3]))
+
+    @property
+    def interval_m(self) -> tuple[float, float]:
+        """95 % interval of `shift_m`, from the ellipsoid that holds the true shift (Scheffé 1953): its least extent
+        along the shift found, and the greatest distance that it can reach. Holds the truth in 95 % or more."""
+        reach, spread = np.sqrt(chi2.ppf(0.95, 3)), self.covariance[:3, :3]
+        along = self.step[:3] / max(self.shift_m, 1e-300)
+        low = self.shift_m - reach * np.sqrt(along @ spread @ along)
+        return max(0.0, float(low)), self.shift_m + float(reach * np.sqrt(np.linalg.eigvalsh(spread)[-1]))
+
+    @property
+    def sentence(self) -> str:
+        """The result of the test in one sentence."""
+        low_mm, high_mm = (1e3 * limit for limit in self.interval_m)
+        verb = "moved" if self.moved else "did not measurably move"
+        return (
+            f"the rig {verb} between {self.first} and {self.second}: {1e3 * self.shift_m:.3g} mm at the hand's centre "
+            f"(95 % interval {low_mm:.3g} to {high_mm:.3g} mm; χ² = {self.chi2:.3g} for {len(self.step)} degrees of "
+            f"freedom, p = {self.probability:.2g})"
+        )
+
+
+def motion(
+    first: Transform,
+    second: Transform,
+    common_m2: np.ndarray | None = None,
+    names: tuple[str, str] = ("the first capture", "the second"),
+) -> Motion:
+    """The rig's motion between two captures of the target, from each one's own transform.
+
+    common_m2 [3, 3]: the covariance that both transforms hold in their translations (m²) for an error that is the same
+    in both. Raises HandbenchError when their frames or unknowns differ, or a covariance is missing or too small for
+    common_m2.
+    """
+    second.require(first.source, first.target, names[1])
+    one, other = first.covariance, second.covariance
+    if one is None or other is None or len(one) != len(other):
+        sizes = [0 if covariance is None else len(covariance) for covariance in (one, other)]
+        raise HandbenchError(
+            f"{names[0]} and {names[1]}: their covariances are of sizes {sizes[0]} and {sizes[1]}; expected 6 and 6, "
+            "or 7 and 7 with scale: calibrate both alike"
+        )
+    covariance = one + other
+    if common_m2 is not None:
+        covariance[:3, :3] -= 2 * np.asarray(common_m2)
+    carry = adjoint(HAND_M, len(one))
+    covariance = carry @ covariance @ carry.T
+    if np.linalg.eigvalsh(covariance)[0] <= 0:
+        raise HandbenchError(
+            f"{names[0]} and {names[1]}: their covariances do not hold the common error given; expected both with it"
+        )
+    turn = Rotation.from_matrix(second.rotation @ first.rotation.T).as_rotvec()
+    shift_m = second.points(first.inverse().points(HAND_M)) - HAND_M
+    step = np.array([*shift_m, *turn, np.log(second.scale / first.scale)])[: len(one)]
+    return Motion(step, covariance, *names)
+
+
+def combine(
+    captures: Sequence[Pairs],
+    with_scale: bool = False,
+    common_m2: np.ndarray | None = None,
+    names: Sequence[str] = (),
+    ball_offset_sigma_m: float = 0.0,
+) -> Transform:
+    """`radar_from_photo` from the pairs of several captures of one target at once, by joint weighted least squares.
+
+    common_m2 [3, 3]: as for `solve`; the same balls err alike in all captures, so that it counts once and whole. So
+    do the places of the balls in their spheres (ball_offset_sigma_m, which the pairs' covariances hold), as long as the
+    target is not turned between captures. Residuals come capture by capture. Raises HandbenchError when the rig moved
+    between two captures, with how far.
+    """
+    names = list(names) or [f"capture {i + 1}" for i in range(len(captures))]
+    both = zip(names, captures, strict=True)
+    named = [replace(pairs, names=tuple(f"{name}, {pair}" for pair in pairs.names)) for name, pairs in both]
+    require_rest([solve(pairs, with_scale) for pairs in named], names)
+    found = solve(sum(named[1:], named[0]), with_scale, common_m2)
+    covariance = found.require_covariance()
+    offsets = [_of_offsets(pairs, ball_offset_sigma_m, len(covariance)) for pairs in named]
+    covariance += (1 - 1 / len(named)) * np.mean(offsets, axis=0)
+    return found
+
+
+def _of_offsets(pairs: Pairs, sigma_m: float, unknowns: int) -> np.ndarray:
+    """Covariance of a transform, about the origin, that balls misplaced by sigma_m per axis in one capture give it."""
+    middle_m = pairs.target_m.mean(axis=0)
+    jacobian = perturbation_jacobian(pairs.target_m - middle_m)[..., :unknowns].reshape(-1, unknowns)
+    carry = adjoint(-middle_m, unknowns)
+    return sigma_m**2 * carry @ np.linalg.inv(jacobian.T @ jacobian) @ carry.T
+
+
+def require_rest(transforms: Sequence[Transform], names: Sequence[str]) -> None:
+    """HandbenchError when the rig moved between any two captures; every pair of them is compared, at a level that
+    leaves 1 % for a false alarm in all (Bonferroni)."""
+    every_two = combinations(zip(transforms, names, strict=True), 2)
+    motions = [motion(first, second, names=(a, b)) for (first, a), (second, b) in every_two]
+    worst = min(motions, key=lambda m: m.probability, default=None)
+    if worst is not None and worst.probability < FALSE_ALARM / len(motions):
+        raise HandbenchError(f"{worst.sentence}; use the captures on one side of the move alone")

@@ -59,13 +59,12 @@ class Pairs:
     def __getitem__(self, chosen: np.ndarray | Sequence[int]) -> Pairs:
         """The pairs of these indices, or where a mask [n] is true."""
         chosen = np.arange(len(self))[np.asarray(chosen)]
-        source_m, target_m, source_m2, target_m2 = (getattr(self, side)[chosen] for side in SIDES)
-        return Pairs(source_m, target_m, source_m2, target_m2, tuple(self.names[i] for i in chosen))
+        sides = {side: getattr(self, side)[chosen] for side in SIDES}
+        return Pairs(**sides, names=tuple(self.names[i] for i in chosen))
 
     def __add__(self, other: Pairs) -> Pairs:
-        both = (np.concatenate([getattr(self, side), getattr(other, side)]) for side in SIDES)
-        source_m, target_m, source_m2, target_m2 = both
-        return Pairs(source_m, target_m, source_m2, target_m2, self.names + other.names)
+        both = {side: np.concatenate([getattr(self, side), getattr(other, side)]) for side in SIDES}
+        return Pairs(**both, names=self.names + other.names)
 
     def mirrored(self) -> Pairs:
         """The same, with the source as a mirror shows it."""

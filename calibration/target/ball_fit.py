@@ -14,14 +14,14 @@ from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve
 
 from calibration.target.description import Element, Target
-from calibration.target.radar_detection import Ball, mimo_array, path_gradients, specular_echo
+from calibration.target.radar_detection import Ball, mimo_array, specular_echo
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.data.capture import RadarCapture
 from radar.imaging.cpu.exact import backproject
-from radar.simulation.mie import sphere_echo
+from radar.simulation.physics.spheres import path_gradients, sphere_echo
 from radar.support.errors import HandbenchError
 
 MAX_STEPS = 8
@@ -30,19 +30,12 @@ FARTHEST_M = 0.003  # from where the peak was: a fit that goes further has left 
 TONES = 4  # every fourth tells how polarisation moves the balls
 AROUND_M = 0.015 * np.array([p for p in product((-1, 0, 1), repeat=3) if any(p)])  # beyond a ball's own peak
 COLUMNS = 5  # of an element: ball, its three derivatives, foam's front
-REAL = np.array(
-    [  # real unknowns [7] in complex columns [5]: strength (re, im), place (3), front (re, im)
-        [1, 1j, 0, 0, 0, 0, 0],
-        [0, 0, 1, 0, 0, 0, 0],
-        [0, 0, 0, 1, 0, 0, 0],
-        [0, 0, 0, 0, 1, 0, 0],
-        [0, 0, 0, 0, 0, 1, 1j],
-    ]
-)
+# Real unknowns [7] in complex columns [5]: strength (re, im), place (3), front (re, im).
+REAL = block_diag([1, 1j], np.eye(3), [1, 1j])
 
 
 def fit_balls(
-    capture: RadarCapture, target: Target, heard: Mapping[int, Ball], others: Sequence[Ball] = (), frame: int = 0
+    capture: RadarCapture, target: Target, heard: Mapping[int, Ball], others: Sequence[Ball] = ()
 ) -> dict[int, Ball]:
     """The recognised balls (element → ball) with fitted centres and the covariances that the residual gives them: white
     noise, or more where the image of what is left shows more around a ball (echoes of what stands there too).
@@ -52,7 +45,7 @@ def fit_balls(
     """
     _check_apart(target, heard)
     try:
-        fit = _settle(capture, target, {i: ball.centre_m for i, ball in heard.items()}, others, frame)
+        fit = _settle(capture, target, {i: ball.centre_m for i, ball in heard.items()}, others)
     except LinAlgError as error:
         raise HandbenchError(
             f"echoes: those of balls {', '.join(str(i + 1) for i in heard)} cannot be told from one another, or there "
@@ -80,11 +73,9 @@ class _Fit(NamedTuple):
     rest: np.ndarray
 
 
-def _settle(
-    capture: RadarCapture, target: Target, centres_m: Mapping[int, np.ndarray], others: Sequence[Ball], frame: int
-) -> _Fit:
+def _settle(capture: RadarCapture, target: Target, centres_m: Mapping[int, np.ndarray], others: Sequence[Ball]) -> _Fit:
     """Gauss–Newton from centres near the balls until they move no more."""
-    samples = capture.samples[frame].reshape(-1)
+    samples = capture.samples[0].reshape(-1)
     elements, places_m = list(centres_m), np.array(list(centres_m.values()))
     strangers = _strangers(capture, target, centres_m, others)
     strengths = None
@@ -106,7 +97,7 @@ def _settle(
             break
     rest = samples - (real @ unknowns).astype(np.complex64) @ columns
     places = dict(zip(elements, places_m, strict=True))
-    return _Fit(places, unknowns, factor, rest.reshape(capture.samples[frame].shape))
+    return _Fit(places, unknowns, factor, rest.reshape(capture.samples[0].shape))
 
 
 def _noise_around(centre_m: np.ndarray, rest: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray) -> float:
@@ -186,14 +177,8 @@ def _strengths(gram: np.ndarray, onto: np.ndarray, elements: int) -> np.ndarray:
 
 def _real(strengths: np.ndarray, strangers: int) -> np.ndarray:
     """Complex columns [c] in real unknowns [u]: [c, u]; a place's slopes are as strong as its ball."""
-    elements = len(strengths)
-    real = np.zeros((COLUMNS * elements + strangers, 7 * elements + 2 * strangers), np.complex128)
-    for n, strength in enumerate(strengths):
-        scale = np.array([1, strength, strength, strength, 1])
-        real[COLUMNS * n : COLUMNS * (n + 1), 7 * n : 7 * (n + 1)] = scale[:, None] * REAL
-    for n in range(strangers):
-        real[COLUMNS * elements + n, 7 * elements + 2 * n : 7 * elements + 2 * n + 2] = [1, 1j]
-    return real
+    of_elements = [np.array([1, s, s, s, 1])[:, None] * REAL for s in strengths]
+    return np.asarray(block_diag(*of_elements, *[[1, 1j]] * strangers))
 
 
 def _check_apart(target: Target, heard: Mapping[int, Ball]) -> None:

@@ -17,9 +17,7 @@ Assignment = dict[int, int]  # element → candidate
 CandidateT = TypeVar("CandidateT", bound=Candidate)
 
 
-def match(
-    candidates: Sequence[CandidateT], target: Target, sensor: str, tolerance_m: float = TOLERANCE_M
-) -> dict[int, CandidateT]:
+def match(candidates: Sequence[CandidateT], target: Target, sensor: str) -> dict[int, CandidateT]:
     """Element → candidate for the largest set of candidates that lie as the target's elements do (turned and moved,
     never mirrored). `sensor` names the candidates in errors.
 
@@ -27,7 +25,7 @@ def match(
     read in more than one way: a symmetric target, or its asymmetric element unseen.
     """
     needed = min(4, len(target.element))
-    found = assignments(candidates[:MAX_CANDIDATES], target, tolerance_m)
+    found = assignments(candidates[:MAX_CANDIDATES], target)
     if not found or len(found[0]) < needed:
         raise HandbenchError(
             f"{sensor}: {len(found[0]) if found else 0} of {len(candidates)} candidates lie as the target's elements "
@@ -44,9 +42,9 @@ def match(
     return {element: candidates[candidate] for element, candidate in best.items()}
 
 
-def assignments(candidates: Sequence[Candidate], target: Target, tolerance_m: float) -> list[Assignment]:
+def assignments(candidates: Sequence[Candidate], target: Target) -> list[Assignment]:
     """All assignments of the greatest size in which every pair of candidates is as far apart as its elements (within
-    tolerance_m) and a rotation carries all elements to their candidates."""
+    TOLERANCE_M) and a rotation carries all elements to their candidates."""
     centres_m = np.array([candidate.centre_m for candidate in candidates]).reshape(-1, 3)
     wanted_m, measured_m = _pairwise(target.centres_m), _pairwise(centres_m)
     count = len(target.element)
@@ -58,14 +56,14 @@ def assignments(candidates: Sequence[Candidate], target: Target, tolerance_m: fl
         if len(chosen) + count - element < best:
             return  # cannot become as large as what is known
         if element == count:
-            if _is_rotation(chosen, target.centres_m, centres_m, tolerance_m):
+            if _is_rotation(chosen, target.centres_m, centres_m):
                 found = [chosen] if len(chosen) > best else [*found, chosen]
                 best = len(chosen)
             return
         for i, candidate in enumerate(candidates):
             others = list(chosen)
             gaps = measured_m[i, [chosen[o] for o in others]] - wanted_m[element, others]
-            if element in candidate.elements and (np.abs(gaps) < tolerance_m).all():
+            if element in candidate.elements and (np.abs(gaps) < TOLERANCE_M).all():
                 extend(element + 1, {**chosen, element: i})
         extend(element + 1, chosen)  # the element is not seen
 
@@ -73,12 +71,12 @@ def assignments(candidates: Sequence[Candidate], target: Target, tolerance_m: fl
     return found
 
 
-def _is_rotation(chosen: Assignment, elements_m: np.ndarray, centres_m: np.ndarray, tolerance_m: float) -> bool:
+def _is_rotation(chosen: Assignment, elements_m: np.ndarray, centres_m: np.ndarray) -> bool:
     """Distances cannot tell a set from its mirror image; the best rotation can."""
     source, target = elements_m[list(chosen)], centres_m[list(chosen.values())]
     matrix = umeyama(source, target)
     offset = target - source @ matrix[:3, :3].T - matrix[:3, 3]
-    return bool(np.linalg.norm(offset, axis=1).max() < tolerance_m)
+    return bool(np.linalg.norm(offset, axis=1).max() < TOLERANCE_M)
 
 
 def _pairwise(points_m: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ from radar.imaging.api import image_volume
 from radar.imaging.cpu.exact import backproject, path_lengths
 from radar.imaging.cpu.executor import ToneSkeleton
 from radar.imaging.cpu.steering import phasor
-from radar.simulation.mie import half_angle_cosine
+from radar.simulation.physics.spheres import half_angle_cosine, path_gradients
 from radar.support.config import Config
 from radar.support.errors import HandbenchError
 
@@ -68,27 +68,22 @@ class Ball(Candidate):
     level_db: float
 
 
-def find_balls(capture: RadarCapture, target: Target, search: EchoSearch | None = None, frame: int = 0) -> list[Ball]:
+def find_balls(capture: RadarCapture, target: Target, search: EchoSearch | None = None) -> list[Ball]:
     """Every echo that could be one of the target's balls, the strongest first; an echo appears once for each size of
     element, since its centre depends on it. Raises HandbenchError when the capture has no MIMO array."""
     search = search or EchoSearch()
-    samples, frequencies_hz, array = capture.samples[frame], capture.frequencies_hz, mimo_array(capture)
+    samples, frequencies_hz, array = capture.samples[0], capture.frequencies_hz, mimo_array(capture)
     _check_tones(frequencies_hz, search)
     seeds_m = coarse_peaks(samples, frequencies_hz, array, search)
     radius_m = float(np.median([element.ball_radius_m for element in target.element]))
     peaks = separate(samples, frequencies_hz, array, seeds_m, search, radius_m)
     strongest = max((peak.strength for peak in peaks), default=1.0)
-    return [
-        Ball(
-            ball_centre(peak.position_m, frequencies_hz, array, radius_m, delay_m),
-            peak.covariance_m2,
-            elements,
-            peak.position_m,
-            float(20 * np.log10(peak.strength / strongest)),
-        )
-        for peak in peaks
-        for (radius_m, delay_m), elements in _sizes(target).items()
-    ]
+    balls = []
+    for peak, ((radius_m, delay_m), elements) in product(peaks, _sizes(target).items()):
+        centre_m = ball_centre(peak.position_m, frequencies_hz, array, radius_m, delay_m)
+        level_db = float(20 * np.log10(peak.strength / strongest))
+        balls.append(Ball(centre_m, peak.covariance_m2, elements, peak.position_m, level_db))
+    return balls
 
 
 def mimo_array(capture: RadarCapture) -> AntennaArray:
@@ -141,14 +136,10 @@ def separate(
             found[i] = fit_echo(rest, frequencies_hz, array, position_m, radius_m)
             rest = rest - found[i][1]
     noise = float(np.mean(np.abs(rest) ** 2))
-    peaks = [
-        Peak(
-            position_m,
-            float(np.linalg.norm(echo)),
-            noise / 2 * np.linalg.inv(np.linalg.norm(echo) ** 2 * _phase_spread(position_m, frequencies_hz, array)[0]),
-        )
-        for position_m, echo in found
-    ]
+    peaks = []
+    for position_m, echo in found:
+        strength, spread = np.linalg.norm(echo), _phase_spread(position_m, frequencies_hz, array)[0]
+        peaks.append(Peak(position_m, float(strength), noise / 2 * np.linalg.inv(strength**2 * spread)))
     return sorted(peaks, key=lambda peak: -peak.strength)
 
 
@@ -214,14 +205,6 @@ def _check_tones(frequencies_hz: np.ndarray, search: EchoSearch) -> None:
             f"{1e3 * SPEED_OF_LIGHT_M_S / (2 * spacing_hz):.0f} mm, less than the {1e3 * depth_m:.0f} mm searched; "
             "record the target with a sweep of finer steps"
         )
-
-
-def path_gradients(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
-    """û_t + û_r [t, r, 3], the gradient of the path length at a point."""
-    to, back = point_m - array.tx_m, point_m - array.rx_m
-    to /= np.linalg.norm(to, axis=1, keepdims=True)
-    back /= np.linalg.norm(back, axis=1, keepdims=True)
-    return to[:, None] + back[None, :]
 
 
 def channel_amplitudes(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:

@@ -10,8 +10,8 @@ from numba import njit, prange
 
 from groundtruth.dense.dense import DepthMap
 from groundtruth.dense.planesweep import LESS
+from radar.support.cost import require_free
 from radar.support.files import read_npz, write_npz
-from radar.support.memory import require_free
 
 CONFIRMATIONS, FEW_VIEWS = 2, 5  # other views that must agree; 1 where there are no more than a few views
 AGREEMENT_PX = 1.7  # how far, in pixels times depth over focal length, two depths may be apart

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from radar.support.memory import require_free
+from radar.support.cost import require_free
 
 LESS = "choose a lower --quality, or fewer or smaller photographs"
 WINDOW_RADIUS = 4

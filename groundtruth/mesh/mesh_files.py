@@ -15,9 +15,9 @@ import numpy as np
 
 from calibration.transforms import LARGEST_M
 from groundtruth.mesh.ply import MOST, MOST_CORNERS, read_ply
+from radar.support.cost import require_free
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, require_file
-from radar.support.memory import require_free
 from radar.support.rays import embree, load_open3d
 
 if TYPE_CHECKING:

@@ -27,6 +27,11 @@ class Leg:
         """Length that the leg adds to the path over a point [3]: [n]."""
         return self.passes * np.linalg.norm(point_m - self.position_m, axis=1)
 
+    def directions(self, point_m: np.ndarray) -> np.ndarray:
+        """Unit vectors [n, 3] from the antennas to a point [3]."""
+        towards = point_m - self.position_m
+        return towards / np.linalg.norm(towards, axis=1, keepdims=True)
+
 
 @dataclass(frozen=True)
 class AntennaArray:

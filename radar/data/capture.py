@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -91,13 +91,9 @@ def thinned(capture: RadarCapture, every: int) -> RadarCapture:
         raise HandbenchError(f"every_nth_antenna: is {every}; expected a whole number ≥ 1 (1: all antennas)")
     if every == 1:
         return capture
-    if isinstance(capture.aperture, AntennaArray):
-        aperture: Aperture = AntennaArray(capture.aperture.tx_m[::every], capture.aperture.rx_m[::every])
-        samples = capture.samples[:, :, ::every, ::every]
-    else:
-        aperture = PlanarScan(capture.aperture.position_m[::every])
-        samples = capture.samples[:, :, ::every]
-    return RadarCapture(np.ascontiguousarray(samples), capture.frequencies_hz, aperture)
+    fewer = {name: places_m[::every] for name, places_m in vars(capture.aperture).items()}
+    samples = capture.samples[:, :, *[slice(None, None, every)] * len(capture.aperture.channels)]
+    return replace(capture, samples=np.ascontiguousarray(samples), aperture=replace(capture.aperture, **fewer))
 
 
 def save_capture(path: str | Path, capture: RadarCapture) -> None:
@@ -107,19 +103,13 @@ def save_capture(path: str | Path, capture: RadarCapture) -> None:
     with atomic_path(path) as temporary:
         try:
             with h5py.File(temporary, "w") as file:
-                _fill(file, capture)
+                file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
+                file["samples"] = capture.samples.astype(np.complex64, copy=False)
+                file["frequencies_hz"] = capture.frequencies_hz
+                for name, places_m in vars(capture.aperture).items():  # tx_m and rx_m, or position_m
+                    file[name] = places_m
         except RuntimeError as error:  # what the library calls a disk that is full by the time the file is closed
             raise OSError("the library could not close the file; is there space left on the disk?") from error
-
-
-def _fill(file: h5py.File, capture: RadarCapture) -> None:
-    file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
-    file["samples"] = capture.samples.astype(np.complex64, copy=False)
-    file["frequencies_hz"] = capture.frequencies_hz
-    if isinstance(capture.aperture, AntennaArray):
-        file["tx_m"], file["rx_m"] = capture.aperture.tx_m, capture.aperture.rx_m
-    else:
-        file["position_m"] = capture.aperture.position_m
 
 
 def load_capture(path: str | Path) -> RadarCapture:

@@ -35,17 +35,8 @@ class DepthMap:
 
     def save(self, path: str | Path) -> None:
         """Write the depth map's .npz, atomically."""
-        known = {name: getattr(self, name) for name in OPTIONAL if getattr(self, name) is not None}
-        write_npz(
-            path,
-            x_m=self.x_m,
-            y_m=self.y_m,
-            z_m=self.z_m,
-            amplitude_db=self.amplitude_db,
-            method=self.method,
-            config=json.dumps(self.config),
-            **known,
-        )
+        known = {name: value for name, value in vars(self).items() if value is not None}
+        write_npz(path, **known | {"config": json.dumps(self.config)})
 
 
 def load_depthmap(path: str | Path) -> DepthMap:

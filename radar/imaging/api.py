@@ -27,8 +27,8 @@ from radar.imaging.device import chosen
 from radar.imaging.gpu import executor as gpu
 from radar.imaging.plan import GridPlan, TreePlan, kept, roomy
 from radar.imaging.tree import Family, clusters, crowded
+from radar.support.cost import require_memory
 from radar.support.errors import HandbenchError
-from radar.support.memory import require_memory
 from radar.support.progress import track
 
 TOLERANCES = (1e-6, 0.1)  # float32 ends before the one, the bounds' derivation before the other
@@ -126,7 +126,7 @@ def image_volume(
     """Images of all voxels: complex64 [nz, ny, nx], or [f, nz, ny, nx] with the tones apart; one plane where nz = 1.
 
     carrier=False allows a phase to be left out that all tones share: enough for magnitudes and for phases between
-    tones, and faster. Refuses a volume that does not fit the memory limit (see `radar.support.memory`).
+    tones, and faster. Refuses a volume that does not fit the memory limit (see `radar.support.cost`).
     """
     check(samples, frequencies_hz, aperture, tolerance)
     count = len(samples) if apart else 1

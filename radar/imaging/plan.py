@@ -19,7 +19,7 @@ from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
 from radar.data.grid import VoxelGrid
 from radar.imaging.skeleton import GUARD, Resampler, resampler
 from radar.imaging.tree import Box, Family, Node, branch, crowded, split, trunk
-from radar.support.memory import require_memory
+from radar.support.cost import require_memory
 from radar.support.parallel import one_blas_thread
 
 LEAF = 7.0  # Nyquist intervals along each axis of a leaf, at most ...

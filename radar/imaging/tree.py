@@ -14,13 +14,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
-from radar.imaging.cpu.steering import steered_differences
-from radar.imaging.gains import probe_gains
+from radar.imaging.cpu.steering import probe_gains, steered_differences
 from radar.imaging.skeleton import band_skeleton, skeleton
 
 # Of the tolerance, for each skeleton: residuals are held below it at their worst member, so that their sum over levels,
@@ -52,8 +53,7 @@ class Box(NamedTuple):
     @property
     def corners_m(self) -> np.ndarray:
         """[8, 3]."""
-        ends = np.array([self.low_m, self.high_m])
-        return np.array([[ends[i, 0], ends[j, 1], ends[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+        return np.array(list(product(*zip(self.low_m, self.high_m, strict=True))))
 
 
 @dataclass(frozen=True)
@@ -122,15 +122,7 @@ def branch(parent: Node, box: Box, family: Family, keep_antennas: bool = False) 
 def split(box: Box, parts: np.ndarray) -> list[Box]:
     """The box in parts [3] equal pieces along each axis."""
     edges = [np.linspace(low, high, n + 1) for low, high, n in zip(*box, parts, strict=True)]
-    return [
-        Box(
-            np.array([edges[0][i], edges[1][j], edges[2][k]]),
-            np.array([edges[0][i + 1], edges[1][j + 1], edges[2][k + 1]]),
-        )
-        for i in range(parts[0])
-        for j in range(parts[1])
-        for k in range(parts[2])
-    ]
+    return [Box(*map(np.array, zip(*sides, strict=True))) for sides in product(*map(pairwise, edges))]
 
 
 def clusters(points_m: np.ndarray, frequencies_hz: np.ndarray) -> list[np.ndarray]:
@@ -205,9 +197,8 @@ def family_skeleton(
         order = np.argsort(leg.position_m[:, np.argmax(np.ptp(leg.position_m, axis=0))], kind="stable")
         halves = np.array_split(order, 2)
         parts = [family_skeleton(_only(leg, half), box, turns_per_m, pattern, tolerance) for half in halves]
-        weights = np.zeros((sum(len(index) for index, _ in parts), n))
-        weights[: len(parts[0][0]), halves[0]] = parts[0][1]
-        weights[len(parts[0][0]) :, halves[1]] = parts[1][1]
+        weights = np.empty((sum(len(index) for index, _ in parts), n))
+        weights[:, order] = block_diag(parts[0][1], parts[1][1])
         return np.concatenate([half[index] for half, (index, _) in zip(halves, parts, strict=True)]), weights
     points_m, turns = _probes(box, turns_per_m, PROBES * n)
     waves = steered_differences(leg.position_m, leg.passes * turns, points_m, box.centre_m).astype(np.float64)

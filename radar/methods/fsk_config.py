@@ -52,7 +52,7 @@ class TwoToneConfig(FskConfig):
     @property
     def ladder_hz(self) -> tuple[float, ...]:
         """The tones, as `LadderConfig` lists them."""
-        return self.f1_hz, self.f2_hz
+        return tuple(getattr(self, tone) for tone in ("f1_hz", "f2_hz", "f3_hz") if tone in type(self).model_fields)
 
 
 class RefinedConfig(FskConfig):
@@ -70,11 +70,6 @@ class ThreeToneConfig(TwoToneConfig, RefinedConfig):
     """3-FSK with the paper's parameters."""
 
     f3_hz: float = Field(default=79.5e9, gt=0, description="third tone, far from the other two")
-
-    @property
-    def ladder_hz(self) -> tuple[float, ...]:
-        """The tones, as `LadderConfig` lists them."""
-        return self.f1_hz, self.f2_hz, self.f3_hz
 
 
 class LadderConfig(RefinedConfig):

@@ -3,73 +3,45 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
+
+from pydantic import create_model
 
 from radar.data.capture import RadarCapture
 from radar.methods.fsk import AnyConfig, n_tone
-from radar.methods.fsk_config import LadderConfig, RefinedConfig, ThreeToneConfig, TwoToneConfig
-from radar.methods.projection import BroadbandConfig, NarrowbandConfig, project, volume
+from radar.methods.fsk_config import FskConfig, LadderConfig, ThreeToneConfig, TwoToneConfig
+from radar.methods.projection import BroadbandConfig, NarrowbandConfig, ProjectionConfig, project, volume
 from radar.methods.registry import PAPER, Reconstruction, register
 from radar.support.config import Config
 
 OURS = f"docs/methods.md, after {PAPER}"
+# Every improvement: the second refinement settles what the first one, out of focus, leaves.
+PLUS: dict[str, Any] = {"off_axis": True, "weighted": True, "fine_refinements": 2, "drop_wrapped": True}
 
 
-class OffAxisConfig(ThreeToneConfig):
-    """3-FSK with the path's true derivative."""
+def _preset(id: str, config: type[Config], summary: str, source: str = OURS, **defaults: bool | int) -> None:
+    """Register a method by its configuration, with these defaults instead of the configuration's own; a variant's id
+    begins with that of the method that it varies."""
+    fields: dict[str, Any] = {name: (type(value), value) for name, value in defaults.items()}
 
-    off_axis: bool = True
+    varied = id.rpartition("-")[0] or None
 
-
-class WeightedConfig(ThreeToneConfig):
-    """3-FSK whose filters trust strong pixels more."""
-
-    weighted: bool = True
-
-
-class _Plus(RefinedConfig):
-    """Every improvement: the second refinement settles what the first one, out of focus, leaves."""
-
-    off_axis: bool = True
-    weighted: bool = True
-    fine_refinements: int = 2
-    drop_wrapped: bool = True
-
-
-class ThreeTonePlusConfig(_Plus, ThreeToneConfig):
-    """3-FSK with every improvement."""
-
-
-class LadderPlusConfig(_Plus, LadderConfig):
-    """The ladder with every improvement."""
-
-
-class SubvoxelConfig(BroadbandConfig):
-    """Broadband with depths between voxels."""
-
-    subvoxel: bool = True
-
-
-def _fsk(id: str, config: type[Config], summary: str, source: str = OURS, base: str | None = None) -> None:
-    @register(id, config, summary, source, base)
-    def run(capture: RadarCapture, config: AnyConfig, frame: int) -> Reconstruction:
-        return Reconstruction(replace(n_tone(capture, config, frame), method=id))
-
-
-def _projection(id: str, config: type[Config], summary: str, source: str = OURS, base: str | None = None) -> None:
-    @register(id, config, summary, source, base)
-    def run(capture: RadarCapture, config: BroadbandConfig | NarrowbandConfig, frame: int) -> Reconstruction:
+    @register(id, create_model(config.__name__, __base__=config, **fields), summary, source, varied)
+    def run(capture: RadarCapture, config: AnyConfig | ProjectionConfig, frame: int) -> Reconstruction:
+        if isinstance(config, FskConfig):
+            return Reconstruction(replace(n_tone(capture, config, frame), method=id))
         depth = project(capture, config, id, frame)
         return Reconstruction(depth, lambda: volume(capture, config, frame), config.grid().z_m)
 
 
-_fsk("2fsk", TwoToneConfig, "depth from the phase between images at two tones", PAPER)
-_fsk("3fsk", ThreeToneConfig, "2-FSK, then a third tone far away corrects every pixel", PAPER)
-_projection("broadband", BroadbandConfig, "backprojected volume of 128 tones, maximum intensity projection", PAPER)
-_projection("narrowband", NarrowbandConfig, "the same with the three 3-FSK tones", PAPER)
+_preset("2fsk", TwoToneConfig, "depth from the phase between images at two tones", PAPER)
+_preset("3fsk", ThreeToneConfig, "2-FSK, then a third tone far away corrects every pixel", PAPER)
+_preset("broadband", BroadbandConfig, "backprojected volume of 128 tones, maximum intensity projection", PAPER)
+_preset("narrowband", NarrowbandConfig, "the same with the three 3-FSK tones", PAPER)
 
-_fsk("3fsk-offaxis", OffAxisConfig, "3-FSK with the path's true derivative instead of 2", base="3fsk")
-_fsk("3fsk-weighted", WeightedConfig, "3-FSK with filters that weigh pixels with their power", base="3fsk")
-_fsk("3fsk-plus", ThreeTonePlusConfig, "both, refined twice, without what may have wrapped", base="3fsk")
-_fsk("nfsk", LadderConfig, "a ladder of tones, each further away, corrects every pixel in turn")
-_fsk("nfsk-plus", LadderPlusConfig, "the ladder with all that 3fsk-plus has", base="nfsk")
-_projection("broadband-subvoxel", SubvoxelConfig, "broadband with depths between voxels", base="broadband")
+_preset("3fsk-offaxis", ThreeToneConfig, "3-FSK with the path's true derivative instead of 2", off_axis=True)
+_preset("3fsk-weighted", ThreeToneConfig, "3-FSK with filters that weigh pixels with their power", weighted=True)
+_preset("3fsk-plus", ThreeToneConfig, "both, refined twice, without what may have wrapped", **PLUS)
+_preset("nfsk", LadderConfig, "a ladder of tones, each further away, corrects every pixel in turn")
+_preset("nfsk-plus", LadderConfig, "the ladder with all that 3fsk-plus has", **PLUS)
+_preset("broadband-subvoxel", BroadbandConfig, "broadband with depths between voxels", subvoxel=True)

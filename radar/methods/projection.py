@@ -61,13 +61,16 @@ class NarrowbandConfig(_VolumeConfig):
         return np.array([self.f1_hz, self.f2_hz, self.f3_hz])
 
 
-def volume(capture: RadarCapture, config: BroadbandConfig | NarrowbandConfig, frame: int = 0) -> np.ndarray:
+ProjectionConfig = BroadbandConfig | NarrowbandConfig
+
+
+def volume(capture: RadarCapture, config: ProjectionConfig, frame: int = 0) -> np.ndarray:
     """Complex image of the configured voxels: complex64 [nz, ny, nx]."""
     samples, frequencies_hz = capture.tones(config.tones_hz(), frame)
     return image_volume(samples, frequencies_hz, capture.aperture, config.grid(), config.tolerance)
 
 
-def project(capture: RadarCapture, config: BroadbandConfig | NarrowbandConfig, method: str, frame: int = 0) -> DepthMap:
+def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame: int = 0) -> DepthMap:
     """`maximum_projection` of the configured voxels, which are never held all at once; flagged as well are the pixels
     at whose depth the tones do not agree."""
     samples, frequencies_hz = capture.tones(config.tones_hz(), frame)
@@ -91,7 +94,7 @@ def peaks_of(image: np.ndarray) -> Peaks:
     return Peaks(*strongest_voxels(image))
 
 
-def maximum_projection(image: np.ndarray | Peaks, config: BroadbandConfig | NarrowbandConfig, method: str) -> DepthMap:
+def maximum_projection(image: np.ndarray | Peaks, config: ProjectionConfig, method: str) -> DepthMap:
     """Maximum intensity projection along z of a volume [nz, ny, nx] or its peaks: each pixel takes the depth of its
     strongest voxel, whole voxels as in the paper or between them; pixels below the threshold are NaN. Flagged are the
     pixels whose strongest voxel is the first or the last: the echo may lie beyond."""
@@ -102,15 +105,8 @@ def maximum_projection(image: np.ndarray | Peaks, config: BroadbandConfig | Narr
     if config.subvoxel:
         z_m = z_m + config.z.step_m * peak_offset(peaks.magnitude)
     seen = db >= config.threshold_db
-    return DepthMap(
-        x_m=grid.x_m,
-        y_m=grid.y_m,
-        z_m=np.where(seen, z_m, np.nan),
-        amplitude_db=db,
-        method=method,
-        config=config.model_dump(),
-        wrapped=seen & np.isin(peaks.index, (0, len(grid.z_m) - 1)),
-    )
+    z_m, at_end = np.where(seen, z_m, np.nan), seen & np.isin(peaks.index, (0, len(grid.z_m) - 1))
+    return DepthMap(grid.x_m, grid.y_m, z_m, db, method, config.model_dump(), wrapped=at_end)
 
 
 def _incoherent(

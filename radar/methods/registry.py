@@ -22,10 +22,9 @@ from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.support import closure
 from radar.support.closure import with_version
-from radar.support.config import Config, parse, suggest
+from radar.support.config import Config, checked_name, parse, suggest
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash
-from radar.support.names import checked_name
 from radar.support.progress import say
 
 GROUP = "handbench.methods"
@@ -130,13 +129,10 @@ def source_key(method: Method) -> tuple[str, ...]:
     package = sys.modules[_top(method.run.__module__)]
     roots = sorted({file, *map(Path, getattr(package, "__path__", ()))})
     files = [path for root in roots for path in ([root] if root.is_file() else sorted(root.rglob("*.py")))]
-    return *_versions(method.distribution), content_hash(*(part for path in files for part in (path.name, path)))
-
-
-def _versions(distribution: str) -> list[str]:
-    """A distribution and those that it requires, each with its version."""
-    required = [re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in metadata.requires(distribution) or []]
-    return [with_version(name) for name in [distribution, *sorted(required)]]
+    requirements = metadata.requires(method.distribution) or []
+    required = sorted(re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in requirements)
+    versions = map(with_version, [method.distribution, *required])
+    return *versions, content_hash(*(part for path in files for part in (path.name, path)))
 
 
 def _load() -> None:

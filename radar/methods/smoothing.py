@@ -12,19 +12,16 @@ def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = No
     known = np.isfinite(values)
     if size_px == 1 or not known.any():
         return values.copy()
-    box = bounding_box(known)
-    mean = np.full(values.shape, np.nan)
-    mean[box] = _masked_mean(values[box], known[box], size_px, None if weight is None else weight[box])
-    return mean
-
-
-def _masked_mean(values: np.ndarray, known: np.ndarray, size_px: int, weight: np.ndarray | None) -> np.ndarray:
+    box, mean = bounding_box(known), np.full(values.shape, np.nan)
+    weight = np.ones(values.shape)[box] if weight is None else weight[box]
+    values, known = values[box], known[box]
     offset = values[known].mean()  # keeps the sums small, so that they lose no digits
-    weight = known.astype(np.float64) if weight is None else np.where(known, weight / weight[known].max(), 0.0)
+    weight = np.where(known, weight / weight[known].max(), 0.0)
     total = _window_sum(weight * np.where(known, values - offset, 0.0), size_px)
     count = _window_sum(weight, size_px)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(known, offset + total / count, np.nan)
+        mean[box] = np.where(known, offset + total / count, np.nan)
+    return mean
 
 
 def _window_sum(values: np.ndarray, size_px: int) -> np.ndarray:

@@ -20,8 +20,7 @@ from radar.imaging.api import points_executor
 from radar.imaging.cpu.ascent import Source
 from radar.imaging.cpu.exact import path_lengths
 from radar.imaging.cpu.executor import Executor
-from radar.imaging.cpu.steering import FAST, cis_turns
-from radar.imaging.gains import GRAZING, least_cosine
+from radar.imaging.cpu.steering import FAST, GRAZING, cis_turns, least_cosine
 from radar.imaging.tree import Box, Family, clusters
 from radar.support.errors import HandbenchError
 from radar.support.parallel import for_each
@@ -163,13 +162,14 @@ def _simulate_exactly(
     position = np.ascontiguousarray(scatterers.position_m, np.float64)
     delay = np.zeros(len(position)) if scatterers.delay_m is None else np.asarray(scatterers.delay_m, np.float64)
     antennas = [leg.position_m for leg in array.legs]
-    gains = [np.ones((len(legs), len(position)), np.float32) for legs in antennas]
+    gains = [np.ones((len(leg_m), len(position)), np.float32) for leg_m in antennas]
     if spreading:
-        gains = [_gain(position, scatterers.normal, legs, pattern) for legs in antennas]
+        gains = [_gain(position, scatterers.normal, leg_m, pattern) for leg_m in antennas]
     if scatterers.seen is not None:
         gains = [gain * seen for gain, seen in zip(gains, scatterers.seen, strict=True)]
     gains[0] = gains[0] * np.asarray(scatterers.weight, np.float32)
-    distances = [np.linalg.norm(position[None] - legs[:, None], axis=2) + delay for legs in antennas]
+    distances = [np.linalg.norm(position[None] - leg_m[:, None], axis=2) + delay for leg_m in antennas]
+    legs = list(zip(distances, gains, strict=True))
     samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
 
     def work(f: int) -> None:
@@ -177,10 +177,7 @@ def _simulate_exactly(
         total = np.zeros(array.channels, np.complex128)
         for start in range(0, len(position), CHUNK):
             chunk = slice(start, start + CHUNK)
-            a, b = (
-                _conjugate_steering(d[:, chunk], g[:, chunk], turns_per_m)
-                for d, g in zip(distances, gains, strict=True)
-            )
+            a, b = (_conjugate_steering(d[:, chunk], g[:, chunk], turns_per_m) for d, g in legs)
             total += a @ b.T
         samples[f] = total
 

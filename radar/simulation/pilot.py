@@ -18,10 +18,10 @@ from radar.methods.fsk import two_tone
 from radar.methods.fsk_config import TwoToneConfig
 from radar.methods.smoothing import masked_mean
 from radar.simulation.forward import Scatterers, simulate
-from radar.simulation.physics.balls import ball_echoes
+from radar.simulation.physics.coarse import visible_from
 from radar.simulation.physics.facets import Facets
 from radar.simulation.physics.reflection import body_reflection
-from radar.simulation.physics.visibility import visible_from
+from radar.simulation.physics.spheres import ball_echoes
 from radar.simulation.scene import Body, EchoScene
 from radar.simulation.state import facing, require_facets
 
@@ -46,16 +46,6 @@ class Pilot:
     points_m: np.ndarray
     images: np.ndarray
 
-    @property
-    def strongest(self) -> float:
-        """The strongest point's magnitude at the first tone."""
-        return float(np.abs(self.images[0]).max())
-
-    @property
-    def channel_rms(self) -> float:
-        """Root mean square of the samples' magnitudes."""
-        return rms(self.samples)
-
 
 def pilot(scene: EchoScene) -> Pilot:
     """The scene's pilot: its highest tone and the measured one nearest to a depth step below it. Made once."""
@@ -67,7 +57,8 @@ def _pilot(scene: EchoScene) -> Pilot:
     tones_hz = np.array([high_hz, low_hz, high_hz - COARSE * scene.depth_step_hz])
     samples = echoes_of(scene, tones_hz, scene.array)
     points_m = _pixels(scene, samples[[0, 2]], tones_hz[[0, 2]])
-    return Pilot(tones_hz[:2], samples[:2], points_m, _images(scene, tones_hz[:2], samples[:2], points_m))
+    images = image_points(samples[:2], tones_hz[:2], scene.array, points_m, TOLERANCE, apart=True)
+    return Pilot(tones_hz[:2], samples[:2], points_m, images)
 
 
 def _pixels(scene: EchoScene, samples: np.ndarray, tones_hz: np.ndarray) -> np.ndarray:
@@ -139,7 +130,7 @@ def body_echoes(
 def change_mm(scene: EchoScene, samples: np.ndarray) -> float:
     """Mean |change| of the points' depths, mm, when the pilot's samples are these [2, t, r] instead."""
     known = pilot(scene)
-    images = _images(scene, known.tones_hz, samples, known.points_m)
+    images = image_points(samples, known.tones_hz, scene.array, known.points_m, TOLERANCE, apart=True)
     turned = (images[0] * images[1].conj()) * (known.images[0] * known.images[1].conj()).conj()
     turned_rad = np.where(turned == 0, np.pi / 2, np.abs(np.angle(turned)))  # a lost image's phase is any
     return 1e3 * scene.depth_m_per_rad * float(turned_rad.mean())
@@ -160,7 +151,3 @@ def stand_in(count: int, part: int = 0) -> np.ndarray:
     """Normal numbers [count] of the estimates' own, always the same: the scene's are left alone. (Numbers spread more
     evenly than random ones would cancel over the antennas, and the estimate with them.)"""
     return np.random.Generator(np.random.PCG64([STAND_IN, part])).standard_normal(count)
-
-
-def _images(scene: EchoScene, tones_hz: np.ndarray, samples: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-    return image_points(samples, tones_hz, scene.array, points_m, TOLERANCE, apart=True)

@@ -1,4 +1,4 @@
-"""Selection of the effects that a scene calls for.
+"""All effects, and the selection of those that a scene calls for.
 
 `auto` leaves out the smallest effects as long as the sum of their estimates, doubled since estimates may be wrong by
 a factor of two (docs/effects.md), stays within the tolerance: estimates are means of magnitudes, whose sum bounds the
@@ -11,11 +11,35 @@ from typing import Literal
 
 import numpy as np
 
-from radar.simulation.effects.base import Estimate
-from radar.simulation.effects.catalogue import EFFECTS, check_names
+from radar.simulation.effects import antennas, receiver, scattering
+from radar.simulation.effects.base import Effect, Estimate
+from radar.simulation.effects.dielectric import Dielectric
+from radar.simulation.effects.further import Clutter, Multipath
+from radar.simulation.effects.motion import TargetMotion
 from radar.simulation.scene import EchoScene
-from radar.support.config import Config
+from radar.support.config import Config, suggest
 from radar.support.errors import HandbenchError
+
+# In the order in which they are applied.
+EFFECTS: tuple[Effect, ...] = (
+    antennas.PositionErrors(),
+    antennas.AntennaPattern(),
+    scattering.Obliquity(),
+    scattering.ShadowCentre(),
+    scattering.ShadowAntennas(),
+    scattering.Skin(),
+    Dielectric(),
+    Multipath(),
+    TargetMotion(),
+    antennas.AntennaCoupling(),
+    Clutter(),
+    antennas.ChannelErrors(),
+    receiver.OscillatorNoise(),
+    receiver.ThermalNoise(),
+    receiver.Quantisation(),
+    antennas.DeadElements(),
+)
+IDS = tuple(effect.id for effect in EFFECTS)
 
 Wanted = tuple[str, ...] | Literal["auto"]
 SAFETY = 2.0
@@ -53,6 +77,15 @@ def choose(scene: EchoScene, wanted: Wanted, tolerance_mm: float, explain: bool 
     return tuple(_choice(effect.id, wanted, missing[effect.id], estimates, reasons) for effect in EFFECTS)
 
 
+def check_names(names: tuple[str, ...]) -> None:
+    """Refuse names that no effect has, and repeated ones."""
+    for name in names:
+        if name not in IDS:
+            raise HandbenchError(f"effects: '{name}' is not an effect; {suggest(name, list(IDS))}")
+        if names.count(name) > 1:
+            raise HandbenchError(f"effects: '{name}' is listed twice; list it once")
+
+
 def _budget(estimates: dict[str, Estimate], tolerance_mm: float) -> dict[str, str]:
     """Effects that may be left out, and why."""
     left_out: dict[str, str] = {}
@@ -83,7 +116,5 @@ def _choice(
     if estimate is None:
         return Choice(effect=name, on=on, why=why)
     level_db = estimate.level_db if np.isfinite(estimate.level_db) else None
-    return Choice(
-        effect=name, on=on, why=f"{why} ({estimate.why})",
-        depth_mm=estimate.depth_mm, level_db=level_db, cost_s=estimate.cost_s,
-    )  # fmt: skip
+    why, depth_mm, cost_s = f"{why} ({estimate.why})", estimate.depth_mm, estimate.cost_s
+    return Choice(effect=name, on=on, why=why, depth_mm=depth_mm, level_db=level_db, cost_s=cost_s)

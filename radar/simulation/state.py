@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from radar.data.arrays import AntennaArray
+from radar.imaging.tree import Box
 from radar.simulation.forward import Scatterers, simulate
-from radar.simulation.physics.balls import ball_echoes
 from radar.simulation.physics.facets import Facets, face_vectors, facets_of
+from radar.simulation.physics.spheres import ball_echoes
 from radar.simulation.scene import Body, EchoScene
 from radar.support.errors import HandbenchError
 
@@ -65,9 +66,9 @@ class EchoState:
         """Seed of one effect alone, so that no other's draws depend on whether it is on."""
         return (self.scene.seed, zlib.crc32(effect.encode()), *keys)
 
-    def frame_seed(self, effect: str, frame: int) -> tuple[int, ...]:
-        """The same for one frame; the empty room has its own."""
-        return self.seed(effect, 0 if self.with_target else 1, frame)
+    def frame_seeds(self, effect: str) -> list[tuple[int, ...]]:
+        """The same for each frame; the empty room has its own."""
+        return [self.seed(effect, 0 if self.with_target else 1, frame) for frame in range(self.frames)]
 
     @staticmethod
     def random(seed: tuple[int, ...]) -> np.random.Generator:
@@ -80,6 +81,12 @@ class EchoState:
             self.levels[name] = measure()
         return self.levels[name]
 
+    @property
+    def points_m(self) -> np.ndarray:
+        """The target's facets and balls: [n, 3]."""
+        facets = [] if self.surface is None else [require_facets(self.surface.facets).position_m]
+        return np.concatenate([*facets, *(ball.centre_m[None] for ball in self.scene.balls)])
+
     def moved(self, offset_m: np.ndarray) -> AntennaArray:
         """The array as the target sees it when the target has moved by offset_m [3]."""
         return AntennaArray(self.array.tx_m - offset_m, self.array.rx_m - offset_m)
@@ -88,10 +95,21 @@ class EchoState:
         """The target's samples complex64 [f, t, r] at antennas that are where `array` says, without extra echoes."""
         samples = np.zeros((len(self.scene.frequencies_hz), *array.channels), np.complex64)
         if self.surface is not None:
-            require_facets(self.surface.facets)
-            samples += surface_echo(self.surface, self, array)
+            samples += self._surface_echo(self.surface, array)
         if self.with_target:
             samples += ball_echoes(self.scene, self.scene.frequencies_hz, array, self.ball_delay_m, self.pattern)
+        return samples
+
+    def _surface_echo(self, surface: Surface, array: AntennaArray) -> np.ndarray:
+        """Samples complex64 [f, t, r] of a surface: each layer's echoes times its reflection."""
+        facets, layer = require_facets(surface.facets), surface.layer
+        normal = facets.normal if surface.oblique else None
+        every = Scatterers(facets.position_m, facets.area_m2, normal, surface.delay_m, surface.seen)
+        layers = [every] if layer is None else [every.where(layer == n) for n in range(layer.max(initial=0) + 1)]
+        samples = np.zeros((len(self.scene.frequencies_hz), *array.channels), np.complex64)
+        for n, part in enumerate(layers):
+            echoes = simulate(part, self.scene.frequencies_hz, array, tolerance=self.tolerance, pattern=self.pattern)
+            samples += echoes if surface.reflection is None else echoes * surface.reflection[n][:, None, None]
         return samples
 
     def extra_echoes(self) -> np.ndarray | int:
@@ -129,21 +147,6 @@ def _facing(scene: EchoScene, body: Body, longest: float) -> Facets:
     vectors = face_vectors(body.vertices_m, body.faces)
     centres = body.vertices_m[body.faces].mean(axis=1)
     antennas = np.concatenate([scene.array.tx_m, scene.array.rx_m])
-    low, high = antennas.min(axis=0), antennas.max(axis=0)
-    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in {low[2], high[2]}])
+    corners = Box(antennas.min(axis=0), antennas.max(axis=0)).corners_m
     front = (vectors @ corners.T > (vectors * centres).sum(axis=1)[:, None]).any(axis=1)
     return facets_of(body, longest * scene.wavelength_m, np.flatnonzero(front))
-
-
-def surface_echo(surface: Surface, state: EchoState, array: AntennaArray) -> np.ndarray:
-    """Samples complex64 [f, t, r] of a surface: each layer's echoes times its reflection."""
-    frequencies_hz = state.scene.frequencies_hz
-    facets, layer = surface.facets, surface.layer
-    normal = facets.normal if surface.oblique else None
-    everything = Scatterers(facets.position_m, facets.area_m2, normal, surface.delay_m, surface.seen)
-    layers = [everything] if layer is None else [everything.where(layer == n) for n in range(layer.max(initial=0) + 1)]
-    samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
-    for n, part in enumerate(layers):
-        echoes = simulate(part, frequencies_hz, array, tolerance=state.tolerance, pattern=state.pattern)
-        samples += echoes if surface.reflection is None else echoes * surface.reflection[n][:, None, None]
-    return samples

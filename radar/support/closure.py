@@ -10,7 +10,7 @@ from __future__ import annotations
 import ast
 import gc
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -37,7 +37,7 @@ class Sources:
 
     def __init__(self, root: Path = ROOT) -> None:
         self.root = root
-        self._files: dict[str, Path | None] = {}
+        self._file = cache(self._find)
         self._modules: dict[str, _Module] = {}
 
     def closure(self, module: str) -> tuple[list[str], list[str]]:
@@ -62,17 +62,19 @@ class Sources:
 
     def _module(self, name: str) -> _Module:
         if name not in self._modules:
-            file = self._file(name)
-            if file is None:
-                raise ModuleNotFoundError(f"{name}: is no module below {self.root}")
-            source = file.read_bytes()
-            package = name if file.name == "__init__.py" else name.rpartition(".")[0]
-            names = _imported(source, package)
-            ours = frozenset(passed for n in names for passed in self._passed(n))
-            others = frozenset(top for n in names if (top := n.partition(".")[0]) not in PACKAGES)
-            data = _data_beside(file) if b"__file__" in source else ()
-            self._modules[name] = _Module(content_hash(file, *data), ours, others)
+            self._modules[name] = self._read(name)
         return self._modules[name]
+
+    def _read(self, name: str) -> _Module:
+        file = self._file(name)
+        if file is None:
+            raise ModuleNotFoundError(f"{name}: is no module below {self.root}")
+        source = file.read_bytes()
+        names = _imported(source, name if file.name == "__init__.py" else name.rpartition(".")[0])
+        ours = frozenset(passed for n in names for passed in self._passed(n))
+        others = frozenset(top for n in names if (top := n.partition(".")[0]) not in PACKAGES)
+        data = _data_beside(file) if b"__file__" in source else ()
+        return _Module(content_hash(file, *data), ours, others)
 
     def _passed(self, name: str) -> list[str]:
         """The modules that importing a name runs: those there are of a, a.b and a.b.c."""
@@ -80,12 +82,9 @@ class Sources:
         prefixes = (".".join(parts[:count]) for count in range(1, len(parts) + 1))
         return [prefix for prefix in prefixes if self._file(prefix) is not None]
 
-    def _file(self, name: str) -> Path | None:
-        if name not in self._files:
-            folder = self.root.joinpath(*name.split("."))
-            places = (folder / "__init__.py", folder.with_suffix(".py"))
-            self._files[name] = next((place for place in places if place.is_file()), None)
-        return self._files[name]
+    def _find(self, name: str) -> Path | None:
+        folder = self.root.joinpath(*name.split("."))
+        return next((place for place in (folder / "__init__.py", folder.with_suffix(".py")) if place.is_file()), None)
 
 
 def _data_beside(file: Path) -> list[Any]:
@@ -97,12 +96,10 @@ def _data_beside(file: Path) -> list[Any]:
 @cache
 def key_of(module: str) -> str:
     """`Sources.key` of the installed code, as it was when this process first asked, which is the code that runs."""
-    return _installed().key(module)
+    return _INSTALLED.key(module)
 
 
-@cache
-def _installed() -> Sources:
-    return Sources()
+_INSTALLED = Sources()
 
 
 @cache
@@ -148,9 +145,7 @@ def installed(library: str) -> tuple[str, ...]:
     return tuple(sorted(with_version(name) for name in set(_distributions().get(library, [library]))))
 
 
-@cache
-def _distributions() -> Mapping[str, list[str]]:
-    return metadata.packages_distributions()
+_distributions = cache(metadata.packages_distributions)
 
 
 def with_version(distribution: str) -> str:

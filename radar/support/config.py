@@ -6,7 +6,7 @@ import difflib
 import re
 import tomllib
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 import pydantic
 
@@ -107,3 +107,14 @@ def _models_in(annotation: Any) -> list[type[Config]]:
     if isinstance(annotation, type) and issubclass(annotation, Config):
         return [annotation]
     return [m for argument in get_args(annotation) for m in _models_in(argument)]
+
+
+def checked_name(name: str) -> str:
+    """`name` if it can be part of a file name: it neither leaves its folder, nor hides, nor holds our '__'."""
+    unfit = not name.isprintable() or name.startswith(".") or any(part in name for part in ("/", "\\", "__"))
+    if unfit or not 1 <= len(name) <= 80:
+        raise ValueError(f"{name[:80]!r} cannot name a file; use 1 to 80 letters, digits, '-' and single '_'")
+    return name
+
+
+Name = Annotated[str, pydantic.AfterValidator(checked_name)]  # of a capture, a benchmark, …

@@ -1,4 +1,5 @@
-"""The cost of work: wall-clock time, CPU time and peak memory; and the machine that it ran on."""
+"""The cost of work: wall-clock time, CPU time and peak memory; the machine that it ran on, and the memory that it may
+take, asked before it is taken."""
 
 from __future__ import annotations
 
@@ -14,6 +15,8 @@ from typing import Any
 
 import numpy as np
 import psutil
+
+from radar.support.errors import HandbenchError
 
 SAMPLE_S = 0.05
 GEMM_SIZE = 1024  # large enough for the full rate, too small to show in a stage's peak memory
@@ -98,3 +101,31 @@ def _factors(size: int) -> tuple[np.ndarray, np.ndarray]:
     generator = np.random.default_rng(0)
     a, b = (generator.standard_normal((size, size), dtype=np.float32) for _ in range(2))
     return a, b
+
+
+def require_memory(needed_bytes: float, what: str) -> None:
+    """Refuse what does not fit, with its size and what would: imaging may take a quarter of the machine's memory, or
+    what HANDBENCH_MEMORY_GB says."""
+    wanted = os.environ.get("HANDBENCH_MEMORY_GB", "")
+    try:
+        limit = float(wanted) * 1e9 if wanted else psutil.virtual_memory().total / 4
+    except ValueError:
+        limit = 0.0
+    if not limit > 0:
+        raise HandbenchError(f"HANDBENCH_MEMORY_GB: is '{wanted}'; expected a positive number of gigabytes, or nothing")
+    if needed_bytes > limit:
+        coarser = (needed_bytes / limit) ** (1 / 3)
+        raise HandbenchError(
+            f"{what}: needs {needed_bytes / 1e9:.3g} GB, more than the limit of {limit / 1e9:.3g} GB; steps "
+            f"{coarser:.2g} times larger would fit, a depth map without --volume needs less, or raise "
+            "HANDBENCH_MEMORY_GB"
+        )
+
+
+def require_free(needed_bytes: float, what: str, advice: str) -> None:
+    """Refuse what does not fit into the memory that is free now, with its size, before it is tried."""
+    free = psutil.virtual_memory().available
+    if needed_bytes > free:
+        raise HandbenchError(
+            f"{what}: needs {needed_bytes / 1e9:.3g} GB, and {free / 1e9:.3g} GB of memory are free; {advice}"
+        )

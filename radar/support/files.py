@@ -12,7 +12,7 @@ import stat
 import tempfile
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, Any
 
@@ -21,6 +21,7 @@ import numpy as np
 from radar.support.errors import HandbenchError
 
 LARGEST_BYTES = 2**30  # of the arrays read from one .npz file
+UNCHANGED = "nothing was changed: free the space or choose another place"
 NPY_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
@@ -29,23 +30,14 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path beside `path` (same suffix); it takes `path`'s place when the block succeeds and is
     removed when the block fails. An OSError (a full disk, a read-only folder) becomes a HandbenchError."""
     path = Path(path)
-    temporary = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+    with writable(path, UNCHANGED), ExitStack() as ending:
         handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
-        os.close(handle)
         temporary = Path(name)
+        ending.callback(temporary.unlink, missing_ok=True)
+        os.close(handle)
         temporary.chmod(0o666 & ~_umask())  # mkstemp is private; a result is as open as any other file
         yield temporary
         os.replace(temporary, path)
-    except OSError as error:
-        raise HandbenchError(
-            f"{path}: cannot be written ({error.strerror or error}); nothing was changed: free the space or "
-            "choose another place"
-        ) from error
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -53,21 +45,22 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
     """As `atomic_path`, for a whole folder: it appears complete or not at all. An existing folder is replaced at the
     very end; a file in its place is refused."""
     path = Path(path)
-    temporary = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+    with writable(path, UNCHANGED), ExitStack() as ending:
         temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
+        ending.callback(shutil.rmtree, temporary, ignore_errors=True)
         temporary.chmod(0o777 & ~_umask())
         yield temporary
         _replace_folder(temporary, path)
+
+
+@contextmanager
+def writable(path: Path, advice: str) -> Iterator[None]:
+    """Make the folder of `path`; an OSError of that or in the block becomes a HandbenchError with the advice."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield
     except OSError as error:
-        raise HandbenchError(
-            f"{path}: cannot be written ({error.strerror or error}); nothing was changed: free the space or "
-            "choose another place"
-        ) from error
-    finally:
-        if temporary is not None:
-            shutil.rmtree(temporary, ignore_errors=True)
+        raise HandbenchError(f"{path}: cannot be written ({error.strerror or error}); {advice}") from error
 
 
 def _replace_folder(new: Path, path: Path) -> None:
@@ -233,10 +226,8 @@ def _finite(value: Any) -> Any:
         return {str(key): _finite(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [_finite(item) for item in value]
-    if isinstance(value, np.ndarray):
+    if isinstance(value, (np.ndarray, np.generic)):
         return _finite(value.tolist())
-    if isinstance(value, np.generic):
-        return _finite(value.item())
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value

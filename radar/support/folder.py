@@ -16,9 +16,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from radar.support.errors import HandbenchError
+from radar.support.files import writable
 
 MARKER, WORK = ".handbench-run", "work"
 PART_BYTES = 2**22
+ADVICE = "free the space or choose another -o"
 
 
 def own(path: Path) -> os.stat_result | None:
@@ -79,7 +81,7 @@ def drop(folder: Path, names: Sequence[str]) -> None:
     """Remove what is about to be written anew under these names, in their order, and what a killed run left of it
     half-written."""
     half_written = [p for p in folder.iterdir() if any(p.name.startswith(f".{Path(name).stem}-") for name in names)]
-    with _writable(folder):
+    with writable(folder, ADVICE):
         for path in [folder / name for name in names] + half_written:
             _remove(path)
 
@@ -105,7 +107,7 @@ def claimed(folder: Path) -> Iterator[Path]:
     if there and folder / MARKER not in there:
         raise HandbenchError(f"{folder}: holds files that no run wrote; choose an empty or new folder for -o")
     work = folder / WORK
-    with _writable(folder):
+    with writable(folder, ADVICE):
         if folder.is_dir():
             _require_own(folder.stat(), folder)
         for path in there:
@@ -113,7 +115,7 @@ def claimed(folder: Path) -> Iterator[Path]:
         folder.mkdir(parents=True, exist_ok=True)
         handle = _opened(folder / MARKER, os.O_WRONLY | os.O_CREAT)  # first: it says whose a folder without work is
     try:
-        with _writable(folder):
+        with writable(folder, ADVICE):
             work.mkdir(exist_ok=True)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -127,12 +129,3 @@ def claimed(folder: Path) -> Iterator[Path]:
         yield work
     finally:
         os.close(handle)
-
-
-@contextmanager
-def _writable(folder: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        reason = error.strerror or error
-        raise HandbenchError(f"{folder}: cannot be written ({reason}); free the space or choose another -o") from error

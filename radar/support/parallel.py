@@ -68,13 +68,5 @@ def _spread(function: Callable[[Item], None], items: list[Item]) -> None:
 _inside = local()  # work within a worker stays there: waiting for the pool's other threads could wait for ever
 
 
-@cache
-def _pool(count: int) -> ThreadPoolExecutor:
-    """Threads are kept: starting them takes longer than imaging a plane's leaf."""
-    return ThreadPoolExecutor(count)
-
-
-@cache
-def _blas() -> ThreadpoolController:
-    """The process's BLAS, found once: looking for it takes milliseconds."""
-    return ThreadpoolController()
+_pool = cache(ThreadPoolExecutor)  # kept: starting threads takes longer than imaging a plane's leaf
+_blas = cache(ThreadpoolController)  # the process's, found once: looking for it takes milliseconds

@@ -39,10 +39,8 @@ def embree(vertices_m: np.ndarray, faces: np.ndarray) -> o3d.t.geometry.Raycasti
     """An Embree scene of triangles: vertices [n, 3], faces [m, 3]."""
     core = load_open3d()
     scene = core.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        core.core.Tensor(np.ascontiguousarray(vertices_m, np.float32)),
-        core.core.Tensor(np.ascontiguousarray(faces, np.uint32)),
-    )
+    vertices, triangles = np.ascontiguousarray(vertices_m, np.float32), np.ascontiguousarray(faces, np.uint32)
+    scene.add_triangles(core.core.Tensor(vertices), core.core.Tensor(triangles))
     return scene
 
 

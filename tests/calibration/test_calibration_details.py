@@ -11,8 +11,8 @@ from scipy.optimize import brentq
 from scipy.stats import chi2
 
 from calibration.array.estimate import estimate_array
-from calibration.array.start import without
-from calibration.registration.combination import Motion
+from calibration.array.prior import without
+from calibration.registration.register import Motion
 from calibration.registration.rigid_fit import Pairs, fit
 from calibration.target.description import Element, Target
 from calibration.target.radar_detection import EchoSearch

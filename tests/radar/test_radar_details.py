@@ -16,19 +16,16 @@ from radar.imaging.tree import DIRECT, Family
 from radar.methods.confidence import UNRELATED_RAD, incoherent
 from radar.methods.fsk_config import ThreeToneConfig
 from radar.simulation.causes import Converter
-from radar.simulation.effects.converter import full_scale
 from radar.simulation.effects.dielectric import Dielectric
-from radar.simulation.effects.multipath import Multipath
-from radar.simulation.effects.noise import ThermalNoise
-from radar.simulation.effects.obliquity import Obliquity
-from radar.simulation.effects.oscillator import OscillatorNoise
+from radar.simulation.effects.further import Multipath
+from radar.simulation.effects.receiver import OscillatorNoise, ThermalNoise, full_scale
+from radar.simulation.effects.scattering import Obliquity
 from radar.simulation.forward import Scatterers, simulate
 from radar.simulation.physics import facets
-from radar.simulation.physics.double_bounce import double_bounce
-from radar.simulation.physics.material import Material
+from radar.simulation.physics.coarse import double_bounce
 from radar.simulation.physics.reflection import skin_permittivity
 from radar.simulation.pilot import CENTRE_M, change_db, change_mm, pilot, stand_in
-from radar.simulation.scene import Body, EchoScene
+from radar.simulation.scene import Body, EchoScene, Material
 from radar.simulation.state import EchoState, facing
 from radar.support.errors import HandbenchError
 from radar.support.progress import track

@@ -14,8 +14,7 @@ from bench.studies.ablation.measure import image
 from bench.studies.columns import Record, Table, columns
 from bench.studies.study import Study
 from radar.data.capture import RadarCapture
-from radar.simulation.effects.catalogue import EFFECTS
-from radar.simulation.selection import CONTAINED, Choice
+from radar.simulation.selection import CONTAINED, EFFECTS, Choice
 from radar.simulation.simulate import SimulatedCapture
 
 SCENES = Path(__file__).parent / "scenes"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bench.scenes.scene_file import SceneFile
-from radar.simulation.effects.catalogue import IDS
+from radar.simulation.selection import IDS
 from radar.support.config import parse
 
 # What a radar like the paper's may suffer from. The noise is the paper table's; all else is a guess at a good sensor,

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from bench.studies.columns import Record
-from calibration.registration.combination import HAND_M
+from calibration.registration.register import HAND_M
 from calibration.transforms import Transform, adjoint
 
 VOLUME_M = np.array(list(product(np.linspace(-0.06, 0.06, 5), np.linspace(-0.1, 0.1, 5), np.linspace(0.25, 0.35, 5))))

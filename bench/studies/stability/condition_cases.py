@@ -27,7 +27,7 @@ from calibration.transforms import condition_number, umeyama
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.data.capture import RadarCapture
 from radar.methods.projection import peak_offset
-from radar.simulation.mie import sphere_echo
+from radar.simulation.physics.spheres import sphere_echo
 
 
 class Row(NamedTuple):

@@ -15,7 +15,7 @@ from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.methods.fsk import n_tone, three_tone, two_tone
 from radar.methods.fsk_config import LadderConfig, ThreeToneConfig, TwoToneConfig
-from radar.simulation.effects.noise import strongest_amplitude, thermal_noise
+from radar.simulation.effects.receiver import strongest_amplitude, thermal_noise
 from radar.simulation.forward import Scatterers, simulate
 
 ARRAY = small_array(4)  # 24 + 24 antennas

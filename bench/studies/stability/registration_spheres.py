@@ -14,7 +14,7 @@ from calibration.target.description import Candidate, Target, default_target
 from calibration.target.matching import match
 from calibration.target.optical_detection import Cloud, Sphere, find_spheres, fit_sphere
 from calibration.target.radar_detection import Ball
-from radar.simulation.mie import sphere_echo
+from radar.simulation.physics.spheres import sphere_echo
 
 RADIUS_M, RADIUS_SIGMA_M = 0.025, 5e-5
 POINTS_M2 = 6e5

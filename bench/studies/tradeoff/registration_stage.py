@@ -22,7 +22,7 @@ from bench.studies.registration.score import VOLUME_M, score
 from bench.studies.tradeoff.context import Context
 from bench.studies.tradeoff.lines import line, section
 from calibration.registration import register as registration
-from calibration.registration.combination import combine
+from calibration.registration.register import combine
 from calibration.registration.rigid_fit import Pairs
 from radar.simulation.simulate import simulate_scene
 from radar.support.config import Config

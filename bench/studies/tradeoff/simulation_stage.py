@@ -16,9 +16,8 @@ from bench.scenes.echoes import echo_scene
 from bench.studies.tradeoff.context import Context
 from bench.studies.tradeoff.lines import line, section
 from radar.simulation.causes import Noise
-from radar.simulation.effects.catalogue import EFFECTS, check_names
 from radar.simulation.scene import EchoScene
-from radar.simulation.selection import CONTAINED, Choice, choose
+from radar.simulation.selection import CONTAINED, EFFECTS, Choice, check_names, choose
 from radar.simulation.simulate import simulate_scene
 from radar.support.config import Config
 from radar.support.errors import HandbenchError

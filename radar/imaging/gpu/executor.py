@@ -16,9 +16,9 @@ import numpy as np
 
 from radar.data.grid import VoxelGrid
 from radar.imaging.device import BLOCK_BYTES, Array, array_module, to_host
+from radar.imaging.gpu.exact import cis, distances
 from radar.imaging.gpu.exact import exact_images as exact_images
 from radar.imaging.gpu.levels import Level, level
-from radar.imaging.gpu.steering import cis, distances
 from radar.imaging.plan import GridPlan, Sorted, TreePlan
 from radar.imaging.skeleton import Resampler
 from radar.imaging.tree import Node

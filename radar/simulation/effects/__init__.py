@@ -1,1 +1,1 @@
-"""One file an effect: what it needs, its estimate, its application."""
+"""The effects: what each needs, its estimate, its application."""

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
+from radar.simulation.pilot import change_db, change_mm
 from radar.simulation.scene import EchoScene
-
-if TYPE_CHECKING:
-    from radar.simulation.state import EchoState
+from radar.simulation.state import EchoState
 
 
 @dataclass(frozen=True)
@@ -24,6 +23,11 @@ class Estimate:
     level_db: float
     why: str
     cost_s: float = 0.0
+
+    @classmethod
+    def of(cls, scene: EchoScene, samples: np.ndarray, why: str, cost_s: float = 0.0) -> Estimate:
+        """The estimate of an effect that makes these of the pilot's samples [2, t, r]."""
+        return cls(change_mm(scene, samples), change_db(scene, samples), why, cost_s)
 
 
 NOTHING = -np.inf  # decibels

@@ -14,9 +14,9 @@ import numpy as np
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.simulation.effects.base import Effect, Estimate
 from radar.simulation.forward import Scatterers, simulate
-from radar.simulation.physics.balls import foam_delays_m, foam_echoes, has_foam
-from radar.simulation.physics.facets import Facets, face_vectors
+from radar.simulation.physics.facets import Facets, face_vectors, joined
 from radar.simulation.physics.reflection import dielectric_permittivity, echo_reflection
+from radar.simulation.physics.spheres import foam_delays_m, foam_echoes, has_foam
 from radar.simulation.pilot import CENTRE_M, TOLERANCE, change_db, change_mm, pilot
 from radar.simulation.scene import Body, EchoScene
 from radar.simulation.state import EchoState, Surface, facing
@@ -54,7 +54,8 @@ class Dielectric(Effect):
     def apply(self, state: EchoState) -> None:
         if state.with_target and any(map(has_foam, state.scene.balls)):
             state.ball_delay_m = foam_delays_m(state.scene.balls)
-            state.extra.append(lambda: _foam_of_balls(state))
+            balls, tones_hz = state.scene.balls, state.scene.frequencies_hz
+            state.extra.append(lambda: foam_echoes(balls, tones_hz, state.array, state.pattern))
         if state.surface is None or not _of_dielectric(state.scene):
             return
         front = echo_reflection(state.scene.body.material, state.scene.frequencies_hz)
@@ -68,17 +69,12 @@ def _of_dielectric(scene: EchoScene) -> bool:
     return scene.target is not None and scene.target.material.kind in ("foam", "plastic")
 
 
-def _foam_of_balls(state: EchoState) -> np.ndarray:
-    return foam_echoes(state.scene.balls, state.scene.frequencies_hz, state.array, state.pattern)
-
-
 def _make_transparent(state: EchoState, surface: Surface, front: np.ndarray) -> None:
     """All of the body's facets, in two layers: facing the array, with `front` [f], and turned away."""
     body = surface.body
     parts = facing(state.scene, body), turned_away(state.scene, body)
-    columns = zip(*(vars(part).values() for part in parts), strict=True)
     index = np.sqrt(body.material.real_permittivity)
-    surface.facets = facets = Facets(*map(np.concatenate, columns))
+    surface.facets = facets = joined(parts)
     surface.seen = None
     surface.layer = np.repeat([0, 1], [len(part) for part in parts])
     surface.reflection = np.stack([front, -front * (1 - front**2)])

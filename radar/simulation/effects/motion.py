@@ -15,7 +15,7 @@ from radar.imaging.cpu.steering import phasor
 from radar.simulation.causes import Motion
 from radar.simulation.effects.base import Effect, Estimate
 from radar.simulation.scene import EchoScene
-from radar.simulation.state import EchoState, require_facets
+from radar.simulation.state import EchoState
 from radar.support.errors import HandbenchError
 
 MOST_NODES = 30  # displacements, each a simulation of its own
@@ -41,7 +41,8 @@ class TargetMotion(Effect):
         sine_m = motion.amplitude_m * 4 / np.pi * abs(np.sin(np.pi * motion.frequency_hz * apart_s))
         moved_m = sine_m + abs(motion.velocity_m_s) * apart_s
         gain = 4 * np.pi * scene.frequencies_hz[top] / SPEED_OF_LIGHT_M_S * scene.depth_m_per_rad  # f/Δf
-        towards = abs(_cosine(np.array(motion.direction), scene.middle_m))
+        direction, middle_m = np.array(motion.direction), scene.middle_m
+        towards = abs(float(direction @ middle_m / np.linalg.norm(direction) / np.linalg.norm(middle_m)))
         why = f"(f/Δf)·Δδ = {gain:.0f} · {1e3 * moved_m:.3f} mm in {1e3 * apart_s:.0f} ms between the tones"
         turned_rad = 2 * np.pi * scene.frequencies_hz[top] / SPEED_OF_LIGHT_M_S * 2 * moved_m
         return Estimate(1e3 * towards * gain * moved_m, 20 * np.log10(turned_rad + 1e-12), why, cost_s=2.0)
@@ -51,13 +52,9 @@ class TargetMotion(Effect):
             return
         motion = state.scene.causes.motion
         along = np.array(motion.direction) / np.linalg.norm(motion.direction)
-        phases = [state.random(state.frame_seed(self.id, frame)).uniform(0, 2 * np.pi) for frame in range(state.frames)]
+        phases = [state.random(seed).uniform(0, 2 * np.pi) for seed in state.frame_seeds(self.id)]
         offset_m = np.stack([displacement_m(motion, state.scene.time_s, phase) for phase in phases])
         state.samples = echoes_of_moving(state, along, offset_m, reach_m(motion, state.scene.time_s))
-
-
-def _cosine(a: np.ndarray, b: np.ndarray) -> float:
-    return float(a @ b / np.linalg.norm(a) / np.linalg.norm(b))
 
 
 def displacement_m(motion: Motion, time_s: np.ndarray, phase_rad: float) -> np.ndarray:
@@ -103,9 +100,7 @@ def echoes_of_moving(
 
 def _middle(state: EchoState, along: np.ndarray) -> tuple[np.ndarray, float]:
     """The target's middle [3], and how far its parts' direction cosines to `along` differ from the middle's."""
-    parts = [] if state.surface is None else [require_facets(state.surface.facets).position_m]
-    parts += [ball.centre_m[None] for ball in state.scene.balls]
-    points_m = np.concatenate(parts)
+    points_m = state.points_m
     middle_m = points_m.mean(axis=0)
     cosine = points_m @ along / np.linalg.norm(points_m, axis=1)
     return middle_m, float(np.abs(cosine - middle_m @ along / np.linalg.norm(middle_m)).max())
@@ -120,4 +115,4 @@ def _slope(state: EchoState, along: np.ndarray, middle_m: np.ndarray) -> np.ndar
 
 def _turned(samples: np.ndarray, path_m: np.ndarray, frequencies_hz: np.ndarray) -> np.ndarray:
     """Samples [f, t, r] · exp(−j2πf·path/c)."""
-    return np.stack([tone * phasor(path_m, f, -1) for tone, f in zip(samples, frequencies_hz, strict=True)])
+    return samples * phasor(path_m, frequencies_hz[:, None, None], -1)

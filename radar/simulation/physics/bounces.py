@@ -21,8 +21,6 @@ import numpy as np
 from radar.imaging.cpu.steering import FAST, cis_small
 
 WIDEST = 100.0  # footprint over patch, at most: what is wider leaves a caustic or grazes, and D silences it
-
-
 STEEPEST = 1.4  # rise of the path along the surface (at most 2) beyond which a tube counts nothing
 
 

@@ -101,18 +101,9 @@ class Bundles:
         reach_m = np.abs(path_m - before_m[at_tx][tubes.transmitter]).max()
         reach_m += np.linalg.norm(tubes.end_m - last_m, axis=1).max()
         tones, weights = _tones(turns_per_m, reach_m)
-        few = radiate(
-            tubes,
-            np.searchsorted(tubes.transmitter, np.arange(len(tx_m) + 1)),
-            tx_m,
-            rx_m,
-            before_m[at_tx],
-            after_m[at_rx],
-            turns_per_m[tones],
-            turns_per_m.mean(),
-            pattern,
-            self._traced.seen,
-        )
+        starts = np.searchsorted(tubes.transmitter, np.arange(len(tx_m) + 1))
+        few_m, few_turns, middle = (before_m[at_tx], after_m[at_rx]), turns_per_m[tones], turns_per_m.mean()
+        few = radiate(tubes, starts, tx_m, rx_m, *few_m, few_turns, middle, pattern, self._traced.seen)
         weights_tx = _weights(array.tx_m, at_tx, tubes.start_m, first_m, turns_per_m.max())
         weights_rx = _weights(array.rx_m, at_rx, tubes.end_m, last_m, turns_per_m.max())
         return ascend(few, turns_per_m, before_m, after_m, weights, weights_tx, weights_rx)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,8 +53,12 @@ def facets_of(body: Body, longest_m: float = np.inf, faces: np.ndarray | None = 
     normals = vertex_normals(body)[body.faces[chosen]]
     area_m2 = np.linalg.norm(face_vectors(body.vertices_m, body.faces[chosen]), axis=1)
     every = np.unique(splits) if len(splits) else [0]
-    parts = [_split(corners, normals, area_m2, chosen, splits == n, n) for n in every]
-    return Facets(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    return joined([_split(corners, normals, area_m2, chosen, splits == n, n) for n in every])
+
+
+def joined(parts: Sequence[Facets]) -> Facets:
+    """All facets of the parts, one part after another."""
+    return Facets(*map(np.concatenate, zip(*(vars(part).values() for part in parts), strict=True)))
 
 
 def face_vectors(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -69,17 +74,17 @@ def vertex_normals(body: Body) -> np.ndarray:
     for corner in range(3):
         for axis in range(3):
             normals[:, axis] += np.bincount(body.faces[:, corner], vectors[:, axis], len(normals))
-    return _unit(normals)
+    return unit(normals)
 
 
 def _split(
     corners: np.ndarray, normals: np.ndarray, area_m2: np.ndarray, face: np.ndarray, chosen: np.ndarray, splits: int
-) -> tuple[np.ndarray, ...]:
+) -> Facets:
     centres = _centres(splits)
     position = np.einsum("kc,mci->mki", centres, corners[chosen]).reshape(-1, 3)
-    normal = _unit(np.einsum("kc,mci->mki", centres, normals[chosen]).reshape(-1, 3))
+    normal = unit(np.einsum("kc,mci->mki", centres, normals[chosen]).reshape(-1, 3))
     area = np.repeat(area_m2[chosen] / len(centres), len(centres))
-    return position, area, normal, np.repeat(face[chosen], len(centres))
+    return Facets(position, area, normal, np.repeat(face[chosen], len(centres)))
 
 
 def _centres(splits: int) -> np.ndarray:
@@ -97,6 +102,7 @@ def quarters(corners: np.ndarray) -> np.ndarray:
     return np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors [..., 3] over their lengths; 0 stays 0."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(length > 0, length, 1)

@@ -9,7 +9,7 @@ import numpy as np
 
 from radar.data.arrays import AntennaArray
 from radar.simulation.physics.bounces import Patches, Tubes, land, mirror
-from radar.simulation.physics.facets import face_vectors, quarters, vertex_normals
+from radar.simulation.physics.facets import face_vectors, quarters, unit, vertex_normals
 from radar.simulation.physics.line_of_sight import lines, points_in_sight
 from radar.simulation.scene import Body
 from radar.support.rays import OWN_SURFACE_M, Rays
@@ -84,31 +84,24 @@ def split(surface: Patches, longest_m: float) -> tuple[Patches, np.ndarray]:
     """Patches split into four until no edge is longer than longest_m, and the face that each is a part of."""
     corners_m, normals, face = surface.corners_m, surface.normals, np.arange(len(surface.normal))
     done: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    while True:
+    while not done or len(face):
         long = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(axis=1) > longest_m
-        if not done and not long.any():
-            return surface, face
         done.append((corners_m[~long], normals[~long], face[~long]))
-        if not long.any():
-            break
         face = np.tile(face[long], 4)
         corners_m, normals = quarters(corners_m[long]), quarters(normals[long])
-        normals = normals / np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-30)
+        normals = unit(normals)
     corners_m, normals, face = (np.concatenate(column) for column in zip(*done, strict=True))
     return _patches(corners_m, normals), face
 
 
 def _patches(corners_m: np.ndarray, normals: np.ndarray) -> Patches:
     a, b, c = (corners_m[:, i] for i in range(3))
-    normal = normals.sum(axis=1)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
-    return Patches(corners_m, normals, corners_m.mean(axis=1), normal, np.cross(b - a, c - a) / 2)
+    return Patches(corners_m, normals, corners_m.mean(axis=1), unit(normals.sum(axis=1)), np.cross(b - a, c - a) / 2)
 
 
 def corner_normals(body: Body) -> np.ndarray:
     """Unit normals [m, 3, 3] at the corners of each face: the vertex's, or the face's own at the edges of a body."""
-    flat = face_vectors(body.vertices_m, body.faces)
-    flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30)
+    flat = unit(face_vectors(body.vertices_m, body.faces))
     smooth = vertex_normals(body)[body.faces]
     crease = np.einsum("mci,mi->mc", smooth, flat) < CREASE
     return np.where(crease[:, :, None], flat[:, None], smooth)

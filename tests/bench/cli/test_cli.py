@@ -13,7 +13,7 @@ from bench.cli.main import main
 from bench.datasets.native import NativeCapture
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture, save_capture
-from radar.simulation.effects.catalogue import IDS
+from radar.simulation.selection import IDS
 
 LATERAL = ["--set", "x.start_m=-0.01", "--set", "x.stop_m=0.01", "--set", "y.start_m=-0.01", "--set", "y.stop_m=0.01"]
 

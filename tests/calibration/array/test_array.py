@@ -18,7 +18,7 @@ from radar.data.arrays import AntennaArray, PlanarScan, qar50
 from radar.data.capture import RadarCapture
 from radar.imaging.cpu.exact import backproject, tone_images
 from radar.methods.fsk import depth_step_m
-from radar.simulation.mie import sphere_echo
+from radar.simulation.physics.spheres import sphere_echo
 from radar.support.errors import HandbenchError
 
 C = 299_792_458.0
@@ -41,7 +41,7 @@ class Imperfect:
         self.array = AntennaArray(NOMINAL.tx_m + self.offsets_m[0], NOMINAL.rx_m + self.offsets_m[1])
 
     def capture(self, echoes: np.ndarray, phase_noise_rad: float, tones_hz: np.ndarray = TONES_HZ) -> RadarCapture:
-        """Echoes [f, t, r] at the true places, with gains and noise (σ = σ_φ·√N·a: see radar.simulation.effects.noise;
+        """Echoes [f, t, r] at the true places, with gains and noise (σ = σ_φ·√N·a: see radar.simulation.effects;
         a is the mean amplitude of five balls' echo over √5, which is that of one)."""
         level = phase_noise_rad * np.sqrt(echoes[0].size) * np.sqrt(np.mean(np.abs(echoes) ** 2) / 5)
         noise = self.random.standard_normal((*echoes.shape, 2)) @ [1, 1j] * level / np.sqrt(2)

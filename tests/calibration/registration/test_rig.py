@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calibration.registration.combination import HAND_M, combine, motion, require_rest
-from calibration.registration.register import solve
+from calibration.registration.register import HAND_M, combine, motion, require_rest, solve
 from calibration.registration.rigid_fit import Pairs
 from calibration.target.description import default_target
 from calibration.transforms import Transform, identity

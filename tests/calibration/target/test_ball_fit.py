@@ -11,7 +11,7 @@ from calibration.target.description import Target
 from calibration.target.radar_detection import Ball
 from radar.data.arrays import AntennaArray, qar50
 from radar.data.capture import RadarCapture
-from radar.simulation.mie import sphere_echo
+from radar.simulation.physics.spheres import sphere_echo
 from radar.support.errors import HandbenchError
 
 C = 299_792_458.0

@@ -11,7 +11,7 @@ from radar.imaging.cpu.exact import direct_sum
 from radar.methods.fsk import depth_step_m, three_tone, two_tone
 from radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
 from radar.methods.smoothing import masked_mean
-from radar.simulation.effects.noise import strongest_amplitude, thermal_noise
+from radar.simulation.effects.receiver import strongest_amplitude, thermal_noise
 from radar.simulation.forward import direct_echoes
 from radar.support.errors import HandbenchError
 from tests.radar.simulated_points import (

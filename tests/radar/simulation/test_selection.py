@@ -8,7 +8,7 @@ import pytest
 from radar.simulation import selection
 from radar.simulation.causes import Causes
 from radar.simulation.effects.base import NOTHING, Effect, Estimate
-from radar.simulation.effects.catalogue import EFFECTS, IDS
+from radar.simulation.selection import EFFECTS, IDS
 from radar.support.errors import HandbenchError
 from tests.radar.simulation.effects.small_scenes import bead_scene
 

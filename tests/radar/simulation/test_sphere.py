@@ -5,7 +5,7 @@ import pytest
 
 from radar.data.arrays import AntennaArray
 from radar.simulation.forward import Scatterers, simulate
-from radar.simulation.mie import half_angle_cosine, mie_amplitudes, sphere_echo
+from radar.simulation.physics.spheres import half_angle_cosine, mie_amplitudes, sphere_echo
 from tests.radar.simulation.effects.closed_forms import mie_backscatter
 
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from radar.simulation.effects.clutter import Clutter
-from radar.simulation.physics.material import Material
+from radar.simulation.effects.further import Clutter
 from radar.simulation.pilot import change_db, change_mm
-from radar.simulation.scene import EchoScene
+from radar.simulation.scene import EchoScene, Material
 from radar.simulation.state import EchoState
 from radar.support.rays import Rays
 from tests.radar.simulation.effects.closed_forms import sheet_body

@@ -7,13 +7,11 @@ import pytest
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from radar.simulation.effects.dielectric import Dielectric, inside_m, mean_thickness_m
-from radar.simulation.effects.obliquity import Obliquity
-from radar.simulation.effects.shadow import ShadowCentre
-from radar.simulation.physics.balls import foam_delays_m, foam_echoes
-from radar.simulation.physics.material import Material
+from radar.simulation.effects.scattering import Obliquity, ShadowCentre
 from radar.simulation.physics.reflection import body_reflection, fresnel, layered
+from radar.simulation.physics.spheres import foam_delays_m, foam_echoes
 from radar.simulation.pilot import change_mm
-from radar.simulation.scene import Ball, Body, EchoScene
+from radar.simulation.scene import Ball, Body, EchoScene, Material
 from radar.simulation.state import EchoState
 from radar.support.config import parse
 from radar.support.errors import HandbenchError

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
-from radar.simulation.effects import multipath
+from radar.simulation.effects import further
 from radar.simulation.effects.base import NOTHING
+from radar.simulation.effects.further import Multipath
 from radar.simulation.effects.motion import echoes_of_moving
-from radar.simulation.effects.multipath import Multipath
 from radar.simulation.physics.bundles import nodes
 from radar.simulation.scene import Body, EchoScene
 from radar.simulation.state import EchoState
@@ -123,7 +123,7 @@ def test_transmitters_and_receivers_can_be_swapped():
 def test_finer_patches_change_little(monkeypatch):
     echoes = {}
     for patch in (0.5, 0.25, 0.125, 0.0625):
-        monkeypatch.setattr(multipath, "PATCH", patch)
+        monkeypatch.setattr(further, "PATCH", patch)
         echoes[patch] = twice(FINGERS, TONE_HZ, AntennaArray(SPARSE.tx_m[::4], SPARSE.rx_m[::2]))
     errors = [relative_error(echoes[patch], echoes[0.0625]) for patch in (0.5, 0.25, 0.125)]
     # Of the first order, by what lies on the border of what is lit twice; 0.15 on a hand with patches of 0.25.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from radar.simulation.effects.obliquity import Obliquity
+from radar.simulation.effects.scattering import Obliquity
 from radar.simulation.forward import Scatterers, simulate
 from radar.simulation.pilot import change_mm, pilot
 from radar.simulation.scene import Ball

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from radar.simulation.causes import Pattern
-from radar.simulation.effects.pattern import AntennaPattern
+from radar.simulation.effects.antennas import AntennaPattern
 from radar.simulation.scene import Ball
 from tests.radar.simulation.effects.small_scenes import bead_scene, simulated
 

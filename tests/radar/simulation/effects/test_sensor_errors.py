@@ -8,9 +8,8 @@ from scipy.integrate import quad
 
 from radar.imaging.cpu.exact import tone_images
 from radar.simulation.causes import Converter, Oscillator
-from radar.simulation.effects.converter import quantised
-from radar.simulation.effects.coupling import direct_wave
-from radar.simulation.effects.oscillator import phase_rad
+from radar.simulation.effects.antennas import direct_wave
+from radar.simulation.effects.receiver import phase_rad, quantised
 from radar.simulation.pilot import rms
 from radar.simulation.scene import Body
 from radar.support.errors import HandbenchError

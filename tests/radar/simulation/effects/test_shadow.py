@@ -5,10 +5,10 @@ import pytest
 
 from radar.data.arrays import AntennaArray, qar50
 from radar.simulation.effects.base import NOTHING
-from radar.simulation.effects.shadow import ShadowAntennas, ShadowCentre
+from radar.simulation.effects.scattering import ShadowAntennas, ShadowCentre
+from radar.simulation.physics.coarse import visible_from
 from radar.simulation.physics.facets import face_vectors
 from radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
-from radar.simulation.physics.visibility import visible_from
 from radar.simulation.scene import Body, EchoScene
 from radar.simulation.state import EchoState, facing
 from radar.support.errors import HandbenchError

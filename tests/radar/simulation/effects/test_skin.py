@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from radar.imaging.api import image_points
-from radar.simulation.effects.skin import Skin
-from radar.simulation.physics.material import Material
+from radar.simulation.effects.scattering import Skin
 from radar.simulation.physics.reflection import fresnel, layered, skin_permittivity, skin_reflection
+from radar.simulation.scene import Material
 from radar.simulation.state import EchoState
 from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, simulated, sphere_body
 

@@ -1,0 +1,153 @@
+"""Antennas that differ from what the capture says: places, pattern, leakage, channels, dead ones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from radar.data.arrays import AntennaArray
+from radar.imaging.cpu.steering import phasor
+from radar.simulation.causes import Channels, Dead
+from radar.simulation.effects.base import Effect, Estimate
+from radar.simulation.pilot import echoes_of, pilot, rms, stand_in
+from radar.simulation.scene import EchoScene
+from radar.simulation.state import EchoState
+from radar.support.errors import HandbenchError
+
+
+class PositionErrors(Effect):
+    """Each antenna is off by a normal error per axis; the capture keeps the nominal positions."""
+
+    id = "positions"
+    does = "true antenna positions about the nominal ones"
+    source = "the pilot's two tones with one set of errors of the same spread"
+
+    def missing(self, scene: EchoScene) -> str:
+        return "" if scene.causes.positions.sigma_m else "[sensor.positions] with sigma_m"
+
+    def estimate(self, scene: EchoScene) -> Estimate:
+        sigma_m = scene.causes.positions.sigma_m
+        errors = [stand_in(leg.position_m.size, i).reshape(-1, 3) for i, leg in enumerate(scene.array.legs)]
+        samples = echoes_of(scene, pilot(scene).tones_hz, _displaced(scene.array, sigma_m, errors))
+        return Estimate.of(scene, samples, f"two tones' images with antennas off by {1e3 * sigma_m:.2g} mm")
+
+    def apply(self, state: EchoState) -> None:
+        shapes = [leg.position_m.shape for leg in state.array.legs]
+        errors = [state.random(state.seed(self.id, i)).standard_normal(shape) for i, shape in enumerate(shapes)]
+        state.array = _displaced(state.array, state.scene.causes.positions.sigma_m, errors)
+
+
+def _displaced(array: AntennaArray, sigma_m: float, errors: list[np.ndarray]) -> AntennaArray:
+    return AntennaArray(array.tx_m + sigma_m * errors[0], array.rx_m + sigma_m * errors[1])
+
+
+class AntennaPattern(Effect):
+    """Every antenna radiates and receives with the amplitude cosᵠθ, θ from the z axis."""
+
+    id = "pattern"
+    does = "the antennas' directivity"
+    source = "the pilot's two tones with it; cosᵠ: Balanis, Antenna Theory, sec. 2.6; the QAR50's width is not public"
+
+    def missing(self, scene: EchoScene) -> str:
+        return "" if scene.causes.pattern.beamwidth_deg is not None else "[sensor.pattern] with beamwidth_deg"
+
+    def estimate(self, scene: EchoScene) -> Estimate:
+        width_deg, q = scene.causes.pattern.beamwidth_deg, scene.causes.pattern.exponent
+        samples = echoes_of(scene, pilot(scene).tones_hz, scene.array, pattern=q)
+        why = f"two tones' images with {width_deg:g}° between the half-power directions, cosᵠθ with q = {q:.2g}"
+        return Estimate.of(scene, samples, why)
+
+    def apply(self, state: EchoState) -> None:
+        state.pattern = state.scene.causes.pattern.exponent
+
+
+class AntennaCoupling(Effect):
+    """Every channel also receives a direct wave, falling with the distance between its antennas."""
+
+    id = "coupling"
+    does = "leakage from transmitters to receivers"
+    source = "the pilot's two tones with the leakage added, at the level that the scene gives"
+
+    def missing(self, scene: EchoScene) -> str:
+        return "" if scene.causes.coupling.level_db is not None else "[sensor.coupling] with level_db"
+
+    def estimate(self, scene: EchoScene) -> Estimate:
+        known = pilot(scene)
+        level = scene.causes.coupling.amplitude * rms(known.samples)
+        samples = known.samples + level * direct_wave(scene.array, known.tones_hz)
+        why = f"two tones' images with a direct wave of {scene.causes.coupling.level_db:g} dB, which lies out of focus"
+        return Estimate.of(scene, samples, why)
+
+    def apply(self, state: EchoState) -> None:
+        level = state.level(self.id, lambda: state.scene.causes.coupling.amplitude * rms(state.samples))
+        state.samples = state.samples + level * direct_wave(state.array, state.scene.frequencies_hz)
+
+
+def direct_wave(array: AntennaArray, frequencies_hz: np.ndarray) -> np.ndarray:
+    """exp(−j2πf|t − r|/c)/|t − r| in every channel, of mean power 1: complex64 [f, t, r]."""
+    distance_m = np.linalg.norm(array.tx_m[:, None] - array.rx_m[None], axis=2)
+    gain = 1 / np.maximum(distance_m, 1e-3)  # a transceiver's own leakage is not infinite
+    gain /= np.sqrt(np.mean(gain**2))
+    return np.stack([gain * phasor(distance_m, f, -1) for f in frequencies_hz]).astype(np.complex64)
+
+
+class ChannelErrors(Effect):
+    """Every antenna's signal is multiplied by its own gain, phase and delay."""
+
+    id = "channels"
+    does = "gain, phase and delay errors of each antenna"
+    source = "the pilot's two tones with one set of errors of the same spread"
+
+    def missing(self, scene: EchoScene) -> str:
+        causes = scene.causes.channels
+        return "" if causes.gain_db or causes.phase_rad or causes.delay_m else "[sensor.channels] with an error"
+
+    def estimate(self, scene: EchoScene) -> Estimate:
+        drawn = [stand_in(3 * n, i).reshape(3, n) for i, n in enumerate(scene.array.channels)]
+        factor = _channel_factor(scene.causes.channels, pilot(scene).tones_hz, drawn)
+        return Estimate.of(scene, pilot(scene).samples * factor, "two tones' images with such errors")
+
+    def apply(self, state: EchoState) -> None:
+        scene = state.scene
+        legs = enumerate(scene.array.channels)
+        drawn = [state.random(state.seed(self.id, i)).standard_normal((3, n)) for i, n in legs]
+        state.samples = state.samples * _channel_factor(scene.causes.channels, scene.frequencies_hz, drawn)
+
+
+def _channel_factor(causes: Channels, frequencies_hz: np.ndarray, drawn: list[np.ndarray]) -> np.ndarray:
+    """Factor complex64 [f, t, r]; drawn: unit normal numbers [3, n] of each leg: gain, phase, delay."""
+    legs = []
+    for gain, phase, delay in drawn:
+        still = 10 ** (causes.gain_db * gain / 20) * np.exp(1j * causes.phase_rad * phase)
+        legs.append(still * phasor(causes.delay_m * delay, frequencies_hz[:, None], -1))
+    return (legs[0][:, :, None] * legs[1][:, None]).astype(np.complex64)
+
+
+class DeadElements(Effect):
+    """The channels of dead antennas are zero."""
+
+    id = "dead"
+    does = "antennas that give nothing"
+    source = "the pilot's two tones without those channels"
+
+    def missing(self, scene: EchoScene) -> str:
+        return "" if scene.causes.dead.tx or scene.causes.dead.rx else "[sensor.dead] with tx or rx"
+
+    def estimate(self, scene: EchoScene) -> Estimate:
+        samples = silenced(pilot(scene).samples, scene.causes.dead)
+        count = len(scene.causes.dead.tx) + len(scene.causes.dead.rx)
+        return Estimate.of(scene, samples, f"two tones' images without {count} antennas")
+
+    def apply(self, state: EchoState) -> None:
+        state.samples = silenced(state.samples, state.scene.causes.dead)
+
+
+def silenced(samples: np.ndarray, dead: Dead) -> np.ndarray:
+    """Samples [..., t, r] with the dead antennas' channels zero."""
+    alive = np.ones(samples.shape[-2:], np.float32)
+    for name, numbers, axis in (("tx", dead.tx, 0), ("rx", dead.rx, 1)):
+        wrong = [n for n in numbers if not 0 <= n < alive.shape[axis]]
+        if wrong:
+            last = alive.shape[axis] - 1
+            raise HandbenchError(f"sensor.dead.{name}: is {wrong[0]}; expected numbers from 0 to {last}")
+        alive[(slice(None),) * axis + (list(numbers),)] = 0
+    return samples * alive

@@ -1,0 +1,127 @@
+"""Coarse geometry without rays: visibility by depth buffers, in which every facet is a point, and the strength of
+echoes over two mirrors by a walk through a grid of the surface's normals."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from radar.data.arrays import AntennaArray
+from radar.simulation.physics.facets import Facets
+
+BUFFER_CELLS = 1 << 22  # at most
+STEEPEST = 6.0  # tangent of incidence up to which a cell's own surface is told from what stands before it
+CELL_M = 2e-3  # of the grid of normals
+FIRST = 2.0  # cells from a facet to where its ray may meet another one
+GRID_CELLS = 1 << 24  # at most
+WIDE = 2.0  # the area in which rays are counted over the aperture's width: more of them, and they scatter widely
+
+
+def visible_from(facets: Facets, view_m: np.ndarray) -> np.ndarray:
+    """Mask [p] of the facets that face the point view_m [3] and have none before them in their cell of direction.
+
+    Cells are two facets wide, and what stands less before a facet than the facet's own surface may vary over a cell
+    counts as that surface.
+    """
+    if len(facets) == 0:
+        return np.zeros(0, bool)
+    cell_m = 2 * float(np.sqrt(np.median(facets.area_m2)))
+    frame, range_m = _frame(facets.position_m.mean(axis=0) - view_m)
+    return _visible(facets.position_m, facets.normal, view_m, frame, range_m, cell_m, BUFFER_CELLS)
+
+
+def _frame(axis: np.ndarray) -> tuple[np.ndarray, float]:
+    """Unit vectors [3, 3] across and (the last) along an axis [3], and its length."""
+    length = float(np.linalg.norm(axis))
+    along = axis / length
+    across = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
+    across /= np.linalg.norm(across)
+    return np.stack([across, np.cross(along, across), along]), length
+
+
+@numba.njit(nogil=True, cache=True)
+def _visible(position_m, normal, view_m, frame, range_m, cell_m, most_cells):  # type: ignore[no-untyped-def]
+    n = len(position_m)
+    distance, cosine, tangent = np.empty(n), np.empty(n), np.empty((n, 2))
+    for p in range(n):
+        x, y, z = position_m[p, 0] - view_m[0], position_m[p, 1] - view_m[1], position_m[p, 2] - view_m[2]
+        distance[p] = np.sqrt(x * x + y * y + z * z)
+        cosine[p] = -(x * normal[p, 0] + y * normal[p, 1] + z * normal[p, 2]) / distance[p]
+        along = max(x * frame[2, 0] + y * frame[2, 1] + z * frame[2, 2], 1e-3 * range_m)
+        for i in range(2):
+            tangent[p, i] = (x * frame[i, 0] + y * frame[i, 1] + z * frame[i, 2]) / along
+    low = np.array([tangent[:, 0].min(), tangent[:, 1].min()])
+    extent = np.array([tangent[:, 0].max(), tangent[:, 1].max()]) - low
+    cell = max(cell_m / range_m, np.sqrt(extent[0] * extent[1] / most_cells))
+    columns = int(extent[1] / cell) + 1
+    nearest = np.full((int(extent[0] / cell) + 1) * columns, np.inf)
+    place = np.empty(n, np.int64)
+    for p in range(n):
+        place[p] = int((tangent[p, 0] - low[0]) / cell) * columns + int((tangent[p, 1] - low[1]) / cell)
+        nearest[place[p]] = min(nearest[place[p]], distance[p])
+    visible = np.zeros(n, np.bool_)
+    for p in range(n):
+        if cosine[p] > 0:
+            steep = min(np.sqrt(1 - min(cosine[p] * cosine[p], 1.0)) / cosine[p], STEEPEST)
+            visible[p] = distance[p] <= nearest[place[p]] + cell_m * (1 + steep)
+    return visible
+
+
+def double_bounce(facets: Facets, array: AntennaArray, view_m: np.ndarray) -> tuple[float, int]:
+    """Σ A_p / R² / area (1/m²) of what comes back of a wave from view_m [3], and how many facets mirror onto others.
+
+    Geometrical optics keeps the energy of a tube. What a facet catches of a wave from the aperture's centre, A_p / R²,
+    and what then leaves a second place towards the aperture, spreads over an area about the aperture; physical optics'
+    amplitude S is λ times the field, so that the mean of |S|² over the channels is λ² Σ A_p / R² / area over the facets
+    whose twice mirrored ray comes back through that area.
+    """
+    if len(facets) == 0:
+        return 0.0, 0
+    low_m, high_m = facets.position_m.min(axis=0), facets.position_m.max(axis=0)
+    cell_m = max(CELL_M, float((np.prod(high_m - low_m + CELL_M) / GRID_CELLS) ** (1 / 3)))
+    place = ((facets.position_m - low_m) / cell_m).astype(np.int64)
+    shape = place.max(axis=0) + 1
+    flat = np.ravel_multi_index(place.T, shape)
+    normals = np.stack([np.bincount(flat, facets.normal[:, i], np.prod(shape)) for i in range(3)], axis=1)
+    antennas_m = np.concatenate([array.tx_m, array.rx_m])
+    middle_m, half_m = (antennas_m.max(axis=0) + antennas_m.min(axis=0)) / 2, WIDE * np.ptp(antennas_m, axis=0) / 2
+    corners_m = np.stack([middle_m - half_m, middle_m + half_m])
+    caught_m2, count = _walk(
+        facets.position_m, facets.normal, facets.area_m2, view_m, normals, low_m, shape, cell_m, corners_m
+    )
+    return caught_m2 / float(np.prod(np.maximum(np.ptp(corners_m, axis=0)[:2], cell_m))), count
+
+
+@numba.njit(nogil=True, cache=True)
+def _walk(position_m, normal, area_m2, view_m, normals, low_m, shape, cell_m, corners_m):  # type: ignore[no-untyped-def]
+    total, count = 0.0, 0
+    for p in range(len(position_m)):
+        x, y, z = position_m[p, 0] - view_m[0], position_m[p, 1] - view_m[1], position_m[p, 2] - view_m[2]
+        distance = np.sqrt(x * x + y * y + z * z)
+        x, y, z = x / distance, y / distance, z / distance
+        cosine = -(x * normal[p, 0] + y * normal[p, 1] + z * normal[p, 2])
+        if cosine <= 0:
+            continue
+        x, y, z = x + 2 * cosine * normal[p, 0], y + 2 * cosine * normal[p, 1], z + 2 * cosine * normal[p, 2]
+        step = FIRST * cell_m
+        while True:
+            at_x, at_y, at_z = position_m[p, 0] + step * x, position_m[p, 1] + step * y, position_m[p, 2] + step * z
+            i, j, k = (at_x - low_m[0]) / cell_m, (at_y - low_m[1]) / cell_m, (at_z - low_m[2]) / cell_m
+            if min(i, j, k) < 0 or i >= shape[0] or j >= shape[1] or k >= shape[2]:
+                break
+            there = normals[(int(i) * shape[1] + int(j)) * shape[2] + int(k)]
+            length = np.sqrt(there[0] ** 2 + there[1] ** 2 + there[2] ** 2)
+            along = x * there[0] + y * there[1] + z * there[2]
+            if along < 0:
+                count += 1
+                scale = 2 * along / length**2
+                x, y, z = x - scale * there[0], y - scale * there[1], z - scale * there[2]
+                if z < 0:
+                    reach = (corners_m[0, 2] - at_z) / z
+                    back_x, back_y = at_x + reach * x, at_y + reach * y
+                    inside_x = corners_m[0, 0] <= back_x <= corners_m[1, 0]
+                    if inside_x and corners_m[0, 1] <= back_y <= corners_m[1, 1]:
+                        total += area_m2[p] * cosine / distance**2
+                break
+            step += cell_m / 2
+    return total, count

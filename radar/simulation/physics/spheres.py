@@ -1,0 +1,210 @@
+"""Echoes of spheres: of steel by Mie's exact series, and of the foam around the calibration target's steel balls."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebpts1, chebvander
+from scipy.special import spherical_jn, spherical_yn
+
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from radar.imaging.cpu.exact import path_lengths
+from radar.imaging.cpu.steering import phasor
+from radar.simulation.physics.reflection import fresnel
+from radar.simulation.scene import Ball, EchoScene
+
+NODES = 16  # angles at which the series is summed; between them a polynomial is good to 1e-5 for ka ≤ 40 and 2β ≤ 60°
+
+
+def mie_amplitudes(ka: np.ndarray, cos_beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Scattering amplitudes of a perfectly conducting sphere over that of geometrical optics for bistatic angles 2β:
+    complex [n, m] each for ka [n] and cos β [m], with the field across the plane of scattering (2j/ka·S₁ of the series)
+    and in it (−2j/ka·S₂). For β = 0, |F|² = σ/(πa²).
+
+    The phase counts from the sphere's centre (e^{+jωt}: F → e^{+2jka} for ka → ∞, an echo from the near surface).
+    Bohren & Huffman 1983, sec. 4.4 with infinite conductivity: S₁ = Σ (2n+1)/(n(n+1)) (aₙπₙ + bₙτₙ), S₂ likewise with
+    πₙ and τₙ exchanged; the scattering angle is π − 2β.
+    """
+    x = np.atleast_1d(np.asarray(ka, np.float64))[:, None]
+    n = np.arange(1, int(np.ceil(x.max() + 4.05 * np.cbrt(x.max()) + 10)))  # Wiscombe's rule, with some to spare
+    j, y = spherical_jn(n, x), spherical_yn(n, x)
+    h = j - 1j * y
+    j_before, y_before = spherical_jn(n - 1, x), spherical_yn(n - 1, x)
+    a = (x * j_before - n * j) / (x * (j_before - 1j * y_before) - n * h)
+    b = j / h
+    pi, tau = _angular(len(n), 1 - 2 * np.asarray(cos_beta) ** 2)
+    weight = 2j / x * (2 * n + 1) / (n * (n + 1))
+    return (weight * a) @ pi + (weight * b) @ tau, -(weight * a) @ tau - (weight * b) @ pi
+
+
+def _angular(count: int, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """πₙ and τₙ [count, m] of mu = cos θ [m], by upward recurrence."""
+    pi = np.zeros((count + 1, len(mu)))
+    pi[1] = 1
+    for n in range(2, count + 1):
+        pi[n] = ((2 * n - 1) * mu * pi[n - 1] - n * pi[n - 2]) / (n - 1)
+    order = np.arange(1, count + 1)[:, None]
+    return pi[1:], order * mu * pi[1:] - (order + 1) * pi[:-1]
+
+
+def sphere_echo(
+    centre_m: np.ndarray,
+    radius_m: float,
+    delay_m: float,
+    frequencies_hz: np.ndarray,
+    array: AntennaArray,
+    polarisation: np.ndarray | None = None,
+) -> np.ndarray:
+    """Samples complex64 [f, t, r] of a metal sphere by Mie's series at each channel's bistatic angle.
+
+    delay_m: extra one-way path (foam). polarisation [3]: the antennas' electric field, both alike; None: not known, the
+    mean over its directions in the array's plane. Scale and phase are those of `radar.simulation.forward`, whose
+    surface integral tends to πa/(jk)·e^{2jka} here.
+    """
+    directions = tuple(np.eye(3)[:2]) if polarisation is None else (np.asarray(polarisation, np.float64),)
+    across, along = np.mean([_shares(centre_m, array, field) for field in directions], axis=0)
+    cos_beta = half_angle_cosine(centre_m, array)
+    spreading = np.multiply.outer(*(leg.lengths_m(centre_m) for leg in array.legs))
+    path_m = path_lengths(array, centre_m) + 2 * delay_m - 2 * radius_m * cos_beta
+    k = 2 * np.pi * np.asarray(frequencies_hz) / SPEED_OF_LIGHT_M_S
+    nodes, blend = _nodes(cos_beta)
+    specular = np.exp(-2j * np.multiply.outer(k * radius_m, nodes))  # taken out: what is left is smooth
+    s1, s2 = ((s * specular).astype(np.complex64) @ blend for s in mie_amplitudes(k * radius_m, nodes))
+    turned = (across / spreading).ravel().astype(np.float32) * s1 + (along / spreading).ravel().astype(np.float32) * s2
+    samples = turned.reshape(len(k), *array.channels)
+    for sample, f in zip(samples, frequencies_hz, strict=True):
+        sample *= phasor(path_m, f, -1) * np.complex64(SPEED_OF_LIGHT_M_S * radius_m / (2j * f))  # πa/jk
+    return samples
+
+
+def half_angle_cosine(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
+    """cos β of each channel [t, r], 2β the angle between transmitter and receiver as the point [3] sees them."""
+    return np.linalg.norm(path_gradients(point_m, array), axis=2) / 2
+
+
+def path_gradients(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
+    """û_t + û_r [t, r, 3], the gradient of the path length at a point."""
+    to, back = (leg.directions(point_m) for leg in array.legs)
+    return to[:, None] + back[None]
+
+
+def _shares(point_m: np.ndarray, array: AntennaArray, field: np.ndarray) -> np.ndarray:
+    """[2, t, r]: products of what the transmitter's and the receiver's field, `field` less its part along the ray, have
+    across the plane of scattering and in it."""
+    to, back = (leg.directions(point_m) for leg in array.legs)
+    normal = np.cross(to[:, None], back[None])
+    length = np.linalg.norm(normal, axis=2, keepdims=True)
+    normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 1e-9)
+    sent, heard = (field - (ray @ field)[:, None] * ray for ray in (to, back))
+    sent, heard = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (sent, heard))
+    across = np.einsum("tk,trk->tr", sent, normal) * np.einsum("rk,trk->tr", heard, normal)
+    in_plane_sent = np.einsum("tk,trk->tr", sent, np.cross(normal, to[:, None]))
+    in_plane_heard = np.einsum("rk,trk->tr", heard, np.cross(normal, -back[None]))
+    along = -in_plane_sent * in_plane_heard
+    monostatic = length[..., 0] <= 1e-9  # any plane will do: the two amplitudes are one
+    return np.stack([np.where(monostatic, 1.0, across), np.where(monostatic, 0.0, along)])
+
+
+def _nodes(cos_beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Angles' cosines [NODES] over the range of cos_beta [t, r], and the matrix complex64 [NODES, t·r] that carries
+    values there to every channel."""
+    low, high = float(cos_beta.min()) - 1e-6, float(cos_beta.max()) + 1e-6
+    points = chebpts1(NODES)
+    place = (2 * cos_beta.ravel() - low - high) / (high - low)
+    blend = np.linalg.solve(chebvander(points, NODES - 1).T, chebvander(place, NODES - 1).T)
+    return np.minimum((low + high) / 2 + (high - low) / 2 * points, 1.0), blend.astype(np.complex64)
+
+
+def ball_echoes(
+    scene: EchoScene, tones_hz: np.ndarray, array: AntennaArray, delay_m: np.ndarray | None = None, pattern: float = 0.0
+) -> np.ndarray:
+    """Samples complex64 [f, t, r] of the scene's bare steel balls by Mie's series. delay_m [n]: extra one-way path of
+    each; pattern: exponent of the antennas' amplitude pattern cosᵠθ."""
+    delays_m = np.zeros(len(scene.balls)) if delay_m is None else delay_m
+    angle = np.radians(scene.polarisation_deg)
+    field = np.array([np.cos(angle), np.sin(angle), 0.0])
+    samples = np.zeros((len(tones_hz), *array.channels), np.complex64)
+    for ball, extra_m in zip(scene.balls, delays_m, strict=True):
+        echo = sphere_echo(ball.centre_m, ball.radius_m, extra_m, tones_hz, array, field)
+        samples += echo * pattern_gain(ball.centre_m, array, pattern)
+    return samples
+
+
+def foam_delays_m(balls: Sequence[Ball]) -> np.ndarray:
+    """Extra one-way path [n] of each ball's echo, (n − 1)·(R_foam − r_ball): the foam is centred on the ball, so that
+    every ray to the ball's specular point runs along a radius and is not bent."""
+    return np.array([(_index(ball) - 1) * max(ball.foam_radius_m - ball.radius_m, 0.0) for ball in balls])
+
+
+def foam_echoes(
+    balls: Sequence[Ball], frequencies_hz: np.ndarray, array: AntennaArray, pattern: float = 0.0
+) -> np.ndarray:
+    """Samples complex64 [f, t, r] of the foam's front and back surfaces, without the balls inside."""
+    samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
+    for ball in balls:
+        if has_foam(ball):
+            samples += _foam_echo(ball, frequencies_hz, array) * pattern_gain(ball.centre_m, array, pattern)
+    return samples
+
+
+def has_foam(ball: Ball) -> bool:
+    """True if there is foam around the ball."""
+    return ball.foam_radius_m > ball.radius_m and ball.foam_permittivity > 1
+
+
+def pattern_gain(point_m: np.ndarray, array: AntennaArray, pattern: float) -> np.ndarray | float:
+    """cosᵠθ of both antennas of each channel towards a point [3]: float32 [t, r]."""
+    if pattern == 0:
+        return 1.0
+    cosines = ((point_m - leg.position_m)[:, 2] / leg.lengths_m(point_m) for leg in array.legs)
+    return np.multiply.outer(*(np.maximum(cosine, 0) ** pattern for cosine in cosines)).astype(np.float32)
+
+
+def _index(ball: Ball) -> float:
+    return float(np.sqrt(ball.foam_permittivity))
+
+
+def _foam_echo(ball: Ball, frequencies_hz: np.ndarray, array: AntennaArray) -> np.ndarray:
+    """Front and back of a sphere of foam by geometrical optics, (2π/jk)·ρ/B·exp(−jk·path) in the forward model's scale:
+    ρ the reflection against metal's, B the ray matrix's element that says how the echo spreads (negative behind a
+    focus). Paraxial about each channel's specular points, which lie on its bisector before and behind the centre.
+
+    The steel ball hides the back from rays that pass through the foam's middle: channels whose chords to the back's
+    specular point, a·sin β from the centre, run into the ball have no back echo. (Diffraction would blur this edge over
+    √(λa) ≈ 1 cm; what is lost is below the foam's own −40 dB.)
+    """
+    radius_m, n = ball.foam_radius_m, _index(ball)
+    cos_beta = half_angle_cosine(ball.centre_m, array)
+    legs_m = [leg.lengths_m(ball.centre_m) for leg in array.legs]
+    spread_front, spread_back = (_spreading_m(legs_m, radius_m, n, back) for back in (False, True))
+    gamma = fresnel(np.array(ball.foam_permittivity)).real
+    passes = radius_m * np.sqrt(1 - np.minimum(cos_beta, 1) ** 2) > ball.radius_m
+    front = -gamma / spread_front
+    back = gamma * (1 - gamma**2) / spread_back * passes
+    near_m, far_m = (_over_m(legs_m, side * radius_m, cos_beta) for side in (1, -1))
+    far_m = far_m + (n - 1) * 4 * radius_m * cos_beta  # two chords, 2a·cos β each
+    samples = np.empty((len(frequencies_hz), *array.channels), np.complex64)
+    for sample, f in zip(samples, frequencies_hz, strict=True):
+        scale = SPEED_OF_LIGHT_M_S / (1j * f)  # 2π/jk
+        sample[:] = scale * (front * phasor(near_m, f, -1) + back * phasor(far_m, f, -1))
+    return samples
+
+
+def _over_m(legs_m: list[np.ndarray], towards_m: float, cos_beta: np.ndarray) -> np.ndarray:
+    """Straight path [t, r] over the point that lies `towards_m` from the centre along each channel's bisector."""
+    to_m, from_m = legs_m[0][:, None], legs_m[1][None, :]
+    return sum(np.sqrt(leg_m**2 + towards_m**2 - 2 * leg_m * towards_m * cos_beta) for leg_m in (to_m, from_m))
+
+
+def _spreading_m(legs_m: list[np.ndarray], radius_m: float, n: float, back: bool) -> np.ndarray:
+    """B [t, r] of the rays from transmitter to receiver over the sphere's front, or through it over its back; a ray is
+    (h, θ), θ its true angle also inside (Siegman, Lasers, 1986, ch. 15)."""
+    mirror = np.array([[1.0, 0.0], [2 / radius_m, 1.0]])  # the front is convex
+    if back:
+        enter = np.array([[1.0, 0.0], [-(n - 1) / (n * radius_m), 1 / n]])
+        leave = np.array([[1.0, 0.0], [-(n - 1) / radius_m, n]])
+        across = np.array([[1.0, 2 * radius_m], [0.0, 1.0]])
+        mirror = leave @ across @ np.linalg.inv(mirror) @ across @ enter
+    to_m, from_m = (leg_m - radius_m for leg_m in legs_m)
+    return (mirror[0, 0] * to_m + mirror[0, 1])[:, None] + np.multiply.outer(mirror[1, 0] * to_m + mirror[1, 1], from_m)
