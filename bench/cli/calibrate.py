@@ -11,7 +11,7 @@ from bench.datasets.maroon_alignment import save_alignment
 from bench.evaluation.refine import refine_files
 from bench.run import photogrammetry
 from calibration.array.array_file import save_array
-from calibration.registration.combination import HAND_M, motion
+from calibration.registration.register import HAND_M, motion
 from calibration.transforms import Transform, load_transform
 from radar.support.errors import HandbenchError
 from radar.support.progress import say

@@ -9,7 +9,7 @@ from bench.evaluation.metrics import definitions
 from bench.run.benchmark_file import EMBEDDED
 from bench.scenes.hand_pose import POSES
 from radar.methods.registry import BROKEN, methods
-from radar.simulation.effects.catalogue import EFFECTS
+from radar.simulation.selection import EFFECTS
 from radar.support.closure import with_version
 
 
