@@ -129,3 +129,10 @@ def save_cameras(path: str | Path, cameras: tuple[Camera, ...]) -> None:
 def registered(model: pycolmap.Reconstruction) -> list[pycolmap.Image]:
     """The registered photographs, by name."""
     return sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
+
+
+def camera_in(image: pycolmap.Image) -> pycolmap.Camera:
+    """The camera that took a photograph of a model."""
+    if image.camera is None:
+        raise ValueError(f"{image.name} stands in no model")
+    return image.camera

@@ -26,10 +26,10 @@ from typing import NamedTuple
 import numpy as np
 
 from groundtruth.cameras.cameras import load_pycolmap
-from groundtruth.dense.dense import STEEPEST, DepthMap, Stereo, choose_sources, refined
+from groundtruth.dense.dense import STEEPEST, DepthMap, choose_sources, refined
 from groundtruth.dense.fusion import CONFIRMATIONS
 from groundtruth.dense.patchmatch import RADIUS
-from groundtruth.dense.views import View
+from groundtruth.dense.views import Stereo, View
 from radar.support.errors import HandbenchError
 from radar.support.progress import say, track
 

@@ -7,6 +7,7 @@ import pytest
 from groundtruth.dense import patchmatch, planesweep
 from groundtruth.dense.dense import depth_maps
 from groundtruth.dense.fusion import fuse
+from groundtruth.dense.views import Stereo
 from tests.groundtruth.ball import ANGLES, DISPARITY_M, PIXEL_M, RADIUS_M, view
 
 
@@ -86,15 +87,9 @@ def test_the_sweep_finds_a_plane_between_two_planes():
     for axis in (0, 1):
         picture = np.apply_along_axis(np.convolve, axis, picture, kernel / kernel.sum(), "same")
     reference = (picture[:, 5:-6] + picture[:, 6:-5]).astype(np.float32) / 2
-    found = planesweep.swept_disparity(
-        reference,
-        picture[None].astype(np.float32),
-        np.array([picture.shape]),
-        np.eye(3)[None],
-        np.array([[1.0, 0, 0]]),
-        0.0,
-        12,
-    )
+    sizes, A, b = np.array([picture.shape]), np.eye(3)[None], np.array([[1.0, 0, 0]])
+    stereo = Stereo(reference, picture[None].astype(np.float32), sizes, A, b, unit=1.0)
+    found = planesweep.swept_disparity(stereo, 0.0, 12)
     assert np.abs(np.median(found) - 5.5) < 0.1
     assert np.quantile(np.abs(found - 5.5), 0.9) < 0.5
 
