@@ -6,13 +6,9 @@ import struct
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from groundtruth.cameras.cameras import load_pycolmap
+from groundtruth.cameras.cameras import pycolmap
 from radar.support.errors import HandbenchError
-
-if TYPE_CHECKING:
-    import pycolmap
 
 Skip = Callable[[bytes, int], int]  # (content, where a record begins) → where it ends
 
@@ -62,9 +58,8 @@ def _camera(content: bytes, at: int) -> int:
 @cache
 def _parameters() -> dict[int, int]:
     """Number of parameters of each of COLMAP's lens models, by the model's number."""
-    library = load_pycolmap()
-    models = [model for name, model in library.CameraModelId.__members__.items() if name != "INVALID"]
-    return {int(model): len(library.Camera.create_from_model_id(1, model, 1.0, 1, 1).params) for model in models}
+    models = [model for name, model in pycolmap.CameraModelId.__members__.items() if name != "INVALID"]
+    return {int(model): len(pycolmap.Camera.create_from_model_id(1, model, 1.0, 1, 1).params) for model in models}
 
 
 def _image(content: bytes, at: int) -> int:

@@ -24,8 +24,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from PIL import Image
 
-from groundtruth.cameras.cameras import load_pycolmap
+from groundtruth.cameras.cameras import pycolmap
 from groundtruth.dense.dense import STEEPEST, DepthMap, choose_sources, refined
 from groundtruth.dense.fusion import CONFIRMATIONS
 from groundtruth.dense.patchmatch import RADIUS
@@ -73,20 +74,17 @@ def depth_maps(views: list[View], tracks: np.ndarray, points_m: np.ndarray, qual
 
 def write_workspace(folder: Path, views: list[View], sources: list[list[int]]) -> None:
     """Pictures, cameras and each view's sources in an empty folder, as COLMAP's stereo takes them."""
-    from PIL import Image
-
-    colmap = load_pycolmap()
     for part in ("images", "sparse", "stereo/depth_maps", "stereo/normal_maps", "stereo/consistency_graphs"):
         (folder / part).mkdir(parents=True)
     height, width = _size(views)
-    model = colmap.Reconstruction()
+    model = pycolmap.Reconstruction()
     for i, view in enumerate(views):
         (fx, _, cx), (_, fy, cy), _ = view.K
-        pose = colmap.Rigid3d(colmap.Rotation3d(view.R), view.t)
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(view.R), view.t)
         model.add_camera_with_trivial_rig(
-            colmap.Camera(camera_id=i + 1, model="PINHOLE", width=width, height=height, params=[fx, fy, cx, cy])
+            pycolmap.Camera(camera_id=i + 1, model="PINHOLE", width=width, height=height, params=[fx, fy, cx, cy])
         )
-        model.add_image_with_trivial_frame(colmap.Image(_name(i), [], i + 1, i + 1), pose)
+        model.add_image_with_trivial_frame(pycolmap.Image(_name(i), [], i + 1, i + 1), pose)
         picture = np.zeros((height, width), dtype=np.uint8)
         h, w = view.gray.shape
         picture[:h, :w] = (view.gray.clip(0, 1) * 255).round()

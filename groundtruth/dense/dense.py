@@ -7,20 +7,17 @@ scene are treated alike.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 
-from groundtruth.cameras.cameras import camera_in, registered
+from groundtruth.cameras.cameras import camera_in, pycolmap, registered
 from groundtruth.dense import patchmatch, planesweep
 from groundtruth.dense.views import Stereo, View, open_view
 from groundtruth.photos.masks import Masks
 from groundtruth.photos.photos import Photo
 from radar.support.errors import HandbenchError
 from radar.support.progress import track
-
-if TYPE_CHECKING:
-    import pycolmap
 
 FEWEST_VIEWS = 3
 DEPTH_QUANTILES, DEPTH_MARGIN = (0.01, 0.99), 0.15  # of the sparse points a view sees
@@ -124,8 +121,6 @@ def refined(view: View, stereo: Stereo, planes: np.ndarray, iterations: int, see
 
 def _first_guess(view: View, half: View, sources: list[View], unit: float) -> np.ndarray:
     """Planes [h, w, 3] float32 in units of the full view, from a sweep at half its resolution."""
-    import cv2
-
     stereo = Stereo.of(half, sources)
     first, last = (1 / (z * stereo.unit) for z in (np.nanmax(half.far_m), np.nanmin(half.near_m)))
     count = int(np.clip(np.ceil(last - first), 16, MOST_PLANES))

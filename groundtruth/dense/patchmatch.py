@@ -11,6 +11,7 @@ the result does not depend on the number of threads.
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numba import njit, prange
 
@@ -55,8 +56,6 @@ def bends(planes: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     A plane that is matched over a window on a convex surface lies below its middle, by half the curvature times the
     window's mean square: some hundredths of a millimetre on a finger. A paraboloid does not.
     """
-    import cv2
-
     weight = cv2.GaussianBlur(wanted.astype(np.float32), (0, 0), BEND_PX)
     smooth = [
         cv2.GaussianBlur(np.where(wanted, slope, 0), (0, 0), BEND_PX) / np.maximum(weight, 1e-6)

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 
+from groundtruth.cameras.cameras import pycolmap
 from groundtruth.photos.photos import Photo
-
-if TYPE_CHECKING:
-    import pycolmap
 
 BORDER_PX = 8  # kept around the region of interest, so that a matching window never leaves the picture
 
@@ -107,8 +106,6 @@ def open_view(
     of interest; it crops the picture and replaces the depth range. mask: True at the photograph's pixels
     [height, width] that are of interest. None when the picture shows nothing of interest.
     """
-    import cv2
-
     R, t = pose.rotation.matrix(), pose.translation
     K = camera.calibration_matrix()
     K[0, 1] = 0

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from groundtruth.dense.fusion import Cloud
 from groundtruth.mesh.mesh_files import point_cloud, repair
@@ -86,8 +87,6 @@ def surface(cloud: Cloud, components: Components, box_m: np.ndarray | None = Non
 
 
 def _distance(mesh: o3d.geometry.TriangleMesh, points: o3d.geometry.PointCloud) -> np.ndarray:
-    from scipy.spatial import KDTree
-
     return KDTree(np.asarray(points.points)).query(np.asarray(mesh.vertices))[0]
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 
 from groundtruth.photos.photos import Photo, read_gray, sides_swapped, stored_picture
@@ -87,8 +88,6 @@ def read_mask(path: Path, photo: Photo) -> np.ndarray:
 def cut_out(photo: Photo, candidates: np.ndarray) -> np.ndarray | None:
     """The largest thing [height, width] within `candidates` [height, width] whose colours are not those around it, by
     GrabCut (Rother, Kolmogorov & Blake, SIGGRAPH 2004); None when nothing stands out."""
-    import cv2
-
     scale = min(1.0, LONGEST_SIDE_PX / max(photo.width, photo.height))
     size = (round(photo.width * scale), round(photo.height * scale))
     picture = cv2.resize(photo.colours(), size, interpolation=cv2.INTER_AREA)
@@ -118,8 +117,6 @@ def _mask_file(folder: Path, photo: Photo) -> Path | None:
 
 def _may_show(photo: Photo, camera: pycolmap.Camera, pose: pycolmap.Rigid3d, box_m: np.ndarray | None) -> np.ndarray:
     """True [height, width] where the box, or the ellipse in the picture's middle, is seen."""
-    import cv2
-
     candidates = np.zeros((photo.height, photo.width), dtype=np.uint8)
     if box_m is None:
         axes = (round(CENTRE * photo.width / 2), round(CENTRE * photo.height / 2))

@@ -10,17 +10,14 @@ bend the cameras. The normal matrix of the cameras, without the points, is the i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from groundtruth.board.markers import Corners
-from groundtruth.cameras.cameras import load_pycolmap, registered
+from groundtruth.cameras.cameras import pycolmap, registered
 from groundtruth.sparse.jacobians import POSE, pixel_jacobians, project
-
-if TYPE_CHECKING:
-    import pycolmap
 
 LEAST_NOISE_PX = 0.03  # nothing is located better
 CAUCHY = 2.385  # standard deviations at which a residual weighs half: 95 % efficient where errors are normal
@@ -237,9 +234,9 @@ def _views(point: pycolmap.Point3D) -> int:
 
 def _moved(pose: pycolmap.Rigid3d, step: np.ndarray) -> pycolmap.Rigid3d:
     """The pose after a step [6]: x → x + τ + ω × x."""
-    colmap, (tau, omega) = load_pycolmap(), np.split(step, 2)
+    tau, omega = np.split(step, 2)
     turn = Rotation.from_rotvec(omega).as_matrix()
-    return colmap.Rigid3d(colmap.Rotation3d(turn @ pose.rotation.matrix()), turn @ pose.translation + tau)
+    return pycolmap.Rigid3d(pycolmap.Rotation3d(turn @ pose.rotation.matrix()), turn @ pose.translation + tau)
 
 
 def pseudo_inverse(information: np.ndarray) -> np.ndarray:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-if TYPE_CHECKING:
-    import pycolmap
+from groundtruth.cameras.cameras import pycolmap
 
 POSE = 6  # parameters of a pose: translation τ and rotation ω on the camera's side, x → x + τ + ω × x
 STEP = 1e-6  # of differences, relative

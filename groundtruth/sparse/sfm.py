@@ -7,17 +7,13 @@ from __future__ import annotations
 
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtruth.cameras.cameras import Camera, load_pycolmap
+from groundtruth.cameras.cameras import Camera, pycolmap
 from groundtruth.photos.photos import Photo
 from radar.support.errors import HandbenchError
 from radar.support.progress import say
-
-if TYPE_CHECKING:
-    import pycolmap
 
 LONGEST_SIDE_PX = 3200  # features are found on photographs no larger than this
 MOST_FEATURES = 4096  # of a photograph
@@ -43,9 +39,8 @@ def structure_from_motion(
     none of these, all but the principal point is estimated, from guessed_focal_px where it knows a photograph. A
     HandbenchError when fewer than three photographs register.
     """
-    colmap = load_pycolmap()
-    colmap.logging.minloglevel = int(colmap.logging.FATAL)
-    colmap.set_random_seed(seed)
+    pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
+    pycolmap.set_random_seed(seed)
     database = folder / "database.db"
     _extract(photos, database, cameras, intrinsics)
     if cameras is not None:
@@ -63,23 +58,22 @@ def _extract(
     intrinsics: tuple[float, float, float, float] | None,
 ) -> None:
     say(f"features of {len(photos)} photographs")
-    colmap = load_pycolmap()
-    options = colmap.FeatureExtractionOptions(max_image_size=LONGEST_SIDE_PX)
+    options = pycolmap.FeatureExtractionOptions(max_image_size=LONGEST_SIDE_PX)
     options.sift.max_num_features = MOST_FEATURES
     options.sift.first_octave = 0  # not doubled in size: a quarter of the time, poses as good
-    reader = colmap.ImageReaderOptions(camera_model="RADIAL" if intrinsics is None else "OPENCV")
+    reader = pycolmap.ImageReaderOptions(camera_model="RADIAL" if intrinsics is None else "OPENCV")
     if intrinsics is not None:
         reader.camera_params = ",".join(map(str, (*intrinsics, 0, 0, 0, 0)))
     folder = photos[0].path.parent
-    colmap.Database.open(database).close()
+    pycolmap.Database.open(database).close()
     for names, mode in _camera_groups(photos, cameras is not None, intrinsics is not None):
-        colmap.import_images(database, folder, mode, names, reader)  # in this order, whichever thread is done first
-        colmap.extract_features(database, folder, names, mode, reader, options, device=colmap.Device.cpu)
+        pycolmap.import_images(database, folder, mode, names, reader)  # in this order, whichever thread is done first
+        pycolmap.extract_features(database, folder, names, mode, reader, options, device=pycolmap.Device.cpu)
 
 
 def _camera_groups(photos: tuple[Photo, ...], fixed: bool, known: bool) -> list[tuple[list[str], object]]:
     """Groups of photographs that share a camera: all with known intrinsics, those of one body by EXIF, else none."""
-    mode = load_pycolmap().CameraMode
+    mode = pycolmap.CameraMode
     names = [photo.name for photo in photos]
     if known:
         return [(names, mode.SINGLE)]
@@ -94,7 +88,7 @@ def _body(photo: Photo) -> tuple[str, ...]:
 
 
 def _write_known_cameras(database: Path, cameras: dict[str, Camera]) -> None:
-    with load_pycolmap().Database.open(database) as stored:
+    with pycolmap.Database.open(database) as stored:
         for image in stored.read_all_images():
             known = cameras[image.name].colmap()
             known.camera_id = image.camera_id
@@ -104,7 +98,7 @@ def _write_known_cameras(database: Path, cameras: dict[str, Camera]) -> None:
 
 def _write_focal_lengths(database: Path, focal_px: dict[str, float]) -> None:
     """Give every camera the median focal length of its photographs."""
-    with load_pycolmap().Database.open(database) as stored:
+    with pycolmap.Database.open(database) as stored:
         images = stored.read_all_images()
         for camera in stored.read_all_cameras():
             known = [focal_px[i.name] for i in images if i.camera_id == camera.camera_id and i.name in focal_px]
@@ -116,11 +110,10 @@ def _write_focal_lengths(database: Path, focal_px: dict[str, float]) -> None:
 
 def _match(database: Path, seed: int) -> None:
     say("matching every pair")
-    colmap = load_pycolmap()
-    matching = colmap.FeatureMatchingOptions(num_threads=1)  # with more, the index of descriptors does not repeat
-    verification = colmap.TwoViewGeometryOptions()
+    matching = pycolmap.FeatureMatchingOptions(num_threads=1)  # with more, the index of descriptors does not repeat
+    verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = seed
-    colmap.match_exhaustive(database, matching, verification_options=verification, device=colmap.Device.cpu)
+    pycolmap.match_exhaustive(database, matching, verification_options=verification, device=pycolmap.Device.cpu)
 
 
 def _map(
@@ -129,7 +122,7 @@ def _map(
     say("registering")
     best = None
     for attempt in range(ATTEMPTS):
-        models = load_pycolmap().incremental_mapping(
+        models = pycolmap.incremental_mapping(
             database, photos[0].path.parent, folder, _mapping_options(seed + attempt, fixed, known)
         )
         best = max([*models.values(), best], key=_registered)
@@ -146,7 +139,7 @@ def _map(
 
 
 def _mapping_options(seed: int, fixed: bool, known: bool) -> pycolmap.IncrementalPipelineOptions:
-    options = load_pycolmap().IncrementalPipelineOptions(
+    options = pycolmap.IncrementalPipelineOptions(
         random_seed=seed, min_model_size=FEWEST_REGISTERED, multiple_models=False, extract_colors=False
     )
     options.num_threads = 1  # sums over threads would not repeat bit for bit

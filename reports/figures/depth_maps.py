@@ -12,6 +12,7 @@ from matplotlib.colors import Normalize, SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.ticker import MaxNLocator
+from PIL import Image
 
 from bench.results import HEADLINE, CaptureFacts, Result, Surface
 from reports.figures.style import AGAINST, Picture, methods, time_text
@@ -117,8 +118,6 @@ def _panels(rows: int, columns: int, box: Box, photo: Path | None = None) -> tup
 
 
 def _rgb(path: Path) -> np.ndarray:
-    from PIL import Image
-
     with Image.open(path) as photo:
         return np.asarray(photo.convert("RGB"))
 
