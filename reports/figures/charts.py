@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -11,6 +13,16 @@ from reports.figures.style import AGAINST, Picture, log_axis, looks, methods, ti
 from reports.tables.blocks import floor_note
 
 EDGES_MM = np.geomspace(0.02, 100, 400)
+
+
+def overview(result: Result) -> Iterator[Picture]:
+    """The pictures of all captures together that the result has the data for."""
+    if (result.table.metric == HEADLINE).any():
+        yield accuracy_against_time(result)
+    if result.about.methods and any(capture.references for capture in result.scored()):
+        yield error_distributions(result)
+    if len(result.repeats):
+        yield repeats(result)
 
 
 def accuracy_against_time(result: Result) -> Picture:

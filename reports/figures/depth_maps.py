@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,15 @@ ABREAST = 6  # depth maps in a row, at most
 PANEL, GAP, LEFT, RIGHT, TOP, BOTTOM = 1.9, 0.14, 0.8, 0.75, 0.45, 0.55  # inches
 
 Box = tuple[float, float, float, float]  # left, right, bottom, top in mm; left > right
+
+
+def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
+    """One capture's pictures."""
+    if result.about.methods:
+        yield depth_maps(result, capture)
+        for reference in AGAINST:
+            if reference in capture.references:
+                yield error_maps(result, capture, reference)
 
 
 def depth_maps(result: Result, capture: CaptureFacts) -> Picture:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.typing import RcKeyType
 
 from bench.results import MethodFacts, Result
 from reports.tables.blocks import known
 
-STYLE = {
+STYLE: dict[RcKeyType, object] = {
     "font.size": 9,
     "axes.titlesize": 9,
     "axes.linewidth": 0.6,
@@ -56,16 +56,6 @@ class Picture:
     caption: str
     alt: str
     figure: Figure
-
-
-@dataclass(frozen=True)
-class Saved:
-    """A picture that has been written: what a page says of it, and where its PNG lies."""
-
-    stem: str
-    caption: str
-    alt: str
-    png: Path
 
 
 def methods(result: Result) -> list[MethodFacts]:

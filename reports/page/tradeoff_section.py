@@ -8,9 +8,8 @@ from typing import Any
 from bench.results import Section, Setting, Tradeoff, load_tradeoff
 from radar.support.errors import HandbenchError
 from radar.support.files import write_text
-from reports.figures import overview
 from reports.figures.fronts import error_text, metric_words, pictures, plotted, seconds_text
-from reports.page.rendering import picture_file, render
+from reports.page import rendering
 from reports.page.sections import Grid
 from reports.tables import latex, result_tables
 from reports.tables.blocks import NONE, known, number, three_digits
@@ -22,7 +21,9 @@ def build(folder: str | Path, out: str | Path) -> Path:
     found, out = load_tradeoff(folder), Path(out)
     if not found.settings:
         raise HandbenchError(f"{found.folder / 'tradeoff.csv'}: holds no setting; run `handbench tradeoff` again")
-    write_text(out / "index.html", render("tradeoff.html", facts=found.facts, up="", tradeoff=section(found, out)))
+    write_text(
+        out / "index.html", rendering.render("tradeoff.html", facts=found.facts, up="", tradeoff=section(found, out))
+    )
     return out / "index.html"
 
 
@@ -30,11 +31,10 @@ def section(found: Tradeoff, out: Path) -> dict[str, Any]:
     """Write tables and pictures to `out`; what a page shows of them."""
     for name, text in {"front.md": result_tables.tradeoff_markdown(found), "front.tex": latex.tradeoff(found)}.items():
         write_text(out / name, text)
-    saved = {picture.stem: picture for picture in overview.save(pictures(found), out / "figures")}
+    saved = {image.stem: image for image in rendering.images(pictures(found), out / "figures")}
     parts = []
     for about in found.facts.sections:
-        stems = [stem for stem in (f"front_{about.name}", f"time_{about.name}") if stem in saved]
-        shown = [picture_file(saved[s].png, saved[s].alt, saved[s].caption, s) for s in stems]
+        shown = [saved[stem] for stem in (f"front_{about.name}", f"time_{about.name}") if stem in saved]
         parts.append((about, shown, settings_grid(about, found.section(about.name))))
     return {"parts": parts, "claims": claims_grid(found)}
 
