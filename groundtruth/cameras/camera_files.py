@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from groundtruth.cameras.cameras import Camera, load_cameras, pycolmap, registered
+from groundtruth.cameras.cameras import Camera, camera_in, load_cameras, pycolmap, registered
 from groundtruth.cameras.metashape import read_metashape
 from groundtruth.cameras.model_files import check_model
 from groundtruth.photos.photos import FEWEST, QUARTER_TURNS, Photo, sides_swapped
@@ -59,7 +59,7 @@ def load_model(folder: Path, photos: tuple[Photo, ...]) -> pycolmap.Reconstructi
     for image in images:
         photo = photo_of.get(image.name)
         if photo is not None:
-            _require_size(photo, image.camera.width, image.camera.height, folder)
+            _require_size(photo, camera_in(image).width, camera_in(image).height, folder)
         if not image.has_pose:  # gone with another image of its rig
             continue
         if photo is None or image.num_points3D < FEWEST_POINTS:
@@ -107,7 +107,7 @@ def _is_rigid(image: pycolmap.Image) -> bool:
 
 def camera_of(image: pycolmap.Image) -> Camera:
     """A registered image's camera and pose."""
-    camera, pose = image.camera, image.cam_from_world()
+    camera, pose = camera_in(image), image.cam_from_world()
     return Camera(
         name=image.name,
         width=camera.width,

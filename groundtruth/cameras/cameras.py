@@ -42,7 +42,7 @@ else:
 
 def cuda_devices() -> int:
     """Number of CUDA devices that pycolmap can use; 0 where it was built without CUDA."""
-    return pycolmap.get_num_cuda_devices() if pycolmap.has_cuda else 0
+    return int(load_pycolmap().get_num_cuda_devices()) if pycolmap.has_cuda else 0
 
 
 class Camera(Config):

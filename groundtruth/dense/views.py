@@ -55,10 +55,6 @@ class View:
         """Directions [h, w, 3] of the pixels in the camera frame, with z = 1."""
         return _rays(self.K, *self.gray.shape)
 
-    def world_points_m(self, depth_m: np.ndarray) -> np.ndarray:
-        """World points [h, w, 3] at the depths [h, w]."""
-        return (self.rays() * depth_m[..., None] - self.t) @ self.R
-
     def to(self, source: View) -> tuple[np.ndarray, np.ndarray]:
         """A [3, 3] and b [3] such that pixel x = [column, row, 1] at inverse depth ω is seen at A x + b ω."""
         R = source.R @ self.R.T

@@ -212,7 +212,7 @@ class Bundle:
         for image, pose in zip(self.images, poses, strict=True):
             image.frame.set_cam_from_world(image.camera_id, pose)
         for camera_id, params in intrinsics.items():
-            self.model.cameras[camera_id].params = params
+            self.model.cameras[camera_id].params = params.tolist()
         for point, xyz in zip(self.points, points, strict=True):
             point.xyz = xyz
 

@@ -11,7 +11,7 @@ import numpy as np
 from calibration.transforms import MAJORITY, triples, umeyama
 from groundtruth.board.board import Board
 from groundtruth.board.markers import Corners
-from groundtruth.cameras.cameras import Camera, pycolmap, registered
+from groundtruth.cameras.cameras import Camera, camera_in, pycolmap, registered
 from groundtruth.options import Distance
 from radar.support.errors import HandbenchError
 
@@ -189,7 +189,7 @@ def triangulate(observed: list[tuple[np.ndarray, pycolmap.Image]]) -> np.ndarray
     found = pycolmap.estimate_triangulation(
         np.array([pixel for pixel, _ in observed]),
         [image.cam_from_world() for _, image in observed],
-        [image.camera for _, image in observed],
+        [camera_in(image) for _, image in observed],
         options,
     )
     return None if found is None else np.asarray(found["xyz"]).ravel()

@@ -41,10 +41,6 @@ class Inputs:
         known = [focal for focal in found.values() if focal is not None]
         return {name: focal or float(np.median(known)) for name, focal in found.items()} if known else {}
 
-    def guessed_focal_lengths_px(self) -> dict[str, float]:
-        """The focal lengths that EXIF data tell, by photograph: to start from, not to hold on to."""
-        return {photo.name: photo.focal_px for photo in self.photos if photo.focal_px is not None}
-
 
 def resolve(folder: Path, options: Options) -> tuple[tuple[Photo, ...], Options]:
     """All photographs in a folder, and the options with the files found there and the machine that computes the depth
@@ -73,7 +69,10 @@ def gather(folder: Path, options: Options) -> tuple[Inputs, Options]:
     _require_scale(folder, photos, options, cameras)
     if options.masks is not None:
         find_masks(options.masks, photos)  # a mask that cannot be used is refused before the work
-    return Inputs(photos, cameras, board, _find_board(photos, board), options.model), options
+    corners: dict[str, Corners] = {}
+    if board is not None:
+        corners = require_board({p.name: detect_corners(p, board) for p in track(photos, "markers")}, board)
+    return Inputs(photos, cameras, board, corners, options.model), options
 
 
 def _dense_on(choice: str) -> str:
@@ -136,9 +135,3 @@ def _require_scale(
             "--board, --cameras or --distance (--metric, if a COLMAP model is in metres), or give --unscaled for a "
             "mesh of arbitrary size"
         )
-
-
-def _find_board(photos: tuple[Photo, ...], board: Board | None) -> dict[str, Corners]:
-    if board is None:
-        return {}
-    return require_board({p.name: detect_corners(p, board) for p in track(photos, "markers")}, board)

@@ -5,7 +5,6 @@ Schönberger & Frahm, "Structure-from-Motion Revisited", CVPR 2016. CPU only; th
 
 from __future__ import annotations
 
-from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +27,6 @@ def structure_from_motion(
     cameras: tuple[Camera, ...] | None = None,
     intrinsics: tuple[float, float, float, float] | None = None,
     focal_px: dict[str, float] | None = None,
-    guessed_focal_px: dict[str, float] | None = None,
     seed: int = 0,
 ) -> pycolmap.Reconstruction:
     """Register the photographs; `folder` (empty) receives COLMAP's database.
@@ -36,8 +34,8 @@ def structure_from_motion(
     cameras: one for each photograph, held fixed. intrinsics: fx, fy, cx, cy in pixels of one camera that took all
     photographs, held fixed while its distortion is estimated. focal_px: a focal length for every name, where
     nothing else is known; held fixed likewise, since a plane and free focal lengths do not determine each other. With
-    none of these, all but the principal point is estimated, from guessed_focal_px where it knows a photograph. A
-    HandbenchError when fewer than three photographs register.
+    none of these, all but the principal point is estimated, from the focal lengths that EXIF data tell. HandbenchError
+    when fewer than three photographs register.
     """
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     pycolmap.set_random_seed(seed)
@@ -46,7 +44,8 @@ def structure_from_motion(
     if cameras is not None:
         _write_known_cameras(database, {camera.name: camera for camera in cameras})
     elif intrinsics is None:
-        _write_focal_lengths(database, focal_px or guessed_focal_px or {})
+        guessed_px = {photo.name: photo.focal_px for photo in photos if photo.focal_px is not None}
+        _write_focal_lengths(database, focal_px or guessed_px)
     _match(database, seed)
     return _map(photos, database, folder, seed, fixed=cameras is not None, known=bool(intrinsics or focal_px))
 
@@ -71,7 +70,7 @@ def _extract(
         pycolmap.extract_features(database, folder, names, mode, reader, options, device=pycolmap.Device.cpu)
 
 
-def _camera_groups(photos: tuple[Photo, ...], fixed: bool, known: bool) -> list[tuple[list[str], object]]:
+def _camera_groups(photos: tuple[Photo, ...], fixed: bool, known: bool) -> list[tuple[list[str], pycolmap.CameraMode]]:
     """Groups of photographs that share a camera: all with known intrinsics, those of one body by EXIF, else none."""
     mode = pycolmap.CameraMode
     names = [photo.name for photo in photos]
@@ -79,12 +78,8 @@ def _camera_groups(photos: tuple[Photo, ...], fixed: bool, known: bool) -> list[
         return [(names, mode.SINGLE)]
     if fixed or any(photo.body is None for photo in photos):
         return [(names, mode.PER_IMAGE)]
-    by_body = groupby(sorted(photos, key=_body), key=_body)
-    return [([photo.name for photo in group], mode.SINGLE) for _, group in by_body]
-
-
-def _body(photo: Photo) -> tuple[str, ...]:
-    return photo.body or ()
+    bodies = sorted({photo.body for photo in photos if photo.body is not None})
+    return [([photo.name for photo in photos if photo.body == body], mode.SINGLE) for body in bodies]
 
 
 def _write_known_cameras(database: Path, cameras: dict[str, Camera]) -> None:
@@ -120,21 +115,21 @@ def _map(
     photos: tuple[Photo, ...], database: Path, folder: Path, seed: int, fixed: bool, known: bool
 ) -> pycolmap.Reconstruction:
     say("registering")
-    best = None
+    pictures, best = photos[0].path.parent, pycolmap.Reconstruction()
     for attempt in range(ATTEMPTS):
-        models = pycolmap.incremental_mapping(
-            database, photos[0].path.parent, folder, _mapping_options(seed + attempt, fixed, known)
-        )
-        best = max([*models.values(), best], key=_registered)
-        if 2 * _registered(best) >= len(photos):
+        options = _mapping_options(seed + attempt, fixed, known)
+        models = pycolmap.incremental_mapping(database, pictures, folder, options)
+        best = max([*models.values(), best], key=lambda model: model.num_reg_images())
+        registered = best.num_reg_images()
+        if 2 * registered >= len(photos):
             break
-    if _registered(best) < FEWEST_REGISTERED:
+    if registered < FEWEST_REGISTERED:
         raise HandbenchError(
-            f"{photos[0].path.parent}: only {_registered(best)} of {len(photos)} photographs could be registered, "
+            f"{pictures}: only {registered} of {len(photos)} photographs could be registered, "
             f"{FEWEST_REGISTERED} are needed; take more photographs from different places, with more overlap and a "
             "textured surrounding, or give the cameras' intrinsics"
         )
-    say(f"registered {_registered(best)} of {len(photos)} photographs")
+    say(f"registered {registered} of {len(photos)} photographs")
     return best
 
 
@@ -149,7 +144,3 @@ def _mapping_options(seed: int, fixed: bool, known: bool) -> pycolmap.Incrementa
     options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = not (fixed or known)
     options.ba_refine_extra_params = options.mapper.abs_pose_refine_extra_params = not fixed
     return options
-
-
-def _registered(model: pycolmap.Reconstruction | None) -> int:
-    return 0 if model is None else model.num_reg_images()

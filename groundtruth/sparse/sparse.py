@@ -110,7 +110,6 @@ def _found(inputs: Inputs, options: Options) -> pycolmap.Reconstruction:
             cameras=inputs.cameras,
             intrinsics=options.intrinsics,
             focal_px=inputs.focal_lengths_px(),
-            guessed_focal_px=inputs.guessed_focal_lengths_px(),
             seed=options.seed,
         )
 

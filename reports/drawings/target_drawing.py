@@ -117,7 +117,13 @@ class _Views:
         for (_, z, y), foam_mm, ball_mm in zip(self.centres_mm, self.foam_mm, self.ball_mm, strict=True):
             ground, back = z - ball_mm + self.side[0], z + foam_mm + self.side[0]
             y += self.side[1]
-            line(axes, [back, ground, ground, back], [y - ball_mm, y - ball_mm, y + ball_mm, y + ball_mm], 0.4, ls="--")
+            line(
+                axes,
+                [back, ground, ground, back],
+                [y - ball_mm, y - ball_mm, y + ball_mm, y + ball_mm],
+                0.4,
+                dashed=True,
+            )
 
     def _ordinates(self, axes: Axes) -> None:
         """Distances from the frame's planes x, y, z = 0: an extension line through each centre, its number outside."""

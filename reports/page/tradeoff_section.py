@@ -21,16 +21,15 @@ def build(folder: str | Path, out: str | Path) -> Path:
     found, out = load_tradeoff(folder), Path(out)
     if not found.settings:
         raise HandbenchError(f"{found.folder / 'tradeoff.csv'}: holds no setting; run `handbench tradeoff` again")
-    write_text(
-        out / "index.html", rendering.render("tradeoff.html", facts=found.facts, up="", tradeoff=section(found, out))
-    )
+    page = rendering.render("tradeoff.html", facts=found.facts, up="", tradeoff=section(found, out))
+    write_text(out / "index.html", page)
     return out / "index.html"
 
 
 def section(found: Tradeoff, out: Path) -> dict[str, Any]:
     """Write tables and pictures to `out`; what a page shows of them."""
-    for name, text in {"front.md": result_tables.tradeoff_markdown(found), "front.tex": latex.tradeoff(found)}.items():
-        write_text(out / name, text)
+    write_text(out / "front.md", result_tables.tradeoff_markdown(found))
+    write_text(out / "front.tex", latex.tradeoff(found))
     saved = {image.stem: image for image in rendering.images(pictures(found), out / "figures")}
     parts = []
     for about in found.facts.sections:
@@ -45,33 +44,23 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
     rest = [s for s in settings if not s.on_front]
     titles = {s.name: s.title for s in settings}
     numbers = {s.name: str(i) for i, s in enumerate((s for s in best if plotted(s)), 1)}
-    return Grid(
-        f"{about.title}: {len(best)} settings on the front, {len(rest)} beaten",
+    error = f"{metric_words(about)} ({about.unit})"
+    rest_of = ("seen (%)", "time (s)", "÷ reference", "operations", "memory (MB)")
+    rows = tuple(
         (
-            "setting",
-            "number, or beaten by",
-            f"{metric_words(about)} ({about.unit})",
-            "seen (%)",
-            "time (s)",
-            "÷ reference",
-            "operations",
-            "memory (MB)",
-        ),
-        tuple(
-            (
-                s.title,
-                numbers.get(s.name) or _beaten(s, titles),
-                error_text(s, False),
-                number(s.seen_percent, 2),
-                seconds_text(s, False),
-                number(s.ratio, three_digits(s.ratio)),
-                _count(s.operations),
-                number(s.peak_memory_mb, 0),
-            )
-            for s in (*best, *rest)
-        ),
-        texts=2,
+            s.title,
+            numbers.get(s.name) or _beaten(s, titles),
+            error_text(s),
+            number(s.seen_percent, 2),
+            seconds_text(s),
+            number(s.ratio, three_digits(s.ratio)),
+            _count(s.operations),
+            number(s.peak_memory_mb, 0),
+        )
+        for s in (*best, *rest)
     )
+    caption = f"{about.title}: {len(best)} settings on the front, {len(rest)} beaten"
+    return Grid(caption, ("setting", "number, or beaten by", error, *rest_of), rows, texts=2)
 
 
 def _beaten(setting: Setting, titles: dict[str, str]) -> str:

@@ -118,28 +118,18 @@ def comparisons(result: Result) -> str:
     defined = result.comparisons[result.comparisons.metric.isin(result.about.metrics)]
     for (reference, metric), group in defined.groupby(["reference", "metric"], sort=False):
         facts = result.about.metrics[metric]
-        body = [
-            row(
-                [
-                    escaped(titles.get(c.better, c.better)),
-                    escaped(titles.get(c.worse, c.worse)),
-                    num_figure(c.difference, c.low, c.high, c.unit),
-                    p_value(c.p_corrected),
-                    num(c.effect, 2),
-                ]
-            )
-            for c in each(group)
-        ]
-        texts.append(
-            float_table(
-                f"{result.about.name}. {facts.title} against {reference}: differences with their 95 % confidence "
-                "intervals, p corrected for all pairs (Holm), and the difference over the standard deviation of the "
-                "paired differences (effect).",
-                "llrrr",
-                ("Ahead", "Behind", titled("Difference", facts.unit), "p", "Effect"),
-                body,
-            )
+        body = []
+        for c in each(group):
+            names = [escaped(titles.get(name, name)) for name in (c.better, c.worse)]
+            difference = num_figure(c.difference, c.low, c.high, c.unit)
+            body.append(row([*names, difference, p_value(c.p_corrected), num(c.effect, 2)]))
+        text = (
+            f"{result.about.name}. {facts.title} against {reference}: differences with their 95 % confidence "
+            "intervals, p corrected for all pairs (Holm), and the difference over the standard deviation of the "
+            "paired differences (effect)."
         )
+        head = ("Ahead", "Behind", titled("Difference", facts.unit), "p", "Effect")
+        texts.append(float_table(text, "llrrr", head, body))
     return "\n".join(texts)
 
 
@@ -170,24 +160,21 @@ def _setting(s: Setting, with_seen: bool) -> str:
 def float_table(text: str, columns: str, head: Iterable[str], body: Iterable[str]) -> str:
     """A float over the page's width. text: its caption, plain; head: cells that are LaTeX already; body: rows made by
     `row`."""
-    return "\n".join(
-        [
-            r"% needs \usepackage{booktabs} and \usepackage{siunitx}",
-            r"\begin{table*}[p]",
-            r"\centering\footnotesize",
-            rf"\caption{{{escaped(text)}}}\smallskip",
-            r"\setlength{\tabcolsep}{3.5pt}",
-            rf"\begin{{tabular}}{{{columns}}}",
-            r"\toprule",
-            row(f"{{{title}}}" for title in head),
-            r"\midrule",
-            *body,
-            r"\bottomrule",
-            r"\end{tabular}",
-            r"\end{table*}",
-            "",
-        ]
-    )
+    rows = "\n".join(body)
+    return rf"""% needs \usepackage{{booktabs}} and \usepackage{{siunitx}}
+\begin{{table*}}[p]
+\centering\footnotesize
+\caption{{{escaped(text)}}}\smallskip
+\setlength{{\tabcolsep}}{{3.5pt}}
+\begin{{tabular}}{{{columns}}}
+\toprule
+{row(f"{{{title}}}" for title in head)}
+\midrule
+{rows}
+\bottomrule
+\end{{tabular}}
+\end{{table*}}
+"""
 
 
 def titled(title: str, unit: str) -> str:
@@ -210,7 +197,7 @@ def num_figure(value: float | None, low: float | None, high: float | None, unit:
     if not known(value):
         return "--"
     places = decimals(value, low, high, unit)
-    ends = f" {{[}}{num(low, places)}, {num(high, places)}{{]}}" if known(low, high) else ""
+    ends = f" {{[}}{num(low, places)}, {num(high, places)}{{]}}" if known(low) and known(high) else ""
     return (rf"\textbf{{{num(value, places)}}}" if bold else num(value, places)) + ends
 
 
