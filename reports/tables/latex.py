@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Iterable
-from itertools import groupby, pairwise, zip_longest
+from itertools import groupby, pairwise
 
 from bench.results import Result, Setting, Tradeoff
 from bench.results.tables import each
@@ -85,12 +85,16 @@ def _line_rows(line: Line, part: slice) -> list[str]:
     if line.source != "ours" and not set(line.cells[part]) - {NONE}:
         return []
     cells = [cell.partition(" ")[::2] for cell in line.cells[part]]
-    stars = [star for star, _ in zip_longest(line.best[part], cells, fillvalue=False)]
+    stars = line.best[part] or (False,) * len(cells)
     title = titled(line.title.removesuffix(f" ({line.unit})"), line.unit) if line.title else ""
     known = any(interval for _, interval in cells)
     if known and title:  # hangs down beside the intervals, where it takes two lines
         title = rf"\raisebox{{0pt}}[0pt][0pt]{{\parbox[t]{{{TITLE}}}{{\raggedright {title}}}}}"
-    rows = [row([title, escaped(line.source), *map(_s_cell, (value for value, _ in cells), stars)])]
+    shown = ["{--}" if value == NONE else value.replace("−", "-") for value, _ in cells]
+    values = [
+        rf"\bfseries {value}" if star and value != "{--}" else value for value, star in zip(shown, stars, strict=True)
+    ]
+    rows = [row([title, escaped(line.source), *values])]
     if known:
         rows.append(row(["", "", *(f"{{\\scriptsize {escaped(interval)}}}" for _, interval in cells)]))
     return rows
@@ -103,12 +107,6 @@ def _s_column(cells: Iterable[str]) -> str:
     before = max((len(whole.lstrip("−")) for whole, _, _ in numbers), default=1)
     after = max((len(fraction) for _, _, fraction in numbers), default=0)
     return f"S[table-format={sign}{before}.{after},detect-weight]"
-
-
-def _s_cell(value: str, star: bool) -> str:
-    if value == NONE:
-        return "{--}"
-    return (r"\bfseries " if star else "") + value.replace("−", "-")
 
 
 def comparisons(result: Result) -> str:

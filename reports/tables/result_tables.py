@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from bench.results import HEADLINES, Result, Setting, Tradeoff
 from bench.results.tables import each
-from reports.tables.blocks import Line, best_note, blocks, caption, figure, known, number, p_text, ratio, three_digits
+from reports.tables.blocks import best_note, blocks, caption, figure, known, number, p_text, ratio, three_digits
 from reports.tables.markdown import bold, escaped, table
 
 if TYPE_CHECKING:
@@ -23,14 +24,12 @@ def markdown(result: Result) -> str:
     for block in found:
         parts.append(f"## {block.heading}\n")
         headings = ("metric", "", *map(escaped, block.methods))
-        parts.append(table(headings, (_markdown_cells(line) for line in block.lines), texts=2))
+        lines = []
+        for line in block.lines:
+            stars = zip_longest(map(escaped, line.cells), line.best)
+            lines.append((escaped(line.title), line.source, *(bold(cell) if best else cell for cell, best in stars)))
+        parts.append(table(headings, lines, texts=2))
     return "\n".join(parts)
-
-
-def _markdown_cells(line: Line) -> tuple[str, ...]:
-    best = line.best or (False,) * len(line.cells)
-    cells = (bold(escaped(cell)) if star else escaped(cell) for cell, star in zip(line.cells, best, strict=True))
-    return (escaped(line.title), escaped(line.source), *cells)
 
 
 def comparisons_markdown(result: Result) -> str:
