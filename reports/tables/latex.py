@@ -90,10 +90,8 @@ def _line_rows(line: Line, part: slice) -> list[str]:
     known = any(interval for _, interval in cells)
     if known and title:  # hangs down beside the intervals, where it takes two lines
         title = rf"\raisebox{{0pt}}[0pt][0pt]{{\parbox[t]{{{TITLE}}}{{\raggedright {title}}}}}"
-    shown = ["{--}" if value == NONE else value.replace("−", "-") for value, _ in cells]
-    values = [
-        rf"\bfseries {value}" if star and value != "{--}" else value for value, star in zip(shown, stars, strict=True)
-    ]
+    shown = [rf"\bfseries {value}" if star else value for (value, _), star in zip(cells, stars, strict=True)]
+    values = ["{--}" if value.endswith(NONE) else value.replace("−", "-") for value in shown]
     rows = [row([title, escaped(line.source), *values])]
     if known:
         rows.append(row(["", "", *(f"{{\\scriptsize {escaped(interval)}}}" for _, interval in cells)]))
