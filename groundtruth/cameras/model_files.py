@@ -40,7 +40,7 @@ def write_model(model: pycolmap.Reconstruction, folder: Path) -> None:
 
 
 def _length(content: bytes, kind: str) -> int:
-    """Where the records of a file end, whose number stands at its head; struct.error, ValueError or KeyError where they
+    """End of the records of a file, whose number stands at its head; struct.error, ValueError or KeyError where they
     go beyond it, or name a lens model that there is not."""
 
     def number(form: str, at: int) -> int:

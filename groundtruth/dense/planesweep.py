@@ -162,18 +162,10 @@ def _smooth(cost: np.ndarray, total: np.ndarray, starts: np.ndarray, step_y: int
             x += step_x
 
 
-@njit(parallel=True, cache=True)
 def _lowest(total: np.ndarray) -> np.ndarray:
     """Plane [h, w] of the smallest cost, moved to the vertex of the parabola through its neighbours."""
-    h, w, planes = total.shape
-    place = np.empty((h, w))
-    for y in prange(h):
-        for x in range(w):
-            d = np.argmin(total[y, x])
-            place[y, x] = d
-            if 0 < d < planes - 1:
-                left, here, right = float(total[y, x, d - 1]), float(total[y, x, d]), float(total[y, x, d + 1])
-                bend = left - 2 * here + right
-                if bend > 0:
-                    place[y, x] += 0.5 * (left - right) / bend
-    return place
+    place = total.argmin(axis=-1)
+    inner = np.clip(place, 1, total.shape[-1] - 2)
+    left, here, right = (np.take_along_axis(total, inner[..., None] + k, -1)[..., 0].astype(float) for k in (-1, 0, 1))
+    bend = left - 2 * here + right
+    return place + np.where((place == inner) & (bend > 0), 0.5 * (left - right) / np.maximum(bend, 1), 0)

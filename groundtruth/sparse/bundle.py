@@ -93,7 +93,8 @@ class Bundle:
         }
         self.start = {c: np.array(self.model.cameras[c].params) for c in cameras}
         fewest = min(FEWEST_SIGHTINGS, len(self.images) - 1)
-        self.points = [p for _, p in sorted(self.model.points3D.items()) if _views(p) >= fewest]
+        points = [point for _, point in sorted(self.model.points3D.items())]
+        self.points = [p for p in points if len({element.image_id for element in p.track.elements}) >= fewest]
         self.features, self.known = self._features(), self._known()
         self._count_unknowns()
 
@@ -215,10 +216,6 @@ class Bundle:
             self.model.cameras[camera_id].params = params.tolist()
         for point, xyz in zip(self.points, points, strict=True):
             point.xyz = xyz
-
-
-def _views(point: pycolmap.Point3D) -> int:
-    return len({element.image_id for element in point.track.elements})
 
 
 def _moved(pose: pycolmap.Rigid3d, step: np.ndarray) -> pycolmap.Rigid3d:

@@ -101,7 +101,7 @@ def _summary(result: Result, overview: list[Image], swept: Any) -> dict[str, Any
 def _captures(result: Result, captures: Sequence[CaptureFacts], folder: Path) -> dict[str, Any]:
     """Content of a page on its captures: their pictures, and what turns in 3-D."""
     details = [(capture, rendering.images(panels(result, capture), folder)) for capture in captures]
-    scenes = [scene for scene in (scene3d.scene(result, capture) for capture in captures) if scene]
+    scenes = list(filter(None, (scene3d.scene(result, capture) for capture in captures)))
     titles = {method.name: method.title for method in methods(result)}
     shown = "3fsk" if "3fsk" in titles else next(iter(titles), None)  # the paper's own, else the first
     still = None

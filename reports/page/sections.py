@@ -98,12 +98,16 @@ def uncertainty(result: Result) -> list[Grid]:
         )
         caption = "Standard deviation of the photogrammetric reference along z: root mean square over its pixels"
         grids.append(Grid(caption, ("capture", "mesh (mm)", "registration (mm)", "together (mm)"), rows))
-    found = [(m.title, [result.row("floor_mm", m.name, r) for r in AGAINST]) for m in result.about.methods]
-    floors = tuple((title, *map(_floor, rows)) for title, rows in found if any(rows))
+    floors = []
+    for method in result.about.methods:
+        found = [result.row("floor_mm", method.name, reference) for reference in AGAINST]
+        if any(found):
+            cells = (figure(row.value, row.low, row.high, row.unit) if row else NONE for row in found)
+            floors.append((method.title, *cells))
     if floors:
         headings = ("method", *(f"{against} (mm)" for against in AGAINST.values()))
         caption = f"Ground-truth floor: the {result.title(HEADLINE)} that a perfect radar would show"
-        grids.append(Grid(caption, headings, floors))
+        grids.append(Grid(caption, headings, tuple(floors)))
     residuals = result.about.facts.get("registration_residuals_mm")
     if isinstance(residuals, list) and residuals:
         at_hand = ("error at the hand", _mm(result.about.facts.get("registration_error_at_hand_mm")))
@@ -114,10 +118,6 @@ def uncertainty(result: Result) -> list[Grid]:
 
 def _mm(value: Any) -> str:
     return number(value, three_digits(value)) if isinstance(value, int | float) else NONE
-
-
-def _floor(row: Any) -> str:
-    return NONE if row is None else figure(row.value, row.low, row.high, row.unit)
 
 
 def stability(folder: Path) -> list[tuple[str, Grid]]:

@@ -10,7 +10,7 @@ import unicodedata
 from collections.abc import Iterable
 from itertools import groupby, pairwise
 
-from bench.results import Result, Setting, Tradeoff
+from bench.results import Result, Tradeoff
 from bench.results.tables import each
 from reports.tables.blocks import NONE, Block, Line, best_note, blocks, caption, decimals, known, p_text, three_digits
 
@@ -135,22 +135,20 @@ def tradeoff(found: Tradeoff) -> str:
     for section in found.facts.sections:
         front = [setting for setting in found.section(section.name) if setting.on_front]
         text = (
-            f"{found.facts.name}. {section.title}: the settings that no other beats in accuracy, completeness "
-            f"and time together. "
+            f"{found.facts.name}. {section.title}: the settings that no other beats in accuracy, completeness and time "
+            "together. "
             f"{section.metric}: {section.definition}. Time: {section.seconds}; in brackets the 95 % confidence "
             f"interval, and of times the range of the repeats; ratio: to {section.reference}."
         )
         seen = [titled("Seen", "%")] if any(known(s.seen_percent) for s in front) else []
         head = ["Setting", titled(section.metric, section.unit), *seen, titled("Time", "s"), "Ratio"]
-        texts.append(float_table(text, f"l{'r' * len(head[1:])}", head, (_setting(s, bool(seen)) for s in front)))
+        body = []
+        for s in front:
+            share = [num(s.seen_percent, 2)] if seen else []
+            cost = num_figure(s.seconds, s.seconds_low, s.seconds_high, "s"), num(s.ratio, three_digits(s.ratio))
+            body.append(row([escaped(s.title), num_figure(s.error, s.low, s.high, s.unit), *share, *cost]))
+        texts.append(float_table(text, f"l{'r' * len(head[1:])}", head, body))
     return "\n".join(texts)
-
-
-def _setting(s: Setting, with_seen: bool) -> str:
-    seconds = num_figure(s.seconds, s.seconds_low, s.seconds_high, "s")
-    ratio = num(s.ratio, three_digits(s.ratio))
-    seen = [num(s.seen_percent, 2)] if with_seen else []
-    return row([escaped(s.title), num_figure(s.error, s.low, s.high, s.unit), *seen, seconds, ratio])
 
 
 def float_table(text: str, columns: str, head: Iterable[str], body: Iterable[str]) -> str:

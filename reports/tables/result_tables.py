@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from bench.results import HEADLINES, Result, Setting, Tradeoff
+from bench.results import HEADLINES, Result, Tradeoff
 from bench.results.tables import each
 from reports.tables.blocks import best_note, blocks, caption, figure, known, number, p_text, ratio, three_digits
 from reports.tables.markdown import bold, escaped, table
@@ -61,16 +61,15 @@ def tradeoff_markdown(tradeoff: Tradeoff) -> str:
         error = f"{escaped(section.metric)} ({escaped(section.unit)})"
         settings = tradeoff.section(section.name)
         seen = ["seen (%)"] if any(known(s.seen_percent) for s in settings) else []
-        headings = ("setting", error, *seen, "time (s)", "× reference")
-        parts.append(table(headings, (_setting(s, bool(seen)) for s in settings)))
+        lines = []
+        for s in settings:
+            title = bold(escaped(s.title)) if s.on_front else escaped(s.title)
+            share = [number(s.seen_percent, 2)] if seen else []
+            cost = escaped(figure(s.seconds, s.seconds_low, s.seconds_high, "s"))
+            cells = (escaped(figure(s.error, s.low, s.high, s.unit)), *share, cost)
+            lines.append((title, *cells, number(s.ratio, three_digits(s.ratio))))
+        parts.append(table(("setting", error, *seen, "time (s)", "× reference"), lines))
     return "\n".join(parts)
-
-
-def _setting(s: Setting, with_seen: bool) -> tuple[str, ...]:
-    title = bold(escaped(s.title)) if s.on_front else escaped(s.title)
-    error, seconds = figure(s.error, s.low, s.high, s.unit), figure(s.seconds, s.seconds_low, s.seconds_high, "s")
-    seen = [number(s.seen_percent, 2)] if with_seen else []
-    return title, escaped(error), *seen, escaped(seconds), number(s.ratio, three_digits(s.ratio))
 
 
 def csv_text(result: Result) -> str:
