@@ -131,7 +131,7 @@ def stale(root: Path = ROOT) -> list[str]:
     """Everything in the repository that no longer fits docs/table.json, a sentence each."""
     recorded = _recorded(root)
     problems = []
-    if BLOCK.search(_readme(root))[2] != render(recorded):
+    if BLOCK.findall(_readme(root))[0][1] != render(recorded):
         problems.append("README.md: the table is not what docs/table.json says")
     for name, digest in recorded["figures"].items():
         if _sha256(root / name) != digest:
@@ -158,7 +158,7 @@ def disagreements(result: Result, root: Path = ROOT) -> list[str]:
 
 
 def _agree(old: Any, new: Any) -> bool:
-    if new is None or not known(old.value, new.value):
+    if new is None or not (known(old.value) and known(new.value)):
         return new is not None and known(old.value) == known(new.value)
     return abs(new.value - old.value) <= 10.0 ** -decimals(old.value, old.low, old.high, old.unit)
 
@@ -180,16 +180,14 @@ def _readme(root: Path) -> str:
 def _scenes(root: Path, config: str) -> dict[str, str]:
     """Each scene of the benchmark with the hash of what its file says, whatever its comments; empty: no such file."""
     said = tomllib.loads(config)
-    names = [
-        source["scene"] for kind in ("calibration", "capture") for source in said.get(kind, ()) if "scene" in source
-    ]
-    return {name: _meaning(root / SCENES / name) for name in names}
-
-
-def _meaning(scene: Path) -> str:
-    if not scene.is_file():
-        return ""
-    return hashlib.sha256(json.dumps(tomllib.loads(scene.read_text("utf-8")), sort_keys=True).encode()).hexdigest()
+    sources = [*said.get("calibration", ()), *said.get("capture", ())]
+    hashes = {source["scene"]: "" for source in sources if "scene" in source}
+    for name in hashes:
+        scene = root / SCENES / name
+        if scene.is_file():
+            meaning = json.dumps(tomllib.loads(scene.read_text("utf-8")), sort_keys=True)
+            hashes[name] = hashlib.sha256(meaning.encode()).hexdigest()
+    return hashes
 
 
 def _sha256(path: Path) -> str:

@@ -7,6 +7,7 @@ once the tones are proportional to light.
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 REACHES_PX = (4.0, 3.0)  # across the edge, first and second pass
@@ -37,8 +38,6 @@ def refined(light: np.ndarray, quad: np.ndarray) -> np.ndarray:
 
 def _edge(light: np.ndarray, a: np.ndarray, b: np.ndarray, reach_px: float) -> tuple[np.ndarray, np.ndarray] | None:
     """A point [2] on the edge from about a to about b, and its direction [2]; light grows to its left."""
-    import cv2
-
     length_px = np.linalg.norm(b - a)
     along = (b - a) / length_px
     across = np.array([along[1], -along[0]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from groundtruth.board.board import CHESSBOARD, Board
@@ -27,8 +28,6 @@ def detect_corners(photo: Photo, board: Board) -> Corners:
 
 def _marker_corners(picture: np.ndarray, light: np.ndarray, board: Board) -> Corners:
     """Intersections of the markers' edges; a marker seen twice is a mistake."""
-    import cv2
-
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     found, ids, _ = cv2.aruco.ArucoDetector(board.cv_dictionary(), parameters).detectMarkers(picture)
@@ -45,8 +44,6 @@ def _marker_corners(picture: np.ndarray, light: np.ndarray, board: Board) -> Cor
 
 def _chessboard_corners(picture: np.ndarray, board: Board) -> Corners:
     """Inner corners of the chessboard: blur and tone curve do not shift them."""
-    import cv2
-
     if board.charuco is None:
         return {}
     corners, ids, *_ = cv2.aruco.CharucoDetector(board.charuco.cv_board()).detectBoard(picture)
@@ -73,8 +70,6 @@ def focal_length_px(photo: Photo, corners: Corners, board: Board) -> float | Non
 
     A plane under a slant fixes one focal length when the principal point is taken to be the middle (Zhang, TPAMI 2000).
     """
-    import cv2
-
     if len(corners) < FEWEST_CORNERS:
         return None
     known = board.corners_m()

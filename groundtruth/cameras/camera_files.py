@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from groundtruth.cameras.cameras import Camera, load_cameras, load_pycolmap, registered
+from groundtruth.cameras.cameras import Camera, camera_in, load_cameras, pycolmap, registered
 from groundtruth.cameras.metashape import read_metashape
 from groundtruth.cameras.model_files import check_model
 from groundtruth.photos.photos import FEWEST, QUARTER_TURNS, Photo, sides_swapped
 from radar.support.errors import HandbenchError
 from radar.support.files import require_folder
 from radar.support.progress import say
-
-if TYPE_CHECKING:
-    import pycolmap
 
 FEWEST_POINTS = 20  # that a photograph of a model must see
 TURNABLE = {"f", "fx", "fy", "cx", "cy", "k", "k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"}  # what a lens may have
@@ -62,7 +59,7 @@ def load_model(folder: Path, photos: tuple[Photo, ...]) -> pycolmap.Reconstructi
     for image in images:
         photo = photo_of.get(image.name)
         if photo is not None:
-            _require_size(photo, image.camera.width, image.camera.height, folder)
+            _require_size(photo, camera_in(image).width, camera_in(image).height, folder)
         if not image.has_pose:  # gone with another image of its rig
             continue
         if photo is None or image.num_points3D < FEWEST_POINTS:
@@ -83,17 +80,16 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
     """A COLMAP model of any origin; a HandbenchError for a broken one."""
     require_folder(folder, "a COLMAP model (cameras, images and points3D, .bin or .txt)")
     check_model(folder)
-    colmap = load_pycolmap()
-    colmap.logging.minloglevel = int(colmap.logging.FATAL)
+    pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     try:
-        model = colmap.Reconstruction(str(folder))
+        model = pycolmap.Reconstruction(str(folder))
     except (ValueError, IndexError, RuntimeError, MemoryError, OverflowError) as error:
         raise HandbenchError(
             f"{folder}: is not readable as a COLMAP model ({str(error)[:200]}); expected cameras, images and points3D, "
             ".bin or .txt"
         ) from error
     finally:
-        colmap.logging.minloglevel = int(colmap.logging.ERROR)
+        pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
     numbers = [image.cam_from_world().matrix() for image in registered(model)]
     numbers += [camera.params for camera in model.cameras.values()]
     numbers += [point.xyz for point in model.points3D.values()]
@@ -111,7 +107,7 @@ def _is_rigid(image: pycolmap.Image) -> bool:
 
 def camera_of(image: pycolmap.Image) -> Camera:
     """A registered image's camera and pose."""
-    camera, pose = image.camera, image.cam_from_world()
+    camera, pose = camera_in(image), image.cam_from_world()
     return Camera(
         name=image.name,
         width=camera.width,

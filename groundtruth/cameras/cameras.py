@@ -15,9 +15,6 @@ from radar.support.config import Config, parse
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json
 
-if TYPE_CHECKING:
-    import pycolmap
-
 
 def load_pycolmap() -> ModuleType:
     """Import pycolmap without the SIGTERM handler that it installs (it prints a stack trace); Python lets only the main
@@ -30,10 +27,22 @@ def load_pycolmap() -> ModuleType:
     return pycolmap
 
 
+class _Colmap(ModuleType):
+    """pycolmap, imported when something of it is asked for."""
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(load_pycolmap(), name)
+
+
+if TYPE_CHECKING:
+    import pycolmap as pycolmap
+else:
+    pycolmap = _Colmap("pycolmap")
+
+
 def cuda_devices() -> int:
     """Number of CUDA devices that pycolmap can use; 0 where it was built without CUDA."""
-    colmap = load_pycolmap()
-    return int(colmap.get_num_cuda_devices()) if colmap.has_cuda else 0
+    return int(load_pycolmap().get_num_cuda_devices()) if pycolmap.has_cuda else 0
 
 
 class Camera(Config):
@@ -78,9 +87,7 @@ class Camera(Config):
     def colmap(self) -> pycolmap.Camera:
         """The same intrinsics as a pycolmap camera; HandbenchError for a model or parameters COLMAP does not know."""
         try:
-            camera = load_pycolmap().Camera(
-                model=self.model, width=self.width, height=self.height, params=list(self.params)
-            )
+            camera = pycolmap.Camera(model=self.model, width=self.width, height=self.height, params=list(self.params))
         except (ValueError, RuntimeError, KeyError):
             camera = None
         if camera is None or not camera.verify_params():
@@ -129,3 +136,10 @@ def save_cameras(path: str | Path, cameras: tuple[Camera, ...]) -> None:
 def registered(model: pycolmap.Reconstruction) -> list[pycolmap.Image]:
     """The registered photographs, by name."""
     return sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
+
+
+def camera_in(image: pycolmap.Image) -> pycolmap.Camera:
+    """The camera that took a photograph of a model."""
+    if image.camera is None:
+        raise ValueError(f"{image.name} stands in no model")
+    return image.camera

@@ -21,32 +21,21 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
+from PIL import Image
 
-from groundtruth.cameras.cameras import load_pycolmap
-from groundtruth.dense.dense import STEEPEST, DepthMap, Stereo, choose_sources, refined
+from groundtruth.cameras.cameras import pycolmap
+from groundtruth.dense.dense import STEEPEST, DepthMap, choose_sources, refined
 from groundtruth.dense.fusion import CONFIRMATIONS
 from groundtruth.dense.patchmatch import RADIUS
-from groundtruth.dense.views import View
+from groundtruth.dense.views import Stereo, View
 from radar.support.errors import HandbenchError
 from radar.support.progress import say, track
 
-
-class Search(NamedTuple):
-    """Iterations of four sweeps each; whether a second run asks the sources' depth maps to agree."""
-
-    iterations: int
-    geometric: bool
-
-    @property
-    def suffix(self) -> str:
-        """Ending of the maps' file names."""
-        return "geometric.bin" if self.geometric else "photometric.bin"
-
-
-SEARCH = {"draft": Search(3, False), "normal": Search(5, True), "high": Search(5, True)}  # COLMAP's lowest, its default
+# Iterations of four sweeps each, and whether a second run asks the sources' depth maps to agree: COLMAP's lowest, its
+# default.
+SEARCH = {"draft": (3, False), "normal": (5, True), "high": (5, True)}
 CHILD = """
 import json, sys, pycolmap
 pycolmap.patch_match_stereo(sys.argv[1], options=pycolmap.PatchMatchOptions(**json.loads(sys.argv[2])))
@@ -65,28 +54,25 @@ def depth_maps(views: list[View], tracks: np.ndarray, points_m: np.ndarray, qual
         folder = Path(scratch)
         write_workspace(folder, views, sources)
         say("depth maps: COLMAP searches on the CUDA device")
-        search(folder, _options(views, SEARCH[quality]))
-        return [
-            _depth_map(folder, views, i, sources[i], SEARCH[quality]) for i in track(range(len(views)), "depth maps")
-        ]
+        iterations, geometric = SEARCH[quality]
+        search(folder, _options(views, iterations, geometric))
+        suffix = "geometric.bin" if geometric else "photometric.bin"
+        return [_depth_map(folder, views, i, sources[i], suffix) for i in track(range(len(views)), "depth maps")]
 
 
 def write_workspace(folder: Path, views: list[View], sources: list[list[int]]) -> None:
     """Pictures, cameras and each view's sources in an empty folder, as COLMAP's stereo takes them."""
-    from PIL import Image
-
-    colmap = load_pycolmap()
     for part in ("images", "sparse", "stereo/depth_maps", "stereo/normal_maps", "stereo/consistency_graphs"):
         (folder / part).mkdir(parents=True)
     height, width = _size(views)
-    model = colmap.Reconstruction()
+    model = pycolmap.Reconstruction()
     for i, view in enumerate(views):
         (fx, _, cx), (_, fy, cy), _ = view.K
-        pose = colmap.Rigid3d(colmap.Rotation3d(view.R), view.t)
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(view.R), view.t)
         model.add_camera_with_trivial_rig(
-            colmap.Camera(camera_id=i + 1, model="PINHOLE", width=width, height=height, params=[fx, fy, cx, cy])
+            pycolmap.Camera(camera_id=i + 1, model="PINHOLE", width=width, height=height, params=[fx, fy, cx, cy])
         )
-        model.add_image_with_trivial_frame(colmap.Image(_name(i), [], i + 1, i + 1), pose)
+        model.add_image_with_trivial_frame(pycolmap.Image(_name(i), [], i + 1, i + 1), pose)
         picture = np.zeros((height, width), dtype=np.uint8)
         h, w = view.gray.shape
         picture[:h, :w] = (view.gray.clip(0, 1) * 255).round()
@@ -140,22 +126,22 @@ def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
         raise HandbenchError(f"COLMAP's stereo failed on the CUDA device ({reason}); {INSTEAD}")
 
 
-def _options(views: list[View], chosen: Search) -> dict[str, float | int | bool]:
+def _options(views: list[View], iterations: int, geometric: bool) -> dict[str, float | int | bool]:
     return {
         "depth_min": float(min(np.nanmin(view.near_m) for view in views)),
         "depth_max": float(max(np.nanmax(view.far_m) for view in views)),
         "window_radius": RADIUS,
-        "num_iterations": chosen.iterations,
-        "geom_consistency": chosen.geometric,
+        "num_iterations": iterations,
+        "geom_consistency": geometric,
         "filter_min_num_consistent": CONFIRMATIONS if len(views) > CONFIRMATIONS + 1 else 1,
     }
 
 
-def _depth_map(folder: Path, views: list[View], i: int, sources: list[int], chosen: Search) -> DepthMap:
+def _depth_map(folder: Path, views: list[View], i: int, sources: list[int], suffix: str) -> DepthMap:
     view = views[i]
     h, w = view.gray.shape
     depth_m, normals = (
-        read_map(folder / "stereo" / kind / f"{_name(i)}.{chosen.suffix}", (*_size(views), channels))[:h, :w]
+        read_map(folder / "stereo" / kind / f"{_name(i)}.{suffix}", (*_size(views), channels))[:h, :w]
         for kind, channels in (("depth_maps", 1), ("normal_maps", 3))
     )
     stereo = Stereo.of(view, [views[s] for s in sources])

@@ -7,20 +7,17 @@ scene are treated alike.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 
-from groundtruth.cameras.cameras import registered
+from groundtruth.cameras.cameras import camera_in, pycolmap, registered
 from groundtruth.dense import patchmatch, planesweep
-from groundtruth.dense.views import View, open_view
+from groundtruth.dense.views import Stereo, View, open_view
 from groundtruth.photos.masks import Masks
 from groundtruth.photos.photos import Photo
 from radar.support.errors import HandbenchError
 from radar.support.progress import track
-
-if TYPE_CHECKING:
-    import pycolmap
 
 FEWEST_VIEWS = 3
 DEPTH_QUANTILES, DEPTH_MARGIN = (0.01, 0.99), 0.15  # of the sparse points a view sees
@@ -57,7 +54,7 @@ def open_views(
         row[[column[element.image_id] for element in point.track.elements]] = True
     views = []
     for image, seen in zip(track(images, "undistorting"), tracks.T, strict=True):
-        photo, camera, pose = by_name[image.name], image.camera, image.cam_from_world()
+        photo, camera, pose = by_name[image.name], camera_in(image), image.cam_from_world()
         mask = masks.of(photo, camera, pose, box_m)
         views.append(open_view(photo, camera, pose, shrink, _depths(image, points_m[seen]), box_m, mask))
     showing = [i for i, view in enumerate(views) if view is not None]
@@ -85,7 +82,12 @@ def depth_maps(
     """
     sources = choose_sources(views, tracks, points_m)
     coarse = [view.halved() for view in views]
-    return [_depth_map(views, coarse, i, sources[i], iterations, seed) for i in track(range(len(views)), "depth maps")]
+    maps = []
+    for i in track(range(len(views)), "depth maps"):
+        stereo = Stereo.of(views[i], [views[s] for s in sources[i]])
+        planes = _first_guess(views[i], coarse[i], [coarse[s] for s in sources[i]], stereo.unit)
+        maps.append(refined(views[i], stereo, planes, iterations, seed))
+    return maps
 
 
 def choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) -> list[list[int]]:
@@ -103,44 +105,6 @@ def choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) 
     return chosen
 
 
-@dataclass(frozen=True)
-class Stereo:
-    """One reference and its sources as the kernels want them; `unit` is inverse depth per disparity (1/m)."""
-
-    sources: np.ndarray
-    sizes: np.ndarray
-    A: np.ndarray
-    b: np.ndarray
-    unit: float
-
-    @classmethod
-    def of(cls, view: View, others: list[View]) -> Stereo:
-        sizes = np.array([other.gray.shape for other in others])
-        sources = np.zeros((len(others), *sizes.max(axis=0)), dtype=np.float32)
-        for padded, other in zip(sources, others, strict=True):
-            padded[: other.gray.shape[0], : other.gray.shape[1]] = other.gray
-        A, b = (np.stack(parts) for parts in zip(*(view.to(other) for other in others), strict=True))
-        unit = 1 / max(_motion(view, a, c) for a, c in zip(A, b, strict=True))
-        return cls(sources, sizes, A, b * unit, unit)
-
-
-def _motion(view: View, A: np.ndarray, b: np.ndarray) -> float:
-    """Source pixels per unit of inverse depth, at the middle of the view and of its depths."""
-    h, w = view.gray.shape
-    inverse_depth = np.nanmean(2 / (view.near_m + view.far_m))
-    q = A @ [w / 2, h / 2, 1] + b * inverse_depth
-    return float(np.linalg.norm((b[:2] - b[2] * q[:2] / q[2]) / q[2]))
-
-
-def _depth_map(
-    views: list[View], coarse: list[View], i: int, sources: list[int], iterations: int, seed: int
-) -> DepthMap:
-    view = views[i]
-    stereo = Stereo.of(view, [views[s] for s in sources])
-    planes = _first_guess(view, coarse[i], [coarse[s] for s in sources], stereo.unit)
-    return refined(view, stereo, planes, iterations, seed)
-
-
 def refined(view: View, stereo: Stereo, planes: np.ndarray, iterations: int, seed: int = 0) -> DepthMap:
     """The depth map that a guess of the planes [h, w, 3] (changed in place; NaN: none) becomes by PatchMatch, a polish
     with curved windows, and the filters. No iterations: polish and filters alone."""
@@ -148,9 +112,7 @@ def refined(view: View, stereo: Stereo, planes: np.ndarray, iterations: int, see
         np.where(np.isfinite(planes[..., 0]), 1 / (z * stereo.unit), np.nan) for z in (view.far_m, view.near_m)
     )
     planes[..., 0] = np.clip(planes[..., 0], low, high)
-    cost = patchmatch.refine(
-        view.gray, stereo.sources, stereo.sizes, stereo.A, stereo.b, planes, low, high, iterations, seed
-    )
+    cost = patchmatch.refine(stereo, planes, low, high, iterations, seed)
     normals, cosine = _normals(view, planes)
     good = (cost < HIGHEST_COST) & (cosine > LOWEST_COSINE) & (low <= high) & ~_beside_jump(planes)
     depth_m = np.where(good, 1 / (planes[..., 0].astype(np.float64) * stereo.unit), np.nan)
@@ -159,15 +121,11 @@ def refined(view: View, stereo: Stereo, planes: np.ndarray, iterations: int, see
 
 def _first_guess(view: View, half: View, sources: list[View], unit: float) -> np.ndarray:
     """Planes [h, w, 3] float32 in units of the full view, from a sweep at half its resolution."""
-    import cv2
-
     stereo = Stereo.of(half, sources)
     first, last = (1 / (z * stereo.unit) for z in (np.nanmax(half.far_m), np.nanmin(half.near_m)))
     count = int(np.clip(np.ceil(last - first), 16, MOST_PLANES))
     step = (last - first) / (count - 1)
-    found = planesweep.swept_disparity(
-        half.gray, stereo.sources, stereo.sizes, stereo.A, stereo.b * step, first / step, count
-    )
+    found = planesweep.swept_disparity(stereo._replace(b=stereo.b * step), first / step, count)
     disparity = cv2.medianBlur(found, 5) * (step * stereo.unit / unit)
     h, w = view.gray.shape
     disparity = cv2.resize(disparity, (w, h), interpolation=cv2.INTER_LINEAR)

@@ -74,7 +74,9 @@ def fuse(maps: list[DepthMap], box_m: np.ndarray | None) -> Cloud:
 
 
 @njit(parallel=True, cache=True)
-def _agree(reference, depths, normals, K, R, t):
+def _agree(
+    reference: int, depths: np.ndarray, normals: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Mean point and normal [h, w, 3] of a pixel and the views that agree with it, which these are [h, w, views],
     itself among them, and the standard deviation [h, w] of their points along the normal."""
     count, h, w = depths.shape
@@ -119,7 +121,7 @@ def _agree(reference, depths, normals, K, R, t):
 
 
 @njit(cache=True)
-def _world(x, y, depth, K, R, t, point):
+def _world(x: int, y: int, depth: float, K: np.ndarray, R: np.ndarray, t: np.ndarray, point: np.ndarray) -> None:
     """The world point that pixel (x, y) sees at a depth."""
     a = (x - K[0, 2]) / K[0, 0] * depth - t[0]
     b = (y - K[1, 2]) / K[1, 1] * depth - t[1]
@@ -129,7 +131,7 @@ def _world(x, y, depth, K, R, t, point):
 
 
 @njit(cache=True, error_model="numpy")  # a point in the camera's plane is seen at infinity
-def _project(point, K, R, t, seen):
+def _project(point: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray, seen: np.ndarray) -> None:
     """Column, row and depth at which a view sees a world point."""
     a = R[0, 0] * point[0] + R[0, 1] * point[1] + R[0, 2] * point[2] + t[0]
     b = R[1, 0] * point[0] + R[1, 1] * point[1] + R[1, 2] * point[2] + t[1]

@@ -11,10 +11,11 @@ the result does not depend on the number of threads.
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numba import njit, prange
 
-from groundtruth.dense.curvature import bends
+from groundtruth.dense.views import Stereo
 
 RADIUS = 3  # a window of 7 × 7 pixels; larger ones flatten what is curved, and put a finger too far away
 SAMPLES = (2 * RADIUS + 1) ** 2
@@ -24,36 +25,48 @@ POLISHES = 2
 SIDE = 0.25  # pixels from a disparity to the two others of its parabola
 REACH = 5  # neighbours at distances 1, 3, 5 are of the other colour
 PERTURBATIONS = 3
+BEND_PX = 3.0  # standard deviation of the slopes' smoothing before they are differentiated
+MOST_BENT = 0.08  # disparities per pixel²: a third of a disparity at the ends of the window's middle row
 WORST = 2.0  # a hypothesis that a source does not see
+
+Window = tuple[int, int, np.ndarray, np.ndarray, float]  # column, row; values about their mean, weights, variance
+Triple = tuple[float, float, float]
 
 
 def refine(
-    reference: np.ndarray,
-    sources: np.ndarray,
-    sizes: np.ndarray,
-    A: np.ndarray,
-    b: np.ndarray,
-    planes: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    iterations: int,
-    seed: int,
+    stereo: Stereo, planes: np.ndarray, low: np.ndarray, high: np.ndarray, iterations: int, seed: int
 ) -> np.ndarray:
     """Improve `planes` [h, w, 3] float32 (disparity, slope per column, slope per row) in place; returns the cost
     [h, w] float32, 1 − NCC averaged over the better half of the sources.
 
-    low, high [h, w]: allowed disparities, NaN where there is nothing to do. Other arguments as `swept_disparity`.
+    low, high [h, w]: allowed disparities, NaN where there is nothing to do.
     """
-    cost = np.full(reference.shape, WORST, dtype=np.float32)
+    cost = np.full(stereo.reference.shape, WORST, dtype=np.float32)
     for step in range(2 * iterations + 2):  # the first two passes only evaluate what is there
-        _pass(reference, sources, sizes, A, b, planes, cost, low, high, step, seed)
+        _pass(stereo, planes, cost, low, high, step, seed)
     for _ in range(POLISHES):
-        _polish(reference, sources, sizes, A, b, planes, cost, low, high, bends(planes, low <= high))
+        _polish(stereo, planes, cost, low, high, bends(planes, low <= high))
     return cost
 
 
+def bends(planes: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Second derivatives [h, w, 3] of the disparity (per column², column and row, row²), from the slopes of planes
+    [h, w, 3] around each pixel.
+
+    A plane that is matched over a window on a convex surface lies below its middle, by half the curvature times the
+    window's mean square: some hundredths of a millimetre on a finger. A paraboloid does not.
+    """
+    weight = cv2.GaussianBlur(wanted.astype(np.float32), (0, 0), BEND_PX)
+    smooth = [
+        cv2.GaussianBlur(np.where(wanted, slope, 0), (0, 0), BEND_PX) / np.maximum(weight, 1e-6)
+        for slope in np.moveaxis(planes[..., 1:], -1, 0)
+    ]
+    (xy, xx), (yy, yx) = (np.gradient(slope) for slope in smooth)
+    return np.clip(np.stack([xx, (xy + yx) / 2, yy], axis=-1), -MOST_BENT, MOST_BENT).astype(np.float32)
+
+
 @njit(cache=True)
-def _random(pixel, step, draw, seed):
+def _random(pixel: int, step: int, draw: int, seed: int) -> float:
     """Uniform in −1 … 1 from counters (the finaliser of MurmurHash3)."""
     k = np.uint64(pixel) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(step) * np.uint64(0xBF58476D1CE4E5B9)
     k += np.uint64(draw) * np.uint64(0x94D049BB133111EB) + np.uint64(seed)
@@ -66,8 +79,8 @@ def _random(pixel, step, draw, seed):
 
 
 @njit(cache=True)
-def _window(reference, y, x, values, weights):
-    """Values relative to the centre, and normalised bilateral weights, of the window; returns its weighted variance."""
+def _window(reference: np.ndarray, y: int, x: int, values: np.ndarray, weights: np.ndarray) -> Window:
+    """The window about a pixel; values and weights [SAMPLES] are what it is written to."""
     h, w = reference.shape
     centre = reference[y, x]
     k = 0
@@ -88,16 +101,19 @@ def _window(reference, y, x, values, weights):
     for k in range(SAMPLES):
         values[k] -= mean
         variance += weights[k] * values[k] ** 2
-    return variance
+    return x, y, values, weights, variance
 
 
 @njit(cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
-def _mismatch(values, weights, variance, source, rows, columns, A, b, x, y, plane, bend=None):
-    """1 − NCC between the window and the source under the plane, WORST where the source does not see all of it.
+def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Triple | None = None) -> float:
+    """1 − NCC between the window and source s under the plane, WORST where the source does not see all of it.
 
     The plane's homography is taken as affine across the window. bend: second derivatives of the disparity (per column²,
     column and row, row²), which make a paraboloid of the plane.
     """
+    x, y, values, weights, variance = window
+    source, A, b = stereo.sources[s], stereo.A[s], stereo.b[s]
+    rows, columns = stereo.sizes[s, 0], stereo.sizes[s, 1]
     disparity, slope_x, slope_y = plane
     q = A[2, 0] * x + A[2, 1] * y + A[2, 2] + b[2] * disparity
     if q <= 0:
@@ -139,18 +155,18 @@ def _mismatch(values, weights, variance, source, rows, columns, A, b, x, y, plan
 
 
 @njit(cache=True)
-def _rank_sources(values, weights, variance, sources, sizes, A, b, x, y, plane, chosen, mismatch, bend=None):
+def _rank_sources(
+    window: Window, stereo: Stereo, plane: Triple, chosen: np.ndarray, mismatch: np.ndarray, bend: Triple | None = None
+) -> float:
     """Order the sources in `chosen`, best first under the plane; returns the better half's mean mismatch."""
-    for s in range(len(sources)):
-        mismatch[s] = _mismatch(
-            values, weights, variance, sources[s], sizes[s, 0], sizes[s, 1], A[s], b[s], x, y, plane, bend
-        )
+    for s in range(len(chosen)):
+        mismatch[s] = _mismatch(window, stereo, s, plane, bend)
         place = s
         while place > 0 and mismatch[s] < mismatch[chosen[place - 1]]:
             chosen[place] = chosen[place - 1]
             place -= 1
         chosen[place] = s
-    used = max(1, len(sources) // 2)
+    used = max(1, len(chosen) // 2)
     total = 0.0
     for n in range(used):
         total += mismatch[chosen[n]]
@@ -158,20 +174,17 @@ def _rank_sources(values, weights, variance, sources, sizes, A, b, x, y, plane, 
 
 
 @njit(cache=True)
-def _cost(values, weights, variance, sources, sizes, A, b, x, y, plane, chosen, bend=None):
+def _cost(window: Window, stereo: Stereo, plane: Triple, chosen: np.ndarray, bend: Triple | None = None) -> float:
     """Mean mismatch of the better half of the ranked sources."""
-    used = max(1, len(sources) // 2)
+    used = max(1, len(chosen) // 2)
     total = 0.0
     for n in range(used):
-        s = chosen[n]
-        total += _mismatch(
-            values, weights, variance, sources[s], sizes[s, 0], sizes[s, 1], A[s], b[s], x, y, plane, bend
-        )
+        total += _mismatch(window, stereo, chosen[n], plane, bend)
     return total / used
 
 
 @njit(cache=True)
-def _best_neighbour(cost, y, x, direction):
+def _best_neighbour(cost: np.ndarray, y: int, x: int, direction: int) -> tuple[int, int]:
     """The pixel of least cost among those at odd distances in a direction; (-1, -1) at the border."""
     h, w = cost.shape
     best_i, best_j, least = -1, -1, WORST
@@ -183,22 +196,24 @@ def _best_neighbour(cost, y, x, direction):
 
 
 @njit(parallel=True, cache=True)
-def _pass(reference, sources, sizes, A, b, planes, cost, low, high, step, seed):
+def _pass(
+    stereo: Stereo, planes: np.ndarray, cost: np.ndarray, low: np.ndarray, high: np.ndarray, step: int, seed: int
+) -> None:
     """One colour of one iteration: try the planes of neighbours, then random variations of the best.
 
     The sources are ranked under the plane that a pixel has; what is tried is compared on the better half of them.
     """
-    h, w = reference.shape
+    h, w = cost.shape
     iteration = step // 2
     for y in prange(h):
-        values, weights, mismatch = np.empty(SAMPLES), np.empty(SAMPLES), np.empty(len(sources))
-        chosen = np.zeros(len(sources), dtype=np.int64)
+        values, weights, mismatch = np.empty(SAMPLES), np.empty(SAMPLES), np.empty(len(stereo.sources))
+        chosen = np.zeros(len(mismatch), dtype=np.int64)
         for x in range((y + step) % 2, w, 2):
             if not low[y, x] <= high[y, x]:
                 continue
-            variance = _window(reference, y, x, values, weights)
+            window = _window(stereo.reference, y, x, values, weights)
             best = (float(planes[y, x, 0]), float(planes[y, x, 1]), float(planes[y, x, 2]))
-            least = _rank_sources(values, weights, variance, sources, sizes, A, b, x, y, best, chosen, mismatch)
+            least = _rank_sources(window, stereo, best, chosen, mismatch)
             for n in range(len(DIRECTIONS) + PERTURBATIONS if iteration > 0 else 0):
                 if n < len(DIRECTIONS):
                     i, j = _best_neighbour(cost, y, x, n)
@@ -216,7 +231,7 @@ def _pass(reference, sources, sizes, A, b, planes, cost, low, high, step, seed):
                     )
                 if not low[y, x] <= plane[0] <= high[y, x]:
                     continue
-                tried = _cost(values, weights, variance, sources, sizes, A, b, x, y, plane, chosen)
+                tried = _cost(window, stereo, plane, chosen)
                 if tried < least:
                     least, best = tried, plane
             cost[y, x] = least
@@ -224,24 +239,26 @@ def _pass(reference, sources, sizes, A, b, planes, cost, low, high, step, seed):
 
 
 @njit(parallel=True, cache=True)
-def _polish(reference, sources, sizes, A, b, planes, cost, low, high, bends):
+def _polish(
+    stereo: Stereo, planes: np.ndarray, cost: np.ndarray, low: np.ndarray, high: np.ndarray, bends: np.ndarray
+) -> None:
     """Move every disparity to the vertex of the parabola through the costs a quarter of a pixel to either side."""
-    h, w = reference.shape
+    h, w = cost.shape
     for y in prange(h):
-        values, weights, mismatch = np.empty(SAMPLES), np.empty(SAMPLES), np.empty(len(sources))
-        chosen = np.zeros(len(sources), dtype=np.int64)
+        values, weights, mismatch = np.empty(SAMPLES), np.empty(SAMPLES), np.empty(len(stereo.sources))
+        chosen = np.zeros(len(mismatch), dtype=np.int64)
         for x in range(w):
             if not low[y, x] <= high[y, x] or cost[y, x] >= 1:
                 continue
-            variance = _window(reference, y, x, values, weights)
+            window = _window(stereo.reference, y, x, values, weights)
             disparity, slope_x, slope_y = float(planes[y, x, 0]), float(planes[y, x, 1]), float(planes[y, x, 2])
             bend = (float(bends[y, x, 0]), float(bends[y, x, 1]), float(bends[y, x, 2]))
             plane = (disparity, slope_x, slope_y)
-            here = _rank_sources(values, weights, variance, sources, sizes, A, b, x, y, plane, chosen, mismatch, bend)
+            here = _rank_sources(window, stereo, plane, chosen, mismatch, bend)
             plane = (disparity - SIDE, slope_x, slope_y)
-            left = _cost(values, weights, variance, sources, sizes, A, b, x, y, plane, chosen, bend)
+            left = _cost(window, stereo, plane, chosen, bend)
             plane = (disparity + SIDE, slope_x, slope_y)
-            right = _cost(values, weights, variance, sources, sizes, A, b, x, y, plane, chosen, bend)
+            right = _cost(window, stereo, plane, chosen, bend)
             opening = left - 2 * here + right
             if opening > 0:
                 planes[y, x, 0] += SIDE * min(max(0.5 * (left - right) / opening, -1.0), 1.0)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+from groundtruth.dense.views import Stereo
 from radar.support.cost import require_free
 
 LESS = "choose a lower --quality, or fewer or smaller photographs"
@@ -19,31 +20,20 @@ LARGEST_COST = 127
 OUTSIDE, WORST = -1.0, 2.0
 FLAT = 1e-14  # product of both windows' variances below which there is no texture
 SMALL_JUMP, LARGE_JUMP = 6, 40  # P1 and P2, against costs of 0 … LARGEST_COST
-PATHS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1))
+PATHS: tuple[tuple[int, int], ...] = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1))
 
 
-def swept_disparity(
-    reference: np.ndarray,
-    sources: np.ndarray,
-    sizes: np.ndarray,
-    A: np.ndarray,
-    b: np.ndarray,
-    first: float,
-    planes: int,
-) -> np.ndarray:
-    """Disparity [h, w] float32 of the smoothed cost's minimum, to a fraction of a plane.
-
-    reference [h, w] and sources [s, H, W] float32, the latter padded, with `sizes` [s, 2] (rows, columns) of content; a
-    pixel x at disparity δ is seen by source s at A[s] x + b[s] δ; planes lie at first, first + 1, …
-    """
-    h, w = reference.shape
+def swept_disparity(stereo: Stereo, first: float, planes: int) -> np.ndarray:
+    """Disparity [h, w] float32 of the smoothed cost's minimum, to a fraction of a plane; these lie at first,
+    first + 1, …"""
+    h, w = stereo.reference.shape
     require_free(4 * planes * h * w, f"dense: {planes} planes of {w} × {h} pixels", LESS)
     cost = np.empty((planes, h, w), dtype=np.uint8)
-    _correlate(reference.astype(np.float64), sources, sizes, A, b, first, cost)
+    _correlate(stereo._replace(reference=stereo.reference.astype(np.float64)), first, cost)
     cost = np.ascontiguousarray(np.moveaxis(cost, 0, -1))
     total = np.zeros(cost.shape, dtype=np.uint16)
     for step in PATHS:
-        _smooth(cost, total, _starts(*reference.shape, *step), *step)
+        _smooth(cost, total, _starts(h, w, *step), *step)
     return (first + _lowest(total)).astype(np.float32)
 
 
@@ -56,8 +46,10 @@ def _starts(h: int, w: int, step_y: int, step_x: int) -> np.ndarray:
 
 
 @njit(cache=True, fastmath={"contract", "arcp"})
-def _warp(source, rows, columns, A, b, disparity, warped):
-    """The source as the reference would see it if everything lay at one disparity; OUTSIDE where it ends."""
+def _warp(stereo: Stereo, s: int, disparity: float, warped: np.ndarray) -> None:
+    """Source s as the reference would see it if everything lay at one disparity; OUTSIDE where it ends."""
+    source, A, b = stereo.sources[s], stereo.A[s], stereo.b[s]
+    rows, columns = stereo.sizes[s, 0], stereo.sizes[s, 1]
     h, w = warped.shape
     for y in range(h):
         for x in range(w):
@@ -75,7 +67,7 @@ def _warp(source, rows, columns, A, b, disparity, warped):
 
 
 @njit(cache=True)
-def _add_row(first, second, sums, sign):
+def _add_row(first: np.ndarray, second: np.ndarray, sums: np.ndarray, sign: float) -> None:
     """Add (or take away) one row of both pictures to the columns' sums of a, a², b, b², a b."""
     for x in range(len(first)):
         a, b = first[x], second[x]
@@ -87,7 +79,7 @@ def _add_row(first, second, sums, sign):
 
 
 @njit(cache=True)
-def _mismatch(first, second, mismatch):
+def _mismatch(first: np.ndarray, second: np.ndarray, mismatch: np.ndarray) -> None:
     """1 − NCC [h, w] of two pictures over square windows, by running sums in double precision; 1 where one of them has
     no texture, WORST where the second is OUTSIDE."""
     h, w = first.shape
@@ -119,17 +111,17 @@ def _mismatch(first, second, mismatch):
 
 
 @njit(parallel=True, cache=True)
-def _correlate(reference, sources, sizes, A, b, first, cost):
+def _correlate(stereo: Stereo, first: float, cost: np.ndarray) -> None:
     """cost [plane, h, w]: 1 − NCC, averaged over the better half of the sources, quantised."""
-    h, w = reference.shape
-    count = len(sources)
+    h, w = stereo.reference.shape
+    count = len(stereo.sources)
     used = max(1, count // 2)
     for plane in prange(len(cost)):
         mismatch = np.empty((count, h, w))
         warped = np.empty((h, w))
         for s in range(count):
-            _warp(sources[s], sizes[s, 0], sizes[s, 1], A[s], b[s], first + plane, warped)
-            _mismatch(reference, warped, mismatch[s])
+            _warp(stereo, s, first + plane, warped)
+            _mismatch(stereo.reference, warped, mismatch[s])
         values = np.empty(count)
         for y in range(h):
             for x in range(w):
@@ -146,7 +138,7 @@ def _correlate(reference, sources, sizes, A, b, first, cost):
 
 
 @njit(parallel=True, cache=True)
-def _smooth(cost, total, starts, step_y, step_x):
+def _smooth(cost: np.ndarray, total: np.ndarray, starts: np.ndarray, step_y: int, step_x: int) -> None:
     """Add the smoothed cost along one direction to `total`; each line is one parallel iteration."""
     h, w, planes = cost.shape
     for line in prange(len(starts)):
@@ -170,18 +162,10 @@ def _smooth(cost, total, starts, step_y, step_x):
             x += step_x
 
 
-@njit(parallel=True, cache=True)
-def _lowest(total):
+def _lowest(total: np.ndarray) -> np.ndarray:
     """Plane [h, w] of the smallest cost, moved to the vertex of the parabola through its neighbours."""
-    h, w, planes = total.shape
-    place = np.empty((h, w))
-    for y in prange(h):
-        for x in range(w):
-            d = np.argmin(total[y, x])
-            place[y, x] = d
-            if 0 < d < planes - 1:
-                left, here, right = float(total[y, x, d - 1]), float(total[y, x, d]), float(total[y, x, d + 1])
-                bend = left - 2 * here + right
-                if bend > 0:
-                    place[y, x] += 0.5 * (left - right) / bend
-    return place
+    place = total.argmin(axis=-1)
+    inner = np.clip(place, 1, total.shape[-1] - 2)
+    left, here, right = (np.take_along_axis(total, inner[..., None] + k, -1)[..., 0].astype(float) for k in (-1, 0, 1))
+    bend = left - 2 * here + right
+    return place + np.where((place == inner) & (bend > 0), 0.5 * (left - right) / np.maximum(bend, 1), 0)

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 
+from groundtruth.cameras.cameras import pycolmap
 from groundtruth.photos.photos import Photo
-
-if TYPE_CHECKING:
-    import pycolmap
 
 BORDER_PX = 8  # kept around the region of interest, so that a matching window never leaves the picture
 
@@ -56,14 +55,36 @@ class View:
         """Directions [h, w, 3] of the pixels in the camera frame, with z = 1."""
         return _rays(self.K, *self.gray.shape)
 
-    def world_points_m(self, depth_m: np.ndarray) -> np.ndarray:
-        """World points [h, w, 3] at the depths [h, w]."""
-        return (self.rays() * depth_m[..., None] - self.t) @ self.R
-
     def to(self, source: View) -> tuple[np.ndarray, np.ndarray]:
         """A [3, 3] and b [3] such that pixel x = [column, row, 1] at inverse depth ω is seen at A x + b ω."""
         R = source.R @ self.R.T
         return source.K @ R @ np.linalg.inv(self.K), source.K @ (source.t - R @ self.t)
+
+
+class Stereo(NamedTuple):
+    """A reference [h, w] and its sources [s, H, W], float32, padded, as the kernels want them; sizes [s, 2]: rows and
+    columns of their content. A pixel x at disparity δ, of `unit` inverse depth (1/m), is seen by source s at
+    A[s] x + b[s] δ."""
+
+    reference: np.ndarray
+    sources: np.ndarray
+    sizes: np.ndarray
+    A: np.ndarray
+    b: np.ndarray
+    unit: float
+
+    @classmethod
+    def of(cls, view: View, others: list[View]) -> Stereo:
+        """A view and its sources; a disparity moves a pixel by one pixel in the source that sees it move most."""
+        sizes = np.array([other.gray.shape for other in others])
+        sources = np.zeros((len(others), *sizes.max(axis=0)), dtype=np.float32)
+        for padded, other in zip(sources, others, strict=True):
+            padded[: other.gray.shape[0], : other.gray.shape[1]] = other.gray
+        A, b = (np.stack(parts) for parts in zip(*(view.to(other) for other in others), strict=True))
+        h, w = view.gray.shape
+        q = A @ [w / 2, h / 2, 1] + b * np.nanmean(2 / (view.near_m + view.far_m))  # in the middle of view and depths
+        unit = 1 / float(np.linalg.norm((b[:, :2] - b[:, 2:] * q[:, :2] / q[:, 2:]) / q[:, 2:], axis=1).max())
+        return cls(view.gray, sources, sizes, A, b * unit, unit)
 
 
 def open_view(
@@ -81,8 +102,6 @@ def open_view(
     of interest; it crops the picture and replaces the depth range. mask: True at the photograph's pixels
     [height, width] that are of interest. None when the picture shows nothing of interest.
     """
-    import cv2
-
     R, t = pose.rotation.matrix(), pose.translation
     K = camera.calibration_matrix()
     K[0, 1] = 0

@@ -38,24 +38,15 @@ class Reference(NamedTuple):
     @property
     def registration_sigma_m(self) -> np.ndarray:
         """Standard deviation [ny, nx] that the registration gives to the depth, √(g·C·gᵀ); NaN: unknown."""
-        if self.leverage is None:
+        if self.leverage is None or self.registration is None:
             return np.full(self.z_m.shape, np.nan)
-        variance = np.einsum("yxi,yxi->yx", self.leverage @ self.registration.covariance, self.leverage)
+        variance = np.einsum("yxi,yxi->yx", self.leverage @ self.registration.require_covariance(), self.leverage)
         return np.sqrt(np.maximum(variance, 0))  # rounding may leave a covariance not quite positive
 
     @property
     def sigma_m(self) -> np.ndarray:
         """Standard deviation [ny, nx] of the depth: mesh and registration, which are independent; NaN: unknown."""
         return np.hypot(self.mesh_sigma_m, self.registration_sigma_m)
-
-
-class _Hits(NamedTuple):
-    """First hits of rays along +z: mask [ny, nx] of the rays that hit; x, y and triangle number [n] of the hits."""
-
-    hit: np.ndarray
-    x_m: np.ndarray
-    y_m: np.ndarray
-    triangle: np.ndarray
 
 
 def depth_on_grid(surface: o3d.geometry.TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
@@ -66,9 +57,9 @@ def depth_on_grid(surface: o3d.geometry.TriangleMesh, x_m: np.ndarray, y_m: np.n
     in front of the mesh, and the depth is computed again in double precision on the triangle that was hit.
     """
     vertices_m, faces = np.asarray(surface.vertices), np.asarray(surface.triangles)
-    hits = _cast(vertices_m, faces, x_m, y_m)
-    corners = vertices_m[faces[hits.triangle]]
-    return _spread(hits.hit, _depth_of_plane(corners, hits.x_m, hits.y_m), np.nan)
+    hit, triangle = _cast(vertices_m, faces, x_m, y_m)
+    x, y = (axis[hit] for axis in np.meshgrid(x_m, y_m))
+    return _spread(hit, _depth_of_plane(vertices_m[faces[triangle]], x, y), np.nan)
 
 
 def reference_on_grid(
@@ -81,28 +72,30 @@ def reference_on_grid(
     its ray a pixel's depth changes by n·δ/n_z when the surface, with normal n, moves by δ: σ/|n_z| for an error σ along
     the normal, and n·J(p)·ξ/n_z for an error ξ of the registration, of first order.
     """
-    hits = _cast(surface.vertices_m, surface.faces, x_m, y_m)
-    met = hits.hit
-    seen = surface.observed[surface.faces[hits.triangle]].all(axis=1)
-    hits = _Hits(_spread(hits.hit, seen, False), hits.x_m[seen], hits.y_m[seen], hits.triangle[seen])
-    faces = surface.faces[hits.triangle]
+    met, triangle = _cast(surface.vertices_m, surface.faces, x_m, y_m)
+    faces = surface.faces[triangle]
+    seen = surface.observed[faces].all(axis=1)
+    hit, faces = _spread(met, seen, False), faces[seen]
+    x, y = (axis[hit] for axis in np.meshgrid(x_m, y_m))
     corners = surface.vertices_m[faces]
-    z_m = _depth_of_plane(corners, hits.x_m, hits.y_m)
-    slant = _slant(corners)
+    z, slant = _depth_of_plane(corners, x, y), _slant(corners)
     mesh_sigma_m = surface.sigma_m[faces].mean(axis=1) * np.linalg.norm(slant, axis=1)
-    depth = (_spread(hits.hit, values, np.nan) for values in (z_m, mesh_sigma_m))
+    found = Reference(_spread(hit, z, np.nan), _spread(hit, mesh_sigma_m, np.nan), None, None, met)
     if registration is None or registration.covariance is None:
-        return Reference(*depth, None, None, met)
-    jacobian = perturbation_jacobian(np.stack([hits.x_m, hits.y_m, z_m], axis=1))[..., : len(registration.covariance)]
+        return found
+    jacobian = perturbation_jacobian(np.stack([x, y, z], axis=1))[..., : len(registration.covariance)]
     leverage = np.einsum("ni,nij->nj", slant, jacobian)
-    return Reference(*depth, _spread(hits.hit, leverage, np.nan), registration, met)
+    return found._replace(leverage=_spread(hit, leverage, np.nan), registration=registration)
 
 
-def _cast(vertices_m: np.ndarray, faces: np.ndarray, x_m: np.ndarray, y_m: np.ndarray) -> _Hits:
-    shown = np.flatnonzero(_shown(vertices_m[faces]))
+def _cast(vertices_m: np.ndarray, faces: np.ndarray, x_m: np.ndarray, y_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mask [ny, nx] of the rays along +z that hit, and the number [n] of the triangle that each of these hits first."""
+    # Of a triangle on edge a ray can tell no depth: rounding would choose it before its neighbours, and any z of it.
+    normal = _normal(vertices_m[faces])
+    shown = np.flatnonzero(np.abs(normal[:, 2]) > EDGE_ON * np.linalg.norm(normal, axis=1))
     used_m = vertices_m[faces[shown].ravel()]
     if len(shown) == 0:
-        return _Hits(np.zeros((len(y_m), len(x_m)), bool), *np.zeros((2, 0)), shown)
+        return np.zeros((len(y_m), len(x_m)), bool), shown
     spans_m = np.ptp(used_m, axis=0)
     if (spans_m > LARGEST_M).any():
         raise HandbenchError(
@@ -117,16 +110,7 @@ def _cast(vertices_m: np.ndarray, faces: np.ndarray, x_m: np.ndarray, y_m: np.nd
     rays[..., 5] = 1
     found = raycasting_scene(mesh(vertices_m - origin_m, faces[shown])).cast_rays(rays)
     hit = np.isfinite(found["t_hit"].numpy())
-    row, column = np.nonzero(hit)
-    triangle = shown[found["primitive_ids"].numpy().astype(np.int64)[hit]]
-    return _Hits(hit, np.asarray(x_m)[column], np.asarray(y_m)[row], triangle)
-
-
-def _shown(corners: np.ndarray) -> np.ndarray:
-    """Mask [n] of the triangles [n, 3, 3] that are not on edge to rays along z. Of one on edge a ray can tell no depth:
-    rounding would choose it before its neighbours, and any z of it."""
-    normal = _normal(corners)
-    return np.abs(normal[:, 2]) > EDGE_ON * np.linalg.norm(normal, axis=1)
+    return hit, shown[found["primitive_ids"].numpy().astype(np.int64)[hit]]
 
 
 def _normal(corners: np.ndarray) -> np.ndarray:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import struct
 import warnings
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,7 +30,8 @@ class Property(NamedTuple):
     length: str | None
 
 
-class Element(NamedTuple):
+@dataclass(frozen=True)
+class Element:
     """A table: its name, its number of rows, its columns."""
 
     name: str
@@ -77,7 +79,8 @@ def _header(content: bytes) -> tuple[str, list[Element], int]:
     lines = head.decode("latin-1").split("\n")
     if not found or content[len(head) + 1 : start].strip() != b"end_header" or lines[0].strip() != "ply":
         raise ValueError(f"no header from 'ply' to 'end_header' in its first {LONGEST_HEADER} bytes")
-    order, known, elements = "", TYPES, []
+    order, known = "", TYPES
+    elements: list[Element] = []
     for number, line in enumerate(lines[1:], 2):
         match line.split():
             case [] | ["comment" | "obj_info", *_]:
@@ -115,7 +118,7 @@ def _numbers(text: bytes) -> np.ndarray:
             raise ValueError("what follows its header is not numbers alone") from None
 
 
-def _rows(element: Element, body: bytes, offset: int) -> tuple[dict, int]:
+def _rows(element: Element, body: bytes, offset: int) -> tuple[dict[str, Any], int]:
     """The columns of an element whose rows begin at `offset`, and where they end. Lists of one length are an array
     [rows, length], others a list of tuples."""
     least = element.dtype(dict.fromkeys(element.lists(), 0)).itemsize
@@ -139,7 +142,7 @@ def _rows(element: Element, body: bytes, offset: int) -> tuple[dict, int]:
     return {p.name: columns[p.name] if p.length else np.array(columns[p.name]) for p in element.properties}, ends[-1]
 
 
-def _walk(element: Element, body: bytes, offset: int, count: int) -> Iterator[tuple[dict, int]]:
+def _walk(element: Element, body: bytes, offset: int, count: int) -> Iterator[tuple[dict[str, Any], int]]:
     """Row for row, each with where it ends."""
     for _ in range(count):
         row = {}

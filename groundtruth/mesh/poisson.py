@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from groundtruth.dense.fusion import Cloud
 from groundtruth.mesh.mesh_files import point_cloud, repair
@@ -78,20 +79,11 @@ def surface(cloud: Cloud, components: Components, box_m: np.ndarray | None = Non
     extent = np.ptp(cloud.points_m, axis=0).max() * 1.1  # Poisson's cube is 1.1 times the points' box
     depth = int(np.clip(np.round(np.log2(extent / (1.5 * cloud.pixel_m))), 6, DEEPEST))
     mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(points, depth=depth, n_threads=1)
-    mesh.remove_vertices_by_mask(_distance(mesh, points) > FARTHEST_PX * cloud.pixel_m)
+    distance_m, _ = KDTree(cloud.points_m).query(np.asarray(mesh.vertices))
+    mesh.remove_vertices_by_mask(distance_m > FARTHEST_PX * cloud.pixel_m)
     if box_m is not None:
         mesh = mesh.crop(o3d.geometry.AxisAlignedBoundingBox(*box_m))
-    _keep_components(repair(mesh), components)
-    return mesh.remove_unreferenced_vertices()
-
-
-def _distance(mesh: o3d.geometry.TriangleMesh, points: o3d.geometry.PointCloud) -> np.ndarray:
-    from scipy.spatial import KDTree
-
-    return KDTree(np.asarray(points.points)).query(np.asarray(mesh.vertices))[0]
-
-
-def _keep_components(mesh: o3d.geometry.TriangleMesh, components: Components) -> None:
-    label, triangles, _ = (np.asarray(part) for part in mesh.cluster_connected_triangles())
+    label, triangles, _ = (np.asarray(part) for part in repair(mesh).cluster_connected_triangles())
     fewest = triangles.max() * (1 if components == "largest" else SMALLEST_PART)
     mesh.remove_triangles_by_mask(triangles[label] < fewest)
+    return mesh.remove_unreferenced_vertices()

@@ -10,15 +10,12 @@ surface runs on beyond the points that were seen, its slope is known to SLOPE on
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from scipy.spatial import KDTree
 
+from groundtruth.cameras.cameras import pycolmap
 from groundtruth.dense.fusion import Cloud
 from groundtruth.sparse.covariance import CameraCovariance, point_covariance
-
-if TYPE_CHECKING:
-    import pycolmap
 
 NEIGHBOURS = 16  # points whose variances a vertex takes the mean of
 SLOPE = 0.25  # of a surface that was not seen
@@ -32,8 +29,6 @@ def surface_sigma(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Standard deviation [n] along the normal, metres, of the vertices [n, 3] of a surface made of a cloud's points,
     and whether [n] they were seen."""
-    from scipy.spatial import KDTree
-
     distance_m, near = KDTree(cloud.points_m).query(vertices_m, k=min(NEIGHBOURS, len(cloud.points_m)))
     beyond_m = np.maximum(distance_m[:, 0] - REACH_PX * cloud.pixel_m, 0)
     variance = (matching_variance(cloud) + camera_variance(cloud, images, known))[near].mean(axis=1)

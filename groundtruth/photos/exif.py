@@ -8,6 +8,8 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+from PIL import Image
+
 IFD = 0x8769
 MAKE, MODEL, ORIENTATION = 0x010F, 0x0110, 0x0112
 SERIAL_NUMBER, FOCAL_LENGTH, FOCAL_LENGTH_35MM = 0xA431, 0x920A, 0xA405
@@ -21,8 +23,6 @@ Exif = dict[int, Any]
 
 def read_exif(path: Path) -> Exif:
     """Tag → value of a picture file; empty where there are none or they are broken."""
-    from PIL import Image
-
     try:
         with warnings.catch_warnings(action="ignore"), Image.open(path) as image:
             exif = image.getexif()

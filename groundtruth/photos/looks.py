@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 
 from groundtruth.photos.photos import FEWEST, Photo
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash
 from radar.support.progress import say, track
-
-if TYPE_CHECKING:
-    pass
 
 LOOK_PX = 1000  # longer side at which photographs are looked at
 DIRECTIONS = 8
@@ -64,8 +61,6 @@ def _without_blurred(photos: tuple[Photo, ...], looks: dict[str, Look]) -> tuple
 def look_at(photo: Photo) -> Look:
     """Sharpness is the power of the picture's second derivative along a line over that of its first, in the direction
     where this is least: contrast and plain surfaces cancel, and a camera that moved along a line is noticed too."""
-    import cv2
-
     gray = photo.gray()
     pixels = content_hash(gray)
     scale = LOOK_PX / max(gray.shape)

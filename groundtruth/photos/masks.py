@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 
 from groundtruth.photos.photos import Photo, read_gray, sides_swapped, stored_picture
 from radar.support.errors import HandbenchError
-from radar.support.files import content_hash, require_folder
+from radar.support.files import require_folder
 from radar.support.progress import say
 
 if TYPE_CHECKING:
@@ -43,28 +44,27 @@ class Masks:
             say(f"{photo.name}: no target stands out by its colour; used without a mask")
         return found
 
-    def content(self) -> list[Any]:
-        """Everything in here, as `content_hash` takes it."""
-        files = (part for name in sorted(self.files) for part in (name, self.files[name]))
-        return [content_hash(*files), self.by_colour]
-
 
 def find_masks(folder: str | Path, photos: tuple[Photo, ...]) -> dict[str, Path]:
     """Each photograph's mask in a folder: NAME.jpg.png (as for COLMAP) or NAME.png, nonzero on the target; all are
     read once. A HandbenchError where one is missing, empty or of another size."""
     folder = require_folder(folder, "masks (NAME.jpg.png or NAME.png)")
-    found = {photo.name: _mask_file(folder, photo) for photo in photos}
-    missing = [name for name, path in found.items() if path is None]
+    masks = {}
+    for photo in photos:
+        files = [folder / f"{name}.png" for name in (photo.name, Path(photo.name).stem)]
+        if there := [file for file in files if file.is_file()]:
+            masks[photo.name] = there[0]
+    missing = [photo.name for photo in photos if photo.name not in masks]
     if missing:
         raise HandbenchError(
             f"{folder}: has no mask for {', '.join(missing)}; expected {missing[0]}.png or {Path(missing[0]).stem}.png "
             "with nonzero pixels on the target"
         )
     for photo in photos:
-        read_mask(found[photo.name], photo)
+        read_mask(masks[photo.name], photo)
         if photo.orientation == 3:
             say(f"{photo.name}: EXIF turns it by 180°; its mask is taken to be of the stored pixels")
-    return found
+    return masks
 
 
 def read_mask(path: Path, photo: Photo) -> np.ndarray:
@@ -87,8 +87,6 @@ def read_mask(path: Path, photo: Photo) -> np.ndarray:
 def cut_out(photo: Photo, candidates: np.ndarray) -> np.ndarray | None:
     """The largest thing [height, width] within `candidates` [height, width] whose colours are not those around it, by
     GrabCut (Rother, Kolmogorov & Blake, SIGGRAPH 2004); None when nothing stands out."""
-    import cv2
-
     scale = min(1.0, LONGEST_SIDE_PX / max(photo.width, photo.height))
     size = (round(photo.width * scale), round(photo.height * scale))
     picture = cv2.resize(photo.colours(), size, interpolation=cv2.INTER_AREA)
@@ -111,15 +109,8 @@ def cut_out(photo: Photo, candidates: np.ndarray) -> np.ndarray | None:
     return cv2.resize(target, (photo.width, photo.height), interpolation=cv2.INTER_LINEAR) > 0.5
 
 
-def _mask_file(folder: Path, photo: Photo) -> Path | None:
-    names = (f"{photo.name}.png", f"{Path(photo.name).stem}.png")
-    return next((folder / name for name in names if (folder / name).is_file()), None)
-
-
 def _may_show(photo: Photo, camera: pycolmap.Camera, pose: pycolmap.Rigid3d, box_m: np.ndarray | None) -> np.ndarray:
     """True [height, width] where the box, or the ellipse in the picture's middle, is seen."""
-    import cv2
-
     candidates = np.zeros((photo.height, photo.width), dtype=np.uint8)
     if box_m is None:
         axes = (round(CENTRE * photo.width / 2), round(CENTRE * photo.height / 2))

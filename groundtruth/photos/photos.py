@@ -12,16 +12,14 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
+from PIL import Image
 
 from groundtruth.photos.exif import body_of, focal_length_px, orientation_of, read_exif
 from radar.support.errors import HandbenchError
 from radar.support.files import require_folder
-
-if TYPE_CHECKING:
-    from PIL import Image
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 FEWEST = 3
@@ -85,8 +83,6 @@ def stored_picture(photo: Photo, upright: np.ndarray) -> np.ndarray:
 
 
 def _gray(image: Image.Image, path: Path) -> np.ndarray:
-    import cv2
-
     if image.mode in ("I", "F"):
         raise HandbenchError(f"{path}: has 32 bits a pixel; expected 8 or 16 bits a channel, save it so")
     if ";16" not in str(image.tile):  # how Pillow tells what it would shorten to 8 bits
@@ -107,8 +103,6 @@ def _colours(image: Image.Image, path: Path) -> np.ndarray:
 
 def _decode(path: Path, convert: Callable[[Image.Image], np.ndarray]) -> np.ndarray:
     """convert(the opened picture); a HandbenchError for what Pillow cannot read."""
-    from PIL import Image
-
     try:
         with warnings.catch_warnings(action="ignore"), Image.open(path) as image:  # of odd EXIF data, of many pixels
             _require_plausible(image, path.stat().st_size)

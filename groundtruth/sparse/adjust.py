@@ -6,17 +6,12 @@ Marquardt; see `bundle` for what is adjusted and why COLMAP's own adjustment is 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from groundtruth.board.markers import Corners
-from groundtruth.cameras.cameras import load_pycolmap, registered
+from groundtruth.cameras.cameras import pycolmap, registered
 from groundtruth.sparse.bundle import Bundle
 from radar.support.parallel import one_blas_thread
-
-if TYPE_CHECKING:
-    import pycolmap
 
 STEPS, CONVERGED = 50, 1e-5  # steps at most; relative fall of the cost at which they end
 ROUNDS = 3  # of adjusting with the noise that the last one left
@@ -59,11 +54,10 @@ def _descend(bundle: Bundle) -> None:
 
 def _triangulate_again(model: pycolmap.Reconstruction) -> None:
     """Move all points, those left out too, to where the cameras see them now."""
-    colmap = load_pycolmap()
-    config = colmap.BundleAdjustmentConfig()
+    config = pycolmap.BundleAdjustmentConfig()
     for image in registered(model):
         config.add_image(image.image_id)
-    options = colmap.BundleAdjustmentOptions(
+    options = pycolmap.BundleAdjustmentOptions(
         refine_focal_length=False,
         refine_principal_point=False,
         refine_extra_params=False,
@@ -71,7 +65,7 @@ def _triangulate_again(model: pycolmap.Reconstruction) -> None:
         refine_sensor_from_rig=False,
         print_summary=False,
     )
-    options.ceres.loss_function_type = colmap.LossFunctionType.CAUCHY
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
     options.ceres.solver_options.num_threads = 1  # sums over threads would not repeat bit for bit
-    colmap.create_default_bundle_adjuster(options, config, model).solve()
+    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
     model.update_point_3d_errors()

@@ -10,17 +10,14 @@ bend the cameras. The normal matrix of the cameras, without the points, is the i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from groundtruth.board.markers import Corners
-from groundtruth.cameras.cameras import load_pycolmap, registered
+from groundtruth.cameras.cameras import pycolmap, registered
 from groundtruth.sparse.jacobians import POSE, pixel_jacobians, project
-
-if TYPE_CHECKING:
-    import pycolmap
 
 LEAST_NOISE_PX = 0.03  # nothing is located better
 CAUCHY = 2.385  # standard deviations at which a residual weighs half: 95 % efficient where errors are normal
@@ -33,27 +30,17 @@ GAUGE = 1e-12  # eigenvalues of an information matrix below this share are a fre
 
 
 class Seen(NamedTuple):
-    """Observations of one photograph: pixels [n, 2], their standard deviation, and the points [n]: numbers among those
-    of the model, or, of the board, places [n, 3] that are known."""
+    """Observations of one photograph: pixels [n, 2], the numbers [n] of what they show among the model's points and,
+    after these, the board's corners, and the pixels' standard deviation."""
 
     image: pycolmap.Image
     pixels: np.ndarray
-    noise_px: float
-    numbers: np.ndarray | None
-    places_m: np.ndarray | None
+    numbers: np.ndarray
+    noise_px: float = 1.0
 
-    def only(self, kept: np.ndarray) -> Seen:
-        """Some [n] of the observations."""
-        numbers, places_m = (None if part is None else part[kept] for part in (self.numbers, self.places_m))
-        return self._replace(pixels=self.pixels[kept], numbers=numbers, places_m=places_m)
-
-    def places(self, xyz: np.ndarray) -> np.ndarray:
-        """Positions [n, 3] of the observed points; xyz [p, 3]: those of the model's points."""
-        return xyz[self.numbers] if self.places_m is None else self.places_m
-
-    def off_px(self, places_m: np.ndarray) -> np.ndarray:
-        """The pixels [n, 2] against where the photograph would show points at these places [n, 3]."""
-        return self.pixels - project(self.image, places_m)
+    def off_px(self, xyz: np.ndarray) -> np.ndarray:
+        """The pixels [n, 2] against where the photograph would show points, of which these [p, 3] are all."""
+        return self.pixels - project(self.image, xyz[self.numbers])
 
 
 class Normal(NamedTuple):
@@ -70,7 +57,7 @@ class Normal(NamedTuple):
     @classmethod
     def empty(cls, d: int, p: int) -> Normal:
         """Nothing is seen yet."""
-        return cls(*(np.zeros(shape) for shape in ((d, d), d, (p, 3, 3), (p, 3), (p, d, 3))), 0.0)
+        return cls(np.zeros((d, d)), np.zeros(d), np.zeros((p, 3, 3)), np.zeros((p, 3)), np.zeros((p, d, 3)), 0.0)
 
     def reduced(self, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Normal matrix and right side of the cameras alone, and the inverse of the points' blocks [p, 3, 3]."""
@@ -106,7 +93,8 @@ class Bundle:
         }
         self.start = {c: np.array(self.model.cameras[c].params) for c in cameras}
         fewest = min(FEWEST_SIGHTINGS, len(self.images) - 1)
-        self.points = [p for _, p in sorted(self.model.points3D.items()) if _views(p) >= fewest]
+        points = [point for _, point in sorted(self.model.points3D.items())]
+        self.points = [p for p in points if len({element.image_id for element in p.track.elements}) >= fewest]
         self.features, self.known = self._features(), self._known()
         self._count_unknowns()
 
@@ -117,37 +105,37 @@ class Bundle:
             for element in point.track.elements:
                 pairs[row[element.image_id]].append((number, element.point2D_idx))
         seen = [
-            Seen(image, np.array([image.points2D[k].xy for _, k in at]), 1.0, np.array([n for n, _ in at]), None)
+            Seen(image, np.array([image.points2D[k].xy for _, k in at]), np.array([n for n, _ in at]))
             for image, at in zip(self.images, pairs, strict=True)
             if at
         ]
         return self._with_noise(seen)
 
     def _known(self) -> list[Seen]:
-        seen = []
-        for image in self.images:
-            corners = self.corners.get(image.name, {})
-            if corners:
-                places_m = np.array([self.corners_m[name][k] for name, k in corners])
-                seen.append(Seen(image, np.array(list(corners.values())), 1.0, None, places_m))
-        return self._with_noise(seen)
+        names = [(name, k) for name, places_m in self.corners_m.items() for k in range(len(places_m))]
+        number = {corner: len(self.points) + n for n, corner in enumerate(names)}
+        found = [(image, self.corners.get(image.name, {})) for image in self.images]
+        return self._with_noise(
+            [Seen(i, np.array([*at.values()]), np.array([number[corner] for corner in at])) for i, at in found if at]
+        )
 
     def _with_noise(self, seen: list[Seen]) -> list[Seen]:
         """The observations, save of points behind the camera, with the noise that what is left of them shows."""
         xyz = self._xyz()
-        off_px = [s.off_px(s.places(xyz)) for s in seen]
+        off_px = [s.off_px(xyz) for s in seen]
         before = [np.isfinite(off).all(axis=1) for off in off_px]
         left_px = np.concatenate([np.empty(0), *(np.abs(o[b]).ravel() for o, b in zip(off_px, before, strict=True))])
         noise_px = max(MAD * float(np.median(left_px)), LEAST_NOISE_PX) if len(left_px) else np.nan
-        return [s.only(b)._replace(noise_px=noise_px) for s, b in zip(seen, before, strict=True) if b.any()]
+        shown = [(s, b) for s, b in zip(seen, before, strict=True) if b.any()]
+        return [Seen(s.image, s.pixels[b], s.numbers[b], noise_px) for s, b in shown]
 
     def _count_unknowns(self) -> None:
         """Make the noise larger by what the unknowns have fitted of it, each kind of observation its own share of them
         (Förstner, "Ein Verfahren zur Schätzung von Varianz- und Kovarianzkomponenten", AVN 1979)."""
         information, _, _ = self.normal().reduced(0.0)
-        of_known = Normal.empty(self.size, 0)
+        of_known, xyz = Normal.empty(self.size, 0), self._xyz()
         for seen in self.known:
-            self._add(of_known, seen, seen.places_m, seen.off_px(seen.places_m) / seen.noise_px)
+            self._add(of_known, seen, xyz, seen.off_px(xyz) / seen.noise_px)
         inverse = pseudo_inverse(information)
         by_known = float(np.sum(of_known.cameras * inverse))
         by_features = float(np.sum(information * inverse)) - by_known
@@ -155,30 +143,29 @@ class Bundle:
         self.known = _with_redundancy(self.known, by_known)
 
     def _xyz(self) -> np.ndarray:
-        """Positions [p, 3] of the model's points."""
-        return np.array([point.xyz for point in self.points]).reshape(-1, 3)
+        """Positions [p, 3] of the model's points, and after them of the board's corners."""
+        return np.concatenate([np.reshape([point.xyz for point in self.points], (-1, 3)), *self.corners_m.values()])
 
     def normal(self, jacobians: bool = True) -> Normal:
         """The normal equations where the model stands; without jacobians, the cost alone."""
         equations = Normal.empty(self.size, len(self.points))
         cost, xyz = self._add_priors(equations), self._xyz()
         for seen in (*self.features, *self.known):
-            places_m = seen.places(xyz)
-            off = seen.off_px(places_m) / seen.noise_px
+            off = seen.off_px(xyz) / seen.noise_px
             cost += CAUCHY**2 * float(np.log1p((off**2).sum(axis=1) / CAUCHY**2).sum())
             if jacobians:
-                self._add(equations, seen, places_m, off)
+                self._add(equations, seen, xyz, off)
         return equations._replace(cost=cost)
 
-    def _add(self, equations: Normal, seen: Seen, places_m: np.ndarray, off: np.ndarray) -> None:
-        by_point, by_camera = pixel_jacobians(seen.image, places_m, self.free)
+    def _add(self, equations: Normal, seen: Seen, xyz: np.ndarray, off: np.ndarray) -> None:
+        by_point, by_camera = pixel_jacobians(seen.image, xyz[seen.numbers], self.free)
         weight = (1 / (1 + (off**2).sum(axis=1) / CAUCHY**2) / seen.noise_px)[:, None]
         columns = self.place[seen.image.name]
         weighted = by_camera * weight[..., None] / seen.noise_px
         equations.cameras[np.ix_(columns, columns)] += np.einsum("nia,nib->ab", weighted, by_camera)
         equations.right[columns] += np.einsum("nia,ni->a", by_camera, weight * off)
-        if seen.numbers is not None:
-            at = seen.numbers
+        at = seen.numbers
+        if at[0] < len(self.points):  # the board's corners stay where they are
             np.add.at(equations.coupling, (at[:, None], columns), np.einsum("nia,nij->naj", weighted, by_point))
             by_weight = by_point * weight[..., None] / seen.noise_px
             np.add.at(equations.points, at, np.einsum("nia,nib->nab", by_weight, by_point))
@@ -218,7 +205,7 @@ class Bundle:
         """Poses, intrinsics and points, to come back to."""
         poses = [image.cam_from_world() for image in self.images]
         intrinsics = {c: np.array(self.model.cameras[c].params) for c in self.intrinsics}
-        return poses, intrinsics, self._xyz()
+        return poses, intrinsics, self._xyz()[: len(self.points)]
 
     def restore(self, state: tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]) -> None:
         """Go to a state."""
@@ -226,20 +213,16 @@ class Bundle:
         for image, pose in zip(self.images, poses, strict=True):
             image.frame.set_cam_from_world(image.camera_id, pose)
         for camera_id, params in intrinsics.items():
-            self.model.cameras[camera_id].params = params
+            self.model.cameras[camera_id].params = params.tolist()
         for point, xyz in zip(self.points, points, strict=True):
             point.xyz = xyz
 
 
-def _views(point: pycolmap.Point3D) -> int:
-    return len({element.image_id for element in point.track.elements})
-
-
 def _moved(pose: pycolmap.Rigid3d, step: np.ndarray) -> pycolmap.Rigid3d:
     """The pose after a step [6]: x → x + τ + ω × x."""
-    colmap, (tau, omega) = load_pycolmap(), np.split(step, 2)
+    tau, omega = np.split(step, 2)
     turn = Rotation.from_rotvec(omega).as_matrix()
-    return colmap.Rigid3d(colmap.Rotation3d(turn @ pose.rotation.matrix()), turn @ pose.translation + tau)
+    return pycolmap.Rigid3d(pycolmap.Rotation3d(turn @ pose.rotation.matrix()), turn @ pose.translation + tau)
 
 
 def pseudo_inverse(information: np.ndarray) -> np.ndarray:

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from groundtruth.cameras.cameras import pycolmap
 from groundtruth.sparse.bundle import Bundle, pseudo_inverse
 from groundtruth.sparse.frame import Scale
 from groundtruth.sparse.jacobians import pixel_jacobians
 from radar.support.files import read_npz, write_npz
-
-if TYPE_CHECKING:
-    import pycolmap
 
 NOT_SEEN = 1e-12  # of the information on a point: where nothing tells a direction, nothing moves along it
 

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import ceil
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from calibration.transforms import MAJORITY, triples, umeyama
 from groundtruth.board.board import Board
 from groundtruth.board.markers import Corners
-from groundtruth.cameras.cameras import Camera, load_pycolmap, registered
+from groundtruth.cameras.cameras import Camera, camera_in, pycolmap, registered
 from groundtruth.options import Distance
 from radar.support.errors import HandbenchError
-
-if TYPE_CHECKING:
-    import pycolmap
 
 TRIM = 4.0  # times the median residual: what lies beyond is no part of the fit
 FAR_BETTER = 2.0  # times smaller is the median residual of a majority that others have bent away from
@@ -179,22 +176,20 @@ def check_fit(residual_m: float, extent_m: float, what: str) -> None:
 
 def apply(model: pycolmap.Reconstruction, matrix: np.ndarray) -> None:
     """Carry a reconstruction into the frame that `matrix` (4×4 similarity) leads to, in place."""
-    colmap = load_pycolmap()
     scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
-    model.transform(colmap.Sim3d(scale, colmap.Rotation3d(matrix[:3, :3] / scale), matrix[:3, 3]))
+    model.transform(pycolmap.Sim3d(scale, pycolmap.Rotation3d(matrix[:3, :3] / scale), matrix[:3, 3]))
 
 
 def triangulate(observed: list[tuple[np.ndarray, pycolmap.Image]]) -> np.ndarray | None:
     """Point [3] that projects to the pixels in their photographs; a photograph that disagrees is left out."""
-    colmap = load_pycolmap()
-    options = colmap.EstimateTriangulationOptions()
-    options.residual_type = colmap.TriangulationResidualType.REPROJECTION_ERROR
+    options = pycolmap.EstimateTriangulationOptions()
+    options.residual_type = pycolmap.TriangulationResidualType.REPROJECTION_ERROR
     options.ransac.max_error = CORNER_ERROR_PX
     options.ransac.random_seed = 0
-    found = colmap.estimate_triangulation(
+    found = pycolmap.estimate_triangulation(
         np.array([pixel for pixel, _ in observed]),
         [image.cam_from_world() for _, image in observed],
-        [image.camera for _, image in observed],
+        [camera_in(image) for _, image in observed],
         options,
     )
     return None if found is None else np.asarray(found["xyz"]).ravel()

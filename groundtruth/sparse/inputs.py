@@ -43,10 +43,6 @@ class Inputs:
         known = [focal for focal in found.values() if focal is not None]
         return {name: focal or float(np.median(known)) for name, focal in found.items()} if known else {}
 
-    def guessed_focal_lengths_px(self) -> dict[str, float]:
-        """The focal lengths that EXIF data tell, by photograph: to start from, not to hold on to."""
-        return {photo.name: photo.focal_px for photo in self.photos if photo.focal_px is not None}
-
 
 def resolve(folder: Path, options: Options) -> tuple[tuple[Photo, ...], Options]:
     """All photographs in a folder, and the options with the files found there and the machine that computes the depth
@@ -82,7 +78,10 @@ def gather(folder: Path, options: Chosen) -> tuple[Inputs, Chosen]:
     cameras = None if options.cameras is None else cameras_of(photos, options.cameras, options.metric)
     board = None if options.board is None else load_board(options.board)
     _require_scale(folder, photos, options, cameras)
-    return Inputs(photos, cameras, board, _find_board(photos, board), options.model), options
+    corners: dict[str, Corners] = {}
+    if board is not None:
+        corners = require_board({p.name: detect_corners(p, board) for p in track(photos, "markers")}, board)
+    return Inputs(photos, cameras, board, corners, options.model), options
 
 
 def _dense_on(choice: str) -> str:
@@ -146,9 +145,3 @@ def _require_scale(
             "--board, --cameras or --distance (--metric, if a COLMAP model is in metres), or give --unscaled for a "
             "mesh of arbitrary size"
         )
-
-
-def _find_board(photos: tuple[Photo, ...], board: Board | None) -> dict[str, Corners]:
-    if board is None:
-        return {}
-    return require_board({p.name: detect_corners(p, board) for p in track(photos, "markers")}, board)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-if TYPE_CHECKING:
-    import pycolmap
+from groundtruth.cameras.cameras import camera_in, pycolmap
 
 POSE = 6  # parameters of a pose: translation τ and rotation ω on the camera's side, x → x + τ + ω × x
 STEP = 1e-6  # of differences, relative
@@ -15,7 +12,7 @@ STEP = 1e-6  # of differences, relative
 
 def project(image: pycolmap.Image, points_m: np.ndarray) -> np.ndarray:
     """Pixels [n, 2] at which a photograph sees points [n, 3] (COLMAP's convention)."""
-    return _pixels(image.camera, _in_camera(image, points_m))
+    return _pixels(camera_in(image), _in_camera(image, points_m))
 
 
 def pixel_jacobians(
@@ -23,7 +20,7 @@ def pixel_jacobians(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of the pixels at which a photograph sees points [n, 3]: by the point [n, 2, 3] and by the camera's
     pose and its intrinsics at the places `free` [n, 2, 6 + k]; central differences of COLMAP's own projection."""
-    camera, x = image.camera, _in_camera(image, points_m)
+    camera, x = camera_in(image), _in_camera(image, points_m)
     by_x = np.empty((len(x), 2, 3))
     for axis in range(3):
         step = np.zeros_like(x)
@@ -53,5 +50,5 @@ def _moved(camera: pycolmap.Camera, k: int, step: float) -> pycolmap.Camera:
     other = type(camera)(camera.todict())
     params = np.array(camera.params)
     params[k] += step
-    other.params = params
+    other.params = params.tolist()
     return other

@@ -5,12 +5,11 @@ from __future__ import annotations
 import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from groundtruth.cameras.camera_files import camera_of, load_model
-from groundtruth.cameras.cameras import Camera, load_pycolmap, registered
+from groundtruth.cameras.cameras import Camera, pycolmap, registered
 from groundtruth.cameras.model_files import write_model
 from groundtruth.options import SparseOptions
 from groundtruth.photos.photos import Photo
@@ -23,9 +22,6 @@ from groundtruth.sparse.sfm import structure_from_motion
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json
 from radar.support.progress import say
-
-if TYPE_CHECKING:
-    import pycolmap
 
 SCALE, COVARIANCE = "scale.json", "covariance.npz"
 SMALLEST_BASELINE = 0.03  # distance between cameras over distance to the scene
@@ -49,7 +45,7 @@ class Sparse:
     @classmethod
     def load(cls, folder: Path) -> Sparse:
         """Read what `save` wrote."""
-        model = load_pycolmap().Reconstruction(str(folder))
+        model = pycolmap.Reconstruction(str(folder))
         scale = Scale(**read_json(folder / SCALE, "a sparse stage's scale"))
         return cls(model, scale, CameraCovariance.load(folder / COVARIANCE))
 
@@ -114,7 +110,6 @@ def _found(inputs: Inputs, options: SparseOptions) -> pycolmap.Reconstruction:
             cameras=inputs.cameras,
             intrinsics=options.intrinsics,
             focal_px=inputs.focal_lengths_px(),
-            guessed_focal_px=inputs.guessed_focal_lengths_px(),
             seed=options.seed,
         )
 
@@ -132,7 +127,7 @@ def _as_opencv(model: pycolmap.Reconstruction) -> None:
     for camera in model.cameras.values():
         if camera.model_name == "RADIAL":
             f, cx, cy, k1, k2 = camera.params
-            camera.model, camera.params = load_pycolmap().CameraModelId.OPENCV, [f, f, cx, cy, k1, k2, 0, 0]
+            camera.model, camera.params = pycolmap.CameraModelId.OPENCV, [f, f, cx, cy, k1, k2, 0, 0]
 
 
 def _to_metric_frame(model: pycolmap.Reconstruction, inputs: Inputs, options: SparseOptions) -> Scale:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -80,8 +81,6 @@ def _square(column: int, row: int, side: float) -> np.ndarray:
 def _modules(known: Any, dictionary: str, number: int, corners_mm: np.ndarray) -> Iterator[np.ndarray]:
     """A marker's runs of black modules as quads [4, 2] between its corners [4, 2] (OpenCV's order); known: OpenCV's
     dictionary of that name."""
-    import cv2
-
     if number >= len(known.bytesList):
         raise HandbenchError(
             f"board: marker {number} is not in the dictionary '{dictionary}', which has 0 to {len(known.bytesList) - 1}"

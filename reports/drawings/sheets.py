@@ -18,6 +18,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.typing import RcKeyType
+from numpy.typing import ArrayLike
 
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path
@@ -30,7 +32,7 @@ OVERLAP_MM = 10.0  # neighbouring sheets show this much of each other, at least
 BAR_MM = 100.0
 LARGEST_MM = 5000.0  # a PDF's page ends at 5080 mm
 LEAST_WIDTH_MM = 200.0  # of a fitted sheet: the bar, and the title beside it
-STYLE = {
+STYLE: dict[RcKeyType, object] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
     "font.size": 6.5,
     "text.usetex": False,
@@ -86,17 +88,14 @@ def usable_mm(paper: str) -> tuple[float, float]:
 def tiles(drawing: Drawing, paper: str) -> tuple[tuple[float, float], list[np.ndarray]]:
     """The page's width and height, and the windows [left, bottom, width, height] (mm) that cover the drawing row by
     row from the top, upright or sideways, whichever takes fewer sheets."""
-    landscape = usable_mm(paper)
+    usable_mm(paper)  # refuses an unknown one
     if paper == FIT:
         width = max(drawing.width_mm + 2 * MARGIN_MM, LEAST_WIDTH_MM)
         page = (width, drawing.height_mm + 2 * MARGIN_MM + FOOTER_MM)
         return page, [np.array([0.0, 0.0, drawing.width_mm, drawing.height_mm])]
-    turn = PAPERS_MM[paper][0] - PAPERS_MM[paper][1]
     choices = []
-    for page, (width, height) in (
-        (PAPERS_MM[paper], landscape),
-        (PAPERS_MM[paper][::-1], (landscape[0] - turn, landscape[1] + turn)),
-    ):
+    for page in (PAPERS_MM[paper], PAPERS_MM[paper][::-1]):
+        width, height = page[0] - 2 * MARGIN_MM, page[1] - 2 * MARGIN_MM - FOOTER_MM
         lefts, bottoms = _starts(drawing.width_mm, width), _starts(drawing.height_mm, height)
         size = min(width, drawing.width_mm), min(height, drawing.height_mm)
         choices.append((page, [np.array([left, bottom, *size]) for bottom in bottoms[::-1] for left in lefts]))
@@ -156,9 +155,12 @@ def _marks(page: Axes, corner: np.ndarray, window: np.ndarray, drawing: Drawing)
             line(page, [x - 1, x + 1], [y, y], 0.8)
 
 
-def line(axes: Axes, x_mm: Sequence[float], y_mm: Sequence[float], width: float = THIN, **style: object) -> Line2D:
+def line(
+    axes: Axes, x_mm: ArrayLike, y_mm: ArrayLike, width: float = THIN, color: str = "black", dashed: bool = False
+) -> Line2D:
     """A line of `width` points on axes in millimetres."""
-    return axes.add_line(Line2D(x_mm, y_mm, **{"lw": width, "color": "black", "solid_capstyle": "butt", **style}))
+    style = "--" if dashed else "-"
+    return axes.add_line(Line2D(x_mm, y_mm, lw=width, color=color, ls=style, solid_capstyle="butt"))
 
 
 def _plain(text: str) -> str:

@@ -48,20 +48,16 @@ def target_sheets(target: Target, title: str, paper: str) -> list[Figure]:
     )
     both = views.width_mm + TABLE_GAP_MM + TABLE_MM
     list_mm = TEXT_MM * (len(table) + 1)
+    height_mm = max(views.height_mm, list_mm)
+
+    def paint(axes: Axes) -> None:
+        views.paint(axes)
+        _write(axes, table, views.width_mm + TABLE_GAP_MM, height_mm)
+
     if both <= usable_mm(paper)[0]:
-
-        def paint(axes: Axes) -> None:
-            views.paint(axes)
-            _write(axes, table, views.width_mm + TABLE_GAP_MM, max(views.height_mm, list_mm))
-
-        return sheets([Drawing(both, max(views.height_mm, list_mm), title, note, paint)], paper)
-    return sheets(
-        [
-            Drawing(views.width_mm, views.height_mm, title, note, views.paint),
-            Drawing(TABLE_MM, list_mm, title, note, lambda axes: _write(axes, table, 0.0, list_mm)),
-        ],
-        paper,
-    )
+        return sheets([Drawing(both, height_mm, title, note, paint)], paper)
+    apart = Drawing(TABLE_MM, list_mm, title, note, lambda axes: _write(axes, table, 0.0, list_mm))
+    return sheets([Drawing(views.width_mm, views.height_mm, title, note, views.paint), apart], paper)
 
 
 class _Views:
@@ -117,14 +113,13 @@ class _Views:
         for (_, z, y), foam_mm, ball_mm in zip(self.centres_mm, self.foam_mm, self.ball_mm, strict=True):
             ground, back = z - ball_mm + self.side[0], z + foam_mm + self.side[0]
             y += self.side[1]
-            line(axes, [back, ground, ground, back], [y - ball_mm, y - ball_mm, y + ball_mm, y + ball_mm], 0.4, ls="--")
+            sides = y + ball_mm * np.array([-1, -1, 1, 1])
+            line(axes, [back, ground, ground, back], sides, 0.4, dashed=True)
 
     def _ordinates(self, axes: Axes) -> None:
         """Distances from the frame's planes x, y, z = 0: an extension line through each centre, its number outside."""
-        for column, place, name, end in (
-            (0, self.front[0], "← x", self.low_mm[0]),
-            (1, self.side[0], "z →", self.high_mm[1]),
-        ):
+        ends = ((0, self.front[0], "← x", self.low_mm[0]), (1, self.side[0], "z →", self.high_mm[1]))
+        for column, place, name, end in ends:
             for value, shown in self._spread(column):
                 top = self._members(column, value)[:, 2].max() + self.front[1]
                 line(axes, [value + place] * 2, [BAND_MM - 1.5, top], color=GREY)
@@ -163,10 +158,8 @@ def _parts(target: Target) -> list[Sequence[str]]:
     """The list's lines: cells of a row, or one text."""
     e = target.element
     back_m = max(one.centre_m[2] + one.sphere_radius_m for one in e)
-    sizes_m = [
-        (2 * R, 2 * r, R + r, back_m - one.centre_m[2] - R)
-        for one, R, r in ((one, one.sphere_radius_m, one.ball_radius_m) for one in e)
-    ]
+    radii_m = [(one.centre_m[2], one.sphere_radius_m, one.ball_radius_m) for one in e]
+    sizes_m = [(2 * R, 2 * r, R + r, back_m - z - R) for z, R, r in radii_m]
     return [
         ("Coordinates of the centres, mm",),
         ("no", "x", "y", "z"),

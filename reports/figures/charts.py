@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -11,6 +13,16 @@ from reports.figures.style import AGAINST, Picture, log_axis, looks, methods, ti
 from reports.tables.blocks import floor_note
 
 EDGES_MM = np.geomspace(0.02, 100, 400)
+
+
+def overview(result: Result) -> Iterator[Picture]:
+    """The pictures of all captures together that the result has the data for."""
+    if (result.table.metric == HEADLINE).any():
+        yield accuracy_against_time(result)
+    if result.about.methods and any(capture.references for capture in result.scored()):
+        yield error_distributions(result)
+    if len(result.repeats):
+        yield repeats(result)
 
 
 def accuracy_against_time(result: Result) -> Picture:
@@ -100,7 +112,8 @@ def repeats(result: Result) -> Picture:
             z_m = mine.z_m[mine.capture == hand].to_numpy()
             deviation_mm = 1e3 * (z_m - z_m.mean()) if len(z_m) else z_m
             place = column + 0.5 * (i - (len(hands) - 1) / 2) / max(len(hands), 1)
-            axis.plot(np.full(len(z_m), place), deviation_mm, marker, color=colour, markersize=4, alpha=0.6, mew=0)
+            place_of = np.full(len(z_m), place)
+            axis.plot(place_of, deviation_mm, ls="none", marker=marker, color=colour, markersize=4, alpha=0.6, mew=0)
     axis.axhline(0, color="0.6", linewidth=0.6)
     axis.set_xticks(range(len(repeated)), [method.title for method in repeated])
     axis.set_ylabel("z − mean z of the hand in mm")

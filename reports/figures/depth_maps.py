@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.colorbar import Colorbar
 from matplotlib.colors import Normalize, SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.ticker import MaxNLocator
+from PIL import Image
 
 from bench.results import HEADLINE, CaptureFacts, Result, Surface
 from reports.figures.style import AGAINST, Picture, methods, time_text
@@ -26,6 +29,15 @@ PANEL, GAP, LEFT, RIGHT, TOP, BOTTOM = 1.9, 0.14, 0.8, 0.75, 0.45, 0.55  # inche
 Box = tuple[float, float, float, float]  # left, right, bottom, top in mm; left > right
 
 
+def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
+    """One capture's pictures."""
+    if result.about.methods:
+        yield depth_maps(result, capture)
+        for reference in AGAINST:
+            if reference in capture.references:
+                yield error_maps(result, capture, reference)
+
+
 def depth_maps(result: Result, capture: CaptureFacts) -> Picture:
     """Like the paper's Fig. 3: photograph | ground truth | methods, one colour scale."""
     panels = [
@@ -36,14 +48,8 @@ def depth_maps(result: Result, capture: CaptureFacts) -> Picture:
         name = {"truth": "true surface", "photogrammetry": "photogrammetry"}[truth]
         panels.insert(0, (f"ground truth\n({name})", result.surface(capture.name, truth)))
     photo = result.photo(capture.name)
-    box, norm = _box([surface for _, surface in panels]), depth_scale(panels[0][1])
-    rows = math.ceil(len(panels) / ABREAST)
-    figure, axes, bar_axis = _panels(rows, math.ceil(len(panels) / rows), box, photo)
-    for axis, (title, surface) in zip((axis for row in axes for axis in row), panels, strict=False):
-        image = _draw(axis, surface, DEPTH_COLOURS, norm, box)
-        axis.set_title(title)
-    _finish(axes, len(panels))
-    figure.colorbar(image, cax=bar_axis, label="z in mm", extend="both")
+    box = _box([surface for _, surface in panels])
+    figure, _, _ = _panels(panels, DEPTH_COLOURS, depth_scale(panels[0][1]), "z in mm", box, photo)
     names = ", ".join(title.replace("\n", " ") for title, _ in panels)
     return Picture(
         f"depth_{capture.name}",
@@ -57,16 +63,12 @@ def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture
     """Like the paper's Fig. 4: signed errors of every method, on one diverging scale for every capture."""
     maps = [(method, result.errors(capture.name, method.name, reference)) for method in methods(result)]
     box = _box([Surface(e.x_m, e.y_m, e.reference_z_m) for _, e in maps])
-    rows = math.ceil(len(maps) / ABREAST)
-    figure, axes, bar_axis = _panels(rows, math.ceil(len(maps) / rows), box)
-    notes = []
-    for axis, (method, errors) in zip((axis for row in axes for axis in row), maps, strict=False):
-        image = _draw(axis, Surface(errors.x_m, errors.y_m, errors.error_m), ERROR_COLOURS, error_scale(), box)
+    told = [(method, mean_text(result, errors.error_m)) for method, errors in maps]
+    titles = [f"{method.title}\n{mean}, {time_text(result, method)}" for method, mean in told]
+    shown = [(title, Surface(e.x_m, e.y_m, e.error_m)) for title, (_, e) in zip(titles, maps, strict=True)]
+    figure, axes, bar = _panels(shown, ERROR_COLOURS, error_scale(), "z − z_ref in mm", box)
+    for axis, (_, errors) in zip(axes, maps, strict=False):
         _outline(axis, errors.x_m, errors.y_m, errors.reference_z_m)
-        axis.set_title(f"{method.title}\n{mean_text(result, errors.error_m)}, {time_text(result, method)}")
-        notes.append(f"{method.title}: {mean_text(result, errors.error_m)}")
-    _finish(axes, len(maps))
-    bar = figure.colorbar(image, cax=bar_axis, label="z − z_ref in mm", extend="both")
     bar.set_ticks(ERROR_TICKS_MM, labels=[f"{tick:+d}".replace("-", "−").replace("+0", "0") for tick in ERROR_TICKS_MM])
     bar.minorticks_off()
     first = next(r for r in AGAINST if r in capture.references)
@@ -75,7 +77,9 @@ def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture
         f"Capture {capture.name}: signed errors {AGAINST[reference]}; red lies behind the reference, blue before it, "
         "grey was not observed; the line is the reference's outline. The scale, the same for every capture, is linear "
         f"within ±1 mm and logarithmic beyond.{floor_note(result)}",
-        f"Error maps of capture {capture.name} {AGAINST[reference]}. {'; '.join(notes)}.",
+        f"Error maps of capture {capture.name} {AGAINST[reference]}. "
+        + "; ".join(f"{method.title}: {mean}" for method, mean in told)
+        + ".",
         figure,
     )
 
@@ -91,11 +95,16 @@ def mean_text(result: Result, error_m: np.ndarray) -> str:
     return f"{result.title(HEADLINE)} {1e3 * np.abs(seen).mean():.2f} mm" if len(seen) else "nothing observed"
 
 
-def _panels(rows: int, columns: int, box: Box, photo: Path | None = None) -> tuple[Figure, list[list[Axes]], Axes]:
-    """A figure, its panels [rows][columns] and the colour bar's axes; a photograph stands at the left."""
+def _panels(
+    maps: list[tuple[str, Surface]], colours: str, norm: Normalize, label: str, box: Box, photo: Path | None = None
+) -> tuple[Figure, list[Axes], Colorbar]:
+    """A figure with a panel for each titled map in rows, a photograph at their left and the colour bar at their right;
+    numbers and names stand on the outer axes only, and nothing where no panel is."""
+    rows = math.ceil(len(maps) / ABREAST)
+    columns = math.ceil(len(maps) / rows)
     shape = min(max((box[3] - box[2]) / (box[0] - box[1]), 0.5), 2.2)
     wide, high = PANEL, PANEL * shape
-    picture = _rgb(photo) if photo else np.zeros((1, 0, 3))
+    picture = np.asarray(Image.open(photo).convert("RGB")) if photo else np.zeros((1, 0, 3))
     photo_wide = min(high * picture.shape[1] / picture.shape[0], 1.4 * wide)
     left = photo_wide + LEFT
     width, height = left + columns * (wide + GAP) + RIGHT, BOTTOM + rows * (high + TOP)
@@ -110,17 +119,20 @@ def _panels(rows: int, columns: int, box: Box, photo: Path | None = None) -> tup
         axis.set(title="photograph", anchor="N")
         axis.set_axis_off()
     bottoms = [BOTTOM + (rows - 1 - row) * (high + TOP) for row in range(rows)]
-    axes = [[place(left + column * (wide + GAP), y, wide, high) for column in range(columns)] for y in bottoms]
-    bar = place(width - RIGHT, BOTTOM, 0.14, bottoms[0] + high - BOTTOM)
+    axes = [place(left + column * (wide + GAP), y, wide, high) for y in bottoms for column in range(columns)]
+    bar_axis = place(width - RIGHT, BOTTOM, 0.14, bottoms[0] + high - BOTTOM)
     figure.text(left / width + columns * (wide + GAP) / 2 / width, 0.08 / height, X_LABEL, ha="center", va="bottom")
-    return figure, axes, bar
-
-
-def _rgb(path: Path) -> np.ndarray:
-    from PIL import Image
-
-    with Image.open(path) as photo:
-        return np.asarray(photo.convert("RGB"))
+    for axis, (title, surface) in zip(axes, maps, strict=False):
+        image = _draw(axis, surface, colours, norm, box)
+        axis.set_title(title)
+    for axis in axes[-columns:]:
+        axis.tick_params(labelbottom=True)
+    for axis in axes[::columns]:
+        axis.tick_params(labelleft=True)
+        axis.set_ylabel("y in mm")
+    for axis in axes[len(maps) :]:
+        axis.set_axis_off()
+    return figure, axes, figure.colorbar(image, cax=bar_axis, label=label, extend="both")
 
 
 def _box(surfaces: list[Surface], margin_mm: float = 8) -> Box:
@@ -158,17 +170,6 @@ def _edges_mm(centres_m: np.ndarray) -> tuple[float, float]:
     """Outer edges of the first and the last pixel."""
     half_m = (centres_m[-1] - centres_m[0]) / (len(centres_m) - 1) / 2
     return 1e3 * (centres_m[0] - half_m), 1e3 * (centres_m[-1] + half_m)
-
-
-def _finish(axes: list[list[Axes]], panels: int) -> None:
-    """Numbers and names on the outer axes only, and nothing where no panel is."""
-    for axis in axes[-1]:
-        axis.tick_params(labelbottom=True)
-    for axis, *_ in axes:
-        axis.tick_params(labelleft=True)
-        axis.set_ylabel("y in mm")
-    for axis in [axis for row in axes for axis in row][panels:]:
-        axis.set_axis_off()
 
 
 def _outline(axis: Axes, x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> None:

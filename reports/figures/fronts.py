@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.typing import MarkerType
 
 from bench.results import HEADLINE, Section, Setting, Tradeoff
 from reports.figures.style import COLOURS, Picture, log_axis, look, looks, whiskers
@@ -37,7 +38,7 @@ def pictures(found: Tradeoff) -> Iterator[Picture]:
 
 def plotted(setting: Setting) -> bool:
     """True where it has a place on logarithmic axes."""
-    return known(setting.error, setting.seconds) and setting.error > 0 and setting.seconds > 0
+    return bool(setting.error and setting.seconds and setting.error > 0 and setting.seconds > 0)
 
 
 def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
@@ -45,7 +46,7 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     colours and markers are the methods', where settings have one."""
     shown = [s for s in settings if plotted(s)]
     best = sorted((s for s in shown if s.on_front), key=lambda s: s.seconds)
-    styles = _look(shown)
+    styles = looks(filter(None, (s.method for s in shown))) | {"": look(0)}  # some settings have no method
     picture = Figure(figsize=(9, 4.6), layout="constrained")
     axis = picture.subplots()
     line = [s for i, s in enumerate(best) if all(s.error < before.error for before in best[:i])]
@@ -54,8 +55,7 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
         colour, marker = styles[s.method]
         bold = {"markersize": 6, "zorder": 3} if s.on_front else {"markersize": 4, "alpha": 0.4, "fillstyle": "none"}
         bars = whiskers(s.error, s.low, s.high), whiskers(s.seconds, s.seconds_low, s.seconds_high)
-        style = {"color": colour, "marker": marker, "elinewidth": 0.7, "linestyle": "none"}
-        axis.errorbar(s.seconds, s.error, *bars, **style, **bold)
+        axis.errorbar(s.seconds, s.error, *bars, color=colour, marker=marker, elinewidth=0.7, linestyle="none", **bold)
     for i, s in enumerate(best, 1):
         axis.annotate(str(i), (s.seconds, s.error), (5, 5), textcoords="offset points", fontsize=8, zorder=5)
     reference = next((s for s in settings if s.name == about.reference), None)
@@ -66,36 +66,27 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     axis.margins(0.1)
     axis.set(xlabel="seconds", ylabel=f"{metric_words(about)} in {about.unit}")
     if reference and reference.seconds:
-        _ratios(axis, reference)
-    handles = _legend(shown, best, reference in shown)
+        _ratios(axis, reference.title, reference.seconds)
+    handles = _legend({s.method: styles[s.method] for s in shown}, best, reference in shown)
     picture.legend(handles=handles, loc="outside right upper", frameon=False, fontsize=7.5)
-    told = "; ".join(f"{s.title}: {error_text(s)}, {seconds_text(s)}" for s in best)
-    framed = f" The square marks the reference, {reference.title}." if reference in shown else ""
+    told = "; ".join(f"{s.title}: {error_text(s)} {s.unit}, {seconds_text(s)} s" for s in best)
+    more = any(known(s.seen_percent) for s in shown)
+    good = "time, accuracy and completeness together" if more else "both time and accuracy"
+    notes = ""
+    if line != best:
+        notes += " The line joins those that none beats in time and accuracy alone; the others see more."
+    if reference in shown:
+        notes += f" The square marks the reference, {reference.title}."
     if len(shown) < len(settings):
-        framed += " Settings with no error, or without a figure, have no place on these axes and stand in the table."
+        notes += " Settings with no error, or without a figure, have no place on these axes and stand in the table."
     return Picture(
         f"front_{about.name}",
         f"{about.title}: {metric_words(about)} over seconds, with the 95 % interval of the error and the range of the "
-        f"repeats. Filled, numbered points: no other setting is as good in {_what(shown)}; faint, hollow points: one "
-        f"is.{_beside(line, best)}{framed}",
+        f"repeats. Filled, numbered points: no other setting is as good in {good}; faint, hollow points: one "
+        f"is.{notes}",
         f"{metric_words(about)} against time of {len(shown)} settings. On the front, from fast to slow: {told}.",
         picture,
     )
-
-
-def _what(shown: list[Setting]) -> str:
-    complete = any(known(s.seen_percent) for s in shown)
-    return "time, accuracy and completeness together" if complete else "both time and accuracy"
-
-
-def _beside(line: list[Setting], best: list[Setting]) -> str:
-    """A sentence on the numbered points off the line; empty where there is none."""
-    return " The line joins those that none beats in time and accuracy alone; the others see more." * (line != best)
-
-
-def _look(shown: list[Setting]) -> dict[str, tuple[str, str]]:
-    """Colour and marker of each method, and of settings of no method."""
-    return looks(filter(None, (s.method for s in shown))) | {"": look(0)}
 
 
 def metric_words(about: Section) -> str:
@@ -104,29 +95,29 @@ def metric_words(about: Section) -> str:
     return name.upper() if about.metric in (HEADLINE, "rmse_mm") else name
 
 
-def _ratios(axis: Axes, reference: Setting) -> None:
+def _ratios(axis: Axes, title: str, seconds: float) -> None:
     """The same axis above, in times of the reference's seconds."""
-    above = axis.secondary_xaxis("top", functions=(lambda s: s / reference.seconds, lambda r: r * reference.seconds))
-    above.set_xlabel(f"time ÷ that of {reference.title}")
+    above = axis.secondary_xaxis("top", functions=(lambda s: np.divide(s, seconds), lambda r: np.multiply(r, seconds)))
+    above.set_xlabel(f"time ÷ that of {title}")
     above.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     above.xaxis.set_major_formatter("{x:g}")
     above.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _legend(shown: list[Setting], best: list[Setting], reference: bool) -> list[Line2D]:
+def _legend(styles: dict[str, tuple[str, MarkerType]], best: list[Setting], reference: bool) -> list[Line2D]:
     """The markers' meaning, then the names of the front's numbers."""
-    names = dict.fromkeys(s.method for s in shown)
-    handles = []
-    for name, (colour, marker) in ((name, _look(shown)[name]) for name in names):
-        style = {"color": colour, "marker": marker, "markersize": 5, "linestyle": "none"}
-        handles.append(Line2D([], [], **style, label=name or "setting"))
+    handles = [
+        Line2D([], [], color=colour, marker=marker, markersize=5, linestyle="none", label=name or "setting")
+        for name, (colour, marker) in styles.items()
+    ]
     handles.append(Line2D([], [], color="0.25", marker=".", label="front, from fast to slow:"))
     numbers = [f"   {i}  " + "\n        ".join(wrap(s.title, 40)) for i, s in enumerate(best[:NAMES], 1)]
     numbers += [f"   … {len(best) - NAMES} more in the table"] if len(best) > NAMES else []
     handles += [Line2D([], [], linestyle="none", label=number) for number in numbers]
     if reference:
-        square = {"marker": "s", "markersize": 9, "fillstyle": "none", "linestyle": "none"}
-        handles.append(Line2D([], [], color="0.25", **square, label="reference"))
+        square = Line2D([], [], color="0.25", marker="s", markersize=9, fillstyle="none", linestyle="none")
+        square.set_label("reference")
+        handles.append(square)
     return handles
 
 
@@ -139,27 +130,24 @@ def parts(setting: Setting) -> list[float]:
 def time_split(about: Section, settings: tuple[Setting, ...]) -> Picture:
     """Two bars for each setting: the shares of a frame's time, with the whole in seconds at their end; and the plan,
     which many frames share."""
-    known = sorted((s for s in settings if parts(s)), key=lambda s: not s.on_front)[:BARS]
-    known.sort(key=lambda s: sum(parts(s)))
+    told = sorted((s for s in settings if parts(s)), key=lambda s: not s.on_front)
+    known, left_out = sorted(told[:BARS], key=lambda s: sum(parts(s))), len(told[BARS:])
     figure = Figure(figsize=(9, 1.1 + 0.2 * len(known)), layout="constrained")
     frame, plan = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
-    seconds = np.array([parts(s) for s in known])
+    rows, seconds = np.arange(len(known)), np.array([parts(s) for s in known])
     shares = 100 * seconds / seconds.sum(axis=1, keepdims=True)
     left = np.zeros(len(known))
     for (name, colour, hatch), share in zip(PARTS.values(), shares.T, strict=True):
-        frame.barh(
-            range(len(known)), share, left=left, color=colour, hatch=hatch, edgecolor="white", linewidth=0.4, label=name
-        )
+        frame.barh(rows, share, left=left, color=colour, hatch=hatch, edgecolor="white", linewidth=0.4, label=name)
         left += share
     for row, total in enumerate(seconds.sum(axis=1)):
         frame.annotate(f" {number(total, three_digits(total))} s", (100, row), va="center", fontsize=7.5)
-    plan.barh(range(len(known)), [s.plan_s or 0 for s in known], color="0.55")
+    plan.barh(rows, [s.plan_s or 0 for s in known], color="0.55")
     plan.set_xlabel("plan in seconds")
     frame.set_yticks(range(len(known)), [s.title for s in known], fontsize=7.5)
     frame.set(xlim=(0, 115), xlabel="share of a frame's time in %", xticks=range(0, 101, 20))
     frame.set_ylim(len(known) - 0.4, -0.6)
     figure.legend(loc="outside upper center", ncols=len(PARTS), frameon=False, fontsize=8)
-    left_out = sum(bool(parts(s)) for s in settings) - len(known)
     more = f" {left_out} settings that others beat are left out." if left_out else ""
     return Picture(
         f"time_{about.name}",
@@ -171,16 +159,15 @@ def time_split(about: Section, settings: tuple[Setting, ...]) -> Picture:
 
 
 def _parts_in_words(setting: Setting) -> list[str]:
-    named = zip(PARTS.values(), parts(setting), strict=True)
-    values = [(name, value) for (name, *_), value in named] + [("plan", setting.plan_s)]
+    values = zip([*(name for name, *_ in PARTS.values()), "plan"], [*parts(setting), setting.plan_s], strict=True)
     return [f"{name} {number(value, three_digits(value))} s" for name, value in values if value]
 
 
-def error_text(s: Setting, unit: bool = True) -> str:
+def error_text(s: Setting) -> str:
     """Its error with the interval."""
-    return figure_text(s.error, s.low, s.high, s.unit) + (f" {s.unit}" if unit else "")
+    return figure_text(s.error, s.low, s.high, s.unit)
 
 
-def seconds_text(s: Setting, unit: bool = True) -> str:
+def seconds_text(s: Setting) -> str:
     """Its time with the range."""
-    return figure_text(s.seconds, s.seconds_low, s.seconds_high, "s") + (" s" if unit else "")
+    return figure_text(s.seconds, s.seconds_low, s.seconds_high, "s")

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Literal
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.typing import MarkerType, RcKeyType
 
 from bench.results import MethodFacts, Result
 from reports.tables.blocks import known
 
-STYLE = {
+STYLE: dict[RcKeyType, object] = {
     "font.size": 9,
     "axes.titlesize": 9,
     "axes.linewidth": 0.6,
@@ -44,7 +45,7 @@ COLOURS = (  # Okabe and Ito, then Tol's muted ones
     "#44AA99",
     "#999933",
 )
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")
+MARKERS: tuple[MarkerType, ...] = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")
 AGAINST = {"photogrammetry": "against photogrammetry", "truth": "against the true surface"}
 
 
@@ -58,29 +59,19 @@ class Picture:
     figure: Figure
 
 
-@dataclass(frozen=True)
-class Saved:
-    """A picture that has been written: what a page says of it, and where its PNG lies."""
-
-    stem: str
-    caption: str
-    alt: str
-    png: Path
-
-
 def methods(result: Result) -> list[MethodFacts]:
     """Known methods in the paper's order, then the others."""
     rank = {name: i for i, name in enumerate(ORDER)}
     return sorted(result.about.methods, key=lambda method: rank.get(method.name, len(rank)))
 
 
-def looks(names: Iterable[str]) -> dict[str, tuple[str, str]]:
+def looks(names: Iterable[str]) -> dict[str, tuple[str, MarkerType]]:
     """Method → colour and marker: those of its place in ORDER, of others in order of appearance."""
     places = dict.fromkeys((*ORDER, *names))
     return {name: look(i) for i, name in enumerate(places)}
 
 
-def look(i: int) -> tuple[str, str]:
+def look(i: int) -> tuple[str, MarkerType]:
     """The i-th colour and marker; no two of the first hundred are the same pair."""
     return COLOURS[i % len(COLOURS)], MARKERS[(i + i // len(COLOURS)) % len(MARKERS)]
 
@@ -95,10 +86,10 @@ def time_text(result: Result, method: MethodFacts) -> str:
 
 def whiskers(value: float, low: float | None, high: float | None) -> list[list[float]] | None:
     """An interval as matplotlib's error bars take it; None where an end is not known."""
-    return [[max(value - low, 0)], [max(high - value, 0)]] if known(low, high) else None
+    return [[max(value - low, 0)], [max(high - value, 0)]] if known(low) and known(high) else None
 
 
-def log_axis(axis: Axes, side: str) -> None:
+def log_axis(axis: Axes, side: Literal["x", "y"]) -> None:
     """A logarithmic axis that reads 0.1, 0.2, 0.5, 1 rather than powers of ten."""
     axis.set(**{f"{side}scale": "log"})
     ticks = axis.xaxis if side == "x" else axis.yaxis

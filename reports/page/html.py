@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.results import CaptureFacts, Result, load
+from bench.results import CaptureFacts, Result, load, load_tradeoff
 from radar.support.errors import HandbenchError
 from radar.support.files import write_text
-from reports.figures import overview as figures
+from reports.figures import charts
+from reports.figures.depth_maps import panels
 from reports.figures.style import methods
-from reports.page import scene3d, sections, tradeoff_section
-from reports.page.rendering import Image, picture_file, picture_of, render
+from reports.page import rendering, scene3d, sections, tradeoff_section
+from reports.page.rendering import Image, render
 from reports.tables import latex, result_tables
 from reports.tables.blocks import caption
 
@@ -34,13 +35,13 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     result = load(folder)
     if out.resolve() == result.folder.resolve():
         raise HandbenchError(f"{out}: is the result folder itself, whose table.csv must stay; choose another place")
-    trade = tradeoff_section.load_tradeoff(sweep) if sweep else None
+    trade = load_tradeoff(sweep) if sweep else None
     _tables(result, out)
     for old in out.glob("pages/[0-9][0-9][0-9]*.html"):
         old.unlink()
     groups = pages(result.scored())
     parts = [f"pages/{i:03d}.html" for i in range(1, len(groups))]
-    overview = images(figures.save(figures.overview(result), out / "figures"))
+    overview = rendering.images(charts.overview(result), out / "figures")
     swept = tradeoff_section.section(trade, out) if trade else None
     for i, captures in enumerate(groups):
         facts = _captures(result, captures, out / "figures") | {"parts": parts, "part": i, "groups": groups}
@@ -99,18 +100,18 @@ def _summary(result: Result, overview: list[Image], swept: Any) -> dict[str, Any
 
 def _captures(result: Result, captures: Sequence[CaptureFacts], folder: Path) -> dict[str, Any]:
     """Content of a page on its captures: their pictures, and what turns in 3-D."""
-    details = [(capture, images(figures.save(figures.panels(result, capture), folder))) for capture in captures]
-    scenes = [scene for scene in (scene3d.scene(result, capture) for capture in captures) if scene]
-    shown = _first_method(result)
+    details = [(capture, rendering.images(panels(result, capture), folder)) for capture in captures]
+    scenes = list(filter(None, (scene3d.scene(result, capture) for capture in captures)))
+    titles = {method.name: method.title for method in methods(result)}
+    shown = "3fsk" if "3fsk" in titles else next(iter(titles), None)  # the paper's own, else the first
     still = None
     if scenes:
         first = next(capture for capture in captures if capture.name == scenes[0]["capture"])
-        title = next((method.title for method in methods(result) if method.name == shown), "")
-        still = picture_of(
-            scene3d.still(result, first, shown),
-            f"Capture {first.name} seen from the array, lit from the upper left, with the pixels of {title} in the "
-            "colours of their errors.",
+        alt = (
+            f"Capture {first.name} seen from the array, lit from the upper left, with the pixels of "
+            f"{titles.get(shown, '')} in the colours of their errors."
         )
+        still = rendering.image(scene3d.still(result, first, shown), alt)
     return {
         "details": details,
         "scenes": scenes,
@@ -119,14 +120,3 @@ def _captures(result: Result, captures: Sequence[CaptureFacts], folder: Path) ->
         "methods": methods(result),
         "shown": shown,
     }
-
-
-def _first_method(result: Result) -> str | None:
-    """The method that the 3-D view begins with: the paper's own, else the first."""
-    names = [method.name for method in methods(result)]
-    return "3fsk" if "3fsk" in names else next(iter(names), None)
-
-
-def images(saved: Sequence[figures.Saved]) -> list[Image]:
-    """Written pictures, ready to lie inside a page."""
-    return [picture_file(picture.png, picture.alt, picture.caption, picture.stem) for picture in saved]

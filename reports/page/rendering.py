@@ -5,15 +5,19 @@ from __future__ import annotations
 import base64
 import hashlib
 import io
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import jinja2
-import numpy as np
+import matplotlib
 from markupsafe import Markup
 from PIL import Image as Pixels
+
+from radar.support.files import atomic_path
+from reports.figures.style import STYLE, Picture
 
 TEMPLATES = Path(__file__).parent / "templates"
 WIDTH_PX = 1900  # of a picture inside a page at most; the files beside it have every pixel
@@ -34,52 +38,48 @@ class Image:
     stem: str = ""
 
 
-def picture_file(png: Path, alt: str, caption: str, stem: str) -> Image:
-    """A written picture, smaller for the page."""
-    with Pixels.open(png) as picture:
-        return _image(picture, round(SHOWN * picture.width), alt, caption, stem)
+def images(pictures: Iterable[Picture], folder: Path) -> list[Image]:
+    """Write STEM.png and STEM.pdf of every picture into `folder`, each as an image for the page; each figure is let go
+    before the next is drawn."""
+    with matplotlib.rc_context(STYLE):
+        return [_written(picture, folder) for picture in pictures]
 
 
-def picture_of(pixels: np.ndarray, alt: str) -> Image:
-    """Pixels [rows, columns, 3] in 8 bits as a picture."""
-    return _image(Pixels.fromarray(pixels), pixels.shape[1], alt)
+def _written(picture: Picture, folder: Path) -> Image:
+    for suffix, metadata in ((".png", {}), (".pdf", {"CreationDate": None})):  # same data, same bytes
+        with atomic_path(folder / f"{picture.stem}{suffix}") as temporary:
+            picture.figure.savefig(temporary, metadata=metadata)
+    with Pixels.open(folder / f"{picture.stem}.png") as pixels:
+        return image(pixels, picture.alt, picture.caption, picture.stem, SHOWN)
 
 
-def _image(picture: Pixels.Image, width: int, alt: str, caption: str = "", stem: str = "") -> Image:
+def image(picture: Pixels.Image, alt: str, caption: str = "", stem: str = "", shown: float = 1.0) -> Image:
+    """A picture to lie inside a page; shown: CSS pixels for one of its own."""
     small = picture.convert("RGB")
     if small.width > WIDTH_PX:
         small = small.resize((WIDTH_PX, round(small.height * WIDTH_PX / small.width)), Pixels.Resampling.LANCZOS)
     stream = io.BytesIO()
     small.save(stream, "WEBP", quality=QUALITY, method=2)
     uri = "data:image/webp;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
+    width = round(shown * picture.width)
     return Image(uri, width, round(width * small.height / small.width), alt, caption, stem)
 
 
 def render(template: str, **facts: Any) -> str:
     """A page of `template`. Texts are escaped; style and script are those of this package, known to the policy by their
     hashes."""
-    style, script = (Markup(_text(name)) for name in ("style.css", "viewer.js"))
-    return (
-        _environment()
-        .get_template(template)
-        .render(style=style, script=script, style_hash=_hash(style), script_hash=_hash(script), **facts)
-    )
+    return _environment().get_template(template).render(**facts)
 
 
 @cache
 def _environment() -> jinja2.Environment:
-    return jinja2.Environment(
-        loader=jinja2.FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-
-
-@cache
-def _text(name: str) -> str:
-    return (TEMPLATES / name).read_text(encoding="utf-8")
+    """The templates' environment, with style and script, and their hashes."""
+    loader, strict = jinja2.FileSystemLoader(TEMPLATES), jinja2.StrictUndefined
+    made = jinja2.Environment(loader=loader, autoescape=True, undefined=strict, trim_blocks=True, lstrip_blocks=True)
+    for part, name in (("style", "style.css"), ("script", "viewer.js")):
+        text = (TEMPLATES / name).read_text(encoding="utf-8")
+        made.globals |= {part: Markup(text), f"{part}_hash": _hash(text)}
+    return made
 
 
 def _hash(text: str) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
+from PIL import Image
 
 from bench.results import CaptureFacts, Result, Surface
 from reports.figures.depth_maps import DEPTH_COLOURS, ERROR_COLOURS, depth_scale, error_scale, mean_text
@@ -112,8 +113,8 @@ def _hex(colours: str, at: np.ndarray) -> list[str]:
     return ["#" + "".join(f"{round(255 * c):02x}" for c in colour[:3]) for colour in colormaps[colours](at)]
 
 
-def still(result: Result, capture: CaptureFacts, method: str | None) -> np.ndarray:
-    """The capture's reference [rows, columns, 3] in 8 bits, lit from the upper left, seen from the array, with the
+def still(result: Result, capture: CaptureFacts, method: str | None) -> Image.Image:
+    """The capture's reference, lit from the upper left, seen from the array, with the
     method's pixels in the colours of their errors: what paper and browsers without WebGL show."""
     reference = next((r for r in AGAINST if r in capture.references), None)
     source = reference or method
@@ -132,4 +133,4 @@ def still(result: Result, capture: CaptureFacts, method: str | None) -> np.ndarr
             colours = colormaps[ERROR_COLOURS](error_scale()(np.nan_to_num(error_mm)))[..., :3]
             picture = np.where(np.isfinite(error_mm)[..., None], colours * shade, picture)
     picture = picture[::-1, ::-1]  # y up, x to the left
-    return np.round(255 * picture.repeat(STILL_PX, 0).repeat(STILL_PX, 1)).astype(np.uint8)
+    return Image.fromarray(np.round(255 * picture.repeat(STILL_PX, 0).repeat(STILL_PX, 1)).astype(np.uint8))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from bench.results.result_folder import shown
 from bench.results.stability import VERDICTS, counted, load_stability
 from bench.results.tables import each
 from reports.figures.style import AGAINST
-from reports.tables.blocks import NONE, Block, Line, blocks, figure, known, number, p_text, three_digits
+from reports.tables.blocks import NONE, Block, blocks, figure, known, number, p_text, three_digits
 from reports.tables.result_tables import stages
 
 LEADING = 4  # sentences of a metric that are read without opening the list
@@ -27,19 +26,6 @@ class Grid:
     headings: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     texts: int = 1
-
-
-def table_one(block: Block) -> tuple[Block, Block]:
-    """The block in two: the lines that the paper prints or that stand for the result, and the others."""
-    printed = {line.metric for line in block.lines if line.source == "paper"} | set(HEADLINES)
-
-    def part(lines: Iterable[Line]) -> Block:
-        return Block(block.reference, block.heading, block.methods, tuple(lines))
-
-    return (
-        part(line for line in block.lines if line.metric in printed),
-        part(line for line in block.lines if line.metric not in printed),
-    )
 
 
 @dataclass(frozen=True)
@@ -66,15 +52,9 @@ def verdicts(result: Result) -> list[Verdict]:
         heading = f"{result.title(metric)} {AGAINST.get(reference, reference)}"
         first = lines.iloc[0]
         caption = f"{heading}: every pair of {first.n_captures} captures ({first.n_blocks} blocks)"
-        found.append(
-            Verdict(
-                heading,
-                tuple(titles.get(name, name) for name in best),
-                tuple(ahead.sentence[:LEADING]),
-                int(shown(lines).sum()),
-                Grid(caption, ("difference", "p, corrected", "effect (dz)"), rows),
-            )
-        )
+        table = Grid(caption, ("difference", "p, corrected", "effect (dz)"), rows)
+        named, leading = tuple(titles.get(name, name) for name in best), tuple(ahead.sentence[:LEADING])
+        found.append(Verdict(heading, named, leading, int(shown(lines).sum()), table))
     return found
 
 
@@ -88,26 +68,17 @@ def stage_times(result: Result) -> Grid:
 
 def effects(result: Result) -> Grid | None:
     """Effects that the scenes called for: each effect's rows over the captures that tell them; None where none does."""
-    rows: dict[str, list[dict[str, Any]]] = {}
-    for capture in result.scored():
-        for row in capture.effects:
-            rows.setdefault(str(row.get("effect", "")), []).append(row)
-    if not rows:
-        return None
-    return Grid(
-        "Effects of the simulated echoes: largest estimate, and seconds that they cost, over the captures",
-        ("effect", "why", "on in", "changes depths by (mm)", "level (dB)", "expected (s)", "took (s)"),
-        tuple(
-            (
-                name,
-                "; ".join(dict.fromkeys(str(row.get("why", "")) for row in found)),
-                f"{sum(bool(row.get('on')) for row in found)} of {len(found)}",
-                *(_largest(found, key) for key in ("depth_mm", "level_db", "cost_s", "seconds")),
-            )
-            for name, found in rows.items()
-        ),
-        texts=2,
-    )
+    told: dict[str, list[dict[str, Any]]] = {}
+    for row in (row for capture in result.scored() for row in capture.effects):
+        told.setdefault(str(row.get("effect", "")), []).append(row)
+    rows = []
+    for name, found in told.items():
+        why = "; ".join(dict.fromkeys(str(row.get("why", "")) for row in found))
+        on = f"{sum(bool(row.get('on')) for row in found)} of {len(found)}"
+        rows.append((name, why, on, *(_largest(found, key) for key in ("depth_mm", "level_db", "cost_s", "seconds"))))
+    caption = "Effects of the simulated echoes: largest estimate, and seconds that they cost, over the captures"
+    headings = ("effect", "why", "on in", "changes depths by (mm)", "level (dB)", "expected (s)", "took (s)")
+    return Grid(caption, headings, tuple(rows), texts=2) if rows else None
 
 
 def _largest(rows: list[dict[str, Any]], key: str) -> str:
@@ -127,28 +98,26 @@ def uncertainty(result: Result) -> list[Grid]:
         )
         caption = "Standard deviation of the photogrammetric reference along z: root mean square over its pixels"
         grids.append(Grid(caption, ("capture", "mesh (mm)", "registration (mm)", "together (mm)"), rows))
-    found = [
-        (m.title, [result.row("floor_mm", m.name, reference) for reference in AGAINST]) for m in result.about.methods
-    ]
-    floors = tuple((title, *map(_floor, rows)) for title, rows in found if any(rows))
+    floors = []
+    for method in result.about.methods:
+        found = [result.row("floor_mm", method.name, reference) for reference in AGAINST]
+        if any(found):
+            cells = (figure(row.value, row.low, row.high, row.unit) if row else NONE for row in found)
+            floors.append((method.title, *cells))
     if floors:
         headings = ("method", *(f"{against} (mm)" for against in AGAINST.values()))
         caption = f"Ground-truth floor: the {result.title(HEADLINE)} that a perfect radar would show"
-        grids.append(Grid(caption, headings, floors))
+        grids.append(Grid(caption, headings, tuple(floors)))
     residuals = result.about.facts.get("registration_residuals_mm")
     if isinstance(residuals, list) and residuals:
-        rows = [(f"marker {i + 1}", _mm(value)) for i, value in enumerate(residuals)]
-        rows.append(("error at the hand", _mm(result.about.facts.get("registration_error_at_hand_mm"))))
-        grids.append(Grid("Registration on the calibration target", ("residual of", "mm"), tuple(rows)))
+        at_hand = ("error at the hand", _mm(result.about.facts.get("registration_error_at_hand_mm")))
+        rows = (*((f"marker {i}", _mm(value)) for i, value in enumerate(residuals, 1)), at_hand)
+        grids.append(Grid("Registration on the calibration target", ("residual of", "mm"), rows))
     return grids
 
 
 def _mm(value: Any) -> str:
     return number(value, three_digits(value)) if isinstance(value, int | float) else NONE
-
-
-def _floor(row: Any) -> str:
-    return NONE if row is None else figure(row.value, row.low, row.high, row.unit)
 
 
 def stability(folder: Path) -> list[tuple[str, Grid]]:
@@ -186,12 +155,8 @@ def provenance(result: Result) -> list[tuple[str, Any]]:
     about = result.about
     told = {"groundtruth_sigma_rms", "registration_residuals_mm", "registration_error_at_hand_mm", "command"}
     facts = {name: fact for name, fact in about.facts.items() if name not in told}
-    parts = (
-        ("Protocol", about.protocol),
-        ("Noise and ground truth", facts),
-        ("Versions", about.versions),
-        ("Machine", about.machine),
-    )
+    headings = ("Protocol", "Noise and ground truth", "Versions", "Machine")
+    parts = zip(headings, (about.protocol, facts, about.versions, about.machine), strict=True)
     return [(heading, facts) for heading, facts in parts if facts]
 
 
@@ -225,5 +190,10 @@ def command(result: Result) -> str:
 
 
 def all_blocks(result: Result) -> list[tuple[Block, Block]]:
-    """Each reference's table in its two parts."""
-    return [table_one(block) for block in blocks(result)]
+    """Each reference's table in two: the lines that the paper prints or that stand for the result, and the others."""
+    found = []
+    for block in blocks(result):
+        printed = {line.metric for line in block.lines if line.source == "paper"} | set(HEADLINES)
+        first, rest = (tuple(x for x in block.lines if (x.metric in printed) is shown) for shown in (True, False))
+        found.append((replace(block, lines=first), replace(block, lines=rest)))
+    return found

@@ -8,9 +8,8 @@ from typing import Any
 from bench.results import Section, Setting, Tradeoff, load_tradeoff
 from radar.support.errors import HandbenchError
 from radar.support.files import write_text
-from reports.figures import overview
 from reports.figures.fronts import error_text, metric_words, pictures, plotted, seconds_text
-from reports.page.rendering import picture_file, render
+from reports.page import rendering
 from reports.page.sections import Grid
 from reports.tables import latex, result_tables
 from reports.tables.blocks import NONE, known, number, three_digits
@@ -22,19 +21,19 @@ def build(folder: str | Path, out: str | Path) -> Path:
     found, out = load_tradeoff(folder), Path(out)
     if not found.settings:
         raise HandbenchError(f"{found.folder / 'tradeoff.csv'}: holds no setting; run `handbench tradeoff` again")
-    write_text(out / "index.html", render("tradeoff.html", facts=found.facts, up="", tradeoff=section(found, out)))
+    page = rendering.render("tradeoff.html", facts=found.facts, up="", tradeoff=section(found, out))
+    write_text(out / "index.html", page)
     return out / "index.html"
 
 
 def section(found: Tradeoff, out: Path) -> dict[str, Any]:
     """Write tables and pictures to `out`; what a page shows of them."""
-    for name, text in {"front.md": result_tables.tradeoff_markdown(found), "front.tex": latex.tradeoff(found)}.items():
-        write_text(out / name, text)
-    saved = {picture.stem: picture for picture in overview.save(pictures(found), out / "figures")}
+    write_text(out / "front.md", result_tables.tradeoff_markdown(found))
+    write_text(out / "front.tex", latex.tradeoff(found))
+    saved = {image.stem: image for image in rendering.images(pictures(found), out / "figures")}
     parts = []
     for about in found.facts.sections:
-        stems = [stem for stem in (f"front_{about.name}", f"time_{about.name}") if stem in saved]
-        shown = [picture_file(saved[s].png, saved[s].alt, saved[s].caption, s) for s in stems]
+        shown = [saved[stem] for stem in (f"front_{about.name}", f"time_{about.name}") if stem in saved]
         parts.append((about, shown, settings_grid(about, found.section(about.name))))
     return {"parts": parts, "claims": claims_grid(found)}
 
@@ -45,33 +44,23 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
     rest = [s for s in settings if not s.on_front]
     titles = {s.name: s.title for s in settings}
     numbers = {s.name: str(i) for i, s in enumerate((s for s in best if plotted(s)), 1)}
-    return Grid(
-        f"{about.title}: {len(best)} settings on the front, {len(rest)} beaten",
+    error = f"{metric_words(about)} ({about.unit})"
+    rest_of = ("seen (%)", "time (s)", "÷ reference", "operations", "memory (MB)")
+    rows = tuple(
         (
-            "setting",
-            "number, or beaten by",
-            f"{metric_words(about)} ({about.unit})",
-            "seen (%)",
-            "time (s)",
-            "÷ reference",
-            "operations",
-            "memory (MB)",
-        ),
-        tuple(
-            (
-                s.title,
-                numbers.get(s.name) or _beaten(s, titles),
-                error_text(s, False),
-                number(s.seen_percent, 2),
-                seconds_text(s, False),
-                number(s.ratio, three_digits(s.ratio)),
-                _count(s.operations),
-                number(s.peak_memory_mb, 0),
-            )
-            for s in (*best, *rest)
-        ),
-        texts=2,
+            s.title,
+            numbers.get(s.name) or _beaten(s, titles),
+            error_text(s),
+            number(s.seen_percent, 2),
+            seconds_text(s),
+            number(s.ratio, three_digits(s.ratio)),
+            _count(s.operations),
+            number(s.peak_memory_mb, 0),
+        )
+        for s in (*best, *rest)
     )
+    caption = f"{about.title}: {len(best)} settings on the front, {len(rest)} beaten"
+    return Grid(caption, ("setting", "number, or beaten by", error, *rest_of), rows, texts=2)
 
 
 def _beaten(setting: Setting, titles: dict[str, str]) -> str:

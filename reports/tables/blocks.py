@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TypeGuard
 
 import pandas as pd
 
@@ -84,9 +85,9 @@ def ratio(rows: pd.DataFrame) -> pd.Series:
     return rows.value / rows.paper.where(rows.paper != 0)
 
 
-def known(*figures: float | None) -> bool:
-    """True where no figure is missing: None or NaN."""
-    return all(figure is not None and figure == figure for figure in figures)
+def known(figure: float | None) -> TypeGuard[float]:
+    """True where a figure is not missing: neither None nor NaN."""
+    return figure is not None and figure == figure
 
 
 def figure(value: float | None, low: float | None, high: float | None, unit: str) -> str:
@@ -104,7 +105,7 @@ def paper(value: float | None, unit: str) -> str:
 
 def interval(low: float | None, high: float | None, places: int) -> str:
     """[low, high]; empty where an end is not known."""
-    return f"[{number(low, places)}, {number(high, places)}]" if known(low, high) else ""
+    return f"[{number(low, places)}, {number(high, places)}]" if known(low) and known(high) else ""
 
 
 def number(value: float | None, places: int) -> str:
@@ -118,7 +119,7 @@ def decimals(value: float, low: float | None, high: float | None, unit: str) -> 
     if unit in ("%", "pixels"):
         return 2 if unit == "%" else 0
     places = three_digits(value)
-    if known(low, high) and high > low:
+    if known(low) and known(high) and high > low:
         places = min(places, _digits((high - low) / 2, 2))
     return max(places, 1) if unit == "mm" and value else places
 

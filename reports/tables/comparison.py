@@ -44,16 +44,18 @@ def show(compared: Compared) -> None:
 
 def write(compared: Compared, folder: Path) -> None:
     """Write compare.md and compare.tex."""
-    for name, render in (("compare.md", markdown), ("compare.tex", tex)):
-        write_text(folder / name, render(compared))
+    write_text(folder / "compare.md", markdown(compared))
+    write_text(folder / "compare.tex", tex(compared))
 
 
 def markdown(compared: Compared) -> str:
     """Differences in words and figures; bold: what is shown to be better."""
     shown = [f"- {escaped(text)}" for text in _shown(compared)]
-    differences = (
-        (escaped(d.title), escaped(_metric(d)), *_marked(d), p_text(d.p_corrected)) for d in each(compared.differences)
-    )
+    differences = []
+    for line in each(compared.differences):
+        a, b, difference, _ = map(escaped, _cells(line))
+        a, b = bold(a) if line.better == "A" else a, bold(b) if line.better == "B" else b
+        differences.append((escaped(line.title), escaped(_metric(line)), a, b, difference, p_text(line.p_corrected)))
     parts = [
         "# A and B side by side\n",
         *(f"{escaped(text)}\n" for text in _head(compared)),
@@ -68,30 +70,21 @@ def markdown(compared: Compared) -> str:
     return "\n".join(parts)
 
 
-def _marked(line: Any) -> tuple[str, ...]:
-    a, b, difference, _ = (escaped(cell) for cell in _cells(line))
-    return bold(a) if line.better == "A" else a, bold(b) if line.better == "B" else b, difference
-
-
 def tex(compared: Compared) -> str:
     """The differences as LaTeX tables, one against each reference; bold: what is shown to be better."""
     texts = []
     for reference, lines in compared.differences.groupby("reference", sort=False):
-        body = [
-            latex.row([latex.escaped(line.title), latex.titled(line.metric_title, line.unit), *_tex_cells(line)])
-            for line in each(lines)
-        ]
+        body = []
+        for line in each(lines):
+            a = latex.num_figure(line.a, line.a_low, line.a_high, line.unit, bold=line.better == "A")
+            b = latex.num_figure(line.b, line.b_low, line.b_high, line.unit, bold=line.better == "B")
+            difference = latex.num_figure(line.difference, line.low, line.high, line.unit)
+            names = latex.escaped(line.title), latex.titled(line.metric_title, line.unit)
+            body.append(latex.row([*names, a, b, difference, latex.p_value(line.p_corrected)]))
         stands = (text for text in _basis(compared) if reference and text.startswith(f"Against {reference}:"))
         text = f"{'; '.join(_sides(compared))}. {' '.join((*stands, NOTE))} Bold: shown to be better."
         texts.append(latex.float_table(text, "llrrrr", ("Method", "Metric", "A", "B", "B - A", "p"), body))
     return "\n".join(texts)
-
-
-def _tex_cells(line: Any) -> tuple[str, ...]:
-    a = latex.num_figure(line.a, line.a_low, line.a_high, line.unit, bold=line.better == "A")
-    b = latex.num_figure(line.b, line.b_low, line.b_high, line.unit, bold=line.better == "B")
-    difference = latex.num_figure(line.difference, line.low, line.high, line.unit)
-    return a, b, difference, latex.p_value(line.p_corrected)
 
 
 def _head(compared: Compared) -> list[str]:

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Iterable
-from itertools import groupby, pairwise, zip_longest
+from itertools import groupby, pairwise
 
-from bench.results import Result, Setting, Tradeoff
+from bench.results import Result, Tradeoff
 from bench.results.tables import each
 from reports.tables.blocks import NONE, Block, Line, best_note, blocks, caption, decimals, known, p_text, three_digits
 
@@ -85,12 +85,14 @@ def _line_rows(line: Line, part: slice) -> list[str]:
     if line.source != "ours" and not set(line.cells[part]) - {NONE}:
         return []
     cells = [cell.partition(" ")[::2] for cell in line.cells[part]]
-    stars = [star for star, _ in zip_longest(line.best[part], cells, fillvalue=False)]
+    stars = line.best[part] or (False,) * len(cells)
     title = titled(line.title.removesuffix(f" ({line.unit})"), line.unit) if line.title else ""
     known = any(interval for _, interval in cells)
     if known and title:  # hangs down beside the intervals, where it takes two lines
         title = rf"\raisebox{{0pt}}[0pt][0pt]{{\parbox[t]{{{TITLE}}}{{\raggedright {title}}}}}"
-    rows = [row([title, escaped(line.source), *map(_s_cell, (value for value, _ in cells), stars)])]
+    shown = [rf"\bfseries {value}" if star else value for (value, _), star in zip(cells, stars, strict=True)]
+    values = ["{--}" if value.endswith(NONE) else value.replace("−", "-") for value in shown]
+    rows = [row([title, escaped(line.source), *values])]
     if known:
         rows.append(row(["", "", *(f"{{\\scriptsize {escaped(interval)}}}" for _, interval in cells)]))
     return rows
@@ -105,12 +107,6 @@ def _s_column(cells: Iterable[str]) -> str:
     return f"S[table-format={sign}{before}.{after},detect-weight]"
 
 
-def _s_cell(value: str, star: bool) -> str:
-    if value == NONE:
-        return "{--}"
-    return (r"\bfseries " if star else "") + value.replace("−", "-")
-
-
 def comparisons(result: Result) -> str:
     """Every tested difference, a table for each metric and reference; empty where nothing was compared."""
     titles = {method.name: method.title for method in result.about.methods}
@@ -118,28 +114,18 @@ def comparisons(result: Result) -> str:
     defined = result.comparisons[result.comparisons.metric.isin(result.about.metrics)]
     for (reference, metric), group in defined.groupby(["reference", "metric"], sort=False):
         facts = result.about.metrics[metric]
-        body = [
-            row(
-                [
-                    escaped(titles.get(c.better, c.better)),
-                    escaped(titles.get(c.worse, c.worse)),
-                    num_figure(c.difference, c.low, c.high, c.unit),
-                    p_value(c.p_corrected),
-                    num(c.effect, 2),
-                ]
-            )
-            for c in each(group)
-        ]
-        texts.append(
-            float_table(
-                f"{result.about.name}. {facts.title} against {reference}: differences with their 95 % confidence "
-                "intervals, p corrected for all pairs (Holm), and the difference over the standard deviation of the "
-                "paired differences (effect).",
-                "llrrr",
-                ("Ahead", "Behind", titled("Difference", facts.unit), "p", "Effect"),
-                body,
-            )
+        body = []
+        for c in each(group):
+            names = [escaped(titles.get(name, name)) for name in (c.better, c.worse)]
+            difference = num_figure(c.difference, c.low, c.high, c.unit)
+            body.append(row([*names, difference, p_value(c.p_corrected), num(c.effect, 2)]))
+        text = (
+            f"{result.about.name}. {facts.title} against {reference}: differences with their 95 % confidence "
+            "intervals, p corrected for all pairs (Holm), and the difference over the standard deviation of the "
+            "paired differences (effect)."
         )
+        head = ("Ahead", "Behind", titled("Difference", facts.unit), "p", "Effect")
+        texts.append(float_table(text, "llrrr", head, body))
     return "\n".join(texts)
 
 
@@ -149,45 +135,40 @@ def tradeoff(found: Tradeoff) -> str:
     for section in found.facts.sections:
         front = [setting for setting in found.section(section.name) if setting.on_front]
         text = (
-            f"{found.facts.name}. {section.title}: the settings that no other beats in accuracy, completeness "
-            f"and time together. "
+            f"{found.facts.name}. {section.title}: the settings that no other beats in accuracy, completeness and time "
+            "together. "
             f"{section.metric}: {section.definition}. Time: {section.seconds}; in brackets the 95 % confidence "
             f"interval, and of times the range of the repeats; ratio: to {section.reference}."
         )
         seen = [titled("Seen", "%")] if any(known(s.seen_percent) for s in front) else []
         head = ["Setting", titled(section.metric, section.unit), *seen, titled("Time", "s"), "Ratio"]
-        texts.append(float_table(text, f"l{'r' * len(head[1:])}", head, (_setting(s, bool(seen)) for s in front)))
+        body = []
+        for s in front:
+            share = [num(s.seen_percent, 2)] if seen else []
+            cost = num_figure(s.seconds, s.seconds_low, s.seconds_high, "s"), num(s.ratio, three_digits(s.ratio))
+            body.append(row([escaped(s.title), num_figure(s.error, s.low, s.high, s.unit), *share, *cost]))
+        texts.append(float_table(text, f"l{'r' * len(head[1:])}", head, body))
     return "\n".join(texts)
-
-
-def _setting(s: Setting, with_seen: bool) -> str:
-    seconds = num_figure(s.seconds, s.seconds_low, s.seconds_high, "s")
-    ratio = num(s.ratio, three_digits(s.ratio))
-    seen = [num(s.seen_percent, 2)] if with_seen else []
-    return row([escaped(s.title), num_figure(s.error, s.low, s.high, s.unit), *seen, seconds, ratio])
 
 
 def float_table(text: str, columns: str, head: Iterable[str], body: Iterable[str]) -> str:
     """A float over the page's width. text: its caption, plain; head: cells that are LaTeX already; body: rows made by
     `row`."""
-    return "\n".join(
-        [
-            r"% needs \usepackage{booktabs} and \usepackage{siunitx}",
-            r"\begin{table*}[p]",
-            r"\centering\footnotesize",
-            rf"\caption{{{escaped(text)}}}\smallskip",
-            r"\setlength{\tabcolsep}{3.5pt}",
-            rf"\begin{{tabular}}{{{columns}}}",
-            r"\toprule",
-            row(f"{{{title}}}" for title in head),
-            r"\midrule",
-            *body,
-            r"\bottomrule",
-            r"\end{tabular}",
-            r"\end{table*}",
-            "",
-        ]
-    )
+    rows = "\n".join(body)
+    return rf"""% needs \usepackage{{booktabs}} and \usepackage{{siunitx}}
+\begin{{table*}}[p]
+\centering\footnotesize
+\caption{{{escaped(text)}}}\smallskip
+\setlength{{\tabcolsep}}{{3.5pt}}
+\begin{{tabular}}{{{columns}}}
+\toprule
+{row(f"{{{title}}}" for title in head)}
+\midrule
+{rows}
+\bottomrule
+\end{{tabular}}
+\end{{table*}}
+"""
 
 
 def titled(title: str, unit: str) -> str:
@@ -210,7 +191,7 @@ def num_figure(value: float | None, low: float | None, high: float | None, unit:
     if not known(value):
         return "--"
     places = decimals(value, low, high, unit)
-    ends = f" {{[}}{num(low, places)}, {num(high, places)}{{]}}" if known(low, high) else ""
+    ends = f" {{[}}{num(low, places)}, {num(high, places)}{{]}}" if known(low) and known(high) else ""
     return (rf"\textbf{{{num(value, places)}}}" if bold else num(value, places)) + ends
 
 

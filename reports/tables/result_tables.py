@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from bench.results import HEADLINES, Result, Setting, Tradeoff
+from bench.results import HEADLINES, Result, Tradeoff
 from bench.results.tables import each
-from reports.tables.blocks import Line, best_note, blocks, caption, figure, known, number, p_text, ratio, three_digits
+from reports.tables.blocks import best_note, blocks, caption, figure, known, number, p_text, ratio, three_digits
 from reports.tables.markdown import bold, escaped, table
 
 if TYPE_CHECKING:
@@ -23,14 +24,12 @@ def markdown(result: Result) -> str:
     for block in found:
         parts.append(f"## {block.heading}\n")
         headings = ("metric", "", *map(escaped, block.methods))
-        parts.append(table(headings, (_markdown_cells(line) for line in block.lines), texts=2))
+        lines = []
+        for line in block.lines:
+            stars = zip_longest(map(escaped, line.cells), line.best)
+            lines.append((escaped(line.title), line.source, *(bold(cell) if best else cell for cell, best in stars)))
+        parts.append(table(headings, lines, texts=2))
     return "\n".join(parts)
-
-
-def _markdown_cells(line: Line) -> tuple[str, ...]:
-    best = line.best or (False,) * len(line.cells)
-    cells = (bold(escaped(cell)) if star else escaped(cell) for cell, star in zip(line.cells, best, strict=True))
-    return (escaped(line.title), escaped(line.source), *cells)
 
 
 def comparisons_markdown(result: Result) -> str:
@@ -62,16 +61,15 @@ def tradeoff_markdown(tradeoff: Tradeoff) -> str:
         error = f"{escaped(section.metric)} ({escaped(section.unit)})"
         settings = tradeoff.section(section.name)
         seen = ["seen (%)"] if any(known(s.seen_percent) for s in settings) else []
-        headings = ("setting", error, *seen, "time (s)", "× reference")
-        parts.append(table(headings, (_setting(s, bool(seen)) for s in settings)))
+        lines = []
+        for s in settings:
+            title = bold(escaped(s.title)) if s.on_front else escaped(s.title)
+            share = [number(s.seen_percent, 2)] if seen else []
+            cost = escaped(figure(s.seconds, s.seconds_low, s.seconds_high, "s"))
+            cells = (escaped(figure(s.error, s.low, s.high, s.unit)), *share, cost)
+            lines.append((title, *cells, number(s.ratio, three_digits(s.ratio))))
+        parts.append(table(("setting", error, *seen, "time (s)", "× reference"), lines))
     return "\n".join(parts)
-
-
-def _setting(s: Setting, with_seen: bool) -> tuple[str, ...]:
-    title = bold(escaped(s.title)) if s.on_front else escaped(s.title)
-    error, seconds = figure(s.error, s.low, s.high, s.unit), figure(s.seconds, s.seconds_low, s.seconds_high, "s")
-    seen = [number(s.seen_percent, 2)] if with_seen else []
-    return title, escaped(error), *seen, escaped(seconds), number(s.ratio, three_digits(s.ratio))
 
 
 def csv_text(result: Result) -> str:

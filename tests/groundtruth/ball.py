@@ -32,6 +32,11 @@ def surface(rays, R, t):
     return depth_m, normals
 
 
+def world_points_m(view, depth_m):
+    """World points [h, w, 3] at the depths [h, w] of a view."""
+    return (view.rays() * depth_m[..., None] - view.t) @ view.R
+
+
 def view(name, angle_x, angle_y, height=SIZE, width=SIZE):
     """A camera on a sphere about the origin, and the true depth [h, w] of what it sees."""
     forward = np.array([np.sin(angle_y), np.sin(angle_x), 1.0])
@@ -44,5 +49,5 @@ def view(name, angle_x, angle_y, height=SIZE, width=SIZE):
     near_m, far_m = (np.full((height, width), z, dtype=np.float32) for z in (0.40, 0.62))
     bare = View(name, np.zeros((height, width), np.float32), K, R, t, near_m, far_m)
     depth_m, _ = surface(bare.rays(), R, t)
-    gray = texture(bare.world_points_m(depth_m)).astype(np.float32)
+    gray = texture(world_points_m(bare, depth_m)).astype(np.float32)
     return replace(bare, gray=gray), depth_m

@@ -27,6 +27,7 @@ from bench.run.benchmark_file import load_benchmark
 from bench.run.runner import run
 from groundtruth.cameras.model_files import write_model
 from groundtruth.dense.planesweep import swept_disparity
+from groundtruth.dense.views import Stereo
 from groundtruth.mesh.mesh_files import load_open3d, write_mesh
 from radar.data.arrays import PlanarScan, qar50
 from radar.data.capture import RadarCapture, load_capture, save_capture
@@ -248,9 +249,9 @@ def test_echoes_that_a_file_does_not_hold_are_refused(tmp_path):
 
 def test_a_plane_sweep_beyond_memory_is_refused_before_it_is_made(small_machine):
     picture = np.zeros((60, 80), np.float32)
-    one = np.zeros((1, 60, 80), np.float32), np.array([[60, 80]]), np.eye(3)[None], np.zeros((1, 3))
+    one = Stereo(picture, picture[None], np.array([[60, 80]]), np.eye(3)[None], np.zeros((1, 3)), unit=1.0)
     refused(
-        lambda: swept_disparity(picture, *one, 0.0, 256),
+        lambda: swept_disparity(one, 0.0, 256),
         r"dense: 256 planes of 80 × 60 pixels: needs 0\.00492 GB, and 0\.001 GB of memory are free; choose a lower",
     )
 

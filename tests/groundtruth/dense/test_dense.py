@@ -7,7 +7,8 @@ import pytest
 from groundtruth.dense import patchmatch, planesweep
 from groundtruth.dense.dense import depth_maps
 from groundtruth.dense.fusion import fuse
-from tests.groundtruth.ball import ANGLES, DISPARITY_M, PIXEL_M, RADIUS_M, view
+from groundtruth.dense.views import Stereo
+from tests.groundtruth.ball import ANGLES, DISPARITY_M, PIXEL_M, RADIUS_M, view, world_points_m
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +29,7 @@ def test_inverse_depth_moves_a_pixel_as_the_cameras_say(scene):
     A, b = reference.to(source)
     row, column = 50, 61
     seen = A @ (column, row, 1) + b / depth_m[row, column]
-    expected = source.K @ (source.R @ reference.world_points_m(depth_m)[row, column] + source.t)
+    expected = source.K @ (source.R @ world_points_m(reference, depth_m)[row, column] + source.t)
     np.testing.assert_allclose(seen[:2] / seen[2], expected[:2] / expected[2], atol=1e-9)
 
 
@@ -50,7 +51,7 @@ def test_depth_is_right_where_it_is_given(scene, maps):
 
 def test_normals_face_the_camera_and_follow_the_sphere(scene, maps):
     view, depth_m = scene[0][0], scene[1][0]
-    points_m = view.world_points_m(depth_m)
+    points_m = world_points_m(view, depth_m)
     on_cap = (np.linalg.norm(points_m[..., :2], axis=-1) < 0.6 * RADIUS_M) & np.isfinite(maps[0].depth_m)
     cosine = (maps[0].normals * points_m / RADIUS_M).sum(axis=-1)[on_cap]
     assert np.median(np.degrees(np.arccos(np.clip(cosine, -1, 1)))) < 6
@@ -86,15 +87,9 @@ def test_the_sweep_finds_a_plane_between_two_planes():
     for axis in (0, 1):
         picture = np.apply_along_axis(np.convolve, axis, picture, kernel / kernel.sum(), "same")
     reference = (picture[:, 5:-6] + picture[:, 6:-5]).astype(np.float32) / 2
-    found = planesweep.swept_disparity(
-        reference,
-        picture[None].astype(np.float32),
-        np.array([picture.shape]),
-        np.eye(3)[None],
-        np.array([[1.0, 0, 0]]),
-        0.0,
-        12,
-    )
+    sizes, A, b = np.array([picture.shape]), np.eye(3)[None], np.array([[1.0, 0, 0]])
+    stereo = Stereo(reference, picture[None].astype(np.float32), sizes, A, b, unit=1.0)
+    found = planesweep.swept_disparity(stereo, 0.0, 12)
     assert np.abs(np.median(found) - 5.5) < 0.1
     assert np.quantile(np.abs(found - 5.5), 0.9) < 0.5
 

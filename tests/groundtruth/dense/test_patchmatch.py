@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from groundtruth.dense import patchmatch
-from groundtruth.dense.curvature import BEND_PX, MOST_BENT, bends
-from groundtruth.dense.patchmatch import RADIUS, refine
+from groundtruth.dense.patchmatch import BEND_PX, MOST_BENT, RADIUS, bends, refine
+from groundtruth.dense.views import Stereo
 
 SIZE = 80
 ROW, COLUMN = np.mgrid[:SIZE, :SIZE].astype(float)
@@ -81,7 +81,7 @@ def polished_error(xx, yy, start_off=0.0):
     low, high = np.full((2, SIZE, SIZE), 5.0), np.full((2, SIZE, SIZE), 40.0)
     A, b = np.tile(np.eye(3), (2, 1, 1)), np.array([(1.0, 0, 0), (0, 1.0, 0)])
     sizes = np.full((2, 2), SIZE + 40)
-    refine(reference, sources, sizes, A, b, planes, low[0], high[0], 0, 0)
+    refine(Stereo(reference, sources, sizes, A, b, 1.0), planes, low[0], high[0], 0, 0)
     return (planes[..., 0] - truth)[INSIDE]
 
 
@@ -115,7 +115,8 @@ def test_a_bent_window_that_leaves_the_source_is_not_seen():
     """The middle and a flat window are inside by less than the paraboloid's rise at the rim."""
     values, weights = np.zeros(patchmatch.SAMPLES), np.full(patchmatch.SAMPLES, 1 / patchmatch.SAMPLES)
     source = np.random.default_rng(0).random((40, 40)).astype(np.float32)
-    arguments = values, weights, 1.0, source, 40, 40, np.eye(3), np.array([1.0, 0, 0]), 20, 20
+    stereo = Stereo(source, source[None], np.array([(40, 40)]), np.eye(3)[None], np.array([(1.0, 0, 0)]), 1.0)
+    arguments = (20, 20, values, weights, 1.0), stereo, 0
     plane = (40 - 1 - RADIUS - 20 - 0.2, 0.0, 0.0)
     assert patchmatch._mismatch(*arguments, plane) < patchmatch.WORST
     assert patchmatch._mismatch(*arguments, plane, (0.08, 0.0, 0.0)) == patchmatch.WORST

@@ -6,8 +6,10 @@ import pytest
 
 from groundtruth.cameras.cameras import load_pycolmap
 from groundtruth.dense.views import open_view
+from groundtruth.options import Options
 from groundtruth.photos.masks import Masks, cut_out, find_masks, read_mask
 from groundtruth.photos.photos import Photo
+from groundtruth.pipeline import stages
 from radar.support.errors import HandbenchError
 
 WIDTH, HEIGHT = 240, 160
@@ -38,8 +40,13 @@ def test_masks_are_found_under_both_names(tmp_path, photo, name):
     write(tmp_path / "masks", name, DISC * 3)  # any nonzero number
     files = find_masks(tmp_path / "masks", (photo,))
     assert np.array_equal(Masks(files).of(photo, None, None, None), DISC)
-    write(tmp_path / "masks", name, DISC * 255)
-    assert Masks(files).content() != Masks().content() != Masks(by_colour=True).content()
+
+
+def test_other_masks_make_another_dense_stage(tmp_path):
+    chosen = ((None, "none"), ("a", "none"), ("b", "none"), (None, "colour"))
+    made = [stages(tmp_path, tmp_path, Options(mask=mask), [], masks) for masks, mask in chosen]
+    assert len({dense.key for _, dense, _ in made}) == 4
+    assert len({sparse.key for sparse, _, _ in made}) == 1
 
 
 def test_masks_that_do_not_fit_are_refused(tmp_path, photo):

@@ -21,10 +21,10 @@ from bench.results.tables import CASES, COMPARISONS, frame
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json
 from reports.figures import depth_maps
-from reports.figures import overview as figures
-from reports.figures.overview import overview, panels
+from reports.figures.charts import overview
+from reports.figures.depth_maps import panels
 from reports.figures.style import COLOURS, MARKERS, STYLE, looks
-from reports.page import html, scene3d, sections
+from reports.page import html, rendering, scene3d, sections
 from reports.page.rendering import render
 from tests.reports.synthetic_result import METHODS, write_synthetic
 
@@ -136,7 +136,7 @@ def test_the_page_shows_and_explains_the_floor(report):
 @pytest.fixture
 def undrawn(monkeypatch):
     """A report without pictures, where words are looked at."""
-    monkeypatch.setattr(figures, "save", lambda pictures, folder: [])
+    monkeypatch.setattr(rendering, "images", lambda pictures, folder: [])
 
 
 def test_a_result_without_a_floor_is_reported(folder, tmp_path, undrawn):
