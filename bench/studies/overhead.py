@@ -30,7 +30,7 @@ from bench.run.outcome import Capture, Outcome, basis, comparisons, tabulate
 from bench.run.runner import Run
 from bench.run.scoring import GRIDS, REFERENCES, write_reference
 from bench.run.tasks import Done
-from bench.studies.columns import Record, Table, columns
+from bench.studies.columns import Record, rows
 from bench.studies.study import Study
 from calibration.transforms import identity
 from groundtruth.mesh.depth import Reference
@@ -141,7 +141,7 @@ def study(work: Path, captures: int, scheduler: str | None) -> Study:
         f"The runner's own cost, {captures} captures",
         [captures],
         lambda captures: measure(captures, scheduler),
-        lambda records: [Table("rows", columns("overhead.rows"), records)],
+        rows("overhead"),
         check=_check,
     )
 

@@ -131,7 +131,7 @@ def write(found: Found, out: Path) -> Path:
             with atomic_path(stem.with_suffix(suffix)) as temporary:
                 figure.savefig(temporary, metadata=metadata)
     content = {table.name: table.plain() for table in found.tables}
-    definitions = {key: column.text for table in found.tables for key, column in table.columns.items()}
+    definitions = {column.name: column.meaning for table in found.tables for column in table.columns}
     write_json(
         stem.with_suffix(".json"), {**found.facts, "definitions": definitions, **content, "failures": found.failures}
     )
@@ -153,7 +153,7 @@ def page(found: Found, picture: str = "") -> str:
         "versions": ", ".join(f"{name} {version}" for name, version in facts["versions"].items()),
     }
     lines = "".join(f"- {name}: {value}\n" for name, value in stood.items() if value is not None)
-    defined = {c.heading: c.text for t in found.tables if t.shown for c in t.columns.values() if c.heading and c.text}
+    defined = {c.heading: c.meaning for t in found.tables if t.shown for c in t.columns if c.heading}
     columns = "".join(f"- *{heading}*: {text}\n" for heading, text in defined.items())
     shown = [f"![{study.title}]({picture})\n"] if picture else []
     parts = [f"# {study.title}\n", *([study.text + "\n"] if study.text else []), found.markdown(), *shown]

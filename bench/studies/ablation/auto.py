@@ -11,7 +11,7 @@ import numpy as np
 from bench.scenes.build import Scene, load_scene
 from bench.scenes.echoes import echo_scene, echoes
 from bench.studies.ablation.measure import image
-from bench.studies.columns import Record, Table, columns
+from bench.studies.columns import Record, rows
 from bench.studies.study import Study
 from radar.data.capture import RadarCapture
 from radar.simulation.effects.catalogue import EFFECTS
@@ -31,7 +31,7 @@ def study(work: Path, scenes: list[Path], tolerances: str) -> Study:
         'What effects = "auto" chooses',
         scenes or sorted(SCENES.glob("*.toml")),
         lambda path: compare(load_scene(path), tolerances_mm),
-        lambda records: [Table("rows", columns("auto.rows"), records)],
+        rows("auto"),
         label=lambda path: path.stem,
     )
 

@@ -41,13 +41,9 @@ def _front(section: Section, settings: tuple[Setting, ...]) -> Table:
     """The front, and the settings that are the best of their own method alone."""
     best = [s.name for s in front(settings)]
     unit = next((s.seconds for s in settings if s.name == section.reference), None)
-    known = columns("tradeoff.front")
     shown = sorted((s for s in settings if s.name in best or s.on_method_front), key=lambda s: s.seconds)
-    return Table(
-        "front",
-        {**known, "error": replace(known["error"], heading=section.unit)},
-        [_record(s, s.name in best, unit) for s in shown],
-    )
+    known = [replace(c, heading=section.unit) if c.name == "error" else c for c in columns("tradeoff.front")]
+    return Table("front", known, [_record(s, s.name in best, unit) for s in shown])
 
 
 def _record(s: Setting, best: bool, unit: float | None) -> Record:
