@@ -15,7 +15,7 @@ from bench.studies.columns import Record
 from bench.studies.engine.frame_rows import relative_error
 from bench.studies.engine.growth import TOLERANCE
 from bench.studies.engine.scope import Inputs
-from bench.studies.engine.turns import Room
+from bench.studies.engine.turns import Work, room, timed
 from radar.data.depthmap import DepthMap
 from radar.imaging.api import image_points, image_volume
 from radar.methods.fsk import three_tone
@@ -65,21 +65,21 @@ def thread_differences(inputs: Inputs) -> list[Record]:
     """Relative difference of every kind of result between one worker thread and all of them."""
     found = []
     for workers in ("1", ""):  # nothing: all
-        with Room(HANDBENCH_WORKERS=workers) as room:
-            found.append({name: room.time(work, _values).kept for name, work in _works(inputs).items()})
+        with room(HANDBENCH_WORKERS=workers) as place:
+            found.append({name: place.submit(timed, work, _values).result().kept for name, work in _works(inputs)})
     one, every = found
     return [{"section": "threads", "what": name, "difference": relative_error(every[name], one[name])} for name in one]
 
 
-def _works(inputs: Inputs) -> dict[str, partial]:
+def _works(inputs: Inputs) -> list[tuple[str, Work]]:
     samples, tones_hz, array = inputs.samples["hand"], inputs.tones_hz, inputs.array
     points_m = inputs.scatterers.position_m[::50]
-    return {
-        "exact image": partial(image_points, samples, tones_hz, array, points_m, None),
-        "fast volume": partial(image_volume, samples, tones_hz, array, inputs.grid, TOLERANCE),
-        "3-FSK frame": partial(three_tone, inputs.frame, inputs.scope.frame),
-        "simulation": partial(simulate, inputs.scatterers, tones_hz, array, tolerance=TOLERANCE),
-    }
+    return [
+        ("exact image", partial(image_points, samples, tones_hz, array, points_m, None)),
+        ("fast volume", partial(image_volume, samples, tones_hz, array, inputs.grid, TOLERANCE)),
+        ("3-FSK frame", partial(three_tone, inputs.frame, inputs.scope.frame)),
+        ("simulation", partial(simulate, inputs.scatterers, tones_hz, array, tolerance=TOLERANCE)),
+    ]
 
 
 def _values(result: np.ndarray | DepthMap) -> np.ndarray:

@@ -38,10 +38,9 @@ def study(work: Path, quick: bool, full: bool) -> Study:
 
 def tables(records: list[Record]) -> list[Table]:
     """Rows by section, growth, and the bars."""
+    of_rows, of_growth = ([r for r in records if r["section"] in names] for names in (OF_ROWS, ("growth",)))
     return [
-        Table(
-            "rows", columns("engine.rows"), [record for record in records if record["section"] in OF_ROWS], by="section"
-        ),
-        Table("growth", columns("engine.growth"), [record for record in records if record["section"] == "growth"]),
+        Table("rows", columns("engine.rows"), of_rows, by="section"),
+        Table("growth", columns("engine.growth"), of_growth),
         Table("bars", columns("engine.bars"), bars(records)),
     ]

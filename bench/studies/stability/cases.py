@@ -1,9 +1,10 @@
 """The catalogue of hard cases: functions that measure one quantity each, swept through its limit and past it.
 
-catalogue.toml says what each case is about; the function of its name, in a module of its group, measures it. It yields
+catalogue.toml says what each case GROUP.NAME is about; the function _NAME of a module GROUP_*.py measures it. It yields
 what it saw: (place in the sweep, value), or (place, value, whether the answer was marked as unreliable there, by a
 flag, NaN or a stated σ that covers it). Of a case that must be refused it yields (place, what is to be refused[, words
-of that refusal alone]). A bound holds on every machine, for the reason beside it.
+of that refusal alone]). A bound holds on every machine, for the reason beside it; one that is computed stands among
+the module's BOUNDS.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, SupportsFloat, TypeVar
+from typing import Any, SupportsFloat
 
 import numpy as np
 
@@ -23,7 +24,12 @@ from radar.support.errors import HandbenchError
 
 GROUPS = ("phase", "data", "geometry", "smoothing", "registration", "meshes", "statistics")
 CATALOGUE = Path(__file__).with_name("catalogue.toml")
-REFUSAL = {"unit": "answers", "quantity": "an answer", "reference": "a refusal"}  # unless the catalogue says otherwise
+REFUSAL = {
+    "bound": 0.0,
+    "unit": "answers",
+    "quantity": "an answer",
+    "reference": "a refusal",
+}  # unless the catalogue says otherwise
 
 
 @dataclass(frozen=True)
@@ -45,8 +51,6 @@ class Refused:
 
 Seen = Iterable[tuple[str, SupportsFloat] | tuple[str, SupportsFloat, bool]]
 Works = Iterable[tuple[str, Callable[[], object]] | tuple[str, Callable[[], object], str]]
-Measure = Callable[[], float] | Callable[[], Seen] | Callable[[], Works]
-Measuring = TypeVar("Measuring", bound=Measure)
 
 
 @dataclass(frozen=True)
@@ -63,39 +67,26 @@ class Case:
     measure: Callable[[], Any]
 
 
-MEASURED: dict[str, tuple[float, Callable[[], Any]]] = {}  # by the case's place in the catalogue: bound, function
-
-
-def case(bound: float = 0.0) -> Callable[[Measuring], Measuring]:
-    """Decorator of the function that measures a case of the catalogue: GROUP.NAME is `_NAME` in a module GROUP_*."""
-
-    def add(measure: Measuring) -> Measuring:
-        module = measure.__module__.rpartition(".")[2]
-        MEASURED[f"{module.partition('_')[0]}.{measure.__name__.lstrip('_')}"] = bound, measure
-        return measure
-
-    return add
-
-
 def cases(groups: Iterable[str] = GROUPS) -> list[Case]:
     """The catalogue's cases of some groups, in its order."""
     catalogue, found = tomllib.loads(CATALOGUE.read_text("utf-8")), []
     for group in groups:
-        for file in sorted(CATALOGUE.parent.glob(f"{group}_*.py")):
-            import_module(f"{__package__}.{file.stem}")
+        files = sorted(CATALOGUE.parent.glob(f"{group}_*.py"))
+        modules = [vars(import_module(f"{__package__}.{file.stem}")) for file in files]
         known = {name: text for name, text in catalogue[group].items() if isinstance(text, str)}
         for name, about in catalogue[group].items():
             if name not in known:
-                found.append(_case(group, name, about, known))
+                module = next(module for module in modules if f"_{name}" in module)
+                found.append(_case(group, name, about, known, module))
     return found
 
 
-def _case(group: str, name: str, about: dict[str, Any], known: dict[str, str]) -> Case:
+def _case(group: str, name: str, about: dict[str, Any], known: dict[str, str], module: dict[str, Any]) -> Case:
     """The case as the catalogue has it; known: the group's texts, by the names that stand for them."""
-    bound, measure = MEASURED[f"{group}.{name}"]
-    words = about.pop("words", None)
+    measure, words = module[f"_{name}"], about.pop("words", None)
     if words is not None:
         about, measure = REFUSAL | about, partial(refused_throughout, measure, *words)
+    bound = about.pop("bound") if "bound" in about else module["BOUNDS"][name]
     return Case(group=group, bound=bound, measure=measure, **{key: text.format(**known) for key, text in about.items()})
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.studies.stability.cases import Seen, Works, case
+from bench.studies.stability.cases import Seen, Works
 from bench.studies.stability.scenes import (
     FSK,
     LADDER_HZ,
@@ -34,6 +34,17 @@ from radar.imaging.cpu.exact import tone_images
 from radar.methods.confidence import UNRELATED_RAD
 
 FINE_HZ = 2.3e9  # the smaller of 3-FSK's two differences
+RANGE_MM = 1e3 * C / (4 * 10e9) + VOXEL_MM  # half a range cell of broadband, and half a voxel
+SNR_DB = (60, 40, 30, 20, 15, 10, 5, 0, -10, -30)
+DRAWS = 4
+SATURATION = np.hypot(np.pi / 3, UNRELATED_RAD) / UNRELATED_RAD  # where `radar.methods.confidence.incoherent` begins
+BOUNDS = {
+    "scales": 1e3 * C / (4 * np.pi * 0.2e9) * 2**-22,
+    "saturated": 1e3 * C / (4 * np.pi * 0.2e9) * np.sqrt(2 / 144) / 3,
+    "ties": 10 * 2.0**-24 * 4,
+    "sigma_follows": SATURATION,
+    "projections_drown": RANGE_MM,
+}
 
 
 @cache
@@ -55,12 +66,10 @@ def _off_mm(id: str, samples: np.ndarray) -> float:
     return 1e3 * abs(float(middle(_depth(id, samples).z_m)) - _reference(id))
 
 
-@case()
 def _zeros() -> Works:
     return ((id, partial(_depth, id, np.zeros_like(_point()))) for id in METHODS)
 
 
-@case()
 def _not_finite() -> Works:
     for bad, id in product((np.nan, np.inf, -np.inf, complex(0, np.nan), complex(0, np.inf), 1e39), METHODS):
         samples = _point().copy()
@@ -69,7 +78,6 @@ def _not_finite() -> Works:
             yield f"{bad}, {id}", partial(_depth, id, samples.astype(np.complex64))
 
 
-@case(1.0)
 def _one_channel() -> Seen:
     for id, (t, r) in product(METHODS, ((0, 0), (5, 6), (11, 2))):
         samples = np.zeros_like(_point())
@@ -77,7 +85,6 @@ def _one_channel() -> Seen:
         yield f"{id}, channel {t}, {r}", 1e3 * abs(float(middle(_depth(id, samples).z_m)) - POINT_M[2])
 
 
-@case(0.5)
 def _dead_rows() -> Seen:
     for id, dead in product(METHODS, (1, 3, 6, 9, 11)):
         for leg, place in (("t", np.s_[:, :dead]), ("r", np.s_[:, :, -dead:])):
@@ -86,7 +93,6 @@ def _dead_rows() -> Seen:
             yield f"{id}, {dead} of 12 dead in {leg}", _off_mm(id, samples)
 
 
-@case(0.0)
 def _powers_of_two() -> Seen:
     for id in METHODS:
         whole = _depth(id, _point())
@@ -98,7 +104,6 @@ def _powers_of_two() -> Seen:
             yield f"{id}, 2^{exponent}", 1e3 * change if same and known.any() else np.inf
 
 
-@case(1e3 * C / (4 * np.pi * 0.2e9) * 2**-22)
 def _scales() -> Seen:
     factors = (1e-38, 1e-30, 1e-20, 1e-10, 1e10, 1e20, 1e30, 3e38)
     return ((f"{id}, {factor:g}", _off_mm(id, _point() * factor)) for id, factor in product(METHODS, factors))
@@ -112,7 +117,6 @@ def _steps(samples: np.ndarray, bits: int) -> np.ndarray:
     return np.clip((np.floor(parts / step) + 0.5) * step, -full, full).view(complex)
 
 
-@case(1.0)
 def _four_bits() -> Seen:
     for id, bits in product(METHODS, (12, 8, 6, 4)):
         phase = np.sqrt(2) * 2 / 2**bits / np.sqrt(12 * 144)
@@ -125,13 +129,11 @@ def _difference_hz(id: str) -> float:
     return {"2fsk": 0.2e9, "nfsk": 9.3e9}.get(id, FINE_HZ)
 
 
-@case(1e3 * C / (4 * np.pi * 0.2e9) * np.sqrt(2 / 144) / 3)
 def _saturated() -> Seen:
     for id, level in product(METHODS, (0.9, 0.7, 0.5, 0.3, 0.1, 0.01)):
         yield f"{id}, clipped at {level}", _off_mm(id, np.clip(_point().view(float), -level, level).view(complex))
 
 
-@case(10 * 2.0**-24 * 4)
 def _ties() -> Seen:
     levels = np.array([0.0, -3.0, -10.0, -10.0 + 1e-5, -10.0 - 1e-5, -13.0])
     for kind, scale in product((np.float32, np.float64), (1e-30, 1.0, 1e30)):
@@ -140,7 +142,6 @@ def _ties() -> Seen:
         yield f"{kind.__name__} times {scale:g}", float(np.abs(amplitude_db(amplitude) - exact).max())
 
 
-@case(0.0)
 def _masks() -> Seen:
     taken = capture(noisy(_point(), 144.0, 40.0, 0))
     for id, threshold_db in product(METHODS, (-1e-9, -0.5, -10.0, -400.0)):
@@ -151,12 +152,6 @@ def _masks() -> Seen:
         if depth.sigma_m is not None:
             wrong += np.count_nonzero(~(depth.sigma_m[on] > 0)) + np.count_nonzero(np.isfinite(depth.sigma_m[~on]))
         yield f"{id}, {threshold_db:g} dB", float(wrong)
-
-
-RANGE_MM = 1e3 * C / (4 * 10e9) + VOXEL_MM  # half a range cell of broadband, and half a voxel
-SNR_DB = (60, 40, 30, 20, 15, 10, 5, 0, -10, -30)
-DRAWS = 4
-SATURATION = np.hypot(np.pi / 3, UNRELATED_RAD) / UNRELATED_RAD  # where `radar.methods.confidence.incoherent` begins
 
 
 @cache
@@ -179,7 +174,6 @@ def _drowned(id: str, snr_db: float) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return error, sigma, wrapped
 
 
-@case(SATURATION)
 def _sigma_follows() -> Seen:
     for id, snr_db in product(FSK, SNR_DB):
         error, sigma, wrapped = _drowned(id, snr_db)
@@ -188,7 +182,6 @@ def _sigma_follows() -> Seen:
             yield f"{id}, {snr_db} dB", float(np.median(np.abs(error / sigma)[trusted]) / 0.6745)
 
 
-@case(0.1)
 def _made_up() -> Seen:
     for id, snr_db in product(FSK, SNR_DB):
         error, _, wrapped = _drowned(id, snr_db)
@@ -199,7 +192,6 @@ def _half_period_m(id: str) -> float:
     return C / (4 * 0.2e9) if id == "2fsk" else PERIOD_M / 2
 
 
-@case(RANGE_MM)
 def _projections_drown() -> Seen:
     for snr_db, seed in product((60, 40, 20, 0, -10, -20, -30), range(3)):
         depth = depth_map("broadband", capture(noisy(echoes(POINT_M), 144.0, snr_db, seed)))
@@ -208,7 +200,6 @@ def _projections_drown() -> Seen:
             yield f"{snr_db} dB, draw {seed}", off_mm, bool(middle(flags(depth)))
 
 
-@case(0.0)
 def _nothing_left() -> Seen:
     for seed in range(6):
         noise = noisy(np.zeros_like(echoes(POINT_M, frequencies_hz=LADDER_HZ)), 1.0, 0.0, seed)

@@ -16,7 +16,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from bench.studies.stability.cases import Seen, Works, case
+from bench.studies.stability.cases import Seen, Works
 from bench.studies.stability.geometry_direct import TONES_HZ, array, cloud, echoes, image, waves
 from bench.studies.stability.scenes import white_noise
 from radar.data.arrays import AntennaArray
@@ -63,14 +63,12 @@ def _of_images(places: Callable[[], Iterator[Place]]) -> Callable[[], Seen]:
     return measure
 
 
-@case(1.0)
 @_of_images
 def _through() -> Iterator[Place]:
     for z_m in (0.3, 0.05, 1e-2, 1e-3, 0.0, -1e-3, -0.3):
         yield Place(f"z = {z_m:g} m", array(), cloud(40, (0, 0, z_m)) * [1, 1, z_m != 0])
 
 
-@case(1.0)
 @_of_images
 def _on_antennas() -> Iterator[Place]:
     for height_m in (1e-3, 1e-5, 1e-6, 1e-9, 0.0):
@@ -79,7 +77,6 @@ def _on_antennas() -> Iterator[Place]:
         yield Place(f"within {height_m:g} m of one antenna", array(), cloud(40, tuple(array().tx_m[0]), height_m))
 
 
-@case(1.0)
 @_of_images
 def _one_voxel() -> Iterator[Place]:
     for z_m in (1.0, 0.3, 1e-2, 1e-6, 0.0):
@@ -87,7 +84,6 @@ def _one_voxel() -> Iterator[Place]:
         yield Place(f"{z_m:g} m above an antenna", array(), array().tx_m[:1] + [0, 0, z_m], draws=30)
 
 
-@case(1.0)
 @_of_images
 def _few_antennas() -> Iterator[Place]:
     points, line = cloud(40, (0, 0, 0.3)), np.linspace(-0.07, 0.07, 30)[:, None] * [1, 0, 0]
@@ -98,7 +94,6 @@ def _few_antennas() -> Iterator[Place]:
     yield Place("all antennas in one place", AntennaArray(0 * line, 0 * line), points)
 
 
-@case(1.0)
 @_of_images
 def _far_origin() -> Iterator[Place]:
     for offset_m in (1e3, 1e6, 9e6):
@@ -108,7 +103,6 @@ def _far_origin() -> Iterator[Place]:
             yield Place(f"offset {offset_m:g} m along {way}", moved, cloud(40, (0, 0, 0.3)) + shift)
 
 
-@case(1.0)
 @_of_images
 def _long_ranges() -> Iterator[Place]:
     halves_m = {20.0: (0.05, 1e-3), 100.0: (5e-3,), 1e3: (1e-3, 0.05), 1e5: (0.05,), 1e6: (0.05,)}
@@ -117,7 +111,6 @@ def _long_ranges() -> Iterator[Place]:
         yield Place(f"{1e3 * half_m:g} mm about {range_m:g} m", array(), points, draws=12)
 
 
-@case(1.0)
 @_of_images
 def _tones() -> Iterator[Place]:
     for name, tones_hz in (
@@ -130,14 +123,12 @@ def _tones() -> Iterator[Place]:
         yield Place(name, array(), cloud(40, (0, 0, 0.3)), tones_hz)
 
 
-@case(1.0)
 def _many_tones() -> Seen:
     tones_hz = np.random.default_rng(2).uniform(72e9, 82e9, 4096)
     place = Place("4096 tones", array(3, 2), cloud(10, (0, 0, 0.3)), tones_hz, draws=1)
     return ((_asked(tolerance), _share(place, tolerance)) for tolerance in (None, 1e-5))
 
 
-@case(1.0)
 def _grids() -> Seen:
     generator = np.random.default_rng(3)
     two = np.r_[1e-5 * np.arange(40), 0.1 + 1e-5 * np.arange(40)]
@@ -166,7 +157,6 @@ def _grid_share(grid: VoxelGrid, tolerance: float | None) -> float:
     return np.linalg.norm(found - expected) / size / (tolerance or EXACT)
 
 
-@case(2e-5)
 def _moved() -> Seen:
     points, samples = cloud(40, (0, 0, 0.3)), white_noise((len(TONES_HZ), *array().channels), 0)
     at_origin = image_points(samples, TONES_HZ, array(), points, None)
@@ -176,7 +166,6 @@ def _moved() -> Seen:
         yield f"offset {offset_m:g} m", np.linalg.norm(found - at_origin) / np.linalg.norm(at_origin)
 
 
-@case(1.0)
 def _echoes() -> Seen:
     places = {f"z = {z_m:g} m": cloud(40, (0, 0, 0)) * [1, 1, 0.02] + [0, 0, z_m] for z_m in (0.3, 0.03, 3e-3, 1e-3)}
     places |= {f"{r_m:g} m above antennas": array(40, 40).tx_m[:3] + [0, 0, r_m] for r_m in (1e-3, 1e-6, 1e-12, 1e-24)}
@@ -212,46 +201,38 @@ def _echo(r_m: float, tolerance: float | None) -> np.ndarray:
     return simulate(Scatterers(points, np.ones(1)), TONES_HZ, array(), tolerance=tolerance)
 
 
-@case()
 def _on_antenna() -> Works:
     return ((f"tolerance {tolerance}", partial(_echo, 0.0, tolerance)) for tolerance in (1e-5, None))
 
 
-@case()
 def _voxels_nowhere() -> Works:
     return (_imaged(value, tolerance) for value, tolerance in product((-np.inf, np.inf, np.nan), (1e-3, None)))
 
 
-@case()
 def _voxels_beyond() -> Works:
     return (_imaged(value, tolerance) for value, tolerance in product((1e300, 1e20, 1.1e7), (1e-3, None)))
 
 
-@case()
 def _antennas() -> Works:
     return (
         (f"at {value}", partial(AntennaArray, _with(value), _with(0.0))) for value in (1e300, 1.1e7, np.inf, np.nan)
     )
 
 
-@case()
 def _unordered() -> Works:
     for axis in (UP[:0], np.r_[UP, 0.0], UP[::-1]):
         yield f"{axis}", partial(VoxelGrid, axis, UP, 0.3 + UP)
 
 
-@case()
 def _axis_nowhere() -> Works:
     return ((f"{axis}", partial(VoxelGrid, np.array(axis), UP, UP)) for axis in ([np.nan], [0, np.nan, 1]))
 
 
-@case()
 def _memory() -> Works:
     axis, samples = 1e-4 * np.arange(1000), white_noise((len(TONES_HZ), *array().channels), 0)
     with patch.dict(os.environ, HANDBENCH_MEMORY_GB="1"):
         yield "1 GB", partial(image_volume, samples, TONES_HZ, array(), VoxelGrid(axis, axis, 0.3 + axis), 1e-3)
 
 
-@case()
 def _tolerances() -> Works:
     return ((f"{t}", partial(_image, cloud(5, (0, 0, 0.3)), t)) for t in (np.nan, 0.11, 9e-7, 0.0))

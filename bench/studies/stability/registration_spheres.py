@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from bench.studies.stability.cases import Seen, Works, case
+from bench.studies.stability.cases import Seen, Works
 from bench.studies.stability.scenes import capture, small_array
 from calibration.target.ball_fit import fit_balls
 from calibration.target.description import Candidate, Target, default_target
@@ -56,7 +56,6 @@ def in_sigmas(found: Candidate, centre_m: np.ndarray) -> float:
     return float(np.sqrt(off_m @ np.linalg.solve(found.covariance_m2, off_m)))
 
 
-@case(5.0)
 def _caps() -> Seen:
     rng = np.random.default_rng(0)
     parts = (0.45, 0.3, 0.2, 0.15, 0.12, 0.1, 0.09, 0.08, 0.06, 0.03, 0.01)
@@ -65,14 +64,12 @@ def _caps() -> Seen:
         yield f"{part:.0%}, noise {1e3 * noise_m:g} mm", in_sigmas(found, np.zeros(3)) if found else 0.0
 
 
-@case(0.4)
 def _tenth() -> Seen:
     rng = np.random.default_rng(1)
     found = (fitted(rng, 0.1, 1e-4) for _ in range(5))
     return ((f"trial {n + 1}", 1e3 * np.linalg.norm(f.centre_m) if f else 0.0) for n, f in enumerate(found))
 
 
-@case(5.0)
 def _circles() -> Seen:
     rng = np.random.default_rng(0)
     for height, width, noise_m in product((0.0, 0.03, 0.3, 0.6, 0.99), (0.0, 0.02, 0.1), (0.0, 1e-5, 3e-4)):
@@ -82,7 +79,6 @@ def _circles() -> Seen:
         yield place, in_sigmas(found, np.zeros(3)) if found else 0.0
 
 
-@case(0.0)
 def _no_spheres() -> Seen:
     along = np.linspace(-0.1, 0.1, 40)
     plane_m = np.stack(np.meshgrid(along, along, [0.3]), axis=-1).reshape(-1, 3)
@@ -99,7 +95,6 @@ def _no_spheres() -> Seen:
         yield f"{name}, normals {'unknown' if normal is None else normal}", len(found)
 
 
-@case(4.0)
 def _exact_sphere() -> Seen:
     whole = np.array(list(product(range(-9, 10), repeat=3)), float)
     whole = whole[(whole**2).sum(axis=1) == 81] * 2.0**-9  # lengths that have no rounding
@@ -111,7 +106,6 @@ def _exact_sphere() -> Seen:
         yield f"{name}, radius known to {sigma_m:g} m", float(off_m / (np.finfo(float).eps * radius_m))
 
 
-@case()
 def _too_little() -> Works:
     target, rng = default_target(), np.random.default_rng(2)
     for part in (0.05, 0.03):
@@ -147,19 +141,16 @@ def _apart(gap_m: float) -> np.ndarray:
     return PLACE_M + np.array([[0, 0, 0], [gap_m, 0, 0]])
 
 
-@case(5.0)
 def _near_balls() -> Seen:
     for gap_m, noise in product((0.05, 0.02, 0.015, 0.012, 0.0101), (1e-4, 1.0)):
         for i, ball in heard(_apart(gap_m), noise, off_m=1e-4).items():
             yield f"{1e3 * gap_m:g} mm apart, noise {noise:g}", in_sigmas(ball, _apart(gap_m)[i])
 
 
-@case()
 def _one_place() -> Works:
     for gap_m in (0.0099, 0.005, 1e-3, 1e-5, 1e-7, 0.0):
         yield f"{gap_m:g} m apart", partial(heard, _apart(gap_m), noise=0.01, off_m=0.0)
 
 
-@case()
 def _silent() -> Works:
     yield "zeros", partial(_balls, np.zeros((len(TONES_HZ), *small_array().channels)), _apart(0.05))

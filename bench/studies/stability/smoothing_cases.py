@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from bench.studies.stability.cases import Seen, case
+from bench.studies.stability.cases import Seen
 from radar.methods.smoothing import masked_mean
 
 U = 2.0**-53  # rounding of double precision
@@ -44,7 +44,6 @@ def _map(seed: int, holes: float, shape: tuple[int, int] = (37, 41)) -> np.ndarr
     return values
 
 
-@case(1.0)
 def _holes() -> Seen:
     for size, share in product((1, 3, 5, 9, 31), (0.0, 0.2, 0.9, 0.99)):
         values = _map(size, share)
@@ -53,7 +52,6 @@ def _holes() -> Seen:
         yield f"size {size}, {share:.0%} holes, weighted", _error(values, size, weight)
 
 
-@case(1.0)
 def _drift() -> Seen:
     size, row = 5, 0.3 + 0.02 * np.random.default_rng(0).standard_normal(LONG)
     row[: LONG // 2] += 1e3  # a running sum would keep the rounding of these
@@ -67,7 +65,6 @@ def _drift() -> Seen:
     return [(f"sample {int(error.argmax())}", float(error.max() / allowed))]
 
 
-@case(1.0)
 def _lone() -> Seen:
     for size, (y, x) in product((1, 3, 31, 101), ((0, 0), (0, 6), (4, 3), (8, 6))):
         values = np.full((9, 7), np.nan)
@@ -79,14 +76,12 @@ def _lone() -> Seen:
         yield f"a map of {hole}", _error(np.full((5, 5), hole), 3)
 
 
-@case(1.0)
 def _infinities() -> Seen:
     values = _map(7, 0.1)
     values[3, 4], values[20, 20], values[0, 0] = np.inf, -np.inf, np.inf
     return ((f"size {size}", _error(values, size)) for size in (3, 9))
 
 
-@case(1.0)
 def _strong_and_weak() -> Seen:
     for decades, size in product((1, 6, 12, 16, 20, 40, 80, 166, 280), (3, 5, 9)):
         values = _map(decades, 0.1)
@@ -95,7 +90,6 @@ def _strong_and_weak() -> Seen:
         yield f"10^{decades}, size {size}", _error(values, size, weight)
 
 
-@case(1.0)
 def _outlier() -> Seen:
     for value, size in product((1.0, 1e3, 1e9, 1e100, 1e300), (3, 9)):
         values = _map(3, 0.1)

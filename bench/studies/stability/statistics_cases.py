@@ -27,15 +27,20 @@ from bench.evaluation.statistics.two_samples import f_test
 from bench.results.error_map import ErrorMap
 from bench.results.result_folder import shown
 from bench.results.tables import each
-from bench.studies.stability.cases import Seen, case
+from bench.studies.stability.cases import Seen
 from bench.studies.stability.statistics_intervals import DEPTH_M, EPS, PIXEL_M, a_map, told
 from groundtruth.mesh.depth import Reference
 
 SIDE = 300
 COUNTED = ("n_observed", "completeness_percent", "false_alarm_percent")  # shares of nothing observed that are known
+BOUNDS = {
+    "pooled_deviation": 1.5 * (np.log2(SIDE**2) + 1),
+    "many_samples": (225 + 400 + 1112) / 2,
+    "all_equal": EPS,
+    "not_finite": 1.5 * (np.log2(SIDE**2) + 1),
+}
 
 
-@case(4.0)
 def _precision_about_depth() -> Seen:
     for spread_m, n in product((1e-3, 1e-6, 1e-9, 1e-12, 0.0), (2, 10, 100_000)):
         z_m = DEPTH_M + spread_m * np.where(np.arange(n) % 2, 1.0, -1.0)
@@ -43,7 +48,6 @@ def _precision_about_depth() -> Seen:
         yield f"{1e6 * spread_m:g} µm, {n} repeats", off_m / (EPS * DEPTH_M)
 
 
-@case(10_000.0)
 def _deviation_of_float32() -> Seen:
     for n, spread_m in product((2, 3, 100, 10_000), (1e-3, 1e-6, 1e-7)):
         noise = np.random.default_rng(n).standard_normal((n, 4, 4))
@@ -55,7 +59,6 @@ def _deviation_of_float32() -> Seen:
         yield f"{1e6 * spread_m:g} µm, {n} repeats", float(off / EPS)
 
 
-@case(1.5 * (np.log2(SIDE**2) + 1))
 def _pooled_deviation() -> Seen:
     noise = np.random.default_rng(0).standard_normal((SIDE, SIDE))
     for spread_m in (1e-3, 1e-5, 1e-6, 1e-7, 1e-8, 0.0):
@@ -65,7 +68,6 @@ def _pooled_deviation() -> Seen:
         yield f"{1e6 * spread_m:g} µm", float(off_m2 / (EPS * DEPTH_M**2))
 
 
-@case((225 + 400 + 1112) / 2)
 def _many_samples() -> Seen:
     error_m = 1e-3 + 1e-6 * np.random.default_rng(0).standard_normal((SIDE, SIDE))
     one, captures = block_sums([a_map(error_m)]), 1112  # 90 000 pixels each: 10⁸
@@ -83,7 +85,6 @@ def _many_samples() -> Seen:
     )
 
 
-@case(1.25)
 def _memory() -> float:
     def peak(maps: int) -> int:
         m = a_map(np.full((200, 200), 1e-3))
@@ -96,7 +97,6 @@ def _memory() -> float:
     return peak(40) / peak(4)
 
 
-@case(0.0)
 def _one_repeat() -> float:
     one, two = np.array([0.3]), np.array([0.3, 0.301])
     gap = np.array([0.3, np.nan, np.inf])  # one that is seen
@@ -112,7 +112,6 @@ def _one_repeat() -> float:
     return float(sum(value is not None for value in given))
 
 
-@case(EPS)
 def _all_equal() -> Seen:
     for z_m in (0.1, 0.3, 0.7, 1 / 3):
         hands = [np.full(n, z_m) for n in (2, 3, 7)]
@@ -128,7 +127,6 @@ def _all_equal() -> Seen:
     yield "two equal maps", 1 - line.p_corrected
 
 
-@case(0.0)
 def _rounding_alone() -> Seen:
     x_m = 2.5e-3 * np.arange(36)
     slope_m = DEPTH_M + 0.1 * x_m[:, None] + 0 * x_m
@@ -138,7 +136,6 @@ def _rounding_alone() -> Seen:
         yield f"{captures} captures, {1e3 * error_m:.3g} mm", sum(shown(line).sum() for line in lines)
 
 
-@case(1.5 * (np.log2(SIDE**2) + 1))
 def _not_finite() -> Seen:
     rng = np.random.default_rng(0)
     for broken in (np.nan, np.inf, -np.inf):
@@ -161,7 +158,6 @@ def _not_finite() -> Seen:
         yield f"strongest with {broken}", 0.0 if strongest[0] == (0.4 if broken == np.inf else 0.5) else np.inf
 
 
-@case(0.0)
 def _empty() -> Seen:
     nothing = [
         ("no map", []),
@@ -197,7 +193,6 @@ def _known(m: ErrorMap, sigma_m: float = 1e-3) -> Reference:
     return Reference(m.reference_z_m, np.full(shape, sigma_m), np.zeros((*shape, 6)), registration)
 
 
-@case(4.0)
 def _one_pixel() -> Seen:
     for error_m in (1e-12, -1e-6, 1e-3, -0.3, 1e6):
         m = a_map(np.array([[error_m]]))

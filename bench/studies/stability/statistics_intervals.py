@@ -19,14 +19,14 @@ from bench.evaluation.statistics.intervals import (
 from bench.evaluation.statistics.paired import holm, p_value
 from bench.results import HEADLINE
 from bench.results.error_map import ErrorMap
-from bench.studies.stability.cases import Seen, case
+from bench.studies.stability.cases import Seen
 
 EPS = np.finfo(float).eps
 DEPTH_M, PIXEL_M = 0.3, 1e-3
 T2 = 0.95 / sqrt(2 * 0.975 * 0.025)  # 97.5 % of Student's t with two degrees of freedom
+BOUNDS = {"three_captures": 2.0**11, "tiny_p": EPS**0.5}
 
 
-@case(64.0)
 def _three_repeats() -> Seen:
     for level, size_m in product((0.5, 0.95, 0.999999), (1e-6, 1e-3, 1.0)):
         ends = precision_interval([np.array([1.0, 2.0, 4.0]) * size_m], level) or (np.nan, np.nan)
@@ -46,7 +46,6 @@ def a_map(error_m: np.ndarray, pixel_m: float = PIXEL_M) -> ErrorMap:
     return ErrorMap(x_m, y_m, error_m, np.full(error_m.shape, DEPTH_M))
 
 
-@case(2.0**11)
 def _three_captures() -> Seen:
     for relative in (1e-9, 1e-6, 1e-3, 0.1, 0.9):
         errors_m = 1e-3 * (1 + relative * np.array([-1.0, 0.25, 0.75]))
@@ -58,7 +57,6 @@ def _three_captures() -> Seen:
             yield f"captures {relative:g} apart", float(abs(end - reach) / EPS / max(1, reach))
 
 
-@case(3.0)
 def _coverage() -> float:
     rng, trials = np.random.default_rng(0), 4000
     place = np.array([[capture, 0, 0] for capture in range(3)])
@@ -86,7 +84,6 @@ def _student(freedom: int, t: float) -> float:
     return erfc(t / sqrt(2))
 
 
-@case(EPS**0.5)
 def _tiny_p() -> Seen:
     for freedom in (1, 2, 4, 10**15):
         for t in (1e-300, *np.logspace(-9, 3, 37), 37.0, 39.0, 1e8, 1e77, 1e150, 1e170, 1e300):
@@ -100,7 +97,6 @@ def _tiny_p() -> Seen:
     yield "nothing to test with", 1 - p_value(1.0, None)
 
 
-@case(0.0)
 def _ties() -> Seen:
     def closed(p: list[float]) -> list[float]:
         sets = [s for size in range(1, len(p) + 1) for s in combinations(range(len(p)), size)]
@@ -112,7 +108,6 @@ def _ties() -> Seen:
     return ((str(p), max((abs(a - b) for a, b in zip(holm(p), closed(p), strict=True)), default=0.0)) for p in lists)
 
 
-@case(8.0)
 def _any_size() -> Seen:
     d = np.array([1.0, -3.0, 0.5, 1.5])
     for name, weights in (("captures", None), ("blocks", np.eye(4) + 0.3 * (1 - np.eye(4)))):
