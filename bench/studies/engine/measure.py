@@ -9,10 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from bench.studies.columns import Record, Table, columns
-from bench.studies.engine.accuracy import bars, compilation, thread_differences
+from bench.studies.engine.checks import bars, compilation, growth, thread_differences
 from bench.studies.engine.figure import draw
 from bench.studies.engine.frame_rows import frame_rows, simulation_rows
-from bench.studies.engine.growth import growth
 from bench.studies.engine.scope import QUICK, Inputs, Scope
 from bench.studies.engine.volume_rows import volume_rows
 from bench.studies.study import Study

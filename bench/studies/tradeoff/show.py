@@ -7,8 +7,7 @@ from dataclasses import asdict, replace
 from bench.evaluation.metrics import METRICS
 from bench.results import HEADLINE, Section, Setting, Tradeoff
 from bench.studies.columns import Record, Table, columns
-from bench.studies.tradeoff.answer import Answer
-from bench.studies.tradeoff.pareto import front, with_acquisition
+from bench.studies.tradeoff.answer import Answer, front, with_acquisition
 from bench.studies.tradeoff.settings import setting_path
 
 

@@ -13,8 +13,7 @@ from pydantic import Field, field_validator
 from bench.results import Section, Setting
 from bench.scenes.build import Scene, load_scene
 from bench.scenes.echoes import echo_scene
-from bench.studies.tradeoff.context import Context
-from bench.studies.tradeoff.lines import line, section
+from bench.studies.tradeoff.section_lines import Context, line, section
 from radar.simulation.causes import Noise
 from radar.simulation.effects.catalogue import EFFECTS, check_names
 from radar.simulation.scene import EchoScene
