@@ -60,7 +60,8 @@ class Watched:
     """An executor; memory_mb: the client's resident memory at each tenth of the tasks that it yields."""
 
     def __init__(self, executor: Executor) -> None:
-        self.executor, self.memory_mb = executor, []
+        self.executor = executor
+        self.memory_mb: list[float] = []
 
     def run(self, root: Path, jobs: list[Stage]) -> Iterator[tuple[int, Done]]:
         """See `Executor`."""
@@ -110,7 +111,7 @@ def scored_captures(bench: BenchFile, base: Path, scores: Path) -> Outcome:
         seen = error_map(axis_m, axis_m, z_m + rng.normal(0, 1e-3, z_m.shape), z_m, known.sigma_m, disc)
         write_errors(one, "one", id, "truth", seen)
     for source in bench.capture:
-        name = source.path
+        name = str(source.path)
         found.captures.append(Capture(base / name, name, CaptureFile(name=name)))
         found.references[name] = {"truth": (base / name / TRUTH, transform)}
         found.scores[name] = scores / name

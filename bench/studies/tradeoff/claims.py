@@ -16,7 +16,6 @@ exact sum, of both methods alike and as a few planes of the volume, scaled; and 
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -26,6 +25,7 @@ from bench.results import Claim, Setting
 from bench.run.outcome import Capture
 from bench.run.reconstruct_stage import configuration
 from bench.run.sweep import ImagingSetting
+from bench.studies.study import in_turns
 from radar.data.capture import RadarCapture
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_volume
@@ -33,9 +33,9 @@ from radar.methods.fsk_config import ThreeToneConfig
 from radar.methods.projection import BroadbandConfig, NarrowbandConfig
 from radar.methods.registry import method
 from radar.support.config import Config
-from radar.support.progress import say
 
 PAPER = 1000.0
+PASSES = 2  # of z_e in the paper
 FSK, VOLUME = "3fsk", "broadband"
 TEXT = "3-FSK takes about a thousandth of broadband backprojection"
 
@@ -45,8 +45,9 @@ def claims(
 ) -> tuple[Claim, ...]:
     """The claim by exact sums of both, by the engine, and by 3-FSK of the engine against the exact volume; none where
     the sweep lacks one of the two methods. Exact sums of one capture, in turns."""
-    chosen = {id: _most_accurate(settings, id) for id in (FSK, VOLUME)}
-    if None in chosen.values():
+    accurate = {id: _most_accurate(settings, id) for id in (FSK, VOLUME)}
+    chosen = {id: setting for id, setting in accurate.items() if setting is not None}
+    if len(chosen) < len(accurate):
         return ()
     configs = {id: configuration(capture.folder, id, s.config) for id, s in chosen.items()}
     seconds = {line.name: line.seconds for line in lines}
@@ -85,13 +86,7 @@ def exact_seconds(
         FSK: lambda: chosen.run(echoes, fsk, 0),
         VOLUME: lambda: image_volume(samples, frequencies_hz, echoes.aperture, part, None),
     }
-    times: dict[str, list[float]] = {name: [] for name in work}
-    for round_ in range(repeats):
-        say(f"exact sums, round {round_ + 1} of {repeats}")
-        for name, run in work.items():
-            started = time.perf_counter()
-            run()
-            times[name].append(time.perf_counter() - started)
+    times, _ = in_turns(work, repeats, "exact sums")
     medians = {name: float(np.median(found)) for name, found in times.items()}
     return {**medians, VOLUME: medians[VOLUME] * depth / count}, depth
 
@@ -100,9 +95,6 @@ def _most_accurate(settings: Sequence[ImagingSetting], id: str) -> ImagingSettin
     """The method's setting with all antennas that changes least: the finest tolerance of those with fewest knobs."""
     own = [s for s in settings if s.method == id and s.every_nth_antenna == 1]
     return min(own, key=lambda s: (len(s.varied), s.config.get("tolerance", 0)), default=None)
-
-
-PASSES = 2  # of z_e in the paper
 
 
 def volume_images(config: BroadbandConfig | NarrowbandConfig) -> int:
