@@ -18,6 +18,10 @@ from bench.evaluation.metrics import METRICS
 from bench.results import HEADLINE, Setting, Tradeoff
 from radar.support.errors import HandbenchError
 
+LENGTHS = {"mm": 1.0, "um": 1e-3, "µm": 1e-3, "cm": 10.0, "m": 1e3}  # in millimetres
+HEADROOM = 1.1  # of a later run over the slowest round: the rounds are few
+TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
+
 
 def dominates(one: Setting, other: Setting) -> bool:
     """True where `one` is at least as fast, accurate and complete as `other`, and better in one; neither lacks an error
@@ -55,11 +59,6 @@ def with_acquisition(setting: Setting) -> Setting:
     add = setting.acquisition_s or 0.0
     times = (None if s is None else s + add for s in (setting.seconds, setting.seconds_low, setting.seconds_high))
     return replace(setting, **dict(zip(("seconds", "seconds_low", "seconds_high"), times, strict=True)))
-
-
-LENGTHS = {"mm": 1.0, "um": 1e-3, "µm": 1e-3, "cm": 10.0, "m": 1e3}  # in millimetres
-HEADROOM = 1.1  # of a later run over the slowest round: the rounds are few
-TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
 
 
 @dataclass(frozen=True)

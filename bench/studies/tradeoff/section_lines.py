@@ -52,7 +52,7 @@ def line(
     seconds: Sequence[float] = (),
     **known: float | None,
 ) -> Setting:
-    """The setting's line; one time has no range, and no time is None. Its rank, `pareto.rank` fills in."""
+    """The setting's line; one time has no range, and no time is None. Its rank, `answer.rank` fills in."""
     low, high = interval or (None, None)
     times = {"seconds": float(np.median(seconds)) if len(seconds) else None}
     if len(seconds) > 1:
