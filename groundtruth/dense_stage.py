@@ -9,7 +9,7 @@ from groundtruth.dense import cuda
 from groundtruth.dense.dense import depth_maps, open_views
 from groundtruth.dense.fusion import Cloud, fuse
 from groundtruth.mesh.poisson import clean
-from groundtruth.options import Options
+from groundtruth.options import DenseOptions
 from groundtruth.photos.masks import Masks, find_masks
 from groundtruth.photos.photos import Photo, find_photos
 from groundtruth.sparse.sparse import Sparse
@@ -20,13 +20,13 @@ CLOUD = "cloud.npz"
 
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> None:
     """Fuse the depth maps of the photographs that the sparse stage, in the folder `sparse`, has registered."""
-    chosen, solved = parse(Options, options, "groundtruth"), Sparse.load(Path(sparse))
+    chosen, solved = parse(DenseOptions, options, "groundtruth"), Sparse.load(Path(sparse))
     names = {camera.name for camera in solved.cameras()}
     registered = tuple(photo for photo in find_photos(Path(photos)) if photo.name in names)
     dense_cloud(registered, solved, chosen).save(folder / CLOUD)
 
 
-def dense_cloud(photos: tuple[Photo, ...], sparse: Sparse, options: Options) -> Cloud:
+def dense_cloud(photos: tuple[Photo, ...], sparse: Sparse, options: DenseOptions) -> Cloud:
     """The fused cloud of registered photographs."""
     masks = Masks({} if options.masks is None else find_masks(options.masks, photos), options.mask == "colour")
     effort = options.effort

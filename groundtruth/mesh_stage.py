@@ -14,7 +14,7 @@ from groundtruth.dense_stage import CLOUD
 from groundtruth.mesh.poisson import surface
 from groundtruth.mesh.surface import Surface
 from groundtruth.mesh.uncertainty import surface_sigma
-from groundtruth.options import Options
+from groundtruth.options import MeshOptions
 from groundtruth.photos.photos import find_photos
 from groundtruth.sparse.sparse import Sparse
 from radar.support.config import parse
@@ -25,12 +25,12 @@ MESH, VIEW = "mesh.ply", "view.jpg"
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str, dense: str) -> None:
     """The surface of the dense stage's cloud in the photo frame → MESH, and the first photograph, cut to the box →
     VIEW; sparse, dense: these stages' folders."""
-    chosen, solved = parse(Options, options, "groundtruth"), Sparse.load(Path(sparse))
+    chosen, solved = parse(MeshOptions, options, "groundtruth"), Sparse.load(Path(sparse))
     measured_surface(Cloud.load(Path(dense) / CLOUD), solved, chosen).save(folder / MESH)
     _write_view(Path(photos), solved.cameras()[0], chosen.box(), folder / VIEW)
 
 
-def measured_surface(cloud: Cloud, sparse: Sparse, options: Options) -> Surface:
+def measured_surface(cloud: Cloud, sparse: Sparse, options: MeshOptions) -> Surface:
     """The cloud's surface with the standard deviation of each vertex."""
     mesh = surface(cloud, options.components, options.box())
     vertices_m = np.asarray(mesh.vertices)

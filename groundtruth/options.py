@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -30,17 +30,14 @@ class Distance(Config):
     distance_m: float = Field(gt=0)
 
 
-class Options(Config):
-    """Options of a reconstruction.
+class SparseOptions(Config):
+    """Options that decide where the cameras stand.
 
     cameras: known cameras, a cameras.json, a COLMAP model's folder or Metashape's XML (default: the cameras.json in the
     photographs' folder, if any). intrinsics: fx, fy, cx, cy in pixels of the one camera that took all photographs.
     model: a COLMAP model of these photographs, used instead of structure from motion. metric: the poses of a COLMAP
     model, in `model` or `cameras`, are in metres. board: a board.toml (default as cameras). distances: measured ones
-    between cameras, for the scale. unscaled: go on without a metric scale. box_m: xmin, ymin, zmin, xmax, ymax, zmax of
-    the region of interest in the mesh's frame; it cuts away the surroundings and saves most of the time. masks: folder
-    with a mask for each photograph. mask: cut the target out by its colours where there are no masks. dense: where
-    depth maps are made; auto: on a CUDA device, if pycolmap can use one. components: parts of the surface to keep.
+    between cameras, for the scale. unscaled: go on without a metric scale.
     """
 
     cameras: Path | None = None
@@ -50,13 +47,14 @@ class Options(Config):
     board: Path | None = None
     distances: tuple[Distance, ...] = ()
     unscaled: bool = False
-    quality: Literal["draft", "normal", "high"] = "normal"
-    box_m: tuple[float, float, float, float, float, float] | None = None
-    masks: Path | None = None
-    mask: Literal["none", "colour"] = "none"
-    dense: Literal["auto", "cpu", "cuda"] = "auto"
-    components: Literal["largest", "all"] = "largest"
     seed: int = Field(default=0, ge=0, lt=2**31)
+
+
+class Region(Config):
+    """box_m: xmin, ymin, zmin, xmax, ymax, zmax of the region of interest in the mesh's frame; it cuts away the
+    surroundings and saves most of the time."""
+
+    box_m: tuple[float, float, float, float, float, float] | None = None
 
     def box(self) -> np.ndarray | None:
         """The box's lowest and highest corner [2, 3]."""
@@ -67,7 +65,40 @@ class Options(Config):
             raise HandbenchError(f"box_m: is {self.box_m}; expected xmin, ymin, zmin, xmax, ymax, zmax with min < max")
         return box
 
+
+class DenseOptions(Region):
+    """Options that decide what depth maps are made, and of which pixels.
+
+    masks: folder with a mask for each photograph. mask: cut the target out by its colours where there are no masks.
+    dense: where depth maps are made; auto: on a CUDA device, if pycolmap can use one.
+    """
+
+    quality: Literal["draft", "normal", "high"] = "normal"
+    masks: Path | None = None
+    mask: Literal["none", "colour"] = "none"
+    dense: Literal["auto", "cpu", "cuda"] = "auto"
+    seed: int = Field(default=0, ge=0, lt=2**31)
+
     @property
     def effort(self) -> Effort:
         """Resolution and iterations of the chosen quality."""
         return EFFORT[self.quality]
+
+
+class MeshOptions(Region):
+    """Options that decide what becomes a surface. components: the parts of it to keep."""
+
+    components: Literal["largest", "all"] = "largest"
+
+
+class Options(SparseOptions, DenseOptions, MeshOptions):
+    """Options of a reconstruction: those of its three stages, each of which is given its own alone."""
+
+    def part(self, kind: type[Config]) -> dict[str, Any]:
+        """The plain values of one stage's options."""
+        return self.model_dump(mode="json", include=set(kind.model_fields))
+
+    def depends_on(self, kind: type[Config]) -> dict[str, Any]:
+        """As `part`, without the paths: their files' content tells more."""
+        paths = {name for name in kind.model_fields if isinstance(getattr(self, name), Path)}
+        return self.model_dump(mode="json", include=set(kind.model_fields) - paths)

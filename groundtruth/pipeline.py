@@ -18,17 +18,17 @@ from groundtruth.dense_stage import CLOUD
 from groundtruth.mesh.mesh_files import write_cloud
 from groundtruth.mesh.surface import Surface, read_surface
 from groundtruth.mesh_stage import MESH
-from groundtruth.options import Options
+from groundtruth.options import DenseOptions, MeshOptions, Options, SparseOptions
 from groundtruth.sparse.frame import Scale
 from groundtruth.sparse.inputs import content, resolve
 from groundtruth.sparse.sparse import Sparse
 from groundtruth.sparse_stage import PHOTOGRAPHS
+from radar.support.config import Config
 from radar.support.files import atomic_folder, content_hash, read_json, write_json
 from radar.support.progress import say
 from radar.support.store import Stage, kept, stage
 
 SUMMARY_VERSION = 1
-REGISTRATION = {"intrinsics", "metric", "distances", "unscaled", "seed"}  # options that the sparse stage depends on
 
 
 @dataclass(frozen=True)
@@ -64,16 +64,18 @@ class Result:
 def stages(
     root: Path, photos: Path, options: Options, content: list[Any], masks: str | None = None, capture: str = ""
 ) -> tuple[Stage, Stage, Stage]:
-    """The stages sparse, dense and mesh of resolved options, kept in the store at `root`. content, masks: what tells
-    the photographs, with all that lies beside them, and the masks apart; capture: whose photographs they are."""
-    given = {"photos": str(photos), "options": options.model_dump(mode="json")}
-    chosen = options.model_dump(mode="json", include=REGISTRATION)
-    sparse = stage("sparse", "groundtruth.sparse_stage:make", [content, chosen], given, capture)
-    given = given | {"sparse": str(sparse.folder(root))}
-    pixels = [options.quality, options.box_m, masks, options.mask, options.dense, options.seed]
-    dense = stage("dense", "groundtruth.dense_stage:make", [sparse.key, *pixels], given, capture)
-    given = given | {"dense": str(dense.folder(root))}
-    return sparse, dense, stage("mesh", "groundtruth.mesh_stage:make", [dense.key, options.components], given, capture)
+    """The stages sparse, dense and mesh, kept in the store at `root`; each is given its own options and no others, so
+    that its key holds all that it can depend on. content, masks: what tells the photographs, with all that lies beside
+    them, and the masks apart; capture: whose photographs they are."""
+
+    def staged(name: str, kind: type[Config], depends_on: list[Any], **earlier: Stage) -> Stage:
+        folders = {each: str(made.folder(root)) for each, made in earlier.items()}
+        given = {"photos": str(photos), "options": options.part(kind), **folders}
+        return stage(name, f"groundtruth.{name}_stage:make", [*depends_on, options.depends_on(kind)], given, capture)
+
+    sparse = staged("sparse", SparseOptions, [content])
+    dense = staged("dense", DenseOptions, [sparse.key, masks], sparse=sparse)
+    return sparse, dense, staged("mesh", MeshOptions, [dense.key], sparse=sparse, dense=dense)
 
 
 def reconstruct(photos: str | Path, options: Options, workdir: str | Path | None = None) -> Result:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from groundtruth.options import Options
+from groundtruth.options import SparseOptions
 from groundtruth.sparse.inputs import gather
 from groundtruth.sparse.sparse import register
 from radar.support.config import parse
@@ -16,6 +16,6 @@ PHOTOGRAPHS = "photographs.json"  # the names of those that were used
 
 def make(folder: Path, photos: str, options: dict[str, Any]) -> None:
     """Register the photographs in a folder; what cannot be reconstructed is refused first."""
-    inputs, chosen = gather(Path(photos), parse(Options, options, "groundtruth"))
+    inputs, chosen = gather(Path(photos), parse(SparseOptions, options, "groundtruth"))
     register(inputs, chosen).save(folder)
     write_json(folder / PHOTOGRAPHS, [photo.name for photo in inputs.photos])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from groundtruth.board.board import Board, load_board
 from groundtruth.board.markers import Corners, detect_corners, focal_length_px, require_board
 from groundtruth.cameras.camera_files import cameras_of
 from groundtruth.cameras.cameras import Camera, cuda_devices
-from groundtruth.options import Options
+from groundtruth.options import Options, SparseOptions
 from groundtruth.photos.looks import usable
 from groundtruth.photos.masks import find_masks
 from groundtruth.photos.photos import Photo, find_photos
@@ -20,6 +20,8 @@ from radar.support.config import suggest
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash
 from radar.support.progress import track
+
+Chosen = TypeVar("Chosen", bound=SparseOptions)
 
 
 @dataclass(frozen=True)
@@ -48,31 +50,38 @@ class Inputs:
 
 def resolve(folder: Path, options: Options) -> tuple[tuple[Photo, ...], Options]:
     """All photographs in a folder, and the options with the files found there and the machine that computes the depth
-    maps filled in."""
+    maps filled in; what cannot be used is refused."""
     options.box()
     options = options.model_copy(update={"dense": _dense_on(options.dense)})
+    photos, options = _completed(folder, options)
+    if options.masks is not None:
+        _require_one(options, "masks", "mask", "the masks suffice")
+        find_masks(options.masks, photos)
+    return photos, options
+
+
+def _completed(folder: Path, options: Chosen) -> tuple[tuple[Photo, ...], Chosen]:
+    """All photographs in a folder, and the options with the files found there filled in."""
     photos = find_photos(folder)
     options = _found_beside(folder, options)
     _require_consistent(photos, options)
     return photos, options
 
 
-def content(photos: tuple[Photo, ...], options: Options) -> list[Any]:
+def content(photos: tuple[Photo, ...], options: SparseOptions) -> list[Any]:
     """Everything that the cameras' poses depend on, as `content_hash` takes it: the files behind resolved options."""
     given = (options.cameras, options.board, options.model)
     hashes = [None if path is None or not path.exists() else content_hash(path) for path in given]
     return [content_hash(*(part for photo in photos for part in (photo.name, photo.path))), *hashes]
 
 
-def gather(folder: Path, options: Options) -> tuple[Inputs, Options]:
-    """The inputs in a folder of photographs, looked at and checked, and the resolved options."""
-    photos, options = resolve(folder, options)
+def gather(folder: Path, options: Chosen) -> tuple[Inputs, Chosen]:
+    """The inputs in a folder of photographs, looked at and checked, and the options with the files found there."""
+    photos, options = _completed(folder, options)
     photos = usable(photos)
     cameras = None if options.cameras is None else cameras_of(photos, options.cameras, options.metric)
     board = None if options.board is None else load_board(options.board)
     _require_scale(folder, photos, options, cameras)
-    if options.masks is not None:
-        find_masks(options.masks, photos)  # a mask that cannot be used is refused before the work
     return Inputs(photos, cameras, board, _find_board(photos, board), options.model), options
 
 
@@ -87,7 +96,7 @@ def _dense_on(choice: str) -> str:
     return "cuda" if devices else "cpu"
 
 
-def _found_beside(folder: Path, options: Options) -> Options:
+def _found_beside(folder: Path, options: Chosen) -> Chosen:
     """The options with the cameras.json and board.toml that lie beside the photographs, unless others are given."""
     beside = {"cameras": folder / "cameras.json", "board": folder / "board.toml"}
     if options.intrinsics is not None:
@@ -98,16 +107,17 @@ def _found_beside(folder: Path, options: Options) -> Options:
     return options.model_copy(update=found)
 
 
-def _require_consistent(photos: tuple[Photo, ...], options: Options) -> None:
-    """A HandbenchError for options of which each could stand alone."""
-    for first, second, advice in (
-        ("cameras", "intrinsics", "give the intrinsics in one of them"),
-        ("model", "intrinsics", "the model has its own"),
-        ("board", "distances", "give the one you trust more"),
-        ("masks", "mask", "the masks suffice"),
-    ):
-        if all(getattr(options, name) not in (None, (), "none") for name in (first, second)):
-            raise HandbenchError(f"{first} and {second}: both are given; {advice}")
+def _require_one(options: SparseOptions, first: str, second: str, advice: str) -> None:
+    """A HandbenchError where two options are given of which one suffices."""
+    if all(getattr(options, name) not in (None, (), "none") for name in (first, second)):
+        raise HandbenchError(f"{first} and {second}: both are given; {advice}")
+
+
+def _require_consistent(photos: tuple[Photo, ...], options: SparseOptions) -> None:
+    """A HandbenchError for options that cannot go together."""
+    _require_one(options, "cameras", "intrinsics", "give the intrinsics in one of them")
+    _require_one(options, "model", "intrinsics", "the model has its own")
+    _require_one(options, "board", "distances", "give the one you trust more")
     posed_by_colmap = options.model is not None or (options.cameras is not None and options.cameras.is_dir())
     if options.metric and not posed_by_colmap:
         raise HandbenchError("metric: there is no COLMAP model; give one with --model or --cameras, or leave it out")
@@ -121,7 +131,7 @@ def _require_consistent(photos: tuple[Photo, ...], options: Options) -> None:
 
 
 def _require_scale(
-    folder: Path, photos: tuple[Photo, ...], options: Options, cameras: tuple[Camera, ...] | None
+    folder: Path, photos: tuple[Photo, ...], options: SparseOptions, cameras: tuple[Camera, ...] | None
 ) -> None:
     """A HandbenchError when nothing tells how long a metre is."""
     names = [photo.name for photo in photos]

@@ -12,7 +12,7 @@ import numpy as np
 from groundtruth.cameras.camera_files import camera_of, load_model
 from groundtruth.cameras.cameras import Camera, load_pycolmap, registered
 from groundtruth.cameras.model_files import write_model
-from groundtruth.options import Options
+from groundtruth.options import SparseOptions
 from groundtruth.photos.photos import Photo
 from groundtruth.sparse.adjust import adjust
 from groundtruth.sparse.bundle import Bundle
@@ -58,7 +58,7 @@ class Sparse:
         return tuple(camera_of(image) for image in registered(self.model))
 
 
-def register(inputs: Inputs, options: Options) -> Sparse:
+def register(inputs: Inputs, options: SparseOptions) -> Sparse:
     """The photographs' model, found or given, adjusted and carried into the metric frame; a board, which is known in
     that frame, takes part in the adjustment."""
     model = load_model(inputs.model, inputs.photos) if inputs.model is not None else _found(inputs, options)
@@ -106,7 +106,7 @@ def _depth(image: pycolmap.Image, model: pycolmap.Reconstruction) -> float:
     return float(np.median(np.linalg.norm(points - image.projection_center(), axis=1)))
 
 
-def _found(inputs: Inputs, options: Options) -> pycolmap.Reconstruction:
+def _found(inputs: Inputs, options: SparseOptions) -> pycolmap.Reconstruction:
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         return structure_from_motion(
             inputs.photos,
@@ -119,7 +119,7 @@ def _found(inputs: Inputs, options: Options) -> pycolmap.Reconstruction:
         )
 
 
-def _free(model: pycolmap.Reconstruction, inputs: Inputs, options: Options) -> tuple[int, ...]:
+def _free(model: pycolmap.Reconstruction, inputs: Inputs, options: SparseOptions) -> tuple[int, ...]:
     """The intrinsics that nobody has given; lenses that COLMAP's camera OPENCV does not describe are held."""
     if inputs.cameras is not None or inputs.model is not None:
         return ()
@@ -135,7 +135,7 @@ def _as_opencv(model: pycolmap.Reconstruction) -> None:
             camera.model, camera.params = load_pycolmap().CameraModelId.OPENCV, [f, f, cx, cy, k1, k2, 0, 0]
 
 
-def _to_metric_frame(model: pycolmap.Reconstruction, inputs: Inputs, options: Options) -> Scale:
+def _to_metric_frame(model: pycolmap.Reconstruction, inputs: Inputs, options: SparseOptions) -> Scale:
     if inputs.board is not None:
         matrix, scale = board_from_model(model, inputs.corners, inputs.board)
     elif options.distances:

@@ -12,7 +12,7 @@ from groundtruth import dense_stage, mesh_stage, pipeline, sparse_stage
 from groundtruth.cameras.cameras import load_pycolmap
 from groundtruth.dense.fusion import Cloud
 from groundtruth.mesh.surface import Surface
-from groundtruth.options import Options
+from groundtruth.options import Distance, Options
 from groundtruth.photos.photos import find_photos
 from groundtruth.sparse.adjust import adjust
 from groundtruth.sparse.bundle import Bundle
@@ -83,6 +83,22 @@ def test_each_option_reaches_the_stages_that_it_concerns(counted):
         ({}, []),
     ):
         assert counted(**options)[0] == expected, options
+
+
+@pytest.mark.parametrize("name", sorted(Options.model_fields))
+def test_a_stage_that_is_given_an_option_has_it_in_its_key(name, tmp_path):
+    """Paths are told by their files' content instead, which the caller hashes."""
+    other = {
+        "cameras": Path("c"), "model": Path("m"), "board": Path("b"), "masks": Path("m"), "intrinsics": (1, 1, 1, 1),
+        "distances": (Distance(first="a", second="b", distance_m=1),), "box_m": (0, 0, 0, 1, 1, 1), "metric": True,
+        "unscaled": True, "quality": "draft", "mask": "colour", "dense": "cuda", "components": "all", "seed": 1,
+    }[name]  # fmt: skip
+    before, after = (pipeline.stages(tmp_path, tmp_path, Options(**options), ["p"]) for options in ({}, {name: other}))
+    given = [name in stage.arguments["options"] for stage in before]
+    assert any(given)
+    if not isinstance(other, Path):
+        changed = [old.key != new.key for old, new in zip(before, after, strict=True)]
+        assert changed == [k >= given.index(True) for k in range(3)]
 
 
 def test_a_run_goes_on_where_it_was_killed(counted, monkeypatch, tmp_path):

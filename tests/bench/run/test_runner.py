@@ -117,6 +117,7 @@ def content(folder: Path) -> dict[str, bytes]:
     }
 
 
+@pytest.mark.slow
 def test_a_killed_run_resumes_to_the_same_folder(small_bench, tmp_path):
     """Killed once the first stage is done; HANDBENCH_KILLS=10 adds as many runs, killed at random moments."""
     compile_kernels = "from radar.warmup import compile_kernels; compile_kernels()"

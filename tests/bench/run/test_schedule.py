@@ -91,6 +91,7 @@ def finished(work: Path) -> int:
     return len(list(work.glob("[!.]*-*")))
 
 
+@pytest.mark.slow
 def test_a_cluster_that_loses_a_worker_gives_the_serial_table(balls, workers, tmp_path):
     python("-c", "from radar.warmup import compile_kernels; compile_kernels()")  # just compiled, they round otherwise
     python("-m", "bench.cli.main", "run", str(balls), "-o", str(tmp_path / "serial"))

@@ -214,7 +214,7 @@ def test_the_search_hands_everything_on(tmp_path, monkeypatch):
 )
 def test_where_depth_maps_are_made(room_options, monkeypatch, choice, devices, place):
     monkeypatch.setattr(inputs, "cuda_devices", lambda: devices)
-    _, options = inputs.gather(*room_options(choice))
+    _, options = inputs.resolve(*room_options(choice))
     assert options.dense == place
 
 

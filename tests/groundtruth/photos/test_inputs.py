@@ -9,7 +9,7 @@ from bench.cli.groundtruth import _values
 from bench.cli.main import parser
 from groundtruth.options import Distance, Options
 from groundtruth.photos.photos import find_photos
-from groundtruth.sparse.inputs import content, gather
+from groundtruth.sparse.inputs import content, gather, resolve
 from groundtruth.sparse.sfm import structure_from_motion
 from groundtruth.sparse.sparse import check_geometry, unregistered
 from radar.support.config import parse
@@ -55,7 +55,7 @@ def test_what_cannot_go_together_is_refused(tmp_path, given, complaint):
         pairs = [Distance(first=a, second=b, distance_m=metres) for a, b, metres in given["distances"]]
         given = given | {"distances": tuple(pairs)}
     with pytest.raises(HandbenchError, match=complaint):
-        gather(tmp_path, parse(Options, given, "test"))
+        gather(tmp_path, resolve(tmp_path, parse(Options, given, "test"))[1])
 
 
 def test_one_camera_cannot_have_two_sizes(tmp_path):
