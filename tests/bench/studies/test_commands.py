@@ -23,6 +23,7 @@ NEEDED = {
 }
 
 
+@pytest.mark.slow
 def test_stability_measures_cases_and_tables(tmp_path, capsys, monkeypatch):
     """Of the cases one group's: all of them have a test of their own."""
     monkeypatch.setattr(measure, "cases", lambda groups: cases(["smoothing"]))
