@@ -1,4 +1,5 @@
-"""The tables of result folders: the columns that tables.toml declares, and their CSV files as pandas DataFrames.
+"""Tables: the columns that a TOML file declares, as tables.toml those of result folders, whose CSV files are read and
+written here as pandas DataFrames.
 
 A figure that is not known is NaN in a DataFrame and an empty cell in a file. Text is never missing: it may be empty.
 """
@@ -7,7 +8,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,16 +20,26 @@ from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, require_file
 
 LEVEL = 0.95  # of every confidence interval
-KINDS = {"text": str, "real": float, "whole": int, "flag": bool}
+KINDS: dict[str, type] = {"text": str, "real": float, "whole": int, "flag": bool, "list": tuple}
 DTYPES: dict[type, Any] = {str: "str", float: "float64", int: "int64", bool: "bool"}
 EXPECTED = {float: "a finite number or nothing", int: "a whole number", bool: "0 or 1", str: "text"}
 OLDER = {str: "", int: 0, bool: False}  # what a column that an older file lacks is filled with
 
 
+FORMS: dict[str, Callable[[Any], str]] = {  # ways to write a value that are no format
+    "seconds": lambda value: f"{value:,.0f}" if value >= 100 else f"{value:.3g}",
+    "list": lambda values: ", ".join(f"{v:.3g}" if isinstance(v, float) else f"{v:,}" for v in values),
+    "rounded list": lambda values: ", ".join(f"{v:.0f}" for v in values),
+    "band": lambda ends: f"{ends[0]:.2f}–{ends[1]:.2f}",
+    "yes or no": lambda value: "yes" if value else "**no**",
+}
+
+
 @dataclass(frozen=True)
 class Column:
     """One column. unit: of its numbers, where it is the same in every line; optional: older files may lack it; counts:
-    lines with this in their column `unit` hold whole numbers."""
+    lines with this in their column `unit` hold whole numbers. heading: with the unit that a person reads (none: it
+    stands in the files alone), scale: what the value is multiplied by for that, form: how it is written (or FORMS)."""
 
     name: str
     kind: type
@@ -36,6 +47,17 @@ class Column:
     unit: str = ""
     optional: bool = False
     counts: str = ""
+    heading: str = ""
+    form: str = "{:.3g}"
+    scale: float = 1
+
+    def cell(self, value: Any) -> str:
+        """The value as a person reads it; nothing for None and NaN."""
+        if value is None or value != value:  # NaN alone differs from itself
+            return ""
+        if self.form in FORMS:
+            return FORMS[self.form](value)
+        return value if isinstance(value, str) else self.form.format(self.scale * value)
 
 
 @dataclass(frozen=True)
@@ -50,9 +72,9 @@ class Schema:
         return [column.name for column in self.columns]
 
 
-def _schemas() -> dict[str, Schema]:
-    """The tables of tables.toml."""
-    known = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+def declared(module: str) -> dict[str, Schema]:
+    """The tables of the TOML file beside a module's own file."""
+    known = tomllib.loads(Path(module).with_suffix(".toml").read_text("utf-8"))
     return {table: Schema(tuple(_column(*entry) for entry in columns.items())) for table, columns in known.items()}
 
 
@@ -61,7 +83,7 @@ def _column(name: str, facts: dict[str, Any]) -> Column:
     return Column(name, kind, meaning, **facts)
 
 
-SCHEMAS = _schemas()
+SCHEMAS = declared(__file__)
 TABLE, TASKS, REPEATS, COMPARISONS = (SCHEMAS[name] for name in ("table", "tasks", "repeats", "comparisons"))
 DIFFERENCES, TIMES, CHANGES = (SCHEMAS[name] for name in ("differences", "times", "changes"))
 SETTINGS, CASES = SCHEMAS["settings"], SCHEMAS["cases"]

@@ -19,9 +19,8 @@ from pydantic import Field
 
 from bench.results.about import read_facts
 from bench.results.tables import SETTINGS, frame, read, records, write
-from radar.support.config import Config
+from radar.support.config import Config, Name
 from radar.support.files import require_folder, write_json
-from radar.support.config import Name
 
 
 @dataclass(frozen=True)

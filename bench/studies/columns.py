@@ -2,50 +2,26 @@
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from bench.results.tables import Column, declared
+
 Record = dict[str, Any]
-FORMS = {  # ways to write a value that are no format
-    "seconds": lambda value: f"{value:,.0f}" if value >= 100 else f"{value:.3g}",
-    "list": lambda values: ", ".join(f"{v:.3g}" if isinstance(v, float) else f"{v:,}" for v in values),
-    "rounded list": lambda values: ", ".join(f"{v:.0f}" for v in values),
-    "band": lambda ends: f"{ends[0]:.2f}–{ends[1]:.2f}",
-    "yes or no": lambda value: "yes" if value else "**no**",
-}
+SCHEMAS = declared(__file__)
 
 
-@dataclass(frozen=True)
-class Column:
-    """A column, whose name ends in its unit. text: its definition; heading: with the unit that a person reads (none: it
-    stands in the files alone), scale: what the value is multiplied by for that, form: how it is written (or FORMS)."""
-
-    text: str
-    heading: str = ""
-    form: str = "{:.3g}"
-    scale: float = 1
-
-    def cell(self, value: Any) -> str:
-        """The value as a person reads it; nothing for None and NaN."""
-        if value is None or value != value:  # NaN alone differs from itself
-            return ""
-        if self.form in FORMS:
-            return FORMS[self.form](value)
-        return value if isinstance(value, str) else self.form.format(self.scale * value)
-
-
-@cache
-def columns(name: str) -> dict[str, Column]:
+def columns(name: str) -> tuple[Column, ...]:
     """The columns of a table of columns.toml, as engine.rows."""
-    study, table = name.split(".")
-    known = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
-    return {key: Column(**about) for key, about in known[study][table].items()}
+    return SCHEMAS[name].columns
+
+
+def rows(study: str) -> Callable[[list[Record]], list[Table]]:
+    """A study's one table: of all records, by the columns STUDY.rows."""
+    return lambda records: [Table("rows", columns(f"{study}.rows"), records)]
 
 
 @dataclass(frozen=True)
@@ -54,7 +30,7 @@ class Table:
     page, and not in the files alone; note: what stands below."""
 
     name: str
-    columns: Mapping[str, Column]
+    columns: Sequence[Column]
     records: Sequence[Record]
     by: str = ""
     shown: bool = True
@@ -63,11 +39,11 @@ class Table:
     @property
     def frame(self) -> pd.DataFrame:
         """The records by their columns, missing values NaN."""
-        return pd.DataFrame(self.records, columns=list(self.columns))
+        return pd.DataFrame(self.records, columns=[column.name for column in self.columns])
 
     def plain(self) -> list[Record]:
         """The records by their columns, as far as each has them, for JSON."""
-        return [{key: record[key] for key in self.columns if key in record} for record in self.records]
+        return [{c.name: record[c.name] for c in self.columns if c.name in record} for record in self.records]
 
     def markdown(self) -> str:
         """The table for a page and for a terminal: columns that no record fills are left out."""
@@ -76,15 +52,12 @@ class Table:
         return "\n".join([*parts, *([self.note] if self.note else [])])
 
     def _part(self, records: Sequence[Record], group: str) -> str:
-        lines = {}
-        for key, column in self.columns.items():
-            cells = [column.cell(record.get(key)) for record in records]
-            if column.heading and key != self.by and any(cells):
-                text = any(isinstance(record.get(key), str) for record in records)
-                lines[column.heading] = (text, cells)
-        if group and lines:  # stands in place of the first heading
-            lines = {group if i == 0 else heading: line for i, (heading, line) in enumerate(lines.items())}
-        return markdown_table({heading: cells for heading, (_, cells) in lines.items()}, [t for t, _ in lines.values()])
+        shown = {c: [c.cell(record.get(c.name)) for record in records] for c in self.columns if c.heading}
+        shown = {column: cells for column, cells in shown.items() if column.name != self.by and any(cells)}
+        headings = [column.heading for column in shown]
+        headings[:1] = [group] if group else headings[:1]
+        texts = [column.kind is str for column in shown]
+        return markdown_table(dict(zip(headings, shown.values(), strict=True)), texts)
 
 
 def markdown_table(columns: Mapping[str, Sequence[str]], texts: Sequence[bool]) -> str:

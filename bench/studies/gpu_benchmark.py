@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.studies.columns import Record, Table, columns
+from bench.studies.columns import Record, rows
 from bench.studies.study import Study
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
@@ -39,7 +39,7 @@ def study(work: Path, device: str, repeats: int) -> Study:
         "Imaging on a device",
         [f"{device}, {max(repeats, 1)} repeats"],
         lambda _: measure(*configs, max(repeats, 1)),
-        lambda records: [Table("rows", columns("gpu.rows"), records)],
+        rows("gpu"),
     )
 
 

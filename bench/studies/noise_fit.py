@@ -17,7 +17,7 @@ from bench.run.repeat_stage import strongest_z_m
 from bench.scenes.build import Scene, build
 from bench.scenes.echoes import echoes
 from bench.scenes.scene_file import SceneFile, Sensor
-from bench.studies.columns import Record, Table, columns
+from bench.studies.columns import Record, rows
 from bench.studies.study import Study
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.methods.fsk import TwoToneConfig, two_tone
@@ -35,7 +35,7 @@ def study(work: Path, benchmark: str, precision_mm: float, repeats: int | None) 
         f"Phase noise at which 2-FSK has a precision of {precision_mm:g} mm",
         [benchmark],
         lambda benchmark: fit(benchmark, precision_mm, repeats),
-        lambda records: [Table("rows", columns("noise-fit.rows"), records)],
+        rows("noise-fit"),
     )
 
 

@@ -30,7 +30,7 @@ from bench.run.outcome import Capture, Outcome, basis, comparisons, tabulate
 from bench.run.runner import Run
 from bench.run.scoring import GRIDS, REFERENCES, write_reference
 from bench.run.tasks import Done
-from bench.studies.columns import Record, Table, columns
+from bench.studies.columns import Record, rows
 from bench.studies.study import Study
 from calibration.transforms import identity
 from groundtruth.mesh.depth import Reference
@@ -60,7 +60,8 @@ class Watched:
     """An executor; memory_mb: the client's resident memory at each tenth of the tasks that it yields."""
 
     def __init__(self, executor: Executor) -> None:
-        self.executor, self.memory_mb = executor, []
+        self.executor = executor
+        self.memory_mb: list[float] = []
 
     def run(self, root: Path, jobs: list[Stage]) -> Iterator[tuple[int, Done]]:
         """See `Executor`."""
@@ -110,7 +111,7 @@ def scored_captures(bench: BenchFile, base: Path, scores: Path) -> Outcome:
         seen = error_map(axis_m, axis_m, z_m + rng.normal(0, 1e-3, z_m.shape), z_m, known.sigma_m, disc)
         write_errors(one, "one", id, "truth", seen)
     for source in bench.capture:
-        name = source.path
+        name = str(source.path)
         found.captures.append(Capture(base / name, name, CaptureFile(name=name)))
         found.references[name] = {"truth": (base / name / TRUTH, transform)}
         found.scores[name] = scores / name
@@ -141,7 +142,7 @@ def study(work: Path, captures: int, scheduler: str | None) -> Study:
         f"The runner's own cost, {captures} captures",
         [captures],
         lambda captures: measure(captures, scheduler),
-        lambda records: [Table("rows", columns("overhead.rows"), records)],
+        rows("overhead"),
         check=_check,
     )
 

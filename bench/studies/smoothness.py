@@ -13,7 +13,7 @@ from bench.scenes.bones import skeleton
 from bench.scenes.hand import RADII_MM, hand_field, hand_mesh
 from bench.scenes.hand_pose import POSES, Pose
 from bench.scenes.implicit import crossing_faces, project
-from bench.studies.columns import Record, Table, columns
+from bench.studies.columns import Record, rows
 from bench.studies.study import Study
 from groundtruth.mesh.mesh_files import load_open3d, mesh, raycasting_scene
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
@@ -38,7 +38,7 @@ def study(work: Path, letters: str, edge_mm: float) -> Study:
         f"Smoothness of hands with edges of {edge_mm:g} mm",
         list(letters or POSES),
         lambda letter: {"letter": letter, **smoothness(POSES[letter], 1e-3 * edge_mm)},
-        lambda records: [Table("rows", columns("smoothness.rows"), records)],
+        rows("smoothness"),
     )
 
 

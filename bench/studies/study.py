@@ -14,10 +14,10 @@ from __future__ import annotations
 import os
 import time
 import traceback
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from bench.studies.columns import Record, Table
 from radar.imaging.device import describe
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+Key = TypeVar("Key", bound=Hashable)
+T = TypeVar("T")
 STYLE = {"font.size": 9, "axes.titlesize": 9, "axes.linewidth": 0.6, "savefig.dpi": 160, "pdf.fonttype": 42}
 BLUE, VERMILION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"  # of Okabe and Ito's palette
 GREY = "0.35"
@@ -111,6 +113,21 @@ def carried_out(
     return measured, failures
 
 
+def in_turns(
+    work: Mapping[Key, Callable[[], T]], rounds: int, title: str
+) -> tuple[dict[Key, list[float]], dict[Key, T]]:
+    """Do each piece of work `rounds` times, in turns, so that a machine that gets slower does so for all of them: the
+    seconds of each, and its last result."""
+    seconds: dict[Key, list[float]] = {key: [] for key in work}
+    results: dict[Key, T] = {}
+    for _ in track(range(rounds), title):
+        for key, once in work.items():
+            start = time.perf_counter()
+            results[key] = once()
+            seconds[key].append(time.perf_counter() - start)
+    return seconds, results
+
+
 def stand() -> dict[str, Any]:
     """The ground that figures stand on: the machine, with its rate of float32 matrix products and what it images on,
     and the versions of what was run."""
@@ -127,11 +144,12 @@ def write(found: Found, out: Path) -> Path:
         first.frame.to_csv(temporary, index=False, lineterminator="\n")
     with matplotlib.rc_context(STYLE):
         figure = found.study.figure(found.frames)
-        for suffix, metadata in ((".png", {}), (".pdf", {"CreationDate": None})) if figure else ():
-            with atomic_path(stem.with_suffix(suffix)) as temporary:
-                figure.savefig(temporary, metadata=metadata)
+        for suffix, metadata in ((".png", {}), (".pdf", {"CreationDate": None})):
+            if figure is not None:
+                with atomic_path(stem.with_suffix(suffix)) as temporary:
+                    figure.savefig(temporary, metadata=metadata)
     content = {table.name: table.plain() for table in found.tables}
-    definitions = {key: column.text for table in found.tables for key, column in table.columns.items()}
+    definitions = {column.name: column.meaning for table in found.tables for column in table.columns}
     write_json(
         stem.with_suffix(".json"), {**found.facts, "definitions": definitions, **content, "failures": found.failures}
     )
@@ -153,7 +171,7 @@ def page(found: Found, picture: str = "") -> str:
         "versions": ", ".join(f"{name} {version}" for name, version in facts["versions"].items()),
     }
     lines = "".join(f"- {name}: {value}\n" for name, value in stood.items() if value is not None)
-    defined = {c.heading: c.text for t in found.tables if t.shown for c in t.columns.values() if c.heading and c.text}
+    defined = {c.heading: c.meaning for t in found.tables if t.shown for c in t.columns if c.heading}
     columns = "".join(f"- *{heading}*: {text}\n" for heading, text in defined.items())
     shown = [f"![{study.title}]({picture})\n"] if picture else []
     parts = [f"# {study.title}\n", *([study.text + "\n"] if study.text else []), found.markdown(), *shown]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +11,10 @@ import numpy as np
 from bench.scenes.build import Scene, load_scene
 from bench.scenes.echoes import echo_scene, echoes
 from bench.studies.ablation.measure import image
-from bench.studies.columns import Record, Table, columns
-from bench.studies.study import Study
+from bench.studies.columns import Record, rows
+from bench.studies.study import Study, in_turns
 from radar.data.capture import RadarCapture
 from radar.simulation.selection import CONTAINED, EFFECTS, Choice
-from radar.simulation.simulate import SimulatedCapture
 
 SCENES = Path(__file__).parent / "scenes"
 METHODS = ("3fsk", "2fsk", "broadband-subvoxel")
@@ -30,7 +29,7 @@ def study(work: Path, scenes: list[Path], tolerances: str) -> Study:
         'What effects = "auto" chooses',
         scenes or sorted(SCENES.glob("*.toml")),
         lambda path: compare(load_scene(path), tolerances_mm),
-        lambda records: [Table("rows", columns("auto.rows"), records)],
+        rows("auto"),
         label=lambda path: path.stem,
     )
 
@@ -41,14 +40,9 @@ def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Record]:
     everything = tuple(e.id for e in EFFECTS if e.id not in CONTAINED and not e.missing(radar_scene))
     files = {mm: scene.file.model_copy(update={"effects": "auto", "tolerance_mm": mm}) for mm in tolerances_mm}
     listed = {None: scene.file.model_copy(update={"effects": everything}), **files}
-    seconds: dict[float | None, list[float]] = {mm: [] for mm in listed}
-    made: dict[float | None, SimulatedCapture] = {}
-    for _ in range(1 + REPEATS):  # the first makes plans and compiles kernels, which all use again
-        for mm, file in listed.items():
-            start = time.perf_counter()
-            made[mm] = echoes(replace(scene, file=file))
-            seconds[mm].append(time.perf_counter() - start)
-    median = {mm: float(np.median(values[1:])) for mm, values in seconds.items()}
+    work = {mm: partial(echoes, replace(scene, file=file)) for mm, file in listed.items()}
+    seconds, made = in_turns(work, 1 + REPEATS, scene.file.name)
+    median = {mm: float(np.median(values[1:])) for mm, values in seconds.items()}  # the first makes plans and compiles
     whole = made[None].capture
     return [
         {

@@ -2,30 +2,16 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from bench.scenes.scene_file import SceneFile
 from radar.simulation.selection import IDS
 from radar.support.config import parse
 
-# What a radar like the paper's may suffer from. The noise is the paper table's; all else is a guess at a good sensor,
-# a hand held still and a stand without absorber: change them for yours.
-CAUSES: dict[str, Any] = {
-    "noise": {"phase_noise_rad": 0.0281},
-    "stand": {"reflectivity_db": -20.0},
-    "sensor": {
-        "tones_hz": [81.8e9, 79.5e9],
-        "sweep": [{"start_hz": 72e9, "stop_hz": 82e9, "count": 128}],
-        "oscillator": {"level_dbc_hz": -90.0},
-        "pattern": {"beamwidth_deg": 60.0},
-        "coupling": {"level_db": 0.0},
-        "positions": {"sigma_m": 2e-5},
-        "channels": {"gain_db": 0.5, "phase_rad": 0.09, "delay_m": 1e-4},
-        "dead": {"tx": [17, 60], "rx": [33]},
-        "converter": {"bits": 12},
-    },
-}
+CAUSES: dict[str, Any] = tomllib.loads(Path(__file__).with_name("causes.toml").read_text("utf-8"))
 TREMOR = {"amplitude_m": 5e-5, "frequency_hz": 9.0}
 SKIN, PRINTED = {"kind": "skin"}, {"kind": "plastic", "permittivity": 2.7, "loss_tangent": 0.01}
 REFERENCE = ("obliquity", "shadow_antennas", "skin", "multipath", "noise")  # what a hand before absorber calls for

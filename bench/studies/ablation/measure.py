@@ -9,13 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from bench.evaluation.metrics import HEADLINE, METRICS, error_map, pool, precision
+from bench.evaluation.depth_errors import error_map
+from bench.evaluation.metrics import HEADLINE, METRICS, pool, precision
+from bench.results.tables import Column
 from bench.run.repeat_stage import strongest_z_m
 from bench.scenes.build import Scene, build
 from bench.scenes.echoes import choices, echo_scene
 from bench.studies.ablation.cases import Case, cases, scene_file
 from bench.studies.ablation.figure import draw
-from bench.studies.columns import Column, Record, Table, columns
+from bench.studies.columns import Record, Table, columns
 from bench.studies.study import Study
 from groundtruth.mesh.depth import depth_on_grid
 from radar.data.capture import RadarCapture
@@ -28,17 +30,19 @@ METHODS = ("2fsk", "3fsk", "broadband", "narrowband")
 REPEATED = ("2fsk", "3fsk")  # methods whose precision is measured
 CHANGED = "3fsk"  # the method whose depth map is compared with the reference's
 SHOWN = {HEADLINE: 3, "max_mm": 1}  # metrics of every method, and their decimals
-COLUMNS = {
-    **columns("ablation.rows"),
-    **{
-        f"{m}_{key}": Column(METRICS[key].definition, f"{m} {METRICS[key].title.split()[0]} mm", f"{{:.{places}f}}")
-        for m in METHODS
-        for key, places in SHOWN.items()
-    },
-    **{
-        f"{m}_precision_mm": Column(METRICS["precision_mm"].definition, f"{m} precision mm", "{:.3f}") for m in REPEATED
-    },
-}
+
+
+def _column(method: str, key: str, places: int, words: str = "") -> Column:
+    """A metric of a method; words: other than the metric's own."""
+    heading = f"{method} {words or METRICS[key].title.split()[0]} mm"
+    return Column(f"{method}_{key}", float, METRICS[key].definition, heading=heading, form=f"{{:.{places}f}}")
+
+
+COLUMNS = (
+    *columns("ablation.rows"),
+    *(_column(m, key, places) for m in METHODS for key, places in SHOWN.items()),
+    *(_column(m, "precision_mm", 3, "precision") for m in REPEATED),
+)
 
 
 def study(work: Path, poses: str, frames: int) -> Study:

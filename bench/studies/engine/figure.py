@@ -7,6 +7,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bench.results.tables import each
+from bench.studies.columns import Record
 from bench.studies.study import BLUE, GREEN, GREY, VERMILION
 
 DOUBLE = 1e-9  # errors that single precision cannot have
@@ -31,10 +33,10 @@ def _errors(axes: Axes, rows: pd.DataFrame) -> None:
         axes.plot(some.seconds, some.relative_error, marker + "-", color=colour, markersize=5)
         if what == "volume":
             axes.plot(some.seconds, some.noise_error, marker + ":", color=colour, markersize=3)
-            for row in some.itertuples():
+            for row in each(some):
                 text = f"  {row.tolerance:.0e}".replace("e-0", "e-")
                 axes.annotate(text, (row.seconds, row.noise_error), va="bottom", color=colour, fontsize=8)
-    for i, row in enumerate(rows[rows.extrapolated | (rows.method == "exact")].itertuples()):
+    for i, row in enumerate(each(rows[rows.extrapolated | (rows.method == "exact")])):
         error, name = row.relative_error, row.method.replace(", ", ",\n")
         text = f"{name}\n{row.seconds:,.0f} s" if row.seconds >= 100 else f"{name}\n{row.seconds:.3g} s"
         if not error > DOUBLE:  # in double precision: exact on this scale
@@ -51,7 +53,7 @@ def _errors(axes: Axes, rows: pd.DataFrame) -> None:
     axes.set(ylim=(2e-8, 5e-2))
 
 
-def _growth(axes: Axes, series: list[dict]) -> None:
+def _growth(axes: Axes, series: list[Record]) -> None:
     """Seconds over voxels, with proportional growth for comparison."""
     for entry, colour, marker in zip(series, (BLUE, VERMILION), ("o", "s"), strict=False):
         sizes, seconds = np.array(entry["sizes"], float), np.array(entry["seconds"])

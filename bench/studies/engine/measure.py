@@ -9,10 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from bench.studies.columns import Record, Table, columns
-from bench.studies.engine.accuracy import bars, compilation, thread_differences
+from bench.studies.engine.checks import bars, compilation, growth, thread_differences
 from bench.studies.engine.figure import draw
 from bench.studies.engine.frame_rows import frame_rows, simulation_rows
-from bench.studies.engine.growth import growth
 from bench.studies.engine.scope import QUICK, Inputs, Scope
 from bench.studies.engine.volume_rows import volume_rows
 from bench.studies.study import Study
@@ -38,10 +37,9 @@ def study(work: Path, quick: bool, full: bool) -> Study:
 
 def tables(records: list[Record]) -> list[Table]:
     """Rows by section, growth, and the bars."""
+    of_rows, of_growth = ([r for r in records if r["section"] in names] for names in (OF_ROWS, ("growth",)))
     return [
-        Table(
-            "rows", columns("engine.rows"), [record for record in records if record["section"] in OF_ROWS], by="section"
-        ),
-        Table("growth", columns("engine.growth"), [record for record in records if record["section"] == "growth"]),
+        Table("rows", columns("engine.rows"), of_rows, by="section"),
+        Table("growth", columns("engine.growth"), of_growth),
         Table("bars", columns("engine.bars"), bars(records)),
     ]

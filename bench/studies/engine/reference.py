@@ -37,13 +37,12 @@ class Reference:
     columns: Peaks
     mask: np.ndarray
 
-    def error(self, values: np.ndarray, source: str = "hand") -> float:
-        """Relative L2 error of an image's values [≤ n] at the checked voxels."""
-        return self._relative(values, self.exact[source], source)
-
-    def direct_error(self, values: np.ndarray) -> float:
-        """The same against the float64 sums: values [≤ d] of the hand."""
-        return self._relative(values, self.direct, "hand")
+    def error(self, values: np.ndarray, source: str = "hand", exact: np.ndarray | None = None) -> float:
+        """Relative L2 error of an image's values [≤ n] at the checked voxels, or against other `exact` ones [d]."""
+        exact = self.exact[source] if exact is None else exact
+        known = min(len(values), len(exact))
+        difference = values[:known].astype(np.complex128) - exact[:known]
+        return float(np.sqrt(np.mean(np.abs(difference) ** 2)) / self.rms[source])
 
     def deviation(self, peaks: Peaks) -> Record:
         """Of the whole volume's peaks [ny, nx] from the exact ones: `column_deviation` at the checked pixels, and the
@@ -54,17 +53,9 @@ class Reference:
 
     def column_deviation(self, checked: Peaks) -> Record:
         """Mean |Δz| of the checked pixels' peaks [p], of depths between voxels and of whole voxels."""
-        names = {"depth_deviation_mm": True, "depth_deviation_voxel_mm": False}
-        return {
-            name: 1e3
-            * float(np.abs(depth_m(checked, self.grid, between) - depth_m(self.columns, self.grid, between)).mean())
-            for name, between in names.items()
-        }
-
-    def _relative(self, values: np.ndarray, exact: np.ndarray, source: str) -> float:
-        known = min(len(values), len(exact))
-        difference = values[:known].astype(np.complex128) - exact[:known]
-        return float(np.sqrt(np.mean(np.abs(difference) ** 2)) / self.rms[source])
+        off_m = (depth_m(checked, self.grid, way) - depth_m(self.columns, self.grid, way) for way in (True, False))
+        between_mm, whole_mm = (1e3 * float(np.abs(off).mean()) for off in off_m)
+        return {"depth_deviation_mm": between_mm, "depth_deviation_voxel_mm": whole_mm}
 
 
 def reference(inputs: Inputs) -> Reference:

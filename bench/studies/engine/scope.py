@@ -85,10 +85,8 @@ class Inputs:
     @cached_property
     def samples(self) -> dict[str, np.ndarray]:
         """The hand's echoes and white noise: complex64 [f, t, r]."""
-        return {"hand": simulate(self.scatterers, self.tones_hz, self.array), "noise": self._noise()}
-
-    def _noise(self) -> np.ndarray:
-        return white_noise((len(self.tones_hz), *self.array.channels))
+        hand = simulate(self.scatterers, self.tones_hz, self.array)
+        return {"hand": hand, "noise": white_noise(hand.shape)}
 
     @cached_property
     def frame(self) -> RadarCapture:

@@ -9,10 +9,10 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,8 +37,7 @@ class Case:
     calls: int = 1
 
 
-@dataclass(frozen=True)
-class Timing:
+class Timing(NamedTuple):
     """seconds of one call; peak_mb: by how much it raised the process's resident memory at most (None: unknown)."""
 
     seconds: float
@@ -48,12 +47,12 @@ class Timing:
 
 @dataclass(frozen=True)
 class Measured:
-    """A case's timings: the first call, the later ones, and one of its fixed part."""
+    """A case's timings: the first call, one of its fixed part, and the later calls."""
 
     case: Case
     first: Timing
-    repeats_s: tuple[float, ...]
-    fixed_s: float = 0.0
+    fixed_s: float
+    repeats_s: list[float] = field(default_factory=list)
 
     @property
     def seconds(self) -> float:
@@ -66,7 +65,7 @@ class Measured:
         return max(self.first.seconds - float(np.median(self.repeats_s or [self.first.seconds])), 0.0)
 
     def _whole(self, of: Callable[[Sequence[float]], float]) -> float:
-        part_s = float(of(self.repeats_s or (self.first.seconds,)))
+        part_s = float(of(self.repeats_s or [self.first.seconds]))
         return self.fixed_s + max(part_s - self.fixed_s, 0.0) / self.case.fraction
 
     def record(self, section: str, exact: Measured | None = None, **known: Any) -> Record:
@@ -87,43 +86,31 @@ class Measured:
         }
 
 
-class Room:
-    """A process that works for whoever asks, with its own environment."""
-
-    def __init__(self, **environment: str) -> None:
-        self._pool = ProcessPoolExecutor(1, get_context("spawn"), initializer=_enter, initargs=(environment,))
-
-    def __enter__(self) -> Room:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._pool.shutdown()
-
-    def time(self, work: Work, keep: Callable[[Any], Any] | None = None, calls: int = 1) -> Timing:
-        """Time calls of `work`, which like `keep` must be picklable."""
-        return self._pool.submit(_timed, work, keep, calls).result()
+def room(**environment: str) -> ProcessPoolExecutor:
+    """A process with its own environment, whose kernels are compiled; what it is given must be picklable."""
+    return ProcessPoolExecutor(1, get_context("spawn"), initializer=_enter, initargs=(environment,))
 
 
 def interleaved(title: str, cases: Sequence[Case], apart: bool = True) -> dict[str, Measured]:
     """Time all cases in turns: method → Measured. With `apart` each has its own room; else they share one, and peaks
     of memory mean nothing."""
+    found: dict[str, Measured] = {}
     with contextlib.ExitStack() as stack:
-        rooms = [stack.enter_context(Room()) for _ in (cases if apart else cases[:1])]
+        rooms = [stack.enter_context(room()) for _ in (cases if apart else cases[:1])]
         rooms = rooms if apart else rooms * len(cases)
-        first, fixed_s = [], []
-        for room, case in zip(rooms, cases, strict=True):
+        for place, case in zip(rooms, cases, strict=True):
             say(f"{title}: {case.method}")
-            first.append(room.time(case.work, case.keep))
-            fixed_s.append(room.time(case.fixed).seconds if case.fixed else 0.0)
-        repeats: list[list[float]] = [[] for _ in cases]
+            first = place.submit(timed, case.work, case.keep).result()
+            fixed_s = place.submit(timed, case.fixed).result().seconds if case.fixed else 0.0
+            found[case.method] = Measured(case, first, fixed_s)
         rounds = max(case.repeats for case in cases)
         for i in range(rounds):
             say(f"{title}: repeat {i + 1} of {rounds}")
-            for room, case, times in zip(rooms, cases, repeats, strict=True):
+            for place, case in zip(rooms, cases, strict=True):
                 if i < case.repeats:
-                    times.append(room.time(case.work, calls=case.calls).seconds)
-    every = zip(cases, first, map(tuple, repeats), fixed_s, strict=True)
-    return {case.method: Measured(case, *timings) for case, *timings in every}
+                    again = place.submit(timed, case.work, calls=case.calls).result()
+                    found[case.method].repeats_s.append(again.seconds)
+    return found
 
 
 def everything(result: Any) -> Any:
@@ -143,7 +130,8 @@ def _enter(environment: dict[str, str]) -> None:
     compile_kernels()
 
 
-def _timed(work: Work, keep: Callable[[Any], Any] | None, calls: int) -> Timing:
+def timed(work: Work, keep: Callable[[Any], Any] | None = None, calls: int = 1) -> Timing:
+    """The mean of some calls of `work`, one after the other, in this process."""
     with contextlib.suppress(OSError):  # lets the peak start from here; a kernel that refuses remembers an older one
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     before_mb = _status_mb("VmRSS")
@@ -152,8 +140,8 @@ def _timed(work: Work, keep: Callable[[Any], Any] | None, calls: int) -> Timing:
         result = work()
     seconds = (time.perf_counter() - start) / calls
     peak_mb = _status_mb("VmHWM")
-    known = before_mb is not None and peak_mb is not None
-    return Timing(seconds, peak_mb - before_mb if known else None, keep(result) if keep else None)
+    raised_mb = None if before_mb is None or peak_mb is None else peak_mb - before_mb
+    return Timing(seconds, raised_mb, keep(result) if keep else None)
 
 
 def _status_mb(name: str) -> float | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from bench.studies.columns import Record
 from bench.studies.engine import textbook
 from bench.studies.engine.reference import Reference, column_peaks, column_points_m, reference, voxel_points_m
 from bench.studies.engine.scope import Inputs
-from bench.studies.engine.turns import Case, Measured, everything, interleaved, named
+from bench.studies.engine.turns import Case, Measured, Work, everything, interleaved, named
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_volume, project_volume
 from radar.methods.projection import Peaks, peaks_of
@@ -39,7 +40,7 @@ def _textbook(inputs: Inputs, checked: Reference) -> list[Case]:
     plane = _planes(grid, 1).points_m().reshape(-1, 3)
     points_m = voxel_points_m(grid, checked.voxels)
 
-    def case(method: str, image: Callable, points_m: np.ndarray, fixed: int = 0) -> Case:
+    def case(method: str, image: Callable[..., Any], points_m: np.ndarray, fixed: int = 0) -> Case:
         """fixed: points that tell what is done for none."""
         work = partial(image, samples=inputs.samples["hand"], frequencies_hz=inputs.tones_hz, array=inputs.array)
         fraction, part = len(points_m) / np.prod(grid.shape), partial(work, points_m=points_m[:fixed])
@@ -62,11 +63,13 @@ def _exact(inputs: Inputs) -> Case:
 
 
 def _fast(inputs: Inputs, checked: Reference) -> list[Case]:
-    ways = {"volume": (image_volume, partial(_checked, checked.voxels)), "projection": (project_volume, everything)}
+    keep_checked = partial(_checked, checked.voxels)
+    ways: tuple[tuple[str, Callable[..., Any], Callable[[Any], Any]], ...]
+    ways = ("volume", image_volume, keep_checked), ("projection", project_volume, everything)
     return [
         Case(named(f"fast {what}", t), _imaging(image, inputs, "hand", t), keep, repeats=inputs.scope.repeats)
         for t in inputs.scope.tolerances
-        for what, (image, keep) in ways.items()
+        for what, image, keep in ways
     ]
 
 
@@ -77,9 +80,12 @@ def _slow_row(
     gflops = float(8e-9 * np.prod(inputs.grid.shape) * inputs.samples["hand"].size / timings.seconds)
     known = {"gflops": gflops} if method != COMPRESSED else _compressed_accuracy(inputs, checked)
     if method == NUMBA:
-        known["relative_error"] = checked.direct_error(timings.first.kept)
+        known["relative_error"] = checked.error(timings.first.kept, exact=checked.direct)
     if method == EXACT:
-        known |= {"relative_error": checked.direct_error(checked.exact["hand"]), "depth_deviation_mm": 0.0}
+        known |= {
+            "relative_error": checked.error(checked.exact["hand"], exact=checked.direct),
+            "depth_deviation_mm": 0.0,
+        }
         known |= {"depth_deviation_voxel_mm": 0.0, "share_of_gemm": gflops / ceiling_gflops}
     return timings.record(SECTION, measured[EXACT], **known)
 
@@ -111,8 +117,8 @@ def _fast_rows(inputs: Inputs, checked: Reference, measured: dict[str, Measured]
 
 
 def _imaging(
-    image: Callable, inputs: Inputs, source: str, tolerance: float | None, grid: VoxelGrid | None = None
-) -> partial:
+    image: Callable[..., Any], inputs: Inputs, source: str, tolerance: float | None, grid: VoxelGrid | None = None
+) -> Work:
     return partial(image, inputs.samples[source], inputs.tones_hz, inputs.array, grid or inputs.grid, tolerance)
 
 

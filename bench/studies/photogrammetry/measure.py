@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bench.datasets.simulated import write_photos
 from bench.scenes.build import build
-from bench.studies.columns import Record, Table, columns
+from bench.studies.columns import Record, rows
 from bench.studies.photogrammetry.cases import Case, bars, sweep
 from bench.studies.photogrammetry.figure import draw
 from bench.studies.photogrammetry.score import score
@@ -27,7 +27,7 @@ def study(work: Path, what: str, poses: str) -> Study:
         "Photogrammetry of rendered hands",
         list(bars(letters) if what == "bars" else sweep(letters[0])),
         lambda case: measure(case, work),
-        lambda records: [Table("rows", columns("photogrammetry.rows"), records)],
+        rows("photogrammetry"),
         draw if what == "sweep" else lambda frames: None,
         label=lambda case: f"{case.name}, {case.pose}",
     )

@@ -9,7 +9,7 @@ import numpy as np
 from bench.evaluation.metrics import BAND
 from bench.scenes.build import Scene
 from bench.studies.columns import Record
-from calibration.transforms import umeyama
+from calibration.transforms import Transform, umeyama
 from groundtruth.cameras.cameras import Camera
 from groundtruth.mesh.depth import depth_on_grid
 from groundtruth.mesh.mesh_files import raycasting_scene
@@ -31,7 +31,8 @@ def score(result: Result, scene: Scene) -> Record:
     points_m = scene.radar_from_photo.points(surface.vertices_m)[surface.observed]
     distance_m = raycasting_scene(scene.target_mesh).compute_distance(points_m.astype(np.float32)).numpy()
     distance_m = distance_m.astype(np.float64)
-    side_m = radar_side(scene)
+    x_m, y_m, z_m = radar_side(scene.target_mesh, scene.radar_from_photo, scene.box_m)
+    side_m = np.stack([*np.meshgrid(x_m, y_m), z_m], axis=-1)[np.isfinite(z_m)]
     ratio = distance_m / surface.sigma_m[surface.observed]
     true = {camera.name: camera for camera in scene.cameras}
     off_m = [np.linalg.norm(camera.centre_m - true[camera.name].centre_m) for camera in result.cameras]
@@ -54,20 +55,19 @@ def completeness(points_m: np.ndarray, side_m: np.ndarray) -> float:
     return float(np.mean(KDTree(points_m).query(side_m, distance_upper_bound=COMPLETE_M)[0] <= COMPLETE_M))
 
 
-def radar_side(scene: Scene) -> np.ndarray:
-    """Points [n, 3] of the true surface that rays along +z meet first, in the radar frame, one per cell of a grid,
-    those in the crop box."""
-    side_m = _first_met(scene.target_mesh)
-    in_photo_m = scene.radar_from_photo.inverse().points(side_m)
-    return side_m[((in_photo_m >= scene.box_m[0]) & (in_photo_m <= scene.box_m[1])).all(axis=1)]
-
-
-def _first_met(surface: o3d.geometry.TriangleMesh) -> np.ndarray:
-    vertices = np.asarray(surface.vertices)
-    low, high = vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)
+def radar_side(
+    surface: o3d.geometry.TriangleMesh, radar_from_photo: Transform, box_m: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The places of the true surface that rays along +z meet first, in the radar frame, one per cell of a grid: x_m
+    [nx], y_m [ny], z_m [ny, nx], NaN beside the surface and outside the crop box [2, 3] of the photo frame."""
+    low, high = surface.get_min_bound()[:2], surface.get_max_bound()[:2]
     x_m, y_m = (np.arange(a, b, GRID_M) for a, b in zip(low, high, strict=True))
     z_m = depth_on_grid(surface, x_m, y_m)
-    return np.stack([*np.meshgrid(x_m, y_m), z_m], axis=-1)[np.isfinite(z_m)]
+    if box_m is not None:
+        in_photo_m = radar_from_photo.inverse().points(np.stack([*np.meshgrid(x_m, y_m), z_m], -1).reshape(-1, 3))
+        inside = ((in_photo_m >= box_m[0]) & (in_photo_m <= box_m[1])).all(axis=1)
+        z_m = np.where(inside.reshape(z_m.shape), z_m, np.nan)
+    return x_m, y_m, z_m
 
 
 def scale_error(points_m: np.ndarray, ours: tuple[Camera, ...], true: dict[str, Camera]) -> float:

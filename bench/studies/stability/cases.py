@@ -1,25 +1,35 @@
 """The catalogue of hard cases: functions that measure one quantity each, swept through its limit and past it.
 
-A measuring function yields what it saw: (place in the sweep, value), or (place, value, whether the answer was marked
-as unreliable there, by a flag, NaN or a stated σ that covers it). One that must be refused yields (place, what is to
-be refused). A bound holds on every machine, for the reason beside it.
+catalogue.toml says what each case GROUP.NAME is about; the function _NAME of a module GROUP_*.py measures it. It yields
+what it saw: (place in the sweep, value), or (place, value, whether the answer was marked as unreliable there, by a
+flag, NaN or a stated σ that covers it). Of a case that must be refused it yields (place, what is to be refused[, words
+of that refusal alone]). A bound holds on every machine, for the reason beside it; one that is computed stands among
+the module's BOUNDS.
 """
 
 from __future__ import annotations
 
-import re
 import time
+import tomllib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
-from typing import Any
+from pathlib import Path
+from typing import Any, SupportsFloat
 
 import numpy as np
 
 from radar.support.errors import HandbenchError
 
 GROUPS = ("phase", "data", "geometry", "smoothing", "registration", "meshes", "statistics")
-TEXT = re.compile(r"(.*?)\. Against: (.*?)\. Because: (.*)\.")  # of a measuring function, in its docstring
+CATALOGUE = Path(__file__).with_name("catalogue.toml")
+REFUSAL = {
+    "bound": 0.0,
+    "unit": "answers",
+    "quantity": "an answer",
+    "reference": "a refusal",
+}  # unless the catalogue says otherwise
 
 
 @dataclass(frozen=True)
@@ -39,8 +49,8 @@ class Refused:
     message: str
 
 
-Seen = float | Iterable[tuple[str, float]] | Iterable[tuple[str, float, bool]]
-Works = Iterable[tuple[str, Callable[[], Any]]] | Iterable[tuple[str, Callable[[], Any], str]]
+Seen = Iterable[tuple[str, SupportsFloat] | tuple[str, SupportsFloat, bool]]
+Works = Iterable[tuple[str, Callable[[], object]] | tuple[str, Callable[[], object], str]]
 
 
 @dataclass(frozen=True)
@@ -54,57 +64,30 @@ class Case:
     unit: str
     bound: float
     reason: str
-    measure: Callable[[], Seen | Worst | Refused]
-
-
-CASES: dict[str, Case] = {}
-
-
-def case(group: str, name: str, unit: str, bound: float) -> Callable[[Callable[[], Seen]], Callable[[], Seen]]:
-    """Decorator that enters a measuring function into the catalogue.
-
-    The function's docstring is the case's text, "Quantity. Against: reference. Because: the bound's reason."; {NAME}
-    in it stands for a value of its module.
-    """
-
-    def add(measure: Callable[[], Seen]) -> Callable[[], Seen]:
-        enter(group, name, unit, bound, measure.__doc__.format_map(measure.__globals__), measure)
-        return measure
-
-    return add
-
-
-def refusal(
-    group: str, name: str, *words: str, unit: str = "answers"
-) -> Callable[[Callable[[], Works]], Callable[[], Works]]:
-    """Decorator of a case whose right answer is an error with all `words`: whatever the function yields must refuse.
-
-    Its docstring is as of `case`, or the reason alone: then the quantity is an answer, and the reference a refusal.
-    """
-
-    def add(works: Callable[[], Works]) -> Callable[[], Works]:
-        text = works.__doc__.format_map(works.__globals__)
-        text = text if "Against: " in text else f"An answer. Against: a refusal. Because: {text[0].lower()}{text[1:]}"
-        enter(group, name, unit, 0.0, text, lambda: refused_throughout(works(), *words))
-        return works
-
-    return add
-
-
-def enter(group: str, name: str, unit: str, bound: float, text: str, measure: Callable[[], Any]) -> None:
-    """Enter a case into the catalogue, with a text as `case` explains it."""
-    parts = TEXT.fullmatch(" ".join(text.split()))
-    if group not in GROUPS or name in CASES or parts is None:
-        raise ValueError(f"case '{name}' of '{group}': the group is unknown, the name is taken, or its text is: {text}")
-    quantity, reference, reason = parts.groups()
-    CASES[name] = Case(name, group, quantity[0].lower() + quantity[1:], reference, unit, bound, reason, measure)
+    measure: Callable[[], Any]
 
 
 def cases(groups: Iterable[str] = GROUPS) -> list[Case]:
-    """The catalogue's cases of some groups, in the order of the groups."""
+    """The catalogue's cases of some groups, in its order."""
+    catalogue, found = tomllib.loads(CATALOGUE.read_text("utf-8")), []
     for group in groups:
-        import_module(f"bench.studies.stability.{group}_cases")
-    return [c for group in groups for c in CASES.values() if c.group == group]
+        files = sorted(CATALOGUE.parent.glob(f"{group}_*.py"))
+        modules = [vars(import_module(f"{__package__}.{file.stem}")) for file in files]
+        known = {name: text for name, text in catalogue[group].items() if isinstance(text, str)}
+        for name, about in catalogue[group].items():
+            if name not in known:
+                module = next(module for module in modules if f"_{name}" in module)
+                found.append(_case(group, name, about, known, module))
+    return found
+
+
+def _case(group: str, name: str, about: dict[str, Any], known: dict[str, str], module: dict[str, Any]) -> Case:
+    """The case as the catalogue has it; known: the group's texts, by the names that stand for them."""
+    measure, words = module[f"_{name}"], about.pop("words", None)
+    if words is not None:
+        about, measure = REFUSAL | about, partial(refused_throughout, measure, *words)
+    bound = about.pop("bound") if "bound" in about else module["BOUNDS"][name]
+    return Case(group=group, bound=bound, measure=measure, **{key: text.format(**known) for key, text in about.items()})
 
 
 def refused(work: Callable[[], Any], *words: str) -> Refused | Worst:
@@ -117,21 +100,21 @@ def refused(work: Callable[[], Any], *words: str) -> Refused | Worst:
     return Worst(np.inf, f"was not refused but answered {type(given).__name__}")
 
 
-def refused_throughout(works: Works, *words: str) -> Refused | Worst:
-    """`refused` for each of `works` (place in the sweep, what is to refuse[, further words]); the first that is
-    answered, if any."""
+def refused_throughout(works: Callable[[], Works], *words: str) -> Refused | Worst:
+    """`refused` for each of works(); the first that is answered, if any."""
     found: Refused | Worst = Worst(np.inf, "nothing was tried")
-    for place, work, *further in works:
+    for place, work, *further in works():
         found = refused(work, *words, *further)
         if isinstance(found, Worst):
             return Worst(found.value, f"{place}: {found.at}")
     return found
 
 
-def worst(seen: Iterable[tuple], bound: float = np.inf) -> Worst:
+def worst(seen: Seen, bound: float = np.inf) -> Worst:
     """The largest of (place, value[, whether it was marked]); a value that is no number counts as infinite. Marked
     values beyond the bound count only where no other is beyond it: then the case is flagged."""
-    values = [(place, np.inf if np.isnan(value) else float(value), any(marked)) for place, value, *marked in seen]
+    values = [(place, float(value), any(marked)) for place, value, *marked in seen]
+    values = [(place, np.inf if np.isnan(value) else value, marked) for place, value, marked in values]
     silent = [one for one in values if one[1] > bound and not one[2]]
     place, value, _ = max(silent or values, key=lambda one: one[1])
     return Worst(value, place, flagged=not silent and value > bound)
@@ -142,9 +125,9 @@ def measured(chosen: Case) -> dict[str, Any]:
     run."""
     start = time.perf_counter()
     try:
-        found = chosen.measure()
+        found: Refused | Worst | float | Seen = chosen.measure()
         if not isinstance(found, Refused | Worst):
-            found = worst([("", found)] if np.isscalar(found) else found, chosen.bound)
+            found = worst([("", found)] if isinstance(found, float | int) else found, chosen.bound)
     except Exception as error:
         found = Worst(np.inf, f"{type(error).__name__}: {error}")
     line = {name: value for name, value in vars(chosen).items() if name not in ("name", "measure")}

@@ -1,18 +1,50 @@
-"""Hard data: dead and saturated channels, numbers at the ends of single precision, masks of one pixel and of all."""
+"""Hard data: dead and saturated channels, numbers at the ends of single precision, masks of one pixel and of all, and
+noise that drowns the echo.
+"""
 
 from __future__ import annotations
 
 from functools import cache, partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 
-import bench.studies.stability.data_noise  # noqa: F401  the other half of the group
-from bench.studies.stability.cases import Seen, Works, case, refusal
-from bench.studies.stability.scenes import FSK, METHODS, POINT_M, VOXEL_MM, C, capture, depth_map, echoes, middle, noisy
+from bench.studies.stability.cases import Seen, Works
+from bench.studies.stability.scenes import (
+    FSK,
+    LADDER_HZ,
+    METHODS,
+    PERIOD_M,
+    POINT_M,
+    VOXEL_MM,
+    C,
+    bumpy_points,
+    capture,
+    depth_map,
+    echoes,
+    flags,
+    middle,
+    noisy,
+    small_array,
+)
 from radar.data.depthmap import DepthMap, amplitude_db
+from radar.data.grid import PixelGrid
+from radar.imaging.cpu.exact import tone_images
+from radar.methods.confidence import UNRELATED_RAD
 
 FINE_HZ = 2.3e9  # the smaller of 3-FSK's two differences
+RANGE_MM = 1e3 * C / (4 * 10e9) + VOXEL_MM  # half a range cell of broadband, and half a voxel
+SNR_DB = (60, 40, 30, 20, 15, 10, 5, 0, -10, -30)
+DRAWS = 4
+SATURATION = np.hypot(np.pi / 3, UNRELATED_RAD) / UNRELATED_RAD  # where `radar.methods.confidence.incoherent` begins
+BOUNDS = {
+    "scales": 1e3 * C / (4 * np.pi * 0.2e9) * 2**-22,
+    "saturated": 1e3 * C / (4 * np.pi * 0.2e9) * np.sqrt(2 / 144) / 3,
+    "ties": 10 * 2.0**-24 * 4,
+    "sigma_follows": SATURATION,
+    "projections_drown": RANGE_MM,
+}
 
 
 @cache
@@ -34,16 +66,11 @@ def _off_mm(id: str, samples: np.ndarray) -> float:
     return 1e3 * abs(float(middle(_depth(id, samples).z_m)) - _reference(id))
 
 
-@refusal("data", "echoes of zeros", "zero everywhere", "no echo", unit="mm")
-def zeros() -> Works:
-    """Depth map of nothing. Against: a refusal. Because: an image of zeros has no strongest pixel."""
+def _zeros() -> Works:
     return ((id, partial(_depth, id, np.zeros_like(_point()))) for id in METHODS)
 
 
-@refusal("data", "NaN and infinity in one sample", "NaN or infinite", "(0, 3, 5, 7)", unit="mm")
-def not_finite() -> Works:
-    """Depth map of broken samples. Against: a refusal. Because: one NaN reaches every pixel of the image; nothing can
-    be repaired without inventing data."""
+def _not_finite() -> Works:
     for bad, id in product((np.nan, np.inf, -np.inf, complex(0, np.nan), complex(0, np.inf), 1e39), METHODS):
         samples = _point().copy()
         samples[3, 5, 7] = bad
@@ -51,22 +78,14 @@ def not_finite() -> Works:
             yield f"{bad}, {id}", partial(_depth, id, samples.astype(np.complex64))
 
 
-@case("data", "one live channel", "mm", 1.0)
-def one_channel() -> Seen:
-    """Depth at the point's pixel. Against: the channel's ellipsoid. Because: every pixel ties, so that z_e is that of
-    any pixel of the ellipsoid, up to 15 mm off; the path's derivative, 1.94 instead of 2, leaves 3 % of that, and a
-    half voxel is 0.5 mm."""
+def _one_channel() -> Seen:
     for id, (t, r) in product(METHODS, ((0, 0), (5, 6), (11, 2))):
         samples = np.zeros_like(_point())
         samples[:, t, r] = _point()[:, t, r]
         yield f"{id}, channel {t}, {r}", 1e3 * abs(float(middle(_depth(id, samples).z_m)) - POINT_M[2])
 
 
-@case("data", "dead rows of channels", "mm", 0.5)
-def dead_rows() -> Seen:
-    """Depth at the point's pixel. Against: all channels live. Because: a point's phase is that of every channel: what
-    moves is the factor 2 of the path's derivative, by 3 % of the last correction (5 mm settled: 0.15 mm), and the
-    filters' neighbours; a half voxel is 0.5 mm."""
+def _dead_rows() -> Seen:
     for id, dead in product(METHODS, (1, 3, 6, 9, 11)):
         for leg, place in (("t", np.s_[:, :dead]), ("r", np.s_[:, :, -dead:])):
             samples = _point().copy()
@@ -74,10 +93,7 @@ def dead_rows() -> Seen:
             yield f"{id}, {dead} of 12 dead in {leg}", _off_mm(id, samples)
 
 
-@case("data", "echoes scaled by powers of two", "mm", 0.0)
-def powers_of_two() -> Seen:
-    """Change of the depth map. Against: the scale 1. Because: a power of two moves exponents only: no bit of depth, σ
-    or mask may change."""
+def _powers_of_two() -> Seen:
     for id in METHODS:
         whole = _depth(id, _point())
         for exponent in (-100, -60, 60, 126):
@@ -88,10 +104,7 @@ def powers_of_two() -> Seen:
             yield f"{id}, 2^{exponent}", 1e3 * change if same and known.any() else np.inf
 
 
-@case("data", "echoes scaled from 1e-38 to 3e38", "mm", 1e3 * C / (4 * np.pi * 0.2e9) * 2**-22)
-def scales() -> Seen:
-    """Change of the point's depth. Against: the scale 1. Because: scaled samples round anew, by 2⁻²⁴ each: 2⁻²² rad
-    between two images, cφ/(4πΔf) of the closest pair."""
+def _scales() -> Seen:
     factors = (1e-38, 1e-30, 1e-20, 1e-10, 1e10, 1e20, 1e30, 3e38)
     return ((f"{id}, {factor:g}", _off_mm(id, _point() * factor)) for id, factor in product(METHODS, factors))
 
@@ -104,11 +117,7 @@ def _steps(samples: np.ndarray, bits: int) -> np.ndarray:
     return np.clip((np.floor(parts / step) + 0.5) * step, -full, full).view(complex)
 
 
-@case("data", "samples of 4 bits", "1", 1.0)
-def four_bits() -> Seen:
-    """Change of the point's depth, over 4 σ of the converter's noise. Against: float64 samples. Because: a step s makes
-    noise s²/12 a part; 144 channels average it: σ_φ = √2·s/√(12·144)/|S|, cσ_φ/(4πΔf) of the finest pair; half a voxel
-    for the projections."""
+def _four_bits() -> Seen:
     for id, bits in product(METHODS, (12, 8, 6, 4)):
         phase = np.sqrt(2) * 2 / 2**bits / np.sqrt(12 * 144)
         sigma_mm = 1e3 * C / (4 * np.pi * _difference_hz(id)) * phase
@@ -120,20 +129,12 @@ def _difference_hz(id: str) -> float:
     return {"2fsk": 0.2e9, "nfsk": 9.3e9}.get(id, FINE_HZ)
 
 
-@case("data", "saturated samples", "mm", 1e3 * C / (4 * np.pi * 0.2e9) * np.sqrt(2 / 144) / 3)
-def saturated() -> Seen:
-    """Change of the point's depth. Against: samples that are not clipped. Because: clipping I and Q at a level → 0
-    leaves their signs: S + S*³/3 and less, whose third harmonic no pixel focuses: it adds as noise does, a third of the
-    echo over √144 channels, cφ/(4πΔf) of the closest pair."""
+def _saturated() -> Seen:
     for id, level in product(METHODS, (0.9, 0.7, 0.5, 0.3, 0.1, 0.01)):
         yield f"{id}, clipped at {level}", _off_mm(id, np.clip(_point().view(float), -level, level).view(complex))
 
 
-@case("data", "ties at the threshold", "dB", 10 * 2.0**-24 * 4)
-def ties() -> Seen:
-    """Decibels of an amplitude. Against: 20 log₁₀ in long double. Because: the quotient, the logarithm, its product and
-    the result round in single precision, 2⁻²⁴ of 10 dB each; a pixel further from the threshold falls on its right
-    side."""
+def _ties() -> Seen:
     levels = np.array([0.0, -3.0, -10.0, -10.0 + 1e-5, -10.0 - 1e-5, -13.0])
     for kind, scale in product((np.float32, np.float64), (1e-30, 1.0, 1e30)):
         amplitude = (scale * 10 ** (levels / 20)).astype(kind)
@@ -141,10 +142,7 @@ def ties() -> Seen:
         yield f"{kind.__name__} times {scale:g}", float(np.abs(amplitude_db(amplitude) - exact).max())
 
 
-@case("data", "masks of one pixel and of all", "pixels", 0.0)
-def masks() -> Seen:
-    """Pixels whose depth and σ are not both positive numbers. Against: the threshold's count. Because: one pixel has no
-    neighbour to average with and no spread of its own; σ = 0 would claim to know it exactly."""
+def _masks() -> Seen:
     taken = capture(noisy(_point(), 144.0, 40.0, 0))
     for id, threshold_db in product(METHODS, (-1e-9, -0.5, -10.0, -400.0)):
         depth = depth_map(id, taken, threshold_db=threshold_db)
@@ -154,3 +152,56 @@ def masks() -> Seen:
         if depth.sigma_m is not None:
             wrong += np.count_nonzero(~(depth.sigma_m[on] > 0)) + np.count_nonzero(np.isfinite(depth.sigma_m[~on]))
         yield f"{id}, {threshold_db:g} dB", float(wrong)
+
+
+@cache
+def _drowned(id: str, snr_db: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Errors, σ and flags [n] of a smooth surface's pixels under noise, several draws, NaN where noise has taken the
+    pixel away; errors are against the same method without noise, since σ speaks of noise alone."""
+    samples = echoes(bumpy_points(), frequencies_hz=LADDER_HZ)
+    # No plan for points that noise scatters.
+    values: dict[str, Any] = {"half_m": 0.02, "first_depth_m": POINT_M[2], "tolerance": None}
+    values |= {} if id == "2fsk" else {"fine_filter_px": 1}
+    clean = depth_map(id, capture(samples, LADDER_HZ), **values)
+    points = PixelGrid(clean.x_m, clean.y_m).points_m(POINT_M[2]).reshape(-1, 3)
+    top = tone_images(samples[:1].astype(np.complex64), np.array(LADDER_HZ[:1]), small_array(), points)
+    parts = []
+    for seed in range(DRAWS):
+        found = depth_map(id, capture(noisy(samples, float(np.abs(top).max()), snr_db, seed), LADDER_HZ), **values)
+        on = np.isfinite(clean.z_m)
+        parts.append(((found.z_m - clean.z_m)[on], found.sigma_m[on], flags(found)[on]))
+    error, sigma, wrapped = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return error, sigma, wrapped
+
+
+def _sigma_follows() -> Seen:
+    for id, snr_db in product(FSK, SNR_DB):
+        error, sigma, wrapped = _drowned(id, snr_db)
+        trusted = ~wrapped & (np.abs(error) < _half_period_m(id))
+        if np.count_nonzero(trusted) > 0.05 * trusted.size:  # fewer are the flag's 10 %
+            yield f"{id}, {snr_db} dB", float(np.median(np.abs(error / sigma)[trusted]) / 0.6745)
+
+
+def _made_up() -> Seen:
+    for id, snr_db in product(FSK, SNR_DB):
+        error, _, wrapped = _drowned(id, snr_db)
+        yield f"{id}, {snr_db} dB", float(np.mean((np.abs(error) > _half_period_m(id)) & ~wrapped))
+
+
+def _half_period_m(id: str) -> float:
+    return C / (4 * 0.2e9) if id == "2fsk" else PERIOD_M / 2
+
+
+def _projections_drown() -> Seen:
+    for snr_db, seed in product((60, 40, 20, 0, -10, -20, -30), range(3)):
+        depth = depth_map("broadband", capture(noisy(echoes(POINT_M), 144.0, snr_db, seed)))
+        off_mm = 1e3 * abs(float(middle(depth.z_m)) - POINT_M[2])
+        if not np.isnan(off_mm):  # else it is below the threshold
+            yield f"{snr_db} dB, draw {seed}", off_mm, bool(middle(flags(depth)))
+
+
+def _nothing_left() -> Seen:
+    for seed in range(6):
+        noise = noisy(np.zeros_like(echoes(POINT_M, frequencies_hz=LADDER_HZ)), 1.0, 0.0, seed)
+        depth = depth_map("3fsk-plus", capture(noise, LADDER_HZ))
+        yield f"draw {seed}", float(np.count_nonzero(np.isfinite(depth.z_m) | np.isfinite(depth.sigma_m)))

@@ -1,4 +1,5 @@
-"""Hard geometry: voxels on and behind the array, lone antennas and voxels, far origins, long ranges, many tones.
+"""Hard geometry: voxels on and behind the array, lone antennas and voxels, far origins, long ranges, many tones; and
+what has no answer.
 
 Every sweep is imaged exactly and to each tolerance, on white noise, and compared with the direct sum in float64. Both
 are told as shares of what was asked: a relative L2 error over the points and a few draws of samples.
@@ -6,14 +7,16 @@ are told as shares of what was asked: a relative L2 error over the points and a 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
+from functools import partial, wraps
 from itertools import product
 from typing import NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 
-from bench.studies.stability import geometry_refusals as geometry_refusals
-from bench.studies.stability.cases import Seen, case, enter
+from bench.studies.stability.cases import Seen, Works
 from bench.studies.stability.geometry_direct import TONES_HZ, array, cloud, echoes, image, waves
 from bench.studies.stability.scenes import white_noise
 from radar.data.arrays import AntennaArray
@@ -23,11 +26,6 @@ from radar.simulation.forward import Scatterers, simulate
 
 EXACT = 1e-5
 TOLERANCES = (None, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-ASKED = (
-    "Against: the direct sum in float64, written apart. Because: a tolerance is a promise; the exact sum, of N terms "
-    "of random sign in single precision, is off by √N·2⁻²⁴, below the 1e-5 that is promised for N of up to 25 000 "
-    "terms."
-)
 
 
 class Place(NamedTuple):
@@ -55,46 +53,39 @@ def _asked(tolerance: float | None) -> str:
     return "exact" if tolerance is None else f"tolerance {tolerance:g}"
 
 
-def _sweep(name: str) -> Callable[[Callable[[], Iterator[Place]]], Callable[[], Iterator[Place]]]:
-    """Decorator that enters a sweep of places into the catalogue, with its docstring as the quantity."""
+def _of_images(places: Callable[[], Iterator[Place]]) -> Callable[[], Seen]:
+    """The sweep that images at these places, to each tolerance."""
 
-    def add(places: Callable[[], Iterator[Place]]) -> Callable[[], Iterator[Place]]:
-        def measure() -> Seen:
-            return ((f"{p.at}, {_asked(t)}", _share(p, t)) for p in places() for t in TOLERANCES)
+    @wraps(places)
+    def measure() -> Seen:
+        return ((f"{p.at}, {_asked(t)}", _share(p, t)) for p in places() for t in TOLERANCES)
 
-        enter("geometry", name, "of what was asked", 1.0, f"{places.__doc__} {ASKED}", measure)
-        return places
-
-    return add
+    return measure
 
 
-@_sweep("voxels through the array")
+@_of_images
 def _through() -> Iterator[Place]:
-    """Error of images where waves are chirps, R down to 0 and behind."""
     for z_m in (0.3, 0.05, 1e-2, 1e-3, 0.0, -1e-3, -0.3):
         yield Place(f"z = {z_m:g} m", array(), cloud(40, (0, 0, z_m)) * [1, 1, z_m != 0])
 
 
-@_sweep("voxels on antennas")
+@_of_images
 def _on_antennas() -> Iterator[Place]:
-    """Error of images at the kink of |p − a|."""
     for height_m in (1e-3, 1e-5, 1e-6, 1e-9, 0.0):
         places = np.concatenate([array().tx_m, array().rx_m]) + [0, 0, height_m]
         yield Place(f"{height_m:g} m above every antenna", array(), places)
         yield Place(f"within {height_m:g} m of one antenna", array(), cloud(40, tuple(array().tx_m[0]), height_m))
 
 
-@_sweep("one voxel")
+@_of_images
 def _one_voxel() -> Iterator[Place]:
-    """Error of an image without others to average over."""
     for z_m in (1.0, 0.3, 1e-2, 1e-6, 0.0):
         yield Place(f"z = {z_m:g} m", array(), np.array([[0.013, 0.021, z_m]]), draws=30)
         yield Place(f"{z_m:g} m above an antenna", array(), array().tx_m[:1] + [0, 0, z_m], draws=30)
 
 
-@_sweep("lone, collinear and coincident antennas")
+@_of_images
 def _few_antennas() -> Iterator[Place]:
-    """Error of images from arrays whose waves are all alike."""
     points, line = cloud(40, (0, 0, 0.3)), np.linspace(-0.07, 0.07, 30)[:, None] * [1, 0, 0]
     for t, r in ((1, 1), (1, 10), (12, 1)):
         yield Place(f"{t} × {r} antennas", array(t, r), points)
@@ -103,9 +94,8 @@ def _few_antennas() -> Iterator[Place]:
     yield Place("all antennas in one place", AntennaArray(0 * line, 0 * line), points)
 
 
-@_sweep("array and scene far from the origin")
+@_of_images
 def _far_origin() -> Iterator[Place]:
-    """Error of images, scene and array moved together."""
     for offset_m in (1e3, 1e6, 9e6):
         for way in ([1, 0, 0], [0, 0, 1], [1, -1, 1]):
             moved, shift = array(), offset_m * np.array(way)
@@ -113,18 +103,16 @@ def _far_origin() -> Iterator[Place]:
             yield Place(f"offset {offset_m:g} m along {way}", moved, cloud(40, (0, 0, 0.3)) + shift)
 
 
-@_sweep("long ranges")
+@_of_images
 def _long_ranges() -> Iterator[Place]:
-    """Error of images whose phase is 10⁴ to 10⁹ turns."""
     halves_m = {20.0: (0.05, 1e-3), 100.0: (5e-3,), 1e3: (1e-3, 0.05), 1e5: (0.05,), 1e6: (0.05,)}
     for range_m, half_m in ((range_m, half_m) for range_m, halves in halves_m.items() for half_m in halves):
         points = cloud(40, (0, 0, range_m), half_m)
         yield Place(f"{1e3 * half_m:g} mm about {range_m:g} m", array(), points, draws=12)
 
 
-@_sweep("tones of every kind")
+@_of_images
 def _tones() -> Iterator[Place]:
-    """Error of images, skeletons of tones that are all alike."""
     for name, tones_hz in (
         ("one tone", TONES_HZ[:1]),
         ("equal tones", np.full(9, 80e9)),
@@ -135,17 +123,13 @@ def _tones() -> Iterator[Place]:
         yield Place(name, array(), cloud(40, (0, 0, 0.3)), tones_hz)
 
 
-@case("geometry", "4096 uneven tones", "of what was asked", 1.0)
 def _many_tones() -> Seen:
-    """Error of images, drift along the tones. {ASKED}"""
     tones_hz = np.random.default_rng(2).uniform(72e9, 82e9, 4096)
     place = Place("4096 tones", array(3, 2), cloud(10, (0, 0, 0.3)), tones_hz, draws=1)
     return ((_asked(tolerance), _share(place, tolerance)) for tolerance in (None, 1e-5))
 
 
-@case("geometry", "uneven and tiny grids", "of what was asked", 1.0)
 def _grids() -> Seen:
-    """Error of volumes by interpolation between nodes. {ASKED}"""
     generator = np.random.default_rng(3)
     two = np.r_[1e-5 * np.arange(40), 0.1 + 1e-5 * np.arange(40)]
     uneven = [np.cumsum(10 ** generator.uniform(-5, -2.5, n)) for n in (40, 12, 24)]
@@ -173,10 +157,7 @@ def _grid_share(grid: VoxelGrid, tolerance: float | None) -> float:
     return np.linalg.norm(found - expected) / size / (tolerance or EXACT)
 
 
-@case("geometry", "moved with its array", "1", 2e-5)
 def _moved() -> Seen:
-    """Change of an image, moved as far as is accepted. Against: the image at the origin. Because: places round to 1e-9
-    m at 10⁷ m: in a path to 4e-9 m, times 2π/λ 7e-6 rad, and the exact sum's 1e-5."""
     points, samples = cloud(40, (0, 0, 0.3)), white_noise((len(TONES_HZ), *array().channels), 0)
     at_origin = image_points(samples, TONES_HZ, array(), points, None)
     for offset_m in (1.0, 1e3, 1e6, 9.9e6):
@@ -185,9 +166,7 @@ def _moved() -> Seen:
         yield f"offset {offset_m:g} m", np.linalg.norm(found - at_origin) / np.linalg.norm(at_origin)
 
 
-@case("geometry", "echoes of points close to antennas", "of what was asked", 1.0)
 def _echoes() -> Seen:
-    """Error of echoes that fade as 1/R, R → 0. {ASKED}"""
     places = {f"z = {z_m:g} m": cloud(40, (0, 0, 0)) * [1, 1, 0.02] + [0, 0, z_m] for z_m in (0.3, 0.03, 3e-3, 1e-3)}
     places |= {f"{r_m:g} m above antennas": array(40, 40).tx_m[:3] + [0, 0, r_m] for r_m in (1e-3, 1e-6, 1e-12, 1e-24)}
     places |= {"range 1e5 m": cloud(40, (0, 0, 1e5)), "behind the array": cloud(40, (0, 0, -0.3))}
@@ -197,3 +176,63 @@ def _echoes() -> Seen:
         found = simulate(Scatterers(points_m, weights), TONES_HZ, array(40, 40), tolerance=tolerance)
         error = np.linalg.norm(found - expected) / np.linalg.norm(expected)
         yield f"{name}, {_asked(tolerance)}", error / (tolerance or EXACT)
+
+
+UP = 1e-3 * np.arange(9)
+
+
+def _image(points_m: np.ndarray, tolerance: float | None) -> np.ndarray:
+    return image_points(white_noise((len(TONES_HZ), *array().channels), 0), TONES_HZ, array(), points_m, tolerance)
+
+
+def _imaged(value: float, tolerance: float | None) -> tuple[str, Callable[[], np.ndarray]]:
+    return f"{value}, tolerance {tolerance}", partial(_image, _with(value), tolerance)
+
+
+def _with(value: float) -> np.ndarray:
+    """Points of which one coordinate is `value`."""
+    points = cloud(5, (0, 0, 0.3))
+    points[3, 1] = value
+    return points
+
+
+def _echo(r_m: float, tolerance: float | None) -> np.ndarray:
+    points = array().tx_m[4:5] + [0, 0, r_m]
+    return simulate(Scatterers(points, np.ones(1)), TONES_HZ, array(), tolerance=tolerance)
+
+
+def _on_antenna() -> Works:
+    return ((f"tolerance {tolerance}", partial(_echo, 0.0, tolerance)) for tolerance in (1e-5, None))
+
+
+def _voxels_nowhere() -> Works:
+    return (_imaged(value, tolerance) for value, tolerance in product((-np.inf, np.inf, np.nan), (1e-3, None)))
+
+
+def _voxels_beyond() -> Works:
+    return (_imaged(value, tolerance) for value, tolerance in product((1e300, 1e20, 1.1e7), (1e-3, None)))
+
+
+def _antennas() -> Works:
+    return (
+        (f"at {value}", partial(AntennaArray, _with(value), _with(0.0))) for value in (1e300, 1.1e7, np.inf, np.nan)
+    )
+
+
+def _unordered() -> Works:
+    for axis in (UP[:0], np.r_[UP, 0.0], UP[::-1]):
+        yield f"{axis}", partial(VoxelGrid, axis, UP, 0.3 + UP)
+
+
+def _axis_nowhere() -> Works:
+    return ((f"{axis}", partial(VoxelGrid, np.array(axis), UP, UP)) for axis in ([np.nan], [0, np.nan, 1]))
+
+
+def _memory() -> Works:
+    axis, samples = 1e-4 * np.arange(1000), white_noise((len(TONES_HZ), *array().channels), 0)
+    with patch.dict(os.environ, HANDBENCH_MEMORY_GB="1"):
+        yield "1 GB", partial(image_volume, samples, TONES_HZ, array(), VoxelGrid(axis, axis, 0.3 + axis), 1e-3)
+
+
+def _tolerances() -> Works:
+    return ((f"{t}", partial(_image, cloud(5, (0, 0, 0.3)), t)) for t in (np.nan, 0.11, 9e-7, 0.0))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Iterable, Sequence
-from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -52,12 +51,10 @@ def _groups(text: str | None) -> tuple[str, ...]:
 
 def _tables(seed: int, scenes: int) -> tuple[Table, ...]:
     """Errors of single precision, how much estimators amplify, and random scenes."""
-    precision, condition, random = (
-        import_module(f"bench.studies.stability.{name}")
-        for name in ("precision_cases", "condition_cases", "random_scenes")
-    )
-    tables = (precision.table(), condition.table())
-    return (*tables, random.table(seed, scenes)) if scenes else tables
+    from bench.studies.stability import condition_cases, precision_cases, random_scenes
+
+    tables = (precision_cases.table(), condition_cases.table())
+    return (*tables, random_scenes.table(seed, scenes)) if scenes else tables
 
 
 def show(facts: StabilityFacts, found: pd.DataFrame) -> None:

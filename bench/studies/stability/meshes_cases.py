@@ -1,30 +1,40 @@
-"""Hard meshes: grazing planes, slivers, fins, soups, holes, few faces, far origins, stray faces, other units."""
+"""Hard meshes: grazing planes, slivers, fins, soups, holes, few faces, far origins, stray faces, other units; rays that
+meet a mesh at its vertices and edges, obliquely, from far away, or on their own surface; files of 10⁷ faces.
+"""
 
 from __future__ import annotations
 
+import tempfile
+import tracemalloc
 from itertools import product
+from pathlib import Path
 
 import numpy as np
+import psutil
+from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from bench.studies.stability import meshes_files as meshes_files
-from bench.studies.stability import meshes_rays as meshes_rays
-from bench.studies.stability.cases import Seen, Works, case, refusal
-from bench.studies.stability.meshes_shapes import DEPTH_M, SLOPES, ball, between, depth, on_plane, plane_error_m, sheet
+from bench.studies.stability.cases import Seen, Works
+from bench.studies.stability.meshes_shapes import (
+    DEPTH_M,
+    SLOPES,
+    ball,
+    between,
+    depth,
+    on_plane,
+    plane_error_m,
+    sheet,
+    surface,
+)
+from groundtruth.mesh.mesh_files import read_triangles
+from radar.support.rays import Rays
 
 U = 2.0**-53
 GRID_M = np.linspace(-0.09, 0.09, 37)
-ROUNDED = "a plane's depth is formed in double on the triangle that is hit: a few 2⁻⁵³ of 0.5 m"
-SAGITTA = (
-    "corners lie on the sphere, faces within it by r(1 − cos π/√2n) at most for n rings, seen under the "
-    "sphere's slope: over its cosine, 0.31 at 0.95 r, and as much again for how the slope changes there"
-)
+BOUNDS = {"fins": 1e4 * 2.0**-24 * 0.13, "slivers": 8 * U, "layers": 250 * 2.0**-22}
 
 
-@case("meshes", "grazing planes", "m", 1e-14)
 def _grazing() -> Seen:
-    """Error of depth, slopes to 10⁴ and past what is shown. Against: the plane; beyond, nothing. Because: {ROUNDED};
-    steeper than 10⁴ a triangle is on edge, and no depth of it is told."""
     for slope in (1.0, 1e2, 9e3, 1.1e4, 1e6, 1e8):
         half_m, slopes = 0.1 / slope, np.array([slope, 0.0])
         xy = np.array([[-half_m, -0.1], [half_m, -0.1], [half_m, 0.1], [-half_m, 0.1]])
@@ -33,10 +43,7 @@ def _grazing() -> Seen:
         yield f"slope {slope:g}", beyond if slope > 1e4 else plane_error_m(z_m, GRID_M / slope, GRID_M, slopes)
 
 
-@case("meshes", "fins that share an edge with a sheet", "m", 1e4 * 2.0**-24 * 0.13)
 def _fins() -> Seen:
-    """Error of depth where a ray may choose a steep face. Against: the plane. Because: a ray's place rounds by 2⁻²⁴ of
-    0.13 m, times the steepest slope that is shown, 10⁴."""
     vertices, faces = sheet(30)
     axis = np.linspace(-0.1, 0.1, 61)[1:-1]  # vertices and middles of edges
     for top_m in ([0, 0, 0.9], [0.01, 0.003, 5.0], [1e-6, 1e-5, 50.0]):
@@ -45,25 +52,19 @@ def _fins() -> Seen:
         yield f"fins up to {top_m}", plane_error_m(depth(*mesh, axis, axis), axis, axis)
 
 
-@case("meshes", "slivers", "m", 8 * U)
 def _slivers() -> Seen:
-    """Error of depth on triangles of aspect 10² to 10⁸, over the aspect. Against: the plane. Because: their normal is a
-    difference of products that are larger by the aspect: 2⁻⁵³ times it, a few times, over lengths of 0.2 m."""
     for aspect in (1e2, 1e4, 1e6, 1e8):
         height_m, turn = 0.2 / aspect, Rotation.from_euler("z", 30, degrees=True).as_matrix()[:2, :2]
         rows = np.array([-0.1, -height_m / 2, height_m / 2, 0.1])
         xy = np.array([(x, y) for y in rows for x in (-0.1, 0.1)]) @ turn.T
-        faces = [[2 * i + a for a in corners] for i in range(3) for corners in ((0, 1, 3), (0, 3, 2))]
+        faces = np.array([[2 * i + a for a in corners] for i in range(3) for corners in ((0, 1, 3), (0, 3, 2))])
         across_m = height_m * np.linspace(-0.45, 0.45, 7)
         places = np.array([(x, y) for x in (-0.06, 0.01, 0.055) for y in across_m]) @ turn.T
         error_m = max(plane_error_m(depth(on_plane(xy), faces, x, y), x, y) for x, y in places)
         yield f"aspect {aspect:g}", error_m / aspect
 
 
-@case("meshes", "soups, doubles and turned faces", "m", 1e-15)
 def _soups() -> Seen:
-    """Error of depth of a mesh that no rule of meshes holds for. Against: the plane. Because: {ROUNDED}; which of two
-    equal triangles is hit changes nothing."""
     vertices, faces = sheet(30)
     generator = np.random.default_rng(1)
     turned = np.where(generator.random(len(faces))[:, None] < 0.5, faces[:, ::-1], faces)
@@ -79,10 +80,7 @@ def _soups() -> Seen:
     return ((name, plane_error_m(depth(*mesh, GRID_M, GRID_M), GRID_M, GRID_M)) for name, mesh in meshes.items())
 
 
-@case("meshes", "holes", "pixels", 0.0)
 def _holes() -> Seen:
-    """Pixels whose depth is invented, lost or of the wrong layer. Against: which squares are left. Because: a ray
-    through a hole has no depth, or that of what lies behind."""
     cells = 36
     vertices, faces = sheet(cells, 0.09)
     middles = between(cells, 0.09) + 3e-4  # off the diagonal
@@ -97,9 +95,7 @@ def _holes() -> Seen:
         yield place, int((~np.isclose(z_m, expected, 0, 1e-12, equal_nan=True)).sum())
 
 
-@case("meshes", "a ball in many or few faces", "of the bound on it", 1.0)
 def _ball() -> Seen:
-    """Error of depth over the faces' own distance from the sphere. Against: the sphere. Because: {SAGITTA}."""
     for rings, (name, flip) in product((16, 40, 100), (("outward", 1), ("turned", -1))):
         yield f"{rings} rings, {name}", _ball_share(rings, flip, 0.0)
 
@@ -116,18 +112,11 @@ def _ball_share(rings: int, flip: int, offset_m: float) -> float:
     return float(np.where(np.isnan(error), np.inf, error).max() / largest_m)
 
 
-@case("meshes", "mesh and grid far from the origin", "of the bound on it", 1.0)
 def _far() -> Seen:
-    """Error of a ball's depth, mesh and grid moved together. Against: the sphere. Because: {SAGITTA}; rays count from
-    the grid, so that single precision does not choose another face."""
     return ((f"offset {offset_m:g} m", _ball_share(40, 1, offset_m)) for offset_m in (1.0, 1e3, 1e5, 1e6))
 
 
-@case("meshes", "layers behind a stray face", "m", 250 * 2.0**-22)
 def _layers() -> Seen:
-    """Error of depth of the nearer of two layers. Against: the nearer plane. Because: rays start before the stray face
-    and meet the layers after 250 m at most, rounded by a few 2⁻²⁴ of that: layers nearer to each other are not told
-    apart; a mesh that spans more is refused."""
     vertices, faces = sheet(4)
     for far_m, gap_m in product((1.0, 30.0, 249.0), (1e-2, 1e-3, 1e-4, 1e-5)):
         stray = [[0.3, 0.3, -far_m], [0.31, 0.3, -far_m], [0.3, 0.31, -far_m]]
@@ -138,8 +127,97 @@ def _layers() -> Seen:
         yield f"stray by {far_m:g} m, layers {1e3 * gap_m:g} mm apart", error_m
 
 
-@refusal("meshes", "a mesh in millimetres", "in millimetres?", "200 ×")
 def _millimetres() -> Works:
-    """Its depth would be off by 300 m, or all pixels unobserved: no mean should say so."""
     vertices, faces = sheet(10)
     yield "1000 times as large", lambda: depth(1e3 * vertices, faces, GRID_M, GRID_M)
+
+
+EYES_M = np.array([[0.07, 0.07, 0.0], [-0.3, 0.2, 0.3], [0.0, 0.0, 20.0]])
+
+
+def _watertight() -> Seen:
+    for n, half_m in product((7, 30, 128), (0.1, 0.13)):
+        corners = np.linspace(-half_m, half_m, n + 1)[1:-1]  # the rim belongs to the sheet only in part
+        slipped = (np.isnan(depth(*sheet(n, half_m), axis, axis)).sum() for axis in (corners, between(n, half_m)))
+        yield f"{n} × {n} squares of {2e3 * half_m / n:.3g} mm", sum(slipped)
+    generator = np.random.default_rng(0)
+    rim = [[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]]
+    places = np.concatenate([generator.uniform(-0.1, 0.1, (200, 2)), rim])
+    faces = Delaunay(places).simplices
+    edges = places[faces[:, :2]]
+    along = generator.uniform(0, 1, (len(edges), 1))
+    met = np.concatenate([places[:-4], edges[:, 0] + along * (edges[:, 1] - edges[:, 0])])
+    yield "an uneven triangulation", np.isnan(depth(on_plane(places), faces, *met.T).diagonal()).sum()
+
+
+def _slipped(rings: int, aims: np.ndarray, eye_m: np.ndarray) -> float:
+    """Share of the rays from an eye to places on a ball that face it which go on to the far side."""
+    vertices, faces = ball(rings)
+    towards = aims - eye_m
+    facing = np.einsum("ni,ni->n", towards, aims - [0, 0, DEPTH_M]) < -0.1 * 0.05 * np.linalg.norm(towards, axis=1)
+    along, _ = Rays(vertices, faces).first_hits(np.tile(eye_m, (len(aims), 1)), towards)
+    return float((along[facing] > 1 + 1e-3).mean())
+
+
+def _oblique() -> Seen:
+    for rings, eye_m in product((16, 60), EYES_M):
+        vertices, faces = ball(rings)
+        generator = np.random.default_rng(3)
+        chosen = faces[generator.integers(0, len(faces), 100_000)]
+        aims = np.einsum("nk,nkj->nj", generator.dirichlet([1, 1, 1], len(chosen)), vertices[chosen])
+        edges_per_m = 3 / (np.pi * 0.05 / rings)  # length of edges over the area
+        rounded = edges_per_m * 2.0**-22 * np.linalg.norm(eye_m - [0, 0, DEPTH_M])
+        yield f"{rings} rings, from {eye_m.tolist()} m", _slipped(rings, aims, eye_m) / rounded
+
+
+def _at_edges() -> Seen:
+    for rings, eye_m in product((8, 24, 60), EYES_M):
+        vertices, faces = ball(rings)
+        aims = np.concatenate([vertices, vertices[faces[:, :2]].mean(axis=1)])
+        yield f"{rings} rings, from {eye_m.tolist()} m", _slipped(rings, aims, eye_m)
+
+
+def _own_surface() -> Seen:
+    for range_m in (0.1, 0.3, 2.0, 20.0, 400.0):
+        vertices, faces = ball(40, 0.05, (0, 0, range_m))
+        corners = vertices[faces]
+        areal = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) > 0
+        points = corners[areal].mean(axis=1)
+        outward, towards = points - [0, 0, range_m], -points
+        lengths_m2 = np.linalg.norm(outward, axis=1) * np.linalg.norm(towards, axis=1)
+        cosine = np.einsum("ni,ni->n", outward, towards) / lengths_m2
+        wrong = Rays(vertices, faces).in_sight(points, np.zeros(3)) != (cosine > 0)
+        yield f"range {range_m:g} m", wrong[np.abs(cosine) > 0.1].sum()
+
+
+def _far_scene() -> Works:
+    vertices, faces = sheet(10)
+    yield "600 m away", lambda: Rays(vertices + 600, faces)
+
+
+def _declared() -> Works:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "a.ply"
+        xyz = "".join(f"property float {axis}\n" for axis in "xyz")
+        head = f"ply\nformat binary_little_endian 1.0\nelement vertex 3\n{xyz}element face 10000000\n"
+        file.write_bytes(f"{head}property list uchar int vertex_indices\nend_header\n".encode() + bytes(36))
+        yield file.name, lambda: read_triangles(file)
+
+
+def _beyond_memory() -> Works:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "a.ply"
+        with file.open("wb") as stream:
+            stream.truncate(psutil.virtual_memory().total)  # a hole that takes no disk
+        yield file.name, lambda: read_triangles(file)
+
+
+def _memory() -> float:
+    vertices, faces = sheet(158)
+    with tempfile.TemporaryDirectory() as folder:
+        surface(vertices, faces).save(Path(folder) / "a.ply")
+        tracemalloc.start()
+        read_triangles(Path(folder) / "a.ply")
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+    return 1e7 * peak / len(faces) / 1e9

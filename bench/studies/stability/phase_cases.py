@@ -1,40 +1,57 @@
-"""Hard phases: at and across each pair's ambiguity, pairs of tones too close and too far apart."""
+"""Hard phases: at and across each pair's ambiguity, pairs of tones too close and too far apart, first depths that are
+wrong, points that tie, points at the edge of what is imaged and outside.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
 from itertools import permutations, product
+from typing import Any
 
 import numpy as np
 
-import bench.studies.stability.phase_targets  # noqa: F401  the other half of the group
-from bench.studies.stability.cases import Seen, Works, case, refusal
+from bench.studies.stability.cases import Seen, Works
 from bench.studies.stability.scenes import (
+    FSK,
     LADDER_HZ,
     PERIOD_M,
     POINT_M,
+    STEP_M,
     C,
     bumpy_points,
     by_flag,
     capture,
     depth_map,
     echoes,
+    flags,
     middle,
     noisy,
     recorded,
 )
 from radar.data.arrays import qar50
+from radar.data.grid import PixelGrid
+from radar.imaging.cpu.exact import tone_images
 from radar.methods.confidence import wrap_probability
 from radar.methods.fsk import depth_step_m
 
 PAPER_HZ = (82.0e9, 81.8e9, 79.5e9)
 CELL_M = 0.006  # resolution cell at 0.3 m
+FINEST_HZ = {"2fsk": 0.2e9, "3fsk": 2.3e9, "3fsk-plus": 2.3e9, "nfsk": 9.8e9}
+NEAR_MM = 0.5
+OFFSETS_MM = (-1000, -700, -500, -400, -370, -300, -200, -100, -10, 10, 100, 200, 300, 370, 400, 500, 700, 1000)
+BOUNDS = {
+    "across": 2.0**-23,
+    "coarse_error": 1e3 * PERIOD_M / 2,
+    "tones_meet": 2.0**-20,
+    "first_depth": NEAR_MM,
+    "at_the_edge": NEAR_MM,
+    "outside": 1e3 * PERIOD_M / 2,
+    "outside_the_box": 0.5 + 1e-6,
+}
 
 
-@case("phase", "a step at and across ±c/4Δf", "rad", 2.0**-23)
-def across() -> Seen:
-    """Error of the phase, periods apart. Against: 4πΔf·Δz/c wrapped, in long double. Because: each image rounds to
-    single precision: 2⁻²⁴ rad at most, of two images 2⁻²³."""
+def _across() -> Seen:
     share = np.array([0, 0.1, 0.3, 0.5, 0.77, 1 - 1e-6, 1 - 2**-24, 1, 1 + 2**-24, 1 + 1e-6, 1.5, 2, 3])
     for difference_hz, sign in product((0.2e9, 0.5e9, 0.7e9, 2.3e9, 2.5e9, 9.8e9, 10e9), (-1, 1)):
         turns = np.longdouble(sign) * share.astype(np.longdouble) / 2  # of the phase, from the step −Δz
@@ -45,10 +62,7 @@ def across() -> Seen:
         yield f"Δf {difference_hz / 1e9:g} GHz", float(np.abs(off - 2 * np.pi * np.rint(off / 2 / np.pi)).max())
 
 
-@case("phase", "the probability of a wrap at the ambiguity", "1", 1e-12)
-def wraps_at() -> Seen:
-    """wrap_probability. Against: two Gaussian hypotheses, in long double. Because: its exponent 2a(a − |Δz|)/σ² rounds
-    by a few 2⁻⁵³ of up to 700, beyond which the answer is 0 or 1 itself."""
+def _wraps_at() -> Seen:
     step = np.array([0, 29.9, 30 - 1e-9, 30, 30 + 1e-9, 30.1, 60, 300])
     for sigma in (0.0, 1e-300, 1e-9, 1e-3, 1.0, 30.0, 1e9):
         found = wrap_probability(step, np.full(len(step), sigma), 30.0)
@@ -59,12 +73,7 @@ def wraps_at() -> Seen:
         yield f"σ {sigma:g} mm", float(np.abs(found - exact).max())
 
 
-@case("phase", "the coarse error across ±30 mm", "mm", 1e3 * PERIOD_M / 2)
-def coarse_error() -> Seen:
-    """Depth off by half a period without flag. Against: two planes a step apart. Because: a filter across the edge is
-    off by up to half the step; beyond 30 mm the third tone adds a period, which must be flagged; no pixel without flag
-    is off by more than half of one. Pixels a resolution cell from the edge: nearer ones see both planes in one
-    phase."""
+def _coarse_error() -> Seen:
     for height_mm in (20, 40, 60, 65, 70, 75, 80, 85, 90, 95, 100, 110):
         far_m = 0.26 + height_mm / 1000
         along = np.arange(-0.027, 0.0271, 0.006)
@@ -75,13 +84,10 @@ def coarse_error() -> Seen:
             values = {"coarse_filter_px": size, "fine_filter_px": 1, "first_depth_m": 0.3}
             depth = depth_map("3fsk", taken, half_m=0.024, **values)
             off_m, beside = np.abs(depth.z_m - np.where(depth.x_m < 0, 0.26, far_m)), np.abs(depth.x_m) > CELL_M
-            yield from by_flag(f"step {height_mm} mm, filter {size}", off_m[:, beside], depth.wrapped[:, beside])
+            yield from by_flag(f"step {height_mm} mm, filter {size}", off_m[:, beside], flags(depth)[:, beside])
 
 
-@case("phase", "wrapped pixels are dropped", "pixels", 0.0)
-def dropped() -> Seen:
-    """Flagged pixels that keep a depth. Against: none. Because: drop_wrapped takes the depth of every flagged pixel,
-    before the filter could spread it."""
+def _dropped() -> Seen:
     clean = echoes(bumpy_points(), frequencies_hz=LADDER_HZ)
     for snr_db, seed in product((40, 25, 15, 5), range(3)):
         taken = capture(noisy(clean, 900.0, snr_db, seed), LADDER_HZ)
@@ -89,10 +95,7 @@ def dropped() -> Seen:
         yield f"{snr_db} dB, draw {seed}", float(np.count_nonzero(np.isfinite(depth.z_m) & depth.wrapped))
 
 
-@case("phase", "a pair of tones that meet", "rad", 2.0**-20)
-def tones_meet() -> Seen:
-    """Error of the depth, over cΔφ/4πΔf of a rounding Δφ. Against: the point. Because: samples, both steerings and the
-    image round to single precision, 2⁻²³ rad each and tone, 8 in all; the last micrometre is the factor 2's."""
+def _tones_meet() -> Seen:
     for difference_hz in (2e8, 2e7, 2e6, 2e5, 2e4, 2e3, 2e2, 20.0):
         tones = np.array([82e9, 82e9 - difference_hz])
         taken = recorded(POINT_M, tones)
@@ -101,10 +104,7 @@ def tones_meet() -> Seen:
         yield f"Δf {difference_hz:g} Hz", max(abs(float(middle(depth.z_m)) - 0.28) - 1e-6, 0.0) / metres
 
 
-@refusal("phase", "equal tones", unit="mm")
-def equal_tones() -> Works:
-    """Depth from Δf = 0. Against: a refusal. Because: φ/Δf has no value; every pair of a method, and a capture that
-    lists a tone twice, must be refused."""
+def _equal_tones() -> Works:
     twice = [82e9, 82e9, 79.5e9]
     for id, measured_hz, values, words in (
         ("2fsk", twice, {"f2_hz": 82e9}, "same measured tone"),
@@ -117,10 +117,7 @@ def equal_tones() -> Works:
         yield f"{id}, {values}", partial(depth_map, id, recorded(POINT_M, measured_hz), **values), words
 
 
-@case("phase", "tones in another order", "mm", 1e-9)
-def order() -> Seen:
-    """Change of the depth. Against: descending tones. Because: both signs of φ and Δf turn: what is left is the order
-    of two sums in double precision."""
+def _order() -> Seen:
     for id in ("2fsk", "3fsk", "3fsk-plus"):
         for turned, (f1, f2) in product((False, True), permutations((82e9, 81.8e9))):
             tones = np.array(LADDER_HZ)[:: -1 if turned else 1]
@@ -129,27 +126,98 @@ def order() -> Seen:
             yield f"{id}, f1 {f1 / 1e9:g} GHz, file {'as' if turned else 'des'}cending", 1e3 * abs(there - usual)
 
 
-@case("phase", "a third tone far away", "1", 0.1)
-def far_tone() -> Seen:
-    """Share of pixels off by half a period without flag. Against: the flag's probability. Because: the ambiguity
-    shrinks below the coarse error's 3σ; what then wraps more likely than 0.1 is flagged."""
+def _far_tone() -> Seen:
     for f3_hz in (79.5e9, 76e9, 72e9, 60e9, 40e9, 20e9):
         tones = np.array([82e9, 81.8e9, f3_hz])
         clean = echoes(bumpy_points(), frequencies_hz=tones)
-        values = {"f3_hz": f3_hz, "half_m": 0.02, "first_depth_m": 0.28, "fine_filter_px": 1, "tolerance": None}
-        right = depth_map("3fsk", capture(clean, tones), **values).z_m
+        values: dict[str, Any] = {"f3_hz": f3_hz, "first_depth_m": 0.28, "fine_filter_px": 1, "tolerance": None}
+        right = depth_map("3fsk", capture(clean, tones), half_m=0.02, **values).z_m
         half_m, silent = C / (4 * (82e9 - f3_hz)), []
         for seed in range(3):
-            found = depth_map("3fsk", capture(noisy(clean, 900.0, 30.0, seed), tones), **values)
+            found = depth_map("3fsk", capture(noisy(clean, 900.0, 30.0, seed), tones), half_m=0.02, **values)
             on = np.isfinite(right) & np.isfinite(found.z_m)
-            silent.append(((np.abs(found.z_m - right) > half_m) & ~found.wrapped)[on].mean())
+            silent.append(((np.abs(found.z_m - right) > half_m) & ~flags(found))[on].mean())
         yield f"f3 {f3_hz / 1e9:g} GHz", float(np.mean(silent))
 
 
-@refusal("phase", "a ladder with a rung too far", "rung", "put a tone", unit="mm")
-def too_far() -> Works:
-    """Depth from a rung that noise cannot reach. Against: a refusal. Because: 3σ of a rung must stay within the next
-    one's ambiguity: Δf'/Δf ≤ π/(3·0.03 rad) = 35."""
+def _too_far() -> Works:
     taken = recorded(POINT_M, LADDER_HZ)
     for last_hz in (74.9e9, 72e9, 40e9, 1e9, 1e6, 1e12):
         yield f"{last_hz / 1e9:g} GHz", partial(depth_map, "nfsk", taken, tones_hz=[82e9, 81.8e9, last_hz])
+
+
+def _first_imaged(ids: tuple[str, ...], within: bool) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """The place, errors [n] and flags [n] of the pixels of a point at 0.28 m and of one at 1.2 m, when the first image
+    lies some way off, within ±375 mm or beyond."""
+    for id, z_m, offset_mm in product(ids, (0.28, 1.2), OFFSETS_MM):
+        first_m = z_m + offset_mm / 1000
+        if first_m > 0.02 and (abs(offset_mm) < 375) == within:
+            depth = depth_map(id, recorded((0, 0, z_m), LADDER_HZ), first_depth_m=first_m)
+            on = np.isfinite(depth.z_m) | flags(depth)
+            place = f"{id}, a point at {z_m:g} m first imaged at {first_m:.3g} m"
+            yield place, np.abs(depth.z_m - z_m)[on], flags(depth)[on]
+
+
+def _first_depth() -> Seen:
+    return ((place, 1e3 * error.max()) for place, error, _ in _first_imaged(FSK, within=True))
+
+
+def _silent(ids: tuple[str, ...]) -> Seen:
+    for place, error, wrapped in _first_imaged(ids, within=False):
+        yield place, float(np.mean((error > 0.005) & ~wrapped))
+
+
+def _first_depth_beyond() -> Seen:
+    return _silent(FSK[1:])
+
+
+def _first_depth_beyond_two() -> Seen:
+    return _silent(FSK[:1])
+
+
+def _two_maxima() -> Seen:
+    array = qar50()
+    along = np.arange(-0.024, 0.0241, STEP_M)
+    first = PixelGrid(along, along).points_m(0.45).reshape(-1, 3)
+    for apart_mm in (0, 10, 60, 160):
+        points = np.array([[-0.02, 0, 0.28], [0.02, 0, 0.28 + apart_mm / 1000]])
+        alone = [echoes(point, None, LADDER_HZ, array).astype(np.complex64) for point in points]
+        peaks = [np.abs(_images(samples, first)[:2]).mean(axis=0).max() for samples in alone]
+        at = [np.abs(_images(samples, points)).max(axis=0) for samples in alone]  # [echo][point]
+        for more in (0.9, 0.95, 0.99, 1 - 1e-6, 1, 1 + 1e-6, 1.01, 1.1):
+            weight = np.array([more, 1 / more]) / peaks
+            taken = capture(sum(w * samples for w, samples in zip(weight, alone, strict=True)), LADDER_HZ, array)
+            for id in FSK:
+                depth = depth_map(id, taken, half_m=0.024)
+                row, columns = depth.z_m.shape[0] // 2, np.array([4, -5])
+                one = int(depth.amplitude_db[row, columns].argmax())
+                leak = weight[1 - one] * at[1 - one][one] / (weight[one] * at[one][one])
+                allowed_m = C * leak / (2 * np.pi * FINEST_HZ[id]) + NEAR_MM / 1000
+                error_m = abs(float(depth.z_m[row, columns[one]]) - points[one, 2])
+                yield f"{id}, {apart_mm} mm apart, strengths {more:g}", error_m / allowed_m
+
+
+def _images(samples: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+    return tone_images(samples, np.array(LADDER_HZ), qar50(), points_m)
+
+
+def _at_the_edge() -> Seen:
+    for id, (column, row) in product(FSK, ((0, 0), (0, 12), (12, 24), (24, 24))):
+        point = ((column - 12) * STEP_M, (row - 12) * STEP_M, 0.28)
+        depth = depth_map(id, recorded(point, LADDER_HZ))
+        yield f"{id}, pixel {column}, {row}", 1e3 * abs(float(depth.z_m[row, column]) - 0.28)
+
+
+def _outside() -> Seen:
+    for id, beside_mm in product(FSK, (13, 15, 20, 30, 50, 80)):
+        point = np.array([beside_mm / 1000, 0.0, 0.28])
+        depth = depth_map(id, recorded(point, LADDER_HZ))
+        x, y = np.meshgrid(depth.x_m, depth.y_m)
+        off_m = np.abs(np.sqrt(depth.z_m**2 + x**2 + y**2) - np.linalg.norm(point))
+        yield from by_flag(f"{id}, {beside_mm} mm beside", off_m, flags(depth))
+
+
+def _outside_the_box() -> Seen:
+    for z_m in (0.245, 0.2454, 0.28, 0.3246, 0.325, 0.326, 0.33, 0.24, 0.335, 0.345, 0.35, 0.40, 0.2, 0.6):
+        depth = depth_map("broadband", recorded((0, 0, z_m)))
+        yield f"a point at {z_m:g} m", 1e3 * abs(float(middle(depth.z_m)) - z_m), bool(middle(flags(depth)))

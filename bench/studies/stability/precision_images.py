@@ -23,6 +23,8 @@ U = 2.0**-24  # rounding of single precision
 STEER = 4 * U  # a steering phase, radians: its remainder rounds to π/2·u, cosine and sine by 2u
 PAIR_MM = 1e3 * C / (4 * np.pi * 0.2e9)  # depth per radian between the closest tones
 TONES_HZ = np.linspace(72e9, 82e9, 16)
+MANY_HZ = np.linspace(72e9, 82e9, 4096)
+UNEVEN_HZ = np.sort(np.random.default_rng(7).uniform(72e9, 82e9, 16))
 GRID = VoxelGrid(np.linspace(-0.01, 0.01, 11), np.linspace(-0.01, 0.01, 11), np.linspace(0.27, 0.29, 21))
 
 
@@ -59,8 +61,12 @@ def of_exact() -> Iterator[Line]:
     points = GRID.points_m().reshape(-1, 3)[::40]
     for name, array, tones in (
         ("exact points, 94 + 94 antennas", qar50(), TONES_HZ[:4]),
-        ("exact points, tones unevenly spaced", small_array(), _uneven_hz()),
-        ("exact points, 4096 tones", AntennaArray(small_array().tx_m[:3], small_array().rx_m[:3]), _many_hz()),
+        ("exact points, tones unevenly spaced", small_array(), UNEVEN_HZ),
+        (
+            "exact points, 4096 tones",
+            AntennaArray(small_array().tx_m[:3], small_array().rx_m[:3]),
+            np.linspace(72e9, 82e9, 4096),
+        ),
     ):
         samples = white_noise((len(tones), *array.channels))
         found = backproject(samples, tones, array, points)
@@ -91,10 +97,10 @@ def of_fast() -> Iterator[Line]:
         _, magnitude = project_volume(samples, TONES_HZ, small_array(), GRID, tolerance)
         yield image_line("fast projection", where, bound, relative(magnitude[1], strongest))
         points = GRID.points_m().reshape(-1, 3)[::7]
-        uneven = white_noise((len(_uneven_hz()), *small_array().channels))
-        found = image_points(uneven, _uneven_hz(), small_array(), points, tolerance)
-        error = relative(found, direct_sum(uneven, _uneven_hz(), small_array(), points))
-        bound = tolerance + fast_floor(len(_uneven_hz()))
+        uneven = white_noise((len(UNEVEN_HZ), *small_array().channels))
+        found = image_points(uneven, UNEVEN_HZ, small_array(), points, tolerance)
+        error = relative(found, direct_sum(uneven, UNEVEN_HZ, small_array(), points))
+        bound = tolerance + fast_floor(len(UNEVEN_HZ))
         yield image_line("fast points, tones unevenly spaced", where, bound, error)
 
 
@@ -133,21 +139,13 @@ def image_line(path: str, single: str, bound: float, measured: float) -> Line:
     return Line(path, single, float(bound), float(measured), "1", 2 * PAIR_MM * float(measured))
 
 
-def _uneven_hz() -> np.ndarray:
-    return np.sort(np.random.default_rng(7).uniform(72e9, 82e9, 16))
-
-
-def _many_hz() -> np.ndarray:
-    return np.linspace(72e9, 82e9, 4096)
-
-
 def _volume(samples: np.ndarray) -> np.ndarray:
     """The exact volume [n] in double precision, channel by channel."""
-    points, image = GRID.points_m().reshape(-1, 3), 0
-    wavenumber = 2j * np.pi * TONES_HZ[:, None] / C
+    points = GRID.points_m().reshape(-1, 3)
+    image = np.zeros(len(points), np.complex128)
     to, back = (np.linalg.norm(points - leg.position_m[:, None], axis=2) for leg in small_array().legs)
-    for sample, k in zip(samples, wavenumber[:, 0], strict=True):
-        image = image + np.einsum("tp,tr,rp->p", np.exp(k * to), sample, np.exp(k * back), optimize=True)
+    for sample, k in zip(samples, 2j * np.pi * TONES_HZ / C, strict=True):
+        image += np.einsum("tp,tr,rp->p", np.exp(k * to), sample, np.exp(k * back), optimize=True)
     return image
 
 

@@ -13,8 +13,7 @@ from itertools import product
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.studies.stability import registration_board, registration_cameras, registration_spheres  # noqa: F401  (cases)
-from bench.studies.stability.cases import Seen, Works, case, refusal
+from bench.studies.stability.cases import Seen, Works
 from calibration.registration import ransac
 from calibration.registration.register import solve
 from calibration.registration.rigid_fit import HUBER, Pairs
@@ -30,6 +29,7 @@ SHIFT_M = np.array([0.1, -0.2, 0.3])
 FIVE = default_target().centres_m
 PLANE = FIVE * [1, 1, 0]
 TURN = Rotation.from_rotvec([0.3, -1.1, 2.0]).as_matrix()
+BOUNDS = {"shrinking_mirror": ransac.GROSS, "one_wrong": float(np.sqrt(HUBER * ransac.GROSS))}
 
 
 def candidates(centres_m: np.ndarray) -> list[Candidate]:
@@ -50,10 +50,7 @@ def turn_roundings(source_m: np.ndarray, moved_m: np.ndarray, turn: np.ndarray) 
     return float(angle_rad / (4 * EPS * max(np.abs(source_m).max(), np.abs(moved_m).max()) / HALF_M))
 
 
-@case("registration", "turns of nearly 180°", "roundings", 1.0)
-def half_turns() -> Seen:
-    """Rotation error. Against: the rotation that made the pairs. Because: four roundings of the largest coordinate over
-    the target's half width."""
+def _half_turns() -> Seen:
     axes = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, -2, 3))
     shorts_rad = (0, 1e-16, 1e-15, 1e-12, 1e-8, 1e-4, 0.1, 3.1)
     for axis, short_rad, (name, points_m) in product(axes, shorts_rad, (("solid", FIVE), ("plane", PLANE))):
@@ -66,29 +63,20 @@ def _rectangle(half_m: float) -> np.ndarray:
     return np.array([[x, y, 0] for x in (-HALF_M, HALF_M) for y in (-half_m, half_m)])
 
 
-@case("registration", "centres nearly on a line", "roundings", 1.0)
-def nearly_collinear() -> Seen:
-    """Rotation error over the condition number. Against: the rotation that made the pairs. Because: the worst axis
-    turns κ times as far as the best one, which four roundings turn; κ ≤ 20 is given."""
+def _nearly_collinear() -> Seen:
     for half_m in HALF_M / np.array([1, 2, 5, 10, 15, 19, 19.9]):
         points_m = _rectangle(half_m)
         kappa = np.hypot(HALF_M, half_m) / half_m
         yield f"κ = {kappa:.3g}", turn_roundings(points_m, points_m @ TURN.T + SHIFT_M, TURN) / kappa
 
 
-@refusal("registration", "centres on a line", "condition number", "on a line", unit="")
-def collinear() -> Works:
-    """Answer. Against: a refusal that gives the condition number. Because: beyond κ = {ransac.CONDITION:g} the turn
-    about the line stays open."""
+def _collinear() -> Works:
     for half_m in (*HALF_M / np.array([20.1, 1e2, 1e4, 1e8, 1e15]), 0.0):
         points_m = _rectangle(half_m)
         yield f"half width {half_m:.2g} m", partial(registered, points_m, points_m @ TURN.T + SHIFT_M)
 
 
-@case("registration", "condition number of a narrowing rectangle", "ε", 8.0)
-def condition() -> Seen:
-    """Relative error over κ². Against: closed form √(a² + b²)/b. Because: b² is told from sums of a² by some roundings
-    each, ε·a²: ε·κ² of itself; infinite where that is all."""
+def _condition() -> Seen:
     for half_m in HALF_M * np.logspace(0, -12, 49):
         points_m = _rectangle(half_m)
         kappa, found = np.hypot(HALF_M, half_m) / half_m, condition_number(points_m, points_m @ TURN.T)
@@ -97,10 +85,7 @@ def condition() -> Seen:
     yield "on a line", 0.0 if condition_number(_rectangle(0), _rectangle(0)) > 1e7 else np.inf
 
 
-@case("registration", "a million metres from the origin", "roundings", 1.0)
-def far_away() -> Seen:
-    """Rotation error. Against: the rotation that made the pairs. Because: four roundings of the largest coordinate over
-    the target's half width; swept to the farthest file, 10⁷ m."""
+def _far_away() -> Seen:
     for away_m in (1e0, 1e2, 1e4, 1e6, 1e7):
         for name, source_m, extra_m in (("source", FIVE + away_m, 0), ("target", FIVE, away_m)):
             moved_m = (source_m - source_m.mean(axis=0)) @ TURN.T + extra_m
@@ -112,10 +97,7 @@ def _solid(height_m: float) -> np.ndarray:
     return np.array([*PLANE[:4], [*PLANE[4, :2], height_m]])
 
 
-@case("registration", "a mirror image whose height shrinks", "σ", ransac.GROSS)
-def shrinking_mirror() -> Seen:
-    """Largest distance of a pair after the fit. Against: the pair's own standard deviation. Because: what is given must
-    agree within the limit of a wrong pair; a plane is its own mirror image."""
+def _shrinking_mirror() -> Seen:
     for height_m in (0, 1e-6, 1e-5, *np.logspace(-4, -1, 25)):
         points_m = _solid(height_m)
         try:
@@ -126,9 +108,7 @@ def shrinking_mirror() -> Seen:
             yield f"height {height_m:g} m", float(found.residuals_m.max() / (np.sqrt(2) * SIGMA_M))
 
 
-@refusal("registration", "a mirror image", "mirror image", unit="")
-def mirror() -> Works:
-    """Answer. Against: a refusal that names it. Because: no rotation carries a solid to its mirror image."""
+def _mirror() -> Works:
     for height_m in (0.01, 0.02, 0.1):
         points_m = _solid(height_m)
         yield f"height {height_m} m", partial(registered, points_m, points_m * [1, 1, -1] @ TURN.T)
@@ -139,10 +119,7 @@ def _triangle(skew_m: float) -> Target:
     return Target(element=tuple(Element(centre_m=p, sphere_radius_m=0.02, ball_radius_m=0.005) for p in places))
 
 
-@case("registration", "a target that grows symmetric", "elements", 0.0)
-def nearly_symmetric() -> Seen:
-    """Elements that are taken for another. Against: the elements' order. Because: two readings within the tolerance of
-    2 mm are refused, one beyond it is the right one."""
+def _nearly_symmetric() -> Seen:
     rng = np.random.default_rng(1)
     for skew_m in (*np.linspace(0.02, 0.001, 20), 1e-4, 0.0):
         target = _triangle(skew_m)
@@ -156,9 +133,7 @@ def nearly_symmetric() -> Seen:
             yield f"skew of {1e3 * skew_m:.3g} mm", float(wrong)
 
 
-@refusal("registration", "a symmetric target", "matched in", "without symmetry", unit="")
-def symmetric() -> Works:
-    """Answer. Against: a refusal that counts the readings. Because: nothing tells one reading from another."""
+def _symmetric() -> Works:
     square = Target(element=default_target().element[:4])
     for name, t in (("a square", square), ("an even triangle", _triangle(0.0)), ("nearly so", _triangle(5e-4))):
         yield name, partial(match, candidates(t.centres_m @ TURN.T), t, "echoes")
@@ -170,10 +145,7 @@ def _shift_in_sigmas(found: Transform) -> float:
     return float(np.sqrt(step @ np.linalg.solve(found.covariance, step)))
 
 
-@case("registration", "one wrong pair in five", "σ", float(np.sqrt(HUBER * ransac.GROSS)))
-def one_wrong() -> Seen:
-    """Error of the transform. Against: the other four, exact. Because: a pair D σ off pulls by √(w·D²) of the
-    transform's own σ at most, w = 3.37/D (Huber), and D ≤ 10 is kept."""
+def _one_wrong() -> Seen:
     rng = np.random.default_rng(0)
     for size_m, wrong in product(np.logspace(-6, 6, 37), range(5)):
         way = rng.standard_normal(3)
@@ -182,16 +154,11 @@ def one_wrong() -> Seen:
         yield f"pair {wrong + 1}, {size_m:.2g} m off", _shift_in_sigmas(registered(FIVE, moved_m))
 
 
-@refusal("registration", "two wrong pairs in five", "contradict", "residuals", unit="")
-def two_wrong() -> Works:
-    """Answer. Against: a refusal that lists the residuals. Because: three that agree are no majority: in a plane they
-    are their own mirror image."""
+def _two_wrong() -> Works:
     bent = np.array([[1, 0, 0], [0, -1, 1], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
     for size_m in (0.01, 0.03, 0.3, 30.0, 3e3, 1e6):
         yield f"{size_m:g} m off", partial(registered, FIVE, FIVE + SHIFT_M + size_m * bent)
 
 
-@refusal("registration", "points that coincide give no scale", "scale", "coincide", unit="")
-def coinciding() -> Works:
-    """Answer. Against: a refusal. Because: no extent, no scale."""
+def _coinciding() -> Works:
     yield "all at one place", partial(umeyama, np.ones((5, 3)), FIVE, with_scale=True)

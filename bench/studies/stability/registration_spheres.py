@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from bench.studies.stability.cases import Seen, Works, case, refusal
+from bench.studies.stability.cases import Seen, Works
 from bench.studies.stability.scenes import capture, small_array
 from calibration.target.ball_fit import fit_balls
 from calibration.target.description import Candidate, Target, default_target
@@ -20,7 +20,6 @@ RADIUS_M, RADIUS_SIGMA_M = 0.025, 5e-5
 POINTS_M2 = 6e5
 TONES_HZ = np.linspace(72e9, 82e9, 16)
 PLACE_M = np.array([0.01, -0.02, 0.3])
-NORMAL = "a normal error is beyond it once in 60 000 centres (χ² of three)"
 
 
 def cap(rng: np.random.Generator, part: float, points: int) -> np.ndarray:
@@ -57,10 +56,7 @@ def in_sigmas(found: Candidate, centre_m: np.ndarray) -> float:
     return float(np.sqrt(off_m @ np.linalg.solve(found.covariance_m2, off_m)))
 
 
-@case("registration", "spheres of which a cap is seen", "σ", 5.0)
-def caps() -> Seen:
-    """Error of the centre. Against: the sphere's own. Because: its stated σ must cover it: {NORMAL}; caps of 45 % to 1
-    %, below 8 % none is given."""
+def _caps() -> Seen:
     rng = np.random.default_rng(0)
     parts = (0.45, 0.3, 0.2, 0.15, 0.12, 0.1, 0.09, 0.08, 0.06, 0.03, 0.01)
     for part, noise_m, _ in product(parts, (0.0, 1e-4, 5e-4), range(2)):
@@ -68,19 +64,13 @@ def caps() -> Seen:
         yield f"{part:.0%}, noise {1e3 * noise_m:g} mm", in_sigmas(found, np.zeros(3)) if found else 0.0
 
 
-@case("registration", "a cap of 10 %", "mm", 0.4)
-def tenth() -> Seen:
-    """Error of the centre. Against: the sphere's own. Because: depth and radius trade by 1/h, h = 20 % of the radius: 5
-    σ of 0.05 mm radius and 0.1 mm points."""
+def _tenth() -> Seen:
     rng = np.random.default_rng(1)
     found = (fitted(rng, 0.1, 1e-4) for _ in range(5))
     return ((f"trial {n + 1}", 1e3 * np.linalg.norm(f.centre_m) if f else 0.0) for n, f in enumerate(found))
 
 
-@case("registration", "points on a circle of a sphere", "σ", 5.0)
-def circles() -> Seen:
-    """Error of the centre. Against: the sphere's own. Because: across its plane a circle holds no centre: none is
-    given, or its σ must cover it: {NORMAL}."""
+def _circles() -> Seen:
     rng = np.random.default_rng(0)
     for height, width, noise_m in product((0.0, 0.03, 0.3, 0.6, 0.99), (0.0, 0.02, 0.1), (0.0, 1e-5, 3e-4)):
         z = np.clip(height + width * rng.uniform(-1, 1, 800), -1, 1)
@@ -89,9 +79,7 @@ def circles() -> Seen:
         yield place, in_sigmas(found, np.zeros(3)) if found else 0.0
 
 
-@case("registration", "points on a line, a plane, in one place", "spheres", 0.0)
-def no_spheres() -> Seen:
-    """Spheres that are found. Against: none. Because: no sphere is among them."""
+def _no_spheres() -> Seen:
     along = np.linspace(-0.1, 0.1, 40)
     plane_m = np.stack(np.meshgrid(along, along, [0.3]), axis=-1).reshape(-1, 3)
     clouds = {
@@ -107,9 +95,7 @@ def no_spheres() -> Seen:
         yield f"{name}, normals {'unknown' if normal is None else normal}", len(found)
 
 
-@case("registration", "points that lie on a sphere exactly", "roundings of the radius", 4.0)
-def exact_sphere() -> Seen:
-    """Error of the centre. Against: the sphere's own. Because: nothing is left to fit, and nothing to divide by."""
+def _exact_sphere() -> Seen:
     whole = np.array(list(product(range(-9, 10), repeat=3)), float)
     whole = whole[(whole**2).sum(axis=1) == 81] * 2.0**-9  # lengths that have no rounding
     radius_m, clouds = 9 * 2.0**-9, (("whole", whole), ("half", whole[whole[:, 2] > 0]))
@@ -120,9 +106,7 @@ def exact_sphere() -> Seen:
         yield f"{name}, radius known to {sigma_m:g} m", float(off_m / (np.finfo(float).eps * radius_m))
 
 
-@refusal("registration", "a target of which 5 % is seen", "in view", unit="")
-def too_little() -> Works:
-    """Answer. Against: a refusal. Because: below a coverage of 12 %, rim included, a cap is no sphere."""
+def _too_little() -> Works:
     target, rng = default_target(), np.random.default_rng(2)
     for part in (0.05, 0.03):
         normals = np.array([cap(rng, part, points_on(part)) for _ in target.element])  # [element, n, 3]
@@ -157,24 +141,16 @@ def _apart(gap_m: float) -> np.ndarray:
     return PLACE_M + np.array([[0, 0, 0], [gap_m, 0, 0]])
 
 
-@case("registration", "balls that draw together", "σ", 5.0)
-def near_balls() -> Seen:
-    """Error of a centre. Against: the ball's own. Because: its stated σ must cover it: {NORMAL}; 50 mm apart until they
-    touch, at 10 mm."""
+def _near_balls() -> Seen:
     for gap_m, noise in product((0.05, 0.02, 0.015, 0.012, 0.0101), (1e-4, 1.0)):
         for i, ball in heard(_apart(gap_m), noise, off_m=1e-4).items():
             yield f"{1e3 * gap_m:g} mm apart, noise {noise:g}", in_sigmas(ball, _apart(gap_m)[i])
 
 
-@refusal("registration", "balls in one place", "would overlap", unit="")
-def one_place() -> Works:
-    """Answer. Against: a refusal. Because: nearer than their radii balls overlap; fitted all the same, they are off by
-    100 σ from 0.7 mm on."""
+def _one_place() -> Works:
     for gap_m in (0.0099, 0.005, 1e-3, 1e-5, 1e-7, 0.0):
         yield f"{gap_m:g} m apart", partial(heard, _apart(gap_m), noise=0.01, off_m=0.0)
 
 
-@refusal("registration", "balls without an echo", "there are none", unit="")
-def silent() -> Works:
-    """Answer. Against: a refusal. Because: no echo, no place."""
+def _silent() -> Works:
     yield "zeros", partial(_balls, np.zeros((len(TONES_HZ), *small_array().channels)), _apart(0.05))

@@ -80,6 +80,12 @@ def middle(values: np.ndarray) -> Any:
     return values[values.shape[0] // 2, values.shape[1] // 2]
 
 
+def flags(depth: DepthMap) -> np.ndarray:
+    """The map's pixels in doubt, of a method that flags them."""
+    assert depth.wrapped is not None
+    return depth.wrapped
+
+
 def noisy(samples: np.ndarray, strongest: float, snr_db: float, seed: int) -> np.ndarray:
     """Samples [f, t, r] with white noise; snr_db: of an image's strongest pixel, whose amplitude is `strongest`."""
     channels = int(np.prod(samples.shape[1:]))

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from bench.studies.stability.cases import Seen, case
+from bench.studies.stability.cases import Seen
 from radar.methods.smoothing import masked_mean
 
 U = 2.0**-53  # rounding of double precision
@@ -44,12 +44,7 @@ def _map(seed: int, holes: float, shape: tuple[int, int] = (37, 41)) -> np.ndarr
     return values
 
 
-SUMS = "2k + 10 roundings of 2⁻⁵³ each: k products and k sums along each axis at most, the offset and the quotient"
-
-
-@case("smoothing", "masked averages at borders and holes", "1", 1.0)
-def holes() -> Seen:
-    """Error of the average, over its roundings. Against: direct sums in long double. Because: {SUMS}."""
+def _holes() -> Seen:
     for size, share in product((1, 3, 5, 9, 31), (0.0, 0.2, 0.9, 0.99)):
         values = _map(size, share)
         weight = np.random.default_rng(size).random(values.shape) + 0.1
@@ -57,10 +52,7 @@ def holes() -> Seen:
         yield f"size {size}, {share:.0%} holes, weighted", _error(values, size, weight)
 
 
-@case("smoothing", "sums along 10⁷ samples", "1", 1.0)
-def drift() -> Seen:
-    """Drift of the average, over its roundings. Against: direct sums in double precision. Because: {SUMS}; each window
-    is summed by itself, so that nothing adds up along the row's 10⁷ steps."""
+def _drift() -> Seen:
     size, row = 5, 0.3 + 0.02 * np.random.default_rng(0).standard_normal(LONG)
     row[: LONG // 2] += 1e3  # a running sum would keep the rounding of these
     found = masked_mean(row[None], size)[0]
@@ -73,9 +65,7 @@ def drift() -> Seen:
     return [(f"sample {int(error.argmax())}", float(error.max() / allowed))]
 
 
-@case("smoothing", "lone pixels and empty maps", "1", 1.0)
-def lone() -> Seen:
-    """Change of what has no neighbour. Against: the pixel itself. Because: {SUMS}."""
+def _lone() -> Seen:
     for size, (y, x) in product((1, 3, 31, 101), ((0, 0), (0, 6), (4, 3), (8, 6))):
         values = np.full((9, 7), np.nan)
         values[y, x] = 0.28
@@ -86,20 +76,13 @@ def lone() -> Seen:
         yield f"a map of {hole}", _error(np.full((5, 5), hole), 3)
 
 
-@case("smoothing", "infinities among the values", "1", 1.0)
-def infinities() -> Seen:
-    """Error of the average, over its roundings. Against: direct sums without them. Because: what is not finite is a
-    hole and reaches no neighbour; {SUMS}."""
+def _infinities() -> Seen:
     values = _map(7, 0.1)
     values[3, 4], values[20, 20], values[0, 0] = np.inf, -np.inf, np.inf
     return ((f"size {size}", _error(values, size)) for size in (3, 9))
 
 
-@case("smoothing", "a strong pixel beside weak ones", "1", 1.0)
-def strong_and_weak() -> Seen:
-    """Error of the average, over its roundings. Against: direct sums in long double. Because: {SUMS}: weights are
-    positive and each window is summed by itself, so that no rounding of a strong pixel reaches a window without it;
-    float32 images span 166 decades of power."""
+def _strong_and_weak() -> Seen:
     for decades, size in product((1, 6, 12, 16, 20, 40, 80, 166, 280), (3, 5, 9)):
         values = _map(decades, 0.1)
         weight = np.full(values.shape, 10.0**-decades)
@@ -107,10 +90,7 @@ def strong_and_weak() -> Seen:
         yield f"10^{decades}, size {size}", _error(values, size, weight)
 
 
-@case("smoothing", "an outlier beside the surface", "1", 1.0)
-def outlier() -> Seen:
-    """Error of the average, over its roundings. Against: direct sums in long double. Because: {SUMS}, of the largest
-    value: what an outlier costs its map is 2⁻⁵³ of itself."""
+def _outlier() -> Seen:
     for value, size in product((1.0, 1e3, 1e9, 1e100, 1e300), (3, 9)):
         values = _map(3, 0.1)
         values[18, 20] = value

@@ -26,28 +26,29 @@ from bench.evaluation.statistics.paired import block_sums, compare
 from bench.evaluation.statistics.two_samples import f_test
 from bench.results.error_map import ErrorMap
 from bench.results.result_folder import shown
-from bench.studies.stability.cases import Seen, case
-from bench.studies.stability.statistics_intervals import DEPTH_M, EPS, PIXEL_M, a_map
+from bench.results.tables import each
+from bench.studies.stability.cases import Seen
+from bench.studies.stability.statistics_intervals import DEPTH_M, EPS, PIXEL_M, a_map, told
 from groundtruth.mesh.depth import Reference
 
 SIDE = 300
 COUNTED = ("n_observed", "completeness_percent", "false_alarm_percent")  # shares of nothing observed that are known
+BOUNDS = {
+    "pooled_deviation": 1.5 * (np.log2(SIDE**2) + 1),
+    "many_samples": (225 + 400 + 1112) / 2,
+    "all_equal": EPS,
+    "not_finite": 1.5 * (np.log2(SIDE**2) + 1),
+}
 
 
-@case("statistics", "precision of 1 mm to 0 about 0.3 m", "roundings of 0.3 m", 4.0)
-def precision_about_depth() -> Seen:
-    """Error of the standard deviation. Against: closed form of alternating depths. Because: each depth is rounded once,
-    the mean and what is left of it once more."""
+def _precision_about_depth() -> Seen:
     for spread_m, n in product((1e-3, 1e-6, 1e-9, 1e-12, 0.0), (2, 10, 100_000)):
         z_m = DEPTH_M + spread_m * np.where(np.arange(n) % 2, 1.0, -1.0)
-        off_m = abs(1e-3 * precision([z_m])["precision_mm"] - spread_m * np.sqrt(n / (n - 1)))
+        off_m = abs(1e-3 * told(precision([z_m])["precision_mm"]) - spread_m * np.sqrt(n / (n - 1)))
         yield f"{1e6 * spread_m:g} µm, {n} repeats", off_m / (EPS * DEPTH_M)
 
 
-@case("statistics", "variance of 1 µm about 0.3 m in float32 depths", "ε", 10_000.0)
-def deviation_of_float32() -> Seen:
-    """Relative error of the deviation. Against: longdouble. Because: one rounding for each of 10⁴ repeats that are
-    summed."""
+def _deviation_of_float32() -> Seen:
     for n, spread_m in product((2, 3, 100, 10_000), (1e-3, 1e-6, 1e-7)):
         noise = np.random.default_rng(n).standard_normal((n, 4, 4))
         z_m = (DEPTH_M + spread_m * noise).astype(np.float32)
@@ -58,23 +59,16 @@ def deviation_of_float32() -> Seen:
         yield f"{1e6 * spread_m:g} µm, {n} repeats", float(off / EPS)
 
 
-@case("statistics", "pooled deviation of 1 mm to 0 about 0.3 m", "roundings of (0.3 m)²", 1.5 * (np.log2(SIDE**2) + 1))
-def pooled_deviation() -> Seen:
-    """Error of the variance. Against: longdouble, two passes. Because: mean square less squared mean, pairwise sums of
-    log₂n roundings each: 1 µm is told to 0.03 %, 10 nm is not."""
+def _pooled_deviation() -> Seen:
     noise = np.random.default_rng(0).standard_normal((SIDE, SIDE))
     for spread_m in (1e-3, 1e-5, 1e-6, 1e-7, 1e-8, 0.0):
         error_m = DEPTH_M + spread_m * noise
         wide_m2 = np.var(error_m.astype(np.longdouble))
-        off_m2 = abs((1e-3 * pool([a_map(error_m)])["deviation_mm"]) ** 2 - wide_m2)
+        off_m2 = abs((1e-3 * told(pool([a_map(error_m)])["deviation_mm"])) ** 2 - wide_m2)
         yield f"{1e6 * spread_m:g} µm", float(off_m2 / (EPS * DEPTH_M**2))
 
 
-@case("statistics", "10⁸ samples", "ε", (225 + 400 + 1112) / 2)
-def many_samples() -> Seen:
-    """Relative error of MAE, RMSE, bias and of what a capture adds to them. Against: longdouble sums of the pixels.
-    Because: sums of 225 pixels to a block, 400 blocks to a capture and 1112 captures, half a rounding each, one by
-    one."""
+def _many_samples() -> Seen:
     error_m = 1e-3 + 1e-6 * np.random.default_rng(0).standard_normal((SIDE, SIDE))
     one, captures = block_sums([a_map(error_m)]), 1112  # 90 000 pixels each: 10⁸
     place = np.concatenate([one.place + [n, 0, 0] for n in range(captures)])
@@ -91,11 +85,7 @@ def many_samples() -> Seen:
     )
 
 
-@case("statistics", "memory of many maps", "1", 1.25)
-def memory() -> Seen:
-    """Peak of 40 maps' block sums over that of 4. Against: 4 maps. Because: of a map that has been summed, 200 blocks
-    are left of 40 000 pixels."""
-
+def _memory() -> float:
     def peak(maps: int) -> int:
         m = a_map(np.full((200, 200), 1e-3))
         tracemalloc.start()
@@ -107,9 +97,7 @@ def memory() -> Seen:
     return peak(40) / peak(4)
 
 
-@case("statistics", "one repeat", "figures", 0.0)
-def one_repeat() -> Seen:
-    """Figures that are given all the same. Against: none. Because: one value has no spread."""
+def _one_repeat() -> float:
     one, two = np.array([0.3]), np.array([0.3, 0.301])
     gap = np.array([0.3, np.nan, np.inf])  # one that is seen
     given = [
@@ -124,27 +112,22 @@ def one_repeat() -> Seen:
     return float(sum(value is not None for value in given))
 
 
-@case("statistics", "all values equal", "1", EPS)
-def all_equal() -> Seen:
-    """Spread, and 1 − p of a difference. Against: 0. Because: one rounding of a depth in metres; no p from
-    roundings."""
+def _all_equal() -> Seen:
     for z_m in (0.1, 0.3, 0.7, 1 / 3):
         hands = [np.full(n, z_m) for n in (2, 3, 7)]
-        yield f"precision at {z_m:g} m", precision(hands)["precision_mm"]
-        yield f"its interval at {z_m:g} m", max(precision_interval(hands))
-        yield f"two methods at {z_m:g} m", 1 - f_test(hands, [np.full(3, 0.7 * z_m)]).p
+        yield f"precision at {z_m:g} m", told(precision(hands)["precision_mm"])
+        yield f"its interval at {z_m:g} m", max(precision_interval(hands) or [np.nan])
+        yield f"two methods at {z_m:g} m", 1 - told(f_test(hands, [np.full(3, 0.7 * z_m)]).p)
         repeats = deviation_map(np.arange(2), np.arange(2), np.full((3, 2, 2), z_m))
-        yield f"map at {z_m:g} m", 1e-3 * pool([repeats])["max_mm"]
-    low, high = median_interval(np.full(5, 0.3))
+        yield f"map at {z_m:g} m", 1e-3 * told(pool([repeats])["max_mm"])
+    low, high = median_interval(np.full(5, 0.3)) or (np.nan, np.nan)
     yield "median", high - low
     maps = [a_map(np.full((60, 60), 1e-3))]
-    [line] = compare({"a": maps, "b": maps}, "").itertuples()
+    [line] = each(compare({"a": maps, "b": maps}, ""))
     yield "two equal maps", 1 - line.p_corrected
 
 
-@case("statistics", "methods that differ by rounding alone", "pairs", 0.0)
-def rounding_alone() -> Seen:
-    """Differences that are shown. Against: none. Because: |z − z_ref| of z_ref ± e are one number, rounded twice."""
+def _rounding_alone() -> Seen:
     x_m = 2.5e-3 * np.arange(36)
     slope_m = DEPTH_M + 0.1 * x_m[:, None] + 0 * x_m
     for captures, error_m in product((1, 3, 5), np.linspace(1e-4, 5e-3, 12)):
@@ -153,10 +136,7 @@ def rounding_alone() -> Seen:
         yield f"{captures} captures, {1e3 * error_m:.3g} mm", sum(shown(line).sum() for line in lines)
 
 
-@case("statistics", "NaN and infinite values", "ε", 1.5 * (np.log2(SIDE**2) + 1))
-def not_finite() -> Seen:
-    """Relative error of MAE, RMSE, bias, median and precision. Against: the finite values alone. Because: pairwise
-    sums, and the square root's half; nothing that is not finite may enter."""
+def _not_finite() -> Seen:
     rng = np.random.default_rng(0)
     for broken in (np.nan, np.inf, -np.inf):
         for share in (0.01, 0.5, 0.999):
@@ -169,19 +149,16 @@ def not_finite() -> Seen:
             wanted = {"mae_mm": np.abs(error).mean(), "rmse_mm": np.sqrt((error**2).mean())}
             wanted["median_mm"] = np.median(np.abs(error).astype(float))
             for key, value in wanted.items():
-                yield f"{share:.1%} {broken}, {key}", float(abs(found[key] / (1e3 * value) - 1) / EPS)
+                yield f"{share:.1%} {broken}, {key}", float(abs(told(found[key]) / (1e3 * value) - 1) / EPS)
         mixed = np.array([0.3, broken, 0.301, broken, 0.303])
-        off = precision([mixed])["precision_mm"] / precision([mixed[::2]])["precision_mm"] - 1
+        off = told(precision([mixed])["precision_mm"]) / told(precision([mixed[::2]])["precision_mm"]) - 1
         yield f"precision with {broken}", abs(off) / EPS
         amplitude = np.array([[[1.0, broken, 2.0]]] * 2)
         strongest = strongest_scatterer_z_m(np.array([[[0.3, 0.4, 0.5]]] * 2), amplitude)
         yield f"strongest with {broken}", 0.0 if strongest[0] == (0.4 if broken == np.inf else 0.5) else np.inf
 
 
-@case("statistics", "empty maps", "figures", 0.0)
-def empty() -> Seen:
-    """Figures that are given all the same. Against: none. Because: nothing is observed: no figure has anything to stand
-    on."""
+def _empty() -> Seen:
     nothing = [
         ("no map", []),
         ("no pixel", [a_map(np.empty((0, 0)))]),
@@ -195,7 +172,7 @@ def empty() -> Seen:
         values = {k: v for k, v in pool(maps).items() if k not in COUNTED and not (v == 0 and k.startswith("f_"))}
         yield from (value for value in values.values() if value is not None)
         yield from (k for k in pooled_intervals(maps) if k not in COUNTED)
-        yield from compare({"a": maps, "b": maps}, "").itertuples()
+        yield from each(compare({"a": maps, "b": maps}, ""))
         if floor_mm(maps, [_known(m) for m in maps]) is not None:
             yield "floor"
 
@@ -216,17 +193,14 @@ def _known(m: ErrorMap, sigma_m: float = 1e-3) -> Reference:
     return Reference(m.reference_z_m, np.full(shape, sigma_m), np.zeros((*shape, 6)), registration)
 
 
-@case("statistics", "one pixel", "ε", 4.0)
-def one_pixel() -> Seen:
-    """Relative error of its figures; infinite where an interval is given. Against: its error. Because: roundings of its
-    square, its root, a quotient and millimetres."""
+def _one_pixel() -> Seen:
     for error_m in (1e-12, -1e-6, 1e-3, -0.3, 1e6):
         m = a_map(np.array([[error_m]]))
         found = pool([m])
         for key in ("mae_mm", "rmse_mm", "median_mm", "p95_mm", "max_mm"):
-            yield f"{key} of {error_m:g} m", abs(found[key] / (1e3 * abs(error_m)) - 1) / EPS
-        yield f"interval of {error_m:g} m", np.inf if pooled_intervals([m]) else found["deviation_mm"]
-        floor = floor_mm([m], [_known(m, abs(error_m))]) / (1e3 * np.sqrt(2 / np.pi) * abs(error_m))
+            yield f"{key} of {error_m:g} m", abs(told(found[key]) / (1e3 * abs(error_m)) - 1) / EPS
+        yield f"interval of {error_m:g} m", np.inf if pooled_intervals([m]) else told(found["deviation_mm"])
+        floor = told(floor_mm([m], [_known(m, abs(error_m))])) / (1e3 * np.sqrt(2 / np.pi) * abs(error_m))
         yield f"floor for σ = {abs(error_m):g} m", abs(floor - 1) / EPS
         for sigma_m in (np.nan, np.inf):
             yield f"floor for σ = {sigma_m}", 0.0 if floor_mm([m], [_known(m, sigma_m)]) is None else np.inf

@@ -22,12 +22,11 @@ from bench.evaluation.metrics import pool
 from bench.evaluation.statistics.intervals import pooled_intervals
 from bench.results import Section, Setting
 from bench.results.error_map import ErrorMap
-from bench.studies.photogrammetry.score import GRID_M
-from bench.studies.tradeoff.context import Context
-from bench.studies.tradeoff.lines import line, section
+from bench.studies.photogrammetry.score import GRID_M, radar_side
+from bench.studies.tradeoff.section_lines import Context, line, section
 from calibration.transforms import Transform, load_transform
 from groundtruth.cameras.cameras import Camera, load_cameras, save_cameras
-from groundtruth.mesh.depth import depth_on_grid, reference_on_grid
+from groundtruth.mesh.depth import reference_on_grid
 from groundtruth.mesh.mesh_files import raycasting_scene, read_mesh
 from groundtruth.options import Options
 from groundtruth.photos.photos import FEWEST, Photo, find_photos
@@ -97,16 +96,10 @@ def _subject(folder: Path) -> Subject | None:
     if capture.photos is None or capture.truth is None or not true_transform.is_file():
         return None
     truth, radar_from_photo = read_mesh(capture.truth), load_transform(true_transform)
-    low, high = truth.get_min_bound()[:2], truth.get_max_bound()[:2]
-    x_m, y_m = (np.arange(a, b, GRID_M) for a, b in zip(low, high, strict=True))
-    z_m = depth_on_grid(truth, x_m, y_m)
     box_m = capture.about.box_m
-    if box_m is not None:
-        in_photo_m = radar_from_photo.inverse().points(np.stack([*np.meshgrid(x_m, y_m), z_m], -1).reshape(-1, 3))
-        inside = ((in_photo_m >= box_m[:3]) & (in_photo_m <= box_m[3:])).all(axis=1)
-        z_m = np.where(inside.reshape(z_m.shape), z_m, np.nan)
+    side = radar_side(truth, radar_from_photo, None if box_m is None else np.reshape(box_m, (2, 3)))
     photos = find_photos(capture.photos)
-    return Subject(capture.about.name, photos, box_m, raycasting_scene(truth), radar_from_photo, x_m, y_m, z_m)
+    return Subject(capture.about.name, photos, box_m, raycasting_scene(truth), radar_from_photo, *side)
 
 
 def spread(photos: tuple[Photo, ...], count: int) -> tuple[Photo, ...]:

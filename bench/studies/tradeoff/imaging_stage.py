@@ -1,31 +1,109 @@
-"""Imaging: every setting's error and time, side by side in one run."""
+"""Imaging: every setting's error and time, side by side in one run: settings and captures taken in turns, each frame
+after one that makes its plan.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import ctypes
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
-import numpy as np
+import pandas as pd
+import psutil
 
 from bench.datasets.dataset import open_capture
 from bench.evaluation.metrics import HEADLINE, METRICS, pool
 from bench.evaluation.scoring_protocols import protocol
 from bench.evaluation.statistics.intervals import pooled_intervals
-from bench.results import Claim, Section, Setting, write_errors
+from bench.results import Claim, Failure, Section, Setting, write_errors
 from bench.results.error_map import ErrorMap
 from bench.run.benchmark_file import MethodEntry
-from bench.run.outcome import Capture, Outcome, basis
+from bench.run.outcome import Capture, Outcome, basis, failing
+from bench.run.reconstruct_stage import configuration
 from bench.run.scoring import Files, compare, read_errors, reference_depth
 from bench.run.sweep import ImagingSetting, Sweep, imaging_settings, known_configs
 from bench.studies.tradeoff.claims import claims
-from bench.studies.tradeoff.context import Context
-from bench.studies.tradeoff.frame_timing import Timings, per_round, timed_in_turns
-from bench.studies.tradeoff.lines import line, section
 from bench.studies.tradeoff.opening import Opened
+from bench.studies.tradeoff.section_lines import Context, line, section
 from groundtruth.mesh.depth import Reference
+from radar.data.capture import RadarCapture, thinned
 from radar.data.grid import PixelGrid
-from radar.methods.registry import Reconstruction
+from radar.imaging.api import Laps, watch
+from radar.imaging.plan import fresh_plans
+from radar.methods.registry import Reconstruction, method
+from radar.support.cost import measured
+from radar.support.progress import track
+from radar.warmup import compile_kernels
+
+OPEN = 4  # captures whose echoes are kept in memory
+
+
+def timed_in_turns(
+    settings: Sequence[ImagingSetting],
+    captures: Sequence[Capture],
+    repeats: int,
+    keep: Callable[[Capture, ImagingSetting, Reconstruction], None],
+) -> tuple[pd.DataFrame, list[Failure]]:
+    """Image every capture by every setting, `repeats` rounds: a line a frame (round, capture, setting, and what
+    `_timed` says of it), and what failed with a HandbenchError, which is said and not tried again. keep(capture,
+    setting, result) is given each result of the first round, untimed."""
+    compile_kernels()
+    frames: list[dict[str, Any]] = []
+    failures: list[Failure] = []
+    for round_ in range(repeats):
+        for setting in track(settings, f"imaging, round {round_ + 1} of {repeats}"):
+            with fresh_plans():
+                for capture in captures:
+                    if (capture.name, setting.name) in {(failure.capture, failure.method) for failure in failures}:
+                        continue
+                    with failing(failures, capture.name, "reconstruct", setting.name):
+                        frame, result = _timed(capture, setting)
+                        frames.append({"round": round_, "capture": capture.name, "setting": setting.name, **frame})
+                        if round_ == 0:
+                            keep(capture, setting, result)
+    return pd.DataFrame(frames), failures
+
+
+def _timed(capture: Capture, setting: ImagingSetting) -> tuple[dict[str, float], Reconstruction]:
+    """As the runner times a frame: imaged once for the plan, then again. seconds and the imaging among them, when its
+    plan was there; plan_s: what the frame before it took longer; memory_mb: by how much that one raised the resident
+    memory at most; terms and tones that were imaged."""
+    chosen = method(setting.method)
+    config = configuration(capture.folder, setting.method, setting.config)
+    echoes = thinned(_echoes(capture.folder, capture.key), setting.every_nth_antenna)
+
+    def once() -> tuple[Reconstruction, float, Laps]:
+        with watch() as laps:
+            start = time.perf_counter()
+            result = chosen.run(echoes, config, 0)
+            return result, time.perf_counter() - start, laps
+
+    _give_back()
+    before_mb = psutil.Process().memory_info().rss / 1e6
+    with measured() as cost:
+        _, first_s, _ = once()
+    result, seconds, laps = once()
+    plan_s, memory_mb = max(first_s - seconds, 0.0), max(cost.peak_memory_mb - before_mb, 0.0)
+    counts = {"imaging_s": laps.imaging_s, "terms": laps.terms, "tones": laps.tones}
+    return {"seconds": seconds, "plan_s": plan_s, "memory_mb": memory_mb, **counts}, result
+
+
+def _give_back() -> None:
+    """Free memory that the allocator holds back, which a frame would take without the process growing; only glibc
+    can."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
+@lru_cache(maxsize=OPEN)
+def _echoes(folder: Path, key: str) -> RadarCapture:
+    """Frame 0; key: of the content."""
+    return open_capture(folder).echoes(1)
 
 
 @dataclass(frozen=True)
@@ -43,14 +121,26 @@ def measure(sweep: Sweep, context: Context, ready: Opened) -> Imaging:
     """Time and score all settings. What one of them cannot do is left out as in a run's table: captures are common to
     all settings that stay. Raises HandbenchError where nothing stays."""
     settings = imaging_settings(sweep, known_configs(context.bench.method))
-    scorer = Scorer(context, ready)
-    timings = timed_in_turns(settings, context.captures, context.repeats, scorer.keep)
-    found = Outcome(
-        context.bench.model_copy(update={"method": tuple(MethodEntry(id=s.name) for s in settings)}),
-        context.captures,
-        [],
-        [*ready.found.failures, *timings.failures],
-    )
+    scores, scored = context.work / "scores", protocol(context.bench.protocol)
+    cast: dict[tuple[str, bytes, bytes], Reference] = {}  # settings that share a grid share its depth
+
+    def keep(capture: Capture, setting: ImagingSetting, result: Reconstruction) -> None:
+        """Compare with the reference as a run does, into a file."""
+        depth, name = result.depth, ready.reference
+        mesh, transform = ready.found.references[capture.name][name]
+        grid = capture.name, depth.x_m.tobytes(), depth.y_m.tobytes()
+        if grid not in cast:
+            cast[grid] = reference_depth(mesh, transform, PixelGrid(depth.x_m, depth.y_m), exact=name == "truth")
+        errors = compare(depth, cast[grid], scored, open_capture(capture.folder))
+        write_errors(scores, capture.name, setting.name, name, errors)
+
+    def errors(setting: str) -> Sequence[ErrorMap]:
+        """A setting's error maps, read one at a time."""
+        return Files(lambda name: read_errors(scores, name, setting, ready.reference), names)
+
+    frames, failures = timed_in_turns(settings, context.captures, context.repeats, keep)
+    bench = context.bench.model_copy(update={"method": tuple(MethodEntry(id=s.name) for s in settings)})
+    found = Outcome(bench, context.captures, [], [*ready.found.failures, *failures])
     on = basis(found)
     names, stay = [capture.name for capture in on.captures], {entry.id for entry in on.methods}
     standing = {s.name: s for s in settings if s.name in stay}
@@ -58,52 +148,27 @@ def measure(sweep: Sweep, context: Context, ready: Opened) -> Imaging:
     metric, surface = METRICS[HEADLINE], "the true surface" if ready.reference == "truth" else ready.reference
     words = {"metric": metric.definition, "surface": surface}
     about = section("imaging", reference, words, metric=HEADLINE, unit=metric.unit)
-    lines = [_line(about, s, names, timings, scorer.errors(names, s.name), sweep.step_s) for s in standing.values()]
+    of_setting = dict(iter(frames.groupby("setting")))
+    lines = [_line(about, s, names, of_setting[s.name], errors(s.name), sweep.step_s) for s in standing.values()]
     stated = claims(list(standing.values()), lines, on.captures[0], sweep.exact_planes, context.repeats)
     left_out = {"left_out": [failure.line for failure in found.failures]} if found.failures else {}
     return Imaging(about, lines, standing, stated, {"basis": on.text, **left_out})
-
-
-class Scorer:
-    """Compares depth maps with the reference as a run does; the error maps lie in files."""
-
-    def __init__(self, context: Context, ready: Opened) -> None:
-        self.ready, self.protocol = ready, protocol(context.bench.protocol)
-        self.folder = context.work / "scores"
-        self._cast: dict[tuple[str, bytes, bytes], Reference] = {}  # settings that share a grid share its depth
-
-    def keep(self, capture: Capture, setting: ImagingSetting, result: Reconstruction) -> None:
-        """Score one result."""
-        depth, name = result.depth, self.ready.reference
-        mesh, transform = self.ready.found.references[capture.name][name]
-        grid = capture.name, depth.x_m.tobytes(), depth.y_m.tobytes()
-        if grid not in self._cast:
-            pixels = PixelGrid(depth.x_m, depth.y_m)
-            self._cast[grid] = reference_depth(mesh, transform, pixels, exact=name == "truth")
-        errors = compare(depth, self._cast[grid], self.protocol, open_capture(capture.folder))
-        write_errors(self.folder, capture.name, setting.name, name, errors)
-
-    def errors(self, names: Sequence[str], setting: str) -> Sequence[ErrorMap]:
-        """A setting's error maps of some captures, read one at a time."""
-        return Files(lambda name: read_errors(self.folder, name, setting, self.ready.reference), names)
 
 
 def _line(
     about: Section,
     setting: ImagingSetting,
     names: Sequence[str],
-    timings: Timings,
+    frames: pd.DataFrame,
     errors: Sequence[ErrorMap],
     step_s: float,
 ) -> Setting:
-    """One setting's line; the medians of the parts add up to the median of the whole."""
-
-    def part(name: str) -> np.ndarray:
-        return per_round(timings, names, setting.name, name)
-
-    figures, seconds, tones = pool(errors), part("seconds"), int(part("tones").max())
-    imaging_s = min(float(np.median(part("imaging_s"))), float(np.median(seconds)))
-    frames = [frame for r in timings.rounds for (_, name), frame in r.items() if name == setting.name]
+    """One setting's line, of the median over the captures `names` in each round; the medians of the parts add up to the
+    median of the whole. Of a round's plans, which captures may share or need one each, the longest counts."""
+    rounds = frames[frames.capture.isin(names)].groupby("round")
+    part = rounds[["seconds", "imaging_s", "terms", "tones"]].median()
+    figures, seconds, tones = pool(errors), float(part.seconds.median()), int(part.tones.max())
+    imaging_s = min(float(part.imaging_s.median()), seconds)
     knobs = {"method": setting.method, **setting.varied, "every_nth_antenna": setting.every_nth_antenna, "tones": tones}
     return line(
         about,
@@ -112,19 +177,14 @@ def _line(
         knobs,
         figures[HEADLINE],
         pooled_intervals(errors, estimate=figures).get(HEADLINE),
-        seconds,
-        seconds_low=float(seconds.min()),
-        seconds_high=float(seconds.max()),
+        part.seconds.to_list(),
+        seconds_low=float(part.seconds.min()),
+        seconds_high=float(part.seconds.max()),
         acquisition_s=tones * step_s if tones else None,
-        plan_s=float(np.median([_plan_s(r, names, setting.name) for r in timings.rounds])),
+        plan_s=float(rounds.plan_s.max().median()),
         imaging_s=imaging_s,
-        extraction_s=float(np.median(seconds)) - imaging_s,
-        operations=float(np.median(part("terms"))) or None,
-        peak_memory_mb=max(frame.memory_mb for frame in frames),
+        extraction_s=seconds - imaging_s,
+        operations=float(part.terms.median()) or None,
+        peak_memory_mb=float(frames.memory_mb.max()),
         seen_percent=figures["completeness_percent"],
     )
-
-
-def _plan_s(frames: dict[tuple[str, str], Any], names: Sequence[str], setting: str) -> float:
-    """The time of a round's plans: captures may share one, or need one each; the longest."""
-    return max(frames[name, setting].plan_s for name in names)

@@ -15,16 +15,14 @@ from pydantic import Field
 from bench.evaluation.statistics.intervals import Interval, spread
 from bench.results import Section, Setting
 from bench.scenes.build import build
-from bench.scenes.echoes import choices, echo_scene
+from bench.scenes.echoes import echoes
 from bench.studies.registration.cases import Case, case
 from bench.studies.registration.cloud import seen_cloud
 from bench.studies.registration.score import VOLUME_M, score
-from bench.studies.tradeoff.context import Context
-from bench.studies.tradeoff.lines import line, section
+from bench.studies.tradeoff.section_lines import Context, line, section
 from calibration.registration import register as registration
 from calibration.registration.register import combine
 from calibration.registration.rigid_fit import Pairs
-from radar.simulation.simulate import simulate_scene
 from radar.support.config import Config
 from radar.support.errors import HandbenchError
 from radar.support.progress import say, track
@@ -95,11 +93,10 @@ def placements(number: int, count: int, folder: Path) -> list[Case]:
 
 def _measured(chosen: Case) -> Measured | None:
     points_m, normals = seen_cloud(chosen)
-    radar_scene = echo_scene(chosen.scene)
-    echoes = simulate_scene(radar_scene, choices(chosen.scene, radar_scene)).capture
+    heard = echoes(chosen.scene).capture
     start = time.perf_counter()
     try:
-        pairs, common_m2 = registration.measure(points_m, normals, echoes, chosen.described)
+        pairs, common_m2 = registration.measure(points_m, normals, heard, chosen.described)
     except HandbenchError as error:
         say(f"tradeoff: registration, placement {chosen.number}: {error}")
         return None

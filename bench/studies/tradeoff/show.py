@@ -7,8 +7,7 @@ from dataclasses import asdict, replace
 from bench.evaluation.metrics import METRICS
 from bench.results import HEADLINE, Section, Setting, Tradeoff
 from bench.studies.columns import Record, Table, columns
-from bench.studies.tradeoff.answer import Answer
-from bench.studies.tradeoff.pareto import front, with_acquisition
+from bench.studies.tradeoff.answer import Answer, front, with_acquisition
 from bench.studies.tradeoff.settings import setting_path
 
 
@@ -41,13 +40,9 @@ def _front(section: Section, settings: tuple[Setting, ...]) -> Table:
     """The front, and the settings that are the best of their own method alone."""
     best = [s.name for s in front(settings)]
     unit = next((s.seconds for s in settings if s.name == section.reference), None)
-    known = columns("tradeoff.front")
     shown = sorted((s for s in settings if s.name in best or s.on_method_front), key=lambda s: s.seconds)
-    return Table(
-        "front",
-        {**known, "error": replace(known["error"], heading=section.unit)},
-        [_record(s, s.name in best, unit) for s in shown],
-    )
+    known = [replace(c, heading=section.unit) if c.name == "error" else c for c in columns("tradeoff.front")]
+    return Table("front", known, [_record(s, s.name in best, unit) for s in shown])
 
 
 def _record(s: Setting, best: bool, unit: float | None) -> Record:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from itertools import product
 from typing import Annotated, Any
 
@@ -13,8 +13,8 @@ from pydantic import Field, field_validator
 from bench.results import Section, Setting
 from bench.scenes.build import Scene, load_scene
 from bench.scenes.echoes import echo_scene
-from bench.studies.tradeoff.context import Context
-from bench.studies.tradeoff.lines import line, section
+from bench.studies.study import in_turns
+from bench.studies.tradeoff.section_lines import Context, line, section
 from radar.simulation.causes import Noise
 from radar.simulation.scene import EchoScene
 from radar.simulation.selection import CONTAINED, EFFECTS, Choice, check_names, choose
@@ -22,7 +22,7 @@ from radar.simulation.simulate import simulate_scene
 from radar.support.config import Config
 from radar.support.errors import HandbenchError
 from radar.support.files import inside
-from radar.support.progress import say, track
+from radar.support.progress import say
 from radar.warmup import compile_kernels
 
 ORDINARY = 4.0  # facets to a wavelength in every simulation
@@ -119,21 +119,14 @@ def measure(knobs: SimulationKnobs, context: Context) -> tuple[Section, list[Set
     scene = replace(scene, file=scene.file.model_copy(update={"noise": Noise()}))
     compile_kernels()
     finest = Way(knobs.finest)
-    seconds: dict[Way, list[float]] = {}
-    errors: dict[Way, float] = {}
-    exact = np.zeros(0)
-    for way in track([finest, *context.repeats * ways(knobs)], "simulation"):
-        start = time.perf_counter()
-        samples = way.simulate(scene)
-        seconds.setdefault(way, []).append(time.perf_counter() - start)
-        if way == finest:
-            exact = samples
-        elif way not in errors:
-            errors[way] = difference_percent(samples, exact)
+    seconds, found = in_turns({finest: partial(finest.simulate, scene)}, 1, "simulation, the finest")
+    exact = found[finest]
+    more_s, others = in_turns({way: partial(way.simulate, scene) for way in ways(knobs)}, context.repeats, "simulation")
+    errors = {way: difference_percent(samples, exact) for way, samples in others.items()}
     about = section("simulation", finest.name, {"scene": scene.file.name, "finest": " and ".join(finest.words)})
     return about, [
         line(about, way.name, ", ".join(way.words), way.knobs, errors.get(way), seconds=times)
-        for way, times in seconds.items()
+        for way, times in {**seconds, **more_s}.items()
     ]
 
 

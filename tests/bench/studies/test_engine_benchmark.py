@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from bench.studies.engine.accuracy import bars
-from bench.studies.engine.growth import exponent, finer, larger, resampled
+from bench.studies.engine.checks import bars, exponent, finer, larger, resampled
 from bench.studies.engine.scope import Inputs, Scope, white_noise
 from bench.studies.engine.textbook import numba_sum, numpy_sum, range_compressed
 from radar.data.arrays import AntennaArray, qar50

@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 from bench.results import Section, Setting, Tradeoff, TradeoffFacts, load_tradeoff, write_tradeoff
 from bench.run.sweep import ImagingEntry, Sweep, completed, default, imaging_settings
-from bench.studies.tradeoff.answer import LENGTHS, TIMES, answer, quantity
-from bench.studies.tradeoff.operations import counted_factor, three_tone_images, volume_images
-from bench.studies.tradeoff.pareto import dominates, front, rank, with_acquisition
+from bench.studies.tradeoff.answer import LENGTHS, TIMES, answer, dominates, front, quantity, rank, with_acquisition
+from bench.studies.tradeoff.claims import counted_factor, three_tone_images, volume_images
 from radar.methods.fsk_config import ThreeToneConfig
 from radar.methods.projection import BroadbandConfig
 from radar.support.config import parse

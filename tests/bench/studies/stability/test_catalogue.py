@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+import sys
 import warnings
 
 import numpy as np
@@ -27,6 +29,17 @@ def test_every_group_has_hard_cases_with_a_reason():
     found = cases()
     assert len(found) >= 60 and {case.group for case in found} == set(GROUPS)
     assert all(np.isfinite(case.bound) and len(case.reason) > 10 and case.reference for case in found)
+
+
+def test_no_measuring_function_is_forgotten():
+    """Functions of the groups' modules that take nothing and give what a case sees, or has to refuse."""
+    given = {id(getattr(case.measure, "args", (case.measure,))[0]) for case in cases()}
+    modules = [module for name, module in sys.modules.items() if name.startswith("bench.studies.stability.")]
+    functions = {f for module in modules for f in vars(module).values() if inspect.isfunction(f)}
+    measuring = {
+        f for f in functions if f.__annotations__.get("return") in ("Seen", "Works") and not f.__code__.co_argcount
+    }
+    assert {f.__qualname__ for f in measuring if "<locals>" not in f.__qualname__ and id(f) not in given} == set()
 
 
 def raises():

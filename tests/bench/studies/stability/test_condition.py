@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from bench.studies.stability import condition_cases
+from bench.studies.stability.condition_cases import plane_depth
 from bench.studies.stability.condition_fsk import ranks
-from bench.studies.stability.condition_rays import plane_depth
 
 
 @pytest.fixture(scope="module")

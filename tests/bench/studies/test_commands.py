@@ -1,0 +1,75 @@
+"""The commands that measure, from the command line to their files, at the smallest size that they take."""
+
+from __future__ import annotations
+
+import json
+
+import pandas as pd
+import pytest
+
+from bench.cli.main import main
+from bench.cli.study import studies
+from bench.results.stability import load_stability
+from bench.studies.stability import measure
+from bench.studies.stability.cases import cases
+
+SMALLEST = {"registration": ["faults", "--trials", "1"], "smoothness": ["B", "--edge-mm", "6"]}
+NEEDED = {
+    "ablation": ["--poses", "B"],
+    "gpu": ["--device", "numpy"],
+    "noise-fit": ["paper_table"],
+    "photogrammetry": ["bars"],
+    "registration": ["full"],
+}
+
+
+@pytest.mark.slow
+def test_stability_measures_cases_and_tables(tmp_path, capsys, monkeypatch):
+    """Of the cases one group's: all of them have a test of their own."""
+    monkeypatch.setattr(measure, "cases", lambda groups: cases(["smoothing"]))
+    assert main(["stability", "--scenes", "4", "-o", str(tmp_path)]) == 0
+    facts, found = load_stability(tmp_path)
+    assert set(found.group) == {"smoothing"} and set(found.verdict) == {"holds"}
+    assert [table.title for table in facts.tables] == ["Single precision", "Condition", "4 random hard scenes"]
+    assert "6 hard cases in" in capsys.readouterr().out
+    assert main(["stability", "--groups", "smoothing", "-o", str(tmp_path)]) == 2  # there is one already
+    assert "--overwrite" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_engine_s_benchmark_runs(tmp_path, capsys):
+    """As `make bench` does, on a small volume: every section, and the figures that the bars ask for."""
+    assert main(["study", "engine", "--quick", "-o", str(tmp_path / "bench.json")]) == 0
+    result = json.loads((tmp_path / "bench.json").read_text())
+    assert result["failures"] == {} and len(result["growth"]) == 4
+    expected = {
+        "method",
+        "seconds",
+        "ratio_to_exact",
+        "relative_error",
+        "depth_deviation_mm",
+        "gflops",
+        "peak_memory_mb",
+    }
+    assert all(expected <= set(row) for row in result["rows"])
+    assert {row["section"] for row in result["rows"]} == {"volume", "3-FSK frame", "simulation"}
+    assert all(row["met"] for row in result["rows"] if "met" in row)
+    assert {"bar", "expected", "measured", "met"} == set(result["bars"][0])
+    assert "| growth" in capsys.readouterr().out and (tmp_path / "bench.png").exists()
+
+
+@pytest.mark.parametrize("name", SMALLEST)
+def test_a_study_runs(name, tmp_path, capsys):
+    assert main(["study", name, *SMALLEST[name], "-o", str(tmp_path)]) == 0
+    [content] = [json.loads(file.read_text()) for file in tmp_path.glob("*.json")]
+    assert content["rows"] and content["failures"] == {}
+    assert not pd.read_csv(next(tmp_path.glob("*.csv"))).empty
+    assert next(tmp_path.glob("*.md")).read_text().startswith("# ")
+    assert "| " in capsys.readouterr().out
+
+
+def test_every_study_is_there(tmp_path, capsys):
+    """--only with a name that no case has: the study is imported and made, and nothing is measured."""
+    for name in studies():
+        assert main(["study", name, *NEEDED.get(name, []), "--only", "no such case", "-o", str(tmp_path)]) == 2
+        assert f"no case of '{name}" in capsys.readouterr().err
