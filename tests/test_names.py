@@ -15,7 +15,7 @@ PACKAGES = ("radar", "calibration", "groundtruth", "bench", "reports")
 FILES = sorted(path.relative_to(ROOT) for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 STUDY_PARTS = {"cases.py", "measure.py", "figure.py", "run.py", "score.py"}
 QUESTION = re.compile(r"(What|How|Whether|Where|Who)\b")
-MOST_LINES = 34_872  # to be lowered with every simplification; 33 000 is the aim
+MOST_LINES = 33_000
 MOST_MAE_FILES = 5
 
 
@@ -89,7 +89,7 @@ def test_the_product_keeps_its_size():
     lines = {package: 0 for package in PACKAGES}
     for file in FILES:
         lines[file.parts[0]] += len((ROOT / file).read_text("utf-8").splitlines())
-    assert sum(lines.values()) < MOST_LINES, lines
+    assert sum(lines.values()) <= MOST_LINES, lines
 
 
 def test_the_headline_metric_is_spelt_in_few_files():

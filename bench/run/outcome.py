@@ -38,17 +38,7 @@ from radar.support.progress import say
 from radar.support.store import versions
 
 Line = tuple[Any, ...]  # of a table, in the order of its columns
-FILES = (
-    "result.json",
-    "table.csv",
-    "tasks.csv",
-    "repeats.csv",
-    "comparisons.csv",
-    "config.toml",
-    "errors",
-    "depth",
-    "photos",
-)
+FILES = tuple("result.json table.csv tasks.csv repeats.csv comparisons.csv config.toml errors depth photos".split())
 
 
 @dataclass

@@ -15,10 +15,11 @@ from bench.scenes.hand_pose import POSES, Pose
 from bench.scenes.implicit import crossing_faces, project
 from bench.studies.columns import Record, rows
 from bench.studies.study import Study
-from groundtruth.mesh.mesh_files import load_open3d, mesh, raycasting_scene
+from groundtruth.mesh.mesh_files import mesh, raycasting_scene
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from radar.imaging.cpu.exact import tone_images
 from radar.simulation.forward import Scatterers, simulate
+from radar.support.rays import load_open3d
 
 if TYPE_CHECKING:
     import open3d as o3d

@@ -22,11 +22,11 @@ PLUS: dict[str, Any] = {"off_axis": True, "weighted": True, "fine_refinements": 
 def _preset(id: str, config: type[Config], summary: str, source: str = OURS, **defaults: bool | int) -> None:
     """Register a method by its configuration, with these defaults instead of the configuration's own; a variant's id
     begins with that of the method that it varies."""
-    fields: dict[str, Any] = {name: (type(value), value) for name, value in defaults.items()}
+    if defaults:
+        fields: dict[str, Any] = {name: (type(value), value) for name, value in defaults.items()}
+        config = create_model(config.__name__, __base__=config, **fields)
 
-    varied = id.rpartition("-")[0] or None
-
-    @register(id, create_model(config.__name__, __base__=config, **fields), summary, source, varied)
+    @register(id, config, summary, source, base=id.rpartition("-")[0] or None)
     def run(capture: RadarCapture, config: AnyConfig | ProjectionConfig, frame: int) -> Reconstruction:
         if isinstance(config, FskConfig):
             return Reconstruction(replace(n_tone(capture, config, frame), method=id))

@@ -89,7 +89,8 @@ class Sources:
 
 def _data_beside(file: Path) -> list[Any]:
     """The files without code below a module's folder, with their names: what a module that asks where it lies reads."""
-    found = sorted(path for path in file.parent.rglob("*") if path.suffix not in (".py", ".pyc") and path.is_file())
+    compiled = "__pycache__"  # Python's and numba's code comes and goes
+    found = sorted(p for p in file.parent.rglob("*") if p.suffix != ".py" and compiled not in p.parts and p.is_file())
     return [part for path in found for part in (path.relative_to(file.parent).as_posix(), path)]
 
 

@@ -133,6 +133,10 @@ def test_data_beside_a_module_count_with_it(tmp_path):
             (tmp_path / "bench" / name).write_text(text)
             seen.append(found())
     assert len({one for one, _ in seen}) == 5 and len({plain for _, plain in seen}) == 1
+    (tmp_path / "bench" / "__pycache__").mkdir()
+    for compiled in ("two.cpython-311.pyc", "two.kernel-12.py311.nbi"):  # by Python and by numba, as it runs
+        (tmp_path / "bench" / "__pycache__" / compiled).write_text("1")
+    assert found() == seen[-1]
 
 
 def test_nothing_that_a_stage_runs_is_imported_under_a_name_that_nobody_can_read():
