@@ -38,7 +38,8 @@ from radar.support.progress import say
 from radar.support.store import versions
 
 Line = tuple[Any, ...]  # of a table, in the order of its columns
-FILES = tuple("result.json table.csv tasks.csv repeats.csv comparisons.csv config.toml errors depth photos".split())
+CSV = ("table", "tasks", "repeats", "comparisons")
+FILES = ("result.json", "config.toml", "errors", "depth", "photos", *(f"{name}.csv" for name in CSV))
 
 
 @dataclass
