@@ -7,29 +7,42 @@ that it carries, by one rigid motion; a mesh errs by patches.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from bench.evaluation.statistics.intervals import RESAMPLES, TAILS, Interval, block_numbers
+from bench.evaluation.statistics.intervals import RESAMPLES, TAILS, Interval
 from bench.results.error_map import ErrorMap
 from groundtruth.mesh.depth import Reference
 
 ABSOLUTE = np.sqrt(2 / np.pi)  # mean of |e| over σ, for a normal e
 PARTS = ("mesh", "registration")
+BLOCK_M = 0.015  # a mesh errs alike over three lateral resolutions of the paper's aperture
+SPAN = 1 << 20  # more blocks than a row can have
+
+
+def block_numbers(m: ErrorMap) -> np.ndarray:
+    """The number [ny, nx] of the spatial block of BLOCK_M in which each pixel lies: SPAN · row + column."""
+    column, row = (np.floor(axis / BLOCK_M + 1e-9).astype(np.int64) for axis in (m.x_m, m.y_m))
+    return SPAN * row[:, None] + column
 
 
 def floor_mm(maps: Sequence[ErrorMap], references: Sequence[Reference]) -> float | None:
-    """The floor over the observed pixels of all `maps` together, each compared with its reference.
+    """The floor over the observed pixels of each of `maps`, compared with its reference, averaged over those that have
+    any. None where nothing was observed or a part of σ is unknown."""
+    floors_m = [r.sigma_m[observed].mean() for m, r, observed in _observed(maps, references)]
+    mean_m = float(np.mean(floors_m)) if floors_m else np.nan
+    return 1e3 * float(ABSOLUTE) * mean_m if np.isfinite(mean_m) else None
 
-    None where nothing was observed or a part of σ is unknown.
-    """
-    total_m, pixels = 0.0, 0
+
+def _observed(
+    maps: Sequence[ErrorMap], references: Sequence[Reference]
+) -> Iterator[tuple[ErrorMap, Reference, np.ndarray]]:
+    """Each map that observes anything, its reference, and where it does [ny, nx]."""
     for m, r in zip(maps, references, strict=True):
         observed = np.isfinite(m.error_m)
-        total_m += float(r.sigma_m[observed].sum())
-        pixels += int(observed.sum())
-    return 1e3 * float(ABSOLUTE) * total_m / pixels if pixels and np.isfinite(total_m) else None
+        if observed.any():
+            yield m, r, observed
 
 
 def floor_interval(
@@ -43,17 +56,16 @@ def floor_interval(
         return None
     rng = np.random.default_rng(seed)
     motions: dict[bytes, np.ndarray] = {}  # captures that share a registration share its error
-    total_m, pixels = np.zeros(RESAMPLES), 0
-    for m, r in zip(maps, references, strict=True):
+    means_m = []
+    for m, r, observed in _observed(maps, references):
         assert r.registration is not None and r.registration.covariance is not None  # σ is known, so they are too
         key, covariance = r.registration.matrix.tobytes(), r.registration.covariance
         if key not in motions:
             motions[key] = rng.multivariate_normal(
                 np.zeros(len(covariance)), covariance, RESAMPLES, check_valid="ignore"
             )
-        total_m += _absolute_sum_m(m, r, motions[key], rng)
-        pixels += np.isfinite(m.error_m).sum()
-    low, high = np.quantile(1e3 * total_m / pixels, TAILS)
+        means_m.append(_absolute_sum_m(m, r, motions[key], rng) / observed.sum())
+    low, high = np.quantile(1e3 * np.mean(means_m, axis=0), TAILS)
     return Interval(float(min(low, value)), float(max(high, value)))
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 
 from bench.evaluation.depth_errors import error_map
 from bench.results.about import HEADLINE as HEADLINE
@@ -125,10 +126,29 @@ def pool(maps: Sequence[ErrorMap]) -> Values:
     return {key: found[key] for key in METRICS if key in found}
 
 
+def of_captures(maps: Iterable[ErrorMap]) -> pd.DataFrame:
+    """The metrics of each capture's map, one a line; NaN where a figure has nothing to stand on."""
+    return pd.DataFrame([pool([m]) for m in maps], columns=list(pool([])), dtype=float)
+
+
+def averaged(captures: pd.DataFrame) -> Values:
+    """The figures of `of_captures`, formed for each capture and then averaged over those that have them, as the paper's
+    table is; the pooled ones and the number of pixels of all captures together. A figure that has nothing to stand on
+    is None."""
+    pixels = captures.n_observed.sum()
+    values = captures.mean().to_dict() | {
+        "n_observed": pixels,
+        "pooled_mae_mm": (captures.mae_mm * captures.n_observed).sum() / pixels if pixels else np.nan,
+        "pooled_max_mm": captures.max_mm.max(),
+    }
+    found: Values = {key: float(value) if np.isfinite(value) else None for key, value in values.items()}
+    return {key: found[key] for key in METRICS if key in found}
+
+
 QUANTILES = {"median_mm": 0.5, "p95_mm": 0.95}
 ORDERED = ("max_mm", *QUANTILES)  # what is no ratio of sums
 TERMS = tuple(terms(ErrorMap(np.empty(0), np.empty(0), np.empty((0, 0)), np.empty((0, 0)))))
-RATIOS = tuple(figures(dict.fromkeys(TERMS, np.float64(1))))  # the metrics that are
+AVERAGED = tuple(key for key in pool([]) if key != "n_observed")  # over the captures
 
 
 def strongest_scatterer_z_m(z_m: np.ndarray, amplitude: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.evaluation.statistics.intervals import BLOCK_M
+from bench.evaluation.floor import BLOCK_M
 from calibration.transforms import Transform, adjoint, identity, load_transform, perturbation_jacobian
 from groundtruth.mesh.depth import reference_on_grid
 from groundtruth.mesh.surface import Surface, read_surface

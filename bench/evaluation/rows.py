@@ -9,9 +9,9 @@ import pandas as pd
 
 from bench.evaluation import scoring_protocols
 from bench.evaluation.floor import floor_interval, floor_mm
-from bench.evaluation.metrics import METRICS, Values, pool, precision
+from bench.evaluation.metrics import AVERAGED, METRICS, Values, averaged, of_captures, precision
 from bench.evaluation.scoring_protocols import Protocol
-from bench.evaluation.statistics.intervals import Interval, median_interval, pooled_intervals, precision_interval
+from bench.evaluation.statistics.intervals import Interval, figure_interval, median_interval, precision_interval
 from bench.results.about import MetricFacts
 from bench.results.error_map import ErrorMap
 from bench.results.tables import TABLE, frame
@@ -28,11 +28,12 @@ def accuracy_rows(
     surfaces: Sequence[Reference] | None = None,
     protocol: Protocol = scoring_protocols.PAPER,
 ) -> pd.DataFrame:
-    """The protocol's pooled metrics of a method's error maps against one reference, and the floor that the `surfaces`
-    with which they were compared, one a map, set to the mean absolute error (None: their uncertainty is not known).
-    seed: the floor's draws."""
-    values = pool(maps)
-    intervals: Intervals = {**pooled_intervals(maps, estimate=values)}
+    """The protocol's metrics of a method's error maps, one a capture, against one reference, and the floor that the
+    `surfaces` with which they were compared, one a map, set to the mean absolute error (None: their uncertainty is not
+    known). seed: the floor's draws."""
+    captures = of_captures(maps)
+    values = averaged(captures)
+    intervals: Intervals = {key: figure_interval(key, captures[key].to_numpy()) for key in AVERAGED}
     values["floor_mm"] = floor = None if surfaces is None else floor_mm(maps, surfaces)
     if surfaces is not None and floor:
         intervals["floor_mm"] = floor_interval(maps, surfaces, seed, value=floor)
@@ -47,8 +48,9 @@ def precision_rows(
     values = precision(strongest_z_m)
     intervals: Intervals = {"precision_mm": precision_interval(strongest_z_m)}
     if deviations is not None:
-        values["pixel_precision_mm"] = pool(deviations)["median_mm"]
-        intervals["pixel_precision_mm"] = pooled_intervals(deviations).get("median_mm")
+        captures = of_captures(deviations)
+        values["pixel_precision_mm"] = averaged(captures)["median_mm"]
+        intervals["pixel_precision_mm"] = figure_interval("pixel_precision_mm", captures.median_mm.to_numpy())
     return _rows(method, reference, values, intervals)
 
 

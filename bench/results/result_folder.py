@@ -77,8 +77,9 @@ def shown(comparisons: pd.DataFrame) -> pd.Series:
 
 def best(comparisons: pd.DataFrame, metric: str, reference: str) -> tuple[str, ...]:
     """The method with the best figure and all that are not shown to be worse, in order of appearance; () where nothing
-    was compared: without a test no figure stands out."""
+    was tested: no figure stands out then."""
     lines = comparisons[(comparisons.metric == metric) & (comparisons.reference == reference)]
+    lines = lines[lines.p_corrected.notna()]
     ahead = ~lines.better.isin(lines.worse)
     worse = set(lines.worse[ahead & shown(lines)])
     return tuple(name for name in dict.fromkeys(lines[["better", "worse"]].to_numpy().flat) if name not in worse)

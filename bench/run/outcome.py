@@ -16,11 +16,11 @@ import pandas as pd
 from bench import results
 from bench.datasets.native import CaptureFile
 from bench.evaluation.floor import budget
-from bench.evaluation.metrics import TITLES
+from bench.evaluation.metrics import TITLES, of_captures
 from bench.evaluation.rows import accuracy_rows, metric_facts, precision_rows, time_rows
 from bench.evaluation.scoring_protocols import protocol
 from bench.evaluation.statistics.intervals import note
-from bench.evaluation.statistics.paired import block_sums, compare_sums
+from bench.evaluation.statistics.paired import compare
 from bench.results import REFERENCES, About, CaptureFacts, Failure, MethodFacts, Surface
 from bench.results.error_map import ErrorMap
 from bench.results.tables import COMPARISONS, REPEATS, TABLE, TASKS, frame
@@ -218,9 +218,10 @@ def comparisons(outcome: Outcome, on: Basis) -> pd.DataFrame:
     lines = [frame(COMPARISONS)]
     for reference in REFERENCES:
         names = [c.name for c in on.captures if reference in outcome.references[c.name]]
-        sums = {entry.id: block_sums(errors(outcome, names, entry.id, reference)) for entry in on.methods}
+        found = {entry.id: of_captures(errors(outcome, names, entry.id, reference)) for entry in on.methods}
         for metric in protocol(outcome.bench.protocol).compared if names else ():
-            lines.append(compare_sums(sums, reference, metric, titles))
+            figures = {method: captures[metric].to_numpy() for method, captures in found.items()}
+            lines.append(compare(figures, reference, metric, titles))
     return pd.concat(lines)
 
 

@@ -1,10 +1,9 @@
 """Two results side by side: B's figures less A's, by how much, and how sure that is.
 
-Where both have the same captures, each method's figures are compared pair by pair, as
-`bench.evaluation.statistics.paired` compares two methods: what both suffer from cancels. Where they differ, A and B are
-two independent samples: the variances of the two figures add, and Student's t takes the degrees of freedom of Welch and
-Satterthwaite. Precisions are compared by the F test of their variances. Holm's correction spans all lines. Times are
-set beside each other and not tested, for the repeats of one run do not know how two runs differ.
+Where both have the same captures, each method's figures are compared capture by capture: what both suffer from cancels.
+Where they differ, A and B are two independent samples (Welch). Either way a capture counts as one value. Precisions are
+compared by the F test of their variances. Holm's correction spans all lines. Times are set beside each other and not
+tested, for the repeats of one run do not know how two runs differ.
 """
 
 from __future__ import annotations
@@ -16,11 +15,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.evaluation.metrics import HEADLINE, METRICS, RATIOS, pool, precision
-from bench.evaluation.statistics.intervals import note, pooled_intervals, precision_interval
-from bench.evaluation.statistics.paired import amounts_text, holm
+from bench.evaluation.metrics import AVERAGED, HEADLINE, METRICS, averaged, of_captures, precision
+from bench.evaluation.statistics.intervals import TOO_FEW, figure_interval, note, precision_interval
+from bench.evaluation.statistics.paired import Tested, amount_text, amounts_text, corrected, f_test, paired, unpaired
 from bench.evaluation.statistics.provenance import changes
-from bench.evaluation.statistics.two_samples import Tested, f_test, paired, unpaired
 from bench.results.about import REFERENCES, MethodFacts
 from bench.results.compared import Compared, Side
 from bench.results.error_map import ErrorMap
@@ -56,7 +54,7 @@ def compare_results(a: Result, b: Result) -> Compared:
     if not methods or not bases:
         lack = "method" if not methods else "reference"
         raise HandbenchError(f"{a.folder} and {b.folder}: have no {lack} in common; expected at least one")
-    metrics = [m for m in a.about.protocol.get("compared", FALLBACK) if m in RATIOS and METRICS[m].better != "zero"]
+    metrics = [m for m in a.about.protocol.get("compared", FALLBACK) if m in AVERAGED and METRICS[m].better != "zero"]
     lines = []
     for method in methods:
         for basis in bases:
@@ -126,16 +124,16 @@ def _error_map(result: Result, capture: str, method: str, reference: str) -> Err
 
 def _accuracy(a: Result, b: Result, method: MethodFacts, basis: Basis, metrics: Sequence[str]) -> list[dict[str, Any]]:
     """One line a metric, the p not yet corrected."""
-    maps = [
-        [_error_map(result, capture, method.name, basis.reference) for capture in captures]
+    figures = [
+        of_captures(_error_map(result, capture, method.name, basis.reference) for capture in captures)
         for result, captures in ((a, basis.a), (b, basis.b))
     ]
-    values, intervals = [pool(m) for m in maps], [pooled_intervals(m) for m in maps]
-    test = paired if basis.paired else unpaired
+    values, test = [averaged(found) for found in figures], paired if basis.paired else unpaired
     lines = []
     for metric in metrics:
-        ends = [i.get(metric, NONE) for i in intervals]
-        line = _line(method, metric, maps, [v[metric] for v in values], ends, test(maps[0], maps[1], metric))
+        samples = [found[metric].to_numpy() for found in figures]
+        ends = [figure_interval(metric, sample) or NONE for sample in samples]
+        line = _line(method, metric, samples, [v[metric] for v in values], ends, test(*samples))
         lines.append({**line, "reference": basis.reference, "paired": basis.paired})
     return lines
 
@@ -177,9 +175,7 @@ def _hands(result: Result, method: str) -> list[np.ndarray]:
 def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
     """The lines as `DIFFERENCES`, with p corrected over all that were tested, which is better, and a sentence."""
     lines = pd.DataFrame(found, columns=[*DIFFERENCES.names, "p"]).assign(better="", sentence="")
-    lines["p_corrected"] = lines.p.astype(float)
-    tested = lines.p_corrected.notna()
-    lines.loc[tested, "p_corrected"] = holm(lines.p_corrected[tested].tolist())
+    lines["p_corrected"] = corrected(lines.p.astype(float).tolist())
     lines = conform(lines, DIFFERENCES)
     fell = (lines.difference < 0) == lines.metric.map(lambda metric: METRICS[metric].better == "lower")
     lines["better"] = np.where(lines.p_corrected < 1 - LEVEL, np.where(fell, "B", "A"), "")
@@ -193,7 +189,7 @@ def _sentence(line: Any) -> str:
         return f"{line.title}: no figures to compare in {what}"
     none = f"{line.title}: no difference shown between A and B in {what}: "
     if np.isnan(line.p_corrected):
-        return none + "too little to test"
+        return f"{none}{TOO_FEW} (B − A: {amount_text(line.difference, line.unit)})"
     ends = (line.difference, line.low, line.high)
     amount, low, high = ends if line.difference >= 0 else (-line.difference, -line.high, -line.low)
     amounts = amounts_text(amount, low, high, line.unit)

@@ -1,70 +1,107 @@
-"""Which method is better: differences of pooled figures on the same captures, tested pair by pair."""
+"""Tests whose unit is the capture: of two methods on the same captures, and of one method on different ones."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.special import stdtr
+from scipy import stats
 
-from bench.evaluation.metrics import HEADLINE, METRICS, RATIOS, figures
-from bench.evaluation.statistics.intervals import Blocks, Spread, contributions, cut, spread, units_of
-from bench.results.error_map import ErrorMap
+from bench.evaluation.metrics import HEADLINE, METRICS, deviation, mean_deviation
+from bench.evaluation.statistics.intervals import FEWEST, TAILS, TOO_FEW, mean_interval
 from bench.results.tables import COMPARISONS, LEVEL, conform
 from radar.support.errors import HandbenchError
 
 
+class Tested(NamedTuple):
+    """B − A with its 95 % interval and the p of none, not corrected; NaN: unknown, or too little to test."""
+
+    difference: float
+    low: float = np.nan
+    high: float = np.nan
+    p: float = np.nan
+
+
+def paired(a: np.ndarray, b: np.ndarray) -> Tested:
+    """Of figures a, b [n] of the same captures: what is a capture's own cancels, what is a method's own on that capture
+    does not (Student's paired t). NaN in either leaves a capture out."""
+    known = np.isfinite(a) & np.isfinite(b)
+    gained = (b - a)[known]
+    if not len(gained):
+        return Tested(np.nan)
+    difference, spread, n = float(gained.mean()), deviation(gained), len(gained)
+    if (interval := mean_interval(gained)) is None:
+        return Tested(difference)
+    size = np.abs(np.stack([a, b])[:, known]).max()
+    if spread <= 1e-12 * size:  # roundings
+        return Tested(difference, difference, difference, 0.0 if abs(difference) > 1e-9 * size else 1.0)
+    return Tested(difference, *interval, float(2 * stats.t.sf(abs(difference) / spread * np.sqrt(n), n - 1)))
+
+
+def unpaired(a: np.ndarray, b: np.ndarray) -> Tested:
+    """Of two independent samples of captures (Welch 1947)."""
+    a, b = (values[np.isfinite(values)] for values in (a, b))
+    if not len(a) or not len(b):
+        return Tested(np.nan)
+    difference = float(b.mean() - a.mean())
+    if min(len(a), len(b)) < FEWEST:
+        return Tested(difference)
+    parts = [deviation(values) ** 2 / len(values) for values in (a, b)]
+    if not sum(parts):
+        return Tested(difference, difference, difference, float(difference == 0))
+    freedom = sum(parts) ** 2 / (parts[0] ** 2 / (len(a) - 1) + parts[1] ** 2 / (len(b) - 1))
+    error = np.sqrt(sum(parts))
+    reach = float(stats.t.ppf(TAILS[1], freedom) * error)
+    p = float(2 * stats.t.sf(abs(difference) / error, freedom))
+    return Tested(difference, difference - reach, difference + reach, p)
+
+
+def f_test(hands_a: Sequence[np.ndarray], hands_b: Sequence[np.ndarray]) -> Tested:
+    """Of two precisions, mm, from each hand's strongest depths [n_repeats] in metres, as if all repeats were
+    independent: cautious where both image the same echoes. The interval is that of the ratio, times A's precision."""
+    deviation_a, deviation_b = mean_deviation(hands_a), mean_deviation(hands_b)
+    if deviation_a is None or deviation_b is None:
+        return Tested(np.nan)
+    (a, freedom_a), (b, freedom_b) = deviation_a, deviation_b
+    if a == b:
+        return Tested(0.0, 0.0, 0.0, 1.0)
+    if not a or not b:
+        return Tested(b - a)
+    ratio, f = b / a, stats.f(freedom_b, freedom_a)
+    p = 2 * min(f.cdf(ratio**2), f.sf(ratio**2))
+    low, high = (a * (ratio / f.ppf(tail) ** 0.5 - 1) for tail in TAILS[::-1])
+    return Tested(b - a, float(low), float(high), float(min(p, 1)))
+
+
 def compare(
-    maps: Mapping[str, Sequence[ErrorMap]],
-    reference: str,
-    metric: str = HEADLINE,
-    titles: Mapping[str, str] | None = None,
+    figures: Mapping[str, np.ndarray], reference: str, metric: str = HEADLINE, titles: Mapping[str, str] | None = None
 ) -> pd.DataFrame:
-    """Every pair of methods by one metric, as `COMPARISONS`. maps: method → its error maps of the same
-    captures in the same order.
-
-    Each method's figure is the table's, over its own observed pixels. A block (or capture) is left out for both at
-    once: what both suffer from cancels. p: Student's t of the difference. Methods without a figure are left out.
-    Raises HandbenchError for different captures and for metrics that are not ratios of sums or have no direction.
-    """
-    if len({len(m) for m in maps.values()}) > 1:
-        raise HandbenchError(f"comparison: {', '.join(maps)} have unequal numbers of captures; expected the same ones")
-    return compare_sums({method: block_sums(m) for method, m in maps.items()}, reference, metric, titles)
-
-
-def block_sums(maps: Iterable[ErrorMap]) -> Blocks:
-    """`statistics.cut` without the single pixels, which no comparison needs: little, however many maps."""
-    return cut(maps, pixels=False)
-
-
-def compare_sums(
-    blocks: Mapping[str, Blocks], reference: str, metric: str, titles: Mapping[str, str] | None = None
-) -> pd.DataFrame:
-    """As `compare`, from each method's `block_sums`."""
-    if metric not in RATIOS or METRICS[metric].better == "zero":
-        raise HandbenchError(f"comparison: '{metric}' cannot be compared; expected a mean or a share, as {HEADLINE}")
-    place = np.unique(np.concatenate([np.empty((0, 3), int), *(b.place for b in blocks.values())]), axis=0)
-    units = units_of(place)
-    sums = {method: b.at(place) for method, b in blocks.items()}
-    values = {m: float(figures({k: v.sum() for k, v in s.items()})[metric]) for m, s in sums.items()}
-    known = [method for method in blocks if np.isfinite(values[method])]
-    parts = {method: contributions(units, sums[method])[metric] for method in known}
-    pairs = [_ordered(pair, values, METRICS[metric].better) for pair in combinations(known, 2)]
-    differences = [abs(values[worse] - values[better]) for better, worse in pairs]
-    spreads = [spread(parts[worse] - parts[better], units.weights) for better, worse in pairs]
-    corrected = holm([p_value(difference, s) for difference, s in zip(differences, spreads, strict=True)])
+    """Every pair of methods by one metric, as `COMPARISONS`. figures: method → the metric of its captures [n], the same
+    ones in the same order. Methods without a figure are left out. Raises HandbenchError for different captures and for
+    metrics that have no direction."""
+    if len({len(values) for values in figures.values()}) > 1:
+        raise HandbenchError(
+            f"comparison: {', '.join(figures)} have unequal numbers of captures; expected the same ones"
+        )
+    if METRICS[metric].better == "zero":
+        raise HandbenchError(f"comparison: '{metric}' cannot be compared; expected one with a direction, as {HEADLINE}")
+    known = [method for method, values in figures.items() if np.isfinite(values).any()]
+    pairs = [_ordered(pair, figures, METRICS[metric].better) for pair in combinations(known, 2)]
+    tests = [paired(figures[better], figures[worse]) for better, worse in pairs]
+    signs = [-1 if METRICS[metric].better == "higher" else 1] * len(tests)
     lines = pd.DataFrame(pairs, columns=["better", "worse"]).assign(
-        metric=metric, unit=METRICS[metric].unit, reference=reference, sentence="", difference=differences
+        metric=metric, unit=METRICS[metric].unit, reference=reference, n_blocks=0, sentence=""
     )
-    reach = np.array([s.reach() if s else np.nan for s in spreads])
-    lines["low"], lines["high"] = lines.difference - reach, lines.difference + reach
-    lines["p_corrected"] = [p if s else np.nan for p, s in zip(corrected, spreads, strict=True)]
-    lines["effect"] = [_effect(difference, s) for difference, s in zip(differences, spreads, strict=True)]
-    lines["n_captures"], lines["n_blocks"] = len(np.unique(place[:, 0])), len(place)
-    names = {method: (titles or {}).get(method, method) for method in blocks}
+    lines["difference"] = [s * t.difference for s, t in zip(signs, tests, strict=True)]
+    ends = [sorted((s * t.low, s * t.high)) for s, t in zip(signs, tests, strict=True)]
+    lines["low"], lines["high"] = [low for low, _ in ends], [high for _, high in ends]
+    lines["p_corrected"] = corrected([t.p for t in tests])
+    lines["effect"] = [_effect(figures[better], figures[worse]) for better, worse in pairs]
+    lines["n_captures"] = [int(np.isfinite(figures[b] - figures[w]).sum()) for b, w in pairs]
+    names = {method: (titles or {}).get(method, method) for method in figures}
     lines["sentence"] = [_sentence(line, names) for line in lines.itertuples()]
     return conform(lines, COMPARISONS)
 
@@ -73,7 +110,7 @@ def _sentence(line: Any, names: Mapping[str, str]) -> str:
     better, worse, title = names[line.better], names[line.worse], METRICS[line.metric].title
     none = f"no difference shown between {better} and {worse} in {title}: "
     if np.isnan(line.low):
-        return f"{none}too few blocks to test"
+        return f"{none}{TOO_FEW} ({amount_text(line.difference, line.unit)} on these {line.n_captures})"
     amounts = amounts_text(line.difference, line.low, line.high, line.unit)
     if line.p_corrected < 1 - LEVEL:
         return f"{better} is better than {worse} by {amounts} ({title})"
@@ -82,36 +119,38 @@ def _sentence(line: Any, names: Mapping[str, str]) -> str:
 
 def amounts_text(difference: float, low: float, high: float, unit: str) -> str:
     """A difference ≥ 0 with its interval in words, to the digits that are worth telling."""
-    places = next((d for d, size in ((1, 1.0), (2, 0.1)) if round(difference, 9) >= size), 3)
-    unit = "percentage points" if unit == "%" else unit
-    return f"{difference:.{places}f} {unit} [{low:.{places}f}, {high:.{places}f}]".replace("-", "−")
+    places = _places(difference)
+    return f"{amount_text(difference, unit)} [{low:.{places}f}, {high:.{places}f}]".replace("-", "−")
 
 
-def _ordered(pair: tuple[str, str], values: Mapping[str, float], direction: str) -> tuple[str, str]:
-    """The better method first; the earlier one where they are equal."""
+def amount_text(difference: float, unit: str) -> str:
+    """A difference in words."""
+    return f"{difference:.{_places(difference)}f} {'percentage points' if unit == '%' else unit}".replace("-", "−")
+
+
+def _places(difference: float) -> int:
+    return next((d for d, size in ((1, 1.0), (2, 0.1)) if round(abs(difference), 9) >= size), 3)
+
+
+def _ordered(pair: tuple[str, str], figures: Mapping[str, np.ndarray], direction: str) -> tuple[str, str]:
+    """The better method first, on the captures that both have; the earlier one where they are equal."""
     first, second = pair
-    ahead = values[second] < values[first] if direction == "lower" else values[second] > values[first]
-    return (second, first) if ahead else pair
+    gained = np.nanmean(figures[second] - figures[first]) if np.isfinite(figures[second] - figures[first]).any() else 0
+    return (second, first) if (gained < 0 if direction == "lower" else gained > 0) else pair
 
 
-def p_value(difference: float, s: Spread | None) -> float:
-    """Two-sided p of no difference; 1 where there is nothing to test it with."""
-    if s is None or difference == 0:
-        return 1.0
-    if s.error == 0:
-        return 0.0
-    return float(2 * stdtr(s.freedom, -difference / s.error))
+def _effect(a: np.ndarray, b: np.ndarray) -> float | None:
+    """Cohen's dz: the mean difference over the standard deviation of the captures' differences."""
+    gained = (b - a)[np.isfinite(b - a)]
+    spread = deviation(gained) if len(gained) > 1 else 0.0
+    return abs(float(gained.mean())) / spread if spread else None
 
 
-def _effect(difference: float, s: Spread | None) -> float | None:
-    return difference / (s.error * np.sqrt(s.units)) if s and s.error else None
-
-
-def holm(p: Sequence[float]) -> list[float]:
+def corrected(p: Sequence[float]) -> list[float]:
     """p-values corrected for as many tests (Holm 1979): the k-th smallest of m times m − k + 1, never falling, at most
-    1."""
-    order = np.argsort(p, kind="stable")
-    factors = len(p) - np.arange(len(p))
-    corrected = np.empty(len(p))
-    corrected[order] = np.minimum(np.maximum.accumulate(np.asarray(p, float)[order] * factors), 1)
-    return corrected.tolist()
+    1; those that are not known stay so, and count for none."""
+    given = np.asarray(p, float)
+    found, known = given.copy(), np.flatnonzero(np.isfinite(given))
+    order = known[np.argsort(given[known], kind="stable")]
+    found[order] = np.minimum(np.maximum.accumulate(given[order] * (len(order) - np.arange(len(order)))), 1)
+    return found.tolist()

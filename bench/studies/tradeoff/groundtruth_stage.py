@@ -19,7 +19,6 @@ from bench.datasets.dataset import open_capture
 from bench.datasets.native import TRUE_TRANSFORM
 from bench.datasets.simulated import JPEG_QUALITY
 from bench.evaluation.metrics import pool
-from bench.evaluation.statistics.intervals import pooled_intervals
 from bench.results import Section, Setting
 from bench.results.error_map import ErrorMap
 from bench.studies.photogrammetry.score import GRID_M, radar_side
@@ -175,7 +174,6 @@ def _setting(about: Section, subject: Subject, made: tuple[int, int, str, Result
     return describe(
         title=title,
         error=figures["rmse_mm"],
-        interval=pooled_intervals([found]).get("rmse_mm"),
         seconds=[cost.seconds],
         peak_memory_mb=cost.peak_memory_mb,
         seen_percent=figures["completeness_percent"],

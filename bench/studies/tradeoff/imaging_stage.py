@@ -17,9 +17,9 @@ import pandas as pd
 import psutil
 
 from bench.datasets.dataset import open_capture
-from bench.evaluation.metrics import HEADLINE, METRICS, pool
+from bench.evaluation.metrics import HEADLINE, METRICS, averaged, of_captures
 from bench.evaluation.scoring_protocols import protocol
-from bench.evaluation.statistics.intervals import pooled_intervals
+from bench.evaluation.statistics.intervals import figure_interval
 from bench.results import Claim, Failure, Section, Setting, write_errors
 from bench.results.error_map import ErrorMap
 from bench.run.benchmark_file import MethodEntry
@@ -167,7 +167,8 @@ def _line(
     median of the whole. Of a round's plans, which captures may share or need one each, the longest counts."""
     rounds = frames[frames.capture.isin(names)].groupby("round")
     part = rounds[["seconds", "imaging_s", "terms", "tones"]].median()
-    figures, seconds, tones = pool(errors), float(part.seconds.median()), int(part.tones.max())
+    captures, seconds, tones = of_captures(errors), float(part.seconds.median()), int(part.tones.max())
+    figures = averaged(captures)
     imaging_s = min(float(part.imaging_s.median()), seconds)
     knobs = {"method": setting.method, **setting.varied, "every_nth_antenna": setting.every_nth_antenna, "tones": tones}
     return line(
@@ -176,7 +177,7 @@ def _line(
         setting.title,
         knobs,
         figures[HEADLINE],
-        pooled_intervals(errors, estimate=figures).get(HEADLINE),
+        figure_interval(HEADLINE, captures[HEADLINE].to_numpy()),
         part.seconds.to_list(),
         seconds_low=float(part.seconds.min()),
         seconds_high=float(part.seconds.max()),

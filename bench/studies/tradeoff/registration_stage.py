@@ -12,7 +12,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from bench.evaluation.statistics.intervals import Interval, spread
+from bench.evaluation.statistics.intervals import Interval, mean_interval
 from bench.results import Section, Setting
 from bench.scenes.build import build
 from bench.scenes.echoes import echoes
@@ -139,15 +139,9 @@ def _setting(about: Section, count: int, rigs: list[list[Combined]], acquisition
 
 
 def rms_interval_mm(square_m2: np.ndarray) -> Interval | None:
-    """95 % interval of a root mean square from the mean squares [n] of n independent rigs, m², by the jackknife on the
-    scale of its logarithm (bench.evaluation.statistics.intervals); None for fewer than two."""
-    n = len(square_m2)
-    if n < 2:
-        return None
-    rms_m, without_m = np.sqrt(square_m2.mean()), np.sqrt((square_m2.sum() - square_m2) / (n - 1))
-    found = spread((rms_m - without_m) * (1 - 1 / n), None)
-    factor = float(np.exp(min(found.reach() / rms_m, 700.0))) if found and rms_m else 1.0
-    return Interval(1e3 * float(rms_m) / factor, 1e3 * float(rms_m) * factor)
+    """95 % interval of a root mean square from the mean squares [n] of independent rigs, m²; None for too few."""
+    found = mean_interval(1e6 * square_m2)
+    return None if found is None else Interval(max(found.low, 0.0) ** 0.5, found.high**0.5)
 
 
 def _name(count: int) -> str:

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bench.evaluation.floor import budget, floor_interval, floor_mm
+from bench.evaluation.floor import BLOCK_M, budget, floor_interval, floor_mm
 from bench.evaluation.metrics import ErrorMap
 from bench.evaluation.rows import accuracy_rows
-from bench.evaluation.statistics.intervals import BLOCK_M
 from calibration.transforms import Transform, perturbation_jacobian
 from groundtruth.mesh.depth import Reference
 

@@ -12,10 +12,10 @@ from hypothesis.extra.numpy import arrays
 
 from bench.evaluation.depth_errors import deviation_map, error_map
 from bench.evaluation.metrics import (
+    AVERAGED,
     F_MM,
     METRICS,
     PAPER,
-    RATIOS,
     TERMS,
     TITLES,
     definitions,
@@ -170,7 +170,7 @@ def test_terms_are_finite_where_all_is_known():
     axis_m, z_m = 1e-3 * np.arange(30), plane_m()
     m = error_map(axis_m, axis_m, z_m, z_m, np.zeros_like(z_m), np.isfinite(z_m))
     assert set(terms(m)) == set(TERMS) and all(np.isfinite(values).all() for values in terms(m).values())
-    assert set(RATIOS) <= set(pool([m]))
+    assert set(AVERAGED) <= set(pool([m]))
     assert isinstance(m, ErrorMap)
 
 
@@ -245,7 +245,8 @@ def test_precision_needs_two_repeats_of_every_hand(hands):
 
 def test_every_figure_is_defined_with_its_unit():
     produced = set(score(surface_m(), surface_m())) | set(precision([]))
-    assert produced | {"seconds", "floor_mm", "pixel_precision_mm"} == set(METRICS)
+    pooled = {"pooled_mae_mm", "pooled_max_mm"}
+    assert produced | pooled | {"seconds", "floor_mm", "pixel_precision_mm"} == set(METRICS)
     suffixes = {"mm": "_mm", "%": "_percent", "s": "seconds", "pixels": "n_observed"}
     assert all(key.endswith(suffixes[metric.unit]) for key, metric in METRICS.items())
     assert "mm" in definitions(["mae_mm"])["mae_mm"]

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from bench.evaluation.depth_errors import error_map
-from bench.evaluation.metrics import METRICS, RATIOS
+from bench.evaluation.metrics import AVERAGED, METRICS
 from bench.evaluation.metrics import PAPER as PAPER_FIGURES
 from bench.evaluation.rows import accuracy_rows, precision_rows, time_rows
 from bench.evaluation.scoring_protocols import PAPER, PROTOCOLS, protocol
@@ -25,7 +25,7 @@ def test_says_what_it_is_and_knows_its_metrics(chosen):
     assert about["id"] == chosen.id and about["version"] == chosen.version >= 1
     assert {"accuracy", "mask", "reference", "metrics", "compared", "frame"} <= set(about)
     assert set(chosen.metrics) <= set(METRICS)
-    assert set(chosen.compared) <= set(RATIOS) & set(chosen.metrics)
+    assert set(chosen.compared) <= set(AVERAGED) & set(chosen.metrics)
     assert protocol(chosen.id) is chosen
 
 
