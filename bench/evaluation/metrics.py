@@ -136,7 +136,7 @@ def averaged(captures: pd.DataFrame) -> Values:
     table is; the pooled ones and the number of pixels of all captures together. A figure that has nothing to stand on
     is None."""
     pixels = captures.n_observed.sum()
-    values = captures.mean().to_dict() | {
+    values = {key: captures[key].mean() for key in captures.columns} | {
         "n_observed": pixels,
         "pooled_mae_mm": (captures.mae_mm * captures.n_observed).sum() / pixels if pixels else np.nan,
         "pooled_max_mm": captures.max_mm.max(),

@@ -153,7 +153,8 @@ def caption(result: Result) -> str:
     refined = result.about.facts.get("refined_transforms", {})
     warning = "".join(f" The transform of {name} was {reason}." for name, reason in refined.items())
     return (
-        f"Pixels pooled over the captures {captures}; in brackets the 95 % confidence interval; {floor}"
+        f"Each figure formed for each capture ({captures}) and then averaged, but for the pooled ones; in brackets the "
+        f"95 % confidence interval; {floor}"
         f"time per frame on the machine named in the result.{warning}"
     )
 

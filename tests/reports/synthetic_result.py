@@ -54,7 +54,7 @@ def known(z_m: np.ndarray, reference: str) -> Reference:
 
 def write_synthetic(
     folder: Path,
-    captures: tuple[str, ...] = ("B", "F", "U"),
+    captures: tuple[str, ...] = ("B", "F", "U", "V", "W"),
     methods: dict[str, tuple] = METHODS,
     references: tuple[str, ...] = results.REFERENCES,
     step_m: float = 2e-3,

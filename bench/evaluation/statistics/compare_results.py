@@ -152,7 +152,7 @@ def _precision(a: Result, b: Result, method: MethodFacts) -> list[dict[str, Any]
 def _line(
     method: MethodFacts,
     metric: str,
-    samples: Sequence[Sequence[Any]],
+    samples: Sequence[Any],
     values: Sequence[float | int | None],
     intervals: Sequence[Any],
     tested: Tested,

@@ -54,14 +54,14 @@ def _correlated_repeats() -> Seen:
 
 
 def _coverage() -> float:
-    """MAE of captures whose bias is normal, 0.7 mm, beside 0.5 mm of noise: skewed figures."""
+    """Mean absolute errors of captures whose bias is normal, 0.7 mm, beside 0.5 mm of noise: skewed figures."""
     rng, trials, noise, bias_mm = np.random.default_rng(0), 4000, 0.5, 0.7
 
-    def mae_mm(bias: np.ndarray) -> np.ndarray:  # of a folded normal
+    def folded_mm(bias: np.ndarray) -> np.ndarray:  # mean of |normal| about a bias
         return noise * np.sqrt(2 / np.pi) * np.exp(-(bias**2) / (2 * noise**2)) + bias * erf(bias / noise / sqrt(2))
 
     true_mm = np.hypot(noise, bias_mm) * sqrt(2 / np.pi)
-    found = [mean_interval(figures) for figures in mae_mm(bias_mm * rng.standard_normal((trials, 10)))]
+    found = [mean_interval(figures) for figures in folded_mm(bias_mm * rng.standard_normal((trials, 10)))]
     return abs(100 * sum(interval.low <= true_mm <= interval.high for interval in found if interval) / trials - 95)
 
 

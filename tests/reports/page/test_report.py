@@ -229,7 +229,7 @@ def test_the_distribution_of_errors_is_that_of_all_captures(result_folder):
     result = results.load(result_folder)
     axis = drawn(result_folder, "error_distribution").figure.axes[0]
     (line,) = (line for line in axis.lines if line.get_label() == "3-FSK")
-    error_m = np.concatenate([result.errors(c, "3fsk", "photogrammetry").error_m.ravel() for c in "BFU"])
+    error_m = np.concatenate([result.errors(c, "3fsk", "photogrammetry").error_m.ravel() for c in "BFUVW"])
     error_mm = 1e3 * np.abs(error_m[np.isfinite(error_m)])
     at = 200
     assert line.get_ydata()[at] == pytest.approx(100 * np.mean(error_mm <= line.get_xdata()[at]))
@@ -360,7 +360,7 @@ def test_effects_stability_and_failures_are_told(folder, tmp_path, undrawn):
 
 
 def test_settings_that_captures_share_are_told_once(tested):
-    config = {c: {"step_m": 0.001} for c in "BF"} | {"U": {"step_m": 0.002}}
+    config = {c: {"step_m": 0.001} for c in "BFVW"} | {"U": {"step_m": 0.002}}
     methods = tuple(m.model_copy(update={"config": config}) for m in tested.about.methods)
     result = replace(tested, about=tested.about.model_copy(update={"methods": methods}))
-    assert sections.settings(result)[0] == ("2-FSK", [("B, F", {"step_m": 0.001}), ("U", {"step_m": 0.002})])
+    assert sections.settings(result)[0] == ("2-FSK", [("B, F, V, W", {"step_m": 0.001}), ("U", {"step_m": 0.002})])
