@@ -86,8 +86,8 @@ def render(recorded: dict[str, Any]) -> str:
     sentences = "; ".join(map(escaped, recorded["sentences"]))
     return (
         "Against photogrammetry, as in the paper: each figure is formed for each pose and then averaged. In italics "
-        "the paper's figure; in brackets a 95 %\nconfidence interval, where there is one (of the precision: for further "
-        "repeats of these hands; three poses are too few to tell how others differ).\n"
+        "the paper's figure; in brackets a 95 %\nconfidence interval, where there is one (of the precision: for "
+        "further repeats of these hands; three poses are too few to tell how others differ).\n"
         f"{machine['cores']} cores of an {escaped(str(machine['processor']))}, {escaped(device)}.\n\n"
         + table(("", *METHODS.values()), lines)
         + (f"\nOn the pixels that each observes: {sentences}.\n" if sentences else "")

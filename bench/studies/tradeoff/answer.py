@@ -5,7 +5,7 @@ A map that shows twice as much of a hand is not beaten by a more accurate one of
 
 To take is the cheapest that is accurate enough, or the most accurate that is fast enough. A setting is held to the
 upper end of its error's interval, and to a tenth more than the slowest of its rounds, so that a later run of it, which
-is one more draw, keeps what this one promised.
+is one more draw, keeps what this one promised. Too few captures have no interval: the error is then that of these.
 """
 
 from __future__ import annotations
@@ -97,19 +97,20 @@ def answer(
     fit = [s for s in settings if _excess(s, max_error_mm, max_seconds) <= 1]
     if not fit:
         near = min(settings, key=lambda s: _excess(s, max_error_mm, max_seconds))
-        bound = f"up to {near.high:.3g} mm" if near.high is not None else "with no interval"
+        bound = f"up to {near.high:.3g} mm" if near.high is not None else "on these captures"
         raise HandbenchError(
             f"no setting has {asked}; the nearest, '{near.name}', has {near.error:.3g} mm ({bound}) in "
             f"{1e3 * near.seconds:.3g} ms (up to {1e3 * _slowest_s(near):.3g}): allow more, or sweep further"
         )
     cheapest = max_error_mm is not None
     chosen = min(fit, key=lambda s: (s.seconds, s.error) if cheapest else (s.error, s.seconds))
-    return Answer(chosen, f"{'the cheapest' if cheapest else 'the most accurate'} with {asked}")
+    few = " on these captures, too few to promise it for others" if cheapest and chosen.high is None else ""
+    return Answer(chosen, f"{'the cheapest' if cheapest else 'the most accurate'} with {asked}{few}")
 
 
 def _excess(setting: Setting, max_error_mm: float | None, max_seconds: float | None) -> float:
     """By what factor the setting goes beyond the limits at worst; at most 1: it keeps to them."""
-    error_mm = setting.high if setting.high is not None else float("inf")
+    error_mm = setting.error if setting.high is None else setting.high
     factors = [error_mm / max_error_mm] if max_error_mm is not None else []
     return max(factors + ([_slowest_s(setting) / max_seconds] if max_seconds is not None else []))
 

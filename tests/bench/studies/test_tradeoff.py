@@ -121,8 +121,10 @@ def test_no_answer_names_the_nearest(tmp_path):
     with pytest.raises(HandbenchError, match=r"MAE ≤ 0.1 mm; the nearest, 'slow', has 0.5 mm \(up to 0.6 mm\)"):
         answer(found, max_error_mm=0.1)
     unsure = folder_with([replace(SLOW, low=None, high=None)], tmp_path / "u")
-    with pytest.raises(HandbenchError, match="with no interval"):
-        answer(unsure, max_error_mm=10.0)
+    with pytest.raises(HandbenchError, match=r"0.5 mm \(on these captures\)"):
+        answer(unsure, max_error_mm=0.1)
+    assert answer(unsure, max_error_mm=0.5).asked.endswith("on these captures, too few to promise it for others")
+    assert "these captures" not in answer(found, max_error_mm=10.0).asked
 
 
 def test_the_acquisition_is_counted_when_asked_for(tmp_path):

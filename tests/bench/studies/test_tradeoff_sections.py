@@ -63,7 +63,7 @@ def test_a_ball_is_photographed_and_measured(ball, tmp_path):
     section, (setting,) = groundtruth_stage.measure(knobs, context(tmp_path, ball))
     assert setting.name == section.reference == "4-views-900-px-normal"
     assert json.loads(setting.knobs) == {"views": 4, "long_px": 900, "quality": "normal"}
-    assert 0.005 < setting.low < setting.error < setting.high < 1  # mm, at 0.5 mm a pixel
+    assert 0.005 < setting.error < 1 and setting.low is None  # mm, at 0.5 mm a pixel; one capture
     assert setting.seconds > 0 and setting.seconds_low is None
     assert 0 < setting.seen_percent < 100
     assert not any(tmp_path.iterdir())
