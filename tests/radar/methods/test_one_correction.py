@@ -108,5 +108,5 @@ def test_the_depths_bear_their_predicted_error_and_their_flags(found, id):
     assert on_target.any()
     assert (depth.sigma_m[on_target] > 0).all() and np.isnan(depth.sigma_m[~on_target]).all()
     assert depth.wrapped.shape == depth.z_m.shape and not depth.wrapped[~on_target].any()
-    # Between the points, where one correction leads, each blurs the other, and three tones disagree; none is in focus.
+    # One correction leads to between the points: both are out of focus there, and three tones disagree.
     assert depth.wrapped.any() == (id == "3fsk")
