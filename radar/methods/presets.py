@@ -23,11 +23,8 @@ def _preset(id: str, config: type[Config], summary: str, source: str = OURS, **d
     """Register a method by its configuration, with these defaults instead of the configuration's own; a variant's id
     begins with that of the method that it varies."""
     if defaults:
-        known = config.model_fields
-        fields: dict[str, Any] = {
-            name: (Annotated[type(value), *known[name].metadata, Field(description=known[name].description)], value)
-            for name, value in defaults.items()
-        }
+        known = config.model_fields  # whose limits hold on
+        fields: dict[str, Any] = {k: (Annotated[type(v), *known[k].metadata, Field()], v) for k, v in defaults.items()}
         config = create_model(config.__name__, __base__=config, **fields)
 
     @register(id, config, summary, source, base=id.rpartition("-")[0] or None)

@@ -38,7 +38,6 @@ from radar.methods.fsk_config import SETTLING
 
 PAPER_HZ = (82.0e9, 81.8e9, 79.5e9)
 CELL_M = 0.006  # resolution cell at 0.3 m
-WIDTH_M = 0.14  # of the aperture
 FINEST_HZ = {"2fsk": 0.2e9, "3fsk": 2.3e9, "3fsk-plus": 2.3e9, "nfsk": 9.8e9}
 NEAR_MM = 0.5
 OFFSETS_MM = (-1000, -700, -500, -400, -370, -300, -200, -100, -10, 10, 100, 200, 300, 370, 400, 500, 700, 1000)
@@ -47,7 +46,6 @@ BOUNDS = {
     "coarse_error": 1e3 * PERIOD_M / 2,
     "tones_meet": 2.0**-20,
     "first_depth": NEAR_MM,
-    "first_depth_settled": NEAR_MM,
     "at_the_edge": NEAR_MM,
     "outside": 1e3 * PERIOD_M / 2,
     "outside_the_box": 0.5 + 1e-6,
@@ -163,7 +161,7 @@ def _first_imaged(ids: tuple[str, ...], within: bool, nearest_m: float = 0.02, c
 
 
 def _first_depth() -> Seen:
-    return ((place, 1e3 * error.max()) for place, error, _ in _first_imaged(FSK, within=True, nearest_m=WIDTH_M))
+    return ((place, 1e3 * error.max()) for place, error, _ in _first_imaged(FSK, within=True, nearest_m=0.14))
 
 
 def _first_depth_settled() -> Seen:
