@@ -26,8 +26,6 @@ from radar.methods.confidence import Review
 from radar.methods.fsk_config import LadderConfig, RefinedConfig, ThreeToneConfig, TwoToneConfig, reach_hz
 from radar.methods.smoothing import bounding_box, masked_mean
 
-MAX_IMAGES = 6  # passes of the coarse stage; the paper's two suffice for a hand
-
 AnyConfig = TwoToneConfig | ThreeToneConfig | LadderConfig
 Step = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 
@@ -38,16 +36,16 @@ def fsk(
     """The paper's 2-FSK and 3-FSK, and the same with further tones. `review` hears of every look at the target and
     says with which depths [ny, nx] to go on; None: with those that the look tells."""
     tones, grid, review = Tones.of(capture, config, frame), config.grid(), review or (lambda look: look.z_m)
-    z_e, correction_m = config.first_depth_m, 0.0
-    for passes in range(MAX_IMAGES):
-        # Step 1: the plane z_e is imaged at f1 and f2.
+    # Step 1: the plane z_e is imaged at f1 and f2.
+    z_e = config.first_depth_m
+    plane = tones.first(2).plane(grid, z_e)
+    for done in range(config.corrections):
+        # Step 2: the phase at the strongest pixel corrects z_e, in the paper once, and the plane there is imaged.
+        [correction_m] = plane.only(np.array([plane.amplitude.argmax()])).correction_m
+        if done > 0 and abs(correction_m) < config.settled_m:
+            break
         z_e += correction_m
         plane = tones.first(2).plane(grid, z_e)
-        # Step 2: the phase at the strongest pixel corrects z_e. The paper does so once, which settles a target near the
-        # axis; one far off it takes a pass or two more.
-        [correction_m] = plane.only(np.array([plane.amplitude.argmax()])).correction_m
-        if passes > 0 and abs(correction_m) < config.settled_m:
-            break
     # Step 3: every pixel above the threshold takes the depth that its phase tells.
     look = plane.only(np.flatnonzero(amplitude_db(plane.amplitude) >= config.threshold_db))
     if isinstance(config, RefinedConfig):

@@ -13,6 +13,7 @@ from radar.data.grid import Axis, PixelGrid
 from radar.support.config import Config
 
 PAPER_LATERAL = Axis(start_m=-0.15, stop_m=0.15, step_m=0.001)
+SETTLING = 5  # corrections of z_e within which it settles, where it settles at all
 SIGMAS = 3  # a rung is out of reach when the last one's error, times this, exceeds its ambiguity
 
 
@@ -33,6 +34,7 @@ class FskConfig(Config):
     y: Axis = PAPER_LATERAL
     first_depth_m: float = Field(default=0.45, gt=0, description="z_e of the first images")
     threshold_db: float = Field(default=-10.0, lt=0, description="pixels weaker than this are off target")
+    corrections: int = Field(default=1, ge=1, description="times that z_e is corrected, at most (paper: once)")
     settled_m: float = Field(default=0.005, gt=0, description="z_e is corrected again while it moves by more than this")
     off_axis: bool = Field(default=False, description="use the path's true derivative along z instead of 2")
     tolerance: float | None = Field(default=1e-5, gt=0, lt=1, description="relative error of the images; null: exact")

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import create_model
+from pydantic import Field, create_model
 
 from radar.data.capture import RadarCapture
 from radar.methods.fsk import AnyConfig, n_tone
-from radar.methods.fsk_config import FskConfig, LadderConfig, ThreeToneConfig, TwoToneConfig
+from radar.methods.fsk_config import SETTLING, FskConfig, LadderConfig, ThreeToneConfig, TwoToneConfig
 from radar.methods.projection import BroadbandConfig, NarrowbandConfig, ProjectionConfig, project, volume
 from radar.methods.registry import PAPER, Reconstruction, register
 from radar.support.config import Config
@@ -23,7 +23,8 @@ def _preset(id: str, config: type[Config], summary: str, source: str = OURS, **d
     """Register a method by its configuration, with these defaults instead of the configuration's own; a variant's id
     begins with that of the method that it varies."""
     if defaults:
-        fields: dict[str, Any] = {name: (type(value), value) for name, value in defaults.items()}
+        known = config.model_fields  # whose limits hold on
+        fields: dict[str, Any] = {k: (Annotated[type(v), *known[k].metadata, Field()], v) for k, v in defaults.items()}
         config = create_model(config.__name__, __base__=config, **fields)
 
     @register(id, config, summary, source, base=id.rpartition("-")[0] or None)
@@ -39,6 +40,8 @@ _preset("3fsk", ThreeToneConfig, "2-FSK, then a third tone far away corrects eve
 _preset("broadband", BroadbandConfig, "backprojected volume of 128 tones, maximum intensity projection", PAPER)
 _preset("narrowband", NarrowbandConfig, "the same with the three 3-FSK tones", PAPER)
 
+_preset("2fsk-settled", TwoToneConfig, "2-FSK that corrects z_e until it stays", corrections=SETTLING)
+_preset("3fsk-settled", ThreeToneConfig, "3-FSK that corrects z_e until it stays", corrections=SETTLING)
 _preset("3fsk-offaxis", ThreeToneConfig, "3-FSK with the path's true derivative instead of 2", off_axis=True)
 _preset("3fsk-weighted", ThreeToneConfig, "3-FSK with filters that weigh pixels with their power", weighted=True)
 _preset("3fsk-plus", ThreeToneConfig, "both, refined twice, without what may have wrapped", **PLUS)

@@ -89,17 +89,12 @@ class Peaks:
     magnitude: np.ndarray
 
 
-def peaks_of(image: np.ndarray) -> Peaks:
-    """The peaks of a complex volume [nz, ny, nx]."""
-    return Peaks(*strongest_voxels(image))
-
-
 def maximum_projection(image: np.ndarray | Peaks, config: ProjectionConfig, method: str) -> DepthMap:
     """Maximum intensity projection along z of a volume [nz, ny, nx] or its peaks: each pixel takes the depth of its
     strongest voxel, whole voxels as in the paper or between them; pixels below the threshold are NaN. Flagged are the
     pixels whose strongest voxel is the first or the last: the echo may lie beyond."""
     grid = config.grid()
-    peaks = image if isinstance(image, Peaks) else peaks_of(image)
+    peaks = image if isinstance(image, Peaks) else Peaks(*strongest_voxels(image))
     db = amplitude_db(peaks.magnitude[1])
     z_m = grid.z_m[peaks.index]
     if config.subvoxel:

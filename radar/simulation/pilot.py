@@ -15,7 +15,7 @@ from radar.data.capture import RadarCapture
 from radar.data.grid import Axis
 from radar.imaging.api import image_points
 from radar.methods.fsk import two_tone
-from radar.methods.fsk_config import TwoToneConfig
+from radar.methods.fsk_config import SETTLING, TwoToneConfig
 from radar.methods.smoothing import masked_mean
 from radar.simulation.forward import Scatterers, simulate
 from radar.simulation.physics.coarse import visible_from
@@ -68,8 +68,9 @@ def _pixels(scene: EchoScene, samples: np.ndarray, tones_hz: np.ndarray) -> np.n
     step_m = np.sqrt(np.prod((high_m - low_m)[:2]) / POINTS)
     counts = np.ceil((high_m - low_m) / step_m)
     x, y = (Axis(start_m=low_m[i], stop_m=low_m[i] + step_m * counts[i], step_m=step_m) for i in (0, 1))
+    (f1_hz, f2_hz), first_m = tones_hz, (low_m + high_m)[2] / 2
     config = TwoToneConfig(
-        x=x, y=y, f1_hz=tones_hz[0], f2_hz=tones_hz[1], first_depth_m=(low_m + high_m)[2] / 2, tolerance=TOLERANCE
+        x=x, y=y, f1_hz=f1_hz, f2_hz=f2_hz, first_depth_m=first_m, corrections=SETTLING, tolerance=TOLERANCE
     )
     depth = two_tone(RadarCapture(samples[None], tones_hz, scene.array), config)
     z_m = masked_mean(depth.z_m, SMOOTH_PX)

@@ -34,6 +34,7 @@ from radar.data.grid import PixelGrid
 from radar.imaging.cpu.exact import tone_images
 from radar.methods.confidence import wrap_probability
 from radar.methods.fsk import depth_step_m
+from radar.methods.fsk_config import SETTLING
 
 PAPER_HZ = (82.0e9, 81.8e9, 79.5e9)
 CELL_M = 0.006  # resolution cell at 0.3 m
@@ -49,6 +50,7 @@ BOUNDS = {
     "outside": 1e3 * PERIOD_M / 2,
     "outside_the_box": 0.5 + 1e-6,
 }
+Pixels = Iterator[tuple[str, np.ndarray, np.ndarray]]
 
 
 def _across() -> Seen:
@@ -146,20 +148,24 @@ def _too_far() -> Works:
         yield f"{last_hz / 1e9:g} GHz", partial(depth_map, "nfsk", taken, tones_hz=[82e9, 81.8e9, last_hz])
 
 
-def _first_imaged(ids: tuple[str, ...], within: bool) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+def _first_imaged(ids: tuple[str, ...], within: bool, nearest_m: float = 0.02, corrections: int = 1) -> Pixels:
     """The place, errors [n] and flags [n] of the pixels of a point at 0.28 m and of one at 1.2 m, when the first image
-    lies some way off, within ±375 mm or beyond."""
+    lies some way off, within ±375 mm or beyond, and further than nearest_m away."""
     for id, z_m, offset_mm in product(ids, (0.28, 1.2), OFFSETS_MM):
         first_m = z_m + offset_mm / 1000
-        if first_m > 0.02 and (abs(offset_mm) < 375) == within:
-            depth = depth_map(id, recorded((0, 0, z_m), LADDER_HZ), first_depth_m=first_m)
+        if first_m > nearest_m and (abs(offset_mm) < 375) == within:
+            depth = depth_map(id, recorded((0, 0, z_m), LADDER_HZ), first_depth_m=first_m, corrections=corrections)
             on = np.isfinite(depth.z_m) | flags(depth)
             place = f"{id}, a point at {z_m:g} m first imaged at {first_m:.3g} m"
             yield place, np.abs(depth.z_m - z_m)[on], flags(depth)[on]
 
 
 def _first_depth() -> Seen:
-    return ((place, 1e3 * error.max()) for place, error, _ in _first_imaged(FSK, within=True))
+    return ((place, 1e3 * error.max()) for place, error, _ in _first_imaged(FSK, within=True, nearest_m=0.14))
+
+
+def _first_depth_settled() -> Seen:
+    return ((place, 1e3 * error.max()) for place, error, _ in _first_imaged(FSK, True, corrections=SETTLING))
 
 
 def _silent(ids: tuple[str, ...]) -> Seen:

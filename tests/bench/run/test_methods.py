@@ -5,13 +5,16 @@ import pytest
 
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
-from radar.methods.fsk_config import LadderConfig, ThreeToneConfig
+from radar.methods.fsk_config import SETTLING, LadderConfig, ThreeToneConfig
 from radar.methods.projection import BroadbandConfig
 from radar.methods.registry import PAPER, method, methods
 from radar.simulation.forward import Scatterers, simulate
+from radar.support.errors import HandbenchError
 
 PAPERS = ["2fsk", "3fsk", "broadband", "narrowband"]
 PRESETS = {  # improved method: the one it starts from, and what it changes
+    "2fsk-settled": ("2fsk", {"corrections": SETTLING}),
+    "3fsk-settled": ("3fsk", {"corrections": SETTLING}),
     "3fsk-offaxis": ("3fsk", {"off_axis": True}),
     "3fsk-weighted": ("3fsk", {"weighted": True}),
     "3fsk-plus": ("3fsk", {"off_axis": True, "weighted": True, "fine_refinements": 2, "drop_wrapped": True}),
@@ -42,6 +45,17 @@ def test_the_papers_methods_come_first_and_change_nothing():
 def test_a_preset_changes_what_it_says_and_nothing_else(name):
     base, changes = PRESETS[name]
     assert method(name).config().model_dump() == method(base).config().model_dump() | changes
+
+
+def test_fsk_corrects_the_plane_once_unless_its_name_says_otherwise():
+    once = {m.id: getattr(m.config(), "corrections", 1) == 1 for m in methods()}
+    assert [id for id in once if not once[id]] == ["2fsk-settled", "3fsk-settled"]
+
+
+@pytest.mark.parametrize("name", ["2fsk", "2fsk-settled", "3fsk-plus", "nfsk"])
+def test_a_plane_that_is_never_corrected_is_refused(name):
+    with pytest.raises(HandbenchError, match=r"corrections.*greater than or equal to 1"):
+        method(name).configure({"corrections": 0}, name)
 
 
 @pytest.mark.parametrize("name", [m.id for m in methods()])

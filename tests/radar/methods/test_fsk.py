@@ -9,7 +9,7 @@ from radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
 from radar.data.capture import RadarCapture
 from radar.imaging.cpu.exact import direct_sum
 from radar.methods.fsk import depth_step_m, three_tone, two_tone
-from radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
+from radar.methods.fsk_config import SETTLING, ThreeToneConfig, TwoToneConfig
 from radar.methods.smoothing import masked_mean
 from radar.simulation.effects.receiver import strongest_amplitude, thermal_noise
 from radar.simulation.forward import direct_echoes
@@ -34,7 +34,7 @@ def anywhere(edge_m=0.15):
 @examples(8)
 @given(point_m=anywhere())
 def test_3fsk_with_the_off_axis_term_finds_a_point_anywhere_within_a_tenth_of_a_millimetre(point_m):
-    config = ThreeToneConfig(off_axis=True, fine_filter_px=1)
+    config = ThreeToneConfig(off_axis=True, fine_filter_px=1, corrections=SETTLING)
     depth = three_tone(point_capture(point_m), config)
     assert abs(strongest_z_m(depth) - point_m[2]) < 1e-4
 
