@@ -111,7 +111,7 @@ def about(
 ) -> results.About:
     """Facts of the synthetic result."""
     scored = [results.CaptureFacts(name=c, pose=c, distance_m=0.29, references=references) for c in captures]
-    repeated = [results.CaptureFacts(name=f"hand{h}", kind="precision", distance_m=0.29) for h in range(3)]
+    repeated = [results.CaptureFacts(name=f"hand{h}", measures=("precision",), distance_m=0.29) for h in range(3)]
     return results.About(
         name="synthetic",
         protocol={"poses": list(captures), "repeats": 10, "threshold_db": {"fsk": -10, "broadband": -13}},

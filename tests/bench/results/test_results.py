@@ -51,7 +51,7 @@ def folder(tmp_path):
             machine={},
             captures=(
                 results.CaptureFacts(name="B", references=("truth",)),
-                results.CaptureFacts(name="hand1", kind="precision"),
+                results.CaptureFacts(name="hand1", measures=("precision",)),
             ),
             methods=(results.MethodFacts(name="3fsk", title="3-FSK", config={"filter_px": 3}),),
         ),
