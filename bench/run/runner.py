@@ -87,12 +87,9 @@ class Run:
         found = Outcome(self.bench, captures, self.tasks, self.failures, machines=self.machines)
         clouds = [plan.clouds(self.bench, target, self.work) for target in targets]
         stages = [] if not targets else [plan.calibration(targets, [dense for _, dense, _ in clouds], self.work)]
-        for capture in captures:
+        for capture in (c for c in captures if "accuracy" in c.measures):
             with failing(self.failures, capture.name, "photographs"):
-                if (
-                    "accuracy" in capture.measures
-                    and (meshed := plan.meshing(self.bench, capture, self.work)) is not None
-                ):
+                if (meshed := plan.meshing(self.bench, capture, self.work)) is not None:
                     clouds.append(meshed)
         stages += self.reconstructed(clouds, len(targets))
         for capture, entry in product(captures, self.bench.method):

@@ -1,7 +1,8 @@
 """The one fitted number: the phase noise at which 2-FSK has a given precision.
 
-The precision is that of the scenes that measure it, and of the benchmark's own repeats, draw for draw, so that its table shows the fitted value; --repeats
-takes more draws than the benchmark does and shows how far its few are from many.
+The precision is that of the scenes that measure it and of the benchmark's own repeats, draw for draw, so that its
+table shows the fitted value; --repeats takes more draws than the benchmark does and shows how far its few are from
+many.
 """
 
 from __future__ import annotations

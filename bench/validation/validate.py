@@ -93,10 +93,11 @@ def _folder(path: Path) -> Iterator[Problem]:
             yield Problem(folder / DESCRIPTION, None, text, warning=True)
 
 
-def _capture(path: Path) -> Found[Seen]:
-    """A capture of any form; of those that are not ours, what their adapters complain of."""
+def _capture(path: Path, scored: bool = True) -> Found[Seen]:
+    """A capture of any form; of those that are not ours, what their adapters complain of. scored: it needs a
+    reference."""
     if (path / ECHOES).exists() or (path / DESCRIPTION).exists():
-        return (yield from capture_problems(path))
+        return (yield from capture_problems(path, scored))
     capture = yield from attempt(path, lambda: open_capture(path))
     if capture is None:
         return Seen(None)
@@ -186,7 +187,8 @@ def _methods(found: Sheet) -> Found[dict[str, dict[str, Any]]]:
 
 def _source(found: Sheet, source: dict[str, Any], at: Location) -> Found[Seen | None]:
     """The scene or the capture that a benchmark names."""
-    for key, check in (("scene", _scene), ("path", _capture)):
+    folder = partial(_capture, scored="accuracy" in _measures(source))
+    for key, check in (("scene", _scene), ("path", folder)):
         name = source.get(key)
         if not isinstance(name, str):
             continue
@@ -199,7 +201,7 @@ def _source(found: Sheet, source: dict[str, Any], at: Location) -> Found[Seen | 
 
 
 def _measures(source: dict[str, Any]) -> Sequence[Any]:
-    """What a capture measures; where that is no list, which is a problem of its own, both."""
+    """The accuracy, the precision or both, as a capture says; both where it is no list, a problem of its own."""
     given = source.get("measures")
     return given if isinstance(given, list | tuple) else MEASURES
 

@@ -166,13 +166,11 @@ def captures(result: Result) -> Grid:
         (c.name, c.pose or NONE, ", ".join(c.measures), ", ".join(c.references) or NONE, number(c.distance_m, 3))
         for c in result.about.captures
     )
-    without = (
-        "; those of the precision alone are not scored and have no pictures"
-        if len(result.scored()) < len(result.about.captures)
-        else ""
-    )
+    told = "Captures"
+    if len(rows) > len(result.scored()):
+        told += "; those of the precision alone are not scored and have no pictures"
     headings = ("capture", "pose", "measures", "scored against", "distance (m)")
-    return Grid(f"Captures{without}", headings, rows, texts=4)
+    return Grid(told, headings, rows, texts=4)
 
 
 def settings(result: Result) -> list[tuple[str, list[tuple[str, Any]]]]:

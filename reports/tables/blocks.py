@@ -153,8 +153,8 @@ def caption(result: Result) -> str:
     refined = result.about.facts.get("refined_transforms", {})
     warning = "".join(f" The transform of {name} was {reason}." for name, reason in refined.items())
     return (
-        f"Pixels pooled over the captures {_named(scored)}; {precision}in brackets the 95 % confidence interval; {floor}"
-        f"time per frame on the machine named in the result.{warning}"
+        f"Pixels pooled over the captures {_named(scored)}; {precision}in brackets the 95 % confidence interval; "
+        f"{floor}time per frame on the machine named in the result.{warning}"
     )
 
 

@@ -73,6 +73,19 @@ def test_round_trip(folder):
     assert result.photo("B") is None
 
 
+def test_captures_of_earlier_results_measured_both(folder):
+    """They had no `measures`, but a `kind`, which was "accuracy" for all that runs wrote."""
+    about = read_json(folder / "result.json", "a result")
+    about["captures"] = [{"name": "B", "references": ["truth"], "kind": "accuracy"}, {"name": "C"}]
+    read = results.About.model_validate(about).captures
+    assert [capture.measures for capture in read] == [("accuracy", "precision")] * 2
+    about["captures"] = [{"name": "B", "references": ["truth"]}, {"name": "C", "kind": "precision"}]
+    write_json(folder / "result.json", about)
+    result = results.load(folder)
+    assert [capture.name for capture in result.scored()] == ["B"]
+    assert [capture.name for capture in result.repeated()] == ["B", "C"]
+
+
 def test_the_table_has_exactly_the_agreed_columns(folder):
     lines = (folder / "table.csv").read_text().splitlines()
     assert lines[0] == "metric,method,value,low,high,unit,paper,reference"
