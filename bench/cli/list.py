@@ -8,7 +8,8 @@ import json
 from bench.evaluation.metrics import definitions
 from bench.run.benchmark_file import EMBEDDED
 from bench.scenes.hand_pose import POSES
-from radar.methods.registry import BROKEN, methods
+from radar.methods import registry
+from radar.methods.registry import methods
 from radar.simulation.selection import EFFECTS
 from radar.support.closure import with_version
 
@@ -23,9 +24,9 @@ def run(options: argparse.Namespace) -> None:
             print(f"  {'':<18} plug-in: {with_version(method.distribution)}")
         for key, value in method.config().model_dump(mode="json").items():
             print(f"  {'':<18} {key} = {json.dumps(value)}")
-    if BROKEN:
+    if registry.BROKEN:
         print("plug-ins that could not be loaded")
-    for name, reason in BROKEN.items():
+    for name, reason in registry.BROKEN.items():
         print(f"  {name}: {reason}")
     print("metrics")
     for key, definition in definitions().items():
