@@ -115,7 +115,7 @@ class BenchFile(Config):
 
     @model_validator(mode="after")
     def _something_to_measure(self) -> BenchFile:
-        measures = [source.measures for source in (*self.capture, *(self.dataset or ()))]
+        measures = [source.measures for source in self.capture] + [found.measures for found in self.dataset or ()]
         if not any("accuracy" in measured for measured in measures):
             raise ValueError("no capture measures the accuracy, without which there is no table; add one that does")
         if ("precision",) in measures and not any(entry.precision for entry in self.method):

@@ -92,7 +92,7 @@ class Basis:
     captures: tuple[Capture, ...]
     methods: tuple[MethodEntry, ...]
     text: str
-    repeated: tuple[Capture, ...] = ()
+    repeated: tuple[Capture, ...]
 
     @property
     def all_captures(self) -> tuple[Capture, ...]:

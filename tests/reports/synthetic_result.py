@@ -110,7 +110,10 @@ def about(
     captures: tuple[str, ...], methods: dict[str, tuple], references: tuple[str, ...], budgets: dict[str, dict]
 ) -> results.About:
     """Facts of the synthetic result."""
-    scored = [results.CaptureFacts(name=c, pose=c, distance_m=0.29, references=references) for c in captures]
+    scored = [
+        results.CaptureFacts(name=c, measures=("accuracy",), pose=c, distance_m=0.29, references=references)
+        for c in captures
+    ]
     repeated = [results.CaptureFacts(name=f"hand{h}", measures=("precision",), distance_m=0.29) for h in range(3)]
     return results.About(
         name="synthetic",
