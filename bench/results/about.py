@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from radar.support.config import Config, ConfigT, Name, parse
 from radar.support.errors import HandbenchError
@@ -15,6 +15,8 @@ HEADLINE = "mae_mm"  # the metric that titles, pictures and fronts speak of
 HEADLINES = (HEADLINE, "floor_mm", "max_mm", "completeness_percent", "precision_mm", "seconds")  # read at a glance
 REFERENCES = ("photogrammetry", "truth")
 Reference = Literal["photogrammetry", "truth"]
+Measure = Literal["accuracy", "precision"]
+MEASURES: tuple[Measure, ...] = ("accuracy", "precision")
 
 
 class MetricFacts(Config):
@@ -27,15 +29,24 @@ class MetricFacts(Config):
 
 
 class CaptureFacts(Config):
-    """One capture: scored pixel by pixel against `references`, or repeated for the precision. effects: of a simulated
-    capture, the rows of its capture.toml: what its echoes show, and what that cost."""
+    """One capture. measures: the accuracy, scored pixel by pixel against `references`, the precision, by repeats, or
+    both; effects: of a simulated capture, the rows of its capture.toml: what its echoes show, and what that cost."""
 
     name: Name
-    kind: Literal["accuracy", "precision"] = "accuracy"
+    measures: tuple[Measure, ...] = MEASURES
     pose: str | None = None
     distance_m: float | None = None
     references: tuple[Reference, ...] = ()
     effects: tuple[dict[str, Any], ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_before(cls, given: Any) -> Any:
+        """Read what earlier versions wrote: a kind, "accuracy" for captures that measured both."""
+        if not isinstance(given, dict) or given.get("kind") not in MEASURES:
+            return given
+        rest = {key: value for key, value in given.items() if key != "kind"}
+        return rest if given["kind"] == "accuracy" else {"measures": ("precision",), **rest}
 
 
 class MethodFacts(Config):

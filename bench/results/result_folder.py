@@ -53,7 +53,11 @@ class Result:
 
     def scored(self) -> tuple[CaptureFacts, ...]:
         """The captures that are scored pixel by pixel."""
-        return tuple(c for c in self.about.captures if c.kind == "accuracy")
+        return tuple(c for c in self.about.captures if "accuracy" in c.measures)
+
+    def repeated(self) -> tuple[CaptureFacts, ...]:
+        """The captures that the precision stands on."""
+        return tuple(c for c in self.about.captures if "precision" in c.measures)
 
     def errors(self, capture: str, method: str, reference: str) -> ErrorMap:
         """Signed errors of one depth map."""

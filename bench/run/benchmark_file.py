@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from bench.datasets.dataset import AT_EMPTY_FILTERED, captures
+from bench.results.about import MEASURES, Measure
 from bench.run.sweep import Sweep, imaging_settings, known_configs
 from radar.methods.registry import method
 from radar.support.config import Config, Name, load, suggest
@@ -17,7 +18,16 @@ from radar.support.files import inside
 EMBEDDED = Path(__file__).parent / "benchmarks"
 
 
-class Source(Config):
+def _each_once(measures: tuple[Measure, ...]) -> tuple[Measure, ...]:
+    if len(set(measures)) < len(measures):
+        raise ValueError("names one twice; name each once")
+    return measures
+
+
+Measures = Annotated[tuple[Measure, ...], Field(min_length=1), AfterValidator(_each_once)]
+
+
+class Origin(Config):
     """A scene file to simulate or a capture folder, relative to the benchmark file. photos = false leaves out a scene's
     photographs."""
 
@@ -26,28 +36,38 @@ class Source(Config):
     photos: bool = True
 
     @model_validator(mode="after")
-    def _one_of_both(self) -> Source:
+    def _one_of_both(self) -> Origin:
         if (self.scene is None) == (self.path is None):
             raise ValueError('give either scene = "FILE.toml" or path = "CAPTURE_FOLDER"')
         return self
 
 
+class Source(Origin):
+    """A capture of the benchmark. measures: the accuracy, by its first frame against a reference; the precision, by the
+    benchmark's `repeats` frames, which needs no reference and no photographs."""
+
+    measures: Measures = MEASURES
+
+
 class DataSet(Config):
     """All captures below a folder, relative to the benchmark file, or those of some objects (ROOT/OBJECT) and distances
-    (ROOT/OBJECT/DISTANCE), in order; at most `limit`. empty_filtered: MAROON's frames without their empty room."""
+    (ROOT/OBJECT/DISTANCE), in order; at most `limit`. empty_filtered: MAROON's frames without their empty room;
+    measures: as each of a `Source`."""
 
     path: str
     objects: tuple[str, ...] = ()
     distances: tuple[int, ...] = ()
     limit: int | None = Field(default=None, ge=1)
     empty_filtered: bool = False
+    measures: Measures = MEASURES
 
     def sources(self, base: Path) -> tuple[Source, ...]:
         """Its captures, one by one; paths start from `base`."""
         root = inside(base, self.path, "dataset.path")
         folders = captures(root, self.objects, self.distances)[: self.limit]
         suffix = AT_EMPTY_FILTERED if self.empty_filtered else ""
-        return tuple(Source(path=f"{folder.relative_to(base.resolve()).as_posix()}{suffix}") for folder in folders)
+        paths = (f"{folder.relative_to(base.resolve()).as_posix()}{suffix}" for folder in folders)
+        return tuple(Source(path=path, measures=self.measures) for path in paths)
 
 
 class GroundTruth(Config):
@@ -76,7 +96,7 @@ class BenchFile(Config):
     phase_noise_rad: float | None = Field(default=None, ge=0, description="replaces the noise of every scene")
     protocol: Literal["paper", "maroon", "maroon-eroded"] = "paper"
     groundtruth: GroundTruth = GroundTruth()
-    calibration: tuple[Source, ...] = Field(default=(), description="captures of one target, combined")
+    calibration: tuple[Origin, ...] = Field(default=(), description="captures of one target, combined")
     dataset: tuple[DataSet, ...] | None = Field(default=None, description="their captures join those of `capture`")
     capture: tuple[Source, ...] = ()
     method: tuple[MethodEntry, ...] = Field(min_length=1)
@@ -91,6 +111,15 @@ class BenchFile(Config):
     def _something_to_run(self) -> BenchFile:
         if not self.capture and not self.dataset:
             raise ValueError("there is nothing to run; add [[capture]] or [[dataset]]")
+        return self
+
+    @model_validator(mode="after")
+    def _something_to_measure(self) -> BenchFile:
+        measures = [source.measures for source in self.capture] + [found.measures for found in self.dataset or ()]
+        if not any("accuracy" in measured for measured in measures):
+            raise ValueError("no capture measures the accuracy, without which there is no table; add one that does")
+        if ("precision",) in measures and not any(entry.precision for entry in self.method):
+            raise ValueError("a capture measures the precision alone, but no method has precision = true")
         return self
 
     @model_validator(mode="after")

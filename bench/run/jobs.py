@@ -10,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.datasets.dataset import open_capture
-from bench.run.benchmark_file import BenchFile, MethodEntry, Source
+from bench.run.benchmark_file import BenchFile, MethodEntry, Origin
 from bench.run.outcome import Capture
 from bench.run.photogrammetry import photographs
 from bench.run.reconstruct_stage import configuration
@@ -30,8 +30,9 @@ from radar.support.store import Stage, stage
 Clouds = tuple[Stage, Stage, Stage]  # sparse, dense and mesh of one capture's photographs
 
 
-def opening(bench: BenchFile, base: Path, source: Source, frames: int) -> Stage:
-    """To hash a capture folder as it lies, or to simulate a scene into one; paths start from `base`."""
+def opening(bench: BenchFile, base: Path, source: Origin, frames: int, photos: bool = True) -> Stage:
+    """To hash a capture folder as it lies, or to simulate a scene into one; paths start from `base`. photos: whether
+    anything needs the scene's photographs."""
     if source.path is not None:
         folder = inside(base, source.path, "capture.path")
         return Stage(HASH, open_capture(folder).about.name, arguments={"folder": str(folder), "frames": frames})
@@ -39,7 +40,7 @@ def opening(bench: BenchFile, base: Path, source: Source, frames: int) -> Stage:
     scene = load(SceneFile, path, "a scene description")
     if bench.phase_noise_rad is not None:
         scene = scene.model_copy(update={"noise": Noise(phase_noise_rad=bench.phase_noise_rad)})
-    if not source.photos:
+    if not (photos and source.photos):
         scene = scene.model_copy(update={"photos": None})
     given = {"scene": scene.model_dump(mode="json"), "base": str(path.parent), "frames": frames}
     depends_on = [given["scene"], frames, *named_files(scene, path.parent)]
@@ -70,7 +71,8 @@ def meshing(bench: BenchFile, capture: Capture, work: Path) -> Clouds | None:
 
 
 def imaging(bench: BenchFile, capture: Capture, entry: MethodEntry) -> list[Stage]:
-    """To image the capture by one method and, where asked for, its repeats."""
+    """To image the capture by one method: for the accuracy once, for the precision, where the method has one, all
+    repeats."""
     given = {
         "capture": str(capture.folder),
         "method": entry.id,
@@ -79,9 +81,10 @@ def imaging(bench: BenchFile, capture: Capture, entry: MethodEntry) -> list[Stag
         "every_nth_antenna": entry.every_nth_antenna,
     }
     depends_on = [capture.key, given["config"], given["device"], entry.every_nth_antenna]
-    about, frames = (capture.name, entry.id, method_key(entry.id)), bench.repeats
-    found = [stage("reconstruct", "bench.run.reconstruct_stage:reconstruct", depends_on, given, *about)]
-    if entry.precision:
+    about, frames, found = (capture.name, entry.id, method_key(entry.id)), bench.repeats, []
+    if "accuracy" in capture.measures:
+        found.append(stage("reconstruct", "bench.run.reconstruct_stage:reconstruct", depends_on, given, *about))
+    if "precision" in capture.measures and entry.precision:
         given, depends_on = {**given, "frames": frames}, [*depends_on, frames]
         found.append(stage("repeat", "bench.run.repeat_stage:repeat", depends_on, given, *about))
     return found

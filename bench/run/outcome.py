@@ -22,6 +22,7 @@ from bench.evaluation.scoring_protocols import protocol
 from bench.evaluation.statistics.intervals import note
 from bench.evaluation.statistics.paired import compare
 from bench.results import REFERENCES, About, CaptureFacts, Failure, MethodFacts, Surface
+from bench.results.about import MEASURES, Measure
 from bench.results.error_map import ErrorMap
 from bench.results.tables import COMPARISONS, REPEATS, TABLE, TASKS, frame
 from bench.run.benchmark_file import BenchFile, MethodEntry
@@ -44,11 +45,12 @@ FILES = ("result.json", "config.toml", "errors", "depth", "photos", *(f"{name}.c
 
 @dataclass
 class Capture:
-    """A capture of the run: its folder, the hash that stands for its content, its description."""
+    """A capture of the run: its folder, the hash that stands for its content, its description, what it measures."""
 
     folder: Path
     key: str
     about: CaptureFile
+    measures: tuple[Measure, ...] = MEASURES
 
     @property
     def name(self) -> str:
@@ -84,11 +86,18 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Basis:
-    """The captures and methods that a table stands on: every method on the same captures."""
+    """The captures and methods that a table stands on: every method on the same captures. repeated: those of the
+    precision."""
 
     captures: tuple[Capture, ...]
     methods: tuple[MethodEntry, ...]
     text: str
+    repeated: tuple[Capture, ...]
+
+    @property
+    def all_captures(self) -> tuple[Capture, ...]:
+        """Those of the accuracy, then those of the precision alone."""
+        return (*self.captures, *(capture for capture in self.repeated if capture not in self.captures))
 
 
 @contextmanager
@@ -103,29 +112,50 @@ def failing(failures: list[Failure], capture: str, stage: str, method: str = "")
 
 
 def basis(outcome: Outcome) -> Basis:
-    """The captures that all methods have finished, every stage of them. A method that finished fewer than half as many
-    as the best one is left out, for it would take the others' captures away; so is the weakest while no capture is
-    common to all. Nothing left is a HandbenchError."""
-    lost = {(failure.capture, failure.method) for failure in outcome.failures}
-    finished = {
-        entry.id: {c.name for c in outcome.captures if not lost & {(c.name, ""), (c.name, entry.id)}}
-        for entry in outcome.bench.method
-    }
-    most = max(map(len, finished.values()))
-    kept = [id for id, names in finished.items() if 2 * len(names) >= most > 0]
-    while kept and not set.intersection(*(finished[id] for id in kept)):
-        kept.remove(min(reversed(kept), key=lambda id: len(finished[id])))
+    """The captures of the accuracy that all methods have finished, every stage of them. A method that finished fewer
+    than half as many as the best one is left out, for it would take the others' captures away; so is the weakest while
+    no capture is common to all. Nothing left is a HandbenchError. The precision stands on those of these captures that
+    measure it, and on the captures of the precision alone that all methods with a precision have finished; of these a
+    method may be left out in the same way, and then has no precision."""
+    scored = _finished(outcome, [c for c in outcome.captures if "accuracy" in c.measures], outcome.bench.method)
+    kept, common = _shared(scored)
     if not kept:
         raise HandbenchError(f"every capture failed; the first: {outcome.failures[0].message}")
-    common = set.intersection(*(finished[id] for id in kept))
-    total = len(outcome.bench.capture)
-    text = f"{len(common)} of {total} captures: those that every method of the table finished"
-    without = [f"{id} ({len(names)} of {total})" for id, names in finished.items() if id not in kept]
+    sources = outcome.bench.capture
+    alone = [capture for capture in outcome.captures if capture.measures == ("precision",)]
+    precise = [entry for entry in outcome.bench.method if entry.id in kept and entry.precision]
+    repeated = _finished(outcome, alone, precise)
+    steady, also = _shared(repeated)
+    text = _stands_on(scored, kept, common, sum("accuracy" in source.measures for source in sources))
+    if precise and (total := sum(source.measures == ("precision",) for source in sources)):
+        text += f"; the precision alone: {_stands_on(repeated, steady, also, total)}"
     return Basis(
         tuple(capture for capture in outcome.captures if capture.name in common),
         tuple(entry for entry in outcome.bench.method if entry.id in kept),
-        text + (f"; methods left out, with the captures that they finished: {', '.join(without)}" if without else ""),
+        text,
+        tuple(c for c in outcome.captures if c.name in common | also and "precision" in c.measures),
     )
+
+
+def _finished(outcome: Outcome, captures: list[Capture], methods: Sequence[MethodEntry]) -> dict[str, set[str]]:
+    """Method → names of the captures of which it finished every stage."""
+    lost = {(failure.capture, failure.method) for failure in outcome.failures}
+    return {entry.id: {c.name for c in captures if not lost & {(c.name, ""), (c.name, entry.id)}} for entry in methods}
+
+
+def _shared(finished: dict[str, set[str]]) -> tuple[list[str], set[str]]:
+    """The methods that are kept, and the captures that all of them have finished."""
+    most = max(map(len, finished.values()), default=0)
+    kept = [id for id, names in finished.items() if 2 * len(names) >= most > 0]
+    while kept and not set.intersection(*(finished[id] for id in kept)):
+        kept.remove(min(reversed(kept), key=lambda id: len(finished[id])))
+    return kept, set.intersection(*(finished[id] for id in kept)) if kept else set()
+
+
+def _stands_on(finished: dict[str, set[str]], kept: list[str], common: set[str], total: int) -> str:
+    text = f"{len(common)} of {total} captures: those that every method of the table finished"
+    without = [f"{id} ({len(names)} of {total})" for id, names in finished.items() if id not in kept]
+    return text + (f"; methods left out, with the captures that they finished: {', '.join(without)}" if without else "")
 
 
 def write(folder: Path, outcome: Outcome, config: str) -> None:
@@ -148,7 +178,7 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
         if capture.name in outcome.views:
             results.write_photo(folder, capture.name, outcome.views[capture.name])
     results.write_config(folder, config)
-    names, methods = [capture.name for capture in on.captures], [entry.id for entry in on.methods]
+    names, methods = [capture.name for capture in on.repeated], [entry.id for entry in on.methods]
     repeats = repeated(outcome)
     repeats = repeats[repeats.capture.isin(names) & repeats.method.isin(methods)]
     tasks = frame(TASKS, outcome.tasks)
@@ -194,7 +224,7 @@ def tabulate(outcome: Outcome, on: Basis) -> pd.DataFrame:
     """The result's `TABLE`, one block per reference."""
     rows, repeats = [frame(TABLE)], repeated(outcome)
     seed, chosen = outcome.bench.seed, protocol(outcome.bench.protocol)
-    names = [capture.name for capture in on.captures]
+    names, precise = [capture.name for capture in on.captures], [capture.name for capture in on.repeated]
     for reference in REFERENCES:
         for entry in on.methods:
             scored = [name for name in names if reference in outcome.references[name]]
@@ -203,11 +233,11 @@ def tabulate(outcome: Outcome, on: Basis) -> pd.DataFrame:
             about_maps = outcome, scored, entry.id, reference
             maps, found = errors(*about_maps), surfaces(*about_maps)
             rows.append(accuracy_rows(entry.id, reference, maps, seed, found, chosen))
-            if entry.precision and "precision_mm" in chosen.metrics:
-                several = [name for name in names if (name, entry.id) in outcome.deviations]
+            if entry.precision and precise and "precision_mm" in chosen.metrics:
+                several = [name for name in precise if (name, entry.id) in outcome.deviations]
                 deviations = _deviations(outcome, several, entry.id) if several else None
-                rows.append(precision_rows(entry.id, reference, _strongest(repeats, names, entry.id), deviations))
-            seconds = [s for name in names for s in outcome.seconds[name, entry.id]]
+                rows.append(precision_rows(entry.id, reference, _strongest(repeats, precise, entry.id), deviations))
+            seconds = [s for capture in on.all_captures for s in outcome.seconds.get((capture.name, entry.id), [])]
             rows.append(time_rows(entry.id, reference, seconds, seed))
     return pd.concat(rows)
 
@@ -245,18 +275,23 @@ def about(outcome: Outcome, on: Basis) -> About:
         captures=tuple(
             CaptureFacts(
                 name=capture.name,
+                measures=capture.measures,
                 pose=capture.about.pose,
                 distance_m=capture.about.distance_m,
-                references=tuple(outcome.references[capture.name]),
+                references=tuple(outcome.references.get(capture.name, ())),
                 effects=tuple(choice.model_dump(mode="json") for choice in capture.about.effects),
             )
-            for capture in on.captures
+            for capture in on.all_captures
         ),
         methods=tuple(
             MethodFacts(
                 name=entry.id,
                 title=TITLES.get(entry.id, entry.id),
-                config={c.name: outcome.configs[c.name, entry.id] for c in on.captures},
+                config={
+                    c.name: outcome.configs[c.name, entry.id]
+                    for c in on.all_captures
+                    if (c.name, entry.id) in outcome.configs
+                },
             )
             for entry in on.methods
         ),

@@ -20,7 +20,7 @@ from bench.datasets.native import TRUE_TRANSFORM
 from bench.results import REFERENCES, Failure
 from bench.run import jobs as plan
 from bench.run import outcome
-from bench.run.benchmark_file import BenchFile
+from bench.run.benchmark_file import BenchFile, Origin, Source
 from bench.run.calibrate_stage import REGISTRATION
 from bench.run.executors import Executor, executor
 from bench.run.outcome import Capture, Outcome, failing
@@ -87,7 +87,7 @@ class Run:
         found = Outcome(self.bench, captures, self.tasks, self.failures, machines=self.machines)
         clouds = [plan.clouds(self.bench, target, self.work) for target in targets]
         stages = [] if not targets else [plan.calibration(targets, [dense for _, dense, _ in clouds], self.work)]
-        for capture in captures:
+        for capture in (c for c in captures if "accuracy" in c.measures):
             with failing(self.failures, capture.name, "photographs"):
                 if (meshed := plan.meshing(self.bench, capture, self.work)) is not None:
                     clouds.append(meshed)
@@ -122,7 +122,7 @@ class Run:
         """The last round: the captures that have a reference and a depth map; meshes: folders of those that were
         made."""
         without, stages = {failure.capture for failure in self.failures if not failure.method}, []
-        for capture in (c for c in found.captures if c.name not in without):
+        for capture in (c for c in found.captures if "accuracy" in c.measures and c.name not in without):
             name = capture.name
             with failing(self.failures, name, "references"):
                 found.references[name] = references(capture, registration, meshes.get(name), found)
@@ -156,22 +156,28 @@ class Run:
     def open(self) -> tuple[list[Capture], list[Capture]]:
         """The first round: those of the benchmark's captures that can be opened, and all of the calibration's."""
         repeats = self.bench.repeats if any(entry.precision for entry in self.bench.method) else 1
-        stages = []
+        opening: list[tuple[Origin, Stage]] = []
         for source in self.bench.capture:
             with failing(self.failures, source.scene or source.path or "", "open"):
-                stages.append(plan.opening(self.bench, self.base, source, repeats))
-        _check_names([stage.capture for stage in stages])
-        count = len(stages)
-        stages += [plan.opening(self.bench, self.base, source, frames=1) for source in self.bench.calibration]
-        captures, targets = [], []
-        for number, (stage, done) in enumerate(zip(stages, self.perform(stages), strict=True)):
-            target = number >= count
+                frames = repeats if "precision" in source.measures else 1
+                stage = plan.opening(self.bench, self.base, source, frames, photos="accuracy" in source.measures)
+                opening.append((source, stage))
+        _check_names([stage.capture for _, stage in opening])
+        for target in self.bench.calibration:
+            opening.append((target, plan.opening(self.bench, self.base, target, frames=1)))
+        captures: list[Capture] = []
+        targets: list[Capture] = []
+        for (origin, stage), done in zip(opening, self.perform([stage for _, stage in opening]), strict=True):
             if done.failure is not None:
-                if target:
+                if not isinstance(origin, Source):
                     raise HandbenchError(f"calibration: {done.failure}")
                 continue
             folder = Path(stage.arguments["folder"]) if stage.name == HASH else stage.folder(self.work) / CAPTURE
-            (targets if target else captures).append(Capture(folder, done.key, open_capture(folder).about))
+            about = open_capture(folder).about
+            if isinstance(origin, Source):
+                captures.append(Capture(folder, done.key, about, origin.measures))
+            else:
+                targets.append(Capture(folder, done.key, about))
         return captures, targets
 
     def registration(self, stage: Stage, done: Done, targets: list[Capture], found: Outcome) -> Transform:

@@ -1,7 +1,8 @@
 """The one fitted number: the phase noise at which 2-FSK has a given precision.
 
-The precision is that of the benchmark's own repeats, draw for draw, so that its table shows the fitted value; --repeats
-takes more draws than the benchmark does and shows how far its few are from many.
+The precision is that of the scenes that measure it and of the benchmark's own repeats, draw for draw, so that its
+table shows the fitted value; --repeats takes more draws than the benchmark does and shows how far its few are from
+many.
 """
 
 from __future__ import annotations
@@ -20,16 +21,18 @@ from bench.scenes.scene_file import SceneFile, Sensor
 from bench.studies.columns import Record, rows
 from bench.studies.study import Study
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.methods.fsk import TwoToneConfig, two_tone
+from radar.methods.fsk import two_tone
+from radar.methods.fsk_config import TwoToneConfig
 from radar.simulation.causes import Noise
 from radar.support.config import load
+from radar.support.errors import HandbenchError
 from radar.support.progress import track
 
 STEPS = 3  # of the fixed-point iteration: precision is nearly proportional to the noise
 
 
 def study(work: Path, benchmark: str, precision_mm: float, repeats: int | None) -> Study:
-    """The fixed-point iteration over a benchmark's scenes: one case, a record a step."""
+    """The fixed-point iteration over a benchmark's scenes of the precision: one case, a record a step."""
     return Study(
         "noise-fit",
         f"Phase noise at which 2-FSK has a precision of {precision_mm:g} mm",
@@ -40,10 +43,14 @@ def study(work: Path, benchmark: str, precision_mm: float, repeats: int | None) 
 
 
 def fit(benchmark: str, wanted_mm: float, repeats: int | None) -> list[Record]:
-    """The steps, each with the precision that it has, and last the fitted noise."""
+    """The steps, each with the precision that it has, and last the fitted noise. A benchmark of which no scene measures
+    the precision is a HandbenchError."""
     config = TwoToneConfig()
     bench, base = load_benchmark(benchmark)
-    scenes = [_two_tone_scene(base / str(source.scene), base, config) for source in bench.capture]
+    files = [base / source.scene for source in bench.capture if source.scene and "precision" in source.measures]
+    if not files:
+        raise HandbenchError(f"{benchmark}: no scene measures the precision, to which the noise is fitted; add one")
+    scenes = [_two_tone_scene(file, base, config) for file in files]
     phase_noise_rad = 4 * np.pi * abs(config.f1_hz - config.f2_hz) / SPEED_OF_LIGHT_M_S * 1e-3 * wanted_mm
     found = []
     for step in track(["closed form", *map(str, range(2, STEPS + 1))], "noise fit"):

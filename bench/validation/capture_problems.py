@@ -76,8 +76,9 @@ class Seen:
         return None
 
 
-def capture_problems(folder: Path) -> Found[Seen]:
-    """All problems of a capture folder; what is missing is one only where something needs it."""
+def capture_problems(folder: Path, scored: bool = True) -> Found[Seen]:
+    """All problems of a capture folder; what is missing is one only where something needs it. scored: whether a
+    reference is needed."""
     found, about = yield from parsed(CaptureFile, folder / "capture.toml", "a capture description")
     if isinstance(found.values, dict):
         yield from _described(folder, found)
@@ -97,7 +98,7 @@ def capture_problems(folder: Path) -> Found[Seen]:
     if kind == "target" and TARGET in lacks:
         yield Problem(folder, None, f"is a target's capture without {TARGET}; copy the target's description here")
     measured = any((folder / name).exists() for name in (MESH, PHOTOS))
-    if kind != "target" and not measured and TRUTH not in surfaces:
+    if scored and kind != "target" and not measured and TRUTH not in surfaces:
         yield Problem(folder, None, f"nothing to score against; add {PHOTOS}, {MESH} or {TRUTH}")
     true, carried = TRUTH in surfaces, measured and (folder / TRANSFORM).exists()
     return Seen.of(about, echoes, (true or carried, true or measured), lacks)

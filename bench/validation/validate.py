@@ -9,6 +9,7 @@ from typing import Any
 
 from bench.datasets.dataset import AT_EMPTY_FILTERED, captures, open_capture
 from bench.datasets.native import DESCRIPTION, ECHOES, TARGET, TRANSFORM
+from bench.results.about import MEASURES
 from bench.run.benchmark_file import BenchFile, DataSet, find_benchmark
 from bench.scenes.scene_file import BUILT_IN_ARRAY, SceneFile
 from bench.validation.capture_problems import Seen, capture_problems, method_problems
@@ -92,10 +93,11 @@ def _folder(path: Path) -> Iterator[Problem]:
             yield Problem(folder / DESCRIPTION, None, text, warning=True)
 
 
-def _capture(path: Path) -> Found[Seen]:
-    """A capture of any form; of those that are not ours, what their adapters complain of."""
+def _capture(path: Path, scored: bool = True) -> Found[Seen]:
+    """A capture of any form; of those that are not ours, what their adapters complain of. scored: it needs a
+    reference."""
     if (path / ECHOES).exists() or (path / DESCRIPTION).exists():
-        return (yield from capture_problems(path))
+        return (yield from capture_problems(path, scored))
     capture = yield from attempt(path, lambda: open_capture(path))
     if capture is None:
         return Seen(None)
@@ -155,10 +157,10 @@ def _benchmark(found: Sheet) -> Iterator[Problem]:
             text = f"capture '{seen.name}' in {here} is named as the one in {names[seen.name]}; give one another name"
             yield found.problem(at, text)
         names.setdefault(seen.name, here)
-        if not seen.scored[calibrated]:
+        if "accuracy" in _measures(source) and not seen.scored[calibrated]:
             text = f"capture '{seen.name}': nothing carries its surface into the radar frame"
             yield found.problem(at, f"{text}; add {TRANSFORM} to it, or [calibration] to the benchmark")
-        yield from _imaged(found, seen, at, configs)
+        yield from _imaged(found, seen, at, configs, _measures(source))
 
 
 def _tables(found: Sheet, key: str) -> Iterator[tuple[Location, dict[str, Any]]]:
@@ -185,7 +187,8 @@ def _methods(found: Sheet) -> Found[dict[str, dict[str, Any]]]:
 
 def _source(found: Sheet, source: dict[str, Any], at: Location) -> Found[Seen | None]:
     """The scene or the capture that a benchmark names."""
-    for key, check in (("scene", _scene), ("path", _capture)):
+    folder = partial(_capture, scored="accuracy" in _measures(source))
+    for key, check in (("scene", _scene), ("path", folder)):
         name = source.get(key)
         if not isinstance(name, str):
             continue
@@ -197,12 +200,23 @@ def _source(found: Sheet, source: dict[str, Any], at: Location) -> Found[Seen | 
     return None
 
 
-def _imaged(found: Sheet, seen: Seen, at: Location, entries: dict[str, dict[str, Any]]) -> Iterator[Problem]:
+def _measures(source: dict[str, Any]) -> Sequence[Any]:
+    """The accuracy, the precision or both, as a capture says; both where it is no list, a problem of its own."""
+    given = source.get("measures")
+    return given if isinstance(given, list | tuple) else MEASURES
+
+
+def _imaged(
+    found: Sheet, seen: Seen, at: Location, entries: dict[str, dict[str, Any]], measures: Sequence[Any]
+) -> Iterator[Problem]:
     """Problems of captures that lack the tones or the frames that a method takes."""
     repeats = found.values.get("repeats", BenchFile.model_fields["repeats"].default)
     frames = repeats if seen.frames is None else seen.frames
     for id, entry in entries.items():
-        if entry.get("precision") is True and isinstance(repeats, int) and frames < repeats:
+        repeated = "precision" in measures and entry.get("precision") is True
+        if not repeated and "accuracy" not in measures:
+            continue
+        if repeated and isinstance(repeats, int) and frames < repeats:
             text = f"capture '{seen.name}' has {frames} frames, but the precision of '{id}' takes repeats = {repeats}"
             yield found.problem(at, f"{text}; record more, or ask for fewer")
         problem = seen.problem_of(method(id), entry.get("config", {}))

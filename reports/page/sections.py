@@ -69,7 +69,7 @@ def stage_times(result: Result) -> Grid:
 def effects(result: Result) -> Grid | None:
     """Effects that the scenes called for: each effect's rows over the captures that tell them; None where none does."""
     told: dict[str, list[dict[str, Any]]] = {}
-    for row in (row for capture in result.scored() for row in capture.effects):
+    for row in (row for capture in result.about.captures for row in capture.effects):
         told.setdefault(str(row.get("effect", "")), []).append(row)
     rows = []
     for name, found in told.items():
@@ -161,12 +161,16 @@ def provenance(result: Result) -> list[tuple[str, Any]]:
 
 
 def captures(result: Result) -> Grid:
-    """The captures."""
+    """The captures, and what each measures."""
     rows = tuple(
-        (c.name, c.pose or NONE, c.kind, ", ".join(c.references) or NONE, number(c.distance_m, 3))
+        (c.name, c.pose or NONE, ", ".join(c.measures), ", ".join(c.references) or NONE, number(c.distance_m, 3))
         for c in result.about.captures
     )
-    return Grid("Captures", ("capture", "pose", "use", "scored against", "distance (m)"), rows, texts=4)
+    told = "Captures"
+    if len(rows) > len(result.scored()):
+        told += "; those of the precision alone are not scored and have no pictures"
+    headings = ("capture", "pose", "measures", "scored against", "distance (m)")
+    return Grid(told, headings, rows, texts=4)
 
 
 def settings(result: Result) -> list[tuple[str, list[tuple[str, Any]]]]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeGuard
 
 import pandas as pd
 
-from bench.results import HEADLINE, REFERENCES, Result
+from bench.results import HEADLINE, REFERENCES, CaptureFacts, Result
 
 HEADINGS = {
     "photogrammetry": "Scored against photogrammetry, as the paper does",
@@ -142,9 +143,8 @@ def p_text(p: float | None) -> str:
 
 def caption(result: Result) -> str:
     """A sentence on what the figures stand on."""
-    names = [capture.name for capture in result.scored()]
-    captures = ", ".join(names) if len(names) <= NAMED else f"{names[0]} to {names[-1]}, {len(names)} in all"
-    floor = ""
+    scored, repeated, floor = result.scored(), result.repeated(), ""
+    precision = f"precision over the repeats of {_named(repeated)}; " if repeated not in ((), scored) else ""
     if (result.table.metric == "floor_mm").any():  # results of earlier versions have none
         floor = (
             f"ground-truth floor: the {result.title(HEADLINE)} that a perfect radar would show, because the reference "
@@ -153,10 +153,14 @@ def caption(result: Result) -> str:
     refined = result.about.facts.get("refined_transforms", {})
     warning = "".join(f" The transform of {name} was {reason}." for name, reason in refined.items())
     return (
-        f"Each figure formed for each capture ({captures}) and then averaged, but for the pooled ones; in brackets the "
-        f"95 % confidence interval; {floor}"
-        f"time per frame on the machine named in the result.{warning}"
+        f"Each figure formed for each capture ({_named(scored)}) and then averaged, but for the pooled ones; {precision}"
+        f"in brackets the 95 % confidence interval; {floor}time per frame on the machine named in the result.{warning}"
     )
+
+
+def _named(captures: Sequence[CaptureFacts]) -> str:
+    names = [capture.name for capture in captures]
+    return ", ".join(names) if len(names) <= NAMED else f"{names[0]} to {names[-1]}, {len(names)} in all"
 
 
 def best_note(found: list[Block]) -> str:

@@ -199,6 +199,7 @@ phase_noise_rad = 0.03
 quality = "draft"
 [[capture]]
 scene = "scene.toml"
+measures = ["accuracy", "precision"]
 [[method]]
 id = "2fsk"
 precision = true

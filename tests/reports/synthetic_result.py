@@ -110,8 +110,11 @@ def about(
     captures: tuple[str, ...], methods: dict[str, tuple], references: tuple[str, ...], budgets: dict[str, dict]
 ) -> results.About:
     """Facts of the synthetic result."""
-    scored = [results.CaptureFacts(name=c, pose=c, distance_m=0.29, references=references) for c in captures]
-    repeated = [results.CaptureFacts(name=f"hand{h}", kind="precision", distance_m=0.29) for h in range(3)]
+    scored = [
+        results.CaptureFacts(name=c, measures=("accuracy",), pose=c, distance_m=0.29, references=references)
+        for c in captures
+    ]
+    repeated = [results.CaptureFacts(name=f"hand{h}", measures=("precision",), distance_m=0.29) for h in range(3)]
     return results.About(
         name="synthetic",
         protocol={"poses": list(captures), "repeats": 10, "threshold_db": {"fsk": -10, "broadband": -13}},

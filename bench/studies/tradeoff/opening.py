@@ -33,7 +33,7 @@ def opened(bench: BenchFile, base: Path, work: Path, photographed: int) -> Opene
     """Open or simulate the captures, frame 0 alone; photographs become meshes only where they have to score. Stages
     that were done before are taken from `work`. Of scenes alone, which tell their true surface, no more than
     `photographed` are photographed. Raises HandbenchError where nothing is left to score."""
-    sources = bench.capture
+    sources = tuple(source for source in bench.capture if "accuracy" in source.measures)
     if all(source.scene is not None for source in sources):
         unseen = (source.model_copy(update={"photos": False}) for source in sources[photographed:])
         sources = (*sources[:photographed], *unseen)

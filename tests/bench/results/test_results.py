@@ -51,7 +51,7 @@ def folder(tmp_path):
             machine={},
             captures=(
                 results.CaptureFacts(name="B", references=("truth",)),
-                results.CaptureFacts(name="hand1", kind="precision"),
+                results.CaptureFacts(name="hand1", measures=("precision",)),
             ),
             methods=(results.MethodFacts(name="3fsk", title="3-FSK", config={"filter_px": 3}),),
         ),
@@ -71,6 +71,19 @@ def test_round_trip(folder):
     np.testing.assert_array_equal(result.surface("B", "truth").z_m, Z)
     assert [capture.name for capture in result.scored()] == ["B"]
     assert result.photo("B") is None
+
+
+def test_captures_of_earlier_results_measured_both(folder):
+    """They had no `measures`, but a `kind`, which was "accuracy" for all that runs wrote."""
+    about = read_json(folder / "result.json", "a result")
+    about["captures"] = [{"name": "B", "references": ["truth"], "kind": "accuracy"}, {"name": "C"}]
+    read = results.About.model_validate(about).captures
+    assert [capture.measures for capture in read] == [("accuracy", "precision")] * 2
+    about["captures"] = [{"name": "B", "references": ["truth"]}, {"name": "C", "kind": "precision"}]
+    write_json(folder / "result.json", about)
+    result = results.load(folder)
+    assert [capture.name for capture in result.scored()] == ["B"]
+    assert [capture.name for capture in result.repeated()] == ["B", "C"]
 
 
 def test_the_table_has_exactly_the_agreed_columns(folder):

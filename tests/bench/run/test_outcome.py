@@ -15,6 +15,7 @@ from bench import results
 from bench.datasets.dataset import open_capture
 from bench.datasets.native import CaptureFile, save_capture_file
 from bench.evaluation.scoring_protocols import protocol
+from bench.results.about import MEASURES
 from bench.run import outcome, scoring
 from bench.run.benchmark_file import BenchFile, load_benchmark
 from bench.run.outcome import Basis, Capture, Outcome
@@ -132,6 +133,42 @@ def on(lost: dict[str, tuple[str, ...]], captures: str = "abcd", methods: tuple[
 
 def names(basis: Basis) -> tuple[str, tuple[str, ...]]:
     return "".join(capture.name for capture in basis.captures), tuple(entry.id for entry in basis.methods)
+
+
+def repeated(lost: dict[str, str]) -> tuple[str, str, str]:
+    """The basis of "ab", scored, "c", which is both, and "wxyz", repeated: the captures of the accuracy, those of the
+    precision, and the text on these. lost: by a method, captures; "": by all."""
+    measures = dict.fromkeys("ab", ("accuracy",)) | {"c": MEASURES} | dict.fromkeys("wxyz", ("precision",))
+    methods = [{"id": "2fsk", "precision": True}, {"id": "3fsk", "precision": True}, {"id": "broadband"}]
+    captures = [{"path": name, "measures": of} for name, of in measures.items()]
+    bench = BenchFile(version=1, name="x", capture=captures, method=methods)
+    failures = [
+        results.Failure(capture=name, method=method, stage="repeat", message=f"{name} broke")
+        for method, names in lost.items()
+        for name in names
+    ]
+    found = [Capture(Path(name), "", CaptureFile(name=name), of) for name, of in measures.items()]
+    basis = outcome.basis(Outcome(bench, found, [], failures))
+    assert names(basis)[1] == ("2fsk", "3fsk", "broadband")
+    accuracy, _, precision = basis.text.partition("; the precision alone: ")
+    assert accuracy.startswith(f"{len(basis.captures)} of 3 captures")
+    return names(basis)[0], "".join(capture.name for capture in basis.repeated), precision
+
+
+def test_captures_of_the_precision_take_none_from_the_accuracy():
+    assert repeated({}) == ("abc", "cwxyz", "4 of 4 captures: those that every method of the table finished")
+    accuracy, precision, text = repeated({"": "wa", "3fsk": "x"})
+    assert (accuracy, precision) == ("bc", "cyz") and text.startswith("2 of 4 captures")
+    assert repeated({"": "wxyz"})[:2] == ("abc", "c")
+    assert repeated({"broadband": "c"})[:2] == ("ab", "wxyz")  # as ever: all stages of a capture that is both
+
+
+def test_a_method_that_lost_most_of_the_repeats_is_left_out_of_them_alone():
+    accuracy, precision, text = repeated({"3fsk": "wxy"})
+    assert (accuracy, precision) == (
+        "abc",
+        "cwxyz",
+    ) and "left out, with the captures that they finished: 3fsk (1 of 4)" in text
 
 
 def test_every_method_of_the_table_stands_on_the_same_captures():

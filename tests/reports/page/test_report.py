@@ -359,6 +359,19 @@ def test_effects_stability_and_failures_are_told(folder, tmp_path, undrawn):
     assert "2e−05" in text and "1e−07" in text and text.index(">lost<") < text.index(">wrap<")
 
 
+def test_captures_say_what_they_measure_and_those_of_the_precision_have_no_pictures(result_folder):
+    result = results.load(result_folder)
+    grid = sections.captures(result)
+    assert {row[0]: row[2:4] for row in grid.rows} == {
+        **dict.fromkeys("BFU", ("accuracy", "photogrammetry, truth")),
+        **dict.fromkeys(("hand0", "hand1", "hand2"), ("precision", "–")),
+    }
+    assert grid.caption == "Captures; those of the precision alone are not scored and have no pictures"
+    scored = replace(result, about=result.about.model_copy(update={"captures": result.scored()}))
+    assert sections.captures(scored).caption == "Captures"
+    assert [capture.name for page in html.pages(result.scored()) for capture in page] == ["B", "F", "U"]
+
+
 def test_settings_that_captures_share_are_told_once(tested):
     config = {c: {"step_m": 0.001} for c in "BFVW"} | {"U": {"step_m": 0.002}}
     methods = tuple(m.model_copy(update={"config": config}) for m in tested.about.methods)

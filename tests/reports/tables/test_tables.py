@@ -71,6 +71,12 @@ def test_the_floor_stands_directly_under_the_mae(result):
     assert set(truth) == {"0"}
 
 
+def test_captions_name_the_captures_of_the_precision_where_they_are_others(result):
+    assert "captures B, F, U; precision over the repeats of hand0, hand1, hand2;" in parts.caption(result)
+    both = replace(result, about=result.about.model_copy(update={"captures": result.scored()}))
+    assert "over the captures B, F, U; in brackets" in parts.caption(both)
+
+
 def test_captions_explain_the_floor_where_there_is_one(result):
     assert "a perfect radar would show" in parts.caption(result)
     note = " Ground-truth floor, the MAE of a perfect radar: 0.126 mm against photogrammetry."
