@@ -153,8 +153,8 @@ def caption(result: Result) -> str:
     refined = result.about.facts.get("refined_transforms", {})
     warning = "".join(f" The transform of {name} was {reason}." for name, reason in refined.items())
     return (
-        f"Each figure formed for each capture ({_named(scored)}) and then averaged, but for the pooled ones; {precision}"
-        f"in brackets the 95 % confidence interval; {floor}time per frame on the machine named in the result.{warning}"
+        f"Each figure formed for each capture ({_named(scored)}) and then averaged, but for the pooled ones; "
+        f"{precision}in brackets the 95 % confidence interval; {floor}time per frame on the machine named in the result.{warning}"
     )
 
 
