@@ -154,7 +154,8 @@ def caption(result: Result) -> str:
     warning = "".join(f" The transform of {name} was {reason}." for name, reason in refined.items())
     return (
         f"Each figure formed for each capture ({_named(scored)}) and then averaged, but for the pooled ones; "
-        f"{precision}in brackets the 95 % confidence interval; {floor}time per frame on the machine named in the result.{warning}"
+        f"{precision}in brackets the 95 % confidence interval; {floor}"
+        f"time per frame on the machine named in the result.{warning}"
     )
 
 
