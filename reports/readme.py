@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.results import HEADLINE, Result, load
+from bench.results.about import SHARES
 from bench.results.tables import TABLE, each, frame, records
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, write_text
@@ -29,7 +30,7 @@ from reports.tables.markdown import bold, escaped, table
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = "photogrammetry"
-METRICS = (HEADLINE, "completeness_percent", "floor_mm", "max_mm", "precision_mm", "seconds")
+METRICS = (HEADLINE, *SHARES, "floor_mm", "max_mm", "precision_mm", "seconds")
 WITH_INTERVAL = (HEADLINE, "floor_mm", "precision_mm")
 METHODS = {  # the columns, and what ours are called
     "2fsk": "2-FSK",

@@ -17,7 +17,7 @@ from bench.results.error_map import ErrorMap as ErrorMap
 
 Values = dict[str, float | int | None]
 Terms = dict[str, Any]  # arrays of one shape, or numbers
-F_MM = (1, 2, 5)  # thresholds of the F-score
+F_MM = (1, 2, 5)  # thresholds of accuracy, completeness and F-score
 BAND = 1.96  # 95 % of a normal error lie within so many standard deviations
 
 
@@ -90,13 +90,15 @@ def figures(t: Terms) -> Terms:
             "rmse_mm": 1e3 * np.sqrt(mean_square_m2),
             "bias_mm": 1e3 * t["error_m"] / t["observed"],
             "relative_accuracy_percent": 100 * (1 - t["absolute_m"] / t["depth_m"]),
-            "completeness_percent": 100 * t["observed"] / t["surface"],
+            "observed_percent": 100 * t["observed"] / t["surface"],
             "deviation_mm": 1e3 * np.sqrt(np.maximum(mean_square_m2 - mae_m**2, 0)),
             "within_band_percent": 100 * t["within"] / t["observed"],
             "false_alarm_percent": 100 * t["alarm"] / t["judged"],
             "chamfer_to_reference_mm": 1e3 * to_reference_m,
             "chamfer_to_map_mm": 1e3 * to_map_m,
             "chamfer_mm": 1e3 * (to_reference_m + to_map_m) / 2,
+            **{f"complete_{mm}mm_percent": 100 * t[f"reached_{mm}"] / t["surface"] for mm in F_MM},
+            **{f"accurate_{mm}mm_percent": 100 * t[f"near_{mm}"] / t["judged"] for mm in F_MM},
             **{f"f_{mm}mm_percent": _f_percent(t, mm) for mm in F_MM},
         }
 

@@ -12,7 +12,8 @@ from radar.support.errors import HandbenchError
 from radar.support.files import read_json
 
 HEADLINE = "mae_mm"  # the metric that titles, pictures and fronts speak of
-HEADLINES = (HEADLINE, "floor_mm", "max_mm", "completeness_percent", "precision_mm", "seconds")  # read at a glance
+SHARES = ("observed_percent", "complete_2mm_percent")  # of the surface: what is seen, and what is seen and right
+HEADLINES = (HEADLINE, "floor_mm", "max_mm", *SHARES, "precision_mm", "seconds")  # read at a glance
 REFERENCES = ("photogrammetry", "truth")
 Reference = Literal["photogrammetry", "truth"]
 Measure = Literal["accuracy", "precision"]

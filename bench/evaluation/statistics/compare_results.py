@@ -30,7 +30,7 @@ from radar.support.errors import HandbenchError
 SAME_SHARE = 0.9  # of the pixels that either reference has, both must have, to be one hand in one place
 SAME_M = 5e-4  # and in the median lie so near
 NONE = (None, None)
-FALLBACK = (HEADLINE, "completeness_percent")  # compared where a result of an earlier version does not say by what
+FALLBACK = (HEADLINE, "observed_percent")  # compared where a result of an earlier version does not say by what
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from bench.studies.stability.statistics_intervals import DEPTH_M, EPS, PIXEL_M, 
 from groundtruth.mesh.depth import Reference
 
 SIDE = 300
-COUNTED = ("n_observed", "completeness_percent", "false_alarm_percent")  # shares of nothing observed that are known
+COUNTED = ("n_observed", "observed_percent", "false_alarm_percent")  # shares of nothing observed that are known
 BOUNDS = {
     "pooled_deviation": 1.5 * (np.log2(SIDE**2) + 1),
     "many_samples": 1.5 * (np.log2(SIDE**2) + 1) + 1112 / 2,
@@ -155,8 +155,9 @@ def _empty() -> Seen:
     ]
 
     def given(maps: list[ErrorMap]) -> Iterable[object]:
-        # Of a surface that nobody observed the completeness is 0, and the F-score's share of it.
-        values = {k: v for k, v in pool(maps).items() if k not in COUNTED and not (v == 0 and k.startswith("f_"))}
+        # Of a surface that nobody observed the completeness is 0, and the F-score.
+        shares = {k for k, v in pool(maps).items() if v == 0 and k.startswith(("f_", "complete_"))}
+        values = {k: v for k, v in pool(maps).items() if k not in (*COUNTED, *shares)}
         yield from (value for value in values.values() if value is not None)
         figures = of_captures(maps)
         yield from (key for key in AVERAGED if key not in COUNTED and figure_interval(key, figures[key].to_numpy()))

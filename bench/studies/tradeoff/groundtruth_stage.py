@@ -176,7 +176,7 @@ def _setting(about: Section, subject: Subject, made: tuple[int, int, str, Result
         error=figures["rmse_mm"],
         seconds=[cost.seconds],
         peak_memory_mb=cost.peak_memory_mb,
-        seen_percent=figures["completeness_percent"],
+        seen_percent=figures["observed_percent"],
     )
 
 

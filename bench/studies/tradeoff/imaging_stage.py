@@ -187,5 +187,5 @@ def _line(
         extraction_s=seconds - imaging_s,
         operations=float(part.terms.median()) or None,
         peak_memory_mb=float(frames.memory_mb.max()),
-        seen_percent=figures["completeness_percent"],
+        seen_percent=figures["observed_percent"],
     )

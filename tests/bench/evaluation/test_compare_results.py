@@ -45,7 +45,7 @@ def result(
     repeats = frame(REPEATS, [("B", "3fsk", i, z) for i, z in enumerate(0.3 + 1e-3 * rng.normal(size=10))])
     about = results.About(
         name="flat",
-        protocol={"id": "paper", "version": 2, "compared": ["mae_mm", "completeness_percent"]},
+        protocol={"id": "paper", "version": 2, "compared": ["mae_mm", "observed_percent"]},
         metrics=metric_facts(),
         inputs={},
         versions={"handbench": "1"},
@@ -66,7 +66,7 @@ def line(compared: Compared, metric: str = "mae_mm") -> Any:
 def test_a_result_does_not_differ_from_itself(tmp_path):
     a = result(tmp_path, speckle(0))
     compared = compare_results(a, a)
-    assert compared.differences.metric.tolist() == ["mae_mm", "completeness_percent", "precision_mm"]
+    assert compared.differences.metric.tolist() == ["mae_mm", "observed_percent", "precision_mm"]
     for d in compared.differences.itertuples():
         assert (d.difference, d.low, d.high, d.p_corrected, d.better) == (0, 0, 0, 1, "")
         assert d.a == d.b and str(d.difference) == "0.0"
@@ -95,7 +95,7 @@ def test_more_of_a_share_is_better(tmp_path):
     names = tuple("BFUVWX")
     d = line(
         compare_results(result(tmp_path / "a", errors_mm, names), result(tmp_path / "b", holed, names)),
-        "completeness_percent",
+        "observed_percent",
     )
     assert d.difference == pytest.approx(-100 / 3, rel=1e-9)
     assert (d.better, d.high < 0) == ("A", True) and "percentage points" in d.sentence
@@ -154,7 +154,7 @@ def test_nothing_is_made_of_nothing(tmp_path):
         for names in (NAMES, tuple("GHIKLM")):
             d = line(compare_results(a, result(tmp_path / (name + names[0]), errors_mm, names)))
             assert np.isnan([d.p_corrected, d.low, d.high]).all() and d.better == "" and words in d.sentence
-    assert compare_results(a, a).differences.metric.tolist() == ["mae_mm", "completeness_percent"]
+    assert compare_results(a, a).differences.metric.tolist() == ["mae_mm", "observed_percent"]
     assert np.isnan(f_test([], [np.arange(5.0)]).difference)
     assert np.isnan(f_test([np.zeros(5)], [np.arange(5.0)]).p)
 

@@ -87,7 +87,7 @@ def test_holm_by_hand():
 
 
 def test_more_of_a_share_is_better():
-    lines = compare({"holed": 90 * speckle(0), "whole": 95 * speckle(0)}, "truth", "completeness_percent")
+    lines = compare({"holed": 90 * speckle(0), "whole": 95 * speckle(0)}, "truth", "observed_percent")
     [line] = lines.itertuples()
     assert (line.better, line.worse, line.unit) == ("whole", "holed", "%")
     assert line.difference == pytest.approx(5 * speckle(0).mean()) and line.low > 0

@@ -67,7 +67,11 @@ def plane_m(n: int = 30) -> np.ndarray:
 def test_truth_scored_as_prediction_is_perfect():
     values = score(surface_m(), surface_m())
     assert values["n_observed"] == np.isfinite(surface_m()).sum()
-    perfect = ["completeness_percent", "relative_accuracy_percent", *(f"f_{mm}mm_percent" for mm in F_MM)]
+    perfect = [
+        "observed_percent",
+        "relative_accuracy_percent",
+        *(f"{share}_{mm}mm_percent" for mm in F_MM for share in ("f", "complete", "accurate")),
+    ]
     assert all(values[key] == 100 for key in perfect)
     assert values["false_alarm_percent"] == 0
     assert all(values[key] == 0 for key in values if key.endswith("_mm"))
@@ -123,9 +127,8 @@ def test_what_is_not_known_is_none():
     axis_m = 1e-3 * np.arange(30)
     known = error_map(axis_m, axis_m, z_m, z_m, np.zeros_like(z_m), np.isfinite(z_m))
     partial = error_map(axis_m, axis_m, z_m, z_m)
-    beside = {"false_alarm_percent", "within_band_percent", *(f"f_{mm}mm_percent" for mm in F_MM)} | {
-        key for key in METRICS if key.startswith("chamfer")
-    }
+    points = ("chamfer", "f_", "complete_", "accurate_")
+    beside = {"false_alarm_percent", "within_band_percent", *(key for key in METRICS if key.startswith(points))}
     assert all(pool([known])[key] is not None for key in beside)
     for maps in ([partial], [known, partial]):
         values = pool(maps)
@@ -146,7 +149,7 @@ def test_the_ground_truths_band_holds_what_it_promises():
 def test_an_empty_map_and_an_empty_mask_and_one_pixel():
     nothing, plate = np.full((3, 3), NAN), np.full((3, 3), 0.3)
     values = score(nothing, plate)
-    assert values["f_1mm_percent"] == 0 and values["completeness_percent"] == 0
+    assert values["f_1mm_percent"] == 0 and values["observed_percent"] == 0
     assert values["false_alarm_percent"] is values["chamfer_mm"] is values["chamfer_to_map_mm"] is None
     empty = score(nothing, nothing)
     assert all(value is None for key, value in empty.items() if key != "n_observed") and empty["n_observed"] == 0
@@ -189,22 +192,40 @@ def test_agrees_with_plain_python(z_m, reference_z_m):
         "rmse_mm": statistics.fmean(e * e for e in errors_mm) ** 0.5,
         "median_mm": statistics.median(absolute_mm),
         "bias_mm": statistics.fmean(errors_mm),
-        "completeness_percent": 100 * len(errors_mm) / np.isfinite(reference_z_m).sum(),
+        "observed_percent": 100 * len(errors_mm) / np.isfinite(reference_z_m).sum(),
     }
     assert {key: values[key] for key in expected} == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
 def test_nothing_observed_is_none_not_zero():
     values = score(np.full((2, 2), NAN), np.full((2, 2), 0.3))
-    assert values["n_observed"] == 0 and values["completeness_percent"] == 0
-    zero = {"n_observed", "completeness_percent", *(f"f_{mm}mm_percent" for mm in F_MM)}
+    assert values["n_observed"] == 0 and values["observed_percent"] == 0
+    shares = {f"{share}_{mm}mm_percent" for mm in F_MM for share in ("f", "complete")}
+    zero = {"n_observed", "observed_percent", *shares}
     others = set(values) - zero
     assert others and all(values[key] is None for key in others)
 
 
+def test_seen_is_not_right():
+    """Half of a plane is 30 mm off and half of it 1.5 mm: all is observed. Every point against every other, by hand."""
+    z_m = plane_m()
+    z_m[:15] += 30e-3
+    z_m[15:] += 1.5e-3
+    values = score(z_m, plane_m())
+    y, x = np.nonzero(np.isfinite(z_m))
+    mine, others = (np.stack([1e-3 * x, 1e-3 * y, z[y, x]], axis=-1) for z in (z_m, plane_m()))
+    apart_m = np.linalg.norm(mine[:, None] - others, axis=-1)
+    assert values["observed_percent"] == 100
+    for mm in F_MM:
+        accurate, complete = (100 * np.mean(apart_m.min(axis=axis) <= 1e-3 * mm) for axis in (1, 0))
+        assert values[f"accurate_{mm}mm_percent"] == pytest.approx(accurate)
+        assert values[f"complete_{mm}mm_percent"] == pytest.approx(complete)
+    assert values["complete_1mm_percent"] == 0 and values["complete_2mm_percent"] < 60
+
+
 def test_without_a_reference_there_is_no_completeness():
-    assert score(np.full((2, 2), 0.3), np.full((2, 2), NAN))["completeness_percent"] is None
-    assert pool([])["completeness_percent"] is None
+    assert score(np.full((2, 2), 0.3), np.full((2, 2), NAN))["observed_percent"] is None
+    assert pool([])["observed_percent"] is None
 
 
 def test_infinite_depths_are_unobserved():

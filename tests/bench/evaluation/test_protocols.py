@@ -45,7 +45,7 @@ def test_the_papers_table_has_the_papers_figures():
         "p95_mm",
         "bias_mm",
         "relative_accuracy_percent",
-        "completeness_percent",
+        "observed_percent",
         "n_observed",
         "precision_mm",
         "relative_precision_percent",

@@ -79,8 +79,8 @@ def test_an_interval_stays_within_what_a_metric_can_be():
     skewed = [0.01, 0.01, 0.02, 0.01, 2.0]
     assert figure_interval("mae_mm", skewed).low >= 0
     assert figure_interval("bias_mm", [-1.0, 1.0, -1.1, 1.1, 0.3]).low < 0
-    assert figure_interval("completeness_percent", [99.0, 99.9, 98.0, 99.9, 99.5]).high <= 100
-    assert figure_interval("completeness_percent", [100.0] * 6) is None  # no spread was seen
+    assert figure_interval("observed_percent", [99.0, 99.9, 98.0, 99.9, 99.5]).high <= 100
+    assert figure_interval("observed_percent", [100.0] * 6) is None  # no spread was seen
 
 
 def test_figures_are_formed_for_each_capture_and_then_averaged():
@@ -96,7 +96,7 @@ def test_figures_are_formed_for_each_capture_and_then_averaged():
     assert found["max_mm"] == pytest.approx((4 + 10) / 2)
     assert found["pooled_mae_mm"] == pytest.approx((4 * 36 + one_mm * 144) / 180)
     assert found["pooled_max_mm"] == pytest.approx(10)
-    assert found["completeness_percent"] == pytest.approx(100 * (1 / 4 + 1 + 0) / 3) and found["n_observed"] == 180
+    assert found["observed_percent"] == pytest.approx(100 * (1 / 4 + 1 + 0) / 3) and found["n_observed"] == 180
     assert found["pooled_mae_mm"] == pytest.approx(pool([seen(4.0, quarter), seen(peak_mm)])["mae_mm"])
 
 
