@@ -75,13 +75,13 @@ def terms(m: ErrorMap) -> Terms:
         "alarm": (judged & ~observed) + told,
         "to_reference_m": np.where(judged, to_reference_m, 0.0) + told,
         "to_map_m": np.where(surface, to_map_m, 0.0),
-        **{f"near_{mm}": (to_reference_m <= 1e-3 * mm) + told for mm in F_MM},
-        **{f"reached_{mm}": (to_map_m <= 1e-3 * mm) + told for mm in F_MM},
+        **{f"right_{mm}": (observed & (np.abs(error_m) <= 1e-3 * mm)).astype(float) for mm in F_MM},
     }
 
 
 def figures(t: Terms) -> Terms:
     """Metrics of the sums of `terms`, elementwise; NaN or infinite where a figure has nothing to stand on."""
+    surface = np.where(t["surface"] > 0, t["surface"], np.nan)  # without one there is nothing to be found
     with np.errstate(divide="ignore", invalid="ignore"):
         mae_m, mean_square_m2 = t["absolute_m"] / t["observed"], t["square_m2"] / t["observed"]
         to_reference_m, to_map_m = t["to_reference_m"] / t["judged"], t["to_map_m"] / t["surface"]
@@ -97,16 +97,10 @@ def figures(t: Terms) -> Terms:
             "chamfer_to_reference_mm": 1e3 * to_reference_m,
             "chamfer_to_map_mm": 1e3 * to_map_m,
             "chamfer_mm": 1e3 * (to_reference_m + to_map_m) / 2,
-            **{f"complete_{mm}mm_percent": 100 * t[f"reached_{mm}"] / t["surface"] for mm in F_MM},
-            **{f"accurate_{mm}mm_percent": 100 * t[f"near_{mm}"] / t["judged"] for mm in F_MM},
-            **{f"f_{mm}mm_percent": _f_percent(t, mm) for mm in F_MM},
+            **{f"complete_{mm}mm_percent": 100 * t[f"right_{mm}"] / t["surface"] for mm in F_MM},
+            **{f"accurate_{mm}mm_percent": 100 * t[f"right_{mm}"] / t["judged"] for mm in F_MM},
+            **{f"f_{mm}mm_percent": 200 * t[f"right_{mm}"] / (surface + t["judged"]) for mm in F_MM},
         }
-
-
-def _f_percent(t: Terms, mm: int) -> np.ndarray:
-    near, reached = t[f"near_{mm}"], t[f"reached_{mm}"]
-    missed = (near * reached == 0) & (t["surface"] > 0)
-    return np.where(missed, 0.0, 100 * 2 / (t["judged"] / near + t["surface"] / reached))
 
 
 def pool(maps: Sequence[ErrorMap]) -> Values:
