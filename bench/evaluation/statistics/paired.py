@@ -110,7 +110,8 @@ def _sentence(line: Any, names: Mapping[str, str]) -> str:
     better, worse, title = names[line.better], names[line.worse], METRICS[line.metric].title
     none = f"no difference shown between {better} and {worse} in {title}: "
     if np.isnan(line.low):
-        return f"{none}{TOO_FEW} ({amount_text(line.difference, line.unit)} on these {line.n_captures})"
+        ahead = f"{better} is ahead of {worse} by {amount_text(line.difference, line.unit)} ({title}) on these"
+        return f"{ahead} {line.n_captures}: {TOO_FEW} of others"
     amounts = amounts_text(line.difference, line.low, line.high, line.unit)
     if line.p_corrected < 1 - LEVEL:
         return f"{better} is better than {worse} by {amounts} ({title})"

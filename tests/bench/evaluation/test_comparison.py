@@ -98,9 +98,7 @@ def test_what_cannot_be_tested_says_so():
     """Four captures: a difference on these, no interval, no p, and no method stands out."""
     lines = compare({"a": speckle(0, 4), "b": speckle(0, 4) + 0.5, "c": np.full(4, np.nan)}, "truth")
     assert len(lines) == 1 and lines[["p_corrected", "low"]].isna().all(axis=None) and not shown(lines).any()
-    assert lines.sentence[0] == (
-        "no difference shown between a and b in MAE: too few captures to tell (0.50 mm on these 4)"
-    )
+    assert lines.sentence[0] == "a is ahead of b by 0.50 mm (MAE) on these 4: too few captures to tell of others"
     assert best(lines, "mae_mm", "truth") == ()
     assert compare({}, "truth").empty and compare({"a": speckle(0)}, "truth").empty
     assert best(frame(COMPARISONS), "mae_mm", "truth") == ()
