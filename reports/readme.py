@@ -25,21 +25,14 @@ from bench.results.about import SHARES
 from bench.results.tables import TABLE, each, frame, records
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, write_text
-from reports.tables.blocks import NONE, decimals, interval, known, number, outstanding, paper
+from reports.tables.blocks import NONE, busy_note, decimals, interval, known, number, outstanding, paper
 from reports.tables.markdown import bold, escaped, table
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = "photogrammetry"
 METRICS = (HEADLINE, *SHARES, "floor_mm", "max_mm", "precision_mm", "seconds")
 WITH_INTERVAL = (HEADLINE, "floor_mm", "precision_mm")
-METHODS = {  # the columns, and what ours are called
-    "2fsk": "2-FSK",
-    "3fsk": "3-FSK",
-    "broadband": "broadband",
-    "narrowband": "narrowband",
-    "3fsk-plus": "3-FSK plus",
-    "nfsk-plus": "ladder of five tones",
-}
+METHODS = ("2fsk", "3fsk", "broadband", "narrowband", "3fsk-plus", "nfsk-plus")  # the columns
 FITTED = ("precision_mm", "2fsk")  # the figure to which the benchmark's phase noise was fitted
 SAID = (("3fsk", "2fsk"), ("3fsk", "broadband"))  # comparisons of the headline that stand under the table
 FIGURES = {"docs/depth_F.png": "report/figures/depth_F.png"}  # the README's, and where a result's report has it
@@ -51,7 +44,7 @@ BLOCK = re.compile(r"(<!-- table: begin -->\n)(.*?)(<!-- table: end -->)", re.DO
 def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
     """Content of docs/table.json: what the table shows, and what it was made from."""
     rows = [result.row(metric, method, REFERENCE) for metric in METRICS for method in METHODS]
-    lines = frame(TABLE, filter(None, rows))
+    lines, titles = frame(TABLE, filter(None, rows)), {method.name: method.title for method in result.about.methods}
     undefined = set(METRICS) - result.about.metrics.keys()
     if undefined or lines.value.isna().all():
         raise HandbenchError(f"{result.folder}: has no figure of the README's table; expected a run of paper_table")
@@ -63,6 +56,8 @@ def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
         "machine": {key: result.about.machine.get(key) for key in MACHINE},
         "versions": result.about.versions,
         "metrics": {key: result.about.metrics[key].model_dump() for key in METRICS},
+        "titles": [titles.get(method, method) for method in METHODS],
+        "busy": busy_note(result),
         "rows": records(lines),
         "best": {metric: sorted(outstanding(result, metric, REFERENCE)) for metric in METRICS},
         "sentences": [
@@ -89,8 +84,9 @@ def render(recorded: dict[str, Any]) -> str:
         "Against photogrammetry, as in the paper: each figure is formed for each pose and then averaged. In italics "
         "the paper's figure; in brackets a 95 %\nconfidence interval, where there is one (of the precision: for "
         "further repeats of these hands; three poses are too few to tell how others differ).\n"
-        f"{machine['cores']} cores of an {escaped(str(machine['processor']))}, {escaped(device)}.\n\n"
-        + table(("", *METHODS.values()), lines)
+        f"{machine['cores']} cores of an {escaped(str(machine['processor']))}, {escaped(device)}. "
+        f"{escaped(recorded['busy'])}\n\n"
+        + table(("", *recorded["titles"]), lines)
         + (f"\nOn the pixels that each observes: {sentences}.\n" if sentences else "")
     )
 

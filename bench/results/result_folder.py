@@ -17,6 +17,7 @@ from radar.support.files import require_file, require_folder, write_json, write_
 
 TABLES = {"table": TABLE, "tasks": TASKS, "repeats": REPEATS, "comparisons": COMPARISONS}
 OPTIONAL = ("repeats", "comparisons")
+BUSY = 0.25  # cores that other work may take before times are called disturbed
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +68,11 @@ class Result:
     def surface(self, capture: str, source: str) -> Surface:
         """The depth map of a method, or of a reference ("truth", "photogrammetry")."""
         return Surface(**read_map(depth_path(self.folder, capture, source), "z_m"))
+
+    def busy(self) -> dict[str, float]:
+        """The methods whose frames were timed while other work took BUSY cores or more, and how many."""
+        cores = self.tasks.groupby("method", sort=False).others_cores.max()
+        return {method: float(taken) for method, taken in cores.items() if method and taken >= BUSY}
 
     def photo(self, capture: str) -> Path | None:
         """The capture's photograph, if it has one."""

@@ -95,6 +95,7 @@ class BenchFile(Config):
     repeats: int = Field(default=10, ge=2, le=1000, description="frames for the precision")
     phase_noise_rad: float | None = Field(default=None, ge=0, description="replaces the noise of every scene")
     protocol: Literal["paper", "maroon", "maroon-eroded"] = "paper"
+    reproduces: Literal["paper"] | None = Field(default=None, description="whose figures stand beside ours")
     groundtruth: GroundTruth = GroundTruth()
     calibration: tuple[Origin, ...] = Field(default=(), description="captures of one target, combined")
     dataset: tuple[DataSet, ...] | None = Field(default=None, description="their captures join those of `capture`")

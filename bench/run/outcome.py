@@ -239,7 +239,8 @@ def tabulate(outcome: Outcome, on: Basis) -> pd.DataFrame:
                 rows.append(precision_rows(entry.id, reference, _strongest(repeats, precise, entry.id), deviations))
             seconds = [s for capture in on.all_captures for s in outcome.seconds.get((capture.name, entry.id), [])]
             rows.append(time_rows(entry.id, reference, seconds, seed))
-    return pd.concat(rows)
+    table = pd.concat(rows)
+    return table if outcome.bench.reproduces else table.assign(paper=np.nan)
 
 
 def comparisons(outcome: Outcome, on: Basis) -> pd.DataFrame:

@@ -12,6 +12,7 @@ from radar.data.capture import RadarCapture, thinned
 from radar.imaging.device import use_device
 from radar.methods.registry import Method, Reconstruction, method
 from radar.support.config import Config
+from radar.support.cost import others
 from radar.support.errors import HandbenchError
 from radar.support.files import write_json
 from radar.warmup import compile_kernels
@@ -24,10 +25,10 @@ def reconstruct(
     folder: Path, capture: str, method: str, config: dict[str, Any], device: str, every_nth_antenna: int
 ) -> None:
     """Frame 0 → DEPTH, imaged on the client's device, and its time → TIMING."""
-    with use_device(device):
+    with use_device(device), others() as busy:
         [(result, seconds, plan_s)] = image_frames(Path(capture), method, config, 1, every_nth_antenna)
     result.depth.save(folder / DEPTH)
-    write_json(folder / TIMING, {"seconds": [seconds], "plan_seconds": plan_s})
+    write_json(folder / TIMING, {"seconds": [seconds], "plan_seconds": plan_s, "others_cores": busy[0]})
 
 
 def image_frames(

@@ -242,7 +242,7 @@ def _check_names(names: list[str]) -> None:
 def _task(stage: Stage, stamp: Stamp, cached: bool, folder: Path) -> outcome.Line:
     """A stage's line of `TASKS`."""
     timing = folder / TIMING
-    plan_s = read_json(timing, "a stage's times").get("plan_seconds") if stage.method else None
+    times = read_json(timing, "a stage's times") if stage.method else {}
     return (
         stage.label,
         stage.capture,
@@ -252,7 +252,8 @@ def _task(stage: Stage, stamp: Stamp, cached: bool, folder: Path) -> outcome.Lin
         stamp.cpu_seconds,
         stamp.peak_memory_mb,
         cached,
-        plan_s,
+        times.get("plan_seconds"),
         stamp.machine.get("host", ""),
         stamp.machine.get("gemm_gflops"),
+        times.get("others_cores"),
     )

@@ -54,6 +54,25 @@ def measured() -> Iterator[Cost]:
         watcher.join()
 
 
+@contextmanager
+def others() -> Iterator[list[float]]:
+    """Yield a list that receives, when the block ends, the cores that other work took meanwhile: what the machine was
+    busy with, or was not given by its host, less what this process did."""
+    found: list[float] = []
+    start, cpu_start, busy_start = time.perf_counter(), time.process_time(), _busy_s()
+    try:
+        yield found
+    finally:
+        taken_s = _busy_s() - busy_start - (time.process_time() - cpu_start)
+        found.append(max(taken_s / max(time.perf_counter() - start, 1e-9), 0.0))
+
+
+def _busy_s() -> float:
+    """Seconds that all cores have worked since the machine started, or could not because its host did."""
+    times = psutil.cpu_times()
+    return sum(getattr(times, name, 0.0) for name in ("user", "nice", "system", "irq", "softirq", "steal"))
+
+
 @cache
 def calibrated_machine() -> dict[str, Any]:
     """Facts of the machine with its name and `gemm_gflops`, by which times of different machines can be put beside

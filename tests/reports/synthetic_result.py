@@ -81,7 +81,9 @@ def write_synthetic(
             z = truth[c] + 1e-3 * (bias_mm + deviation_mm * blurred(rng.normal(size=truth[c].shape)))
             z[blurred(rng.normal(size=z.shape)) > 2.5 * share - 1] = np.nan
             results.write_surface(folder, c, method, results.Surface(axis, axis, z))
-            tasks.append((f"{c}-{method}", c, method, "image", seconds, 2 * seconds, 300.0, False, None, "", None))
+            tasks.append(
+                (f"{c}-{method}", c, method, "image", seconds, 2 * seconds, 300.0, False, None, "", None, 0.05)
+            )
             for reference in references:
                 errors = error_map(axis, axis, z, surfaces[reference][c].z_m)
                 results.write_errors(folder, c, method, reference, errors)

@@ -48,7 +48,7 @@ def surface_m() -> np.ndarray:
     ],
 )
 def test_the_papers_table(metric, golden):
-    assert tuple(PAPER.get((metric, method)) for method in TITLES) == golden
+    assert tuple(PAPER.get((metric, method)) for method in list(TITLES)[:4]) == golden
 
 
 def test_relative_accuracy_is_the_papers():

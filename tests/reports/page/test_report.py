@@ -363,13 +363,13 @@ def test_captures_say_what_they_measure_and_those_of_the_precision_have_no_pictu
     result = results.load(result_folder)
     grid = sections.captures(result)
     assert {row[0]: row[2:4] for row in grid.rows} == {
-        **dict.fromkeys("BFU", ("accuracy", "photogrammetry, truth")),
+        **dict.fromkeys("BFUVW", ("accuracy", "photogrammetry, truth")),
         **dict.fromkeys(("hand0", "hand1", "hand2"), ("precision", "–")),
     }
     assert grid.caption == "Captures; those of the precision alone are not scored and have no pictures"
     scored = replace(result, about=result.about.model_copy(update={"captures": result.scored()}))
     assert sections.captures(scored).caption == "Captures"
-    assert [capture.name for page in html.pages(result.scored()) for capture in page] == ["B", "F", "U"]
+    assert [capture.name for page in html.pages(result.scored()) for capture in page] == list("BFUVW")
 
 
 def test_settings_that_captures_share_are_told_once(tested):

@@ -72,9 +72,22 @@ def test_the_floor_stands_directly_under_the_mae(result):
 
 
 def test_captions_name_the_captures_of_the_precision_where_they_are_others(result):
-    assert "captures B, F, U; precision over the repeats of hand0, hand1, hand2;" in parts.caption(result)
+    formed = "(B, F, U, V, W) and then averaged, but for the pooled ones;"
+    assert f"{formed} precision over the repeats of hand0, hand1, hand2;" in parts.caption(result)
     both = replace(result, about=result.about.model_copy(update={"captures": result.scored()}))
-    assert "over the captures B, F, U; in brackets" in parts.caption(both)
+    assert f"{formed} in brackets" in parts.caption(both)
+
+
+def test_a_busy_machine_is_said(result):
+    """0.05 cores of other work are none; 0.9 are, for the method that was timed then."""
+    assert "busy" not in parts.caption(result) and result.busy() == {}
+    tasks = result.tasks.copy()
+    tasks.loc[tasks.method == "broadband", "others_cores"] = 0.9
+    busy = replace(result, tasks=tasks)
+    assert busy.busy() == {"broadband": 0.9}
+    assert parts.caption(busy).startswith(
+        "The machine was busy: other work took up to 0.9 cores while Broadband were timed; their times are too long. "
+    )
 
 
 def test_captions_explain_the_floor_where_there_is_one(result):
@@ -206,7 +219,7 @@ def test_csv_carries_ratio_and_time(result):
 
 
 def test_stages_are_medians_of_the_tasks(result):
-    rest = (None, "", None)
+    rest = (None, "", None, None)
     tasks = [(f"t{i}", "B", "3fsk", "image", s, s, None, i == 0, *rest) for i, s in enumerate((1.0, 2.0, 9.0))]
     tasks.append(("sim", "B", "", "simulate", None, None, None, False, *rest))
     image, simulate = tables.stages(replace(result, tasks=frame(TASKS, tasks))).itertuples()
