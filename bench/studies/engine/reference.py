@@ -16,7 +16,8 @@ from radar.data.depthmap import amplitude_db
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_volume
 from radar.imaging.cpu.exact import backproject
-from radar.methods.projection import Peaks, peak_offset, peaks_of
+from radar.imaging.cpu.executor import strongest_voxels
+from radar.methods.projection import Peaks, peak_offset
 
 STAND_IN = 1e-6  # tolerance of the volume that gives the mask and the root mean square
 
@@ -69,7 +70,7 @@ def reference(inputs: Inputs) -> Reference:
         exact[source] = backproject(samples, tones_hz, array, points_m)
         stand_in[source] = image_volume(samples, tones_hz, array, grid, STAND_IN)
         rms[source] = float(np.sqrt(np.mean(np.abs(stand_in[source]) ** 2, dtype=np.float64)))
-    mask = amplitude_db(peaks_of(stand_in["hand"]).magnitude[1]) >= scope.config.threshold_db
+    mask = amplitude_db(Peaks(*strongest_voxels(stand_in["hand"])).magnitude[1]) >= scope.config.threshold_db
     on_target = np.flatnonzero(mask)
     pixels = random.choice(on_target, min(scope.checked_pixels, len(on_target)), replace=False)
     columns = backproject(inputs.samples["hand"], tones_hz, array, column_points_m(grid, pixels))
@@ -106,5 +107,5 @@ def column_points_m(grid: VoxelGrid, pixels: np.ndarray) -> np.ndarray:
 
 def column_peaks(images: np.ndarray, grid: VoxelGrid) -> Peaks:
     """Peaks [p] of images [nz · p] at `column_points_m`."""
-    peaks = peaks_of(images.astype(np.complex64).reshape(len(grid.z_m), 1, -1))
+    peaks = Peaks(*strongest_voxels(images.astype(np.complex64).reshape(len(grid.z_m), 1, -1)))
     return Peaks(peaks.index[0], peaks.magnitude[:, 0])

@@ -15,7 +15,8 @@ from bench.studies.engine.scope import Inputs
 from bench.studies.engine.turns import Case, Measured, Work, everything, interleaved, named
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_volume, project_volume
-from radar.methods.projection import Peaks, peaks_of
+from radar.imaging.cpu.executor import strongest_voxels
+from radar.methods.projection import Peaks
 from radar.support.cost import gemm
 
 SECTION = "volume"
@@ -129,4 +130,4 @@ def _planes(grid: VoxelGrid, count: int) -> VoxelGrid:
 
 
 def _checked(voxels: np.ndarray, volume: np.ndarray) -> tuple[np.ndarray, Peaks]:
-    return volume.ravel()[voxels], peaks_of(volume)
+    return volume.ravel()[voxels], Peaks(*strongest_voxels(volume))
