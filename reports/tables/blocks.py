@@ -153,21 +153,21 @@ def caption(result: Result) -> str:
     refined = result.about.facts.get("refined_transforms", {})
     warning = "".join(f" The transform of {name} was {reason}." for name, reason in refined.items())
     return (
-        f"{busy_note(result)}Each figure formed for each capture ({_named(scored)}) and then averaged, but for the "
+        f"Each figure formed for each capture ({_named(scored)}) and then averaged, but for the "
         f"pooled ones; {precision}in brackets the 95 % confidence interval; {floor}"
-        f"time per frame on the machine named in the result.{warning}"
+        f"time per frame on the machine named in the result.{busy_note(result)}{warning}"
     )
 
 
 def busy_note(result: Result) -> str:
-    """A sentence on the times that other work disturbed, with a blank behind it; empty where none did."""
+    """A sentence on the times that other work disturbed, with a blank before it; empty where none did."""
     busy = result.busy()
     if not busy:
         return ""
     methods = ", ".join(method.title for method in result.about.methods if method.name in busy)
     return (
-        f"The machine was busy: other work took up to {max(busy.values()):.1f} cores while {methods} were timed; their "
-        "times are too long. "
+        f" The machine was busy: other work took up to {max(busy.values()):.1f} cores while {methods} were timed; "
+        "their times are too long."
     )
 
 

@@ -85,9 +85,10 @@ def test_a_busy_machine_is_said(result):
     tasks.loc[tasks.method == "broadband", "others_cores"] = 0.9
     busy = replace(result, tasks=tasks)
     assert busy.busy() == {"broadband": 0.9}
-    assert parts.caption(busy).startswith(
-        "The machine was busy: other work took up to 0.9 cores while Broadband were timed; their times are too long. "
+    note = (
+        " The machine was busy: other work took up to 0.9 cores while Broadband were timed; their times are too long."
     )
+    assert parts.caption(busy).endswith(f"on the machine named in the result.{note}")
 
 
 def test_captions_explain_the_floor_where_there_is_one(result):
