@@ -85,7 +85,7 @@ def render(recorded: dict[str, Any]) -> str:
         "the paper's figure; in brackets a 95 %\nconfidence interval, where there is one (of the precision: for "
         "further repeats of these hands; three poses are too few to tell how others differ).\n"
         f"{machine['cores']} cores of an {escaped(str(machine['processor']))}, {escaped(device)}."
-        f"{escaped(recorded['busy'])}\n\n"
+        f"{' ' if recorded['busy'] else ''}{escaped(recorded['busy'])}\n\n"
         + table(("", *recorded["titles"]), lines)
         + (f"\nOn the pixels that each observes: {sentences}.\n" if sentences else "")
     )

@@ -70,9 +70,11 @@ class Result:
         return Surface(**read_map(depth_path(self.folder, capture, source), "z_m"))
 
     def busy(self) -> dict[str, float]:
-        """The methods whose frames were timed while other work took BUSY cores or more, and how many."""
-        cores = self.tasks.groupby("method", sort=False).others_cores.max()
-        return {method: float(taken) for method, taken in cores.items() if method and taken >= BUSY}
+        """The methods whose frames were timed while other work took BUSY cores or more, on average, and how many."""
+        tasks = self.tasks[(self.tasks.method != "") & self.tasks.others_cores.notna()]
+        sums = tasks.assign(taken_s=tasks.others_cores * tasks.seconds).groupby("method", sort=False)
+        cores = sums.taken_s.sum() / sums.seconds.sum()
+        return {str(method): float(taken) for method, taken in cores.items() if taken >= BUSY}
 
     def photo(self, capture: str) -> Path | None:
         """The capture's photograph, if it has one."""
