@@ -37,6 +37,7 @@ class Verdict:
     best: tuple[str, ...]
     leading: tuple[str, ...]
     shown: int
+    tested: bool
     table: Grid
 
 
@@ -47,14 +48,15 @@ def verdicts(result: Result) -> list[Verdict]:
     for (metric, reference), lines in result.comparisons.groupby(["metric", "reference"], sort=False):
         beaten = set(lines.worse)
         best = sorted(result.best(metric, reference), key=lambda name: name in beaten)  # the best figure comes first
-        ahead = lines[shown(lines) & (lines.better == best[0])].sort_values("difference", kind="stable")
+        ahead = lines[shown(lines) & lines.better.isin(best[:1])].sort_values("difference", kind="stable")
         rows = tuple((c.sentence, p_text(c.p_corrected), number(c.effect, 2)) for c in each(lines))
         heading = f"{result.title(metric)} {AGAINST.get(reference, reference)}"
         first = lines.iloc[0]
-        caption = f"{heading}: every pair of {first.n_captures} captures ({first.n_blocks} blocks)"
+        blocks = f" ({first.n_blocks} blocks)" if first.n_blocks else ""  # of an earlier version
+        caption = f"{heading}: every pair on {first.n_captures} captures{blocks}"
         table = Grid(caption, ("difference", "p, corrected", "effect (dz)"), rows)
         named, leading = tuple(titles.get(name, name) for name in best), tuple(ahead.sentence[:LEADING])
-        found.append(Verdict(heading, named, leading, int(shown(lines).sum()), table))
+        found.append(Verdict(heading, named, leading, int(shown(lines).sum()), bool(best), table))
     return found
 
 

@@ -16,6 +16,7 @@ import pytest
 from PIL import Image
 
 from bench import results
+from bench.evaluation.statistics.paired import compare
 from bench.results.stability import StabilityFacts, Table, write_stability
 from bench.results.tables import CASES, COMPARISONS, frame
 from radar.support.errors import HandbenchError
@@ -357,6 +358,18 @@ def test_effects_stability_and_failures_are_told(folder, tmp_path, undrawn):
     assert "1 of 1" in text and "0.250" in text
     assert "2 hard cases: 1 holds, 0 refused, 0 flagged, 1 fails" in text and 'href="#stability"' in text
     assert "2e−05" in text and "1e−07" in text and text.index(">lost<") < text.index(">wrap<")
+
+
+def test_three_captures_have_a_report_that_says_that_they_are_too_few(tmp_path):
+    """Nothing is tested, so no method has the best figure: as in the embedded benchmark of three poses."""
+    methods = {name: METHODS[name] for name in ("2fsk", "3fsk")}
+    folder = write_synthetic(tmp_path / "r", ("B", "F", "U"), methods, ("truth",), step_m=6e-3)
+    figures = {"2fsk": np.array([6.0, 5.0, 7.0]), "3fsk": np.array([1.0, 1.1, 0.9])}
+    results.write_tables(folder, comparisons=compare(figures, "truth"))
+    html.build(folder, tmp_path / "out")
+    text = (tmp_path / "out" / "index.html").read_text("utf-8")
+    assert "Too few captures to tell which method is better on others" in text and "has the best figure" not in text
+    assert "3fsk is ahead of 2fsk by 5.0 mm (MAE) on these 3: too few captures to tell of others" in text
 
 
 def test_captures_say_what_they_measure_and_those_of_the_precision_have_no_pictures(result_folder):
