@@ -41,17 +41,7 @@ def _registry() -> dict[str, Metric]:
 
 
 METRICS = _registry()
-TITLES = {"2fsk": "2-FSK", "3fsk": "3-FSK", "broadband": "broadband", "narrowband": "narrowband"}  # the paper's names
-TITLES |= {  # and ours
-    "2fsk-settled": "2-FSK settled",
-    "3fsk-settled": "3-FSK settled",
-    "3fsk-offaxis": "3-FSK off-axis",
-    "3fsk-weighted": "3-FSK weighted",
-    "3fsk-plus": "3-FSK plus",
-    "nfsk": "ladder",
-    "nfsk-plus": "ladder plus",
-    "broadband-subvoxel": "broadband sub-voxel",
-}
+TITLES: dict[str, str] = tomllib.loads(Path(__file__).with_name("titles.toml").read_text("utf-8"))  # of methods, by id
 PAPER = {(m.key, method): value for m in METRICS.values() for method, value in m.paper.items()}  # and its figures
 
 
