@@ -4,7 +4,7 @@ Captures differ: another hand, or the same hand placed again, has an error of it
 interval has to hold for captures that were not measured, so that each capture counts as one value, however many pixels
 it has. Figures of captures are skewed: Student's t is transformed as Hall (1992, "On the removal of skewness by
 transformation", J. R. Stat. Soc. B 54) does. Fewer than FEWEST captures tell too little of others; no interval is given
-then. `tests/bench/evaluation/test_intervals.py` measures how often the intervals hold the true value.
+then. `tests/bench/evaluation/test_statistics.py` measures how often the intervals hold the true value.
 """
 
 from __future__ import annotations

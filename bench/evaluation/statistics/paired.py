@@ -90,14 +90,13 @@ def compare(
         raise HandbenchError(f"comparison: '{metric}' cannot be compared; expected one with a direction, as {HEADLINE}")
     known = [method for method, values in figures.items() if np.isfinite(values).any()]
     pairs = [_ordered(pair, figures, METRICS[metric].better) for pair in combinations(known, 2)]
-    tests = [paired(figures[better], figures[worse]) for better, worse in pairs]
-    signs = [-1 if METRICS[metric].better == "higher" else 1] * len(tests)
+    smaller_first = pairs if METRICS[metric].better == "lower" else [pair[::-1] for pair in pairs]
+    tests = [paired(figures[small], figures[large]) for small, large in smaller_first]
     lines = pd.DataFrame(pairs, columns=["better", "worse"]).assign(
         metric=metric, unit=METRICS[metric].unit, reference=reference, n_blocks=0, sentence=""
     )
-    lines["difference"] = [s * t.difference for s, t in zip(signs, tests, strict=True)]
-    ends = [sorted((s * t.low, s * t.high)) for s, t in zip(signs, tests, strict=True)]
-    lines["low"], lines["high"] = [low for low, _ in ends], [high for _, high in ends]
+    for name in ("difference", "low", "high"):
+        lines[name] = [getattr(tested, name) for tested in tests]
     lines["p_corrected"] = corrected([t.p for t in tests])
     lines["effect"] = [_effect(figures[better], figures[worse]) for better, worse in pairs]
     lines["n_captures"] = [int(np.isfinite(figures[b] - figures[w]).sum()) for b, w in pairs]
