@@ -85,6 +85,7 @@ def _column(name: str, facts: dict[str, Any]) -> Column:
 
 SCHEMAS = declared(__file__)
 TABLE, TASKS, REPEATS, COMPARISONS = (SCHEMAS[name] for name in ("table", "tasks", "repeats", "comparisons"))
+EQUAL, CURVES = SCHEMAS["equal"], SCHEMAS["curves"]
 DIFFERENCES, TIMES, CHANGES = (SCHEMAS[name] for name in ("differences", "times", "changes"))
 SETTINGS, CASES = SCHEMAS["settings"], SCHEMAS["cases"]
 

@@ -16,6 +16,7 @@ from reports.page import rendering, scene3d, sections, tradeoff_section
 from reports.page.rendering import Image, render
 from reports.tables import latex, result_tables
 from reports.tables.blocks import caption
+from reports.tables.findings import findings
 
 ABREAST = 12  # captures on a page
 FIRST = 3  # captures on the first page where there are more
@@ -84,6 +85,7 @@ def _summary(result: Result, overview: list[Image], swept: Any) -> dict[str, Any
         "config": result.config,
         "caption": caption(result),
         "blocks": sections.all_blocks(result),
+        "findings": findings(result),
         "verdicts": sections.verdicts(result),
         "overview": overview,
         "tradeoff": swept,
