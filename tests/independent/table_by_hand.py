@@ -25,9 +25,9 @@ REFERENCES = ("photogrammetry", "truth")
 # Maps, references and repeats are stored in double precision and the table with every digit: what may differ is the
 # order of a sum of some ten thousand terms, about 1e-13.
 TABLE_RTOL = 1e-9
-# The engine's images are within 1e-5 of their largest value. At -10 dB two of them turn a phase by 2e-5·√10 = 6.3e-5 rad
-# at most, c/(4πΔf) times as much in depth: 7.5 µm of 2-FSK, 0.7 µm of 3-FSK. That one starts from a depth that is off by
-# 7.5 µm, of which the correction undoes all but the tenth that the path's slope differs from 2: 0.75 µm more.
+# The engine's images are within 1e-5 of their largest value. At -10 dB two of them turn a phase by 2e-5·√10 = 6.3e-5
+# rad at most, c/(4πΔf) times as much in depth: 7.5 µm of 2-FSK, 0.7 µm of 3-FSK. That one starts from a depth that is
+# off by 7.5 µm, of which the correction undoes all but the tenth that the path's slope differs from 2: 0.75 µm more.
 FSK_BOUND_M = {"2fsk": 7.5e-6, "3fsk": 1.4e-6}
 DB_BOUND = 4e-4  # 1e-5 of the largest value, at -13 dB: 8.7 dB · 1e-5 · 4.5
 TIE = 1e-4  # two voxels within this of each other may change places by the same error at -13 dB: 2·4.5·1e-5
@@ -59,11 +59,11 @@ def figures(folder: Path) -> Figures:
 
 def errors_mm(folder: Path, capture: str, method: str, reference: str) -> np.ndarray:
     """z − z_ref [n] where both exist."""
-    with np.load(folder / "depth" / f"{capture}__{method}.npz") as ours:
-        with np.load(folder / "depth" / f"{capture}__{reference}.npz") as theirs:
-            if not all(np.array_equal(ours[axis], theirs[axis]) for axis in ("x_m", "y_m")):
-                sys.exit(f"{capture}, {method}: the reference is kept on another method's grid")
-            difference_mm = 1e3 * (ours["z_m"].astype(np.float64) - theirs["z_m"])
+    ours, theirs = (np.load(folder / "depth" / f"{capture}__{of}.npz") for of in (method, reference))
+    with ours, theirs:
+        if not all(np.array_equal(ours[axis], theirs[axis]) for axis in ("x_m", "y_m")):
+            sys.exit(f"{capture}, {method}: the reference is kept on another method's grid")
+        difference_mm = 1e3 * (ours["z_m"].astype(np.float64) - theirs["z_m"])
     return difference_mm[np.isfinite(difference_mm)]
 
 
