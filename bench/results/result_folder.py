@@ -11,19 +11,19 @@ import pandas as pd
 from bench.results.about import About, CaptureFacts, read_facts
 from bench.results.error_map import ErrorMap
 from bench.results.maps import Surface, depth_path, errors_path, photo_path, read_map
-from bench.results.tables import COMPARISONS, LEVEL, REPEATS, TABLE, TASKS, each, frame, read, write
+from bench.results.tables import LEVEL, SCHEMAS, each, frame, read, write
 from radar.support.errors import HandbenchError
 from radar.support.files import require_file, require_folder, write_json, write_text
 
-TABLES = {"table": TABLE, "tasks": TASKS, "repeats": REPEATS, "comparisons": COMPARISONS}
-OPTIONAL = ("repeats", "comparisons")
+OPTIONAL = ("repeats", "comparisons", "causes", "reliability")  # which older folders may lack
+TABLES = {name: SCHEMAS[name] for name in ("table", "tasks", *OPTIONAL)}
 BUSY = 0.25  # cores that other work may take before times are called disturbed
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
     """A result folder that has been checked to be complete; maps and photographs are read when asked for. table, tasks,
-    repeats, comparisons: as `bench.results.tables` declares them."""
+    repeats, comparisons, causes, reliability: as `bench.results.tables` declares them."""
 
     folder: Path
     about: About
@@ -31,7 +31,9 @@ class Result:
     tasks: pd.DataFrame
     repeats: pd.DataFrame
     config: str
-    comparisons: pd.DataFrame = field(default_factory=lambda: frame(COMPARISONS))
+    comparisons: pd.DataFrame = field(default_factory=lambda: frame(TABLES["comparisons"]))
+    causes: pd.DataFrame = field(default_factory=lambda: frame(TABLES["causes"]))
+    reliability: pd.DataFrame = field(default_factory=lambda: frame(TABLES["reliability"]))
 
     def row(self, metric: str, method: str, reference: str) -> Any:
         """The table's line, a named tuple of its columns; None without one."""
@@ -103,7 +105,7 @@ def write_about(folder: Path, about: About) -> None:
 
 
 def write_tables(folder: Path, **tables: pd.DataFrame) -> None:
-    """Write table, tasks, repeats or comparisons as .csv."""
+    """Write tables of a result by their names in TABLES, as .csv."""
     for name, table in tables.items():
         write(folder / f"{name}.csv", table, TABLES[name])
 
