@@ -15,6 +15,7 @@ import pandas as pd
 
 from bench import results
 from bench.datasets.native import CaptureFile
+from bench.evaluation.error_causes import Scored, explain
 from bench.evaluation.floor import budget
 from bench.evaluation.metrics import TITLES, of_captures
 from bench.evaluation.rows import accuracy_rows, metric_facts, precision_rows, time_rows
@@ -30,6 +31,7 @@ from bench.run.repeat_stage import read_repeats
 from bench.run.scoring import Files, read_errors, read_reference
 from calibration.transforms import Transform
 from groundtruth.mesh.depth import Reference
+from radar.data.depthmap import load_depthmap
 from radar.imaging.device import describe
 from radar.support.cost import calibrated_machine
 from radar.support.errors import HandbenchError
@@ -39,7 +41,7 @@ from radar.support.progress import say
 from radar.support.store import versions
 
 Line = tuple[Any, ...]  # of a table, in the order of its columns
-CSV = ("table", "tasks", "repeats", "comparisons")
+CSV = ("table", "tasks", "repeats", "comparisons", "causes", "reliability")
 FILES = ("result.json", "config.toml", "errors", "depth", "photos", *(f"{name}.csv" for name in CSV))
 
 
@@ -181,6 +183,7 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
     names, methods = [capture.name for capture in on.repeated], [entry.id for entry in on.methods]
     repeats = repeated(outcome)
     repeats = repeats[repeats.capture.isin(names) & repeats.method.isin(methods)]
+    results.write_tables(folder, **explain(_scored(outcome, on)))
     tasks = frame(TASKS, outcome.tasks)
     results.write_tables(folder, table=rows, tasks=tasks, comparisons=compared, repeats=repeats)
     results.write_about(folder, about(outcome, on))
@@ -209,6 +212,14 @@ def surfaces(outcome: Outcome, captures: Sequence[str], method: str, reference: 
         return read_reference(outcome.scores[name], method, reference, outcome.references[name][reference][1])
 
     return Files(read, captures)
+
+
+def _scored(outcome: Outcome, on: Basis) -> Iterator[Scored]:
+    """Every depth map of the table with its errors against each reference, capture by capture."""
+    for name in (capture.name for capture in on.captures):
+        for reference, entry in product(outcome.references[name], on.methods):
+            error = errors(outcome, [name], entry.id, reference)[0]
+            yield Scored(entry.id, reference, load_depthmap(outcome.maps[name, entry.id]), error)
 
 
 def _deviations(outcome: Outcome, captures: Sequence[str], method: str) -> Sequence[ErrorMap]:
