@@ -28,7 +28,9 @@ BINS = {  # a bin holds its lower edge
     "part": (),
     "edge_distance_mm": (0, 2, 4, 8, 16, np.inf),
 }
-ALONG = (np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])  # neighbours along x, along y
+Part = tuple[slice, slice]
+ALL, BEFORE, BEHIND = slice(None), slice(None, -1), slice(1, None)
+ALONG: tuple[tuple[Part, Part], ...] = ((ALL, BEFORE), (ALL, BEHIND)), ((BEFORE, ALL), (BEHIND, ALL))  # x, then y
 MEANS = ("mean_mm", "median_mm", "absolute_mm", "p95_mm", "observed_percent", "nll")  # formed for each capture
 
 

@@ -45,13 +45,14 @@ def verdicts(result: Result) -> list[Verdict]:
     """One for each metric and reference that was compared."""
     titles = {method.name: method.title for method in result.about.methods}
     found = []
-    for (metric, reference), lines in result.comparisons.groupby(["metric", "reference"], sort=False):
+    for _, lines in result.comparisons.groupby(["metric", "reference"], sort=False):
+        first = next(each(lines))
+        metric, reference = first.metric, first.reference
         beaten = set(lines.worse)
         best = sorted(result.best(metric, reference), key=lambda name: name in beaten)  # the best figure comes first
         ahead = lines[shown(lines) & lines.better.isin(best[:1])].sort_values("difference", kind="stable")
         rows = tuple((c.sentence, p_text(c.p_corrected), number(c.effect, 2)) for c in each(lines))
         heading = f"{result.title(metric)} {AGAINST.get(reference, reference)}"
-        first = lines.iloc[0]
         blocks = f" ({first.n_blocks} blocks)" if first.n_blocks else ""  # of an earlier version
         caption = f"{heading}: every pair on {first.n_captures} captures{blocks}"
         table = Grid(caption, ("difference", "p, corrected", "effect (dz)"), rows)
