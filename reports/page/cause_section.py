@@ -25,7 +25,8 @@ def by_cause(result: Result) -> list[Grid]:
     grids, shown = [], methods(result)
     for reference, lines in result.causes.groupby("reference", sort=False):
         rows: dict[tuple[str, str], dict[str, str]] = {}
-        for line in sorted(each(lines), key=lambda x: (list(CAUSES).index(x.cause), x.part, x.low)):
+        known = lines[lines.cause.isin(CAUSES)]
+        for line in sorted(each(known), key=lambda x: (list(CAUSES).index(x.cause), x.part, x.low)):
             cell = f"{number(line.absolute_mm, 2)} [{number(line.mean_mm, 2)}] {line.n_pixels}/{line.n_captures}"
             rows.setdefault((CAUSES[line.cause], bin_label(line)), {})[line.method] = cell
         caption = (

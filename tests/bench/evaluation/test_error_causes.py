@@ -59,11 +59,12 @@ def test_the_image_s_border_is_no_edge():
     assert np.isinf(edge_distance_m(AXIS_M, AXIS_M, np.full(X_M.shape, 0.3))).all()
 
 
-def test_a_disc_with_a_stem_is_a_palm_with_a_finger():
+@pytest.mark.parametrize("half_m", [0.009, 0.018])  # one finger, and two side by side
+def test_a_disc_with_a_stem_is_a_palm_with_a_finger(half_m):
     """The opening gives the disc back, and of the stem only the fillets at its root: a disc of radius r that touches a
     disc of radius R and both sides of the stem would have to fit between them, so none is deeper in the stem than r."""
     disc = np.hypot(X_M, Y_M + 0.04) <= 0.04
-    stem = (np.abs(X_M) <= 0.009) & (Y_M > -0.04) & (Y_M < 0.08)
+    stem = (np.abs(X_M) <= half_m) & (Y_M > -0.04) & (Y_M < 0.08)
     z_m = np.where(disc | stem, 0.3, np.nan)
     z_m[60, 100] = np.nan  # a hole in the palm, as of a mesh
     part = parts(AXIS_M, AXIS_M, z_m)
@@ -104,6 +105,21 @@ def test_figures_are_formed_for_each_capture_and_then_averaged(tmp_path):
     assert edges.n_pixels.sum() == amplitude.n_pixels.sum()
     assert edges.low.tolist() == list(BINS["edge_distance_mm"][:-1])
     assert not len(found["reliability"])
+
+
+def test_percentiles_and_medians_are_of_the_pixels():
+    """Errors that grow evenly from 0 to 10 mm have the median 5 and the 95th percentile 9.5 mm."""
+    error_m = 0.01 * (Y_M - Y_M.min()) / np.ptp(Y_M)
+    [line] = explain([scored(error_m, np.zeros(X_M.shape))])["causes"].query("cause == 'below_maximum_db'").itertuples()
+    assert (line.mean_mm, line.median_mm, line.absolute_mm, line.p95_mm) == pytest.approx((5, 5, 5, 9.5))
+
+
+def test_a_surface_without_an_edge_is_far_from_one():
+    reference_m, error_m = np.full(X_M.shape, 0.3), np.full(X_M.shape, 1e-3)
+    depth = DepthMap(AXIS_M, AXIS_M, reference_m + error_m, np.zeros(X_M.shape), "3fsk")
+    table = explain([Scored("3fsk", "truth", depth, ErrorMap(AXIS_M, AXIS_M, error_m, reference_m))])["causes"]
+    [line] = table[table.cause == "edge_distance_mm"].itertuples()
+    assert line.low == 16 and np.isinf(line.high) and line.n_pixels == X_M.size
 
 
 def test_a_line_for_each_method_and_reference_and_none_without_maps():

@@ -41,6 +41,11 @@ def test_coverage_of_right_sigmas_is_binomial():
     for line in found.itertuples():
         assert line.n_pixels == SIDE**2
         assert within_binomial(line.observed_percent, line.nominal_percent, SIDE**2)
+    spread_mm = 1e3 * np.hypot(sigma_m, reference_m)
+    expected = np.mean(0.5 * np.log(2 * np.pi * np.e * spread_mm**2))
+    assert found.nll.tolist() == pytest.approx([expected] * len(found), abs=5 * np.sqrt(0.5) / SIDE)
+    reference_m[0, 0] = np.nan  # one pixel whose reference tells none
+    assert not table(error_m, sigma_m, reference_m).reference_sigma.any()
     alone = table(error_m, sigma_m)  # without the reference's share the intervals are too narrow
     assert not alone.reference_sigma.any()
     assert not within_binomial(alone.observed_percent[4], 95, SIDE**2)
