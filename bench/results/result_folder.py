@@ -11,19 +11,12 @@ import pandas as pd
 from bench.results.about import About, CaptureFacts, read_facts
 from bench.results.error_map import ErrorMap
 from bench.results.maps import Surface, depth_path, errors_path, photo_path, read_map
-from bench.results.tables import COMPARISONS, CURVES, EQUAL, LEVEL, REPEATS, TABLE, TASKS, each, frame, read, write
+from bench.results.tables import LEVEL, SCHEMAS, each, frame, read, write
 from radar.support.errors import HandbenchError
 from radar.support.files import require_file, require_folder, write_json, write_text
 
-TABLES = {
-    "table": TABLE,
-    "tasks": TASKS,
-    "repeats": REPEATS,
-    "comparisons": COMPARISONS,
-    "equal": EQUAL,
-    "curves": CURVES,
-}
-OPTIONAL = ("repeats", "comparisons", "equal", "curves")
+OPTIONAL = ("repeats", "comparisons", "equal", "curves", "causes", "reliability")  # which older folders may lack
+TABLES = {name: SCHEMAS[name] for name in ("table", "tasks", *OPTIONAL)}
 BUSY = 0.25  # cores that other work may take before times are called disturbed
 UNSETTLED = 0.1  # of a median time: half an interval that is wider is told
 
@@ -31,7 +24,7 @@ UNSETTLED = 0.1  # of a median time: half an interval that is wider is told
 @dataclass(frozen=True, eq=False)
 class Result:
     """A result folder that has been checked to be complete; maps and photographs are read when asked for. table, tasks,
-    repeats, comparisons, equal, curves: as `bench.results.tables` declares them."""
+    repeats, comparisons, equal, curves, causes, reliability: as `bench.results.tables` declares them."""
 
     folder: Path
     about: About
@@ -39,9 +32,11 @@ class Result:
     tasks: pd.DataFrame
     repeats: pd.DataFrame
     config: str
-    comparisons: pd.DataFrame = field(default_factory=lambda: frame(COMPARISONS))
-    equal: pd.DataFrame = field(default_factory=lambda: frame(EQUAL))
-    curves: pd.DataFrame = field(default_factory=lambda: frame(CURVES))
+    comparisons: pd.DataFrame = field(default_factory=lambda: frame(TABLES["comparisons"]))
+    equal: pd.DataFrame = field(default_factory=lambda: frame(TABLES["equal"]))
+    curves: pd.DataFrame = field(default_factory=lambda: frame(TABLES["curves"]))
+    causes: pd.DataFrame = field(default_factory=lambda: frame(TABLES["causes"]))
+    reliability: pd.DataFrame = field(default_factory=lambda: frame(TABLES["reliability"]))
 
     def row(self, metric: str, method: str, reference: str) -> Any:
         """The table's line, a named tuple of its columns; None without one."""

@@ -87,7 +87,7 @@ SCHEMAS = declared(__file__)
 TABLE, TASKS, REPEATS, COMPARISONS = (SCHEMAS[name] for name in ("table", "tasks", "repeats", "comparisons"))
 EQUAL, CURVES = SCHEMAS["equal"], SCHEMAS["curves"]
 DIFFERENCES, TIMES, CHANGES = (SCHEMAS[name] for name in ("differences", "times", "changes"))
-SETTINGS, CASES = SCHEMAS["settings"], SCHEMAS["cases"]
+SETTINGS, CASES, CAUSES, RELIABILITY = (SCHEMAS[name] for name in ("settings", "cases", "causes", "reliability"))
 
 
 def frame(schema: Schema, rows: Iterable[Mapping[str, Any]] | Iterable[Sequence[Any]] = ()) -> pd.DataFrame:

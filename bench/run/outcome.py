@@ -24,8 +24,6 @@ from radar.support.errors import HandbenchError
 from radar.support.progress import say
 
 Line = tuple[Any, ...]  # of a table, in the order of its columns
-CSV = ("table", "tasks", "repeats", "comparisons")
-FILES = ("result.json", "config.toml", "errors", "depth", "photos", *(f"{name}.csv" for name in CSV))
 
 
 @dataclass

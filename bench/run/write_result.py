@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 from bench import results
+from bench.evaluation.error_causes import Scored, explain
 from bench.evaluation.floor import budget
 from bench.evaluation.metrics import TITLES
 from bench.evaluation.rows import metric_facts
@@ -17,6 +19,7 @@ from bench.results import About, CaptureFacts, MethodFacts, Surface
 from bench.results.tables import TASKS, frame
 from bench.run.outcome import Basis, Outcome, basis, errors, repeated, surfaces
 from bench.run.tabulation import tables
+from radar.data.depthmap import load_depthmap
 from radar.imaging.device import describe
 from radar.support.cost import calibrated_machine
 from radar.support.files import atomic_path
@@ -51,8 +54,16 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
     repeats = repeated(outcome)
     repeats = repeats[repeats.capture.isin(names) & repeats.method.isin(methods)]
     tasks = frame(TASKS, outcome.tasks)
-    results.write_tables(folder, tasks=tasks, repeats=repeats, **found)
+    results.write_tables(folder, tasks=tasks, repeats=repeats, **found, **explain(_scored(outcome, on)))
     results.write_about(folder, about(outcome, on))
+
+
+def _scored(outcome: Outcome, on: Basis) -> Iterator[Scored]:
+    """Every depth map of the table with its errors against each reference, capture by capture."""
+    for name in (capture.name for capture in on.captures):
+        for reference, entry in product(outcome.references[name], on.methods):
+            error = errors(outcome, [name], entry.id, reference)[0]
+            yield Scored(entry.id, reference, load_depthmap(outcome.maps[name, entry.id]), error)
 
 
 def _copy(source: Path, path: Path) -> None:
