@@ -13,6 +13,7 @@ from groundtruth.cameras.cameras import Camera, pycolmap
 from groundtruth.photos.photos import Photo
 from radar.support.progress import say
 
+DATABASE = "database.db"
 LONGEST_SIDE_PX = 3200  # features are found on photographs no larger than this
 MOST_FEATURES = 4096  # of a photograph
 SMALL_PX = 1200  # longer side below which photographs are doubled in size, for features: others have enough of them
@@ -114,3 +115,11 @@ def match(database: Path, seed: int, posed: pycolmap.Reconstruction | None = Non
     pycolmap.match_exhaustive(database, matching, verification_options=verification, device=pycolmap.Device.cpu)
     if posed is not None:
         pycolmap.guided_geometric_verification(posed, database, two_view_geometry_options=verification, num_threads=1)
+
+
+def scales_px(database: Path) -> dict[str, np.ndarray]:
+    """Photograph → the scale [n] of each of its features, standard deviation of the blur that it was found at."""
+    with pycolmap.Database.open(database) as stored:
+        keypoints = {image.name: stored.read_keypoints(image.image_id) for image in stored.read_all_images()}
+    # x, y and the shape [2, 2], a turned multiple of the unit matrix
+    return {name: np.sqrt(np.abs(np.linalg.det(k[:, 2:6].reshape(-1, 2, 2)))) for name, k in keypoints.items()}

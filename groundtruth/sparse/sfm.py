@@ -9,7 +9,7 @@ from pathlib import Path
 
 from groundtruth.cameras.cameras import pycolmap
 from groundtruth.photos.photos import Photo
-from groundtruth.sparse.features import Lenses, find_features, match
+from groundtruth.sparse.features import DATABASE, Lenses, find_features, match
 from radar.support.errors import HandbenchError
 from radar.support.progress import say
 
@@ -29,7 +29,7 @@ def structure_from_motion(
     """
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     pycolmap.set_random_seed(seed)
-    database = folder / "database.db"
+    database = folder / DATABASE
     find_features(photos, database, lenses)
     match(database, seed)
     return _map(photos, database, folder, seed, lenses)

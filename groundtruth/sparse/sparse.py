@@ -17,7 +17,7 @@ from groundtruth.photos.photos import Photo
 from groundtruth.sparse.adjust import adjust
 from groundtruth.sparse.bundle import Bundle
 from groundtruth.sparse.covariance import CameraCovariance, camera_covariance
-from groundtruth.sparse.features import Lenses
+from groundtruth.sparse.features import DATABASE, Lenses, scales_px
 from groundtruth.sparse.frame import Scale, apply, board_from_model, distances_from_model, poses_from_model
 from groundtruth.sparse.inputs import Inputs
 from groundtruth.sparse.sfm import structure_from_motion
@@ -60,7 +60,10 @@ class Sparse:
 def register(inputs: Inputs, options: SparseOptions) -> Sparse:
     """The photographs' model, found or given, adjusted and carried into the metric frame; a board, which is known in
     that frame, takes part in the adjustment."""
-    model = _given(inputs, options) if inputs.model is not None else _found(inputs, options)
+    with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
+        model = (_found if inputs.model is None else _given)(inputs, options, Path(scratch))
+        database = Path(scratch) / DATABASE
+        scales = scales_px(database) if database.exists() else {}
     unregistered(inputs.photos, model)
     check_geometry(model)
     free = _free(model, inputs, options)
@@ -69,12 +72,12 @@ def register(inputs: Inputs, options: SparseOptions) -> Sparse:
     if inputs.board is not None:
         scale = _to_metric_frame(model, inputs, options)
         if refine or not inputs.posed:
-            _adjust(model, inputs.corners, corners_m, free, refine)
+            _adjust(model, inputs.corners, corners_m, free, scales, refine)
     else:
         if refine or not (inputs.posed or inputs.model is not None):  # what is given is taken at its word
-            _adjust(model, {}, {}, free, refine)
+            _adjust(model, {}, {}, free, scales, refine)
         scale = _to_metric_frame(model, inputs, options)
-    return Sparse(model, scale, camera_covariance(Bundle(model, inputs.corners, corners_m, free), scale))
+    return Sparse(model, scale, camera_covariance(Bundle(model, inputs.corners, corners_m, free, scales), scale))
 
 
 def unregistered(photos: tuple[Photo, ...], model: pycolmap.Reconstruction) -> tuple[str, ...]:
@@ -107,7 +110,7 @@ def _depth(image: pycolmap.Image, model: pycolmap.Reconstruction) -> float:
     return float(np.median(np.linalg.norm(points - image.projection_center(), axis=1)))
 
 
-def _given(inputs: Inputs, options: SparseOptions) -> pycolmap.Reconstruction:
+def _given(inputs: Inputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
     """The given model, with points: one without any is completed, its cameras as they are."""
     assert inputs.model is not None
     model = load_model(inputs.model, inputs.photos)
@@ -115,23 +118,20 @@ def _given(inputs: Inputs, options: SparseOptions) -> pycolmap.Reconstruction:
         return model
     cameras = tuple(camera_of(image) for image in registered(model))
     names = {camera.name for camera in cameras}
-    with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
-        photos = tuple(photo for photo in inputs.photos if photo.name in names)
-        return triangulated(photos, cameras, Path(scratch), options.seed)
+    return triangulated(tuple(p for p in inputs.photos if p.name in names), cameras, scratch, options.seed)
 
 
-def _found(inputs: Inputs, options: SparseOptions) -> pycolmap.Reconstruction:
-    with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
-        if inputs.posed and inputs.cameras is not None:
-            return triangulated(inputs.photos, inputs.cameras, Path(scratch), options.seed)
-        lenses = Lenses(
-            inputs.cameras,
-            options.intrinsics,
-            options.refine_distortion,
-            inputs.focal_lengths_px(),
-            options.shared_intrinsics,
-        )
-        return structure_from_motion(inputs.photos, Path(scratch), lenses, options.seed)
+def _found(inputs: Inputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
+    if inputs.posed and inputs.cameras is not None:
+        return triangulated(inputs.photos, inputs.cameras, scratch, options.seed)
+    lenses = Lenses(
+        inputs.cameras,
+        options.intrinsics,
+        options.refine_distortion,
+        inputs.focal_lengths_px(),
+        options.shared_intrinsics,
+    )
+    return structure_from_motion(inputs.photos, scratch, lenses, options.seed)
 
 
 def _adjust(
@@ -139,12 +139,13 @@ def _adjust(
     corners: dict[str, Corners],
     corners_m: dict[int, np.ndarray],
     free: tuple[int, ...],
+    scales: dict[str, np.ndarray],
     refine: bool,
 ) -> None:
     """Adjust a model in place; refine: its cameras were given, so that it stays in their frame, and the change is said.
     Other arguments: as of `Bundle`."""
     given = tuple(camera_of(image) for image in registered(model))
-    adjust(model, corners, corners_m, free)
+    adjust(model, corners, corners_m, free, scales)
     if refine:
         if not corners:
             apply(model, poses_from_model(model, given)[0])

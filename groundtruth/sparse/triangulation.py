@@ -8,7 +8,7 @@ import numpy as np
 
 from groundtruth.cameras.cameras import Camera, pycolmap, registered
 from groundtruth.photos.photos import Photo
-from groundtruth.sparse.features import Lenses, find_features, match
+from groundtruth.sparse.features import DATABASE, Lenses, find_features, match
 from radar.support.errors import HandbenchError
 from radar.support.progress import say
 
@@ -26,7 +26,7 @@ def triangulated(
     """
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     pycolmap.set_random_seed(seed)
-    database = folder / "database.db"
+    database = folder / DATABASE
     find_features(photos, database, Lenses(cameras))
     model = _without_points(database, {camera.name: camera for camera in cameras})
     match(database, seed, model)
