@@ -105,16 +105,23 @@ def _write_cameras(database: Path, photos: tuple[Photo, ...], lenses: Lenses) ->
             stored.update_camera(camera)
 
 
-def match(database: Path, seed: int, posed: pycolmap.Reconstruction | None = None) -> None:
-    """Match every pair, and keep the matches that one motion explains; posed: the known motion of all cameras."""
+def match(database: Path, seed: int) -> None:
+    """Match every pair, and keep the matches that one motion explains."""
     say("matching every pair")
     matching = pycolmap.FeatureMatchingOptions(num_threads=1)  # with more, the index of descriptors does not repeat
-    matching.skip_geometric_verification = posed is not None
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = seed
     pycolmap.match_exhaustive(database, matching, verification_options=verification, device=pycolmap.Device.cpu)
-    if posed is not None:
-        pycolmap.guided_geometric_verification(posed, database, two_view_geometry_options=verification, num_threads=1)
+
+
+def agreement(database: Path, posed: pycolmap.Reconstruction) -> float:
+    """Keep the matches that the known motion of all cameras explains instead; returns their number, over that of the
+    matches that any motion explained."""
+    with pycolmap.Database.open(database) as stored:
+        before = stored.num_inlier_matches()
+    pycolmap.guided_geometric_verification(posed, database, num_threads=1)
+    with pycolmap.Database.open(database) as stored:
+        return stored.num_inlier_matches() / max(before, 1)
 
 
 def scales_px(database: Path) -> dict[str, np.ndarray]:
