@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from groundtruth.cameras.camera_files import FEWEST_POINTS
 from groundtruth.cameras.cameras import Camera, pycolmap, registered
-from groundtruth.photos.photos import Photo
+from groundtruth.photos.photos import FEWEST, Photo
 from groundtruth.sparse.features import DATABASE, Lenses, agreement, find_features, match
 from radar.support.errors import HandbenchError
 from radar.support.progress import say
 
-FEWEST_POINTS = 50  # of all photographs together
 LEAST_AGREEING = 0.5  # of the matches, with the poses: wrong ones have a quarter, since epipolar lines are alike
 
 
@@ -22,7 +22,7 @@ def triangulated(
     """The model of photographs with known cameras (all with R, t), which stay as they are bit for bit; `folder` (empty)
     receives COLMAP's database.
 
-    HandbenchError when the features do not fit the poses.
+    Photographs that see next to nothing are left out. HandbenchError when the features do not fit the poses.
     """
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     pycolmap.set_random_seed(seed)
@@ -36,11 +36,13 @@ def triangulated(
     options.triangulation.ignore_two_view_tracks = False
     say("triangulating")
     model = pycolmap.triangulate_points(model, database, photos[0].path.parent, folder, options=options)
-    if model.num_points3D() < FEWEST_POINTS:
+    for image in registered(model):
+        if image.num_points3D < FEWEST_POINTS:
+            model.deregister_frame(image.frame_id)
+    if len(registered(model)) < FEWEST:
         raise HandbenchError(
-            f"{photos[0].path.parent}: {model.num_points3D()} points could be triangulated with the given poses, "
-            f"{FEWEST_POINTS} are needed; check the poses (R, t carry world to camera), or take photographs with more "
-            "overlap and texture"
+            f"{photos[0].path.parent}: {len(registered(model))} of {len(photos)} photographs see {FEWEST_POINTS} points "
+            f"with the given poses, {FEWEST} are needed; take photographs with more overlap and texture"
         )
     _hold(model, {camera.name: camera for camera in cameras})
     error_px = model.compute_mean_reprojection_error()
