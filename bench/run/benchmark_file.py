@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from bench.datasets.dataset import AT_EMPTY_FILTERED, captures
 from bench.results.about import MEASURES, Measure
+from bench.run.sensitivity_table import SensitivityTable
 from bench.run.sweep import Sweep, imaging_settings, known_configs
 from radar.methods.registry import method
 from radar.support.config import Config, Name, load, suggest
@@ -102,6 +103,7 @@ class BenchFile(Config):
     capture: tuple[Source, ...] = ()
     method: tuple[MethodEntry, ...] = Field(min_length=1)
     tradeoff: Sweep | None = Field(default=None, description="what `handbench tradeoff` sweeps")
+    sensitivity: SensitivityTable | None = Field(default=None, description="what `handbench sensitivity` varies")
 
     @field_validator("calibration", mode="before")
     @classmethod

@@ -1,0 +1,105 @@
+"""Tornadoes of the figures over each factor's values, and the distance to the paper over the two factors that matter
+most."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bench.evaluation.metrics import METRICS, TITLES
+from bench.studies.sensitivity.cases import BASE, Value, shown, titled, unit_of
+from bench.studies.sensitivity.nearness import KEYS, PAPER
+from bench.studies.study import BLUE, GREY, ORANGE, VERMILION
+
+MOST = 12  # factors in a tornado
+FEWEST = 3  # settings that a cell of the map is coloured by
+NEAREST = 5  # settings marked on the map
+
+
+def draw_tornadoes(frames: dict[str, pd.DataFrame]) -> Figure | None:
+    """A panel a figure of the paper's: bars from the lowest to the highest value that each factor leads to, the
+    largest first; the draws of the benchmark itself among them; the paper's value."""
+    rows = frames["rows"]
+    base = rows[rows.name == BASE]
+    known = [name for name in PAPER if rows[name].notna().any()]
+    if base.empty or not known:
+        return None
+    figure = Figure(figsize=(4.2 * 4, 3.6 * 3), layout="constrained")
+    grid = figure.subplots(3, 4)
+    for axes, (row, column) in zip(grid.ravel(), np.ndindex(3, 4), strict=True):
+        family, key = tuple(METRICS[KEYS[0]].paper)[column], KEYS[row]
+        name = f"{family}_{key}"
+        if name in known:
+            _tornado(axes, rows, base.iloc[0], name, f"{TITLES[family]}: {METRICS[key].title}, mm")
+        else:
+            axes.set_axis_off()
+    return figure
+
+
+def _tornado(axes: Axes, rows: pd.DataFrame, base: pd.Series, name: str, title: str) -> None:
+    varied = rows[rows.factor.astype(bool) & rows[name].notna()].groupby("factor")[name]
+    ends = varied.agg(["min", "max"])
+    ends["low"], ends["high"] = ends["min"].clip(upper=base[name]), ends["max"].clip(lower=base[name])
+    if f"{name}_low" in base and pd.notna(base[f"{name}_low"]):
+        ends.loc["draws of the noise", ["low", "high"]] = base[f"{name}_low"], base[f"{name}_high"]
+    ends["width"] = ends.high - ends.low
+    ends = ends.sort_values("width").tail(MOST)
+    noise = [factor == "draws of the noise" for factor in ends.index]
+    axes.barh(np.arange(len(ends)), ends.width, left=ends.low, color=np.where(noise, ORANGE, BLUE), height=0.7)
+    axes.set_yticks(np.arange(len(ends)), [titled(factor) for factor in ends.index], fontsize=7)
+    axes.axvline(base[name], color=GREY, linewidth=0.8)
+    axes.axvline(PAPER[name], color=VERMILION, linestyle="--", linewidth=1.2)
+    axes.set_title(title)
+
+
+def draw_map(frames: dict[str, pd.DataFrame], factors: Mapping[str, Sequence[Value]]) -> Figure | None:
+    """The settings over the two factors with the smallest p, coloured by their distance, above the mean distance of
+    each cell."""
+    settings, first = frames["settings"], list(frames["factors"].factor[:2])
+    if len(first) < 2:
+        return None
+    figure = Figure(figsize=(6.4, 5.2), layout="constrained")
+    axes = figure.subplots()
+    places = [_places(settings[name], factors[name]) for name in first]
+    distance = settings.distance.to_numpy()
+    colours = {"vmin": distance.min(), "vmax": np.quantile(distance, 0.95), "cmap": "viridis_r"}
+    edges = [_edges(place, factors[name]) for place, name in zip(places, first, strict=True)]
+    count = np.histogram2d(*places, bins=edges)[0]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.where(count >= FEWEST, np.histogram2d(*places, bins=edges, weights=distance)[0] / count, np.nan)
+    axes.pcolormesh(*edges, mean.T, alpha=0.45, linewidth=0, **colours)
+    jitter = np.random.default_rng(0).uniform(-0.3, 0.3, (2, len(settings)))
+    at = [p if _ranged(factors[n]) else p + j for p, n, j in zip(places, first, jitter, strict=True)]
+    points = axes.scatter(*at, c=distance, s=22, edgecolors="white", linewidths=0.4, **colours)
+    axes.scatter(at[0][:NEAREST], at[1][:NEAREST], s=90, facecolors="none", edgecolors=VERMILION, linewidths=1.4)
+    for set_ticks, set_label, name in zip(
+        (axes.set_xticks, axes.set_yticks), (axes.set_xlabel, axes.set_ylabel), first, strict=True
+    ):
+        if not _ranged(factors[name]):
+            set_ticks(np.arange(len(factors[name])), [shown(name, value) for value in factors[name]])
+        set_label(titled(name) + (f", {unit_of(name)[2].strip()}" if _ranged(factors[name]) else ""))
+    figure.colorbar(points, label="distance to the paper: RMS of ln(ours / paper)")
+    axes.set_title(f"{len(settings)} settings; circles: the nearest {min(NEAREST, len(settings))}")
+    return figure
+
+
+def _edges(places: np.ndarray, values: Sequence[Value]) -> np.ndarray:
+    """The cells' edges along an axis: five cells of a range, or one a choice."""
+    if _ranged(values):
+        return np.linspace(places.min() - 1e-9, places.max() + 1e-9, 6)
+    return np.arange(len(values) + 1) - 0.5
+
+
+def _ranged(values: Sequence[Value]) -> bool:
+    return all(isinstance(value, float) for value in values)
+
+
+def _places(found: pd.Series, values: Sequence[Value]) -> np.ndarray:
+    """The settings' places along an axis: the factor's value as a person reads it, or the number of the choice."""
+    if _ranged(values):
+        return found.to_numpy(float) * unit_of(found.name)[1]
+    return np.array([values.index(value) for value in found], float)
