@@ -70,7 +70,8 @@ def joint_part(measurement: Measurement) -> Study:
         nearest = settings.head(ceil(len(settings) * table.near_percent / 100))
         factors = factor_records(settings, varied, nearest)
         turned = settings.assign(distance=settings.turned.astype(float))
-        order = factor_records(turned, varied, turned[turned.distance > 0])
+        below = turned[turned.distance > 0]
+        order = factor_records(turned, varied, below) if len(below) else []
         words = answer(settings, len(cases), factors, order, table)
         given = [Column(n, str, Factors.model_fields[n].description or "", heading=n) for n in varied]
         near = [_in_words(record) for record in settings.head(SHOWN).to_dict("records")]
