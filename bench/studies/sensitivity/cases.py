@@ -65,10 +65,15 @@ def filled(factors: Mapping[str, Sequence[Value]], count: int, seed: int) -> lis
 
 def _at(values: Sequence[Value], share: float) -> Value:
     """The value at a share of the range, or the choice there."""
-    if all(isinstance(value, float) for value in values):
+    if ranged(values):
         numbers = np.array(values, float)
         return float(numbers.min() + share * np.ptp(numbers))
     return values[int(share * len(values))]
+
+
+def ranged(values: Sequence[Value]) -> bool:
+    """True where there are values between these."""
+    return all(isinstance(value, float) for value in values)
 
 
 def told(factor: str, value: Value) -> str:

@@ -8,15 +8,17 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from bench.evaluation.metrics import METRICS, TITLES
-from bench.studies.sensitivity.cases import BASE, Value, shown, titled, unit_of
+from bench.studies.sensitivity.cases import BASE, Value, ranged, shown, titled, unit_of
 from bench.studies.sensitivity.nearness import KEYS, PAPER
 from bench.studies.study import BLUE, GREY, ORANGE, VERMILION
 
 MOST = 12  # factors in a tornado
 FEWEST = 3  # settings that a cell of the map is coloured by
+COLOURS = "viridis_r"
 NEAREST = 5  # settings marked on the map
 
 
@@ -63,43 +65,40 @@ def draw_map(frames: dict[str, pd.DataFrame], factors: Mapping[str, Sequence[Val
     if len(first) < 2:
         return None
     figure = Figure(figsize=(6.4, 5.2), layout="constrained")
-    axes = figure.subplots()
-    places = [_places(settings[name], factors[name]) for name in first]
-    distance = settings.distance.to_numpy()
-    colours = {"vmin": distance.min(), "vmax": np.quantile(distance, 0.95), "cmap": "viridis_r"}
-    edges = [_edges(place, factors[name]) for place, name in zip(places, first, strict=True)]
-    count = np.histogram2d(*places, bins=edges)[0]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.where(count >= FEWEST, np.histogram2d(*places, bins=edges, weights=distance)[0] / count, np.nan)
-    axes.pcolormesh(*edges, mean.T, alpha=0.45, linewidth=0, **colours)
-    jitter = np.random.default_rng(0).uniform(-0.3, 0.3, (2, len(settings)))
-    at = [p if _ranged(factors[n]) else p + j for p, n, j in zip(places, first, jitter, strict=True)]
-    points = axes.scatter(*at, c=distance, s=22, edgecolors="white", linewidths=0.4, **colours)
-    axes.scatter(at[0][:NEAREST], at[1][:NEAREST], s=90, facecolors="none", edgecolors=VERMILION, linewidths=1.4)
-    for set_ticks, set_label, name in zip(
-        (axes.set_xticks, axes.set_yticks), (axes.set_xlabel, axes.set_ylabel), first, strict=True
-    ):
-        if not _ranged(factors[name]):
-            set_ticks(np.arange(len(factors[name])), [shown(name, value) for value in factors[name]])
-        set_label(titled(name) + (f", {unit_of(name)[2].strip()}" if _ranged(factors[name]) else ""))
-    figure.colorbar(points, label="distance to the paper: RMS of ln(ours / paper)")
+    axes, (x, y) = figure.subplots(), first
+    across, up = _places(settings, x, factors[x]), _places(settings, y, factors[y])
+    distance, cells = settings.distance.to_numpy(), (_edges(across, factors[x]), _edges(up, factors[y]))
+    scale = Normalize(distance.min(), np.quantile(distance, 0.95))
+    count = np.histogram2d(across, up, bins=cells)[0]
+    total = np.histogram2d(across, up, bins=cells, weights=distance)[0]
+    mean = np.where(count >= FEWEST, total / np.maximum(count, 1), np.nan)
+    axes.pcolormesh(*cells, mean.T, norm=scale, cmap=COLOURS, alpha=0.45, linewidth=0)
+    apart = np.random.default_rng(0).uniform(-0.3, 0.3, (2, len(settings)))  # of those with one and the same value
+    across, up = across + apart[0] * (not ranged(factors[x])), up + apart[1] * (not ranged(factors[y]))
+    points = axes.scatter(across, up, c=distance, s=22, norm=scale, cmap=COLOURS, edgecolors="white", linewidths=0.4)
+    axes.scatter(across[:NEAREST], up[:NEAREST], s=90, facecolors="none", edgecolors=VERMILION, linewidths=1.4)
+    axes.set(xlabel=_label(x, factors[x]), ylabel=_label(y, factors[y]))
+    for axis, name in ((axes.xaxis, x), (axes.yaxis, y)):
+        if not ranged(factors[name]):
+            axis.set_ticks(np.arange(len(factors[name])), [shown(name, value) for value in factors[name]])
+    figure.colorbar(points, label="distance to the paper: RMS of ln(ours / paper)", extend="max")
     axes.set_title(f"{len(settings)} settings; circles: the nearest {min(NEAREST, len(settings))}")
     return figure
 
 
+def _label(factor: str, values: Sequence[Value]) -> str:
+    return titled(factor) + (f", {unit_of(factor)[2].strip()}" if ranged(values) else "")
+
+
 def _edges(places: np.ndarray, values: Sequence[Value]) -> np.ndarray:
     """The cells' edges along an axis: five cells of a range, or one a choice."""
-    if _ranged(values):
+    if ranged(values):
         return np.linspace(places.min() - 1e-9, places.max() + 1e-9, 6)
     return np.arange(len(values) + 1) - 0.5
 
 
-def _ranged(values: Sequence[Value]) -> bool:
-    return all(isinstance(value, float) for value in values)
-
-
-def _places(found: pd.Series, values: Sequence[Value]) -> np.ndarray:
+def _places(settings: pd.DataFrame, factor: str, values: Sequence[Value]) -> np.ndarray:
     """The settings' places along an axis: the factor's value as a person reads it, or the number of the choice."""
-    if _ranged(values):
-        return found.to_numpy(float) * unit_of(found.name)[1]
-    return np.array([values.index(value) for value in found], float)
+    if ranged(values):
+        return settings[factor].to_numpy(float) * unit_of(factor)[1]
+    return np.array([values.index(value) for value in settings[factor]], float)

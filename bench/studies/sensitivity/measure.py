@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from bench.evaluation.depth_errors import error_map
-from bench.evaluation.metrics import METRICS, averaged, deviation, mean_deviation, of_captures
+from bench.evaluation.metrics import HEADLINE, METRICS, averaged, deviation, mean_deviation, of_captures
 from bench.results.error_map import ErrorMap
 from bench.run.benchmark_file import BenchFile, MethodEntry
 from bench.run.repeat_stage import strongest_z_m
@@ -24,7 +24,7 @@ from bench.run.sensitivity_table import completed
 from bench.scenes.scene_file import SceneFile, Sensor
 from bench.studies.columns import Record
 from bench.studies.sensitivity.cases import BASE, Case
-from bench.studies.sensitivity.nearness import BROADBAND, FSK, PAPER, agreeing, distance
+from bench.studies.sensitivity.nearness import BROADBAND, FSK, KEYS, PAPER, agreeing, distance
 from bench.studies.sensitivity.placement import Clean, Hand, smooth_field
 from bench.studies.sensitivity.reception import received
 from groundtruth.mesh.depth import depth_on_grid
@@ -40,9 +40,9 @@ from radar.support.files import content_hash, inside
 from radar.support.parallel import for_each
 from radar.support.progress import say
 
-FAMILIES = tuple(METRICS["mae_mm"].paper)  # the paper's methods
-FILTERS = {"filters_px": ("coarse_filter_px", "fine_filter_px")}
-FILTERS |= {name: (name,) for name in ("coarse_filter_px", "fine_filter_px")}
+FAMILIES = tuple(METRICS[HEADLINE].paper)  # the paper's methods
+WINDOWS = ("coarse_filter_px", "fine_filter_px")
+FILTERS: dict[str, tuple[str, ...]] = {"filters_px": WINDOWS, **{name: (name,) for name in WINDOWS}}
 
 
 @dataclass
@@ -76,7 +76,7 @@ class Measurement:
         spread: dict[str, float | None] = {}
         for family in self.entries:
             draws = self._accuracy(family, list(found.values()), case)
-            for key in ("mae_mm", "max_mm"):
+            for key in KEYS[:2]:
                 name, values = f"{family}_{key}", draws[key].to_numpy(float)
                 figures[name] = float(values.mean()) if np.isfinite(values).all() else None
                 if len(values) > 1:
@@ -89,7 +89,8 @@ class Measurement:
                 value = mean_deviation([f.strongest_m[family] for f in found.values() if family in f.strongest_m])
                 figures[f"{family}_precision_mm"] = value and value[0]
                 spread[f"{family}_precision_mm_sd"] = value and float(value[0] / np.sqrt(2 * value[1]))
-        turned = None if None in (order := [figures.get(BROADBAND), figures.get(FSK)]) else order[0] < order[1]
+        broadband, fsk = figures.get(BROADBAND), figures.get(FSK)
+        turned = None if broadband is None or fsk is None else broadband < fsk
         near = {"distance": distance(figures), "agree": agreeing(figures, self.table.within_percent), "turned": turned}
         told = {"number": case.number, "name": case.name, "placement": case.placement}
         told["values"] = json.dumps(dict(case.values))

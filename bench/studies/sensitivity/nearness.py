@@ -8,14 +8,14 @@ import numpy as np
 import pandas as pd
 from scipy.stats import kruskal
 
-from bench.evaluation.metrics import METRICS
+from bench.evaluation.metrics import HEADLINE, METRICS
 from bench.run.sensitivity_table import SIMULATED, SensitivityTable
 from bench.studies.columns import Record
-from bench.studies.sensitivity.cases import Value, shown, titled
+from bench.studies.sensitivity.cases import Value, ranged, shown, titled
 
-KEYS = ("mae_mm", "max_mm", "precision_mm")
+KEYS = (HEADLINE, "max_mm", "precision_mm")
 PAPER = {f"{family}_{key}": value for key in KEYS for family, value in METRICS[key].paper.items()}  # the ten figures
-BROADBAND, FSK = "broadband_mae_mm", "3fsk_mae_mm"
+BROADBAND, FSK = f"broadband_{HEADLINE}", f"3fsk_{HEADLINE}"
 THIRDS = ("low", "middle", "high")
 SIGNIFICANT = 0.05  # of all factors together: each is held to its share
 POSSIBILITY = (
@@ -62,10 +62,10 @@ def factor_records(settings: pd.DataFrame, factors: Mapping[str, Sequence[Value]
 
 def third(found: pd.Series, values: Sequence[Value]) -> pd.Series:
     """The part of a factor's range that each setting lies in: a third, or the value where there is no range."""
-    if not all(isinstance(value, float) for value in values):
+    if not ranged(values):
         return found.astype(str)
-    low, high = min(values), max(values)  # type: ignore[type-var]
-    share = (found.astype(float) - float(low)) / (float(high) - float(low))
+    numbers = np.array(values, float)
+    share = (found.astype(float) - numbers.min()) / np.ptp(numbers)
     return pd.Series([THIRDS[min(int(3 * s), 2)] for s in share], index=found.index)
 
 
@@ -73,7 +73,8 @@ def _span(name: str, found: pd.Series) -> str:
     """The middle eight tenths of the near settings, or how often each value is among them."""
     if found.dtype.kind == "f":
         return " to ".join(shown(name, float(value)) for value in np.quantile(found, (0.1, 0.9)))
-    return ", ".join(f"{shown(name, value)}: {count}" for value, count in found.value_counts().sort_index().items())
+    values, counts = np.unique(found.to_numpy(), return_counts=True)
+    return ", ".join(f"{shown(name, value)}: {count}" for value, count in zip(values.tolist(), counts, strict=True))
 
 
 def answer(

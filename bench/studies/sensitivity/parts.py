@@ -74,7 +74,7 @@ def joint_part(measurement: Measurement) -> Study:
         order = factor_records(turned, varied, below) if len(below) else []
         words = answer(settings, len(cases), factors, order, table)
         given = [Column(n, str, Factors.model_fields[n].description or "", heading=n) for n in varied]
-        near = [_in_words(record) for record in settings.head(SHOWN).to_dict("records")]
+        near = [_in_words(record) for record in _records(settings.head(SHOWN))]
         every = [
             *TOLD,
             *(Column(n, object, c.meaning) for n, c in zip(varied, given, strict=True)),
@@ -83,7 +83,7 @@ def joint_part(measurement: Measurement) -> Study:
         ]
         known = columns("sensitivity.factors")
         return [
-            Table("settings", every, settings.to_dict("records"), shown=False),
+            Table("settings", every, _records(settings), shown=False),
             Table("nearest", [_text("name", "nearest"), *_figures(), *VERDICT[:2]], [_paper_numbers(), *near]),
             Table("values", [_text("name", "their values"), *given], near, note=words),
             Table("factors", known, [r | {"distance": "distance"} for r in factors]),
@@ -156,6 +156,10 @@ def _paper() -> Record:
 
 def _paper_numbers() -> Record:
     return {"name": "the paper", **PAPER}
+
+
+def _records(settings: pd.DataFrame) -> list[Record]:
+    return [{str(name): value for name, value in line.items()} for line in settings.to_dict("records")]
 
 
 def _in_words(record: Record) -> Record:

@@ -73,8 +73,8 @@ class Hand:
     def own(self, values: Mapping[str, Value]) -> dict[str, Value]:
         """The simulated factors that change this hand: each its place, a print its own, and the skin's that of the
         hands that measure the accuracy."""
-        others = () if self.material.kind == "plastic" else ("permittivity", "layer_m")
-        others += () if self.accuracy else ("material", "roughness_m")
+        others = [] if self.material.kind == "plastic" else ["permittivity", "layer_m"]
+        others += [] if self.accuracy else ["material", "roughness_m"]
         as_it_is = {"material": self.material.kind, "permittivity": self.material.real_permittivity}
         named = {name: value for name, value in values.items() if name in SIMULATED and name not in others}
         return {name: value for name, value in named.items() if value != as_it_is.get(name, 0)}

@@ -87,7 +87,7 @@ def test_a_phase_at_f3_shifts_3fsk_and_narrowband_alone(measured):
 
 
 def test_a_phase_at_f2_shifts_2fsk(measured):
-    """The strongest pixel takes cφ/(4πΔf), and so does z_e, from where an antenna's angle makes it some percent more."""
+    """The strongest pixel takes cφ/(4πΔf), and so does z_e, which adds some percent off the axis."""
     shift_m = SPEED_OF_LIGHT_M_S * 0.02 / (4 * np.pi * 200e6)
     plain, turned = measured(), measured(f2_phase_rad=0.02)
     assert np.mean(turned.strongest_m["2fsk"] - plain.strongest_m["2fsk"]) == pytest.approx(shift_m, rel=5e-2)
