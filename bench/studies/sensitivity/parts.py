@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import ceil
 
 import pandas as pd
@@ -20,6 +21,8 @@ from bench.studies.study import Study
 SHOWN = 10  # settings of the joint design on its page
 SETTING = {column.name: column for column in columns("sensitivity.setting")}
 TOLD = [SETTING[name] for name in ("number", "name", "factor", "values", "placement")]
+NAME = SETTING["name"]
+PRINTED: Record = {"name": "the paper", **{name: f"{value:g}" for name, value in PAPER.items()}}
 VERDICT = [SETTING[name] for name in ("distance", "agree", "turned")]
 ONE = """\
 Every figure of the paper's Table I, against the true surface, with one factor changed at a time and all else as the
@@ -46,9 +49,7 @@ def one_part(measurement: Measurement) -> Study:
         measurement,
         lambda records: [
             Table("rows", [*TOLD, *_figures(), *_spreads(), *VERDICT], records, shown=False),
-            Table(
-                "table", [_text("name", "setting"), *_texts(), *VERDICT[:2]], [_paper(), *map(_with_spread, records)]
-            ),
+            Table("table", [NAME, *_texts(), *VERDICT[:2]], [PRINTED, *map(_worded, records)]),
             _ranges(table),
         ],
         draw_tornadoes,
@@ -74,19 +75,14 @@ def joint_part(measurement: Measurement) -> Study:
         order = factor_records(turned, varied, below) if len(below) else []
         words = answer(settings, len(cases), factors, order, table)
         given = [Column(n, str, Factors.model_fields[n].description or "", heading=n) for n in varied]
-        near = [_in_words(record) for record in _records(settings.head(SHOWN))]
-        every = [
-            *TOLD,
-            *(Column(n, object, c.meaning) for n, c in zip(varied, given, strict=True)),
-            *_figures(),
-            *VERDICT,
-        ]
+        near = [_worded(record) for record in _records(settings.head(SHOWN))]
+        every = [*TOLD, *(replace(column, heading="") for column in given), *_figures(), *VERDICT]
         known = columns("sensitivity.factors")
         return [
             Table("settings", every, _records(settings), shown=False),
-            Table("nearest", [_text("name", "nearest"), *_figures(), *VERDICT[:2]], [_paper_numbers(), *near]),
-            Table("values", [_text("name", "their values"), *given], near, note=words),
-            Table("factors", known, [r | {"distance": "distance"} for r in factors]),
+            Table("nearest", [NAME, *_texts(), *VERDICT[:2]], [PRINTED, *near]),
+            Table("values", [NAME, *given], near, note=words),
+            Table("factors", known, factors),
             Table("order", known, order, shown=False),
         ]
 
@@ -106,74 +102,42 @@ def joint_part(measurement: Measurement) -> Study:
 PARTS: dict[str, Callable[[Measurement], Study]] = {"one": one_part, "joint": joint_part}
 
 
-def _split(name: str) -> tuple[str, str]:
-    """Method and metric of a figure's name."""
-    key = next(key for key in KEYS if name.endswith(key))
-    return name.removesuffix(f"_{key}"), key
-
-
-def _heading(name: str) -> str:
-    family, key = _split(name)
-    return f"{TITLES[family]} {METRICS[key].title.removesuffix(' of AE')}"
-
-
 def _figures() -> list[Column]:
-    return [Column(n, float, METRICS[_split(n)[1]].definition, "mm", heading=_heading(n), form="{:.2f}") for n in PAPER]
-
-
-def _spreads() -> list[Column]:
-    """Of the draws, in the files alone."""
-    words = {"sd": "standard deviation", "low": "lowest", "high": "highest"}
-    return [
-        Column(f"{name}_{end}", float, f"{word} over the draws", "mm")
-        for name in PAPER
-        for end, word in words.items()
-        if end == "sd" or "precision" not in name
-    ]
-
-
-def _text(name: str, heading: str) -> Column:
-    return Column(name, str, SETTING["name"].meaning, heading=heading)
+    """The ten figures as numbers, for the files."""
+    return [Column(f"{m}_{key}", float, METRICS[key].definition, "mm") for key in KEYS for m in METRICS[key].paper]
 
 
 def _texts() -> list[Column]:
-    return [Column(c.name, str, f"{c.meaning}, mm", heading=c.heading) for c in _figures()]
+    """The same for the page, in words."""
+    names = {f"{m}_{key}": f"{TITLES[m]} {METRICS[key].title.split()[0]}" for key in KEYS for m in METRICS[key].paper}
+    return [Column(c.name, str, f"{c.meaning}, mm", heading=names[c.name]) for c in _figures()]
 
 
-def _with_spread(record: Record) -> Record:
-    """A setting with its figures as text, "6.05 ± 0.31"."""
+def _spreads() -> list[Column]:
+    """Of the draws, for the files."""
+    words = {"sd": "standard deviation", "low": "lowest", "high": "highest"}
+    ends = [(c.name, end) for c in _figures() for end in words if end == "sd" or not c.name.endswith(KEYS[-1])]
+    return [Column(f"{name}_{end}", float, f"{words[end]} over the draws", "mm") for name, end in ends]
+
+
+def _worded(record: Record) -> Record:
+    """A setting as the page has it: figures as "6.05 ± 0.31", factors with their units."""
     cells = {}
     for name in PAPER:
         value, sd = record.get(name), record.get(f"{name}_sd")
-        if value is not None:
-            cells[name] = f"{value:.2f}" + (f" ± {sd:.2f}" if sd is not None else "")
-    return {**record, **cells}
-
-
-def _paper() -> Record:
-    return {"name": "the paper", **{name: f"{value:g}" for name, value in PAPER.items()}}
-
-
-def _paper_numbers() -> Record:
-    return {"name": "the paper", **PAPER}
+        cells[name] = "" if value is None else f"{value:.2f}" + (f" ± {sd:.2f}" if sd is not None else "")
+    return {**record, **cells, **{n: shown(n, v) for n, v in record.items() if n in Factors.model_fields}}
 
 
 def _records(settings: pd.DataFrame) -> list[Record]:
     return [{str(name): value for name, value in line.items()} for line in settings.to_dict("records")]
 
 
-def _in_words(record: Record) -> Record:
-    return {**record, **{n: shown(n, v) for n, v in record.items() if n in Factors.model_fields}}
-
-
 def _ranges(table: SensitivityTable) -> Table:
     """The factors with their values and meanings."""
-    records = [
-        {
-            "factor": name,
-            "values": ", ".join(shown(name, value) for value in values),
-            "meaning": Factors.model_fields[name].description,
-        }
-        for name, values in table.factor.listed().items()
+    known = Factors.model_fields
+    records: list[Record] = [
+        {"factor": n, "values": ", ".join(shown(n, v) for v in values), "meaning": known[n].description}
+        for n, values in table.factor.listed().items()
     ]
     return Table("factors", columns("sensitivity.range"), records)

@@ -158,7 +158,7 @@ def placed(scene: Scene, values: Mapping[str, Value], roughness_m: float) -> Sce
     target = old.model_copy(
         update={
             "distance_m": old.distance_m + number.get("distance_m", 0.0),
-            "offset_m": tuple(np.add(old.offset_m, (number.get("aside_m", 0.0), number.get("height_m", 0.0)))),
+            "offset_m": tuple(np.add(old.offset_m, (0.0, number.get("height_m", 0.0)))),
             "rotation_deg": tuple(
                 np.add(old.rotation_deg, (number.get("tilt_x_deg", 0.0), number.get("tilt_y_deg", 0.0), 0.0))
             ),
