@@ -27,35 +27,42 @@ def draw_tornadoes(frames: dict[str, pd.DataFrame]) -> Figure | None:
     largest first; the draws of the benchmark itself among them; the paper's value."""
     rows = frames["rows"]
     base = rows[rows.name == BASE]
-    known = [name for name in PAPER if rows[name].notna().any()]
-    if base.empty or not known:
+    lines = [key for key in KEYS if any(rows[f"{family}_{key}"].notna().any() for family in METRICS[key].paper)]
+    if base.empty or not lines:
         return None
-    figure = Figure(figsize=(4.2 * 4, 3.6 * 3), layout="constrained")
-    grid = figure.subplots(3, 4)
-    for axes, (row, column) in zip(grid.ravel(), np.ndindex(3, 4), strict=True):
-        family, key = tuple(METRICS[KEYS[0]].paper)[column], KEYS[row]
+    figure, families = Figure(figsize=(4.2 * 4, 3.6 * len(lines)), layout="constrained"), tuple(METRICS[KEYS[0]].paper)
+    panels = figure.subplots(len(lines), len(families), squeeze=False)
+    for (row, column), axes in np.ndenumerate(panels):
+        family, key = families[column], lines[row]
         name = f"{family}_{key}"
-        if name in known:
-            _tornado(axes, rows, base.iloc[0], name, f"{TITLES[family]}: {METRICS[key].title}, mm")
+        if name in PAPER and rows[name].notna().any():
+            _tornado(axes, rows, base.iloc[0], name)
+            axes.set_title(f"{TITLES[family]}: {METRICS[key].title}, mm")
         else:
             axes.set_axis_off()
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
     return figure
 
 
-def _tornado(axes: Axes, rows: pd.DataFrame, base: pd.Series, name: str, title: str) -> None:
-    varied = rows[rows.factor.astype(bool) & rows[name].notna()].groupby("factor")[name]
-    ends = varied.agg(["min", "max"])
-    ends["low"], ends["high"] = ends["min"].clip(upper=base[name]), ends["max"].clip(lower=base[name])
-    if f"{name}_low" in base and pd.notna(base[f"{name}_low"]):
-        ends.loc["draws of the noise", ["low", "high"]] = base[f"{name}_low"], base[f"{name}_high"]
-    ends["width"] = ends.high - ends.low
-    ends = ends.sort_values("width").tail(MOST)
-    noise = [factor == "draws of the noise" for factor in ends.index]
-    axes.barh(np.arange(len(ends)), ends.width, left=ends.low, color=np.where(noise, ORANGE, BLUE), height=0.7)
-    axes.set_yticks(np.arange(len(ends)), [titled(factor) for factor in ends.index], fontsize=7)
-    axes.axvline(base[name], color=GREY, linewidth=0.8)
-    axes.axvline(PAPER[name], color=VERMILION, linestyle="--", linewidth=1.2)
-    axes.set_title(title)
+def _tornado(axes: Axes, rows: pd.DataFrame, base: pd.Series, name: str) -> None:
+    bars = []
+    for factor, found in rows[rows.factor.astype(bool) & rows[name].notna()].groupby("factor"):
+        low, high = found.loc[found[name].idxmin()], found.loc[found[name].idxmax()]
+        ends = [(line[name], line["name"].removeprefix(titled(str(factor))).strip()) for line in (low, high)]
+        least, most = min(ends[0], (base[name], "")), max(ends[1], (base[name], ""))
+        bars.append((titled(str(factor)), BLUE, least, most))
+    if pd.notna(base.get(f"{name}_low")):
+        bars.append(("draws of the noise", ORANGE, (base[f"{name}_low"], ""), (base[f"{name}_high"], "")))
+    bars = sorted((bar for bar in bars if bar[3][0] > bar[2][0]), key=lambda bar: bar[3][0] - bar[2][0])[-MOST:]
+    for place, (_, colour, (low_mm, low), (high_mm, high)) in enumerate(bars):
+        axes.barh(place, high_mm - low_mm, left=low_mm, color=colour, height=0.7)
+        for at_mm, text, side in ((low_mm, f"{low} ", "right"), (high_mm, f" {high}", "left")):
+            axes.text(at_mm, place, text, ha=side, va="center", fontsize=6)
+    axes.set_yticks(np.arange(len(bars)), [bar[0] for bar in bars], fontsize=7)
+    axes.use_sticky_edges = False  # the words beside the bars need room
+    axes.margins(x=0.2)
+    axes.axvline(base[name], color=GREY, linewidth=0.8, label=BASE)
+    axes.axvline(PAPER[name], color=VERMILION, linestyle="--", linewidth=1.2, label="the paper")
 
 
 def draw_map(frames: dict[str, pd.DataFrame], factors: Mapping[str, Sequence[Value]]) -> Figure | None:
