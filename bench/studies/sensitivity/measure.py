@@ -16,22 +16,22 @@ import numpy as np
 import pandas as pd
 
 from bench.evaluation.depth_errors import error_map
-from bench.evaluation.metrics import HEADLINE, METRICS, averaged, deviation, mean_deviation, of_captures
+from bench.evaluation.metrics import averaged, deviation, mean_deviation, of_captures
 from bench.results.error_map import ErrorMap
-from bench.run.benchmark_file import BenchFile, MethodEntry
+from bench.run.benchmark_file import BenchFile
 from bench.run.repeat_stage import strongest_z_m
 from bench.run.sensitivity_table import completed
 from bench.scenes.scene_file import SceneFile, Sensor
 from bench.studies.columns import Record
 from bench.studies.sensitivity.cases import BASE, Case
+from bench.studies.sensitivity.configured import configured, grid_of, paper_methods, tones_of
 from bench.studies.sensitivity.nearness import BROADBAND, FSK, KEYS, PAPER, agreeing, distance
 from bench.studies.sensitivity.placement import Clean, Hand, smooth_field
 from bench.studies.sensitivity.reception import received
 from groundtruth.mesh.depth import depth_on_grid
 from radar.data.capture import RadarCapture, thinned
 from radar.data.depthmap import DepthMap
-from radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
-from radar.methods.projection import BroadbandConfig, NarrowbandConfig
+from radar.methods.fsk_config import ThreeToneConfig
 from radar.methods.registry import Method, method
 from radar.methods.smoothing import masked_mean
 from radar.support.config import Config, load
@@ -39,10 +39,6 @@ from radar.support.errors import HandbenchError
 from radar.support.files import content_hash, inside
 from radar.support.parallel import for_each
 from radar.support.progress import say
-
-FAMILIES = tuple(METRICS[HEADLINE].paper)  # the paper's methods
-WINDOWS = ("coarse_filter_px", "fine_filter_px")
-FILTERS: dict[str, tuple[str, ...]] = {"filters_px": WINDOWS, **{name: (name,) for name in WINDOWS}}
 
 
 @dataclass
@@ -65,17 +61,19 @@ class Measurement:
     def __call__(self, case: Case) -> Record:
         """The record of a setting: its figures (of several draws the mean, with standard deviation and range), their
         distance to the paper's and how many agree with them."""
-        found: dict[str, Found] = {}
+        found: dict[int, Found] = {}
         hands = [(hand, *self.prepared(hand, case)) for hand in self.hands[case.economies]]
 
-        def work(prepared: tuple[Hand, Clean, dict[str, np.ndarray]]) -> None:
-            found[prepared[0].file.name] = self.of_hand(case, *prepared)
+        def work(number: int) -> None:
+            found[number] = self.of_hand(case, *hands[number])
 
-        for_each(work, hands)
+        for_each(work, range(len(hands)))
+        parts = [found[number] for number in range(len(hands))]
         figures: dict[str, float | None] = {}
         spread: dict[str, float | None] = {}
-        for family in self.entries:
-            draws = self._accuracy(family, list(found.values()), case)
+        for family, entry in self.entries.items():
+            maps = [[p.maps[family, draw] for p in parts if p.maps] for draw in case.draws]
+            draws = pd.DataFrame([averaged(of_captures(of_draw)) for of_draw in maps])
             for key in KEYS[:2]:
                 name, values = f"{family}_{key}", draws[key].to_numpy(float)
                 figures[name] = float(values.mean()) if np.isfinite(values).all() else None
@@ -85,8 +83,8 @@ class Measurement:
                         f"{name}_low": values.min(),
                         f"{name}_high": values.max(),
                     }
-            if f"{family}_precision_mm" in PAPER and self.entries[family].precision:
-                value = mean_deviation([f.strongest_m[family] for f in found.values() if family in f.strongest_m])
+            if f"{family}_precision_mm" in PAPER and entry.precision:
+                value = mean_deviation([p.strongest_m[family] for p in parts if family in p.strongest_m])
                 figures[f"{family}_precision_mm"] = value and value[0]
                 spread[f"{family}_precision_mm_sd"] = value and float(value[0] / np.sqrt(2 * value[1]))
         broadband, fsk = figures.get(BROADBAND), figures.get(FSK)
@@ -97,22 +95,20 @@ class Measurement:
         factor = next(iter(case.values), "") if case.placement < 0 else ""
         return {**told, "factor": factor, **case.values, **figures, **spread, **near}
 
-    def _accuracy(self, family: str, found: Sequence[Found], case: Case) -> pd.DataFrame:
-        """The figures of each draw, averaged over the hands as the paper's table is."""
-        scored = [f.maps for f in found if f.maps]
-        return pd.DataFrame([averaged(of_captures(maps[family, draw] for maps in scored)) for draw in case.draws])
-
     def prepared(self, hand: Hand, case: Case) -> tuple[Clean, dict[str, np.ndarray]]:
         """A hand's echoes without noise, and its true depth [ny, nx] on each method's grid."""
         clean = hand.clean(case.values, self.work)
         if not hand.accuracy:
             return clean, {}
-        grids = {family: grid_of(self.config(family, case)) for family in self.entries}
-        cast: dict[bytes, np.ndarray] = {}
-        for x_m, y_m in grids.values():
-            if (key := _key(x_m, y_m)) not in cast:
-                cast[key] = depth_on_grid(clean.surface, x_m, y_m)
-        return clean, {family: cast[_key(*grid)] for family, grid in grids.items()}
+        truths: dict[str, np.ndarray] = {}
+        cast: dict[tuple[bytes, bytes], np.ndarray] = {}  # methods that share a grid share its depth
+        for family, entry in self.entries.items():
+            x_m, y_m = grid_of(configured(entry, case, self.table))
+            grid = x_m.tobytes(), y_m.tobytes()
+            if grid not in cast:
+                cast[grid] = depth_on_grid(clean.surface, x_m, y_m)
+            truths[family] = cast[grid]
+        return clean, truths
 
     def of_hand(self, case: Case, hand: Hand, clean: Clean, truths: dict[str, np.ndarray]) -> Found:
         """One hand's part of a setting, with what `prepared` gives."""
@@ -134,7 +130,7 @@ class Measurement:
     def _capture(self, hand: Hand, clean: Clean, case: Case, frames: Sequence[int], draw: int) -> RadarCapture:
         noise_rad = self.bench.phase_noise_rad
         noise_rad = hand.file.noise.between_tones_rad if noise_rad is None else noise_rad
-        config = self.config("3fsk", case) if "3fsk" in self.entries else ThreeToneConfig()
+        config = configured(self.entries["3fsk"], case, self.table) if "3fsk" in self.entries else ThreeToneConfig()
         assert isinstance(config, ThreeToneConfig)
         late_hz, seed = (config.f2_hz, config.f3_hz), hand.file.seed
         samples = [received(clean, case.values, noise_rad, late_hz, seed, frame, draw) for frame in frames]
@@ -142,7 +138,7 @@ class Measurement:
 
     def _depth(self, family: str, case: Case, capture: RadarCapture, frame: int) -> DepthMap:
         """A frame's depth map, smoothed where the setting says so."""
-        entry, config = self.entries[family], self.config(family, case)
+        entry, config = self.entries[family], configured(self.entries[family], case, self.table)
         chosen, (samples, tones_hz) = method(entry.id), capture.tones(tones_of(config), frame)
         alone = thinned(RadarCapture(samples[None], tones_hz, capture.aperture), entry.every_nth_antenna)
         depth = self._imaged(chosen, config, alone, case)
@@ -160,24 +156,6 @@ class Measurement:
             if case.name == BASE:
                 self._images[key] = depth
         return depth
-
-    def config(self, family: str, case: Case) -> Config:
-        """A method's configuration under a setting."""
-        entry = self.entries[family]
-        changed = dict(entry.config)
-        known = method(entry.id).configure(changed, f"method '{entry.id}'")
-        if isinstance(known, ThreeToneConfig):
-            for name, windows in FILTERS.items():
-                changed |= {window: case.values[name] for window in windows if name in case.values}
-        if isinstance(known, BroadbandConfig | NarrowbandConfig):
-            if case.economies and self.table.tolerance is not None:
-                changed["tolerance"] = self.table.tolerance
-            if case.economies and self.table.sweep_tones is not None and isinstance(known, BroadbandConfig):
-                changed |= sparser(known, self.table.sweep_tones)
-            if shift_m := float(case.values.get("box_shift_m", 0.0)):
-                ends_m = {key: getattr(known.z, key) + shift_m for key in ("start_m", "stop_m")}
-                changed["z"] = {**ends_m, "step_m": known.z.step_m}
-        return method(entry.id).configure(changed, f"method '{entry.id}'")
 
     def _erring(self, truth_m: np.ndarray, depth: DepthMap, case: Case, seed: tuple[int, ...]) -> np.ndarray:
         """The true depth [ny, nx] with the error of a reference that is not the truth."""
@@ -204,7 +182,9 @@ class Measurement:
             file = load(SceneFile, path, "a scene description")
             accuracy, precise = ("accuracy" in source.measures), ("precision" in source.measures)
             used = [f for f, entry in self.entries.items() if accuracy or entry.precision]
-            tones_hz = np.unique(np.concatenate([tones_of(self.config(family, case)) for family in used]))
+            tones_hz = np.unique(
+                np.concatenate([tones_of(configured(self.entries[family], case, self.table)) for family in used])
+            )
             known = file.sensor.model_dump() | {"sweep": (), "tones_hz": tuple(tones_hz.tolist())}
             file = file.model_copy(update={"sensor": Sensor.model_validate(known)})
             hands.append(Hand(file, path.parent, accuracy, precise, self.table.roughness_correlation_m))
@@ -212,45 +192,3 @@ class Measurement:
         if not any(hand.accuracy for hand in hands):
             raise HandbenchError("sensitivity: the benchmark simulates no scene that measures the accuracy; add one")
         return hands
-
-
-def paper_methods(bench: BenchFile) -> dict[str, MethodEntry]:
-    """The benchmark's method of each of the paper's: itself, or else the first of its variants. HandbenchError where
-    there is none at all."""
-    found: dict[str, MethodEntry] = {}
-    for family in FAMILIES:
-        own = [entry for entry in bench.method if entry.id.split("-")[0] == family]
-        if own:
-            found[family] = next((entry for entry in own if entry.id == family), own[0])
-    if not found:
-        raise HandbenchError(
-            f"sensitivity: the benchmark has none of the paper's methods; add one of {', '.join(FAMILIES)}"
-        )
-    return found
-
-
-def sparser(config: BroadbandConfig, count: int) -> dict[str, float | int]:
-    """A sweep of fewer tones of the same resolution, c/(2·count·Δf), about the same middle."""
-    middle_hz = (config.start_hz + config.stop_hz) / 2
-    step_hz = (config.stop_hz - config.start_hz) / (config.count - 1) * config.count / count
-    half_hz = step_hz * (count - 1) / 2
-    return {"start_hz": middle_hz - half_hz, "stop_hz": middle_hz + half_hz, "count": count}
-
-
-def grid_of(config: Config) -> tuple[np.ndarray, np.ndarray]:
-    """The pixels x_m [nx], y_m [ny] of a method of the paper."""
-    assert isinstance(config, TwoToneConfig | BroadbandConfig | NarrowbandConfig)
-    grid = config.grid()
-    return grid.x_m, grid.y_m
-
-
-def _key(x_m: np.ndarray, y_m: np.ndarray) -> bytes:
-    return x_m.tobytes() + b"|" + y_m.tobytes()
-
-
-def tones_of(config: Config) -> np.ndarray:
-    """The frequencies [f] that a method of the paper images."""
-    if isinstance(config, BroadbandConfig | NarrowbandConfig):
-        return config.tones_hz()
-    assert isinstance(config, TwoToneConfig)
-    return np.array(config.ladder_hz)

@@ -14,7 +14,8 @@ from bench.cli.main import main
 from bench.run.benchmark_file import load_benchmark
 from bench.run.sensitivity_table import SIMULATED, Factors, SensitivityTable, completed, default
 from bench.studies.sensitivity.cases import BASE, Case, filled, joint, one_at_a_time, told
-from bench.studies.sensitivity.measure import Measurement, sparser
+from bench.studies.sensitivity.configured import sparser
+from bench.studies.sensitivity.measure import Measurement
 from bench.studies.sensitivity.nearness import PAPER, agreeing, answer, distance, factor_records
 from bench.studies.sensitivity.placement import relief_m, smooth_field
 from groundtruth.mesh.mesh_files import load_open3d
