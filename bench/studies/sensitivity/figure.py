@@ -47,8 +47,8 @@ def draw_tornadoes(frames: dict[str, pd.DataFrame]) -> Figure | None:
 def _tornado(axes: Axes, rows: pd.DataFrame, base: pd.Series, name: str) -> None:
     bars = []
     for factor, found in rows[rows.factor.astype(bool) & rows[name].notna()].groupby("factor"):
-        low, high = found.loc[found[name].idxmin()], found.loc[found[name].idxmax()]
-        ends = [(line[name], line["name"].removeprefix(titled(str(factor))).strip()) for line in (low, high)]
+        values = found.sort_values(name)[[name, "name"]].to_numpy()[[0, -1]]
+        ends = [(value, told.removeprefix(titled(str(factor))).strip()) for value, told in values]
         least, most = min(ends[0], (base[name], "")), max(ends[1], (base[name], ""))
         bars.append((titled(str(factor)), BLUE, least, most))
     if pd.notna(base.get(f"{name}_low")):

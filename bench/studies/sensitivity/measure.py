@@ -181,10 +181,8 @@ class Measurement:
             path = inside(base, source.scene, "capture.scene")
             file = load(SceneFile, path, "a scene description")
             accuracy, precise = ("accuracy" in source.measures), ("precision" in source.measures)
-            used = [f for f, entry in self.entries.items() if accuracy or entry.precision]
-            tones_hz = np.unique(
-                np.concatenate([tones_of(configured(self.entries[family], case, self.table)) for family in used])
-            )
+            used = [entry for entry in self.entries.values() if accuracy or entry.precision]
+            tones_hz = np.unique(np.concatenate([tones_of(configured(entry, case, self.table)) for entry in used]))
             known = file.sensor.model_dump() | {"sweep": (), "tones_hz": tuple(tones_hz.tolist())}
             file = file.model_copy(update={"sensor": Sensor.model_validate(known)})
             hands.append(Hand(file, path.parent, accuracy, precise, self.table.roughness_correlation_m))
