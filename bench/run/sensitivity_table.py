@@ -1,7 +1,7 @@
 """The factors that a sensitivity study varies: the [sensitivity] table of a benchmark file.
 
     [sensitivity]
-    settings = 96
+    settings = 64
 
     [sensitivity.factor]
     tilt_x_deg = [-10, 10]
@@ -54,17 +54,17 @@ class Factors(Config):
     f2_phase_rad: Signed = Field(default=(), description="phase left at the second tone, in all channels")
     f3_phase_rad: Signed = Field(default=(), description="phase left at the third tone, in all channels")
     # The scene: echoes are simulated again.
-    distance_m: Signed = Field(default=(), description="added to the distance of every hand")
-    height_m: Signed = Field(default=(), description="added to every hand's place along y")
-    tilt_x_deg: Signed = Field(default=(), description="added to every hand's rotation about x")
-    tilt_y_deg: Signed = Field(default=(), description="added to every hand's rotation about y")
+    distance_m: Signed = Field(default=(), description="added to the distance of the hands of the accuracy")
+    height_m: Signed = Field(default=(), description="added to their place along y")
+    tilt_x_deg: Signed = Field(default=(), description="added to their rotation about x")
+    tilt_y_deg: Signed = Field(default=(), description="added to their rotation about y")
     material: Kinds = Field(default=(), description="of the hands of the accuracy")
-    permittivity: tuple[Annotated[float, Field(ge=1, le=20)], ...] = Field(default=(), description="of printed hands")
-    roughness_m: Positive = Field(default=(), description="σ of the skin's height, on the hands of the accuracy")
-    layer_m: Positive = Field(default=(), description="height of the layers of printed hands")
+    roughness_m: Positive = Field(default=(), description="σ of the height of their skin")
     diffuse: Share = Field(
-        default=(), description="share of the echo's amplitude that facets of random phase return, on all hands"
+        default=(), description="share of the amplitude of their echoes that facets of random phase return"
     )
+    permittivity: tuple[Annotated[float, Field(ge=1, le=20)], ...] = Field(default=(), description="of printed hands")
+    layer_m: Positive = Field(default=(), description="height of the layers of printed hands")
 
     def listed(self) -> dict[str, tuple[float | int | str, ...]]:
         """Factor → its values, of those that have any."""
@@ -85,8 +85,8 @@ class SensitivityTable(Config):
     """The whole table."""
 
     frames: int = Field(default=4, ge=2, le=1000, description="draws of all that is random, one factor at a time")
-    settings: int = Field(default=96, ge=2, le=100_000, description="of the joint design")
-    placements: int = Field(default=10, ge=1, description="simulated ones that the joint design's settings share")
+    settings: int = Field(default=64, ge=2, le=100_000, description="of the joint design")
+    placements: int = Field(default=8, ge=1, description="simulated ones that the joint design's settings share")
     seed: int = Field(default=1, ge=0, description="of the joint design")
     within_percent: float = Field(default=20.0, gt=0, description="a figure so near to the paper's agrees with it")
     near_percent: float = Field(default=12.5, gt=0, le=50, description="share of the settings that are called near")

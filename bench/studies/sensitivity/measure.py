@@ -185,7 +185,7 @@ class Measurement:
             tones_hz = np.unique(np.concatenate([tones_of(configured(entry, case, self.table)) for entry in used]))
             known = file.sensor.model_dump() | {"sweep": (), "tones_hz": tuple(tones_hz.tolist())}
             file = file.model_copy(update={"sensor": Sensor.model_validate(known)})
-            hands.append(Hand(file, path.parent, accuracy, precise, self.table.roughness_correlation_m))
+            hands.append(Hand(file, path, accuracy, precise, self.table.roughness_correlation_m))
             hands[-1].own({})
         if not any(hand.accuracy for hand in hands):
             raise HandbenchError("sensitivity: the benchmark simulates no scene that measures the accuracy; add one")

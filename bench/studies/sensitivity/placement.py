@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +23,7 @@ from radar.simulation.physics.facets import unit
 from radar.simulation.scene import EchoScene, Material
 from radar.simulation.selection import EFFECTS
 from radar.simulation.state import EchoState, require_facets
+from radar.support.config import load
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash, read_npz, write_npz
 from radar.support.store import code_hash, keep
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     import open3d as o3d
 
 WAVES = 300  # of a smooth random field: with so many it is normal to three standard deviations
+PRINTS = ("permittivity", "layer_m")  # factors of printed hands alone
 ONE_BY_ONE = ("obliquity", "shadow_centre", "shadow_antennas", "skin", "dielectric")  # effects that each facet has
 KEPT = ("samples", "frequencies_hz", "tx_m", "rx_m", "points_m", "strongest", "vertices_m", "faces")
 
@@ -50,18 +52,19 @@ class Clean:
 
 @dataclass(frozen=True)
 class Hand:
-    """A scene of the benchmark, and what it measures; roughness_m: the correlation length of its skin."""
+    """The scene of the file at `path` with the tones of `file`, and what it measures; roughness_m: the correlation
+    length of its skin."""
 
     file: SceneFile
-    folder: Path
+    path: Path
     accuracy: bool
     precision: bool
     roughness_m: float
 
-    @cached_property
+    @property
     def scene(self) -> Scene:
         """The scene as its file has it, without noise and photographs."""
-        return build(self.file.model_copy(update={"noise": Noise(), "photos": None}), self.folder)
+        return replace(_built(self.path), file=self.file.model_copy(update={"noise": Noise(), "photos": None}))
 
     @property
     def material(self) -> Material:
@@ -71,13 +74,12 @@ class Hand:
         return self.file.target.material
 
     def own(self, values: Mapping[str, Value]) -> dict[str, Value]:
-        """The simulated factors that change this hand: each its place, a print its own, and the skin's that of the
-        hands that measure the accuracy."""
-        others = [] if self.material.kind == "plastic" else ["permittivity", "layer_m"]
-        others += [] if self.accuracy else ["material", "roughness_m"]
+        """The simulated factors that change this hand: place and skin of one that measures the accuracy, and a print's
+        own."""
+        printed = self.material.kind == "plastic"
+        mine = [name for name in SIMULATED if (printed if name in PRINTS else self.accuracy)]
         as_it_is = {"material": self.material.kind, "permittivity": self.material.real_permittivity}
-        named = {name: value for name, value in values.items() if name in SIMULATED and name not in others}
-        return {name: value for name, value in named.items() if value != as_it_is.get(name, 0)}
+        return {name: values[name] for name in mine if values.get(name, 0) not in (0, as_it_is.get(name, 0))}
 
     def clean(self, values: Mapping[str, Value], work: Path) -> Clean:
         """Its echoes under these values: simulated once, and kept in a folder of `work`. A share of diffuse echoes is
@@ -111,6 +113,13 @@ class Hand:
         body = radar_scene.body
         values = samples, f, array.tx_m, array.rx_m, points_m, strongest, body.vertices_m, body.faces
         write_npz(file, **dict(zip(KEPT, values, strict=True)))
+
+
+@cache
+def _built(path: Path) -> Scene:
+    """A scene file's scene, which hands of other tones share."""
+    file = load(SceneFile, path, "a scene description")
+    return build(file.model_copy(update={"photos": None}), path.parent)
 
 
 def mirrored(scene: EchoScene, on: list[str]) -> tuple[np.ndarray, np.ndarray]:
