@@ -16,8 +16,11 @@ def run(options: argparse.Namespace) -> None:
     bench, base = load_benchmark(options.bench)
     with claimed(options.out) as work:
         measurement = Measurement(bench, base.resolve(), work)
-        for name in [options.parts] if options.parts else PARTS:
-            command = f"handbench sensitivity {options.bench} -o {options.out}"
+        chosen = [options.parts] if options.parts else list(PARTS)
+        command = f"handbench sensitivity {options.bench} -o {options.out}" + f" --parts {chosen[0]}" * (
+            len(chosen) == 1
+        )
+        for name in chosen:
             found = measure(PARTS[name](measurement), options.out, command)
             print(found.markdown())
             print(f"sensitivity: {options.out / found.study.name}.md")
