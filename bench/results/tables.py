@@ -86,7 +86,7 @@ def _column(name: str, facts: dict[str, Any]) -> Column:
 SCHEMAS = declared(__file__)
 TABLE, TASKS, REPEATS, COMPARISONS = (SCHEMAS[name] for name in ("table", "tasks", "repeats", "comparisons"))
 DIFFERENCES, TIMES, CHANGES = (SCHEMAS[name] for name in ("differences", "times", "changes"))
-SETTINGS, CASES = SCHEMAS["settings"], SCHEMAS["cases"]
+SETTINGS, CASES, DESIGN = SCHEMAS["settings"], SCHEMAS["cases"], SCHEMAS["design"]
 
 
 def frame(schema: Schema, rows: Iterable[Mapping[str, Any]] | Iterable[Sequence[Any]] = ()) -> pd.DataFrame:
