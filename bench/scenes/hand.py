@@ -155,7 +155,7 @@ def _palm(bones: dict[str, tuple[Bone, ...]], wrist: WristPose, person: Person) 
         return _cone(start_mm, end_mm, thick * start_radius_mm, thick * end_radius_mm)
 
     def own(*point_mm: float) -> np.ndarray:
-        return point_mm * np.array(person.palm)
+        return np.array(person.palm) * point_mm
 
     parts = [_metacarpal(bones[name][0], radii_m(name, person)[0], thick) for name in FINGERS]
     parts += [cone(a + own(0, -6, 1.5), b + own(0, -6, 1.5), 9.0, 9.0) for a, b in itertools.pairwise(knuckles)]

@@ -15,7 +15,7 @@ from bench.scenes.people import MEAN, Person, person
 TOUCHING_M = 2e-3  # parts that are nearer than this touch, and keep their distance; others stay as far apart at least
 CONTACT_M, ANGLE_DEG = 2e-4, 5.0  # deviations from contact and from the letter's angles that weigh alike
 BALLS = 6  # of each bone
-ANGLES = {name: ("mcp_deg", "pip_deg", "dip_deg", "spread_deg") for name in FINGERS}
+ANGLES: dict[str, tuple[str, ...]] = {name: ("mcp_deg", "pip_deg", "dip_deg", "spread_deg") for name in FINGERS}
 ANGLES["thumb"] = ("radial_deg", "palmar_deg", "opposition_deg", "mcp_deg", "ip_deg")
 Balls = tuple[np.ndarray, np.ndarray]  # centres [n, 3] and radii [n], metres
 

@@ -51,8 +51,9 @@ def components(figures: np.ndarray) -> Components:
     captures = r * k * of_captures.var(ddof=1)
     interaction = r * ((means - of_captures - of_methods + means.mean()) ** 2).sum() / ((n - 1) * (k - 1))
     residual = ((cells - means[..., None]) ** 2).sum() / (n * k * (r - 1)) if r > 1 else np.nan
-    variances = (captures - interaction) / (r * k), interaction if r == 1 else (interaction - residual) / r, residual
-    return Components(*(float(np.sqrt(np.maximum(v, 0))) for v in variances), n)
+    own = (interaction - residual) / r if r > 1 else interaction
+    capture, own, residual = np.sqrt(np.maximum([(captures - interaction) / (r * k), own, residual], 0)).tolist()
+    return Components(capture, own, residual, n)
 
 
 def paired_power(effect: float, spread: float, n: int, alpha: float = ALPHA) -> float:
