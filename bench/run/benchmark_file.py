@@ -111,6 +111,7 @@ class BenchFile(Config):
     name: Name
     seed: int = Field(default=0, ge=0, lt=2**31)
     repeats: int = Field(default=10, ge=2, le=1000, description="frames for the precision")
+    frames: int = Field(default=1, ge=1, le=1000, description="frames for the accuracy; the figures are the first's")
     phase_noise_rad: float | None = Field(default=None, ge=0, description="replaces the noise of every scene")
     protocol: Literal["paper", "maroon", "maroon-eroded"] = "paper"
     reproduces: Literal["paper"] | None = Field(default=None, description="whose figures stand beside ours")

@@ -73,8 +73,8 @@ def meshing(bench: BenchFile, capture: Capture, work: Path) -> Clouds | None:
 
 
 def imaging(bench: BenchFile, capture: Capture, entry: MethodEntry) -> list[Stage]:
-    """To image the capture by one method: for the accuracy once, for the precision, where the method has one, all
-    repeats."""
+    """To image the capture by one method: for the accuracy the benchmark's frames, for the precision, where the method
+    has one, all repeats."""
     given = {
         "capture": str(capture.folder),
         "method": entry.id,
@@ -83,13 +83,14 @@ def imaging(bench: BenchFile, capture: Capture, entry: MethodEntry) -> list[Stag
         "every_nth_antenna": entry.every_nth_antenna,
     }
     depends_on = [capture.key, given["config"], given["device"], entry.every_nth_antenna]
-    about, frames, found = (capture.name, entry.id, method_key(entry.id)), bench.repeats, []
-    if "accuracy" in capture.measures:
-        found.append(stage("reconstruct", "bench.run.reconstruct_stage:reconstruct", depends_on, given, *about))
+    wanted = {"reconstruct": bench.frames} if "accuracy" in capture.measures else {}
     if "precision" in capture.measures and entry.precision:
-        given, depends_on = {**given, "frames": frames}, [*depends_on, frames]
-        found.append(stage("repeat", "bench.run.repeat_stage:repeat", depends_on, given, *about))
-    return found
+        wanted["repeat"] = bench.repeats
+    about = capture.name, entry.id, method_key(entry.id)
+    return [
+        stage(name, f"bench.run.{name}_stage:{name}", [*depends_on, frames], {**given, "frames": frames}, *about)
+        for name, frames in wanted.items()
+    ]
 
 
 def scoring(
