@@ -97,7 +97,7 @@ def person(number: int) -> Person:
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a hand is held beside where its scene says: farther away, to the side and up, turned about x, y, z."""
+    """A hand's place beside that of its scene: farther away, to the side and up, turned about x, y, z."""
 
     distance_m: float
     offset_m: tuple[float, float]
@@ -105,7 +105,7 @@ class Placement:
 
 
 def placement(number: int, seed: int) -> Placement:
-    """How a person holds the hand in a scene of this seed; estimates of ours for one who is shown where."""
+    """The place where a person holds the hand in a scene of this seed; estimates of ours for one who is shown where."""
     drawn = Draws(number, 2, seed)(6) * (DISTANCE_M, *OFFSET_M, *TILT_DEG)
     distance_m, x_m, y_m, *tilt_deg = map(float, drawn)
     return Placement(distance_m, (x_m, y_m), (tilt_deg[0], tilt_deg[1], tilt_deg[2]))

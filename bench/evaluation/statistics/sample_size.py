@@ -1,4 +1,4 @@
-"""How many captures a comparison of methods takes: the variance of its figures, and the power of the tests of `paired`.
+"""Captures that a comparison of methods takes: the variance of its figures, and the power of the tests of `paired`.
 
 The figure of method m on capture c is y_mc = μ + method + capture + method × capture (+ residual). A paired test is
 free of the capture's part; one between different captures, or different hands, bears it twice.
@@ -54,6 +54,16 @@ def components(figures: np.ndarray) -> Components:
     own = (interaction - residual) / r if r > 1 else interaction
     capture, own, residual = np.sqrt(np.maximum([(captures - interaction) / (r * k), own, residual], 0)).tolist()
     return Components(capture, own, residual, n)
+
+
+def variance_facts(figures: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """`components` of method → a metric of the same captures [n], as plain values for a result's facts; nothing where
+    there are too few, and no residual where it is not known."""
+    try:
+        found = components(np.stack(list(figures.values()), axis=1))._asdict()
+    except HandbenchError:
+        return {}
+    return {name: float(value) for name, value in found.items() if np.isfinite(value)}
 
 
 def paired_power(effect: float, spread: float, n: int, alpha: float = ALPHA) -> float:

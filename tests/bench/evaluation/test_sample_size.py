@@ -18,6 +18,7 @@ from bench.evaluation.statistics.sample_size import (
     detectable,
     paired_power,
     spread_interval,
+    variance_facts,
     welch_power,
 )
 from radar.support.errors import HandbenchError
@@ -65,6 +66,9 @@ def test_components_of_a_published_table() -> None:
     assert found.capture**2 == pytest.approx((11.24 - 1.02) / 4, abs=0.005)
     assert found.interaction**2 == pytest.approx(1.02, abs=0.005)
     assert np.isnan(found.residual) and found.captures == 6
+    facts = {"capture": found.capture, "interaction": found.interaction, "captures": 6}
+    assert variance_facts({str(judge): RATINGS[:, judge] for judge in range(4)}) == pytest.approx(facts)
+    assert variance_facts({"a": np.ones(2), "b": np.ones(2)}) == {}
 
 
 def test_components_are_those_that_were_drawn() -> None:
