@@ -1,7 +1,7 @@
 """Figures of docs/measurements/hands.md that no result folder has: python docs/hand_causes.py
 
-What the errors of the benchmark `hands` vary with: its hands all held where the scenes say, the mean hand held where its
-people do, and frames of three of its captures that differ in their noise alone.
+What the errors of the benchmark `hands` vary with: its hands all held where the scenes say, the mean hand held where
+its people do, and frames of three of its captures that differ in their noise alone.
 """
 
 from __future__ import annotations
@@ -47,10 +47,8 @@ def figures(bench: BenchFile, scene: SceneFile, folder: Path, frames: int = 1) -
 def main() -> None:
     """Print a line of standard deviations, one a method, for each cause."""
     bench, base = load_benchmark("hands")
-    noise, causes = (
-        Noise(phase_noise_rad=bench.phase_noise_rad),
-        {"hands alone": [], "placements alone": [], "frames": []},
-    )
+    noise = Noise(phase_noise_rad=bench.phase_noise_rad)
+    causes: dict[str, list[np.ndarray]] = {"hands alone": [], "placements alone": [], "frames": []}
     for source in bench.capture:
         scene = load(SceneFile, base / str(source.scene), "a scene description")
         scene = scene.model_copy(update={"photos": None, "noise": noise})
@@ -60,18 +58,16 @@ def main() -> None:
             case = own.model_copy(update={"target": own.target.model_copy(update=changed)})
             with tempfile.TemporaryDirectory() as folder:
                 causes[cause].append(figures(bench, case, Path(folder))[:, 0])
-        if source.persons[0] in (1, 2, 3):
+        if own.target.person in (1, 2, 3):
             with tempfile.TemporaryDirectory() as folder:
                 causes["frames"].append(figures(bench, own, Path(folder), frames=5).std(axis=1, ddof=1))
     print("standard deviation, mm", *(entry.id for entry in bench.method))
     for cause, rows in causes.items():
         table = np.array(rows)
         spread = np.sqrt((table**2).mean(axis=0)) if cause == "frames" else table.std(axis=0, ddof=1)
-        print(
-            cause,
-            *(f"{value:.3f}" for value in spread),
-            *([] if cause == "frames" else np.round(table.mean(axis=0), 2)),
-        )
+        print(cause, *(f"{value:.3f}" for value in spread))
+        if cause != "frames":
+            print(cause, "mean", *(f"{value:.2f}" for value in table.mean(axis=0)))
 
 
 if __name__ == "__main__":
