@@ -88,6 +88,7 @@ TABLE, TASKS, REPEATS, COMPARISONS = (SCHEMAS[name] for name in ("table", "tasks
 EQUAL, CURVES = SCHEMAS["equal"], SCHEMAS["curves"]
 DIFFERENCES, TIMES, CHANGES = (SCHEMAS[name] for name in ("differences", "times", "changes"))
 SETTINGS, CASES, CAUSES, RELIABILITY = (SCHEMAS[name] for name in ("settings", "cases", "causes", "reliability"))
+DESIGN = SCHEMAS["design"]
 
 
 def frame(schema: Schema, rows: Iterable[Mapping[str, Any]] | Iterable[Sequence[Any]] = ()) -> pd.DataFrame:

@@ -164,8 +164,8 @@ def read_reference(folder: Path, method: str, reference: str, transform: Transfo
 
 def write_reference(folder: Path, name: str, number: int, reference: Reference) -> None:
     """Keep a reference on the number-th grid."""
-    known = reference.registration is not None
-    uncertain = (reference.leverage, reference.registration.covariance) if known else (np.empty(0), np.empty(0))
+    known = reference.registration
+    uncertain = (np.empty(0), np.empty(0)) if known is None else (reference.leverage, known.covariance)
     values = (reference.z_m, reference.mesh_sigma_m, reference.met, *uncertain)
     write_npz(_reference_path(folder, name, number), **dict(zip(KEPT, values, strict=True)))
 
