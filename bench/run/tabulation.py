@@ -115,8 +115,7 @@ def _equal_treatment(outcome: Outcome, on: Basis) -> Alike:
         for method, captures in each.items():
             found.figures += figure_rows(method, treatment, reference, captures)
             found.captures += _each_rows(method, treatment, reference, names, captures[list(ALIKE_COMPARED)])
-        for method, captures in of.items():
-            found.curves += curve_rows(method, treatment, reference, [c["curve_mm"] for c in captures])
+            found.curves += curve_rows(method, treatment, reference, [c["curve_mm"] for c in of[method]])
         for metric in ALIKE_COMPARED:
             by_method = {method: captures[metric].to_numpy() for method, captures in each.items()}
             found.compared.append(compare(by_method, reference, metric, _titles(on), treatment))
