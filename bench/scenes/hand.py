@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from functools import reduce
+from functools import lru_cache, reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,11 +46,16 @@ WEB_REACH_MM = {name: (14.0, 34.0) for name in FINGERS} | {"thumb": (6.0, 22.0)}
 def hand_mesh(pose: Pose, edge_m: float = 1e-3, person: Person = MEAN) -> o3d.geometry.TriangleMesh:
     """The skin of a right hand in the hand frame (origin at the palm's centre; without a turn +y towards the
     fingertips, palm facing -z), metres: closed, one component, outward-oriented, edges of about `edge_m`."""
-    lower_m, upper_m = _bounds_m(pose, person)
-    vertices_m, faces = zero_set(_field_in_palm_frame(pose, person), lower_m, upper_m, edge_m)
+    vertices_m, faces = _skin(pose, edge_m, person)
     surface = mesh(vertices_m @ hand_from_palm(pose).T, faces)
     surface.compute_vertex_normals()
     return surface
+
+
+@lru_cache(maxsize=4)  # a hand of skin and its print are two scenes with one surface
+def _skin(pose: Pose, edge_m: float, person: Person) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices [n, 3] in the palm frame and triangles [m, 3]; not to be changed."""
+    return zero_set(_field_in_palm_frame(pose, person), *_bounds_m(pose, person), edge_m)
 
 
 def _bounds_m(pose: Pose, person: Person) -> tuple[np.ndarray, np.ndarray]:
