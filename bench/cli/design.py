@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from bench.evaluation.statistics.sample_size import Components
+    from bench.results import Result
 
 UNSURE = 5  # captures: with fewer, the answer is hardly more than its order of magnitude
 
@@ -21,16 +22,15 @@ UNSURE = 5  # captures: with fewer, the answer is hardly more than its order of 
 def run(options: argparse.Namespace) -> None:
     """Every pair of a result's methods: the hands that show the effect, shown; and written where -o asks for it."""
     from bench.evaluation.metrics import AVERAGED, METRICS
-    from bench.evaluation.statistics.compare_results import figures_of
     from bench.evaluation.statistics.sample_size import components, design
-    from bench.results import REFERENCES, load
+    from bench.results import load
     from bench.results.tables import DESIGN, write
     from bench.studies.tradeoff.answer import LENGTHS, quantity
     from radar.support.config import suggest
 
     if options.result is None or options.effect is None:
         raise HandbenchError("design: expected a result folder and an effect, as in RESULT --effect 0.2mm")
-    if options.metric not in AVERAGED:
+    if options.metric not in (*AVERAGED, "aurc_mm"):
         known = suggest(options.metric, list(AVERAGED))
         raise HandbenchError(f"--metric: '{options.metric}' is no figure of single captures; {known}")
     metric = METRICS[options.metric]
@@ -40,10 +40,7 @@ def run(options: argparse.Namespace) -> None:
     if options.out is not None:
         free(options.out, options.overwrite)
     result = load(options.result)
-    reference = next((r for r in REFERENCES if all(r in c.references for c in result.scored())), None)
-    if reference is None:
-        raise HandbenchError(f"{options.result}: has no reference that all of its captures share")
-    figures = figures_of(result, metric.key, reference)
+    reference, figures, said = _figures(result, metric.key, options.treatment)
     try:
         parts = components(np.stack(list(figures.values()), axis=1))
         pairs = design(figures, effect, options.power)
@@ -52,9 +49,24 @@ def run(options: argparse.Namespace) -> None:
     if options.out is not None:
         write(options.out, pairs, DESIGN)
     titles = {method.name: method.title for method in result.about.methods}
-    about = f"{metric.title} against {reference}, {parts.captures} hands; differences in {metric.unit}"
+    about = f"{metric.title} against {reference}, {said}, {parts.captures} hands; differences in {metric.unit}"
     question = f"Hands that show {effect:g} {metric.unit} with a power of {100 * options.power:g} %"
     show(pairs, parts, titles, about, question)
+
+
+def _figures(result: Result, metric: str, treatment: str) -> tuple[str, dict[str, np.ndarray], str]:
+    """The reference, method → the metric of its captures [n], and the treatment in words."""
+    from bench.evaluation.statistics.compare_results import figures_of
+    from bench.results import REFERENCES
+
+    lines = result.captures[(result.captures.metric == metric) & (result.captures.treatment == treatment)]
+    if len(lines):
+        found = {str(method): group.value.to_numpy() for method, group in lines.groupby("method", sort=False)}
+        return lines.reference.iloc[0], found, {"none": "unsmoothed", "window": "all averaged alike"}[treatment]
+    reference = next((r for r in REFERENCES if all(r in c.references for c in result.scored())), None)
+    if reference is None:
+        raise HandbenchError(f"{result.folder}: has no reference that all of its captures share")
+    return reference, figures_of(result, metric, reference), "each method as it is"
 
 
 def show(pairs: pd.DataFrame, parts: Components, titles: dict[str, str], about: str, question: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from bench import results
 from bench.cli.main import main
 from bench.evaluation.statistics.compare_results import figures_of
-from bench.results.tables import DESIGN, read
+from bench.results.tables import CAPTURES, DESIGN, frame, read
 from tests.reports.synthetic_result import write_synthetic
 
 
@@ -47,6 +48,26 @@ def test_few_captures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert main(["design", str(two), "--effect", "0.2mm"]) == 2
     [error] = capsys.readouterr().err.strip().splitlines()
     assert error.startswith(f"handbench: {two}: variance components: 2 captures") and error.endswith("run more hands")
+
+
+def test_equally_treated_figures_are_taken_where_the_result_has_them(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    treated = tmp_path / "treated"
+    shutil.copytree(folder, treated)
+    rng, methods = np.random.default_rng(5), [method.name for method in results.load(folder).about.methods]
+    lines = [
+        ("mae_mm", treatment, method, f"c{i}", rng.normal(number + (treatment == "none"), 0.1), "mm", "truth")
+        for treatment in ("none", "window")
+        for number, method in enumerate(methods)
+        for i in range(6)
+    ]
+    results.write_tables(treated, captures=frame(CAPTURES, lines))
+    for options, said in ([], "all averaged alike"), (["--treatment", "none"], "unsmoothed"):
+        assert main(["design", str(treated), "--effect", "0.2mm", *options]) == 0
+        assert f"against truth, {said}, 6 hands" in capsys.readouterr().out
+    assert main(["design", str(treated), "--effect", "0.2mm", "--treatment", "own"]) == 0
+    assert "each method as it is, 5 hands" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
