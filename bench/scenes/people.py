@@ -54,6 +54,9 @@ class Person:
     bones: dict[str, tuple[float, ...]]
     girth: dict[str, float]
 
+    def __hash__(self) -> int:
+        return hash(repr(self))
+
 
 MEAN = Person(
     (1.0, 1.0, 1.0), {name: (1.0,) * len(own) for name, own in LENGTHS_MM.items()}, dict.fromkeys(LENGTHS_MM, 1.0)
