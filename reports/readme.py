@@ -17,24 +17,29 @@ import re
 import shutil
 import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from bench.results import HEADLINE, Result, load
 from bench.results.about import SHARES
+from bench.results.tables import EQUAL as EQUAL_TABLE
 from bench.results.tables import TABLE, each, frame, records
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, write_text
-from reports.tables.blocks import NONE, busy_note, decimals, interval, known, number, outstanding, paper
+from reports.tables.blocks import NONE, TREATMENTS, busy_note, decimals, interval, known, number, outstanding, paper
+from reports.tables.findings import findings
 from reports.tables.markdown import bold, escaped, table
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = "photogrammetry"
 METRICS = (HEADLINE, *SHARES, "floor_mm", "max_mm", "precision_mm", "seconds")
+SPREAD = {"max_mm": "frames_max_deviation_mm"}  # figures that stand with their deviation between frames
+EXTENDED = ("max_mm",)  # those that stand against the completed reference as well
+EQUAL = {"none": ("common_percent", HEADLINE, "aurc_mm"), "window": (HEADLINE, "aurc_mm")}  # by treatment
 WITH_INTERVAL = (HEADLINE, "floor_mm", "precision_mm")
 METHODS = ("2fsk", "3fsk", "broadband", "narrowband", "3fsk-plus", "nfsk-plus")  # the columns
 FITTED = ("precision_mm", "2fsk")  # the figure to which the benchmark's phase noise was fitted
-SAID = (("3fsk", "2fsk"), ("3fsk", "broadband"))  # comparisons of the headline that stand under the table
 FIGURES = {"docs/depth_F.png": "report/figures/depth_F.png"}  # the README's, and where a result's report has it
 MACHINE = ("processor", "cores", "memory_gb", "gemm_gflops", "imaging_device")
 SCENES = "bench/run/benchmarks"
@@ -43,9 +48,12 @@ BLOCK = re.compile(r"(<!-- table: begin -->\n)(.*?)(<!-- table: end -->)", re.DO
 
 def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
     """Content of docs/table.json: what the table shows, and what it was made from."""
-    rows = [result.row(metric, method, REFERENCE) for metric in METRICS for method in METHODS]
+    shown = [(metric, REFERENCE) for metric in (*METRICS, *SPREAD.values())]
+    shown += [(metric, "completed") for metric in EXTENDED]
+    rows = [result.row(metric, method, reference) for metric, reference in shown for method in METHODS]
     lines, titles = frame(TABLE, filter(None, rows)), {method.name: method.title for method in result.about.methods}
-    undefined = set(METRICS) - result.about.metrics.keys()
+    alike = result.equal[result.equal.method.isin(METHODS)]
+    undefined = {metric for metric, _ in shown} - result.about.metrics.keys()
     if undefined or lines.value.isna().all():
         raise HandbenchError(f"{result.folder}: has no figure of the README's table; expected a run of paper_table")
     return {
@@ -55,45 +63,86 @@ def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
         "scenes": _scenes(root, result.config),
         "machine": {key: result.about.machine.get(key) for key in MACHINE},
         "versions": result.about.versions,
-        "metrics": {key: result.about.metrics[key].model_dump() for key in METRICS},
+        "metrics": {key: result.about.metrics[key].model_dump() for key in {*METRICS, *alike.metric}},
         "titles": [titles.get(method, method) for method in METHODS],
         "busy": busy_note(result),
         "rows": records(lines),
-        "best": {metric: sorted(outstanding(result, metric, REFERENCE)) for metric in METRICS},
-        "sentences": [
-            c.sentence
-            for c in each(result.comparisons)
-            if (c.metric, c.reference) == (HEADLINE, REFERENCE) and {c.better, c.worse} in map(set, SAID)
-        ],
+        "equal": records(alike),
+        "best": {metric: sorted(outstanding(result, metric, REFERENCE)) for metric in METRICS} | _best_alike(result),
+        "sentences": findings(result),
         "figures": {name: _sha256(result.folder / source) for name, source in FIGURES.items()},
     }
 
 
+def _best_alike(result: Result) -> dict[str, list[str]]:
+    """The methods that stand out in each line under equal treatment."""
+    found = {}
+    for treatment, metrics in EQUAL.items():
+        for metric in metrics if len(result.equal) else ():
+            best = outstanding(result, metric, result.equal.reference.iloc[0], treatment)
+            found[f"{metric}, {treatment}"] = sorted(best)
+    return found
+
+
 def render(recorded: dict[str, Any]) -> str:
     """The lines between the README's markers."""
-    rows = _by_figure(recorded)
     machine = recorded["machine"]
     device = "no GPU" if machine["imaging_device"] == "cpu" else f"imaged on {machine['imaging_device']}"
-    lines = []
-    for metric in METRICS:
-        facts, stars = recorded["metrics"][metric], recorded["best"][metric]
-        cells = (_cell(rows.get((metric, method)), method in stars) for method in METHODS)
-        lines.append((f"{facts['title']} ({facts['unit']})", *cells))
-    sentences = "; ".join(map(escaped, recorded["sentences"]))
+    sentences = "".join(f"- {escaped(sentence)}.\n" for sentence in recorded["sentences"])
     return (
-        "Against photogrammetry, as in the paper: each figure is formed for each pose and then averaged. In italics "
-        "the paper's figure; in brackets a 95 %\nconfidence interval, where there is one (of the precision: for "
-        "further repeats of these hands; three poses are too few to tell how others differ).\n"
+        "Against photogrammetry, as in the paper: each figure is formed for each pose and then averaged, on the pixels "
+        "that the method itself sees.\nIn italics the paper's figure; ± the deviation between frames; in brackets a "
+        "95 % confidence interval, where there is one (of the precision: for further\nrepeats of these hands; three "
+        "poses are too few to tell how others differ). "
         f"{machine['cores']} cores of an {escaped(str(machine['processor']))}, {escaped(device)}."
         f"{' ' if recorded['busy'] else ''}{escaped(recorded['busy'])}\n\n"
-        + table(("", *recorded["titles"]), lines)
-        + (f"\nOn the pixels that each observes: {sentences}.\n" if sentences else "")
+        + table(("", *recorded["titles"]), _own_lines(recorded))
+        + "\nUnder equal treatment, where thresholds and filters do not decide: on the pixels that all methods of the "
+        "benchmark see, and over completeness (the error\nof each method's strongest pixels, averaged over the shares "
+        "of the surface that they make up); against photogrammetry, completed by the true surface.\n\n"
+        + table(("", *recorded["titles"]), _equal_lines(recorded))
+        + (f"\n{sentences}" if sentences else "")
     )
 
 
-def _by_figure(recorded: dict[str, Any]) -> dict[tuple[str, str], Any]:
-    """The recorded lines by metric and method."""
-    return {(row.metric, row.method): row for row in each(frame(TABLE, recorded["rows"]))}
+def _own_lines(recorded: dict[str, Any]) -> Iterator[tuple[str, ...]]:
+    """The lines of each method as it is."""
+    rows = _by_figure(recorded)
+    for metric in METRICS:
+        facts, stars = recorded["metrics"][metric], recorded["best"][metric]
+        for reference in (REFERENCE, "completed") if metric in EXTENDED else (REFERENCE,):
+            cells = []
+            for method in METHODS:
+                cell = _cell(rows.get((metric, method, reference)), method in stars)
+                spread = rows.get((SPREAD.get(metric, ""), method, reference))
+                cells.append(f"{cell} ± {number(spread.value, 1)}" if spread and known(spread.value) else cell)
+            title = facts["title"] + (", mesh completed by the truth" if reference == "completed" else "")
+            yield (f"{title} ({facts['unit']})", *cells)
+
+
+def _equal_lines(recorded: dict[str, Any]) -> Iterator[tuple[str, ...]]:
+    """The lines under equal treatment."""
+    rows = _alike(recorded)
+    for treatment, metrics in EQUAL.items():
+        for metric in metrics:
+            found = [rows.get((metric, treatment, method)) for method in METHODS]
+            if any(found):
+                facts = recorded["metrics"][metric]
+                how = "" if facts["unit"] == "%" else f", {TREATMENTS[treatment]}"
+                where = " on common pixels" if metric == HEADLINE else ""
+                stars = recorded["best"][f"{metric}, {treatment}"]
+                cells = (_cell(row, row is not None and row.method in stars) for row in found)
+                yield (f"{facts['title']}{where}{how} ({facts['unit']})", *cells)
+
+
+def _by_figure(recorded: dict[str, Any]) -> dict[tuple[str, str, str], Any]:
+    """The recorded lines by metric, method and reference."""
+    return {(row.metric, row.method, row.reference): row for row in each(frame(TABLE, recorded["rows"]))}
+
+
+def _alike(recorded: dict[str, Any]) -> dict[tuple[str, str, str], Any]:
+    """The recorded lines under equal treatment by metric, treatment and method."""
+    return {(row.metric, row.treatment, row.method): row for row in each(frame(EQUAL_TABLE, recorded["equal"]))}
 
 
 def _cell(row: Any, star: bool) -> str:
@@ -106,7 +155,7 @@ def _cell(row: Any, star: bool) -> str:
         parts.append("(fitted)")
     elif row.metric in WITH_INTERVAL:
         parts.append(escaped(interval(row.low, row.high, places)))
-    if known(row.paper):
+    if known(getattr(row, "paper", None)):
         parts.append(f"*{paper(row.paper, row.unit)}*")
     return " ".join(filter(None, parts))
 
@@ -144,12 +193,18 @@ def disagreements(result: Result, root: Path = ROOT) -> list[str]:
     """Figures of a fresh result that do not print as was recorded, a sentence each; times aside."""
     recorded, fresh = _recorded(root), record(result, root)
     problems, rows = [], _by_figure(fresh)
-    for (metric, method), old in _by_figure(recorded).items():
-        new = rows.pop((metric, method), None)
+    for (metric, method, reference), old in _by_figure(recorded).items():
+        new = rows.pop((metric, method, reference), None)
         if metric != "seconds" and not _agree(old, new):
             found = None if new is None else new.value
             problems.append(f"{metric} of {method}: {old.value} was recorded, {found} found")
-    problems += [f"{metric} of {method}: was not recorded" for metric, method in rows if metric != "seconds"]
+    problems += [f"{metric} of {method}: was not recorded" for metric, method, _ in rows if metric != "seconds"]
+    alike = _alike(fresh)
+    for (metric, treatment, method), old in _alike(recorded).items():
+        new = alike.get((metric, treatment, method))
+        if metric in EQUAL[treatment] and not _agree(old, new):
+            found = None if new is None else new.value
+            problems.append(f"{metric}, {treatment}, of {method}: {old.value} was recorded, {found} found")
     if fresh["best"] != recorded["best"]:
         problems.append(f"best: {recorded['best']} was recorded, {fresh['best']} found")
     return problems

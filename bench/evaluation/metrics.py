@@ -122,6 +122,28 @@ def pool(maps: Sequence[ErrorMap]) -> Values:
     return {key: found[key] for key in METRICS if key in found}
 
 
+def figures_of_frame(error_m: np.ndarray) -> Values:
+    """Mean and largest absolute error of one frame from its signed errors; None where nothing was observed."""
+    absolute_mm = 1e3 * np.abs(error_m[np.isfinite(error_m)])
+    return {
+        "mae_mm": float(absolute_mm.mean()) if len(absolute_mm) else None,
+        "max_mm": float(absolute_mm.max()) if len(absolute_mm) else None,
+    }
+
+
+def over_frames(frames: Sequence[Values]) -> Values:
+    """The figures over a capture's frames from `figures_of_frame` of each; none where it has a single one, or one in
+    which nothing was observed."""
+    figures = pd.DataFrame(list(frames), dtype=float)
+    if len(figures) < 2 or figures.isna().any(axis=None):
+        return {}
+    found: Values = {"frames_largest_mm": float(figures.max_mm.max())}
+    for name in ("mae", "max"):
+        values = figures[f"{name}_mm"].to_numpy()
+        found |= {f"frames_{name}_mm": float(values.mean()), f"frames_{name}_deviation_mm": deviation(values)}
+    return found
+
+
 def of_captures(maps: Iterable[ErrorMap]) -> pd.DataFrame:
     """The metrics of each capture's map, one a line; NaN where a figure has nothing to stand on."""
     return pd.DataFrame([pool([m]) for m in maps], columns=list(pool([])), dtype=float)

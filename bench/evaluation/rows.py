@@ -27,17 +27,28 @@ def accuracy_rows(
     seed: int = 0,
     surfaces: Sequence[Reference] | None = None,
     protocol: Protocol = scoring_protocols.PAPER,
+    captures: pd.DataFrame | None = None,
 ) -> pd.DataFrame:
     """The protocol's metrics of a method's error maps, one a capture, against one reference, and the floor that the
     `surfaces` with which they were compared, one a map, set to the mean absolute error (None: their uncertainty is not
-    known). seed: the floor's draws."""
-    captures = of_captures(maps)
+    known). seed: the floor's draws; captures: `of_captures` of the maps, where it is at hand."""
+    captures = of_captures(maps) if captures is None else captures
     values = averaged(captures)
     intervals: Intervals = {key: figure_interval(key, captures[key].to_numpy()) for key in AVERAGED}
     values["floor_mm"] = floor = None if surfaces is None else floor_mm(maps, surfaces)
     if surfaces is not None and floor:
         intervals["floor_mm"] = floor_interval(maps, surfaces, seed, value=floor)
     return _rows(method, reference, {key: values[key] for key in values if key in protocol.metrics}, intervals)
+
+
+def frame_rows(
+    method: str, reference: str, captures: Sequence[Values], protocol: Protocol = scoring_protocols.PAPER
+) -> pd.DataFrame:
+    """The protocol's figures over all frames, from each capture's `over_frames`; none unless all captures have them."""
+    shared = set.intersection(*map(set, captures)) if captures else set()
+    found = {key: np.array([figures[key] for figures in captures], float) for key in shared & set(protocol.metrics)}
+    values: Values = {key: float(of.mean()) for key, of in found.items()}
+    return _rows(method, reference, values, {key: figure_interval(key, of) for key, of in found.items()})
 
 
 def precision_rows(

@@ -1,7 +1,8 @@
 """The result folder: written by the runner, read by the reports.
 
 result.json   protocol, metric definitions, input hashes, versions, machine, captures, methods, facts, failures
-*.csv         table, tasks, repeats, comparisons: their columns are declared in `bench.results.tables`
+*.csv         table, tasks, repeats, comparisons, equal, curves, captures, causes, reliability: columns as
+              in `bench.results.tables`
 config.toml   the resolved configuration
 errors/       CAPTURE__METHOD__REFERENCE.npz: x_m, y_m, error_m, reference_z_m
 depth/        CAPTURE__METHOD.npz (a depth map), CAPTURE__truth.npz, CAPTURE__photogrammetry.npz (x_m, y_m, z_m,
@@ -12,10 +13,10 @@ photos/       CAPTURE.jpg, at most 600 pixels wide and high
 from bench.results.about import HEADLINE, HEADLINES, REFERENCES, About, CaptureFacts, Failure, MethodFacts, MetricFacts
 from bench.results.error_map import ErrorMap
 from bench.results.maps import Surface, depth_path, errors_path, write_errors, write_photo, write_surface
-from bench.results.result_folder import Result, load, write_about, write_config, write_tables
+from bench.results.result_folder import TABLES, Result, load, write_about, write_config, write_tables
 from bench.results.tradeoff import Claim, Section, Setting, Tradeoff, TradeoffFacts, load_tradeoff, write_tradeoff
 
 __all__ = ["HEADLINE", "HEADLINES", "REFERENCES", "About", "CaptureFacts", "Failure", "MethodFacts", "MetricFacts"]
 __all__ += ["ErrorMap", "Surface", "depth_path", "errors_path", "write_errors", "write_photo", "write_surface"]
-__all__ += ["Result", "load", "write_about", "write_config", "write_tables"]
+__all__ += ["TABLES", "Result", "load", "write_about", "write_config", "write_tables"]
 __all__ += ["Claim", "Section", "Setting", "Tradeoff", "TradeoffFacts", "load_tradeoff", "write_tradeoff"]

@@ -13,9 +13,10 @@ from radar.support.files import read_json
 
 HEADLINE = "mae_mm"  # the metric that titles, pictures and fronts speak of
 SHARES = ("observed_percent", "complete_2mm_percent")  # of the surface: what is seen, and what is seen and right
-HEADLINES = (HEADLINE, "floor_mm", "max_mm", *SHARES, "precision_mm", "seconds")  # read at a glance
-REFERENCES = ("photogrammetry", "truth")
-Reference = Literal["photogrammetry", "truth"]
+ALIKE = ("common_percent", "aurc_mm", "aurc_to_percent")  # under equal treatment
+HEADLINES = (HEADLINE, "floor_mm", "max_mm", *SHARES, *ALIKE, "precision_mm", "seconds")  # read at a glance
+REFERENCES = ("photogrammetry", "completed", "truth")  # completed: by the truth, where photogrammetry has no surface
+Reference = Literal["photogrammetry", "completed", "truth"]
 Measure = Literal["accuracy", "precision"]
 MEASURES: tuple[Measure, ...] = ("accuracy", "precision")
 

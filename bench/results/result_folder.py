@@ -11,19 +11,28 @@ import pandas as pd
 from bench.results.about import About, CaptureFacts, read_facts
 from bench.results.error_map import ErrorMap
 from bench.results.maps import Surface, depth_path, errors_path, photo_path, read_map
-from bench.results.tables import COMPARISONS, LEVEL, REPEATS, TABLE, TASKS, each, frame, read, write
+from bench.results.tables import LEVEL, SCHEMAS, each, frame, read, write
 from radar.support.errors import HandbenchError
 from radar.support.files import require_file, require_folder, write_json, write_text
 
-TABLES = {"table": TABLE, "tasks": TASKS, "repeats": REPEATS, "comparisons": COMPARISONS}
-OPTIONAL = ("repeats", "comparisons")
+OPTIONAL = (
+    "repeats",
+    "comparisons",
+    "equal",
+    "curves",
+    "captures",
+    "causes",
+    "reliability",
+)  # which older folders may lack
+TABLES = {name: SCHEMAS[name] for name in ("table", "tasks", *OPTIONAL)}
 BUSY = 0.25  # cores that other work may take before times are called disturbed
+UNSETTLED = 0.1  # of a median time: half an interval that is wider is told
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
     """A result folder that has been checked to be complete; maps and photographs are read when asked for. table, tasks,
-    repeats, comparisons: as `bench.results.tables` declares them."""
+    repeats, comparisons, equal, curves, captures, causes, reliability: as `bench.results.tables` declares them."""
 
     folder: Path
     about: About
@@ -31,7 +40,12 @@ class Result:
     tasks: pd.DataFrame
     repeats: pd.DataFrame
     config: str
-    comparisons: pd.DataFrame = field(default_factory=lambda: frame(COMPARISONS))
+    comparisons: pd.DataFrame = field(default_factory=lambda: frame(TABLES["comparisons"]))
+    equal: pd.DataFrame = field(default_factory=lambda: frame(TABLES["equal"]))
+    curves: pd.DataFrame = field(default_factory=lambda: frame(TABLES["curves"]))
+    captures: pd.DataFrame = field(default_factory=lambda: frame(TABLES["captures"]))
+    causes: pd.DataFrame = field(default_factory=lambda: frame(TABLES["causes"]))
+    reliability: pd.DataFrame = field(default_factory=lambda: frame(TABLES["reliability"]))
 
     def row(self, metric: str, method: str, reference: str) -> Any:
         """The table's line, a named tuple of its columns; None without one."""
@@ -48,9 +62,14 @@ class Result:
         facts = self.about.metrics.get(metric)
         return facts.title if facts else metric
 
-    def best(self, metric: str, reference: str) -> tuple[str, ...]:
-        """The methods that nothing is shown to beat; () where nothing was compared."""
-        return best(self.comparisons, metric, reference)
+    def best(self, metric: str, reference: str, treatment: str = "") -> tuple[str, ...]:
+        """The methods that nothing is shown to beat under one treatment ("": each as it is); () where nothing was
+        compared."""
+        return best(self.compared(treatment), metric, reference)
+
+    def compared(self, treatment: str = "") -> pd.DataFrame:
+        """The comparisons under one treatment."""
+        return self.comparisons[self.comparisons.treatment == treatment]
 
     def scored(self) -> tuple[CaptureFacts, ...]:
         """The captures that are scored pixel by pixel."""
@@ -75,6 +94,13 @@ class Result:
         sums = tasks.assign(taken_s=tasks.others_cores * tasks.seconds).groupby("method", sort=False)
         cores = sums.taken_s.sum() / sums.seconds.sum()
         return {str(method): float(taken) for method, taken in cores.items() if taken >= BUSY}
+
+    def unsettled(self) -> dict[str, float]:
+        """The methods whose time per frame is not known to UNSETTLED, by how much of it the interval reaches up or
+        down."""
+        times = self.table[(self.table.metric == "seconds") & (self.table.value > 0)].drop_duplicates("method")
+        reach = (times.high - times.low) / (2 * times.value)
+        return {method: float(share) for method, share in zip(times.method, reach, strict=True) if share > UNSETTLED}
 
     def photo(self, capture: str) -> Path | None:
         """The capture's photograph, if it has one."""
@@ -103,7 +129,7 @@ def write_about(folder: Path, about: About) -> None:
 
 
 def write_tables(folder: Path, **tables: pd.DataFrame) -> None:
-    """Write table, tasks, repeats or comparisons as .csv."""
+    """Write tables of `TABLES` as .csv."""
     for name, table in tables.items():
         write(folder / f"{name}.csv", table, TABLES[name])
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.datasets.dataset import open_capture
-from bench.run.benchmark_file import BenchFile, MethodEntry, Origin
+from bench.run.benchmark_file import BenchFile, MethodEntry, Origin, Source
 from bench.run.outcome import Capture
 from bench.run.photogrammetry import photographs
 from bench.run.reconstruct_stage import configuration
@@ -38,6 +38,8 @@ def opening(bench: BenchFile, base: Path, source: Origin, frames: int, photos: b
         return Stage(HASH, open_capture(folder).about.name, arguments={"folder": str(folder), "frames": frames})
     path = inside(base, source.scene or "", "capture.scene")
     scene = load(SceneFile, path, "a scene description")
+    if isinstance(source, Source) and source.persons:
+        scene = scene.of_person(*source.persons)
     if bench.phase_noise_rad is not None:
         scene = scene.model_copy(update={"noise": Noise(phase_noise_rad=bench.phase_noise_rad)})
     if not (photos and source.photos):
@@ -71,8 +73,8 @@ def meshing(bench: BenchFile, capture: Capture, work: Path) -> Clouds | None:
 
 
 def imaging(bench: BenchFile, capture: Capture, entry: MethodEntry) -> list[Stage]:
-    """To image the capture by one method: for the accuracy once, for the precision, where the method has one, all
-    repeats."""
+    """To image the capture by one method: for the accuracy the benchmark's frames, for the precision, where the method
+    has one, all repeats."""
     given = {
         "capture": str(capture.folder),
         "method": entry.id,
@@ -81,13 +83,14 @@ def imaging(bench: BenchFile, capture: Capture, entry: MethodEntry) -> list[Stag
         "every_nth_antenna": entry.every_nth_antenna,
     }
     depends_on = [capture.key, given["config"], given["device"], entry.every_nth_antenna]
-    about, frames, found = (capture.name, entry.id, method_key(entry.id)), bench.repeats, []
-    if "accuracy" in capture.measures:
-        found.append(stage("reconstruct", "bench.run.reconstruct_stage:reconstruct", depends_on, given, *about))
+    wanted = {"reconstruct": bench.frames} if "accuracy" in capture.measures else {}
     if "precision" in capture.measures and entry.precision:
-        given, depends_on = {**given, "frames": frames}, [*depends_on, frames]
-        found.append(stage("repeat", "bench.run.repeat_stage:repeat", depends_on, given, *about))
-    return found
+        wanted["repeat"] = bench.repeats
+    about = capture.name, entry.id, method_key(entry.id)
+    return [
+        stage(name, f"bench.run.{name}_stage:{name}", [*depends_on, frames], {**given, "frames": frames}, *about)
+        for name, frames in wanted.items()
+    ]
 
 
 def scoring(

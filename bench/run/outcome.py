@@ -1,46 +1,29 @@
-"""The outcome of a run, scored and written as a result folder."""
+"""The outcome of a run: what its stages have found, and the captures and methods that its table stands on."""
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from bench import results
 from bench.datasets.native import CaptureFile
-from bench.evaluation.floor import budget
-from bench.evaluation.metrics import TITLES, of_captures
-from bench.evaluation.rows import accuracy_rows, metric_facts, precision_rows, time_rows
-from bench.evaluation.scoring_protocols import protocol
-from bench.evaluation.statistics.intervals import note
-from bench.evaluation.statistics.paired import compare
-from bench.results import REFERENCES, About, CaptureFacts, Failure, MethodFacts, Surface
+from bench.results import Failure
 from bench.results.about import MEASURES, Measure
 from bench.results.error_map import ErrorMap
-from bench.results.tables import COMPARISONS, REPEATS, TABLE, TASKS, frame
+from bench.results.tables import REPEATS, frame
 from bench.run.benchmark_file import BenchFile, MethodEntry
 from bench.run.repeat_stage import read_repeats
 from bench.run.scoring import Files, read_errors, read_reference
 from calibration.transforms import Transform
 from groundtruth.mesh.depth import Reference
-from radar.imaging.device import describe
-from radar.support.cost import calibrated_machine
 from radar.support.errors import HandbenchError
-from radar.support.files import atomic_path
-from radar.support.folder import drop
 from radar.support.progress import say
-from radar.support.store import versions
 
 Line = tuple[Any, ...]  # of a table, in the order of its columns
-CSV = ("table", "tasks", "repeats", "comparisons")
-FILES = ("result.json", "config.toml", "errors", "depth", "photos", *(f"{name}.csv" for name in CSV))
 
 
 @dataclass
@@ -158,45 +141,6 @@ def _stands_on(finished: dict[str, set[str]], kept: list[str], common: set[str],
     return text + (f"; methods left out, with the captures that they finished: {', '.join(without)}" if without else "")
 
 
-def write(folder: Path, outcome: Outcome, config: str) -> None:
-    """Score everything, then write the result folder; earlier results give way only when the new ones stand, and
-    result.json, which says that the folder is complete, comes last."""
-    on = basis(outcome)
-    if outcome.failures:
-        say(f"the table stands on {on.text}")
-    rows, compared = tabulate(outcome, on), comparisons(outcome, on)
-    drop(folder, FILES)
-    for capture, entry in product(on.captures, on.methods):
-        name = capture.name
-        _copy(outcome.maps[name, entry.id], results.depth_path(folder, name, entry.id))
-        for reference in outcome.references[name]:
-            about_map = name, entry.id, reference
-            _copy(results.errors_path(outcome.scores[name], *about_map), results.errors_path(folder, *about_map))
-            if entry is on.methods[0]:  # references are drawn on the first method's grid
-                results.write_surface(folder, name, reference, _surface(outcome, *about_map))
-    for capture in on.captures:
-        if capture.name in outcome.views:
-            results.write_photo(folder, capture.name, outcome.views[capture.name])
-    results.write_config(folder, config)
-    names, methods = [capture.name for capture in on.repeated], [entry.id for entry in on.methods]
-    repeats = repeated(outcome)
-    repeats = repeats[repeats.capture.isin(names) & repeats.method.isin(methods)]
-    tasks = frame(TASKS, outcome.tasks)
-    results.write_tables(folder, table=rows, tasks=tasks, comparisons=compared, repeats=repeats)
-    results.write_about(folder, about(outcome, on))
-
-
-def _copy(source: Path, path: Path) -> None:
-    with atomic_path(path) as temporary:
-        shutil.copyfile(source, temporary)
-
-
-def _surface(outcome: Outcome, capture: str, method: str, reference: str) -> Surface:
-    """The reference on the method's grid."""
-    error, found = errors(outcome, [capture], method, reference)[0], surfaces(outcome, [capture], method, reference)[0]
-    return Surface(error.x_m, error.y_m, found.z_m, found.sigma_m)
-
-
 def errors(outcome: Outcome, captures: Sequence[str], method: str, reference: str) -> Sequence[ErrorMap]:
     """A method's error maps of some captures, read one at a time."""
     return Files(lambda name: read_errors(outcome.scores[name], name, method, reference), captures)
@@ -211,109 +155,11 @@ def surfaces(outcome: Outcome, captures: Sequence[str], method: str, reference: 
     return Files(read, captures)
 
 
-def _deviations(outcome: Outcome, captures: Sequence[str], method: str) -> Sequence[ErrorMap]:
+def deviations(outcome: Outcome, captures: Sequence[str], method: str) -> Sequence[ErrorMap]:
+    """A method's `deviation_map` of some captures, in place of errors, read one at a time."""
     return Files(lambda name: read_repeats(outcome.deviations[name, method])[1], captures)
 
 
 def repeated(outcome: Outcome) -> pd.DataFrame:
     """Every repeat's depth of the strongest scatterer, as `REPEATS`."""
     return frame(REPEATS, outcome.repeats)
-
-
-def tabulate(outcome: Outcome, on: Basis) -> pd.DataFrame:
-    """The result's `TABLE`, one block per reference."""
-    rows, repeats = [frame(TABLE)], repeated(outcome)
-    seed, chosen = outcome.bench.seed, protocol(outcome.bench.protocol)
-    names, precise = [capture.name for capture in on.captures], [capture.name for capture in on.repeated]
-    for reference in REFERENCES:
-        for entry in on.methods:
-            scored = [name for name in names if reference in outcome.references[name]]
-            if not scored:
-                continue
-            about_maps = outcome, scored, entry.id, reference
-            maps, found = errors(*about_maps), surfaces(*about_maps)
-            rows.append(accuracy_rows(entry.id, reference, maps, seed, found, chosen))
-            if entry.precision and precise and "precision_mm" in chosen.metrics:
-                several = [name for name in precise if (name, entry.id) in outcome.deviations]
-                deviations = _deviations(outcome, several, entry.id) if several else None
-                rows.append(precision_rows(entry.id, reference, _strongest(repeats, precise, entry.id), deviations))
-            seconds = [s for capture in on.all_captures for s in outcome.seconds.get((capture.name, entry.id), [])]
-            rows.append(time_rows(entry.id, reference, seconds, seed))
-    table = pd.concat(rows)
-    return table if outcome.bench.reproduces else table.assign(paper=np.nan)
-
-
-def comparisons(outcome: Outcome, on: Basis) -> pd.DataFrame:
-    """Every pair of methods by the protocol's compared metrics, against each reference that all captures have."""
-    titles = {entry.id: TITLES.get(entry.id, entry.id) for entry in on.methods}
-    lines = [frame(COMPARISONS)]
-    for reference in REFERENCES:
-        names = [c.name for c in on.captures if reference in outcome.references[c.name]]
-        found = {entry.id: of_captures(errors(outcome, names, entry.id, reference)) for entry in on.methods}
-        for metric in protocol(outcome.bench.protocol).compared if names else ():
-            figures = {method: captures[metric].to_numpy() for method, captures in found.items()}
-            lines.append(compare(figures, reference, metric, titles))
-    return pd.concat(lines)
-
-
-def about(outcome: Outcome, on: Basis) -> About:
-    """Content of result.json."""
-    first = on.methods[0].id
-    measured = [c.name for c in on.captures if "photogrammetry" in outcome.references[c.name]]
-    budgets = dict(zip(measured, map(budget, surfaces(outcome, measured, first, "photogrammetry")), strict=True))
-    return About(
-        name=outcome.bench.name,
-        protocol={
-            **protocol(outcome.bench.protocol).about(),
-            "basis": on.text,
-            "repeats": outcome.bench.repeats,
-            "seed": outcome.bench.seed,
-        },
-        metrics=metric_facts(),
-        inputs=outcome.inputs,
-        versions=versions(),
-        machine=_machines(outcome),
-        captures=tuple(
-            CaptureFacts(
-                name=capture.name,
-                measures=capture.measures,
-                pose=capture.about.pose,
-                distance_m=capture.about.distance_m,
-                references=tuple(outcome.references.get(capture.name, ())),
-                effects=tuple(choice.model_dump(mode="json") for choice in capture.about.effects),
-            )
-            for capture in on.all_captures
-        ),
-        methods=tuple(
-            MethodFacts(
-                name=entry.id,
-                title=TITLES.get(entry.id, entry.id),
-                config={
-                    c.name: outcome.configs[c.name, entry.id]
-                    for c in on.all_captures
-                    if (c.name, entry.id) in outcome.configs
-                },
-            )
-            for entry in on.methods
-        ),
-        facts={
-            **outcome.facts,
-            "intervals": note(len(on.captures)),
-            **({"groundtruth_sigma_rms": budgets} if budgets else {}),
-            "phase_noise_rad": outcome.bench.phase_noise_rad,
-        },
-        failures=tuple(outcome.failures),
-    )
-
-
-def _machines(outcome: Outcome) -> dict[str, Any]:
-    """This machine and, where others did some of the work, they too."""
-    here = calibrated_machine()
-    others = {name: facts for name, facts in outcome.machines.items() if name != here["host"]}
-    return {**here, "imaging_device": describe(), **({"others": others} if others else {})}
-
-
-def _strongest(repeats: pd.DataFrame, names: list[str], method_id: str) -> list[np.ndarray]:
-    """Each capture's depths of the strongest scatterer [repeats]."""
-    mine = repeats[repeats.method == method_id]
-    return [mine.z_m[mine.capture == name].to_numpy() for name in names]

@@ -5,58 +5,102 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from statistics import median
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.stats import binom
 
 from bench.datasets.dataset import open_capture
-from radar.data.capture import RadarCapture, thinned
+from bench.run.treatments import write_treated
+from radar.data.capture import thinned
+from radar.data.depthmap import DepthMap
 from radar.imaging.device import use_device
-from radar.methods.registry import Method, Reconstruction, method
+from radar.methods.registry import Reconstruction, method
 from radar.support.config import Config
 from radar.support.cost import others
 from radar.support.errors import HandbenchError
-from radar.support.files import write_json
+from radar.support.files import write_json, write_npz
 from radar.warmup import compile_kernels
 
-DEPTH, TIMING = "depth.npz", "timing.json"
+DEPTH, FRAMES, TIMING = "depth.npz", "frames.npz", "timing.json"
 PLANNED_S = 20.0  # what takes longer than any plan is not imaged twice
+SETTLED, SETTLE_S = 0.05, 1.0  # of a median time: how near its interval shall be, and for how long that is tried
 
 
 def reconstruct(
-    folder: Path, capture: str, method: str, config: dict[str, Any], device: str, every_nth_antenna: int
+    folder: Path, capture: str, method: str, config: dict[str, Any], device: str, every_nth_antenna: int, frames: int
 ) -> None:
-    """Frame 0 → DEPTH, imaged on the client's device, and its time → TIMING."""
+    """Image frame 0 → DEPTH, and for equal treatment again → ALIKE; the depths of all frames → FRAMES; what each took →
+    TIMING. All on the client's device."""
     with use_device(device), others() as busy:
-        [(result, seconds, plan_s)] = image_frames(Path(capture), method, config, 1, every_nth_antenna)
-    result.depth.save(folder / DEPTH)
-    write_json(folder / TIMING, {"seconds": [seconds], "plan_seconds": plan_s, "others_cores": busy[0]})
+        imager = Imager(Path(capture), method, config, frames, every_nth_antenna)
+        found = list(imager.images())
+        seconds = imager.until_settled([image.seconds for image in found])
+        depths = [image.result.depth for image in found]
+        if seconds[0] < PLANNED_S:
+            write_treated(folder, imager.with_settings, imager.settings, depths[0])
+    depths[0].save(folder / DEPTH)
+    if frames > 1:
+        write_npz(folder / FRAMES, z_m=np.stack([depth.z_m for depth in depths]).astype(np.float32))
+    write_json(folder / TIMING, {"seconds": seconds, "plan_seconds": found[0].plan_s, "others_cores": busy[0]})
 
 
-def image_frames(
-    capture: Path, method_id: str, config: dict[str, Any], frames: int = 1, every_nth_antenna: int = 1
-) -> Iterator[tuple[Reconstruction, float, float | None]]:
-    """The first frames of a capture by one method, each with its seconds from echoes in memory to the depth map, and
-    with those of the plan, where it was measured.
+class Timed(NamedTuple):
+    """A frame's image, the seconds from echoes in memory to the depth map, and those of the plan, where measured."""
 
-    The first image of a geometry plans the engine's skeletons, which a radar does once: where that may matter, the
-    first frame is imaged again, its second time counts, and what the first took more is the plan's.
-    """
-    chosen, settings = method(method_id), configuration(capture, method_id, config)
-    echoes = thinned(open_capture(capture).echoes(frames), every_nth_antenna)
-    if len(echoes.samples) < frames:
-        raise HandbenchError(f"{capture}: has {len(echoes.samples)} frames; expected {frames} for the precision")
-    compile_kernels()
-    for frame in range(frames):
-        result, seconds, plan_s = *_timed(chosen, echoes, settings, frame), None
-        if frame == 0 and seconds < PLANNED_S:
-            first_s = seconds
-            result, seconds = _timed(chosen, echoes, settings, frame)
-            plan_s = max(first_s - seconds, 0.0)
-        yield result, seconds, plan_s
+    result: Reconstruction
+    seconds: float
+    plan_s: float | None = None
 
 
-def _timed(chosen: Method, echoes: RadarCapture, settings: Config, frame: int) -> tuple[Reconstruction, float]:
-    start = time.perf_counter()
-    return chosen.run(echoes, settings, frame), time.perf_counter() - start
+class Imager:
+    """The first frames of a capture before one method. A capture with fewer frames is a HandbenchError."""
+
+    def __init__(
+        self, capture: Path, method_id: str, config: dict[str, Any], frames: int = 1, every_nth_antenna: int = 1
+    ) -> None:
+        self.method, self.settings, self.frames = method(method_id), configuration(capture, method_id, config), frames
+        self.echoes = thinned(open_capture(capture).echoes(frames), every_nth_antenna)
+        if len(self.echoes.samples) < frames:
+            raise HandbenchError(f"{capture}: has {len(self.echoes.samples)} frames; expected {frames}")
+        compile_kernels()
+
+    def images(self) -> Iterator[Timed]:
+        """Image every frame. The first image of a geometry plans the engine's skeletons, which a radar does once: where
+        that may matter, the first frame is imaged again, its second time counts, and what the first took more is the
+        plan's."""
+        for frame in range(self.frames):
+            image = self._timed(frame)
+            if frame == 0 and image.seconds < PLANNED_S:
+                again = self._timed(frame)
+                image = again._replace(plan_s=max(image.seconds - again.seconds, 0.0))
+            yield image
+
+    def until_settled(self, seconds: list[float]) -> list[float]:
+        """These times of the frames, and more of them, imaged again in turns until their median has settled or
+        SETTLE_S have gone by."""
+        found, end = list(seconds), time.perf_counter() + SETTLE_S
+        while not settled(found) and time.perf_counter() + found[-1] < end:
+            found.append(self._timed(len(found) % self.frames).seconds)
+        return found
+
+    def with_settings(self, settings: Config) -> DepthMap:
+        """The depth map of frame 0 by another configuration."""
+        return self.method.run(self.echoes, settings, 0).depth
+
+    def _timed(self, frame: int) -> Timed:
+        start = time.perf_counter()
+        return Timed(self.method.run(self.echoes, self.settings, frame), time.perf_counter() - start)
+
+
+def settled(seconds: list[float]) -> bool:
+    """True where the median's 95 % interval, between two order statistics, lies within SETTLED of it."""
+    n, ordered = len(seconds), sorted(seconds)
+    outer = int(binom.ppf(0.025, n, 0.5))  # so many may lie below the interval
+    if outer < 1:
+        return False
+    return ordered[-outer] - ordered[outer - 1] <= 2 * SETTLED * median(seconds)
 
 
 def configuration(capture: Path, method_id: str, config: dict[str, Any]) -> Config:

@@ -19,7 +19,7 @@ from bench.datasets.dataset import open_capture
 from bench.datasets.native import TRUE_TRANSFORM
 from bench.results import REFERENCES, Failure
 from bench.run import jobs as plan
-from bench.run import outcome
+from bench.run import outcome, write_result
 from bench.run.benchmark_file import BenchFile, Origin, Source
 from bench.run.calibrate_stage import REGISTRATION
 from bench.run.executors import Executor, executor
@@ -56,7 +56,7 @@ def run(
         _check_room(folder, config, overwrite)
         found = Run(bench, base.resolve(), work.resolve(), workers).execute()
         found.facts |= {} if command is None else {"command": command}
-        outcome.write(folder, found, config)
+        write_result.write(folder, found, config)
     return results.load(folder)
 
 
@@ -155,11 +155,13 @@ class Run:
 
     def open(self) -> tuple[list[Capture], list[Capture]]:
         """The first round: those of the benchmark's captures that can be opened, and all of the calibration's."""
-        repeats = self.bench.repeats if any(entry.precision for entry in self.bench.method) else 1
+        repeated = any(entry.precision for entry in self.bench.method)
         opening: list[tuple[Origin, Stage]] = []
         for source in self.bench.capture:
             with failing(self.failures, source.scene or source.path or "", "open"):
-                frames = repeats if "precision" in source.measures else 1
+                frames = self.bench.frames if "accuracy" in source.measures else 1
+                if repeated and "precision" in source.measures:
+                    frames = max(frames, self.bench.repeats)
                 stage = plan.opening(self.bench, self.base, source, frames, photos="accuracy" in source.measures)
                 opening.append((source, stage))
         _check_names([stage.capture for _, stage in opening])
@@ -225,6 +227,8 @@ def references(
         found.views[capture.name] = made / VIEW
     if data.truth is not None:
         available["truth"] = data.truth, identity("radar")
+        if "photogrammetry" in available:
+            available["completed"] = available["photogrammetry"]
     if not available:
         raise HandbenchError(
             f"{capture.folder}: nothing to score against; expected photographs or mesh.ply with a transform "

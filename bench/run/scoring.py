@@ -3,11 +3,13 @@
 errors/       CAPTURE__METHOD__REFERENCE.npz: an `ErrorMap`, as in a result folder
 references/   REFERENCE-N.npz: a `Reference`, of its registration the covariance, on the N-th of the methods' grids
 grids.json    method → N
+frames.json   reference → method → metric → its figure in each frame
+alike.json    reference → treatment → method → "figures" and "curve_mm" of `bench.evaluation.equal_treatment`
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -18,9 +20,13 @@ from bench.datasets.dataset import open_capture
 from bench.datasets.native import NativeCapture
 from bench.evaluation import scoring_protocols
 from bench.evaluation.depth_errors import error_map
+from bench.evaluation.equal_treatment import SMOOTHING, Alike, treat
+from bench.evaluation.metrics import Values, figures_of_frame
 from bench.evaluation.scoring_protocols import Protocol
 from bench.results import errors_path, write_errors
 from bench.results.error_map import ErrorMap
+from bench.run.reconstruct_stage import FRAMES
+from bench.run.treatments import read_treated
 from calibration.transforms import Transform
 from groundtruth.mesh.depth import Reference, reference_on_grid
 from groundtruth.mesh.surface import read_surface
@@ -28,9 +34,10 @@ from radar.data.depthmap import DepthMap, load_depthmap
 from radar.data.grid import PixelGrid
 from radar.support.files import read_json, read_npz, write_json, write_npz
 
-GRIDS, REFERENCES = "grids.json", "references"
+GRIDS, EACH_FRAME, TREATED, REFERENCES = "grids.json", "frames.json", "alike.json", "references"
 KEPT = ("z_m", "mesh_sigma_m", "met", "leverage", "covariance")
-Key, Value = TypeVar("Key"), TypeVar("Value")
+Key = TypeVar("Key")
+Value = TypeVar("Value")
 
 
 class Files(Sequence[Value], Generic[Key, Value]):
@@ -62,26 +69,73 @@ def score(
 ) -> None:
     """Compare a capture's depth maps, by method, with its references, each a mesh file and the transform that carries
     it into the radar frame, by a protocol. A reference that cannot be read is a HandbenchError."""
-    data = open_capture(capture)
+    data, depths = open_capture(capture), {method: load_depthmap(file) for method, file in maps.items()}
     numbers: dict[bytes, int] = {}
     grids: dict[str, int] = {}
     found: dict[tuple[str, int], Reference] = {}  # methods that share a grid share the reference's depth
-    for method, file in maps.items():
-        depth = load_depthmap(file)
+    frames: dict[str, dict[str, list[Values]]] = {name: {} for name in references}
+    for method, depth in depths.items():
         number = grids[method] = numbers.setdefault(depth.x_m.tobytes() + b"|" + depth.y_m.tobytes(), len(numbers))
-        for name, (mesh, transform) in references.items():
+        for name in references:
             if (name, number) not in found:
-                grid = PixelGrid(depth.x_m, depth.y_m)
-                found[name, number] = reference_depth(mesh, transform, grid, exact=name == "truth")
+                found[name, number] = _on_grid(name, references, PixelGrid(depth.x_m, depth.y_m))
                 write_reference(folder, name, number, found[name, number])
-            write_errors(folder, data.about.name, method, name, compare(depth, found[name, number], chosen, data))
+            reference = found[name, number]
+            write_errors(folder, data.about.name, method, name, compare(depth, reference, chosen, data))
+            of_frames = (z - reference.z_m for z in _frames(depth, maps[method].parent, chosen, data))
+            frames[name][method] = [figures_of_frame(error_m) for error_m in of_frames]
     write_json(folder / GRIDS, grids)
+    write_json(folder / EACH_FRAME, frames)
+    alike = {m: treated for m, file in maps.items() if not grids[m] and (treated := read_treated(file.parent))}
+    write_json(folder / TREATED, {name: _treated(alike, found[name, 0].z_m) for name in references})
+
+
+def _on_grid(name: str, references: Mapping[str, tuple[Path, Transform]], grid: PixelGrid) -> Reference:
+    if name != "completed":
+        return reference_depth(*references[name], grid, exact=name == "truth")
+    return completed_by(*(_on_grid(part, references, grid) for part in ("photogrammetry", "truth")))
+
+
+def completed_by(reference: Reference, truth: Reference) -> Reference:
+    """The reference, where it has no surface by the true one, which has no error."""
+    own = np.isfinite(reference.z_m)
+    met = truth.met if reference.met is None or truth.met is None else reference.met | truth.met
+    return reference._replace(
+        z_m=np.where(own, reference.z_m, truth.z_m),
+        mesh_sigma_m=np.where(own, reference.mesh_sigma_m, truth.mesh_sigma_m),
+        leverage=None if reference.leverage is None else np.where(own[..., None], reference.leverage, 0.0),
+        met=met,
+    )
+
+
+def _frames(depth: DepthMap, folder: Path, chosen: Protocol, data: NativeCapture) -> Iterator[np.ndarray]:
+    """The depths [ny, nx] of every frame that the protocol scores; `depth` is the first frame's map."""
+    yield _scored_z_m(depth, chosen, data)
+    if (folder / FRAMES).exists():
+        for z_m in read_npz(folder / FRAMES, ("z_m",))["z_m"][1:]:
+            yield _scored_z_m(replace(depth, z_m=z_m), chosen, data)
+
+
+def _treated(alike: Mapping[str, dict[str, Alike]], reference_z_m: np.ndarray) -> dict[str, dict[str, dict[str, Any]]]:
+    """The figures and curves of each treatment and method, ready for JSON."""
+    found = {t: treat({m: of[t] for m, of in alike.items()}, reference_z_m) for t in SMOOTHING}
+    return {
+        treatment: {
+            method: {"figures": of.figures, "curve_mm": [v if np.isfinite(v) else None for v in of.curve_mm.tolist()]}
+            for method, of in methods.items()
+        }
+        for treatment, methods in found.items()
+    }
 
 
 def compare(depth: DepthMap, reference: Reference, chosen: Protocol, data: NativeCapture) -> ErrorMap:
     """The errors of a depth map of `data` against a reference on its grid: of the pixels that the protocol scores."""
-    z_m = np.where(data.mask(depth, chosen.erodes), depth.z_m, np.nan) if chosen.masks else depth.z_m
+    z_m = _scored_z_m(depth, chosen, data)
     return error_map(depth.x_m, depth.y_m, z_m, reference.z_m, reference.sigma_m, reference.met)
+
+
+def _scored_z_m(depth: DepthMap, chosen: Protocol, data: NativeCapture) -> np.ndarray:
+    return np.where(data.mask(depth, chosen.erodes), depth.z_m, np.nan) if chosen.masks else depth.z_m
 
 
 def reference_depth(mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid, exact: bool = False) -> Reference:
@@ -111,8 +165,8 @@ def read_reference(folder: Path, method: str, reference: str, transform: Transfo
 
 def write_reference(folder: Path, name: str, number: int, reference: Reference) -> None:
     """Keep a reference on the number-th grid."""
-    known = reference.registration is not None
-    uncertain = (reference.leverage, reference.registration.covariance) if known else (np.empty(0), np.empty(0))
+    known = reference.registration
+    uncertain = (np.empty(0), np.empty(0)) if known is None else (reference.leverage, known.covariance)
     values = (reference.z_m, reference.mesh_sigma_m, reference.met, *uncertain)
     write_npz(_reference_path(folder, name, number), **dict(zip(KEPT, values, strict=True)))
 

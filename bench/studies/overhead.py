@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import redirect_stderr
 from dataclasses import replace
 from os import devnull
@@ -22,13 +22,15 @@ import psutil
 
 from bench.datasets.native import ECHOES, TRUTH, CaptureFile, save_capture_file
 from bench.evaluation.depth_errors import error_map
-from bench.results import errors_path, write_errors
+from bench.evaluation.equal_treatment import SMOOTHING
+from bench.results import HEADLINE, errors_path, write_errors
 from bench.run import reconstruct_stage, scoring, tasks
 from bench.run.benchmark_file import BenchFile
 from bench.run.executors import Cluster, Executor, InPlace, executor
-from bench.run.outcome import Capture, Outcome, basis, comparisons, tabulate
+from bench.run.outcome import Capture, Outcome, basis
 from bench.run.runner import Run
-from bench.run.scoring import GRIDS, REFERENCES, write_reference
+from bench.run.scoring import EACH_FRAME, GRIDS, REFERENCES, TREATED, write_reference
+from bench.run.tabulation import tables
 from bench.run.tasks import Done
 from bench.studies.columns import Record, rows
 from bench.studies.study import Study
@@ -63,7 +65,7 @@ class Watched:
         self.executor = executor
         self.memory_mb: list[float] = []
 
-    def run(self, root: Path, jobs: list[Stage]) -> Iterator[tuple[int, Done]]:
+    def run(self, root: Path, jobs: Sequence[Stage]) -> Iterator[tuple[int, Done]]:
         """See `Executor`."""
         process, tenth = psutil.Process(), max(len(jobs) // 10, 1)
         for count, ended in enumerate(self.executor.run(root, jobs)):
@@ -107,6 +109,8 @@ def scored_captures(bench: BenchFile, base: Path, scores: Path) -> Outcome:
     one, found = scores / "one", Outcome(bench, [], [])
     write_reference(one, "truth", 0, known)
     write_json(one / GRIDS, dict.fromkeys(METHODS, 0))
+    write_json(one / EACH_FRAME, {"truth": {id: [{HEADLINE: 0.8, "max_mm": 4.0}] for id in METHODS}})
+    write_json(one / TREATED, {"truth": {treatment: {} for treatment in SMOOTHING}})
     for id in METHODS:
         seen = error_map(axis_m, axis_m, z_m + rng.normal(0, 1e-3, z_m.shape), z_m, known.sigma_m, disc)
         write_errors(one, "one", id, "truth", seen)
@@ -116,7 +120,7 @@ def scored_captures(bench: BenchFile, base: Path, scores: Path) -> Outcome:
         found.references[name] = {"truth": (base / name / TRUTH, transform)}
         found.scores[name] = scores / name
         (found.scores[name] / "errors").mkdir(parents=True)
-        for folder in (REFERENCES, GRIDS):
+        for folder in (REFERENCES, GRIDS, EACH_FRAME, TREATED):
             (found.scores[name] / folder).symlink_to(one / folder)
         for id in METHODS:
             found.seconds[name, id] = [0.1]
@@ -125,12 +129,11 @@ def scored_captures(bench: BenchFile, base: Path, scores: Path) -> Outcome:
 
 
 def table_record(found: Outcome) -> Record:
-    """The table and its comparisons; memory: before, after the table, and after both."""
+    """The table and its comparisons; memory: before and after."""
     process, start = psutil.Process(), time.perf_counter()
     memory_mb, on = [process.memory_info().rss / 1e6], basis(found)
-    for part in (tabulate, comparisons):
-        part(found, on)
-        memory_mb.append(process.memory_info().rss / 1e6)
+    tables(found, on)
+    memory_mb.append(process.memory_info().rss / 1e6)
     each_ms = 1e3 * (time.perf_counter() - start) / len(found.captures)
     return {"what": "table", "each_ms": each_ms, "memory_mb": memory_mb}
 

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from bench.results import HEADLINE, Result
-from reports.figures.style import AGAINST, Picture, log_axis, looks, methods, time_text, whiskers
-from reports.tables.blocks import floor_note
+from reports.figures.style import Picture, log_axis, looks, methods, time_text, whiskers
+from reports.tables.blocks import AGAINST, DRAWN, TREATMENTS, floor_note
 
 EDGES_MM = np.geomspace(0.02, 100, 400)
 
@@ -21,6 +21,8 @@ def overview(result: Result) -> Iterator[Picture]:
         yield accuracy_against_time(result)
     if result.about.methods and any(capture.references for capture in result.scored()):
         yield error_distributions(result)
+    if len(result.curves):
+        yield risk_coverage(result)
     if len(result.repeats):
         yield repeats(result)
 
@@ -28,7 +30,7 @@ def overview(result: Result) -> Iterator[Picture]:
 def accuracy_against_time(result: Result) -> Picture:
     """Mean error over seconds per frame with both intervals; the paper's as an open marker at our time."""
     scored = set(result.table.reference[result.table.metric == HEADLINE])
-    references = [reference for reference in AGAINST if reference in scored]
+    references = [reference for reference in DRAWN if reference in scored]
     figure, axes = _side_by_side(len(references))
     look = looks(m.name for m in methods(result))
     notes, handles = [], {}
@@ -63,7 +65,7 @@ def accuracy_against_time(result: Result) -> Picture:
 
 def error_distributions(result: Result) -> Picture:
     """Share of the observed pixels whose error is smaller than e: the whole distribution, not only its mean."""
-    references = [r for r in AGAINST if any(r in capture.references for capture in result.scored())]
+    references = [r for r in DRAWN if any(r in capture.references for capture in result.scored())]
     figure, axes = _side_by_side(len(references))
     look = looks(m.name for m in methods(result))
     for axis, reference in zip(axes, references, strict=True):
@@ -81,6 +83,31 @@ def error_distributions(result: Result) -> Picture:
         "error_distribution",
         "Share of the observed pixels, of all captures together, whose absolute error is not above the abscissa.",
         "Cumulative distribution of the absolute errors of each method.",
+        figure,
+    )
+
+
+def risk_coverage(result: Result) -> Picture:
+    """Error over completeness: each method's strongest pixels, as many as make up a share of the surface."""
+    figure, axes = _side_by_side(len(TREATMENTS))
+    look = looks(m.name for m in methods(result))
+    reference = result.curves.reference.iloc[0]
+    for axis, (treatment, said) in zip(axes, TREATMENTS.items(), strict=True):
+        for method in methods(result):
+            curve = result.curves[(result.curves.method == method.name) & (result.curves.treatment == treatment)]
+            colour, marker = look[method.name]
+            style = {"color": colour, "marker": marker, "markevery": 10, "markersize": 4, "label": method.title}
+            axis.plot(curve.share_percent, curve.risk_mm, **style)
+        log_axis(axis, "y")
+        axis.set(xlabel="share of the surface in %", title=said)
+        axis.grid(alpha=0.25, linewidth=0.4)
+    axes[0].set_ylabel(f"{result.title(HEADLINE)} in mm")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", frameon=False)
+    return Picture(
+        "risk_coverage",
+        f"Error over completeness {AGAINST[reference]}: the mean absolute error of each method's strongest pixels, as "
+        "many as make up a share of the surface. No threshold decides; the mean of the captures.",
+        "Mean absolute error over completeness for each method, unsmoothed and all smoothed alike.",
         figure,
     )
 

@@ -17,8 +17,8 @@ from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
 from bench.results import HEADLINE, CaptureFacts, Result, Surface
-from reports.figures.style import AGAINST, Picture, methods, time_text
-from reports.tables.blocks import floor_note
+from reports.figures.style import Picture, methods, time_text
+from reports.tables.blocks import AGAINST, DRAWN, floor_note
 
 DEPTH_COLOURS, ERROR_COLOURS, EMPTY = "viridis_r", "RdBu_r", "#d9d9d9"
 ERROR_TICKS_MM = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
@@ -33,7 +33,7 @@ def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
     """One capture's pictures."""
     if result.about.methods:
         yield depth_maps(result, capture)
-        for reference in AGAINST:
+        for reference in DRAWN:
             if reference in capture.references:
                 yield error_maps(result, capture, reference)
 
@@ -43,7 +43,7 @@ def depth_maps(result: Result, capture: CaptureFacts) -> Picture:
     panels = [
         (f"{m.title}\n{time_text(result, m)} per frame", result.surface(capture.name, m.name)) for m in methods(result)
     ]
-    truth = next((r for r in AGAINST if r in capture.references), None)
+    truth = next((r for r in DRAWN if r in capture.references), None)
     if truth:
         name = {"truth": "true surface", "photogrammetry": "photogrammetry"}[truth]
         panels.insert(0, (f"ground truth\n({name})", result.surface(capture.name, truth)))
@@ -71,7 +71,7 @@ def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture
         _outline(axis, errors.x_m, errors.y_m, errors.reference_z_m)
     bar.set_ticks(ERROR_TICKS_MM, labels=[f"{tick:+d}".replace("-", "−").replace("+0", "0") for tick in ERROR_TICKS_MM])
     bar.minorticks_off()
-    first = next(r for r in AGAINST if r in capture.references)
+    first = next(r for r in DRAWN if r in capture.references)
     return Picture(
         f"error_{capture.name}" + ("" if reference == first else f"__{reference}"),
         f"Capture {capture.name}: signed errors {AGAINST[reference]}; red lies behind the reference, blue before it, "

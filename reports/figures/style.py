@@ -46,7 +46,6 @@ COLOURS = (  # Okabe and Ito, then Tol's muted ones
     "#999933",
 )
 MARKERS: tuple[MarkerType, ...] = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")
-AGAINST = {"photogrammetry": "against photogrammetry", "truth": "against the true surface"}
 
 
 @dataclass(frozen=True)

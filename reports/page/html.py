@@ -12,10 +12,11 @@ from radar.support.files import write_text
 from reports.figures import charts
 from reports.figures.depth_maps import panels
 from reports.figures.style import methods
-from reports.page import rendering, scene3d, sections, tradeoff_section
+from reports.page import cause_section, rendering, scene3d, sections, tradeoff_section
 from reports.page.rendering import Image, render
 from reports.tables import latex, result_tables
 from reports.tables.blocks import caption
+from reports.tables.findings import findings
 
 ABREAST = 12  # captures on a page
 FIRST = 3  # captures on the first page where there are more
@@ -48,7 +49,8 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
         if i:
             write_text(out / parts[i - 1], render("captures.html", about=result.about, **facts))
         else:
-            write_text(out / "index.html", render("index.html", **_summary(result, overview, swept), **facts))
+            causes = cause_section.section(result, out / "figures")
+            write_text(out / "index.html", render("index.html", **_summary(result, overview, swept, causes), **facts))
     return out / "index.html"
 
 
@@ -77,15 +79,17 @@ def _tables(result: Result, out: Path) -> None:
             write_text(out / name, text)
 
 
-def _summary(result: Result, overview: list[Image], swept: Any) -> dict[str, Any]:
+def _summary(result: Result, overview: list[Image], swept: Any, causes: Any = None) -> dict[str, Any]:
     """Content of index.html on all captures together."""
     return {
         "about": result.about,
         "config": result.config,
         "caption": caption(result),
         "blocks": sections.all_blocks(result),
+        "findings": findings(result),
         "verdicts": sections.verdicts(result),
         "overview": overview,
+        "causes": causes,
         "tradeoff": swept,
         "stages": sections.stage_times(result),
         "effects": sections.effects(result),

@@ -12,7 +12,8 @@ from PIL import Image
 
 from bench.results import CaptureFacts, Result, Surface
 from reports.figures.depth_maps import DEPTH_COLOURS, ERROR_COLOURS, depth_scale, error_scale, mean_text
-from reports.figures.style import AGAINST, methods
+from reports.figures.style import methods
+from reports.tables.blocks import AGAINST, DRAWN
 
 PIXELS = 60_000  # of one surface at most: of a finer one every second, third, … row and column is shown
 LEVELS = 65_535  # a depth is one of so many steps between the capture's nearest and farthest
@@ -25,7 +26,7 @@ STILL_PX = 3  # pixels of the still picture for one of the map, each way
 
 def scene(result: Result, capture: CaptureFacts) -> dict[str, Any] | None:
     """One capture for the view; None where nothing was observed at all."""
-    references = [reference for reference in AGAINST if reference in capture.references]
+    references = [reference for reference in DRAWN if reference in capture.references]
     found = {name: result.surface(capture.name, name) for name in references}
     maps = {method.name: result.surface(capture.name, method.name) for method in methods(result)}
     everything = np.concatenate([s.z_m[np.isfinite(s.z_m)] for s in (*found.values(), *maps.values())])
@@ -37,7 +38,9 @@ def scene(result: Result, capture: CaptureFacts) -> dict[str, Any] | None:
     surfaces = [_surface(name, AGAINST[name], s, low_mm, step_mm) for name, s in found.items()]
     for method in methods(result):
         errors = {r: result.errors(capture.name, method.name, r) for r in references}
-        told = {r: (e.error_m, f"{mean_text(result, e.error_m)} {AGAINST[r]}") for r, e in errors.items()}
+        told: dict[str, Any] = {
+            r: (e.error_m, f"{mean_text(result, e.error_m)} {AGAINST[r]}") for r, e in errors.items()
+        }
         surfaces.append(_surface(method.name, method.title, maps[method.name], low_mm, step_mm, told))
     return {
         "capture": capture.name,
@@ -116,7 +119,7 @@ def _hex(colours: str, at: np.ndarray) -> list[str]:
 def still(result: Result, capture: CaptureFacts, method: str | None) -> Image.Image:
     """The capture's reference, lit from the upper left, seen from the array, with the
     method's pixels in the colours of their errors: what paper and browsers without WebGL show."""
-    reference = next((r for r in AGAINST if r in capture.references), None)
+    reference = next((r for r in DRAWN if r in capture.references), None)
     source = reference or method
     surface = result.surface(capture.name, source)
     inside = _box(surface.z_m)

@@ -11,8 +11,7 @@ from bench.results import HEADLINE, HEADLINES, Result
 from bench.results.result_folder import shown
 from bench.results.stability import VERDICTS, counted, load_stability
 from bench.results.tables import each
-from reports.figures.style import AGAINST
-from reports.tables.blocks import NONE, Block, blocks, figure, known, number, p_text, three_digits
+from reports.tables.blocks import AGAINST, NONE, TREATMENTS, Block, blocks, figure, known, number, p_text, three_digits
 from reports.tables.result_tables import stages
 
 LEADING = 4  # sentences of a metric that are read without opening the list
@@ -45,13 +44,17 @@ def verdicts(result: Result) -> list[Verdict]:
     """One for each metric and reference that was compared."""
     titles = {method.name: method.title for method in result.about.methods}
     found = []
-    for (metric, reference), lines in result.comparisons.groupby(["metric", "reference"], sort=False):
+    for _, lines in result.comparisons.groupby(["metric", "reference", "treatment"], sort=False):
+        first = next(each(lines))
+        metric, reference, treatment = first.metric, first.reference, first.treatment
         beaten = set(lines.worse)
-        best = sorted(result.best(metric, reference), key=lambda name: name in beaten)  # the best figure comes first
+        unbeaten = result.best(metric, reference, treatment)
+        best = sorted(unbeaten, key=lambda name: name in beaten)  # the best figure comes first
         ahead = lines[shown(lines) & lines.better.isin(best[:1])].sort_values("difference", kind="stable")
         rows = tuple((c.sentence, p_text(c.p_corrected), number(c.effect, 2)) for c in each(lines))
-        heading = f"{result.title(metric)} {AGAINST.get(reference, reference)}"
-        first = lines.iloc[0]
+        common = " on common pixels" if treatment and metric == HEADLINE else ""
+        how = f", {TREATMENTS.get(treatment, treatment)}" if treatment else ""
+        heading = f"{result.title(metric)}{common} {AGAINST.get(reference, reference)}{how}"
         blocks = f" ({first.n_blocks} blocks)" if first.n_blocks else ""  # of an earlier version
         caption = f"{heading}: every pair on {first.n_captures} captures{blocks}"
         table = Grid(caption, ("difference", "p, corrected", "effect (dz)"), rows)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from typing import TypeGuard
 
 import pandas as pd
@@ -13,8 +13,18 @@ from bench.results import HEADLINE, REFERENCES, CaptureFacts, Result
 
 HEADINGS = {
     "photogrammetry": "Scored against photogrammetry, as the paper does",
+    "completed": "Scored against photogrammetry and, where the mesh has no surface, against the true one",
     "truth": "Scored against the true surface (the paper's figures are against photogrammetry)",
 }
+AGAINST = {
+    "photogrammetry": "against photogrammetry",
+    "completed": "against photogrammetry, completed by the true surface",
+    "truth": "against the true surface",
+}
+DRAWN = ("photogrammetry", "truth")  # references of pictures: the completed one is drawn in these two
+EQUAL_HEADING = "Under equal treatment {against}: the figures that say which method is better"
+OVER_SHARES = ("aurc_mm", "aurc_to_percent")  # figures that stand on no common pixels
+TREATMENTS = {"none": "unsmoothed", "window": "all averaged over 5 × 5"}
 NAMED = 12  # captures; more are counted
 NONE = "–"
 
@@ -43,9 +53,30 @@ class Block:
 
 
 def blocks(result: Result) -> list[Block]:
-    """One block for each reference that the result was scored against."""
+    """One block for each reference that the result was scored against; after the first, that of equal treatment."""
     scored = set(result.table.reference)
-    return [_block(result, reference) for reference in REFERENCES if reference in scored]
+    found = [_block(result, reference) for reference in REFERENCES if reference in scored]
+    return [*found[:1], *_equal_block(result), *found[1:]]
+
+
+def _equal_block(result: Result) -> list[Block]:
+    """The figures under equal treatment, of the methods that have them; [] where none has."""
+    if result.equal.empty:
+        return []
+    reference, names = result.equal.reference.iloc[0], [method.name for method in result.about.methods]
+    lines: list[Line] = []
+    for metric in dict.fromkeys(result.equal.metric):
+        for treatment, said in TREATMENTS.items():
+            table = result.equal[(result.equal.metric == metric) & (result.equal.treatment == treatment)]
+            rows = table.set_index("method").reindex(names).assign(paper=math.nan)
+            if rows.metric.notna().any():
+                unit = rows.unit.dropna().iloc[0]
+                where = " on common pixels" if unit == "mm" and metric not in OVER_SHARES else ""
+                title = f"{result.title(metric)}{where} ({unit})"
+                stars = outstanding(result, metric, reference, treatment)
+                lines += [replace(line, source=said) for line in _lines(metric, title, rows, stars)]
+    titles = tuple(method.title for method in result.about.methods)
+    return [Block(reference, EQUAL_HEADING.format(against=AGAINST[reference]), titles, tuple(lines))]
 
 
 def _block(result: Result, reference: str) -> Block:
@@ -73,10 +104,10 @@ def _lines(metric: str, title: str, rows: pd.DataFrame, stars: frozenset[str]) -
     return lines
 
 
-def outstanding(result: Result, metric: str, reference: str) -> frozenset[str]:
+def outstanding(result: Result, metric: str, reference: str, treatment: str = "") -> frozenset[str]:
     """The methods that no other is shown to beat, if any of those compared is beaten: no figure stands out without a
     test."""
-    best, lines = result.best(metric, reference), result.comparisons
+    best, lines = result.best(metric, reference, treatment), result.compared(treatment)
     worse = lines.worse[(lines.metric == metric) & (lines.reference == reference)]
     return frozenset() if worse.isin(best).all() else frozenset(best)
 
@@ -161,14 +192,22 @@ def caption(result: Result) -> str:
 
 def busy_note(result: Result) -> str:
     """A sentence on the times that other work disturbed, with a blank before it; empty where none did."""
-    busy = result.busy()
-    if not busy:
-        return ""
-    methods = ", ".join(method.title for method in result.about.methods if method.name in busy)
-    return (
-        f" The machine was busy: other work took up to {max(busy.values()):.1f} cores while {methods} were timed; "
-        "their times are too long."
-    )
+    busy, unsettled, note = result.busy(), result.unsettled(), ""
+    if busy:
+        note = (
+            f" The machine was busy: other work took up to {max(busy.values()):.1f} cores while "
+            f"{_titles(result, busy)} were timed; their times are too long."
+        )
+    if unsettled:
+        note += (
+            f" The times of {_titles(result, unsettled)} have not settled: their intervals reach up to "
+            f"{100 * max(unsettled.values()):.0f} % to either side."
+        )
+    return note
+
+
+def _titles(result: Result, names: Collection[str]) -> str:
+    return ", ".join(method.title for method in result.about.methods if method.name in names)
 
 
 def _named(captures: Sequence[CaptureFacts]) -> str:

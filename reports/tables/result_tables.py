@@ -10,6 +10,7 @@ import pandas as pd
 from bench.results import HEADLINES, Result, Tradeoff
 from bench.results.tables import each
 from reports.tables.blocks import best_note, blocks, caption, figure, known, number, p_text, ratio, three_digits
+from reports.tables.findings import findings
 from reports.tables.markdown import bold, escaped, table
 
 if TYPE_CHECKING:
@@ -36,12 +37,13 @@ def comparisons_markdown(result: Result) -> str:
     """Every tested difference: in words, with its p and size. Empty where nothing was compared."""
     if result.comparisons.empty:
         return ""
+    said = "".join(f"- {escaped(finding)}\n" for finding in findings(result))
     lines = (
         (escaped(c.sentence), c.reference, p_text(c.p_corrected), number(c.effect, 2), str(c.n_captures))
         for c in each(result.comparisons)
     )
     return (
-        f"# {escaped(result.about.name)}: which method is better\n\n"
+        f"# {escaped(result.about.name)}: which method is better\n\n{said}\n"
         "In brackets the 95 % confidence interval; p corrected for all pairs of a metric (Holm); effect: the "
         "difference over the standard deviation of the paired differences.\n\n"
         + table(("", "against", "p", "effect", "captures"), lines, texts=2)
@@ -99,6 +101,8 @@ def show(result: Result) -> None:
         lines = [line for line in block.lines if line.metric in HEADLINES]
         cells = [(line.title, line.source, *line.cells) for line in lines]
         console.print(terminal_table(block.heading, ("", "", *block.methods), cells))
+    for finding in findings(result):
+        console.print(finding, markup=False)
     for failure in result.about.failures:
         console.print(failure.line, markup=False)
 

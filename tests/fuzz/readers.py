@@ -271,6 +271,8 @@ READERS: tuple[Reader, ...] = (
             "tasks.csv",
             "repeats.csv",
             "comparisons.csv",
+            "causes.csv",
+            "reliability.csv",
             "config.toml",
             "depth/F__2fsk.npz",
             "depth/F__truth.npz",

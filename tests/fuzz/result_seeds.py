@@ -55,7 +55,7 @@ def small_photo(folder: Path) -> None:
 def result(folder: Path) -> None:
     """A complete result of one method on one capture."""
     from bench import results
-    from bench.results.tables import COMPARISONS, REPEATS, TABLE, TASKS, frame
+    from bench.results.tables import CAUSES, COMPARISONS, RELIABILITY, REPEATS, TABLE, TASKS, frame
     from radar.data.depthmap import DepthMap
 
     z_m, flat = np.full((5, 5), 0.3), np.zeros((5, 5))
@@ -71,6 +71,8 @@ def result(folder: Path) -> None:
         tasks=frame(TASKS, [("a", "F", "2fsk", "reconstruct", 0.1, 0.2, 300.0, False, 0.01, "here", 9.0, 0.1)]),
         repeats=frame(REPEATS, [("F", "2fsk", 0, 0.3)]),
         comparisons=frame(COMPARISONS, [compared]),
+        causes=frame(CAUSES, [("truth", "2fsk", "part", "palm", None, None, 0.1, 0.2, 3.0, 9.0, 20, 1)]),
+        reliability=frame(RELIABILITY, [("truth", "2fsk", "all", True, 95.0, 94.0, 2.5, 20, 1)]),
     )
     results.write_config(folder, 'name = "small"\n')
     results.write_about(

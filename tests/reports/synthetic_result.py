@@ -10,10 +10,12 @@ import pandas as pd
 from PIL import Image
 
 from bench import results
+from bench.evaluation.equal_treatment import SMOOTHING, Alike, treat
 from bench.evaluation.floor import budget
 from bench.evaluation.metrics import error_map
 from bench.evaluation.rows import accuracy_rows, metric_facts, precision_rows, time_rows
-from bench.results.tables import REPEATS, TASKS, frame
+from bench.results.tables import CURVES, EQUAL, REPEATS, TASKS, frame
+from bench.run.tabulation import curve_rows, figure_rows
 from calibration.transforms import Transform
 from groundtruth.mesh.depth import Reference
 
@@ -56,11 +58,12 @@ def write_synthetic(
     folder: Path,
     captures: tuple[str, ...] = ("B", "F", "U", "V", "W"),
     methods: dict[str, tuple] = METHODS,
-    references: tuple[str, ...] = results.REFERENCES,
+    references: tuple[str, ...] = ("photogrammetry", "truth"),
     step_m: float = 2e-3,
     seed: int = 1,
+    alike: bool = False,
 ) -> Path:
-    """Write a complete result folder."""
+    """Write a complete result folder; alike: with the tables of equal treatment."""
     rng = np.random.default_rng(seed)
     axis = np.arange(-0.15, 0.15 + step_m / 2, step_m)
     rows, tasks, repeats = [], [], []
@@ -71,6 +74,8 @@ def write_synthetic(
             c: known(z + MESH_SIGMA_M * rng.normal(size=z.shape), "photogrammetry") for c, z in truth.items()
         },
     }
+    surfaces["completed"] = surfaces["photogrammetry"]
+    maps_alike: dict[str, dict[str, Alike]] = {c: {} for c in captures}
     for reference in references:
         for c in captures:
             z, sigma = surfaces[reference][c].z_m, surfaces[reference][c].sigma_m
@@ -81,6 +86,7 @@ def write_synthetic(
             z = truth[c] + 1e-3 * (bias_mm + deviation_mm * blurred(rng.normal(size=truth[c].shape)))
             z[blurred(rng.normal(size=z.shape)) > 2.5 * share - 1] = np.nan
             results.write_surface(folder, c, method, results.Surface(axis, axis, z))
+            maps_alike[c][method] = Alike(z, z, -np.hypot(axis, axis[:, None]))
             tasks.append(
                 (f"{c}-{method}", c, method, "image", seconds, 2 * seconds, 300.0, False, None, "", None, 0.05)
             )
@@ -101,11 +107,26 @@ def write_synthetic(
         results.write_photo(folder, c, folder / "photo.png")
     (folder / "photo.png").unlink()
     tables = {"tasks": frame(TASKS, tasks), "repeats": frame(REPEATS, repeats)}
+    tables |= equal_treatment(maps_alike, truth, references[0]) if alike else {}
     results.write_tables(folder, table=pd.concat(rows), **tables)
     results.write_config(folder, 'name = "synthetic"\n')
     budgets = {c: budget(found) for c, found in surfaces["photogrammetry"].items()}
     results.write_about(folder, about(captures, methods, references, budgets))
     return folder
+
+
+def equal_treatment(
+    alike: dict[str, dict[str, Alike]], truth: dict[str, np.ndarray], reference: str
+) -> dict[str, pd.DataFrame]:
+    """Tables of equal treatment; the maps are the same under each treatment."""
+    figures, curves = [], []
+    each = [treat(maps, truth[c]) for c, maps in alike.items()]
+    for method in each[0]:
+        for treatment in SMOOTHING:
+            of_captures = pd.DataFrame([treated[method].figures for treated in each], dtype=float)
+            figures += figure_rows(method, treatment, reference, of_captures)
+            curves += curve_rows(method, treatment, reference, [treated[method].curve_mm for treated in each])
+    return {"equal": frame(EQUAL, figures), "curves": frame(CURVES, curves)}
 
 
 def about(

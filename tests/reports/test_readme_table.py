@@ -18,8 +18,9 @@ CONFIG = 'name = "x"\n[[capture]]\nscene = "hand.toml"\n[[capture]]\npath = "els
 
 
 @pytest.fixture
-def result(result_folder, tmp_path) -> results.Result:
-    """The synthetic result, of a scene, with two comparisons and a report's figure."""
+def result(tmp_path) -> results.Result:
+    """A synthetic result, of a scene, with comparisons as the methods are and under equal treatment, and a report's
+    figure."""
     lines = [
         (
             "mae_mm",
@@ -35,10 +36,12 @@ def result(result_folder, tmp_path) -> results.Result:
             3,
             30,
             f"{better} is better than {worse}",
+            treatment,
         )
         for better, worse in (("3fsk", "2fsk"), ("3fsk", "broadband"), ("3fsk", "narrowband"))
+        for treatment in ("", "none")
     ]
-    found = results.load(result_folder)
+    found = results.load(write_synthetic(tmp_path / "run", alike=True))
     machine = {"processor": "an | odd_one", "cores": 2, "imaging_device": "cpu"}
     picture = tmp_path / "run" / "report" / "figures" / "depth_F.png"
     picture.parent.mkdir(parents=True)
@@ -73,7 +76,15 @@ def test_what_was_written_is_the_results_and_not_stale(result, root):
     [mae] = [line for line in text.splitlines() if line.startswith("| MAE (mm) |")]
     assert f"| **{row.value:.2f}** \\[{row.low:.2f}, {row.high:.2f}\\] *1.7* |" in mae and mae.count("**") == 2
     assert mae.endswith("| – | – |")  # this result has no methods of ours
-    assert "3fsk is better than 2fsk; 3fsk is better than broadband." in text and "than narrowband" not in text
+    sentences = [line for line in text.splitlines() if line.startswith("- ")]
+    assert sentences[0] == (
+        "- 3-FSK and 2-FSK, on the pixels that all see: 3-FSK better by 1.0 mm unsmoothed \\[0.5, 1.5\\]; "
+        "over completeness: not compared."
+    )
+    assert len(sentences) == 2 and "Broadband" in sentences[1]
+    [alike] = [line for line in text.splitlines() if line.startswith("| MAE on common pixels, unsmoothed (mm) |")]
+    equal = result.equal[(result.equal.metric == "mae_mm") & (result.equal.treatment == "none")].set_index("method")
+    assert f"| **{equal.value['3fsk']:.2f}**" in alike and alike.count("**") == 2
     assert "(fitted) *3.6*" in text and "2 cores of an an \\| odd\\_one, no GPU." in text
     assert (root / "docs" / "depth_F.png").read_bytes() == b"a figure"
     assert readme.stale(root) == readme.disagreements(result, root) == []
@@ -114,6 +125,8 @@ def test_a_fresh_result_that_prints_other_figures_is_noticed(result, root):
     assert readme.disagreements(changed(result, "seconds", 3.0), root) == []
     fewer = result.table[result.table.method != "2fsk"]
     assert len(readme.disagreements(replace(result, table=fewer), root)) == 6  # all but the time
+    worse = result.equal.assign(value=1.1 * result.equal.value)
+    assert any("none" in line for line in readme.disagreements(replace(result, equal=worse), root))
     [found] = readme.disagreements(replace(result, comparisons=frame(COMPARISONS)), root)
     assert found.startswith("best: ")
 

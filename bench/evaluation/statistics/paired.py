@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from bench.evaluation.equal_treatment import TREATMENTS
 from bench.evaluation.metrics import HEADLINE, METRICS, deviation, mean_deviation
 from bench.evaluation.statistics.intervals import FEWEST, TAILS, TOO_FEW, mean_interval
 from bench.results.tables import COMPARISONS, LEVEL, conform
@@ -77,11 +78,15 @@ def f_test(hands_a: Sequence[np.ndarray], hands_b: Sequence[np.ndarray]) -> Test
 
 
 def compare(
-    figures: Mapping[str, np.ndarray], reference: str, metric: str = HEADLINE, titles: Mapping[str, str] | None = None
+    figures: Mapping[str, np.ndarray],
+    reference: str,
+    metric: str = HEADLINE,
+    titles: Mapping[str, str] | None = None,
+    treatment: str = "",
 ) -> pd.DataFrame:
     """Every pair of methods by one metric, as `COMPARISONS`. figures: method → the metric of its captures [n], the same
-    ones in the same order. Methods without a figure are left out. Raises HandbenchError for different captures and for
-    metrics that have no direction."""
+    ones in the same order, under one treatment of `TREATMENTS`. Methods without a figure are left out. Raises
+    HandbenchError for different captures and for metrics that have no direction."""
     if len({len(values) for values in figures.values()}) > 1:
         raise HandbenchError(
             f"comparison: {', '.join(figures)} have unequal numbers of captures; expected the same ones"
@@ -93,7 +98,7 @@ def compare(
     smaller_first = pairs if METRICS[metric].better == "lower" else [pair[::-1] for pair in pairs]
     tests = [paired(figures[small], figures[large]) for small, large in smaller_first]
     lines = pd.DataFrame(pairs, columns=["better", "worse"]).assign(
-        metric=metric, unit=METRICS[metric].unit, reference=reference, n_blocks=0, sentence=""
+        metric=metric, unit=METRICS[metric].unit, reference=reference, n_blocks=0, sentence="", treatment=treatment
     )
     for name in ("difference", "low", "high"):
         lines[name] = [getattr(tested, name) for tested in tests]
@@ -106,7 +111,9 @@ def compare(
 
 
 def _sentence(line: Any, names: Mapping[str, str]) -> str:
-    better, worse, title = names[line.better], names[line.worse], METRICS[line.metric].title
+    better, worse = names[line.better], names[line.worse]
+    common = " on common pixels" if line.treatment and line.metric == HEADLINE else ""
+    title = METRICS[line.metric].title + common + TREATMENTS[line.treatment]
     none = f"no difference shown between {better} and {worse} in {title}: "
     if np.isnan(line.low):
         ahead = f"{better} is ahead of {worse} by {amount_text(line.difference, line.unit)} ({title}) on these"

@@ -113,7 +113,7 @@ def test_refuses_other_captures_and_metrics_without_a_direction():
 
 def test_only_what_is_shown_to_be_worse_is_not_among_the_best():
     def line(better: str, worse: str, p: float) -> tuple:
-        return ("mae_mm", better, worse, 1.0, 0.1, 1.9, "mm", p, 1.0, "truth", 6, 0, "")
+        return ("mae_mm", better, worse, 1.0, 0.1, 1.9, "mm", p, 1.0, "truth", 6, 0, "", "")
 
     lines = frame(COMPARISONS, [line("a", "b", 0.2), line("a", "c", 0.01), line("b", "c", 0.03)])
     assert best(lines, "mae_mm", "truth") == ("a", "b")
@@ -124,6 +124,6 @@ def test_comes_as_the_documented_columns(tmp_path):
     write(tmp_path / "comparisons.csv", compare({"a": speckle(0), "b": speckle(1)}, "truth"), COMPARISONS)
     header = (tmp_path / "comparisons.csv").read_text().splitlines()[0]
     assert header == (
-        "metric,better,worse,difference,low,high,unit,p_corrected,effect,reference,n_captures,n_blocks,sentence"
+        "metric,better,worse,difference,low,high,unit,p_corrected,effect,reference,n_captures,n_blocks,sentence,treatment"
     )
     assert header.split(",") == COMPARISONS.names

@@ -19,6 +19,8 @@ from bench.evaluation.metrics import (
     TERMS,
     TITLES,
     definitions,
+    figures_of_frame,
+    over_frames,
     pool,
     precision,
     score,
@@ -265,7 +267,8 @@ def test_precision_needs_two_repeats_of_every_hand(hands):
 
 def test_every_figure_is_defined_with_its_unit():
     produced = set(score(surface_m(), surface_m())) | set(precision([]))
-    pooled = {"pooled_mae_mm", "pooled_max_mm"}
+    pooled = {"pooled_mae_mm", "pooled_max_mm", *over_frames([figures_of_frame(surface_m())] * 2)}
+    pooled |= {"common_percent", "aurc_mm", "aurc_to_percent"}  # of bench.evaluation.equal_treatment
     assert produced | pooled | {"seconds", "floor_mm", "pixel_precision_mm"} == set(METRICS)
     suffixes = {"mm": "_mm", "%": "_percent", "s": "seconds", "pixels": "n_observed"}
     assert all(key.endswith(suffixes[metric.unit]) for key, metric in METRICS.items())

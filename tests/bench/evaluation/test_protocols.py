@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 from bench.evaluation.depth_errors import error_map
-from bench.evaluation.metrics import AVERAGED, METRICS
+from bench.evaluation.metrics import AVERAGED, METRICS, figures_of_frame, over_frames
 from bench.evaluation.metrics import PAPER as PAPER_FIGURES
-from bench.evaluation.rows import accuracy_rows, precision_rows, time_rows
+from bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
 from bench.evaluation.scoring_protocols import PAPER, PROTOCOLS, protocol
 from radar.support.errors import HandbenchError
 
@@ -58,6 +58,7 @@ def test_the_papers_table_has_the_papers_figures():
 def test_the_table_holds_the_protocols_metrics(chosen):
     m = error_map(AXIS_M, AXIS_M, PLATE_M + 1e-3, PLATE_M)
     rows = [accuracy_rows("3fsk", "truth", [m], protocol=chosen), time_rows("3fsk", "truth", [0.1])]
+    rows.append(frame_rows("3fsk", "truth", [over_frames([figures_of_frame(m.error_m)] * 2)], chosen))
     if "precision_mm" in chosen.metrics:
         rows.append(precision_rows("3fsk", "truth", [np.array([0.3, 0.301])], [m]))
     values = pd.concat(rows).set_index("metric").value

@@ -16,7 +16,7 @@ from bench.datasets.dataset import open_capture
 from bench.datasets.native import CaptureFile, save_capture_file
 from bench.evaluation.scoring_protocols import protocol
 from bench.results.about import MEASURES
-from bench.run import outcome, scoring
+from bench.run import outcome, scoring, write_result
 from bench.run.benchmark_file import BenchFile, load_benchmark
 from bench.run.outcome import Basis, Capture, Outcome
 from bench.run.scoring import reference_depth
@@ -64,7 +64,7 @@ def written(small_bench, tmp_path):
                 found.scores[capture.name] = scored
         folder = tmp_path / "out"
         folder.mkdir(exist_ok=True)
-        outcome.write(folder, found, "")
+        write_result.write(folder, found, "")
         return folder
 
     return write

@@ -47,6 +47,10 @@ def test_result_folder_is_complete_and_plausible(small_bench, tmp_path):
     assert len(result.repeats) == 3
     assert set(result.tasks.stage) == {"simulate", "reconstruct", "repeat", "score"}
     assert (result.tasks[["seconds", "peak_memory_mb"]] > 0).all(axis=None) and not result.tasks.cached.any()
+    by_amplitude = result.causes[result.causes.cause == "below_maximum_db"].groupby("method").n_pixels.sum()
+    observed = result.table[result.table.metric == "n_observed"].set_index("method").value
+    assert by_amplitude.to_dict() == observed.to_dict() and (result.causes.n_captures == 1).all()
+    assert set(result.reliability.method) == {"2fsk"}  # a projection tells no σ
 
 
 def test_second_run_is_cached_and_gives_the_same_table(small_bench, tmp_path):

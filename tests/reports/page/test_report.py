@@ -307,6 +307,7 @@ def compared(**facts):
         "reference": "truth",
         "n_captures": 3,
         "n_blocks": 50,
+        "treatment": "",
     }
     return {**defaults, **facts, "sentence": f"{facts['better']} / {facts['worse']}"}
 

@@ -38,7 +38,7 @@ def named(result: results.Result, names: tuple[str, ...]) -> results.Result:
     """The result with these method titles and benchmark name, and a comparison of every pair of neighbours."""
     methods = [m.model_copy(update={"title": name}) for m, name in zip(result.about.methods, names, strict=False)]
     lines = [
-        ("mae_mm", a.name, b.name, 1.0, 0.5, 1.5, "mm", 1e-4, 2.0, "truth", 3, 30, "") for a, b in pairwise(methods)
+        ("mae_mm", a.name, b.name, 1.0, 0.5, 1.5, "mm", 1e-4, 2.0, "truth", 3, 30, "", "") for a, b in pairwise(methods)
     ]
     about = result.about.model_copy(update={"methods": tuple(methods), "name": names[-1]})
     return replace(result, about=about, comparisons=frame(COMPARISONS, lines))
@@ -163,7 +163,7 @@ def test_a_result_without_methods_has_an_empty_table(result):
 def test_only_what_a_test_stands_behind_is_bold(result):
     assert r"\bfseries" not in latex.latex(result)
     pairs = [
-        ("mae_mm", "broadband", worse, 1.0, 0.5, 1.5, "mm", p, 2.0, "truth", 3, 30, "")
+        ("mae_mm", "broadband", worse, 1.0, 0.5, 1.5, "mm", p, 2.0, "truth", 3, 30, "", "")
         for worse, p in (("2fsk", 1e-4), ("3fsk", 0.3), ("narrowband", 1e-4))
     ]
     lines = frame(COMPARISONS, pairs)

@@ -161,7 +161,7 @@ def test_an_interval_says_how_many_digits_are_worth_showing(value, half, unit, t
 def compared(result: results.Result, p: float) -> results.Result:
     """broadband has the best MAE against the truth, 2-FSK and narrowband are worse with this p, 3-FSK with 0.3."""
     lines = [
-        ("mae_mm", "broadband", worse, 1.0, 0.5, 1.5, "mm", chance, 2.0, "truth", 3, 30, f"<b> {worse} |")
+        ("mae_mm", "broadband", worse, 1.0, 0.5, 1.5, "mm", chance, 2.0, "truth", 3, 30, f"<b> {worse} |", "")
         for worse, chance in (("2fsk", p), ("3fsk", 0.3), ("narrowband", p))
     ]
     return replace(result, comparisons=frame(COMPARISONS, lines))

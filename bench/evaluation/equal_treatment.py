@@ -1,0 +1,83 @@
+"""Methods under equal treatment: on the pixels that all see, smoothed alike, and by their own order of amplitudes.
+
+Thresholds and filters of their own decide much of a method's error. Two measures are free of them: the error on the
+pixels that every method sees, and the risk–coverage curve (El-Yaniv & Wiener 2010; its area: Geifman et al. 2019), the
+error of a method's strongest pixels over the share of the surface that they are, whatever the threshold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from bench.evaluation.metrics import HEADLINE, Values, pool
+from bench.results.error_map import ErrorMap
+
+WINDOW_PX = 5  # of the averaging filter that all are given
+SMOOTHING = {"none": 1, "window": WINDOW_PX}  # treatment → width of every averaging filter, pixels
+TREATMENTS = {  # as a comparison says them; "": each method as it is
+    "": "",
+    "none": ", unsmoothed",
+    "window": f", all averaged over {WINDOW_PX} × {WINDOW_PX}",
+}
+OPEN_DB = -20.0  # threshold of the maps whose pixels are ordered
+SHARES_PERCENT = np.arange(0.5, 100.1, 0.5)  # of the surface, at which the curve is told
+FIGURES = (HEADLINE, "median_mm", "p95_mm", "max_mm", "bias_mm")  # on the common pixels
+
+
+class Alike(NamedTuple):
+    """A method's depths of one capture under one treatment, all [ny, nx]: z_m above its own threshold, open_z_m above
+    OPEN_DB, NaN elsewhere; open_db: the amplitude by which these are ordered."""
+
+    z_m: np.ndarray
+    open_z_m: np.ndarray
+    open_db: np.ndarray
+
+
+class Treated(NamedTuple):
+    """A method's figures of one capture under one treatment, and the mean absolute error at SHARES_PERCENT, mm [n],
+    NaN where the method does not reach."""
+
+    figures: Values
+    curve_mm: np.ndarray
+
+
+def treat(maps: Mapping[str, Alike], reference_z_m: np.ndarray) -> dict[str, Treated]:
+    """Each method's figures against one reference [ny, nx], of the maps of all methods on its grid."""
+    common = np.isfinite(reference_z_m)
+    for alike in maps.values():
+        common = common & np.isfinite(alike.z_m)
+    risks_mm = {method: risk_mm(alike, reference_z_m) for method, alike in maps.items()}
+    reached = min(map(len, risks_mm.values()), default=0)
+    surface = np.isfinite(reference_z_m).sum()
+    found = {}
+    for method, alike in maps.items():
+        figures = _on(common, alike.z_m, reference_z_m)
+        figures["common_percent"] = 100 * float(common.sum() / surface) if surface else None
+        figures["aurc_mm"] = float(risks_mm[method][:reached].mean()) if reached else None
+        figures["aurc_to_percent"] = 100 * float(reached / surface) if surface else None
+        found[method] = Treated(figures, _at_shares(risks_mm[method], int(surface)))
+    return found
+
+
+def risk_mm(alike: Alike, reference_z_m: np.ndarray) -> np.ndarray:
+    """Mean absolute error of the 1, 2, … n strongest pixels on the surface, mm [n]; equal amplitudes stay in the order
+    of the map."""
+    seen = np.isfinite(alike.open_z_m) & np.isfinite(reference_z_m)
+    error_mm = 1e3 * np.abs(alike.open_z_m - reference_z_m)[seen]
+    order = np.argsort(-alike.open_db[seen], kind="stable")
+    return np.cumsum(error_mm[order]) / np.arange(1, len(order) + 1)
+
+
+def _on(common: np.ndarray, z_m: np.ndarray, reference_z_m: np.ndarray) -> Values:
+    y, x = (np.arange(n, dtype=float) for n in common.shape)
+    found = pool([ErrorMap(x, y, np.where(common, z_m - reference_z_m, np.nan), reference_z_m)])
+    return {key: found[key] for key in FIGURES}
+
+
+def _at_shares(risk: np.ndarray, surface: int) -> np.ndarray:
+    counts = np.round(SHARES_PERCENT / 100 * surface).astype(int)
+    reached = (counts >= 1) & (counts <= len(risk))
+    return np.where(reached, np.append(risk, np.nan)[np.clip(counts, 1, len(risk) + 1) - 1], np.nan)

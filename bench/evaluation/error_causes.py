@@ -1,0 +1,153 @@
+"""Errors by their cause: of the pixels of one incidence angle, amplitude, part of the hand or distance to an edge.
+
+An edge lies between two neighbouring pixels of which only one has a reference, or whose depths are more than JUMP_M
+apart. No slope is taken across an edge. What the image's border cuts off is no edge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+
+from bench.evaluation.reliability import reliability_lines
+from bench.results.error_map import ErrorMap
+from bench.results.tables import CAUSES, RELIABILITY, Schema, frame
+from radar.data.depthmap import DepthMap
+
+JUMP_M = 5e-3  # a smooth surface that rises as much within 1 mm is inclined by 79°
+PALM_RADIUS_M = 22e-3  # two fingers side by side are 40 mm wide, a palm 70 to 100 mm
+LEAST_SHARE = 0.1  # of the silhouette, of either part: a target that is no hand has less, and four closed fingers
+PARTS = ("finger", "palm")
+BINS = {  # a bin holds its lower edge
+    "incidence_deg": (0, 5, 10, 15, 20, 30, 45, np.inf),
+    "below_maximum_db": (0, 3, 6, 10, 13, np.inf),
+    "part": (),
+    "edge_distance_mm": (0, 2, 4, 8, 16, np.inf),
+}
+Part = tuple[slice, slice]
+ALL, BEFORE, BEHIND = slice(None), slice(None, -1), slice(1, None)
+ALONG: tuple[tuple[Part, Part], ...] = ((ALL, BEFORE), (ALL, BEHIND)), ((BEFORE, ALL), (BEHIND, ALL))  # x, then y
+MEANS = ("mean_mm", "median_mm", "absolute_mm", "p95_mm", "observed_percent", "nll")  # formed for each capture
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A depth map of a capture with its errors against a reference."""
+
+    method: str
+    reference: str
+    depth: DepthMap
+    errors: ErrorMap
+
+
+def explain(maps: Iterable[Scored]) -> dict[str, pd.DataFrame]:
+    """The tables CAUSES and RELIABILITY of scored maps, those of a capture one after another: figures are formed for
+    each capture and averaged over those that have pixels there, which are counted over all."""
+    causes, reliability, last, surface = [], [], None, {}
+    for one in maps:
+        told = {"reference": one.reference, "method": one.method}
+        if last is None or not _same_surface(last.errors, one.errors):
+            last, surface = one, surface_causes(one.errors.x_m, one.errors.y_m, one.errors.reference_z_m)
+        causes += [told | line for line in cause_lines(one, surface)]
+        reliability += [told | line for line in reliability_lines(one.depth, one.errors)]
+    return {"causes": _averaged(causes, CAUSES), "reliability": _averaged(reliability, RELIABILITY)}
+
+
+def _same_surface(a: ErrorMap, b: ErrorMap) -> bool:
+    return all(
+        np.array_equal(getattr(a, name), getattr(b, name), equal_nan=True) for name in ("x_m", "y_m", "reference_z_m")
+    )
+
+
+def _averaged(lines: list[dict[str, object]], schema: Schema) -> pd.DataFrame:
+    """One line a place from every capture's lines, of which those without pixels have NaN figures."""
+    if not lines:
+        return frame(schema)
+    means = [name for name in schema.names if name in MEANS]
+    keys = [name for name in schema.names if name not in (*means, "n_pixels", "n_captures")]
+    table = pd.DataFrame(lines).assign(n_captures=lambda found: found.n_pixels > 0)
+    rules = dict.fromkeys(means, "mean") | {"n_pixels": "sum", "n_captures": "sum"}
+    table = table.groupby(keys, sort=False, dropna=False).agg(rules).reset_index()
+    return frame(schema, table.loc[table.n_pixels > 0, schema.names].to_numpy().tolist())
+
+
+def cause_lines(one: Scored, surface: dict[str, np.ndarray]) -> Iterator[dict[str, object]]:
+    """A capture's lines of CAUSES: one a bin; surface: of `surface_causes`."""
+    values = surface | {"below_maximum_db": -one.depth.amplitude_db}
+    for cause, edges in BINS.items():
+        for i, part in enumerate(PARTS if cause == "part" else ()):
+            yield {"cause": cause, "part": part, **_figures(one.errors.error_m[values[cause] == i])}
+        for low, high in pairwise(edges):
+            inside = (values[cause] >= low) & ((values[cause] < high) | (high == np.inf))
+            yield {"cause": cause, "part": "", "low": low, "high": high, **_figures(one.errors.error_m[inside])}
+
+
+def _figures(error_m: np.ndarray) -> dict[str, float]:
+    """Figures of some pixels' errors, NaN without a pixel."""
+    error_mm = 1e3 * error_m[np.isfinite(error_m)]
+    if not len(error_mm):
+        return {"n_pixels": 0}
+    absolute_mm = np.abs(error_mm)
+    means = {"mean_mm": error_mm.mean(), "median_mm": np.median(error_mm), "absolute_mm": absolute_mm.mean()}
+    return {"n_pixels": len(error_mm), **means, "p95_mm": np.quantile(absolute_mm, 0.95)}
+
+
+def surface_causes(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> dict[str, np.ndarray]:
+    """Causes that a reference z_m [ny, nx] on x_m [nx], y_m [ny] tells of each pixel [ny, nx], NaN where unknown."""
+    return {
+        "incidence_deg": incidence_deg(x_m, y_m, z_m),
+        "part": parts(x_m, y_m, z_m),
+        "edge_distance_mm": 1e3 * edge_distance_m(x_m, y_m, z_m),
+    }
+
+
+def incidence_deg(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
+    """Angle [ny, nx] between a surface's normal, on the array's side, and the direction to the array's centre. A slope
+    is the mean of those to both neighbours along x or y, or the one that crosses no edge; NaN where neither is."""
+    x, y = np.meshgrid(x_m, y_m)
+    slopes = []
+    for (before, behind), along_m in zip(ALONG, (x, y), strict=True):
+        rise = z_m[behind] - z_m[before]
+        slope = np.where(np.abs(rise) > JUMP_M, np.nan, rise / (along_m[behind] - along_m[before]))
+        forth, back = np.full(z_m.shape, np.nan), np.full(z_m.shape, np.nan)
+        forth[before], back[behind] = slope, slope
+        slopes.append(np.where(np.isnan(forth), back, np.where(np.isnan(back), forth, (forth + back) / 2)))
+    to_centre = z_m - x * slopes[0] - y * slopes[1]
+    cosine = to_centre / np.sqrt((x**2 + y**2 + z_m**2) * (1 + slopes[0] ** 2 + slopes[1] ** 2))
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def edge_distance_m(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
+    """Distance [ny, nx] in x and y to the nearest edge, which is drawn by points midway between two pixels; infinite
+    without an edge, NaN beside the reference."""
+    from scipy.spatial import KDTree
+
+    pixels, surface = np.stack(np.meshgrid(x_m, y_m), axis=-1), np.isfinite(z_m)
+    edges = []
+    for before, behind in ALONG:
+        at = (surface[before] != surface[behind]) | (np.abs(z_m[behind] - z_m[before]) > JUMP_M)
+        edges.append((pixels[before][at] + pixels[behind][at]) / 2)
+    distance_m = np.full(z_m.shape, np.nan)
+    distance_m[surface] = KDTree(np.concatenate(edges)).query(pixels[surface])[0]
+    return distance_m
+
+
+def parts(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
+    """Index in PARTS [ny, nx]: the palm survives an opening of the silhouette, holes filled, with a disc of
+    PALM_RADIUS_M. NaN beside the reference, and everywhere where either part has less than LEAST_SHARE."""
+    from scipy.ndimage import binary_fill_holes, distance_transform_edt
+
+    surface = np.isfinite(z_m)
+    silhouette, part = binary_fill_holes(surface), np.full(z_m.shape, np.nan)
+    pixel_m = np.diff(y_m).mean(), np.diff(x_m).mean()
+    if silhouette.all():
+        return part
+    core = distance_transform_edt(silhouette, pixel_m) > PALM_RADIUS_M
+    palm = silhouette & (distance_transform_edt(~core, pixel_m) <= PALM_RADIUS_M) if core.any() else core
+    if LEAST_SHARE <= palm.sum() / max(silhouette.sum(), 1) <= 1 - LEAST_SHARE:
+        part[surface] = palm[surface]
+    return part

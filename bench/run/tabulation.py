@@ -1,0 +1,158 @@
+"""The tables of a run: figures with their intervals, comparisons, and both under equal treatment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bench.evaluation.equal_treatment import SHARES_PERCENT, SMOOTHING
+from bench.evaluation.metrics import HEADLINE, METRICS, TITLES, of_captures, over_frames
+from bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
+from bench.evaluation.scoring_protocols import protocol
+from bench.evaluation.statistics.intervals import figure_interval
+from bench.evaluation.statistics.paired import compare
+from bench.results import REFERENCES
+from bench.results.about import SHARES
+from bench.results.tables import CAPTURES, COMPARISONS, CURVES, EQUAL, TABLE, frame
+from bench.run.outcome import Basis, Line, Outcome, deviations, errors, repeated, surfaces
+from bench.run.scoring import EACH_FRAME, TREATED
+from radar.support.files import read_json
+
+ALIKE_COMPARED = (HEADLINE, "aurc_mm")  # the figures by which equally treated methods are compared
+EACH = (HEADLINE, "max_mm", *SHARES)  # the figures that are told for each capture
+Figures = dict[tuple[str, str], pd.DataFrame]  # (reference, method) → `of_captures` of those that have the reference
+
+
+def tables(outcome: Outcome, on: Basis) -> dict[str, pd.DataFrame]:
+    """The result's tables by name, but for tasks and repeats."""
+    figures: Figures = {}
+    for reference in REFERENCES:
+        for entry in on.methods:
+            if names := _scored(outcome, on, reference):
+                figures[reference, entry.id] = of_captures(errors(outcome, names, entry.id, reference))
+    alike = _equal_treatment(outcome, on)
+    each = [
+        row
+        for (reference, method), captures in figures.items()
+        for row in _each_rows(method, "", reference, _scored(outcome, on, reference), captures[list(EACH)])
+    ]
+    return {
+        "table": tabulate(outcome, on, figures),
+        "comparisons": pd.concat([frame(COMPARISONS), _own(outcome, on, figures), *alike.compared]),
+        "equal": frame(EQUAL, alike.figures),
+        "curves": frame(CURVES, alike.curves),
+        "captures": frame(CAPTURES, [*each, *alike.captures]),
+    }
+
+
+def _scored(outcome: Outcome, on: Basis, reference: str) -> list[str]:
+    """The captures that have the reference."""
+    return [capture.name for capture in on.captures if reference in outcome.references[capture.name]]
+
+
+def tabulate(outcome: Outcome, on: Basis, figures: Figures) -> pd.DataFrame:
+    """The result's `TABLE`, one block per reference."""
+    rows, repeats = [frame(TABLE)], repeated(outcome)
+    seed, chosen = outcome.bench.seed, protocol(outcome.bench.protocol)
+    precise = [capture.name for capture in on.repeated]
+    for (reference, method), captures in figures.items():
+        names = _scored(outcome, on, reference)
+        about = outcome, names, method, reference
+        rows.append(accuracy_rows(method, reference, errors(*about), seed, surfaces(*about), chosen, captures))
+        frames = (_kept(outcome, name, EACH_FRAME)[reference][method] for name in names)
+        rows.append(frame_rows(method, reference, list(map(over_frames, frames)), chosen))
+        entry = next(entry for entry in on.methods if entry.id == method)
+        if entry.precision and precise and "precision_mm" in chosen.metrics:
+            several = [name for name in precise if (name, method) in outcome.deviations]
+            spread = deviations(outcome, several, method) if several else None
+            rows.append(precision_rows(method, reference, _strongest(repeats, precise, method), spread))
+        seconds = [s for capture in on.all_captures for s in outcome.seconds.get((capture.name, method), [])]
+        rows.append(time_rows(method, reference, seconds, seed))
+    table = pd.concat(rows)
+    return table if outcome.bench.reproduces else table.assign(paper=np.nan)
+
+
+def _own(outcome: Outcome, on: Basis, figures: Figures) -> pd.DataFrame:
+    """Every pair of methods by the protocol's compared metrics, each method as it is, against each reference."""
+    lines = [frame(COMPARISONS)]
+    for reference in REFERENCES:
+        found = {method: captures for (of, method), captures in figures.items() if of == reference}
+        for metric in protocol(outcome.bench.protocol).compared if found else ():
+            by_method = {method: captures[metric].to_numpy() for method, captures in found.items()}
+            lines.append(compare(by_method, reference, metric, _titles(on)))
+    return pd.concat(lines)
+
+
+@dataclass
+class Alike:
+    """Lines of `EQUAL`, `CURVES` and `CAPTURES`, and tables of `COMPARISONS`, under equal treatment."""
+
+    figures: list[Line] = field(default_factory=list)
+    curves: list[Line] = field(default_factory=list)
+    captures: list[Line] = field(default_factory=list)
+    compared: list[pd.DataFrame] = field(default_factory=list)
+
+
+def _equal_treatment(outcome: Outcome, on: Basis) -> Alike:
+    """Every treatment, against the reference with the most surface that all captures have; of the methods that every
+    capture was treated by."""
+    names = [capture.name for capture in on.captures]
+    for reference in ("completed", *REFERENCES):
+        if names == _scored(outcome, on, reference):
+            break
+    else:
+        return Alike()
+    kept = {name: _kept(outcome, name, TREATED)[reference] for name in names}
+    methods = [entry.id for entry in on.methods if all(entry.id in kept[n][t] for n in names for t in SMOOTHING)]
+    found = Alike()
+    for treatment in SMOOTHING if len(methods) > 1 else ():
+        of = {method: [kept[name][treatment][method] for name in names] for method in methods}
+        each = {method: pd.DataFrame([c["figures"] for c in captures], dtype=float) for method, captures in of.items()}
+        for method, captures in each.items():
+            found.figures += figure_rows(method, treatment, reference, captures)
+            found.captures += _each_rows(method, treatment, reference, names, captures[list(ALIKE_COMPARED)])
+            found.curves += curve_rows(method, treatment, reference, [c["curve_mm"] for c in of[method]])
+        for metric in ALIKE_COMPARED:
+            by_method = {method: captures[metric].to_numpy() for method, captures in each.items()}
+            found.compared.append(compare(by_method, reference, metric, _titles(on), treatment))
+    return found
+
+
+def _each_rows(method: str, treatment: str, reference: str, names: list[str], captures: pd.DataFrame) -> Iterable[Line]:
+    """Lines of `CAPTURES`."""
+    for metric in captures.columns:
+        for name, value in zip(names, captures[metric], strict=True):
+            yield metric, treatment, method, name, value, METRICS[metric].unit, reference
+
+
+def figure_rows(method: str, treatment: str, reference: str, captures: pd.DataFrame) -> Iterable[Line]:
+    """Lines of `EQUAL`: the figures of the captures, one a line of theirs, averaged."""
+    for metric in captures.columns:
+        low, high = figure_interval(metric, captures[metric].to_numpy()) or (None, None)
+        yield metric, treatment, method, captures[metric].mean(), low, high, METRICS[metric].unit, reference
+
+
+def curve_rows(method: str, treatment: str, reference: str, curves: list[list[float]]) -> Iterable[Line]:
+    """Lines of `CURVES`: the mean of the captures' curves, as far as all of them reach."""
+    for share, risk_mm in zip(SHARES_PERCENT, np.array(curves, float).mean(axis=0), strict=True):
+        if np.isfinite(risk_mm):
+            yield method, treatment, reference, share, risk_mm
+
+
+def _titles(on: Basis) -> dict[str, str]:
+    return {entry.id: TITLES.get(entry.id, entry.id) for entry in on.methods}
+
+
+def _kept(outcome: Outcome, capture: str, file: str) -> Any:
+    """The content of a JSON file that the stage that scored a capture left."""
+    return read_json(outcome.scores[capture] / file, "a scored capture's figures")
+
+
+def _strongest(repeats: pd.DataFrame, names: list[str], method_id: str) -> list[np.ndarray]:
+    """Each capture's depths of the strongest scatterer [repeats]."""
+    mine = repeats[repeats.method == method_id]
+    return [mine.z_m[mine.capture == name].to_numpy() for name in names]

@@ -1,0 +1,148 @@
+"""The result folder of a run: everything scored, then written."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from bench import results
+from bench.evaluation.error_causes import Scored, explain
+from bench.evaluation.floor import budget
+from bench.evaluation.metrics import TITLES
+from bench.evaluation.rows import metric_facts
+from bench.evaluation.scoring_protocols import protocol
+from bench.evaluation.statistics.intervals import note
+from bench.evaluation.statistics.sample_size import variance_facts
+from bench.results import About, CaptureFacts, MethodFacts, Surface
+from bench.results.tables import TASKS, frame
+from bench.run.outcome import Basis, Outcome, basis, errors, repeated, surfaces
+from bench.run.tabulation import tables
+from radar.data.depthmap import load_depthmap
+from radar.imaging.device import describe
+from radar.support.cost import calibrated_machine
+from radar.support.files import atomic_path
+from radar.support.folder import drop
+from radar.support.progress import say
+from radar.support.store import versions
+
+FILES = ("result.json", "config.toml", "errors", "depth", "photos", *(f"{name}.csv" for name in results.TABLES))
+
+
+def write(folder: Path, outcome: Outcome, config: str) -> None:
+    """Score everything, then write the result folder; earlier results give way only when the new ones stand, and
+    result.json, which says that the folder is complete, comes last."""
+    on = basis(outcome)
+    if outcome.failures:
+        say(f"the table stands on {on.text}")
+    found = tables(outcome, on)
+    drop(folder, FILES)
+    for capture, entry in product(on.captures, on.methods):
+        name = capture.name
+        _copy(outcome.maps[name, entry.id], results.depth_path(folder, name, entry.id))
+        for reference in outcome.references[name]:
+            about_map = name, entry.id, reference
+            _copy(results.errors_path(outcome.scores[name], *about_map), results.errors_path(folder, *about_map))
+            if entry is on.methods[0]:  # references are drawn on the first method's grid
+                results.write_surface(folder, name, reference, _surface(outcome, *about_map))
+    for capture in on.captures:
+        if capture.name in outcome.views:
+            results.write_photo(folder, capture.name, outcome.views[capture.name])
+    results.write_config(folder, config)
+    names, methods = [capture.name for capture in on.repeated], [entry.id for entry in on.methods]
+    repeats = repeated(outcome)
+    repeats = repeats[repeats.capture.isin(names) & repeats.method.isin(methods)]
+    tasks = frame(TASKS, outcome.tasks)
+    results.write_tables(folder, tasks=tasks, repeats=repeats, **found, **explain(_scored(outcome, on)))
+    results.write_about(folder, about(outcome, on, found["captures"]))
+
+
+def _scored(outcome: Outcome, on: Basis) -> Iterator[Scored]:
+    """Every depth map of the table with its errors against each reference, capture by capture."""
+    for name in (capture.name for capture in on.captures):
+        for reference, entry in product(outcome.references[name], on.methods):
+            error = errors(outcome, [name], entry.id, reference)[0]
+            yield Scored(entry.id, reference, load_depthmap(outcome.maps[name, entry.id]), error)
+
+
+def _copy(source: Path, path: Path) -> None:
+    with atomic_path(path) as temporary:
+        shutil.copyfile(source, temporary)
+
+
+def _surface(outcome: Outcome, capture: str, method: str, reference: str) -> Surface:
+    """The reference on the method's grid."""
+    error, found = errors(outcome, [capture], method, reference)[0], surfaces(outcome, [capture], method, reference)[0]
+    return Surface(error.x_m, error.y_m, found.z_m, found.sigma_m)
+
+
+def about(outcome: Outcome, on: Basis, captures: pd.DataFrame) -> About:
+    """Content of result.json; captures: the table of this name."""
+    first = on.methods[0].id
+    measured = [c.name for c in on.captures if "photogrammetry" in outcome.references[c.name]]
+    budgets = dict(zip(measured, map(budget, surfaces(outcome, measured, first, "photogrammetry")), strict=True))
+    return About(
+        name=outcome.bench.name,
+        protocol={
+            **protocol(outcome.bench.protocol).about(),
+            "basis": on.text,
+            "repeats": outcome.bench.repeats,
+            "seed": outcome.bench.seed,
+        },
+        metrics=metric_facts(),
+        inputs=outcome.inputs,
+        versions=versions(),
+        machine=_machines(outcome),
+        captures=tuple(
+            CaptureFacts(
+                name=capture.name,
+                measures=capture.measures,
+                pose=capture.about.pose,
+                distance_m=capture.about.distance_m,
+                references=tuple(outcome.references.get(capture.name, ())),
+                effects=tuple(choice.model_dump(mode="json") for choice in capture.about.effects),
+            )
+            for capture in on.all_captures
+        ),
+        methods=tuple(
+            MethodFacts(
+                name=entry.id,
+                title=TITLES.get(entry.id, entry.id),
+                config={
+                    c.name: outcome.configs[c.name, entry.id]
+                    for c in on.all_captures
+                    if (c.name, entry.id) in outcome.configs
+                },
+            )
+            for entry in on.methods
+        ),
+        facts={
+            **outcome.facts,
+            "intervals": note(len(on.captures)),
+            **({"variance_components": parts} if (parts := _variances(captures)) else {}),
+            **({"groundtruth_sigma_rms": budgets} if budgets else {}),
+            "phase_noise_rad": outcome.bench.phase_noise_rad,
+        },
+        failures=tuple(outcome.failures),
+    )
+
+
+def _variances(captures: pd.DataFrame) -> dict[str, dict[str, float]]:
+    """Variance components of every figure under equal treatment; nothing where there are too few captures."""
+    alike = captures[captures.treatment != ""]
+    found = {}
+    for (metric, treatment), lines in alike.groupby(["metric", "treatment"], sort=False):
+        by_method = {str(method): of.value.to_numpy() for method, of in lines.groupby("method", sort=False)}
+        found[f"{metric}, {treatment}"] = variance_facts(by_method)
+    return {name: parts for name, parts in found.items() if parts}
+
+
+def _machines(outcome: Outcome) -> dict[str, Any]:
+    """This machine and, where others did some of the work, they too."""
+    here = calibrated_machine()
+    others = {name: facts for name, facts in outcome.machines.items() if name != here["host"]}
+    return {**here, "imaging_device": describe(), **({"others": others} if others else {})}

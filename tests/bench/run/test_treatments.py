@@ -1,0 +1,116 @@
+"""Maps for equal treatment, frames and settled times, through the stages and through `handbench run`'s folder."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench import results
+from bench.evaluation.equal_treatment import OPEN_DB, WINDOW_PX
+from bench.run.benchmark_file import load_benchmark
+from bench.run.reconstruct_stage import settled
+from bench.run.runner import run
+from bench.run.scoring import completed_by
+from bench.run.treatments import read_treated, write_treated
+from calibration.transforms import identity
+from groundtruth.mesh.depth import Reference
+from radar.data.depthmap import DepthMap
+from radar.methods.fsk_config import ThreeToneConfig
+from radar.methods.projection import NarrowbandConfig
+
+AXIS_M = 1e-3 * np.arange(9.0)
+
+
+def depth(z_m: np.ndarray) -> DepthMap:
+    return DepthMap(AXIS_M, AXIS_M, z_m, np.zeros(z_m.shape, np.float32), "x")
+
+
+def test_a_method_with_filters_is_imaged_with_all_of_them_alike(tmp_path):
+    asked = []
+
+    def image(config: ThreeToneConfig) -> DepthMap:
+        asked.append(config)
+        return depth(np.full((9, 9), 1e-3 * config.coarse_filter_px))
+
+    own = ThreeToneConfig(coarse_filter_px=3, fine_filter_px=9, drop_wrapped=True, threshold_db=-12)
+    write_treated(tmp_path, image, own, depth(np.zeros((9, 9))))
+    widths = [(c.coarse_filter_px, c.fine_filter_px, c.threshold_db, c.drop_wrapped) for c in asked]
+    assert widths == [(p, p, db, False) for p in (1, WINDOW_PX) for db in (-12, OPEN_DB)]
+    found = read_treated(tmp_path)
+    assert found["none"].z_m[0, 0] == pytest.approx(1e-3) and found["window"].open_z_m[0, 0] == pytest.approx(5e-3)
+
+
+def test_a_projection_is_averaged_afterwards(tmp_path):
+    rng = np.random.default_rng(3)
+    z_m = np.where(rng.random((9, 9)) < 0.8, rng.normal(0.3, 1e-3, (9, 9)), np.nan)
+    write_treated(tmp_path, lambda config: depth(z_m), NarrowbandConfig(), depth(z_m))
+    found, reach = read_treated(tmp_path), WINDOW_PX // 2
+    np.testing.assert_allclose(found["none"].z_m, z_m, rtol=1e-7)  # float32 on the disk
+    for y, x in np.argwhere(np.isfinite(z_m)):
+        near = z_m[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1]
+        assert found["window"].z_m[y, x] == pytest.approx(np.nanmean(near), rel=1e-7)
+    assert np.isnan(found["window"].z_m[np.isnan(z_m)]).all()
+
+
+def test_the_completed_reference_is_the_truth_where_there_is_no_mesh():
+    mesh_m, truth_m = np.array([[0.3, np.nan, np.nan]]), np.array([[0.31, 0.32, np.nan]])
+    leverage = np.where(np.isfinite(mesh_m)[..., None], 1.0, np.nan) * np.ones(6)
+    mesh = Reference(mesh_m, np.where(np.isfinite(mesh_m), 1e-4, np.nan), leverage, identity("radar"), truth_m > 1)
+    truth = Reference(truth_m, np.where(np.isfinite(truth_m), 0.0, np.nan), leverage, identity("radar"), truth_m > 0)
+    both = completed_by(mesh, truth)
+    np.testing.assert_array_equal(both.z_m, [[0.3, 0.32, np.nan]])
+    np.testing.assert_array_equal(both.mesh_sigma_m, [[1e-4, 0, np.nan]])
+    np.testing.assert_array_equal(both.leverage[0, :, 0], [1, 0, 0])
+    assert both.met[0, 1] and not both.met[0, 2]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "expected"),
+    [
+        ([1.0] * 5, False),  # of five, even the extremes miss the median in 6 %
+        ([1.0] * 6, True),
+        ([1.0, 1.0, 1.0, 1.0, 1.0, 1.2], False),
+        ([1.0, 1.04, 1.0, 1.02, 1.06, 1.08], True),
+        ([1.0] * 9 + [9.0], True),  # an outlier moves no median
+        ([1.0] * 8 + [9.0] * 2, False),
+    ],
+)
+def test_a_median_has_settled_when_its_interval_is_narrow(seconds, expected):
+    assert settled(seconds) is expected
+
+
+def test_a_run_tells_equal_treatment_frames_and_enough_times(small_bench: Path, tmp_path: Path):
+    small_bench.write_text(small_bench.read_text().replace("repeats = 3", "repeats = 3\nframes = 4"))
+    bench, base = load_benchmark(str(small_bench))
+    result = run(bench, base, tmp_path / "out")
+    spread = result.row("frames_max_deviation_mm", "2fsk", "truth").value
+    first, largest = (result.row(key, "2fsk", "truth").value for key in ("max_mm", "frames_largest_mm"))
+    assert spread > 0 and largest >= first
+    equal = result.equal.set_index(["metric", "treatment", "method"]).value
+    assert set(result.equal.reference) == {"truth"}
+    assert equal["common_percent", "none", "2fsk"] == equal["common_percent", "none", "narrowband"] > 0
+    assert equal["mae_mm", "window", "2fsk"] > 0
+    assert set(result.comparisons.treatment) == {"", "none", "window"}
+    assert set(result.comparisons[result.comparisons.treatment != ""].metric) == {"mae_mm", "aurc_mm"}
+    assert "mae_mm" not in set(result.comparisons[result.comparisons.treatment == ""].metric)
+    each = result.captures.set_index(["metric", "treatment", "method", "capture"]).value
+    assert each["mae_mm", "", "2fsk", "ball"] == result.row("mae_mm", "2fsk", "truth").value
+    assert each["mae_mm", "none", "2fsk", "ball"] == equal["mae_mm", "none", "2fsk"]  # the mean of one capture
+    assert set(result.curves.method) == {"2fsk", "narrowband"} and (result.curves.risk_mm >= 0).all()
+    [timing] = (tmp_path / "out" / "work").glob("reconstruct-ball-2fsk-*/timing.json")
+    seconds = json.loads(timing.read_text())["seconds"]
+    assert len(seconds) >= 4 and (settled(seconds) or sum(seconds) > 1)
+
+
+def test_a_table_of_equal_figures_is_made_by_hand_too(small_bench: Path, tmp_path: Path):
+    """The error on common pixels, from the files of the result folder and of its stages alone."""
+    bench, base = load_benchmark(str(small_bench))
+    result = run(bench, base, tmp_path / "out")
+    folders = {m: next((tmp_path / "out" / "work").glob(f"reconstruct-ball-{m}-*")) for m in ("2fsk", "narrowband")}
+    maps = {m: np.load(folder / "alike.npz")["none_z_m"].astype(float) for m, folder in folders.items()}
+    truth_m = np.load(results.depth_path(tmp_path / "out", "ball", "truth"))["z_m"]
+    both = np.isfinite(truth_m) & np.isfinite(maps["2fsk"]) & np.isfinite(maps["narrowband"])
+    equal = result.equal[(result.equal.metric == "mae_mm") & (result.equal.treatment == "none")].set_index("method")
+    for m, z_m in maps.items():
+        assert equal.value[m] == pytest.approx(1e3 * np.abs(z_m - truth_m)[both].mean(), rel=1e-9)

@@ -1,0 +1,70 @@
+"""Equal treatment in the report: its block, its figure and one sentence for each claim."""
+
+from dataclasses import replace
+
+import pytest
+
+from bench import results
+from bench.results.tables import COMPARISONS, frame
+from reports.figures.charts import risk_coverage
+from reports.tables.blocks import blocks, busy_note
+from reports.tables.findings import findings
+from reports.tables.result_tables import markdown
+from tests.reports.synthetic_result import write_synthetic
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory) -> results.Result:
+    return results.load(write_synthetic(tmp_path_factory.mktemp("alike"), captures=("B", "F"), alike=True))
+
+
+def line(better: str, worse: str, metric: str, treatment: str, p: float | None) -> tuple:
+    ends = (None, None) if p is None else (0.11, 0.29)
+    return metric, better, worse, 0.2, *ends, "mm", p, 1.0, "photogrammetry", 2, 0, "", treatment
+
+
+def test_equal_treatment_is_the_second_block(result):
+    found = blocks(result)
+    assert [block.heading[:21] for block in found] == [
+        "Scored against photog",
+        "Under equal treatment",
+        "Scored against the tr",
+    ]
+    titles = [(line.title, line.source) for line in found[1].lines]
+    assert ("MAE on common pixels (mm)", "unsmoothed") in titles
+    assert ("error over completeness (mm)", "all averaged over 5 × 5") in titles
+    assert "## Under equal treatment against photogrammetry" in markdown(result)
+
+
+def test_the_curves_are_drawn_for_each_method_and_treatment(result):
+    axes = risk_coverage(result).figure.axes
+    assert [axis.get_title() for axis in axes] == ["unsmoothed", "all averaged over 5 × 5"]
+    assert [len(axis.lines) for axis in axes] == [4, 4]
+
+
+def test_a_claim_is_one_sentence(result):
+    lines = [
+        line("broadband", "3fsk", "mae_mm", "none", 0.4),
+        line("3fsk", "broadband", "mae_mm", "window", 0.001),
+        line("3fsk", "broadband", "aurc_mm", "none", None),
+        line("3fsk", "broadband", "mae_mm", "", 0.001),  # each as it is: says nothing of better
+    ]
+    [sentence] = findings(replace(result, comparisons=frame(COMPARISONS, lines)))
+    assert sentence == (
+        "3-FSK and Broadband, on the pixels that all see: no difference shown unsmoothed (0.20 mm), 3-FSK better by "
+        "0.20 mm all averaged over 5 × 5 [0.11, 0.29]; over completeness: 3-FSK ahead by 0.20 mm unsmoothed"
+    )
+    untested = [line("3fsk", "broadband", metric, "none", None) for metric in ("mae_mm", "aurc_mm")]
+    [few] = findings(replace(result, comparisons=frame(COMPARISONS, untested)))
+    assert few.endswith("(on these 2 captures, too few to tell of others)")
+    assert findings(replace(result, comparisons=frame(COMPARISONS, lines[-1:]))) == []
+
+
+def test_a_time_that_has_not_settled_is_said(result):
+    assert "settled" not in busy_note(result)
+    table = result.table.copy()
+    rows = (table.metric == "seconds") & (table.method == "broadband")
+    table.loc[rows, ["low", "high"]] = table.loc[rows, ["value"]].to_numpy() * [0.6, 1.2]
+    assert "The times of Broadband have not settled: their intervals reach up to 30 % to either side." in busy_note(
+        replace(result, table=table)
+    )
