@@ -17,9 +17,8 @@ def run(options: argparse.Namespace) -> None:
     with claimed(options.out) as work:
         measurement = Measurement(bench, base.resolve(), work)
         chosen = [options.parts] if options.parts else list(PARTS)
-        command = f"handbench sensitivity {options.bench} -o {options.out}" + f" --parts {chosen[0]}" * (
-            len(chosen) == 1
-        )
+        part = f" --parts {options.parts}" if options.parts else ""
+        command = f"handbench sensitivity {options.bench} -o {options.out}{part}"
         for name in chosen:
             found = measure(PARTS[name](measurement), options.out, command)
             print(found.markdown())
