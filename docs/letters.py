@@ -41,20 +41,20 @@ def middle_m(surface: o3d.geometry.TriangleMesh) -> np.ndarray:
     return (on_plane.min(axis=0) + on_plane.max(axis=0)) / 2
 
 
-def rays(centre_m: np.ndarray, width: int, height: int) -> np.ndarray:
+def rays(centre_m: np.ndarray, width: int, height: int, height_m: float = HEIGHT_M) -> np.ndarray:
     """Rays [height, width, 6] from the array's centre to a panel around a point of the plane at the palm's distance;
     x grows to the left, as for whoever looks along +z."""
-    x = centre_m[0] - HEIGHT_M * ((np.arange(width) + 0.5) - width / 2) / height
-    y = centre_m[1] - HEIGHT_M * ((np.arange(height) + 0.5) / height - 0.5)
+    x = centre_m[0] - height_m * ((np.arange(width) + 0.5) - width / 2) / height
+    y = centre_m[1] - height_m * ((np.arange(height) + 0.5) / height - 0.5)
     directions = np.stack([*np.meshgrid(x, y), np.full((height, width), PALM_M[2])], axis=-1)
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     return np.concatenate([np.zeros_like(directions), directions], axis=-1).astype(np.float32)
 
 
-def shade(surface: o3d.geometry.TriangleMesh, width: int, height: int) -> np.ndarray:
+def shade(surface: o3d.geometry.TriangleMesh, width: int, height: int, height_m: float = HEIGHT_M) -> np.ndarray:
     """Picture [height, width, 3] of a mesh in the radar frame: two lamps with shadows, and light from everywhere."""
     tensor = load_open3d().core.Tensor
-    scene, query = raycasting_scene(surface), rays(middle_m(surface), width, height)
+    scene, query = raycasting_scene(surface), rays(middle_m(surface), width, height, height_m)
     hits = {key: value.numpy() for key, value in scene.cast_rays(tensor(query)).items()}
     seen = np.isfinite(hits["t_hit"])
     corners = np.asarray(surface.vertex_normals)[np.asarray(surface.triangles)[hits["primitive_ids"][seen]]]

@@ -114,7 +114,7 @@ def _own_lines(recorded: dict[str, Any]) -> Iterator[tuple[str, ...]]:
             cells = []
             for method in METHODS:
                 cell = _cell(rows.get((metric, method, reference)), method in stars)
-                spread = rows.get((SPREAD.get(metric), method, reference))
+                spread = rows.get((SPREAD.get(metric, ""), method, reference))
                 cells.append(f"{cell} ± {number(spread.value, 1)}" if spread and known(spread.value) else cell)
             title = facts["title"] + (", mesh completed by the truth" if reference == "completed" else "")
             yield (f"{title} ({facts['unit']})", *cells)
@@ -131,7 +131,7 @@ def _equal_lines(recorded: dict[str, Any]) -> Iterator[tuple[str, ...]]:
                 how = "" if facts["unit"] == "%" else f", {TREATMENTS[treatment]}"
                 where = " on common pixels" if metric == HEADLINE else ""
                 stars = recorded["best"][f"{metric}, {treatment}"]
-                cells = (_cell(row, bool(row) and row.method in stars) for row in found)
+                cells = (_cell(row, row is not None and row.method in stars) for row in found)
                 yield (f"{facts['title']}{where}{how} ({facts['unit']})", *cells)
 
 

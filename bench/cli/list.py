@@ -6,7 +6,7 @@ import argparse
 import json
 
 from bench.evaluation.metrics import definitions
-from bench.run.benchmark_file import EMBEDDED
+from bench.run.benchmark_file import embedded
 from bench.scenes.hand_pose import POSES
 from radar.methods import registry
 from radar.methods.registry import methods
@@ -32,8 +32,8 @@ def run(options: argparse.Namespace) -> None:
     for key, definition in definitions().items():
         print(f"  {key:<28} {definition}")
     print("embedded benchmarks")
-    for path in sorted(EMBEDDED.glob("*_table.toml")):
-        print(f"  {path.stem}")
+    for name in embedded():
+        print(f"  {name}")
     print("effects of simulated echoes")
     for effect in EFFECTS:
         print(f"  {effect.id:<18} {effect.does}")

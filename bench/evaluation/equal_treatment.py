@@ -72,8 +72,8 @@ def risk_mm(alike: Alike, reference_z_m: np.ndarray) -> np.ndarray:
 
 
 def _on(common: np.ndarray, z_m: np.ndarray, reference_z_m: np.ndarray) -> Values:
-    axes = [np.arange(n, dtype=float) for n in common.shape[::-1]]
-    found = pool([ErrorMap(*axes, np.where(common, z_m - reference_z_m, np.nan), reference_z_m)])
+    y, x = (np.arange(n, dtype=float) for n in common.shape)
+    found = pool([ErrorMap(x, y, np.where(common, z_m - reference_z_m, np.nan), reference_z_m)])
     return {key: found[key] for key in FIGURES}
 
 

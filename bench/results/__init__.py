@@ -1,8 +1,8 @@
 """The result folder: written by the runner, read by the reports.
 
 result.json   protocol, metric definitions, input hashes, versions, machine, captures, methods, facts, failures
-*.csv         table, tasks, repeats, comparisons, equal, curves, causes, reliability: columns as in
-              `bench.results.tables`
+*.csv         table, tasks, repeats, comparisons, equal, curves, captures, causes, reliability: columns as
+              in `bench.results.tables`
 config.toml   the resolved configuration
 errors/       CAPTURE__METHOD__REFERENCE.npz: x_m, y_m, error_m, reference_z_m
 depth/        CAPTURE__METHOD.npz (a depth map), CAPTURE__truth.npz, CAPTURE__photogrammetry.npz (x_m, y_m, z_m,

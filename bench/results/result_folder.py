@@ -15,7 +15,15 @@ from bench.results.tables import LEVEL, SCHEMAS, each, frame, read, write
 from radar.support.errors import HandbenchError
 from radar.support.files import require_file, require_folder, write_json, write_text
 
-OPTIONAL = ("repeats", "comparisons", "equal", "curves", "causes", "reliability")  # which older folders may lack
+OPTIONAL = (
+    "repeats",
+    "comparisons",
+    "equal",
+    "curves",
+    "captures",
+    "causes",
+    "reliability",
+)  # which older folders may lack
 TABLES = {name: SCHEMAS[name] for name in ("table", "tasks", *OPTIONAL)}
 BUSY = 0.25  # cores that other work may take before times are called disturbed
 UNSETTLED = 0.1  # of a median time: half an interval that is wider is told
@@ -24,7 +32,7 @@ UNSETTLED = 0.1  # of a median time: half an interval that is wider is told
 @dataclass(frozen=True, eq=False)
 class Result:
     """A result folder that has been checked to be complete; maps and photographs are read when asked for. table, tasks,
-    repeats, comparisons, equal, curves, causes, reliability: as `bench.results.tables` declares them."""
+    repeats, comparisons, equal, curves, captures, causes, reliability: as `bench.results.tables` declares them."""
 
     folder: Path
     about: About
@@ -35,6 +43,7 @@ class Result:
     comparisons: pd.DataFrame = field(default_factory=lambda: frame(TABLES["comparisons"]))
     equal: pd.DataFrame = field(default_factory=lambda: frame(TABLES["equal"]))
     curves: pd.DataFrame = field(default_factory=lambda: frame(TABLES["curves"]))
+    captures: pd.DataFrame = field(default_factory=lambda: frame(TABLES["captures"]))
     causes: pd.DataFrame = field(default_factory=lambda: frame(TABLES["causes"]))
     reliability: pd.DataFrame = field(default_factory=lambda: frame(TABLES["reliability"]))
 

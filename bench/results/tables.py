@@ -85,9 +85,10 @@ def _column(name: str, facts: dict[str, Any]) -> Column:
 
 SCHEMAS = declared(__file__)
 TABLE, TASKS, REPEATS, COMPARISONS = (SCHEMAS[name] for name in ("table", "tasks", "repeats", "comparisons"))
-EQUAL, CURVES = SCHEMAS["equal"], SCHEMAS["curves"]
+EQUAL, CURVES, CAPTURES = (SCHEMAS[name] for name in ("equal", "curves", "captures"))
 DIFFERENCES, TIMES, CHANGES = (SCHEMAS[name] for name in ("differences", "times", "changes"))
 SETTINGS, CASES, CAUSES, RELIABILITY = (SCHEMAS[name] for name in ("settings", "cases", "causes", "reliability"))
+DESIGN = SCHEMAS["design"]
 
 
 def frame(schema: Schema, rows: Iterable[Mapping[str, Any]] | Iterable[Sequence[Any]] = ()) -> pd.DataFrame:

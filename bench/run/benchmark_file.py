@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from bench.datasets.dataset import AT_EMPTY_FILTERED, captures
 from bench.results.about import MEASURES, Measure
+from bench.run.sensitivity_table import SensitivityTable
 from bench.run.sweep import Sweep, imaging_settings, known_configs
+from bench.scenes.people import MOST_PEOPLE
 from radar.methods.registry import method
 from radar.support.config import Config, Name, load, suggest
 from radar.support.errors import HandbenchError
@@ -18,13 +20,18 @@ from radar.support.files import inside
 EMBEDDED = Path(__file__).parent / "benchmarks"
 
 
-def _each_once(measures: tuple[Measure, ...]) -> tuple[Measure, ...]:
-    if len(set(measures)) < len(measures):
+Item = TypeVar("Item")
+
+
+def _each_once(items: tuple[Item, ...]) -> tuple[Item, ...]:
+    if len(set(items)) < len(items):
         raise ValueError("names one twice; name each once")
-    return measures
+    return items
 
 
 Measures = Annotated[tuple[Measure, ...], Field(min_length=1), AfterValidator(_each_once)]
+Number = Annotated[int, Field(ge=1, le=MOST_PEOPLE)]
+Persons = Annotated[tuple[Number, ...], Field(min_length=1, max_length=1000), AfterValidator(_each_once)]
 
 
 class Origin(Config):
@@ -44,9 +51,21 @@ class Origin(Config):
 
 class Source(Origin):
     """A capture of the benchmark. measures: the accuracy, by its first frame against a reference; the precision, by the
-    benchmark's `repeats` frames, which needs no reference and no photographs."""
+    benchmark's `repeats` frames, which needs no reference and no photographs. persons: the hand's scene once with the
+    hand of each, by number, as that person stands (`SceneFile.of_person`)."""
 
     measures: Measures = MEASURES
+    persons: Persons | None = None
+
+    @model_validator(mode="after")
+    def _persons_of_a_scene(self) -> Source:
+        if self.persons and self.scene is None:
+            raise ValueError('persons need a scene; give scene = "FILE.toml" instead of path')
+        return self
+
+    def each(self) -> tuple[Source, ...]:
+        """Its captures, one a person."""
+        return tuple(self.model_copy(update={"persons": (one,)}) for one in self.persons or ()) or (self,)
 
 
 class DataSet(Config):
@@ -103,6 +122,7 @@ class BenchFile(Config):
     capture: tuple[Source, ...] = ()
     method: tuple[MethodEntry, ...] = Field(min_length=1)
     tradeoff: Sweep | None = Field(default=None, description="what `handbench tradeoff` sweeps")
+    sensitivity: SensitivityTable | None = Field(default=None, description="what `handbench sensitivity` varies")
 
     @field_validator("calibration", mode="before")
     @classmethod
@@ -133,20 +153,25 @@ class BenchFile(Config):
         return self
 
 
+def embedded() -> dict[str, Path]:
+    """The embedded benchmarks by name: those of the files that say which methods to run."""
+    return {path.stem: path for path in sorted(EMBEDDED.glob("*.toml")) if "\n[[method]]" in path.read_text("utf-8")}
+
+
 def find_benchmark(name: str) -> Path:
     """The file of a benchmark given by path, or by the name of an embedded one."""
     path = Path(name)
     if path.suffix == ".toml" or path.exists():
         return path
-    embedded = {p.stem: p for p in EMBEDDED.glob("*_table.toml")}
-    if name not in embedded:
-        raise HandbenchError(f"benchmark: '{name}' is neither a file nor embedded; {suggest(name, list(embedded))}")
-    return embedded[name]
+    known = embedded()
+    if name not in known:
+        raise HandbenchError(f"benchmark: '{name}' is neither a file nor embedded; {suggest(name, list(known))}")
+    return known[name]
 
 
 def load_benchmark(name: str) -> tuple[BenchFile, Path]:
-    """A benchmark file, checked down to every method's configuration, its data sets taken apart into captures; and the
-    folder that its paths start from."""
+    """A benchmark file, checked down to every method's configuration, its data sets and persons taken apart into
+    captures; and the folder that its paths start from."""
     path = find_benchmark(name)
     bench = load(BenchFile, path, "a benchmark description")
     for entry in bench.method:
@@ -154,4 +179,5 @@ def load_benchmark(name: str) -> tuple[BenchFile, Path]:
     if bench.tradeoff is not None:
         imaging_settings(bench.tradeoff, known_configs(bench.method))
     found = tuple(source for dataset in bench.dataset or () for source in dataset.sources(path.parent))
-    return bench.model_copy(update={"dataset": None, "capture": (*bench.capture, *found)}), path.parent
+    sources = (*(one for source in bench.capture for one in source.each()), *found)
+    return bench.model_copy(update={"dataset": None, "capture": sources}), path.parent

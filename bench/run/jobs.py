@@ -10,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.datasets.dataset import open_capture
-from bench.run.benchmark_file import BenchFile, MethodEntry, Origin
+from bench.run.benchmark_file import BenchFile, MethodEntry, Origin, Source
 from bench.run.outcome import Capture
 from bench.run.photogrammetry import photographs
 from bench.run.reconstruct_stage import configuration
@@ -38,6 +38,8 @@ def opening(bench: BenchFile, base: Path, source: Origin, frames: int, photos: b
         return Stage(HASH, open_capture(folder).about.name, arguments={"folder": str(folder), "frames": frames})
     path = inside(base, source.scene or "", "capture.scene")
     scene = load(SceneFile, path, "a scene description")
+    if isinstance(source, Source) and source.persons:
+        scene = scene.of_person(*source.persons)
     if bench.phase_noise_rad is not None:
         scene = scene.model_copy(update={"noise": Noise(phase_noise_rad=bench.phase_noise_rad)})
     if not (photos and source.photos):

@@ -36,7 +36,8 @@ from radar.support.files import read_json, read_npz, write_json, write_npz
 
 GRIDS, EACH_FRAME, TREATED, REFERENCES = "grids.json", "frames.json", "alike.json", "references"
 KEPT = ("z_m", "mesh_sigma_m", "met", "leverage", "covariance")
-Key, Value = TypeVar("Key"), TypeVar("Value")
+Key = TypeVar("Key")
+Value = TypeVar("Value")
 
 
 class Files(Sequence[Value], Generic[Key, Value]):
@@ -92,10 +93,10 @@ def score(
 def _on_grid(name: str, references: Mapping[str, tuple[Path, Transform]], grid: PixelGrid) -> Reference:
     if name != "completed":
         return reference_depth(*references[name], grid, exact=name == "truth")
-    return completed(*(_on_grid(part, references, grid) for part in ("photogrammetry", "truth")))
+    return completed_by(*(_on_grid(part, references, grid) for part in ("photogrammetry", "truth")))
 
 
-def completed(reference: Reference, truth: Reference) -> Reference:
+def completed_by(reference: Reference, truth: Reference) -> Reference:
     """The reference, where it has no surface by the true one, which has no error."""
     own = np.isfinite(reference.z_m)
     met = truth.met if reference.met is None or truth.met is None else reference.met | truth.met
@@ -164,8 +165,8 @@ def read_reference(folder: Path, method: str, reference: str, transform: Transfo
 
 def write_reference(folder: Path, name: str, number: int, reference: Reference) -> None:
     """Keep a reference on the number-th grid."""
-    known = reference.registration is not None
-    uncertain = (reference.leverage, reference.registration.covariance) if known else (np.empty(0), np.empty(0))
+    known = reference.registration
+    uncertain = (np.empty(0), np.empty(0)) if known is None else (reference.leverage, known.covariance)
     values = (reference.z_m, reference.mesh_sigma_m, reference.met, *uncertain)
     write_npz(_reference_path(folder, name, number), **dict(zip(KEPT, values, strict=True)))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,12 +16,14 @@ from bench.evaluation.scoring_protocols import protocol
 from bench.evaluation.statistics.intervals import figure_interval
 from bench.evaluation.statistics.paired import compare
 from bench.results import REFERENCES
-from bench.results.tables import COMPARISONS, CURVES, EQUAL, TABLE, frame
-from bench.run.outcome import Basis, Outcome, deviations, errors, repeated, surfaces
+from bench.results.about import SHARES
+from bench.results.tables import CAPTURES, COMPARISONS, CURVES, EQUAL, TABLE, frame
+from bench.run.outcome import Basis, Line, Outcome, deviations, errors, repeated, surfaces
 from bench.run.scoring import EACH_FRAME, TREATED
 from radar.support.files import read_json
 
 ALIKE_COMPARED = (HEADLINE, "aurc_mm")  # the figures by which equally treated methods are compared
+EACH = (HEADLINE, "max_mm", *SHARES)  # the figures that are told for each capture
 Figures = dict[tuple[str, str], pd.DataFrame]  # (reference, method) → `of_captures` of those that have the reference
 
 
@@ -31,12 +34,18 @@ def tables(outcome: Outcome, on: Basis) -> dict[str, pd.DataFrame]:
         for entry in on.methods:
             if names := _scored(outcome, on, reference):
                 figures[reference, entry.id] = of_captures(errors(outcome, names, entry.id, reference))
-    equal, curves, alike = _equal_treatment(outcome, on)
+    alike = _equal_treatment(outcome, on)
+    each = [
+        row
+        for (reference, method), captures in figures.items()
+        for row in _each_rows(method, "", reference, _scored(outcome, on, reference), captures[list(EACH)])
+    ]
     return {
         "table": tabulate(outcome, on, figures),
-        "comparisons": pd.concat([frame(COMPARISONS), _own(outcome, on, figures), *alike]),
-        "equal": equal,
-        "curves": curves,
+        "comparisons": pd.concat([frame(COMPARISONS), _own(outcome, on, figures), *alike.compared]),
+        "equal": frame(EQUAL, alike.figures),
+        "curves": frame(CURVES, alike.curves),
+        "captures": frame(CAPTURES, [*each, *alike.captures]),
     }
 
 
@@ -78,38 +87,56 @@ def _own(outcome: Outcome, on: Basis, figures: Figures) -> pd.DataFrame:
     return pd.concat(lines)
 
 
-def _equal_treatment(outcome: Outcome, on: Basis) -> tuple[pd.DataFrame, pd.DataFrame, list[pd.DataFrame]]:
-    """`EQUAL`, `CURVES` and the comparisons under each treatment, against the reference with the most surface that all
-    captures have; of the methods that every capture was treated by."""
+@dataclass
+class Alike:
+    """Lines of `EQUAL`, `CURVES` and `CAPTURES`, and tables of `COMPARISONS`, under equal treatment."""
+
+    figures: list[Line] = field(default_factory=list)
+    curves: list[Line] = field(default_factory=list)
+    captures: list[Line] = field(default_factory=list)
+    compared: list[pd.DataFrame] = field(default_factory=list)
+
+
+def _equal_treatment(outcome: Outcome, on: Basis) -> Alike:
+    """Every treatment, against the reference with the most surface that all captures have; of the methods that every
+    capture was treated by."""
     names = [capture.name for capture in on.captures]
     for reference in ("completed", *REFERENCES):
         if names == _scored(outcome, on, reference):
             break
     else:
-        return frame(EQUAL), frame(CURVES), []
+        return Alike()
     kept = {name: _kept(outcome, name, TREATED)[reference] for name in names}
     methods = [entry.id for entry in on.methods if all(entry.id in kept[n][t] for n in names for t in SMOOTHING)]
-    figures, curves, compared = [], [], []
+    found = Alike()
     for treatment in SMOOTHING if len(methods) > 1 else ():
         of = {method: [kept[name][treatment][method] for name in names] for method in methods}
         each = {method: pd.DataFrame([c["figures"] for c in captures], dtype=float) for method, captures in of.items()}
-        figures += [row for m, captures in each.items() for row in figure_rows(m, treatment, reference, captures)]
-        for method, captures in of.items():
-            curves += curve_rows(method, treatment, reference, [c["curve_mm"] for c in captures])
+        for method, captures in each.items():
+            found.figures += figure_rows(method, treatment, reference, captures)
+            found.captures += _each_rows(method, treatment, reference, names, captures[list(ALIKE_COMPARED)])
+            found.curves += curve_rows(method, treatment, reference, [c["curve_mm"] for c in of[method]])
         for metric in ALIKE_COMPARED:
             by_method = {method: captures[metric].to_numpy() for method, captures in each.items()}
-            compared.append(compare(by_method, reference, metric, _titles(on), treatment))
-    return frame(EQUAL, figures), frame(CURVES, curves), compared
+            found.compared.append(compare(by_method, reference, metric, _titles(on), treatment))
+    return found
 
 
-def figure_rows(method: str, treatment: str, reference: str, captures: pd.DataFrame) -> Iterable[tuple[Any, ...]]:
+def _each_rows(method: str, treatment: str, reference: str, names: list[str], captures: pd.DataFrame) -> Iterable[Line]:
+    """Lines of `CAPTURES`."""
+    for metric in captures.columns:
+        for name, value in zip(names, captures[metric], strict=True):
+            yield metric, treatment, method, name, value, METRICS[metric].unit, reference
+
+
+def figure_rows(method: str, treatment: str, reference: str, captures: pd.DataFrame) -> Iterable[Line]:
     """Lines of `EQUAL`: the figures of the captures, one a line of theirs, averaged."""
     for metric in captures.columns:
         low, high = figure_interval(metric, captures[metric].to_numpy()) or (None, None)
         yield metric, treatment, method, captures[metric].mean(), low, high, METRICS[metric].unit, reference
 
 
-def curve_rows(method: str, treatment: str, reference: str, curves: list[list[float]]) -> Iterable[tuple[Any, ...]]:
+def curve_rows(method: str, treatment: str, reference: str, curves: list[list[float]]) -> Iterable[Line]:
     """Lines of `CURVES`: the mean of the captures' curves, as far as all of them reach."""
     for share, risk_mm in zip(SHARES_PERCENT, np.array(curves, float).mean(axis=0), strict=True):
         if np.isfinite(risk_mm):

@@ -8,6 +8,8 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from bench import results
 from bench.evaluation.error_causes import Scored, explain
 from bench.evaluation.floor import budget
@@ -15,6 +17,7 @@ from bench.evaluation.metrics import TITLES
 from bench.evaluation.rows import metric_facts
 from bench.evaluation.scoring_protocols import protocol
 from bench.evaluation.statistics.intervals import note
+from bench.evaluation.statistics.sample_size import variance_facts
 from bench.results import About, CaptureFacts, MethodFacts, Surface
 from bench.results.tables import TASKS, frame
 from bench.run.outcome import Basis, Outcome, basis, errors, repeated, surfaces
@@ -55,7 +58,7 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
     repeats = repeats[repeats.capture.isin(names) & repeats.method.isin(methods)]
     tasks = frame(TASKS, outcome.tasks)
     results.write_tables(folder, tasks=tasks, repeats=repeats, **found, **explain(_scored(outcome, on)))
-    results.write_about(folder, about(outcome, on))
+    results.write_about(folder, about(outcome, on, found["captures"]))
 
 
 def _scored(outcome: Outcome, on: Basis) -> Iterator[Scored]:
@@ -77,8 +80,8 @@ def _surface(outcome: Outcome, capture: str, method: str, reference: str) -> Sur
     return Surface(error.x_m, error.y_m, found.z_m, found.sigma_m)
 
 
-def about(outcome: Outcome, on: Basis) -> About:
-    """Content of result.json."""
+def about(outcome: Outcome, on: Basis, captures: pd.DataFrame) -> About:
+    """Content of result.json; captures: the table of this name."""
     first = on.methods[0].id
     measured = [c.name for c in on.captures if "photogrammetry" in outcome.references[c.name]]
     budgets = dict(zip(measured, map(budget, surfaces(outcome, measured, first, "photogrammetry")), strict=True))
@@ -120,11 +123,22 @@ def about(outcome: Outcome, on: Basis) -> About:
         facts={
             **outcome.facts,
             "intervals": note(len(on.captures)),
+            **({"variance_components": parts} if (parts := _variances(captures)) else {}),
             **({"groundtruth_sigma_rms": budgets} if budgets else {}),
             "phase_noise_rad": outcome.bench.phase_noise_rad,
         },
         failures=tuple(outcome.failures),
     )
+
+
+def _variances(captures: pd.DataFrame) -> dict[str, dict[str, float]]:
+    """Variance components of every figure under equal treatment; nothing where there are too few captures."""
+    alike = captures[captures.treatment != ""]
+    found = {}
+    for (metric, treatment), lines in alike.groupby(["metric", "treatment"], sort=False):
+        by_method = {str(method): of.value.to_numpy() for method, of in lines.groupby("method", sort=False)}
+        found[f"{metric}, {treatment}"] = variance_facts(by_method)
+    return {name: parts for name, parts in found.items() if parts}
 
 
 def _machines(outcome: Outcome) -> dict[str, Any]:

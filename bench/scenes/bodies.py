@@ -68,7 +68,7 @@ def _target_texture(scene: Scene) -> Albedo:
     assert scene.file.photos is not None  # bodies are for photographs
     target, contrast, seed = scene.file.target, scene.file.photos.texture_contrast, texture_seed(scene)
     if isinstance(target, HandTarget):
-        return Skin(target.angles, contrast, seed)
+        return Skin(target.angles, contrast, seed, target.build)
     return partial(foam if isinstance(target, CalibrationTarget) else skin, contrast=contrast, seed=seed)
 
 

@@ -1,4 +1,4 @@
-"""The hand's bones: anthropometric lengths and forward kinematics.
+"""The hand's bones: where they lie on the palm, and forward kinematics.
 
 Palm frame of a right hand: origin at the palm's centre, +y from the wrist to the fingertips, the palm faces -z, so that
 the thumb lies on the -x side. The hand frame has the same origin; the pose's turn carries palm into hand coordinates
@@ -13,18 +13,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bench.scenes.hand_pose import FingerPose, Pose, ThumbPose, WristPose
+from bench.scenes.people import LENGTHS_MM, MEAN, Person
 
 RADIAL, DISTAL, PALMAR = np.array([-1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, -1.0])
 HAND_AXES = np.stack([RADIAL, DISTAL, PALMAR], axis=1)  # palm frame from (radial, distal, palmar)
 
-# Mean bone lengths after Buryanov & Kotiuk (2010), millimetres: metacarpal, then the phalanges outwards.
-LENGTHS_MM = {
-    "thumb": (46.2, 31.6, 21.7),
-    "index": (68.1, 39.8, 22.4, 15.8),
-    "middle": (64.6, 44.6, 26.3, 17.4),
-    "ring": (58.0, 41.4, 25.7, 17.3),
-    "little": (53.7, 32.7, 18.1, 16.0),
-}
 # Knuckle centres on the palm's transverse arch (radial, distal, palmar), millimetres; the direction of each metacarpal
 # (towards the thumb) and the roll of each finger's bending plane (fingers converge when they bend), degrees.
 KNUCKLES_MM = {
@@ -70,15 +63,16 @@ class Bone:
         return Bone(rotation @ self.start_m, rotation @ self.axis, rotation @ self.palmar, self.length_m)
 
 
-def skeleton(pose: Pose) -> dict[str, tuple[Bone, ...]]:
+def skeleton(pose: Pose, person: Person = MEAN) -> dict[str, tuple[Bone, ...]]:
     """Bones of every digit, metacarpal first, in the hand frame."""
     turn = hand_from_palm(pose)
-    return {name: tuple(bone.turned(turn) for bone in digit) for name, digit in skeleton_of_palm(pose).items()}
+    return {name: tuple(bone.turned(turn) for bone in digit) for name, digit in skeleton_of_palm(pose, person).items()}
 
 
-def skeleton_of_palm(pose: Pose) -> dict[str, tuple[Bone, ...]]:
+def skeleton_of_palm(pose: Pose, person: Person = MEAN) -> dict[str, tuple[Bone, ...]]:
     """Bones of every digit, metacarpal first, in the palm frame: as if the pose had no turn."""
-    return {"thumb": _thumb(pose.thumb)} | {name: _finger(name, getattr(pose, name)) for name in FINGERS}
+    fingers = {name: _finger(name, getattr(pose, name), person) for name in FINGERS}
+    return {"thumb": _thumb(pose.thumb, person)} | fingers
 
 
 def hand_from_palm(pose: Pose) -> np.ndarray:
@@ -102,12 +96,12 @@ def forearm_direction(pose: Pose) -> np.ndarray:
     return -hand_from_palm(pose) @ HAND_AXES @ forearm_from_palm(pose.wrist)[:, 1]
 
 
-def palmar(pose: Pose, points_m: np.ndarray) -> np.ndarray:
+def palmar(pose: Pose, points_m: np.ndarray, person: Person = MEAN) -> np.ndarray:
     """Mask [n] of the points [n, 3] of the skin (hand frame) that lie on the palm's side of the nearest bone.
     The palm's side of all metacarpals is the middle one's: the ball of the thumb belongs to the palm."""
     nearest_m = np.full(len(points_m), np.inf)
     on_palm = np.zeros(len(points_m), bool)
-    bones = skeleton(pose)
+    bones = skeleton(pose, person)
     for digit in bones.values():
         for number, bone in enumerate(digit):
             relative = points_m - bone.start_m
@@ -121,9 +115,9 @@ def palmar(pose: Pose, points_m: np.ndarray) -> np.ndarray:
     return on_palm
 
 
-def _finger(name: str, pose: FingerPose) -> tuple[Bone, ...]:
-    metacarpal_m, *phalanges_m = 1e-3 * np.array(LENGTHS_MM[name])
-    knuckle_m = 1e-3 * HAND_AXES @ np.array(KNUCKLES_MM[name])
+def _finger(name: str, pose: FingerPose, person: Person) -> tuple[Bone, ...]:
+    metacarpal_m, *phalanges_m = 1e-3 * (np.array(LENGTHS_MM[name]) * person.bones[name])
+    knuckle_m = 1e-3 * HAND_AXES @ (np.array(KNUCKLES_MM[name]) * person.palm)
     roll = np.radians(ROLL_DEG[name])
     palmar = np.cos(roll) * PALMAR + np.sin(roll) * RADIAL
     along = _towards_thumb(METACARPAL_DEG[name])
@@ -135,13 +129,13 @@ def _finger(name: str, pose: FingerPose) -> tuple[Bone, ...]:
     return (metacarpal, *bones[1:])
 
 
-def _thumb(pose: ThumbPose) -> tuple[Bone, ...]:
-    metacarpal_m, proximal_m, distal_m = 1e-3 * np.array(LENGTHS_MM["thumb"])
+def _thumb(pose: ThumbPose, person: Person) -> tuple[Bone, ...]:
+    metacarpal_m, proximal_m, distal_m = 1e-3 * (np.array(LENGTHS_MM["thumb"]) * person.bones["thumb"])
     out, turn = np.radians(pose.palmar_deg), np.radians(pose.opposition_deg)
     axis = np.cos(out) * _towards_thumb(pose.radial_deg) + np.sin(out) * PALMAR
     across = _orthogonal(-RADIAL, axis)
     palmar = np.cos(turn) * across + np.sin(turn) * np.cross(across, axis)
-    metacarpal = Bone(1e-3 * HAND_AXES @ np.array(THUMB_BASE_MM), axis, palmar, metacarpal_m)
+    metacarpal = Bone(1e-3 * HAND_AXES @ (np.array(THUMB_BASE_MM) * person.palm), axis, palmar, metacarpal_m)
     proximal = metacarpal.child(pose.mcp_deg, proximal_m)
     return metacarpal, proximal, proximal.child(pose.ip_deg, distal_m)
 

@@ -125,7 +125,7 @@ def named_files(file: SceneFile, folder: str | Path) -> list[Path]:
 def _surface(spec: AnyTarget, target: Target | None, folder: Path) -> o3d.geometry.TriangleMesh:
     match spec:
         case HandTarget():
-            return hand_mesh(spec.angles, spec.edge_m)
+            return hand_mesh(spec.angles, spec.edge_m, spec.build)
         case SphereTarget():
             return sphere_mesh(spec.radius_m, spec.edge_m)
         case PlateTarget():

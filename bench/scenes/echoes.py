@@ -68,7 +68,7 @@ def _target(scene: Scene) -> Body | None:
     palm = None
     if isinstance(target, HandTarget):
         in_hand_m = scene.radar_from_target.inverse().points(vertices_m[faces].mean(axis=1))
-        palm = palmar(target.angles, in_hand_m)
+        palm = palmar(target.angles, in_hand_m, target.build)
     return Body(vertices_m, faces, target.material, palm)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from functools import reduce
+from functools import lru_cache, reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +21,7 @@ from bench.scenes.bones import (
 )
 from bench.scenes.hand_pose import Pose, WristPose
 from bench.scenes.implicit import Field, round_cone, smooth_minimum, smooth_union, zero_set
+from bench.scenes.people import MEAN, Person
 from groundtruth.mesh.mesh_files import mesh
 
 if TYPE_CHECKING:
@@ -42,58 +43,73 @@ CONTACT_MM, WEB_MM = 2.5, 11.0  # blend of fingers that merely touch (a narrow g
 WEB_REACH_MM = {name: (14.0, 34.0) for name in FINGERS} | {"thumb": (6.0, 22.0)}  # the web fades, from the knuckle
 
 
-def hand_mesh(pose: Pose, edge_m: float = 1e-3) -> o3d.geometry.TriangleMesh:
+def hand_mesh(pose: Pose, edge_m: float = 1e-3, person: Person = MEAN) -> o3d.geometry.TriangleMesh:
     """The skin of a right hand in the hand frame (origin at the palm's centre; without a turn +y towards the
     fingertips, palm facing -z), metres: closed, one component, outward-oriented, edges of about `edge_m`."""
-    lower_m, upper_m = _bounds_m(pose)
-    vertices_m, faces = zero_set(_field_in_palm_frame(pose), lower_m, upper_m, edge_m)
+    vertices_m, faces = _skin(pose, edge_m, person)
     surface = mesh(vertices_m @ hand_from_palm(pose).T, faces)
     surface.compute_vertex_normals()
     return surface
 
 
-def _bounds_m(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+@lru_cache(maxsize=4)  # a hand of skin and its print are two scenes with one surface
+def _skin(pose: Pose, edge_m: float, person: Person) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices [n, 3] in the palm frame and triangles [m, 3]; not to be changed."""
+    return zero_set(_field_in_palm_frame(pose, person), *_bounds_m(pose, person), edge_m)
+
+
+def _bounds_m(pose: Pose, person: Person) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper corner [3] of a box around the hand in the palm frame."""
-    joints_m = np.array([p for digit in skeleton_of_palm(pose).values() for b in digit for p in (b.start_m, b.end_m)])
+    digits = skeleton_of_palm(pose, person).values()
+    joints_m = np.array([p for digit in digits for b in digit for p in (b.start_m, b.end_m)])
     corners_mm = itertools.product((-40.0, 40.0), (FOREARM_END_MM - 4, FOREARM_END_MM + 58), (-30.0, 30.0))
-    arm_m = 1e-3 * np.array([_bent(pose.wrist, corner) for corner in corners_mm]) @ HAND_AXES.T
-    lower_m, upper_m = joints_m.min(axis=0) - MARGIN_M, joints_m.max(axis=0) + MARGIN_M
+    arm_m = 1e-3 * np.array([_bent(pose.wrist, corner, person) for corner in corners_mm]) @ HAND_AXES.T
+    margin_m = MARGIN_M * max(1.0, *person.palm)
+    lower_m, upper_m = joints_m.min(axis=0) - margin_m, joints_m.max(axis=0) + margin_m
     return np.minimum(lower_m, arm_m.min(axis=0)), np.maximum(upper_m, arm_m.max(axis=0))
 
 
-def hand_field(pose: Pose) -> Field:
+def hand_field(pose: Pose, person: Person = MEAN) -> Field:
     """Signed distance (approximately, exact sign) to the posed hand's skin, metres, in the hand frame."""
-    field, turn = _field_in_palm_frame(pose), hand_from_palm(pose)
+    field, turn = _field_in_palm_frame(pose, person), hand_from_palm(pose)
     return lambda points: field(points @ turn)
 
 
-def _field_in_palm_frame(pose: Pose) -> Field:
-    bones = skeleton_of_palm(pose)
-    palm = _palm(bones, pose.wrist)
-    digits = {name: _digit(bones[name][1:], np.array(RADII_MM[name]) * 1e-3) for name in (*FINGERS, "thumb")}
+def _field_in_palm_frame(pose: Pose, person: Person) -> Field:
+    bones = skeleton_of_palm(pose, person)
+    palm = _palm(bones, pose.wrist, person)
+    digits = {name: _digit(bones[name][1:], radii_m(name, person)) for name in (*FINGERS, "thumb")}
     arm = HAND_AXES @ forearm_from_palm(pose.wrist) @ HAND_AXES.T @ DISTAL  # from the forearm to the wrist
-    end_m = arm @ (1e-3 * HAND_AXES @ _bent(pose.wrist, (0.0, FOREARM_END_MM, 0.0)))
+    end_m = arm @ (1e-3 * HAND_AXES @ _bent(pose.wrist, (0.0, FOREARM_END_MM, 0.0), person))
 
     def distance(points: np.ndarray) -> np.ndarray:
         result = palm(points)
         for name, digit in digits.items():
-            blend_m = _web_blend_m(points, bones[name][1].start_m, *WEB_REACH_MM[name])
+            blend_m = _web_blend_m(points, bones[name][1].start_m, *WEB_REACH_MM[name], person.palm[0])
             result = smooth_minimum(result, digit(points), blend_m)
         return -smooth_minimum(-result, points @ arm - end_m, 3e-3)
 
     return distance
 
 
-def _bent(wrist: WristPose, point_mm: ArrayLike) -> np.ndarray:
-    """A point of the straight forearm, (radial, distal, palmar) in millimetres, moved with the bent wrist."""
-    return forearm_from_palm(wrist) @ (np.asarray(point_mm) - WRIST_MM) + WRIST_MM
+def radii_m(name: str, person: Person = MEAN) -> np.ndarray:
+    """Flesh radii of a digit, as `RADII_MM`, in metres."""
+    return np.array(RADII_MM[name]) * person.girth[name] * 1e-3
 
 
-def _web_blend_m(points: np.ndarray, knuckle_m: np.ndarray, near_mm: float, far_mm: float) -> np.ndarray:
+def _bent(wrist: WristPose, point_mm: ArrayLike, person: Person) -> np.ndarray:
+    """A point of the mean hand's straight forearm, (radial, distal, palmar) in millimetres, on the person's own, moved
+    with the bent wrist."""
+    wrist_mm = WRIST_MM * np.array(person.palm)
+    return forearm_from_palm(wrist) @ (np.asarray(point_mm) * person.palm - wrist_mm) + wrist_mm
+
+
+def _web_blend_m(points: np.ndarray, knuckle_m: np.ndarray, near_mm: float, far_mm: float, scale: float) -> np.ndarray:
     """Blend [n] of a digit with its neighbours: a web around its knuckle, mere contact further out."""
-    t = np.clip((1e3 * np.linalg.norm(points - knuckle_m, axis=1) - near_mm) / (far_mm - near_mm), 0, 1)
+    distance_mm = 1e3 * np.linalg.norm(points - knuckle_m, axis=1) / scale
+    t = np.clip((distance_mm - near_mm) / (far_mm - near_mm), 0, 1)
     fade = 1 - t**3 * (t * (6 * t - 15) + 10)
-    return 1e-3 * (CONTACT_MM + (WEB_MM - CONTACT_MM) * fade)
+    return 1e-3 * (CONTACT_MM + (WEB_MM * scale - CONTACT_MM) * fade)
 
 
 def _digit(phalanges: tuple[Bone, ...], radii_m: np.ndarray) -> Field:
@@ -135,44 +151,55 @@ def _fingertip(bone: Bone, joint_m: float, tip_m: float) -> Field:
     )
 
 
-def _palm(bones: dict[str, tuple[Bone, ...]], wrist: WristPose) -> Field:
+def _palm(bones: dict[str, tuple[Bone, ...]], wrist: WristPose, person: Person) -> Field:
     """Metacarpals, the pads at the fingers' roots, the balls of thumb and little finger, wrist and forearm."""
     knuckles = [1e3 * bones[name][1].start_m @ HAND_AXES for name in FINGERS]
-    parts = [_metacarpal(bones[name][0], 1e-3 * RADII_MM[name][0]) for name in FINGERS]
-    parts += [_cone(a + (0, -6, 1.5), b + (0, -6, 1.5), 9.0, 9.0) for a, b in itertools.pairwise(knuckles)]
-    parts += _thenar(bones["thumb"][0], bones["index"][0], bones["middle"][0])
+    thick = person.palm[2]
+
+    def cone(start_mm: ArrayLike, end_mm: ArrayLike, start_radius_mm: float, end_radius_mm: float) -> Field:
+        return _cone(start_mm, end_mm, thick * start_radius_mm, thick * end_radius_mm)
+
+    def own(*point_mm: float) -> np.ndarray:
+        return np.array(person.palm) * point_mm
+
+    parts = [_metacarpal(bones[name][0], radii_m(name, person)[0], thick) for name in FINGERS]
+    parts += [cone(a + own(0, -6, 1.5), b + own(0, -6, 1.5), 9.0, 9.0) for a, b in itertools.pairwise(knuckles)]
+    parts += _thenar(bones["thumb"][0], bones["index"][0], bones["middle"][0], thick)
     parts += [
-        _cone((-21, -42, 4), (-32, 8, 4), 13.0, 10.0),  # ball of the little finger
-        _cone((-30, -10, 3), knuckles[3] + (-1, -2, 2), 10.0, 9.5),
-        _cone((-14, -40, 6), (-20, -14, 5), 12.0, 9.0),
-        _cone((2, -16, 1), _bent(wrist, (0, -94, 0)), 11.0, 16.5),  # carpus and wrist
-        _cone((18, -38, 2), _bent(wrist, (12, -94, 0)), 13.0, 17.0),  # radius and ulna
-        _cone((-16, -38, 1), _bent(wrist, (-14, -94, 0)), 13.5, 16.5),
+        cone(own(-21, -42, 4), own(-32, 8, 4), 13.0, 10.0),  # ball of the little finger
+        cone(own(-30, -10, 3), knuckles[3] + own(-1, -2, 2), 10.0, 9.5),
+        cone(own(-14, -40, 6), own(-20, -14, 5), 12.0, 9.0),
+        cone(own(2, -16, 1), _bent(wrist, (0, -94, 0), person), 11.0, 16.5),  # carpus and wrist
+        cone(own(18, -38, 2), _bent(wrist, (12, -94, 0), person), 13.0, 17.0),  # radius and ulna
+        cone(own(-16, -38, 1), _bent(wrist, (-14, -94, 0), person), 13.5, 16.5),
     ]
     if wrist != WristPose():
-        parts.append(_cone((2, -16, 1), WRIST_MM, 11.0, 13.0))  # the straight carpus ends where the bent wrist begins
-    return smooth_union(parts, 1e-3 * WITHIN_PALM_MM)
+        parts.append(cone(own(2, -16, 1), own(*WRIST_MM), 11.0, 13.0))  # the straight carpus ends where the wrist bends
+    return smooth_union(parts, 1e-3 * WITHIN_PALM_MM * thick)
 
 
-def _metacarpal(bone: Bone, base_m: float) -> Field:
+def _metacarpal(bone: Bone, base_m: float, thick: float) -> Field:
     length = bone.length_m
     return smooth_union(
         [
-            round_cone(bone.at(0, 0.5e-3), bone.at(length, 0), 11e-3, base_m),
+            round_cone(bone.at(0, 0.5e-3), bone.at(length, 0), thick * 11e-3, base_m),
             round_cone(bone.at(0.98 * length, 2.5e-3), bone.at(1.12 * length, 2e-3), base_m, base_m - 0.6e-3),
         ],
         6e-3,
     )
 
 
-def _thenar(thumb: Bone, index: Bone, middle: Bone) -> list[Field]:
+def _thenar(thumb: Bone, index: Bone, middle: Bone, thick: float) -> list[Field]:
     """The thumb's metacarpal, its muscles and the skin between thumb and index finger."""
     length = thumb.length_m
+    muscle, inner, web = (thumb.at(a * length, thick * m) for a, m in ((0.7, 5e-3), (0.12, 5.5e-3), (0.82, 3e-3)))
+    from_middle = middle.at(0.15 * middle.length_m, thick * 6e-3)
+    from_index = index.at(0.5 * index.length_m, thick * 2e-3)
     return [
-        round_cone(thumb.at(0, 0), thumb.at(length, 0), 12e-3, 10e-3),
-        round_cone(thumb.at(0.12 * length, 5.5e-3), thumb.at(0.7 * length, 5e-3), 12e-3, 10e-3),
-        round_cone(middle.at(0.15 * middle.length_m, 6e-3), thumb.at(0.7 * length, 5e-3), 10e-3, 8e-3),
-        round_cone(index.at(0.5 * index.length_m, 2e-3), thumb.at(0.82 * length, 3e-3), 9e-3, 7e-3),
+        round_cone(thumb.at(0, 0), thumb.at(length, 0), thick * 12e-3, thick * 10e-3),
+        round_cone(inner, muscle, thick * 12e-3, thick * 10e-3),
+        round_cone(from_middle, muscle, thick * 10e-3, thick * 8e-3),
+        round_cone(from_index, web, thick * 9e-3, thick * 7e-3),
     ]
 
 

@@ -9,6 +9,8 @@ from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 from scipy.spatial.transform import Rotation
 
 from bench.scenes.hand_pose import POSES, Pose
+from bench.scenes.holding import held
+from bench.scenes.people import MOST_PEOPLE, Person, person, placement
 from calibration.transforms import Transform
 from radar.simulation.causes import Causes, Motion, Noise, SensorFaults
 from radar.simulation.scene import DEPTH_STEP_HZ, Material
@@ -48,13 +50,14 @@ def _pose_kind(pose: Any) -> str:
 
 class HandTarget(_Solid):
     """A parametric hand, in the pose of a letter or with joint angles of its own ([target.pose]); `distance_m` is the
-    range of its palm's mid-plane."""
+    range of its palm's mid-plane; `person`: whose hand, by number; 0 is the mean hand."""
 
     kind: Literal["hand"]
     pose: Annotated[Annotated[str, Tag("letter")] | Annotated[Pose, Tag("Pose")], Discriminator(_pose_kind)]
     distance_m: float = Field(default=0.31, gt=0, le=100)
     offset_m: tuple[Offset, Offset] = (0.0, -0.030)
     edge_m: float = Field(default=1e-3, ge=5e-4, le=5e-3)
+    person: int = Field(default=0, ge=0, le=MOST_PEOPLE)
 
     @field_validator("pose")
     @classmethod
@@ -65,8 +68,13 @@ class HandTarget(_Solid):
 
     @property
     def angles(self) -> Pose:
-        """The joint angles."""
-        return POSES[self.pose] if isinstance(self.pose, str) else self.pose
+        """The joint angles, as the person holds the pose."""
+        return held(POSES[self.pose] if isinstance(self.pose, str) else self.pose, self.person)
+
+    @property
+    def build(self) -> Person:
+        """The person's hand beside the mean one."""
+        return person(self.person)
 
 
 class CalibrationTarget(_Placed):
@@ -226,11 +234,36 @@ class SceneFile(Config):
             )
         return self
 
+    def of_person(self, number: int) -> SceneFile:
+        """The scene with a person's hand, placed as that person stands, with a name and a seed of its own. Another
+        target than a hand is a HandbenchError."""
+        if not isinstance(self.target, HandTarget):
+            raise HandbenchError(
+                f"scene '{self.name}': has the target '{self.target.kind}', but persons are asked for; "
+                'expected kind = "hand"'
+            )
+        placed = placement(number, self.seed)
+        target = self.target.model_copy(
+            update={
+                "person": number,
+                "distance_m": self.target.distance_m + placed.distance_m,
+                "offset_m": tuple(a + b for a, b in zip(self.target.offset_m, placed.offset_m, strict=True)),
+                "rotation_deg": tuple(a + b for a, b in zip(self.target.rotation_deg, placed.tilt_deg, strict=True)),
+            }
+        )
+        seed = self.seed + 1000 * number
+        return self.model_copy(update={"name": name_of_person(self.name, number), "seed": seed, "target": target})
+
     @property
     def causes(self) -> Causes:
         """Everything that effects may come from."""
         faults = {name: getattr(self.sensor, name) for name in SensorFaults.model_fields}
         return Causes(noise=self.noise, motion=self.target.motion, **faults)
+
+
+def name_of_person(scene: str, number: int) -> str:
+    """The name of a scene with a person's hand."""
+    return f"{scene}-person-{number:02}"
 
 
 def _placed(

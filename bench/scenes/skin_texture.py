@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.scenes.bones import FINGERS, HAND_AXES, Bone, hand_from_palm, skeleton
-from bench.scenes.hand import RADII_MM
+from bench.scenes.hand import radii_m
 from bench.scenes.hand_pose import Pose
+from bench.scenes.people import MEAN, Person
 from bench.scenes.textures import skin, solid_noise
 
 CREASE_WIDTH_M, CREASE_DEPTH = 0.3e-3, 0.28
@@ -38,18 +39,18 @@ class Crease:
 class Skin:
     """Reflectance of a posed hand's skin."""
 
-    def __init__(self, pose: Pose, contrast: float, seed: int) -> None:
-        self.contrast, self.seed = contrast, seed
+    def __init__(self, pose: Pose, contrast: float, seed: int, person: Person = MEAN) -> None:
+        self.contrast, self.seed, self.palm = contrast, seed, person.palm
         self.hand_from_palm = hand_from_palm(pose)
-        bones = skeleton(pose)
-        self.creases = [crease for name, digit in bones.items() for crease in _creases(name, digit)]
-        self.nails = [(digit[-1], 1e-3 * RADII_MM[name][-1]) for name, digit in bones.items()]
+        bones = skeleton(pose, person)
+        self.creases = [crease for name, digit in bones.items() for crease in _creases(name, digit, person)]
+        self.nails = [(digit[-1], radii_m(name, person)[-1]) for name, digit in bones.items()]
 
     def __call__(self, points_m: np.ndarray) -> np.ndarray:
         """Reflectance [n, 3] at points [n, 3] in the hand frame."""
         reflectance = skin(points_m, self.contrast, self.seed)
         wobble_m = WOBBLE_M * solid_noise(points_m, WOBBLE_WAVELENGTH_M, self.seed + 70)
-        lines = _palm_lines(points_m @ self.hand_from_palm, wobble_m)
+        lines = _palm_lines(points_m @ self.hand_from_palm @ HAND_AXES / self.palm, wobble_m)
         fold = np.maximum(lines, _folds(self.creases, points_m, wobble_m))
         reflectance *= (1 - CREASE_DEPTH * self.contrast * fold)[:, None].astype(np.float32)
         for bone, radius_m in self.nails:
@@ -58,13 +59,13 @@ class Skin:
         return reflectance
 
 
-def _creases(name: str, digit: tuple[Bone, ...]) -> list[Crease]:
-    radii_m = 1e-3 * np.array(RADII_MM[name])
+def _creases(name: str, digit: tuple[Bone, ...], person: Person) -> list[Crease]:
+    flesh_m = radii_m(name, person)
     creases = []
     if name in FINGERS:
         root = digit[1]
-        creases.append(Crease(root.at(ROOT_CREASE * root.length_m), root.axis, root.palmar, 1.7 * radii_m[0]))
-    for inner, outer, radius_m in zip(digit[1:], digit[2:], radii_m[1:], strict=False):
+        creases.append(Crease(root.at(ROOT_CREASE * root.length_m), root.axis, root.palmar, 1.7 * flesh_m[0]))
+    for inner, outer, radius_m in zip(digit[1:], digit[2:], flesh_m[1:], strict=False):
         axis, palmar = inner.axis + outer.axis, inner.palmar + outer.palmar
         axis, palmar = axis / np.linalg.norm(axis), palmar / np.linalg.norm(palmar)
         shifts_m = (0.0,) if outer is digit[-1] else (-1.3e-3, 1.3e-3)
@@ -84,9 +85,9 @@ def _folds(creases: list[Crease], points_m: np.ndarray, wobble_m: np.ndarray) ->
     return fold
 
 
-def _palm_lines(points_m: np.ndarray, wobble_m: np.ndarray) -> np.ndarray:
-    """Depth of the palm lines at each point [n] of the palm frame, 0 to 1."""
-    radial_distal_palmar = 1e3 * points_m @ HAND_AXES
+def _palm_lines(radial_distal_palmar_m: np.ndarray, wobble_m: np.ndarray) -> np.ndarray:
+    """Depth of the palm lines at each point [n] of the mean palm, 0 to 1."""
+    radial_distal_palmar = 1e3 * radial_distal_palmar_m
     low, high = PALM_HEIGHT_MM
     on_palm = (radial_distal_palmar[:, 2] > low) & (radial_distal_palmar[:, 2] < high)
     on_palm &= radial_distal_palmar[:, 1] < 48
@@ -95,7 +96,7 @@ def _palm_lines(points_m: np.ndarray, wobble_m: np.ndarray) -> np.ndarray:
     for line in PALM_LINES_MM:
         for start, end in itertools.pairwise(line):
             distance_mm = np.minimum(distance_mm, _to_segment(flat_mm, np.array(start), np.array(end)))
-    fold = np.zeros(len(points_m))
+    fold = np.zeros(len(radial_distal_palmar))
     fold[on_palm] = np.exp(-((1e-3 * distance_mm / (1.3 * CREASE_WIDTH_M)) ** 2))
     return fold
 

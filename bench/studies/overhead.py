@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import redirect_stderr
 from dataclasses import replace
 from os import devnull
@@ -65,7 +65,7 @@ class Watched:
         self.executor = executor
         self.memory_mb: list[float] = []
 
-    def run(self, root: Path, jobs: list[Stage]) -> Iterator[tuple[int, Done]]:
+    def run(self, root: Path, jobs: Sequence[Stage]) -> Iterator[tuple[int, Done]]:
         """See `Executor`."""
         process, tenth = psutil.Process(), max(len(jobs) // 10, 1)
         for count, ended in enumerate(self.executor.run(root, jobs)):

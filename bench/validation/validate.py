@@ -11,7 +11,7 @@ from bench.datasets.dataset import AT_EMPTY_FILTERED, captures, open_capture
 from bench.datasets.native import DESCRIPTION, ECHOES, TARGET, TRANSFORM
 from bench.results.about import MEASURES
 from bench.run.benchmark_file import BenchFile, DataSet, find_benchmark
-from bench.scenes.scene_file import BUILT_IN_ARRAY, SceneFile
+from bench.scenes.scene_file import BUILT_IN_ARRAY, SceneFile, name_of_person
 from bench.validation.capture_problems import Seen, capture_problems, method_problems
 from bench.validation.file_lines import Location
 from bench.validation.problems import Found, Problem, Sheet, attempt, parsed, sheet
@@ -22,7 +22,7 @@ from groundtruth.mesh.mesh_files import read_triangles
 from radar.data.arrays import load_positions
 from radar.data.capture import load_capture
 from radar.methods.registry import method
-from radar.support.config import Config
+from radar.support.config import Config, load
 from radar.support.errors import HandbenchError
 from radar.support.files import inside
 from radar.support.progress import track
@@ -153,10 +153,11 @@ def _benchmark(found: Sheet) -> Iterator[Problem]:
         if seen is None or seen.name is None:
             continue
         here = str(source.get("scene") or source.get("path"))
-        if seen.name in names:
-            text = f"capture '{seen.name}' in {here} is named as the one in {names[seen.name]}; give one another name"
-            yield found.problem(at, text)
-        names.setdefault(seen.name, here)
+        for name in [name_of_person(seen.name, number) for number in _persons(source)] or [seen.name]:
+            if name in names:
+                text = f"capture '{name}' in {here} is named as the one in {names[name]}; give one another name"
+                yield found.problem(at, text)
+            names.setdefault(name, here)
         if "accuracy" in _measures(source) and not seen.scored[calibrated]:
             text = f"capture '{seen.name}': nothing carries its surface into the radar frame"
             yield found.problem(at, f"{text}; add {TRANSFORM} to it, or [calibration] to the benchmark")
@@ -196,8 +197,20 @@ def _source(found: Sheet, source: dict[str, Any], at: Location) -> Found[Seen | 
         if path is not None and not path.exists() and not name.endswith(AT_EMPTY_FILTERED):
             yield found.problem((*at, key), f"{name} is missing beside the benchmark; check the path")
             return None
-        return None if path is None else (yield from check(path))
+        if path is None:
+            return None
+        seen = yield from check(path)
+        if seen.name is not None and key == "scene" and _persons(source):
+            scene = load(SceneFile, path, "a scene description")
+            yield from found.attempt((*at, "persons"), partial(scene.of_person, 1))
+        return seen
     return None
+
+
+def _persons(source: dict[str, Any]) -> list[int]:
+    """The persons whose hands a capture asks for; what is no list of numbers is a problem of its own."""
+    given = source.get("persons")
+    return [number for number in given if isinstance(number, int)] if isinstance(given, list | tuple) else []
 
 
 def _measures(source: dict[str, Any]) -> Sequence[Any]:

@@ -38,7 +38,9 @@ def scene(result: Result, capture: CaptureFacts) -> dict[str, Any] | None:
     surfaces = [_surface(name, AGAINST[name], s, low_mm, step_mm) for name, s in found.items()]
     for method in methods(result):
         errors = {r: result.errors(capture.name, method.name, r) for r in references}
-        told = {r: (e.error_m, f"{mean_text(result, e.error_m)} {AGAINST[r]}") for r, e in errors.items()}
+        told: dict[str, Any] = {
+            r: (e.error_m, f"{mean_text(result, e.error_m)} {AGAINST[r]}") for r, e in errors.items()
+        }
         surfaces.append(_surface(method.name, method.title, maps[method.name], low_mm, step_mm, told))
     return {
         "capture": capture.name,

@@ -114,6 +114,16 @@ def _same(a: Result, b: Result, name: str, reference: str) -> bool:
     return float(np.median(np.abs(ours.z_m - theirs.z_m)[both])) <= SAME_M
 
 
+def figures_of(result: Result, metric: str, reference: str) -> dict[str, np.ndarray]:
+    """Method → a metric of the scored captures [n] that have this reference, against it."""
+    names = [capture.name for capture in result.scored() if reference in capture.references]
+    found = {}
+    for method in result.about.methods:
+        maps = [_error_map(result, name, method.name, reference) for name in names]
+        found[method.name] = of_captures(maps)[metric].to_numpy()
+    return found
+
+
 def _error_map(result: Result, capture: str, method: str, reference: str) -> ErrorMap:
     path = errors_path(result.folder, capture, method, reference)
     try:

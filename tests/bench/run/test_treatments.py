@@ -11,7 +11,7 @@ from bench.evaluation.equal_treatment import OPEN_DB, WINDOW_PX
 from bench.run.benchmark_file import load_benchmark
 from bench.run.reconstruct_stage import settled
 from bench.run.runner import run
-from bench.run.scoring import completed
+from bench.run.scoring import completed_by
 from bench.run.treatments import read_treated, write_treated
 from calibration.transforms import identity
 from groundtruth.mesh.depth import Reference
@@ -58,7 +58,7 @@ def test_the_completed_reference_is_the_truth_where_there_is_no_mesh():
     leverage = np.where(np.isfinite(mesh_m)[..., None], 1.0, np.nan) * np.ones(6)
     mesh = Reference(mesh_m, np.where(np.isfinite(mesh_m), 1e-4, np.nan), leverage, identity("radar"), truth_m > 1)
     truth = Reference(truth_m, np.where(np.isfinite(truth_m), 0.0, np.nan), leverage, identity("radar"), truth_m > 0)
-    both = completed(mesh, truth)
+    both = completed_by(mesh, truth)
     np.testing.assert_array_equal(both.z_m, [[0.3, 0.32, np.nan]])
     np.testing.assert_array_equal(both.mesh_sigma_m, [[1e-4, 0, np.nan]])
     np.testing.assert_array_equal(both.leverage[0, :, 0], [1, 0, 0])
@@ -94,6 +94,9 @@ def test_a_run_tells_equal_treatment_frames_and_enough_times(small_bench: Path, 
     assert set(result.comparisons.treatment) == {"", "none", "window"}
     assert set(result.comparisons[result.comparisons.treatment != ""].metric) == {"mae_mm", "aurc_mm"}
     assert "mae_mm" not in set(result.comparisons[result.comparisons.treatment == ""].metric)
+    each = result.captures.set_index(["metric", "treatment", "method", "capture"]).value
+    assert each["mae_mm", "", "2fsk", "ball"] == result.row("mae_mm", "2fsk", "truth").value
+    assert each["mae_mm", "none", "2fsk", "ball"] == equal["mae_mm", "none", "2fsk"]  # the mean of one capture
     assert set(result.curves.method) == {"2fsk", "narrowband"} and (result.curves.risk_mm >= 0).all()
     [timing] = (tmp_path / "out" / "work").glob("reconstruct-ball-2fsk-*/timing.json")
     seconds = json.loads(timing.read_text())["seconds"]

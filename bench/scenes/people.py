@@ -1,0 +1,114 @@
+"""People: how the hand of one differs from the mean hand's, and where each holds it.
+
+Sizes, by sex: Gordon et al. (1989), 1988 Anthropometric Survey of U.S. Army Personnel (Natick/TR-89/044): hand length
+(wrist crease to the middle finger's tip) and breadth (across the knuckles) with their standard deviations. Their
+correlation, and the palm's length beside the hand's, are of the first 29 men of the public ANSUR II data (Gordon et al.
+2014, Natick/TR-15/007): r = 0.74, taken as 0.7, and 2.4 % that the hand's length does not tell. Bones: Buryanov &
+Kotiuk (2010), Proportions of hand segments, Int. J. Morphol. 28(3): the means, and for each bone a standard deviation
+of 8 to 15 %, in which the size of the hand and the error of the radiographs lie too. A finger's length beside the
+others': the ratio of index and ring finger has a standard deviation of 3 % (Manning et al. 1998, Hum. Reprod. 13), here
+2.5 % for each finger. Estimates of ours: phalanges among themselves 5 %, girth (of the fingers, and of the palm's
+thickness) that breadth does not tell 4 %, each finger's own 1.5 %, the palm's own 3 %; and how the hand is held
+(`placement`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy.special import ndtri
+
+# Mean bone lengths, millimetres: metacarpal, then the phalanges outwards.
+LENGTHS_MM = {
+    "thumb": (46.2, 31.6, 21.7),
+    "index": (68.1, 39.8, 22.4, 15.8),
+    "middle": (64.6, 44.6, 26.3, 17.4),
+    "ring": (58.0, 41.4, 25.7, 17.3),
+    "little": (53.7, 32.7, 18.1, 16.0),
+}
+MEAN_MM = (189.2, 83.4)  # hand length and breadth of the mean hand's mesh
+SIZES_MM = (((193.8, 9.8), (90.4, 4.2)), ((180.5, 9.7), (79.4, 3.8)))  # men, women: length, breadth: mean, deviation
+BREADTH_WITH_LENGTH = 0.7
+PALM, FINGER, PHALANX, GIRTH, FINGER_GIRTH, THICKNESS = (
+    0.024,
+    0.025,
+    0.05,
+    0.04,
+    0.015,
+    0.03,
+)  # deviations of logarithms
+GIRTH_WITH_BREADTH = 0.7  # exponent
+TAILS = (0.02, 0.98)  # of every distribution: nothing rarer is drawn
+MOST_PEOPLE = 999_999
+DISTANCE_M, OFFSET_M, TILT_DEG = 0.005, (0.006, 0.008), (4.0, 4.0, 3.0)  # deviations of the placement
+
+
+@dataclass(frozen=True)
+class Person:
+    """Factors on the mean hand. palm: (radial, distal, palmar) on places of the palm, wrist and forearm, the last on
+    their radii too; bones: on the lengths of each digit's; girth: on its radii."""
+
+    palm: tuple[float, float, float]
+    bones: dict[str, tuple[float, ...]]
+    girth: dict[str, float]
+
+    def __hash__(self) -> int:
+        return hash(repr(self))
+
+
+MEAN = Person(
+    (1.0, 1.0, 1.0), {name: (1.0,) * len(own) for name, own in LENGTHS_MM.items()}, dict.fromkeys(LENGTHS_MM, 1.0)
+)
+
+
+class Draws:
+    """Normal deviates of mean 0 and deviation 1, without their tails, of a seed."""
+
+    def __init__(self, *seed: int) -> None:
+        self.generator = np.random.default_rng(seed)
+
+    def __call__(self, *shape: int) -> np.ndarray:
+        return ndtri(self.generator.uniform(*TAILS, shape))
+
+
+@cache
+def person(number: int) -> Person:
+    """The hand of a person, any number from 1 on; 0 is the mean hand."""
+    if number == 0:
+        return MEAN
+    draws = Draws(number, 1)
+    (length_mm, length_spread), (breadth_mm, breadth_spread) = SIZES_MM[draws.generator.integers(2)]
+    tall, wide = draws(2)
+    wide = BREADTH_WITH_LENGTH * tall + np.sqrt(1 - BREADTH_WITH_LENGTH**2) * wide
+    length = (length_mm + length_spread * tall) / MEAN_MM[0]
+    breadth = (breadth_mm + breadth_spread * wide) / MEAN_MM[1]
+    palm = length * np.exp(PALM * draws(1)[0])
+    girth = breadth**GIRTH_WITH_BREADTH * np.exp(GIRTH * draws(1)[0])
+    bones, girths = {}, {}
+    for name, mean_mm in LENGTHS_MM.items():
+        outer_mm = np.array(mean_mm[1:] if name != "thumb" else mean_mm)
+        own = PHALANX * draws(len(outer_mm))
+        own += FINGER * draws(1) - own @ outer_mm / outer_mm.sum()  # the digit's length is its own draw alone
+        factors = length * np.exp(own)
+        bones[name] = tuple(map(float, factors if name == "thumb" else (palm, *factors)))
+        girths[name] = float(girth * np.exp(FINGER_GIRTH * draws(1)[0]))
+    thick = girth * np.exp(THICKNESS * draws(1)[0])
+    return Person((float(breadth), float(palm), float(thick)), bones, girths)
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A hand's place beside that of its scene: farther away, to the side and up, turned about x, y, z."""
+
+    distance_m: float
+    offset_m: tuple[float, float]
+    tilt_deg: tuple[float, float, float]
+
+
+def placement(number: int, seed: int) -> Placement:
+    """The place where a person holds the hand in a scene of this seed; estimates of ours for one who is shown where."""
+    drawn = Draws(number, 2, seed)(6) * (DISTANCE_M, *OFFSET_M, *TILT_DEG)
+    distance_m, x_m, y_m, *tilt_deg = map(float, drawn)
+    return Placement(distance_m, (x_m, y_m), (tilt_deg[0], tilt_deg[1], tilt_deg[2]))

@@ -1,0 +1,74 @@
+"""Figures of docs/measurements/hands.md that no result folder has: python docs/hand_causes.py
+
+What the errors of the benchmark `hands` vary with: its hands all held where the scenes say, the mean hand held where
+its people do, and frames of three of its captures that differ in their noise alone.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from bench.datasets.dataset import open_capture
+from bench.datasets.simulated import simulate_capture
+from bench.evaluation.depth_errors import error_map
+from bench.evaluation.metrics import METRICS, of_captures
+from bench.run.benchmark_file import BenchFile, load_benchmark
+from bench.run.scoring import reference_depth
+from bench.scenes.build import build
+from bench.scenes.scene_file import SceneFile
+from calibration.transforms import identity
+from radar.data.grid import PixelGrid
+from radar.methods.registry import method
+from radar.simulation.causes import Noise
+from radar.support.config import load
+
+PLACEMENT = ("distance_m", "offset_m", "rotation_deg")
+
+
+def figures(bench: BenchFile, scene: SceneFile, folder: Path, frames: int = 1) -> np.ndarray:
+    """The first metric [method, frame] of a scene against its true surface."""
+    capture, found = folder / "capture", np.empty((len(bench.method), frames))
+    simulate_capture(build(scene, folder), capture, frames)
+    echoes, metric = open_capture(capture).echoes(), next(iter(METRICS))
+    for number, entry in enumerate(bench.method):
+        chosen = method(entry.id)
+        for frame in range(frames):
+            depth = chosen.run(echoes, chosen.configure(entry.config, entry.id), frame).depth
+            grid = PixelGrid(depth.x_m, depth.y_m)
+            truth = reference_depth(capture / "truth.ply", identity("radar"), grid, exact=True)
+            maps = [error_map(depth.x_m, depth.y_m, depth.z_m, truth.z_m)]
+            found[number, frame] = of_captures(maps)[metric].iloc[0]
+    return found
+
+
+def main() -> None:
+    """Print a line of standard deviations, one a method, for each cause."""
+    bench, base = load_benchmark("hands")
+    noise = Noise(phase_noise_rad=bench.phase_noise_rad)
+    causes: dict[str, list[np.ndarray]] = {"hands alone": [], "placements alone": [], "frames": []}
+    for source in bench.capture:
+        scene = load(SceneFile, base / str(source.scene), "a scene description")
+        scene = scene.model_copy(update={"photos": None, "noise": noise})
+        own = scene.of_person(*source.persons or ())
+        still = {key: getattr(scene.target, key) for key in PLACEMENT}
+        for cause, changed in (("hands alone", still), ("placements alone", {"person": 0})):
+            case = own.model_copy(update={"target": own.target.model_copy(update=changed)})
+            with tempfile.TemporaryDirectory() as folder:
+                causes[cause].append(figures(bench, case, Path(folder))[:, 0])
+        if own.target.person in (1, 2, 3):
+            with tempfile.TemporaryDirectory() as folder:
+                causes["frames"].append(figures(bench, own, Path(folder), frames=5).std(axis=1, ddof=1))
+    print("standard deviation, mm", *(entry.id for entry in bench.method))
+    for cause, rows in causes.items():
+        table = np.array(rows)
+        spread = np.sqrt((table**2).mean(axis=0)) if cause == "frames" else table.std(axis=0, ddof=1)
+        print(cause, *(f"{value:.3f}" for value in spread))
+        if cause != "frames":
+            print(cause, "mean", *(f"{value:.2f}" for value in table.mean(axis=0)))
+
+
+if __name__ == "__main__":
+    main()
