@@ -41,8 +41,8 @@ def triangulated(
             model.deregister_frame(image.frame_id)
     if len(registered(model)) < FEWEST:
         raise HandbenchError(
-            f"{photos[0].path.parent}: {len(registered(model))} of {len(photos)} photographs see {FEWEST_POINTS} points "
-            f"with the given poses, {FEWEST} are needed; take photographs with more overlap and texture"
+            f"{photos[0].path.parent}: {len(registered(model))} of {len(photos)} photographs see {FEWEST_POINTS} "
+            f"points with the given poses, {FEWEST} are needed; take photographs with more overlap and texture"
         )
     _hold(model, {camera.name: camera for camera in cameras})
     error_px = model.compute_mean_reprojection_error()
