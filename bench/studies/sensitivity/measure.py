@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -61,18 +62,11 @@ class Measurement:
     def __call__(self, case: Case) -> Record:
         """The record of a setting: its figures (of several draws the mean, with standard deviation and range), their
         distance to the paper's and how many agree with them."""
-        found: dict[int, Found] = {}
-        hands = [(hand, *self.prepared(hand, case)) for hand in self.hands[case.economies]]
-
-        def work(number: int) -> None:
-            found[number] = self.of_hand(case, *hands[number])
-
-        for_each(work, range(len(hands)))
-        parts = [found[number] for number in range(len(hands))]
+        found = self.found(case)
         figures: dict[str, float | None] = {}
         spread: dict[str, float | None] = {}
         for family, entry in self.entries.items():
-            maps = [[p.maps[family, draw] for p in parts if p.maps] for draw in case.draws]
+            maps = [[of.maps[family, draw] for of in found if of.maps] for draw in case.draws]
             draws = pd.DataFrame([averaged(of_captures(of_draw)) for of_draw in maps])
             for key in KEYS[:2]:
                 name, values = f"{family}_{key}", draws[key].to_numpy(float)
@@ -84,7 +78,7 @@ class Measurement:
                         f"{name}_high": values.max(),
                     }
             if f"{family}_precision_mm" in PAPER and entry.precision:
-                value = mean_deviation([p.strongest_m[family] for p in parts if family in p.strongest_m])
+                value = mean_deviation([of.strongest_m[family] for of in found if family in of.strongest_m])
                 figures[f"{family}_precision_mm"] = value and value[0]
                 spread[f"{family}_precision_mm_sd"] = value and float(value[0] / np.sqrt(2 * value[1]))
         broadband, fsk = figures.get(BROADBAND), figures.get(FSK)
@@ -94,6 +88,24 @@ class Measurement:
         told["values"] = json.dumps(dict(case.values))
         factor = next(iter(case.values), "") if case.placement < 0 else ""
         return {**told, "factor": factor, **case.values, **figures, **spread, **near}
+
+    def found(self, case: Case) -> list[Found]:
+        """Every hand's part of a setting: each draw by each method is a job of its own, so that no core waits."""
+        parts = [(Found(), hand, *self.prepared(hand, case)) for hand in self.hands[case.economies]]
+        jobs = [
+            partial(self._score, case, *part, family, draw)
+            for family in sorted(self.entries, key=lambda family: "fsk" in family)  # what takes longest comes first
+            for part in parts
+            for draw in (case.draws if part[1].accuracy else ())
+        ]
+        jobs += [
+            partial(self._repeat, case, *part[:3], family)
+            for part in parts
+            for family, entry in self.entries.items()
+            if part[1].precision and entry.precision
+        ]
+        for_each(lambda job: job(), jobs)
+        return [part[0] for part in parts]
 
     def prepared(self, hand: Hand, case: Case) -> tuple[Clean, dict[str, np.ndarray]]:
         """A hand's echoes without noise, and its true depth [ny, nx] on each method's grid."""
@@ -110,22 +122,20 @@ class Measurement:
             truths[family] = cast[grid]
         return clean, truths
 
-    def of_hand(self, case: Case, hand: Hand, clean: Clean, truths: dict[str, np.ndarray]) -> Found:
-        """One hand's part of a setting, with what `prepared` gives."""
-        found = Found()
-        for draw in case.draws if hand.accuracy else ():
-            capture = self._capture(hand, clean, case, [draw], draw)
-            for family in self.entries:
-                depth = self._depth(family, case, capture, 0)
-                reference_m = self._erring(truths[family], depth, case, (hand.file.seed, draw))
-                found.maps[family, draw] = error_map(depth.x_m, depth.y_m, depth.z_m, reference_m)
-        if hand.precision:
-            first, count = case.draws[0] * self.bench.repeats, self.bench.repeats
-            capture = self._capture(hand, clean, case, range(first, first + count), case.draws[0])
-            for family in (family for family, entry in self.entries.items() if entry.precision):
-                depths = [self._depth(family, case, capture, frame) for frame in range(count)]
-                found.strongest_m[family] = strongest_z_m(depths)
-        return found
+    def _score(
+        self, case: Case, found: Found, hand: Hand, clean: Clean, truths: dict[str, np.ndarray], family: str, draw: int
+    ) -> None:
+        """One draw's errors of one hand by one method."""
+        depth = self._depth(family, case, self._capture(hand, clean, case, [draw], draw), 0)
+        reference_m = self._erring(truths[family], depth, case, (hand.file.seed, draw))
+        found.maps[family, draw] = error_map(depth.x_m, depth.y_m, depth.z_m, reference_m)
+
+    def _repeat(self, case: Case, found: Found, hand: Hand, clean: Clean, family: str) -> None:
+        """The strongest scatterer's depths over a hand's repeats by one method."""
+        first, count = case.draws[0] * self.bench.repeats, self.bench.repeats
+        capture = self._capture(hand, clean, case, range(first, first + count), case.draws[0])
+        depths = [self._depth(family, case, capture, frame) for frame in range(count)]
+        found.strongest_m[family] = strongest_z_m(depths)
 
     def _capture(self, hand: Hand, clean: Clean, case: Case, frames: Sequence[int], draw: int) -> RadarCapture:
         noise_rad = self.bench.phase_noise_rad

@@ -57,8 +57,8 @@ def measured(bench_file, tmp_path):
 
     def found(**values):
         case = Case(0, "tested", {"phase_noise_rad": 0.0, **values})
-        [hand] = measurement.hands[True]
-        return measurement.of_hand(case, hand, *measurement.prepared(hand, case))
+        [of_hand] = measurement.found(case)
+        return of_hand
 
     return found
 
@@ -131,9 +131,7 @@ def test_noise_of_either_kind_has_its_size_at_the_strongest_pixel(bench_file, tm
     """σ_z = cσ_φ/(4πΔf) over 40 repeats: within three standard deviations, 1/√(2·39) each."""
     bench, base = load_benchmark(str(bench_file))
     measurement = Measurement(bench.model_copy(update={"repeats": 40}), base, tmp_path / "work")
-    [hand] = measurement.hands[True]
-    case = Case(0, "tested", {"phase_noise_rad": 0.0, **values})
-    found = measurement.of_hand(case, hand, *measurement.prepared(hand, case))
+    [found] = measurement.found(Case(0, "tested", {"phase_noise_rad": 0.0, **values}))
     expected_m = SPEED_OF_LIGHT_M_S * 0.03 / (4 * np.pi * 200e6)
     assert np.std(found.strongest_m["2fsk"], ddof=1) == pytest.approx(expected_m, rel=3 / np.sqrt(78))
 
