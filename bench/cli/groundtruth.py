@@ -43,7 +43,18 @@ def _take_over(options: argparse.Namespace) -> None:
 
 
 def _values(options: argparse.Namespace) -> dict[str, Any]:
-    same = ("cameras", "model", "metric", "board", "unscaled", "quality", "dense", "masks", "mask", "seed")
+    same: tuple[str, ...] = (
+        "cameras",
+        "model",
+        "metric",
+        "board",
+        "unscaled",
+        "quality",
+        "dense",
+        "masks",
+        "mask",
+        "seed",
+    )
     same += ("refine_poses", "refine_distortion", "shared_intrinsics")
     return {name: getattr(options, name) for name in same} | {
         "intrinsics": numbers(options.intrinsics, 4, "--intrinsics"),

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from groundtruth.board.markers import Corners
-from groundtruth.cameras.cameras import pycolmap, registered
+from groundtruth.cameras.cameras import pycolmap, registered, set_pose
 from groundtruth.sparse.jacobians import POSE, pixel_jacobians, project
 
 LOCATED_LIKE_PX = 2.0  # scale below which features are located alike: their noise goes as the root of both squares
@@ -236,7 +236,7 @@ class Bundle:
         """Go to a state."""
         poses, intrinsics, points = state
         for image, pose in zip(self.images, poses, strict=True):
-            image.frame.set_cam_from_world(image.camera_id, pose)
+            set_pose(image, pose)
         for camera_id, params in intrinsics.items():
             self.model.cameras[camera_id].params = params.tolist()
         for point, xyz in zip(self.points, points, strict=True):

@@ -21,7 +21,7 @@ SMALL_PX = 1200  # longer side below which photographs are doubled in size, for 
 
 @dataclass(frozen=True)
 class Lenses:
-    """What is known of the lenses before anything is registered.
+    """Knowledge of the lenses before anything is registered.
 
     cameras: one for each photograph, held fixed. intrinsics: fx, fy, cx, cy in pixels of one camera that took all
     photographs, held fixed; without distortion, unless it is free. focal_px: a focal length for every name, where

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from groundtruth.cameras.camera_files import FEWEST_POINTS
-from groundtruth.cameras.cameras import Camera, pycolmap, registered
+from groundtruth.cameras.cameras import Camera, pycolmap, registered, set_pose
 from groundtruth.photos.photos import FEWEST, Photo
 from groundtruth.sparse.features import DATABASE, Lenses, agreement, find_features, match
 from radar.support.errors import HandbenchError
@@ -66,7 +66,7 @@ def _without_points(database: Path, cameras: dict[str, Camera]) -> pycolmap.Reco
 def _hold(model: pycolmap.Reconstruction, cameras: dict[str, Camera]) -> None:
     """Put the poses back where they were given: COLMAP scales its models for the numbers' sake, and back."""
     for image in registered(model):
-        image.frame.set_cam_from_world(image.camera_id, _pose(cameras[image.name]))
+        set_pose(image, _pose(cameras[image.name]))
 
 
 def _pose(camera: Camera) -> pycolmap.Rigid3d:
