@@ -12,28 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bench.evaluation.alike import Alike
 from bench.evaluation.metrics import HEADLINE, Values, pool
 from bench.results.error_map import ErrorMap
 
-WINDOW_PX = 5  # of the averaging filter that all are given
-SMOOTHING = {"none": 1, "window": WINDOW_PX}  # treatment → width of every averaging filter, pixels
-TREATMENTS = {  # as a comparison says them; "": each method as it is
-    "": "",
-    "none": ", unsmoothed",
-    "window": f", all averaged over {WINDOW_PX} × {WINDOW_PX}",
-}
-OPEN_DB = -20.0  # threshold of the maps whose pixels are ordered
 SHARES_PERCENT = np.arange(0.5, 100.1, 0.5)  # of the surface, at which the curve is told
 FIGURES = (HEADLINE, "median_mm", "p95_mm", "max_mm", "bias_mm")  # on the common pixels
-
-
-class Alike(NamedTuple):
-    """A method's depths of one capture under one treatment, all [ny, nx]: z_m above its own threshold, open_z_m above
-    OPEN_DB, NaN elsewhere; open_db: the amplitude by which these are ordered."""
-
-    z_m: np.ndarray
-    open_z_m: np.ndarray
-    open_db: np.ndarray
 
 
 class Treated(NamedTuple):

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from bench.evaluation.equal_treatment import TREATMENTS
+from bench.evaluation.alike import TREATMENTS
 from bench.evaluation.metrics import HEADLINE, METRICS, deviation, mean_deviation
 from bench.evaluation.statistics.intervals import FEWEST, TAILS, TOO_FEW, mean_interval
 from bench.results.tables import COMPARISONS, LEVEL, conform

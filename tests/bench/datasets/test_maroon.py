@@ -12,7 +12,7 @@ from bench.datasets.maroon_alignment import save_alignment
 from bench.datasets.maroon_export import export_maroon
 from bench.datasets.maroon_mask import eroded, radar_kernel_px
 from bench.datasets.native import NativeCapture
-from bench.run.reconstruct_stage import configuration, image_frames
+from bench.run.reconstruct_stage import Imager, configuration
 from bench.run.scoring import reference_depth
 from calibration.transforms import Transform, identity
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
@@ -46,8 +46,8 @@ def test_a_written_data_set_gives_the_same_depth_maps(written, method_id):
     """The bar is 1e-6; nothing is rounded on the way, so that the maps are the same to the last bit."""
     maps = []
     for capture in written:
-        [(found, *_)] = image_frames(capture, method_id, METHODS[method_id])
-        maps.append(found.depth)
+        [found] = Imager(capture, method_id, METHODS[method_id]).images()
+        maps.append(found.result.depth)
     assert np.isfinite(maps[0].z_m).any()
     np.testing.assert_array_equal(maps[0].z_m, maps[1].z_m)
     np.testing.assert_array_equal(maps[0].amplitude_db, maps[1].amplitude_db)
