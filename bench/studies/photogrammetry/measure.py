@@ -43,7 +43,7 @@ def measure(case: Case, work: Path) -> Record:
     if not case.known:
         photos = folder / "unknown"
         keep(photos, lambda temporary: _without_intrinsics(folder / "capture" / "photos", temporary))
-    options = Options(quality=case.quality, box_m=tuple(scene.box_m.ravel()), components="all")
+    options = Options(quality=case.quality, box_m=tuple(scene.box_m.ravel()))
     with measured() as cost:
         result = reconstruct(photos, options, folder / "reconstruction")
     return record(case, score(result, scene), result.seconds, cost.peak_memory_mb)
