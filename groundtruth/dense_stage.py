@@ -43,7 +43,7 @@ def dense_cloud(
     """The fused cloud of registered photographs in a box [2, 3]."""
     masks = Masks({} if options.masks is None else find_masks(options.masks, photos), options.mask == "colour")
     effort = options.effort
-    views, tracks, points_m = open_views(photos, sparse.model, effort.shrink, box_m, masks)
+    views, tracks, points_m = open_views(photos, sparse.model, effort.shrink, box_m, masks, options.box())
     if options.dense == "cuda":
         maps = cuda.depth_maps(views, tracks, points_m, options.quality)
     else:

@@ -43,7 +43,19 @@ def _take_over(options: argparse.Namespace) -> None:
 
 
 def _values(options: argparse.Namespace) -> dict[str, Any]:
-    same = ("cameras", "model", "metric", "board", "unscaled", "quality", "dense", "masks", "mask", "components", "seed")
+    same = (
+        "cameras",
+        "model",
+        "metric",
+        "board",
+        "unscaled",
+        "quality",
+        "dense",
+        "masks",
+        "mask",
+        "components",
+        "seed",
+    )
     return {name: getattr(options, name) for name in same} | {
         "intrinsics": numbers(options.intrinsics, 4, "--intrinsics"),
         "box_m": numbers(options.box, 6, "--box"),

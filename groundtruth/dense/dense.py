@@ -41,10 +41,16 @@ class DepthMap:
 
 
 def open_views(
-    photos: tuple[Photo, ...], model: pycolmap.Reconstruction, shrink: int, box_m: np.ndarray | None, masks: Masks
+    photos: tuple[Photo, ...],
+    model: pycolmap.Reconstruction,
+    shrink: int,
+    box_m: np.ndarray | None,
+    masks: Masks,
+    target_m: np.ndarray | None,
 ) -> tuple[list[View], np.ndarray, np.ndarray]:
-    """The registered photographs as views of the region of interest; which of them [n, views] saw which of the sparse
-    points [n, 3] (metres)."""
+    """The registered photographs as views of the region of interest, box_m [2, 3]; which of them [n, views] saw which
+    of the sparse points [n, 3] (metres). target_m [2, 3]: the box that colours are told apart by, if one is known to
+    hold the target and little else."""
     by_name = {photo.name: photo for photo in photos}
     images = registered(model)
     points = list(model.points3D.values())
@@ -56,7 +62,7 @@ def open_views(
     views = []
     for image, seen in zip(track(images, "undistorting"), tracks.T, strict=True):
         photo, camera, pose = by_name[image.name], camera_in(image), image.cam_from_world()
-        mask = masks.of(photo, camera, pose, box_m)
+        mask = masks.of(photo, camera, pose, target_m)
         views.append(open_view(photo, camera, pose, shrink, _depths(image, points_m[seen]), box_m, mask))
     showing = [i for i, view in enumerate(views) if view is not None]
     if len(showing) < FEWEST_VIEWS:

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from groundtruth.dense.plane import Plane
 from groundtruth.cameras.cameras import Camera
 from groundtruth.dense.fusion import Cloud
+from groundtruth.dense.plane import Plane
 from groundtruth.sparse.sparse import Sparse
 from radar.support.files import read_json, write_json
 from radar.support.progress import say
@@ -105,7 +105,8 @@ def in_common_field(box_m: np.ndarray, cameras: tuple[Camera, ...]) -> np.ndarra
     for camera in cameras:
         ahead = (cells_m @ camera.rotation.T + camera.translation_m)[:, 2] > 0
         pixels = np.full((len(cells_m), 2), -1.0)
-        pixels[ahead] = camera.project(cells_m[ahead])
+        if ahead.any():
+            pixels[ahead] = camera.project(cells_m[ahead])
         shown += ((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(axis=1)
     common_m = cells_m[shown >= FEWEST_VIEWS]
     if not len(common_m):

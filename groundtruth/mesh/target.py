@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 FILE = "target.json"
 OFF_PX = 6.0  # a point nearer to the board's plane may be the board's
 RISES = 2.0  # times as high: a part that stays lower is noise of the board
+FEWEST_POINTS = 100  # that rise so high; fewer are noise
 SMALLEST_PART = 0.01  # of the largest part's triangles
 
 Components = Literal["target", "largest", "all"]
@@ -56,7 +57,7 @@ def off_board(cloud: Cloud, plane: Plane) -> Cloud:
     none."""
     height_m, least_m = plane.local(cloud.points_m)[:, 2], margin_m(plane, cloud.pixel_m)
     off = height_m > least_m
-    if not (height_m > RISES * least_m).any():
+    if (height_m > RISES * least_m).sum() < FEWEST_POINTS:
         raise _nothing_off(RISES * least_m)
     if not off.all():
         say(f"target: {1 - off.mean():.1%} of the points lie less than {1e3 * least_m:.1f} mm above the board: dropped")
@@ -79,7 +80,13 @@ def keep_target(mesh: o3d.geometry.TriangleMesh, components: Components, plane: 
     mesh.remove_triangles_by_mask(~wanted[label])
     mesh.remove_unreferenced_vertices()
     shares = area / area.sum()
-    kept = "what stands off the board" if plane is not None else "the largest part" if components == "largest" else "all parts"
+    kept = (
+        "what stands off the board"
+        if plane is not None
+        else "the largest part"
+        if components == "largest"
+        else "all parts"
+    )
     parts = tuple(sorted(shares[wanted].tolist(), reverse=True))
     target = Target(kept, 0.0, parts, int((~wanted).sum()), float(shares[~wanted].sum()))
     listed = ", ".join(f"{share:.1%}" for share in target.parts)

@@ -56,7 +56,9 @@ def counted(tmp_path, monkeypatch):
     )
     monkeypatch.setattr(sparse_stage, "register", step("sparse", solved))
     monkeypatch.setattr(dense_stage, "dense_cloud", step("dense", cloud))
-    monkeypatch.setattr(mesh_stage, "measured_surface", step("mesh", (surface, Target("all parts", 0.0, (1.0,), 0, 0.0))))
+    monkeypatch.setattr(
+        mesh_stage, "measured_surface", step("mesh", (surface, Target("all parts", 0.0, (1.0,), 0, 0.0)))
+    )
     monkeypatch.setattr(pipeline, "resolve", lambda folder, options: (find_photos(folder), options))
 
     def run(**options):

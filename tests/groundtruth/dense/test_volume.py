@@ -9,7 +9,7 @@ import pytest
 
 from groundtruth.cameras.cameras import Camera
 from groundtruth.dense.plane import board_plane, plane_through
-from groundtruth.dense.volume import Volume, in_common_field, off_plane, volume, warn_of_cuts
+from groundtruth.dense.volume import Volume, in_common_field, volume, warn_of_cuts
 from groundtruth.sparse.frame import Scale
 from tests.groundtruth.mesh.test_mesh import cloud_of
 
@@ -75,9 +75,9 @@ def test_without_a_board_the_points_bound_it():
 
 def test_what_fewer_than_three_photographs_show_is_left_out():
     cameras = solved([]).cameras()
-    wide_m = np.array([[-3.0, -3, 0], [3, 3, 0.2]])
+    wide_m = np.array([[-1.5, -1.5, 0], [1.5, 1.5, 0.2]])
     box_m = in_common_field(wide_m, cameras)
-    seen_m = np.array([[-0.35, -0.24, 0], [0.35, 0.24, 0.2]])  # three of four at z = 0: 0.6 m × 0.5, shifted by 0.05
+    seen_m = np.array([[-0.25, -0.24, 0], [0.25, 0.24, 0.2]])  # three of four, at z = 0
     cell_m = np.ptp(wide_m, axis=0) / 12
     assert (box_m[0] <= seen_m[0]).all() and (box_m[1] >= seen_m[1]).all()
     assert (np.abs(box_m - seen_m) < 2 * cell_m).all()

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
 from groundtruth.dense.plane import plane_through
 from groundtruth.mesh.poisson import clean, surface
@@ -51,12 +52,13 @@ def kept(cloud, components="target", plane=PLANE):
 def test_the_target_is_kept_where_the_board_is_the_largest_part(z_m, capsys):
     cloud = together(plate(), ball(0.0, z_m))
     vertices_m, target = kept(cloud)
-    assert np.abs(np.linalg.norm(vertices_m - (0, 0, z_m), axis=1) - RADIUS_M).max() < 2 * PIXEL_M
+    assert (
+        np.abs(np.linalg.norm(vertices_m - (0, 0, z_m), axis=1) - RADIUS_M).max() < 4.5 * PIXEL_M
+    )  # Poisson runs on for 4 pixels
     assert vertices_m[:, 2].max() > z_m + 0.99 * RADIUS_M
     seen = cap(3000, centre=(0.0, 0.0, z_m), lowest=-0.9)[0]
     seen = seen[seen[:, 2] > 1.5 * margin_m(PLANE, PIXEL_M)]
-    gaps_m = np.linalg.norm(seen[:, None] - vertices_m[None, ::7], axis=-1).min(axis=1)
-    assert gaps_m.max() < 6 * PIXEL_M  # all of it, down to the margin
+    assert KDTree(vertices_m).query(seen)[0].max() < 3 * PIXEL_M  # all of it, down to the margin
     assert len(target.parts) == 1 and target.kept == "what stands off the board"
     assert "above the board: dropped" in capsys.readouterr().err
 
@@ -83,7 +85,9 @@ def test_without_a_board_all_parts_are_kept(capsys):
 
 
 def test_a_board_alone_is_refused_in_a_sentence():
-    with pytest.raises(HandbenchError, match=r"^target: nothing rises more than 12\.0 mm above the board's plane") as told:
+    with pytest.raises(
+        HandbenchError, match=r"^target: nothing rises more than 12\.0 mm above the board's plane"
+    ) as told:
         kept(together(plate()))
     assert "\n" not in str(told.value)
 
