@@ -146,7 +146,7 @@ def _first_guess(view: View, half: View, sources: list[View], unit: float) -> np
 
 def _planes(half: View, unit: float) -> tuple[float, float, int]:
     """First and last disparity of a sweep, and the number of planes."""
-    first, last = (float(1 / (z * unit)) for z in (np.nanmax(half.far_m), np.nanmin(half.near_m)))
+    first, last = (1 / (z * unit) for z in (np.nanmax(half.far_m), np.nanmin(half.near_m)))
     return first, last, int(np.clip(np.ceil(last - first), FEWEST_PLANES, MOST_PLANES))
 
 
