@@ -13,9 +13,11 @@ from groundtruth.dense.views import Stereo, View
 
 TRIAL_PX, TRIAL_PLANES, TRIALS = 96, 64, 2
 HYPOTHESES = len(patchmatch.DIRECTIONS) + patchmatch.PERTURBATIONS  # that an iteration tries at a pixel
+SWEPT, MATCHED = 0.42, 0.75  # of the trial's processor time: what large pictures take, measured on three dense stages
 MAP_BYTES, VIEW_BYTES = 32, 15  # a pixel: depth and normal; picture, nearest and farthest depth, with the halved ones
 SWEEP_BYTES = 4  # a plane and pixel
 FUSED_BYTES, FUSED_ALONE = 33, 56  # a pixel of each map, and of the one that is fused
+LIBRARY_BYTES = 3e8  # kernels, and what is imported for the cloud
 
 
 class Prediction(NamedTuple):
@@ -47,8 +49,9 @@ def predicted(views: list[View], stereo: Stereo, sources: int, planes: list[int]
     sweep_bytes = SWEEP_BYTES * float((sizes / 4 * planes).max())
     fused_bytes = float((FUSED_BYTES * len(views) + FUSED_ALONE) * sizes.max())
     kept_bytes = float((MAP_BYTES + VIEW_BYTES) * sizes.sum())
-    seconds = sweep_s * swept + match_s * matched
-    return Prediction(int(wanted.sum()), len(views), max(planes), seconds, kept_bytes + max(sweep_bytes, fused_bytes))
+    seconds = SWEPT * sweep_s * swept + MATCHED * match_s * matched
+    peak_bytes = LIBRARY_BYTES + kept_bytes + max(sweep_bytes, fused_bytes)
+    return Prediction(int(wanted.sum()), len(views), max(planes), seconds, peak_bytes)
 
 
 def _matches(sources: int, iterations: int) -> int:
@@ -59,8 +62,8 @@ def _matches(sources: int, iterations: int) -> int:
 
 
 def _rates(view: View, stereo: Stereo) -> tuple[float, float]:
-    """Processor time, seconds, for a pixel, plane and source of the sweep, and for a window that PatchMatch compares, each measured
-    after a first go that loads or compiles the kernels."""
+    """Processor time, seconds, for a pixel, plane and source of the sweep, and for a window that PatchMatch compares,
+    each measured after a first go that loads or compiles the kernels."""
     y, x = np.median(np.argwhere(np.isfinite(view.near_m)), axis=0).astype(int)
     top, left = (max(0, middle - TRIAL_PX // 2) for middle in (y, x))
     shift = np.array([[1.0, 0, left], [0, 1, top], [0, 0, 1]])

@@ -19,13 +19,13 @@ from radar.support.progress import say
 FILE = "volume.json"
 FEWEST_POINTS = 30  # that tell where the target is; of fewer, the whole surroundings are taken
 BETWEEN = (0.005, 0.995)  # quantiles of the points along each axis
-GROWN = 0.2  # of the points' diagonal, on each side: smooth skin has few features
+GROWN = 0.5  # of the points' diagonal, on each side: smooth skin has few features (a fingertip's was 47 mm off)
 REACH_M = 0.3  # of a board's surroundings, or its diagonal where that is longer
 STANDS_M = 5e-3  # above the board: no point of the board
 BELOW_M = 1e-2  # of the plane: a board that lies in the volume is found where it is
 NEAREST = 0.9  # of the lowest camera's height, where surroundings end
 CELLS, FEWEST_VIEWS = 12, 3  # of the volume along each axis; photographs that must show a cell
-AT_SIDE, CUT = 0.01, 0.005  # of the volume's sides; share of the cloud beside one that means a cut
+AT_SIDE, CUT = 0.01, 0.002  # of the volume's sides; share of the cloud beside one that means a cut
 
 
 @dataclass(frozen=True)

@@ -50,8 +50,8 @@ def test_the_volume_holds_the_hand_and_neither_the_wall_nor_the_room():
     found = volume(None, PLANE, solved(features()))
     box_m = found.box()
     assert (box_m[0] < HAND_M[0]).all() and (box_m[1] > HAND_M[1]).all()
-    assert np.prod(np.ptp(box_m, axis=0)) < 12 * np.prod(np.ptp(HAND_M, axis=0))
-    assert -0.02 < box_m[0, 2] < 0 and box_m[1, 2] < 0.2
+    assert np.prod(np.ptp(box_m, axis=0)) < 40 * np.prod(np.ptp(HAND_M, axis=0))
+    assert -0.02 < box_m[0, 2] < 0 and box_m[1, 2] < 0.3
     assert found.source == "the board, cameras and sparse points"
 
 
