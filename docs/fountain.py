@@ -11,25 +11,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from calibration.transforms import umeyama
+from bench.studies.survey import centre_errors_m, surveyed_centres_m
 from groundtruth.cameras.cameras import load_pycolmap
 from groundtruth.mesh.mesh_files import load_open3d, raycasting_scene, read_mesh
-
-
-def surveyed_centres_m(folder: Path) -> dict[str, np.ndarray]:
-    """Projection centres by photograph from Strecha's *.camera files: K, distortion, R (rows), centre, size."""
-    files = sorted(folder.glob("*.camera"))
-    return {f.name.removesuffix(".camera"): np.array(f.read_text().split(), float)[21:24] for f in files}
-
-
-def centre_errors_m(model_folder: Path, surveyed: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Distance [n] of each registered camera's centre from the surveyed one after one similarity, and its matrix."""
-    model = load_pycolmap().Reconstruction(str(model_folder))
-    images = [image for image in model.images.values() if image.has_pose]
-    ours = np.array([image.projection_center() for image in images])
-    theirs = np.array([surveyed[image.name] for image in images])
-    matrix = umeyama(ours, theirs, with_scale=True)
-    return np.linalg.norm(ours @ matrix[:3, :3].T + matrix[:3, 3] - theirs, axis=1), matrix
 
 
 def render(mesh_file: Path, model_folder: Path, out: Path, width: int = 768) -> None:
@@ -55,7 +39,8 @@ def render(mesh_file: Path, model_folder: Path, out: Path, width: int = 768) -> 
 
 def main(workdir: Path, surveyed: Path, mesh_file: Path, out: Path) -> None:
     """Print the figures and draw the mesh."""
-    errors_m, _ = centre_errors_m(workdir / "sparse", surveyed_centres_m(surveyed))
+    model = load_pycolmap().Reconstruction(str(workdir / "sparse"))
+    errors_m = centre_errors_m(model, surveyed_centres_m(surveyed))
     print(
         f"registered {len(errors_m)}; camera centres: mean {1e3 * errors_m.mean():.2f} mm, "
         f"max {1e3 * errors_m.max():.2f} mm"

@@ -34,15 +34,21 @@ class SparseOptions(Config):
     """Options that decide where the cameras stand.
 
     cameras: known cameras, a cameras.json, a COLMAP model's folder or Metashape's XML (default: the cameras.json in the
-    photographs' folder, if any). intrinsics: fx, fy, cx, cy in pixels of the one camera that took all photographs.
-    model: a COLMAP model of these photographs, used instead of structure from motion. metric: the poses of a COLMAP
-    model, in `model` or `cameras`, are in metres. board: a board.toml (default as cameras). distances: measured ones
-    between cameras, for the scale. unscaled: go on without a metric scale.
+    photographs' folder, if any); where all have poses these are used as they are. intrinsics: fx, fy, cx, cy in pixels
+    of the one camera that took all photographs, without distortion. refine_poses, refine_distortion: let the bundle
+    adjustment change known poses, or find the distortion beside given intrinsics. shared_intrinsics: unknown lenses
+    are one (True) or one a photograph (False; default: one a camera, by EXIF data or size). model: a COLMAP model of
+    these photographs, used instead of structure from motion; without points it is completed. metric: the poses of a
+    COLMAP model, in `model` or `cameras`, are in metres. board: a board.toml (default as cameras). distances: measured
+    ones between cameras, for the scale. unscaled: go on without a metric scale.
     """
 
     cameras: Path | None = None
     intrinsics: tuple[float, float, float, float] | None = None
+    refine_distortion: bool = False
+    shared_intrinsics: bool | None = None
     model: Path | None = None
+    refine_poses: bool = False
     metric: bool = False
     board: Path | None = None
     distances: tuple[Distance, ...] = ()

@@ -43,7 +43,7 @@ def _take_over(options: argparse.Namespace) -> None:
 
 
 def _values(options: argparse.Namespace) -> dict[str, Any]:
-    same = (
+    same: tuple[str, ...] = (
         "cameras",
         "model",
         "metric",
@@ -56,6 +56,7 @@ def _values(options: argparse.Namespace) -> dict[str, Any]:
         "components",
         "seed",
     )
+    same += ("refine_poses", "refine_distortion", "shared_intrinsics")
     return {name: getattr(options, name) for name in same} | {
         "intrinsics": numbers(options.intrinsics, 4, "--intrinsics"),
         "box_m": numbers(options.box, 6, "--box"),

@@ -47,7 +47,7 @@ def cameras_of(photos: tuple[Photo, ...], path: Path, metric: bool = False) -> t
 
 def load_model(folder: Path, photos: tuple[Photo, ...]) -> pycolmap.Reconstruction:
     """A COLMAP model (text or binary) of these photographs, its images under the photographs' names; images without a
-    photograph and images that see next to nothing are left out, and said.
+    photograph, and images that see next to nothing of the model's points, are left out, and said.
 
     A HandbenchError when fewer than three photographs remain, or one has another size in the model.
     """
@@ -55,6 +55,7 @@ def load_model(folder: Path, photos: tuple[Photo, ...]) -> pycolmap.Reconstructi
     images = registered(model)
     if any(len(frame.data_ids) > 1 for frame in model.frames.values()):
         raise HandbenchError(f"{folder}: has rigs of several cameras; expected single ones: export it without rigs")
+    empty = not model.num_points3D()
     photo_of = {image.name: photo for photo, image in _pairs(photos, images, folder) if image is not None}
     for image in images:
         photo = photo_of.get(image.name)
@@ -62,7 +63,7 @@ def load_model(folder: Path, photos: tuple[Photo, ...]) -> pycolmap.Reconstructi
             _require_size(photo, camera_in(image).width, camera_in(image).height, folder)
         if not image.has_pose:  # gone with another image of its rig
             continue
-        if photo is None or image.num_points3D < FEWEST_POINTS:
+        if photo is None or (image.num_points3D < FEWEST_POINTS and not empty):
             why = "is not among the photographs" if photo is None else f"sees {image.num_points3D} points only"
             say(f"{folder}: {image.name} {why}; left out")
             model.deregister_frame(image.frame_id)

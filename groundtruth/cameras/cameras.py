@@ -143,3 +143,10 @@ def camera_in(image: pycolmap.Image) -> pycolmap.Camera:
     if image.camera is None:
         raise ValueError(f"{image.name} stands in no model")
     return image.camera
+
+
+def set_pose(image: pycolmap.Image, pose: pycolmap.Rigid3d) -> None:
+    """Put a photograph of a model at a pose, camera from world."""
+    if image.frame is None:
+        raise ValueError(f"{image.name} stands in no model")
+    image.frame.set_cam_from_world(image.camera_id, pose)

@@ -1,4 +1,4 @@
-"""What the depth maps will cost: work counted on the views, times this machine's rates measured on a small part."""
+"""The cost of depth maps, predicted: work counted on the views, times this machine's rates measured on a small part."""
 
 from __future__ import annotations
 

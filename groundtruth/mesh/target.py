@@ -28,7 +28,7 @@ Components = Literal["target", "largest", "all"]
 
 @dataclass(frozen=True)
 class Target:
-    """What was kept: in words; the share of the cloud's points that were dropped with the board's plane; the shares of
+    """The parts kept: in words; the share of the cloud's points that were dropped with the board's plane; the shares of
     the surface's area of the parts kept, largest first; the number of other parts, and their share."""
 
     kept: str

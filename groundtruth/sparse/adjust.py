@@ -22,11 +22,12 @@ def adjust(
     corners: dict[str, Corners],
     corners_m: dict[int, np.ndarray],
     free: tuple[int, ...] = (),
+    scales_px: dict[str, np.ndarray] | None = None,
 ) -> None:
     """Adjust a model that lies near the board's frame, in place. Arguments: as of `Bundle`."""
     for _ in range(ROUNDS):
         with one_blas_thread():  # sums over threads would not repeat bit for bit
-            _descend(Bundle(model, corners, corners_m, free))
+            _descend(Bundle(model, corners, corners_m, free, scales_px or {}))
     _triangulate_again(model)
 
 

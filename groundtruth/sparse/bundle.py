@@ -1,6 +1,7 @@
 """The normal equations of a bundle adjustment with the board in it, everything with a weight of its own.
 
-Triggs et al., "Bundle Adjustment – A Modern Synthesis", 2000; Cauchy's weights for what fits badly. The board's corners
+Triggs et al., "Bundle Adjustment – A Modern Synthesis", 2000; Cauchy's weights for what fits badly. Large features are
+located worse than small ones, in proportion to their scale but for what all have in common. The board's corners
 are points whose places are known, seen some ten times sharper than features, which COLMAP cannot be told. They fix
 frame and scale, and tell what features tell badly: focal lengths and principal points. Features that only two of many
 photographs show are left out: nothing contradicts a false one, as where two contours seem to cross, and many of them
@@ -9,16 +10,17 @@ bend the cameras. The normal matrix of the cameras, without the points, is the i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from groundtruth.board.markers import Corners
-from groundtruth.cameras.cameras import pycolmap, registered
+from groundtruth.cameras.cameras import pycolmap, registered, set_pose
 from groundtruth.sparse.jacobians import POSE, pixel_jacobians, project
 
+LOCATED_LIKE_PX = 2.0  # scale below which features are located alike: their noise goes as the root of both squares
 LEAST_NOISE_PX = 0.03  # nothing is located better
 CAUCHY = 2.385  # standard deviations at which a residual weighs half: 95 % efficient where errors are normal
 MAD = 1.4826  # of a normal distribution: standard deviation over median absolute deviation
@@ -31,12 +33,17 @@ GAUGE = 1e-12  # eigenvalues of an information matrix below this share are a fre
 
 class Seen(NamedTuple):
     """Observations of one photograph: pixels [n, 2], the numbers [n] of what they show among the model's points and,
-    after these, the board's corners, and the pixels' standard deviation."""
+    after these, the board's corners, and the pixels' standard deviations: noise_px times a spread [n, 1]."""
 
     image: pycolmap.Image
     pixels: np.ndarray
     numbers: np.ndarray
+    spread: np.ndarray
     noise_px: float = 1.0
+
+    def off(self, xyz: np.ndarray) -> np.ndarray:
+        """As `off_px`, in standard deviations."""
+        return self.off_px(xyz) / (self.noise_px * self.spread)
 
     def off_px(self, xyz: np.ndarray) -> np.ndarray:
         """The pixels [n, 2] against where the photograph would show points, of which these [p, 3] are all."""
@@ -73,6 +80,7 @@ class Bundle:
     """A model, what its photographs show, and the intrinsics that are unknown, by their places among the parameters of
     COLMAP's camera OPENCV (fx, fy, cx, cy, k1, k2, p1, p2); others may be held only as a whole.
 
+    scales_px: photograph → the scales [n] of its features, where they are known.
     place: photograph → its columns among all unknowns: its pose's six and then its camera's, which others may share.
     """
 
@@ -80,6 +88,7 @@ class Bundle:
     corners: dict[str, Corners]
     corners_m: dict[int, np.ndarray]
     free: tuple[int, ...] = ()
+    scales_px: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.images = registered(self.model)
@@ -105,29 +114,44 @@ class Bundle:
             for element in point.track.elements:
                 pairs[row[element.image_id]].append((number, element.point2D_idx))
         seen = [
-            Seen(image, np.array([image.points2D[k].xy for _, k in at]), np.array([n for n, _ in at]))
+            Seen(
+                image,
+                np.array([image.points2D[k].xy for _, k in at]),
+                np.array([n for n, _ in at]),
+                self._spread(image.name, [k for _, k in at]),
+            )
             for image, at in zip(self.images, pairs, strict=True)
             if at
         ]
         return self._with_noise(seen)
+
+    def _spread(self, name: str, features: list[int]) -> np.ndarray:
+        """Standard deviations [n, 1] of some features of a photograph, over that of the smallest."""
+        if name not in self.scales_px:
+            return np.ones((len(features), 1))
+        return np.hypot(1.0, self.scales_px[name][features] / LOCATED_LIKE_PX)[:, None]
 
     def _known(self) -> list[Seen]:
         names = [(name, k) for name, places_m in self.corners_m.items() for k in range(len(places_m))]
         number = {corner: len(self.points) + n for n, corner in enumerate(names)}
         found = [(image, self.corners.get(image.name, {})) for image in self.images]
         return self._with_noise(
-            [Seen(i, np.array([*at.values()]), np.array([number[corner] for corner in at])) for i, at in found if at]
+            [
+                Seen(i, np.array([*at.values()]), np.array([number[corner] for corner in at]), np.ones((len(at), 1)))
+                for i, at in found
+                if at
+            ]
         )
 
     def _with_noise(self, seen: list[Seen]) -> list[Seen]:
         """The observations, save of points behind the camera, with the noise that what is left of them shows."""
         xyz = self._xyz()
-        off_px = [s.off_px(xyz) for s in seen]
-        before = [np.isfinite(off).all(axis=1) for off in off_px]
-        left_px = np.concatenate([np.empty(0), *(np.abs(o[b]).ravel() for o, b in zip(off_px, before, strict=True))])
-        noise_px = max(MAD * float(np.median(left_px)), LEAST_NOISE_PX) if len(left_px) else np.nan
+        off = [s.off(xyz) for s in seen]
+        before = [np.isfinite(each).all(axis=1) for each in off]
+        left = np.concatenate([np.empty(0), *(np.abs(o[b]).ravel() for o, b in zip(off, before, strict=True))])
+        noise_px = max(MAD * float(np.median(left)), LEAST_NOISE_PX) if len(left) else np.nan
         shown = [(s, b) for s, b in zip(seen, before, strict=True) if b.any()]
-        return [Seen(s.image, s.pixels[b], s.numbers[b], noise_px) for s, b in shown]
+        return [Seen(s.image, s.pixels[b], s.numbers[b], s.spread[b], noise_px) for s, b in shown]
 
     def _count_unknowns(self) -> None:
         """Make the noise larger by what the unknowns have fitted of it, each kind of observation its own share of them
@@ -135,7 +159,7 @@ class Bundle:
         information, _, _ = self.normal().reduced(0.0)
         of_known, xyz = Normal.empty(self.size, 0), self._xyz()
         for seen in self.known:
-            self._add(of_known, seen, xyz, seen.off_px(xyz) / seen.noise_px)
+            self._add(of_known, seen, xyz, seen.off(xyz))
         inverse = pseudo_inverse(information)
         by_known = float(np.sum(of_known.cameras * inverse))
         by_features = float(np.sum(information * inverse)) - by_known
@@ -151,7 +175,7 @@ class Bundle:
         equations = Normal.empty(self.size, len(self.points))
         cost, xyz = self._add_priors(equations), self._xyz()
         for seen in (*self.features, *self.known):
-            off = seen.off_px(xyz) / seen.noise_px
+            off = seen.off(xyz)
             cost += CAUCHY**2 * float(np.log1p((off**2).sum(axis=1) / CAUCHY**2).sum())
             if jacobians:
                 self._add(equations, seen, xyz, off)
@@ -159,15 +183,16 @@ class Bundle:
 
     def _add(self, equations: Normal, seen: Seen, xyz: np.ndarray, off: np.ndarray) -> None:
         by_point, by_camera = pixel_jacobians(seen.image, xyz[seen.numbers], self.free)
-        weight = (1 / (1 + (off**2).sum(axis=1) / CAUCHY**2) / seen.noise_px)[:, None]
+        sigma_px = seen.noise_px * seen.spread
+        weight = 1 / (1 + (off**2).sum(axis=1, keepdims=True) / CAUCHY**2) / sigma_px
         columns = self.place[seen.image.name]
-        weighted = by_camera * weight[..., None] / seen.noise_px
+        weighted = by_camera * (weight / sigma_px)[..., None]
         equations.cameras[np.ix_(columns, columns)] += np.einsum("nia,nib->ab", weighted, by_camera)
         equations.right[columns] += np.einsum("nia,ni->a", by_camera, weight * off)
         at = seen.numbers
         if at[0] < len(self.points):  # the board's corners stay where they are
             np.add.at(equations.coupling, (at[:, None], columns), np.einsum("nia,nij->naj", weighted, by_point))
-            by_weight = by_point * weight[..., None] / seen.noise_px
+            by_weight = by_point * (weight / sigma_px)[..., None]
             np.add.at(equations.points, at, np.einsum("nia,nib->nab", by_weight, by_point))
             np.add.at(equations.points_right, at, np.einsum("nia,ni->na", by_point, weight * off))
 
@@ -211,7 +236,7 @@ class Bundle:
         """Go to a state."""
         poses, intrinsics, points = state
         for image, pose in zip(self.images, poses, strict=True):
-            image.frame.set_cam_from_world(image.camera_id, pose)
+            set_pose(image, pose)
         for camera_id, params in intrinsics.items():
             self.model.cameras[camera_id].params = params.tolist()
         for point, xyz in zip(self.points, points, strict=True):

@@ -35,6 +35,15 @@ class Inputs:
     corners: dict[str, Corners]
     model: Path | None = None
 
+    @property
+    def posed(self) -> bool:
+        """True if every photograph's pose is known, and no model has others."""
+        return (
+            self.model is None
+            and self.cameras is not None
+            and all(c.R is not None and c.t is not None for c in self.cameras)
+        )
+
     def focal_lengths_px(self) -> dict[str, float]:
         """A focal length for each photograph, from the board or, where it shows too little of it, from the others."""
         if self.board is None:
@@ -78,6 +87,8 @@ def gather(folder: Path, options: Chosen) -> tuple[Inputs, Chosen]:
     cameras = None if options.cameras is None else cameras_of(photos, options.cameras, options.metric)
     board = None if options.board is None else load_board(options.board)
     _require_scale(folder, photos, options, cameras)
+    if options.refine_poses and options.model is None and not _all_posed(cameras):
+        raise HandbenchError("refine_poses: not all photographs have a pose; expected R, t of each in --cameras")
     corners: dict[str, Corners] = {}
     if board is not None:
         corners = require_board({p.name: detect_corners(p, board) for p in track(photos, "markers")}, board)
@@ -117,6 +128,8 @@ def _require_consistent(photos: tuple[Photo, ...], options: SparseOptions) -> No
     _require_one(options, "cameras", "intrinsics", "give the intrinsics in one of them")
     _require_one(options, "model", "intrinsics", "the model has its own")
     _require_one(options, "board", "distances", "give the one you trust more")
+    if options.refine_distortion and options.intrinsics is None:
+        raise HandbenchError("refine_distortion: is for --intrinsics, which are not given; leave it out")
     posed_by_colmap = options.model is not None or (options.cameras is not None and options.cameras.is_dir())
     if options.metric and not posed_by_colmap:
         raise HandbenchError("metric: there is no COLMAP model; give one with --model or --cameras, or leave it out")
@@ -127,6 +140,10 @@ def _require_consistent(photos: tuple[Photo, ...], options: SparseOptions) -> No
             f"intrinsics: the photographs are of different sizes ({listed}), and one camera has one; give --cameras "
             "with a camera for each"
         )
+
+
+def _all_posed(cameras: tuple[Camera, ...] | None) -> bool:
+    return cameras is not None and all(camera.R is not None and camera.t is not None for camera in cameras)
 
 
 def _require_scale(

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from groundtruth.board.markers import Corners
 from groundtruth.cameras.camera_files import camera_of, load_model
 from groundtruth.cameras.cameras import Camera, pycolmap, registered
 from groundtruth.cameras.model_files import write_model
@@ -16,9 +17,11 @@ from groundtruth.photos.photos import Photo
 from groundtruth.sparse.adjust import adjust
 from groundtruth.sparse.bundle import Bundle
 from groundtruth.sparse.covariance import CameraCovariance, camera_covariance
+from groundtruth.sparse.features import DATABASE, Lenses, scales_px
 from groundtruth.sparse.frame import Scale, apply, board_from_model, distances_from_model, poses_from_model
 from groundtruth.sparse.inputs import Inputs
 from groundtruth.sparse.sfm import structure_from_motion
+from groundtruth.sparse.triangulation import changes, refinement, triangulated
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json
 from radar.support.progress import say
@@ -57,19 +60,24 @@ class Sparse:
 def register(inputs: Inputs, options: SparseOptions) -> Sparse:
     """The photographs' model, found or given, adjusted and carried into the metric frame; a board, which is known in
     that frame, takes part in the adjustment."""
-    model = load_model(inputs.model, inputs.photos) if inputs.model is not None else _found(inputs, options)
+    with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
+        model = (_found if inputs.model is None else _given)(inputs, options, Path(scratch))
+        database = Path(scratch) / DATABASE
+        scales = scales_px(database) if database.exists() else {}
     unregistered(inputs.photos, model)
     check_geometry(model)
     free = _free(model, inputs, options)
     corners_m = {} if inputs.board is None else inputs.board.corners_m()
+    refine = options.refine_poses
     if inputs.board is not None:
         scale = _to_metric_frame(model, inputs, options)
-        adjust(model, inputs.corners, corners_m, free)
+        if refine or not inputs.posed:
+            _adjust(model, inputs.corners, corners_m, free, scales, refine)
     else:
-        if inputs.model is None:  # a given one is taken at its word
-            adjust(model, {}, {}, free)
+        if refine or not (inputs.posed or inputs.model is not None):  # what is given is taken at its word
+            _adjust(model, {}, {}, free, scales, refine)
         scale = _to_metric_frame(model, inputs, options)
-    return Sparse(model, scale, camera_covariance(Bundle(model, inputs.corners, corners_m, free), scale))
+    return Sparse(model, scale, camera_covariance(Bundle(model, inputs.corners, corners_m, free, scales), scale))
 
 
 def unregistered(photos: tuple[Photo, ...], model: pycolmap.Reconstruction) -> tuple[str, ...]:
@@ -102,21 +110,53 @@ def _depth(image: pycolmap.Image, model: pycolmap.Reconstruction) -> float:
     return float(np.median(np.linalg.norm(points - image.projection_center(), axis=1)))
 
 
-def _found(inputs: Inputs, options: SparseOptions) -> pycolmap.Reconstruction:
-    with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
-        return structure_from_motion(
-            inputs.photos,
-            Path(scratch),
-            cameras=inputs.cameras,
-            intrinsics=options.intrinsics,
-            focal_px=inputs.focal_lengths_px(),
-            seed=options.seed,
-        )
+def _given(inputs: Inputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
+    """The given model, with points: one without any is completed, its cameras as they are."""
+    assert inputs.model is not None
+    model = load_model(inputs.model, inputs.photos)
+    if model.num_points3D():
+        return model
+    cameras = tuple(camera_of(image) for image in registered(model))
+    names = {camera.name for camera in cameras}
+    return triangulated(tuple(p for p in inputs.photos if p.name in names), cameras, scratch, options.seed)
+
+
+def _found(inputs: Inputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
+    if inputs.posed and inputs.cameras is not None:
+        return triangulated(inputs.photos, inputs.cameras, scratch, options.seed)
+    lenses = Lenses(
+        inputs.cameras,
+        options.intrinsics,
+        options.refine_distortion,
+        inputs.focal_lengths_px(),
+        options.shared_intrinsics,
+    )
+    return structure_from_motion(inputs.photos, scratch, lenses, options.seed)
+
+
+def _adjust(
+    model: pycolmap.Reconstruction,
+    corners: dict[str, Corners],
+    corners_m: dict[int, np.ndarray],
+    free: tuple[int, ...],
+    scales: dict[str, np.ndarray],
+    refine: bool,
+) -> None:
+    """Adjust a model in place; refine: its cameras were given, so that it stays in their frame, and the change is said.
+    Other arguments: as of `Bundle`."""
+    given = tuple(camera_of(image) for image in registered(model))
+    adjust(model, corners, corners_m, free, scales)
+    if refine:
+        if not corners:
+            apply(model, poses_from_model(model, given)[0])
+        say(refinement(model, given))
 
 
 def _free(model: pycolmap.Reconstruction, inputs: Inputs, options: SparseOptions) -> tuple[int, ...]:
     """The intrinsics that nobody has given; lenses that COLMAP's camera OPENCV does not describe are held."""
     if inputs.cameras is not None or inputs.model is not None:
+        return ()
+    if options.intrinsics is not None and not options.refine_distortion:
         return ()
     _as_opencv(model)
     return DISTORTION if options.intrinsics is not None else INTRINSICS
@@ -137,6 +177,10 @@ def _to_metric_frame(model: pycolmap.Reconstruction, inputs: Inputs, options: Sp
         matrix, scale = distances_from_model(model, options.distances)
     elif inputs.model is not None and options.metric:
         return Scale("model")
+    elif inputs.posed and inputs.cameras is not None and not options.unscaled:
+        moved_m = changes(model, inputs.cameras)[0]
+        rms_m = float(np.sqrt(np.mean(moved_m**2))) if options.refine_poses else 0.0
+        return Scale("poses", len(moved_m), len(moved_m), rms_m)
     elif not options.unscaled:
         matrix, scale = poses_from_model(model, inputs.cameras or ())
     else:

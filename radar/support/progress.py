@@ -31,10 +31,10 @@ def track(items: Iterable[Item], description: str, total: int | None = None) -> 
         now = time.monotonic()
         if now - last > PLAIN_INTERVAL_S:
             left_s = (now - start) * (total - done) / done if total and done else None
-            say(f"{description}: {done}" + (f"/{total}" if total else "") + ("" if left_s is None else _left(left_s)))
+            say(("" if left_s is None else _left(left_s)) + f"{description}: {done}" + (f"/{total}" if total else ""))
             last = now
         yield item
 
 
 def _left(seconds: float) -> str:
-    return f", about {seconds:.0f} s left" if seconds < 120 else f", about {seconds / 60:.0f} min left"
+    return f"{seconds:.0f} s left, " if seconds < 120 else f"{seconds / 60:.0f} min left, "

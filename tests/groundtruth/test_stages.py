@@ -95,6 +95,7 @@ def test_a_stage_that_is_given_an_option_has_it_in_its_key(name, tmp_path):
         "cameras": Path("c"), "model": Path("m"), "board": Path("b"), "masks": Path("m"), "intrinsics": (1, 1, 1, 1),
         "distances": (Distance(first="a", second="b", distance_m=1),), "box_m": (0, 0, 0, 1, 1, 1), "metric": True,
         "unscaled": True, "quality": "draft", "mask": "colour", "dense": "cuda", "components": "all", "seed": 1,
+            "refine_poses": True, "refine_distortion": True, "shared_intrinsics": False,
     }[name]  # fmt: skip
     before, after = (pipeline.stages(tmp_path, tmp_path, Options(**options), ["p"]) for options in ({}, {name: other}))
     given = [name in stage.arguments["options"] for stage in before]

@@ -6,7 +6,7 @@ from PIL import Image
 
 from groundtruth.cameras.cameras import Camera, load_pycolmap
 from groundtruth.photos.photos import find_photos
-from groundtruth.sparse import sfm
+from groundtruth.sparse.features import Lenses, find_features
 
 
 def photographs(folder, models):
@@ -27,10 +27,13 @@ def stored(database):
         return {image.name: image.camera_id for image in images}, cameras, [image.image_id for image in images]
 
 
-@pytest.mark.parametrize(("models", "count"), [("AABB", 2), ("AAAA", 1), ("AAB ", 4)])
-def test_photographs_of_one_body_share_a_camera(tmp_path, models, count):
+@pytest.mark.parametrize(
+    ("models", "shared", "count"),
+    [("AABB", None, 2), ("AAAA", None, 1), ("AAB ", None, 3), ("    ", None, 1), ("AABB", True, 1), ("AAAA", False, 4)],
+)
+def test_photographs_of_one_body_share_a_camera(tmp_path, models, shared, count):
     photos = photographs(tmp_path, [model.strip() for model in models])
-    sfm._extract(photos, tmp_path / "database.db", None, None)
+    find_features(photos, tmp_path / "database.db", Lenses(shared=shared))
     camera_of, cameras, ids = stored(tmp_path / "database.db")
     assert len(cameras) == len(set(camera_of.values())) == count
     assert ids == [1, 2, 3, 4]
@@ -40,15 +43,16 @@ def test_photographs_of_one_body_share_a_camera(tmp_path, models, count):
 
 def test_known_intrinsics_reach_colmap(tmp_path):
     photos = photographs(tmp_path, ["A", "A", "A"])
-    sfm._extract(photos, tmp_path / "one.db", None, (200.0, 201.0, 80.0, 61.0))
-    _, cameras, _ = stored(tmp_path / "one.db")
-    np.testing.assert_allclose([camera.params for camera in cameras.values()], [[200, 201, 80, 61, 0, 0, 0, 0]])
+    K = (200.1, 201.0, 80.0, 61.0)
+    for free, rest in ((False, ()), (True, (0, 0, 0, 0))):
+        find_features(photos, tmp_path / f"{free}.db", Lenses(intrinsics=K, free_distortion=free))
+        _, cameras, _ = stored(tmp_path / f"{free}.db")
+        assert [tuple(camera.params) for camera in cameras.values()] == [(*K, *rest)]
     known = {
         photo.name: Camera(name=photo.name, width=160, height=120, model="PINHOLE", params=(200 + i, 200, 80, 60))
         for i, photo in enumerate(photos)
     }
-    sfm._extract(photos, tmp_path / "each.db", tuple(known.values()), None)
-    sfm._write_known_cameras(tmp_path / "each.db", known)
+    find_features(photos, tmp_path / "each.db", Lenses(tuple(known.values())))
     camera_of, cameras, _ = stored(tmp_path / "each.db")
     for name, camera_id in camera_of.items():
         assert tuple(cameras[camera_id].params) == known[name].params
@@ -57,7 +61,7 @@ def test_known_intrinsics_reach_colmap(tmp_path):
 
 def test_focal_lengths_of_one_camera_are_pooled(tmp_path):
     photos = photographs(tmp_path, ["A", "A", "A"])
-    sfm._extract(photos, tmp_path / "database.db", None, None)
-    sfm._write_focal_lengths(tmp_path / "database.db", {"p0.jpg": 180.0, "p1.jpg": 190.0, "p2.jpg": 500.0})
+    focal_px = {"p0.jpg": 180.0, "p1.jpg": 190.0, "p2.jpg": 500.0}
+    find_features(photos, tmp_path / "database.db", Lenses(focal_px=focal_px))
     _, cameras, _ = stored(tmp_path / "database.db")
     assert [camera.params[0] for camera in cameras.values()] == [190.0]

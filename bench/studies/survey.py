@@ -1,0 +1,173 @@
+"""Cameras against a survey: ours and plain COLMAP's from the same photographs, with the same knowledge.
+
+The photographs are those of fountain-P11 (Strecha et al., CVPR 2008) or laid out as they: `images/`, `K.txt` and
+`cameras/NAME.camera`. Both are given the same files. Plain COLMAP is pycolmap with its default options and a seed, save
+that a model may have three images; with K its lens is PINHOLE and nothing of it is refined.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from bench.studies.columns import Record, rows
+from bench.studies.study import Study
+from calibration.transforms import umeyama
+from groundtruth.cameras.cameras import pycolmap, registered
+from groundtruth.options import SparseOptions
+from groundtruth.sparse.inputs import gather
+from groundtruth.sparse.sparse import register
+from radar.support.errors import HandbenchError
+from radar.support.files import require_folder
+from radar.support.store import keep
+
+Intrinsics = tuple[float, float, float, float]
+CENTRE = slice(21, 24)  # among the numbers of a .camera file: after K, distortion and rotation
+JPEG_QUALITY, FEATURES = 95, "features.db"
+
+
+@dataclass(frozen=True)
+class Case:
+    """Photographs by name, shrunk by a whole number; known: K is given; seed: of both."""
+
+    names: tuple[str, ...]
+    choice: str
+    shrink: int
+    known: bool
+    seed: int
+
+    def __str__(self) -> str:
+        known = "K" if self.known else "no K"
+        return f"{len(self.names)} {self.choice}, 1/{self.shrink}, {known}, seed {self.seed}"
+
+
+def study(work: Path, photos: Path, counts: str, shrinks: str, choices: str, seeds: int) -> Study:
+    """Each count of photographs, first ones or evenly spread, at each resolution, with K and without."""
+    centres_m = surveyed_centres_m(photos / "cameras")
+    named = [path.name for path in sorted((photos / "images").iterdir()) if path.name in centres_m]
+    cases = [
+        Case(names, choice, int(shrink), known, seed)
+        for shrink in shrinks.split(",")
+        for count in map(int, counts.split(","))
+        for choice, names in _chosen(named, count, choices.split(","))
+        for known in (True, False)
+        for seed in range(seeds)
+    ]
+    return Study(
+        "survey",
+        "Camera centres against a survey",
+        cases,
+        lambda case: measure(case, photos, centres_m, work),
+        rows("survey"),
+    )
+
+
+def _chosen(names: list[str], count: int, choices: list[str]) -> Iterator[tuple[str, tuple[str, ...]]]:
+    if count >= len(names):
+        yield "all", tuple(names)
+        return
+    spread = np.linspace(0, len(names) - 1, count).round().astype(int)
+    for choice in choices:
+        at = {"first": range(count), "last": range(-count, 0), "spread": spread}.get(choice)
+        if at is None:
+            raise HandbenchError(f"--choices: is '{choice}'; expected first, last or spread")
+        yield choice, tuple(names[i] for i in at)
+
+
+def surveyed_centres_m(folder: Path) -> dict[str, np.ndarray]:
+    """Projection centres by photograph from Strecha's *.camera files: K, distortion, R (rows), centre, size."""
+    files = sorted(require_folder(folder, "surveyed *.camera files").glob("*.camera"))
+    return {f.name.removesuffix(".camera"): np.array(f.read_text().split(), float)[CENTRE] for f in files}
+
+
+def centre_errors_m(model: pycolmap.Reconstruction, surveyed_m: dict[str, np.ndarray]) -> np.ndarray:
+    """Distance [n] of each registered camera's centre from the surveyed one, after one similarity."""
+    ours = np.array([image.projection_center() for image in registered(model)])
+    theirs = np.array([surveyed_m[image.name] for image in registered(model)])
+    matrix = umeyama(ours, theirs, with_scale=True)
+    return np.asarray(np.linalg.norm(ours @ matrix[:3, :3].T + matrix[:3, 3] - theirs, axis=1))
+
+
+def measure(case: Case, photos: Path, centres_m: dict[str, np.ndarray], work: Path) -> list[Record]:
+    """Both ways' errors; plain COLMAP without K once with one camera, and once with its default, one a photograph. Its
+    features are found once for each resolution, and kept in `work`, with the shrunk photographs."""
+    K = np.array((photos / "K.txt").read_text().split(), float) / case.shrink
+    intrinsics = (K[0], K[4], K[2], K[5]) if case.known else None
+    kept = work / f"1-{case.shrink}"
+    keep(kept, lambda folder: _prepare(photos / "images", sorted(centres_m), case.shrink, folder))
+    with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
+        folder = Path(scratch) / "photos"
+        folder.mkdir()
+        for name in case.names:
+            (folder / name).symlink_to((kept / name).resolve())
+        models = {"handbench": ours(folder, intrinsics, case.seed)}
+        for shared in (True,) if case.known else (True, False):
+            way = "plain COLMAP" if case.known else f"plain COLMAP, {'one camera' if shared else 'a camera each'}"
+            database = Path(scratch) / f"{shared}.db"
+            models[way] = plain(kept / FEATURES, folder, database, intrinsics, shared, case.seed)
+        return [_record(case, way, model, centres_m) for way, model in models.items()]
+
+
+def _prepare(pictures: Path, names: list[str], shrink: int, folder: Path) -> None:
+    """Write the photographs in this size, and the features that pycolmap finds in them by default."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        if shrink == 1:
+            shutil.copy(pictures / name, folder / name)
+        else:
+            with Image.open(pictures / name) as image:
+                image.reduce(shrink).save(folder / name, quality=JPEG_QUALITY)
+    pycolmap.extract_features(folder / FEATURES, folder, names, device=pycolmap.Device.cpu)
+
+
+def ours(folder: Path, intrinsics: Intrinsics | None, seed: int) -> pycolmap.Reconstruction:
+    """The sparse model as `handbench groundtruth --unscaled` makes it."""
+    inputs, options = gather(folder, SparseOptions(intrinsics=intrinsics, unscaled=True, seed=seed))
+    return register(inputs, options).model
+
+
+def plain(
+    features: Path, folder: Path, database: Path, intrinsics: Intrinsics | None, shared: bool, seed: int
+) -> pycolmap.Reconstruction:
+    """The largest model of pycolmap's own steps."""
+    pycolmap.set_random_seed(seed)
+    pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
+    reader = pycolmap.ImageReaderOptions()
+    options = pycolmap.IncrementalPipelineOptions(min_model_size=3, random_seed=seed)
+    if intrinsics is not None:
+        reader.camera_model, reader.camera_params = "PINHOLE", ",".join(map(repr, map(float, intrinsics)))
+        options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = False
+        options.ba_refine_extra_params = options.mapper.abs_pose_refine_extra_params = False
+    mode = pycolmap.CameraMode.SINGLE if shared else pycolmap.CameraMode.PER_IMAGE
+    pycolmap.Database.open(database).close()
+    pycolmap.import_images(database, folder, mode, options=reader)
+    with pycolmap.Database.open(features) as found, pycolmap.Database.open(database) as stored:
+        number = {image.name: image.image_id for image in found.read_all_images()}
+        for image in stored.read_all_images():
+            stored.write_keypoints(image.image_id, found.read_keypoints(number[image.name]))
+            stored.write_descriptors(image.image_id, found.read_descriptors(number[image.name]))
+    pycolmap.match_exhaustive(database, device=pycolmap.Device.cpu)
+    models = pycolmap.incremental_mapping(database, folder, database.parent, options)
+    return max(models.values(), key=lambda model: model.num_reg_images())
+
+
+def _record(case: Case, way: str, model: pycolmap.Reconstruction, centres_m: dict[str, np.ndarray]) -> Record:
+    error_m = centre_errors_m(model, centres_m)
+    return {
+        "photos": f"{len(case.names)} {case.choice}",
+        "shrink": case.shrink,
+        "known": "K" if case.known else "–",
+        "way": way,
+        "seed": case.seed,
+        "registered": len(error_m),
+        "centre_m": float(error_m.mean()),
+        "centre_max_m": float(error_m.max()),
+        "error_px": float(model.compute_mean_reprojection_error()),
+        "points": model.num_points3D(),
+    }

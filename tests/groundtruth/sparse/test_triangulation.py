@@ -1,0 +1,129 @@
+"""Known cameras are used: poses and intrinsics as they are given, points triangulated with them."""
+
+import numpy as np
+import pytest
+
+from calibration.transforms import umeyama
+from groundtruth.cameras.camera_files import read_model
+from groundtruth.cameras.cameras import load_cameras, load_pycolmap, registered, save_cameras
+from groundtruth.options import SparseOptions
+from groundtruth.sparse.inputs import gather
+from groundtruth.sparse.sparse import register
+from radar.support.errors import HandbenchError
+from tests.groundtruth import room, temple
+from tests.groundtruth.room import around, camera_rotation
+
+VIEWS = 5
+
+
+def solved(folder, **options):
+    inputs, chosen = gather(folder, SparseOptions(**options))
+    return register(inputs, chosen)
+
+
+@pytest.fixture
+def photos(tmp_path):
+    """Photographs of a room's corner, and the true cameras beside them."""
+    room.photograph(tmp_path, VIEWS)
+    cameras = []
+    for i, centre_m in enumerate(around(VIEWS)):
+        R = camera_rotation(-np.array(centre_m))
+        pose = {"R": tuple(map(tuple, R.tolist())), "t": tuple((-R @ centre_m).tolist())}
+        params = (440.0, 440.0, 200.0, 150.0)
+        cameras.append(temple.Camera(name=f"p{i}.png", width=400, height=300, model="PINHOLE", params=params, **pose))
+    save_cameras(tmp_path / "cameras.json", tuple(cameras))
+    return tmp_path
+
+
+def moved(folder, name, metres):
+    """The file's cameras with each moved at random, written beside it."""
+    random = np.random.default_rng(0)
+    cameras = load_cameras(folder / "cameras.json")
+    shifted = [c.model_copy(update={"t": tuple(c.translation_m + random.normal(0, metres, 3))}) for c in cameras]
+    save_cameras(folder / name, tuple(shifted))
+    return tuple(shifted)
+
+
+def _off_m(cameras, true):
+    """Mean distance of the cameras' centres from the true ones after one similarity."""
+    centres_m, true_m = (np.array([c.centre_m for c in each]) for each in (cameras, [true[c.name] for c in cameras]))
+    matrix = umeyama(centres_m, true_m, with_scale=True)
+    return np.linalg.norm(centres_m @ matrix[:3, :3].T + matrix[:3, 3] - true_m, axis=1).mean()
+
+
+def test_poses_and_lenses_stay_bit_for_bit_and_points_lie_in_their_frame(photos):
+    found, given = solved(photos), load_cameras(photos / "cameras.json")
+    assert found.scale.source == "poses" and found.scale.residual_m == 0 and found.scale.used == VIEWS
+    for camera, true in zip(found.cameras(), given, strict=True):
+        assert camera.params == true.params and camera.t == true.t
+        np.testing.assert_allclose(camera.rotation, true.rotation, atol=1e-15)
+    points_m = np.array([p.xyz for p in found.model.points3D.values() if p.track.length() >= 3])
+    assert len(points_m) > 1000 and found.model.compute_mean_reprojection_error() < 0.3
+    off_m = np.abs(points_m).min(axis=1)  # the room's planes are x = 0, y = 0, z = 0
+    assert np.median(off_m) < 5e-4 and np.quantile(off_m, 0.9) < 3e-3
+
+
+def test_refined_poses_come_nearer_to_the_truth_and_the_change_is_said(photos, capsys):
+    true = {camera.name: camera for camera in load_cameras(photos / "cameras.json")}
+    given = moved(photos, "moved.json", 2e-3)
+    held = solved(photos, cameras=photos / "moved.json")
+    assert [camera.t for camera in held.cameras()] == [camera.t for camera in given]
+    refined = solved(photos, cameras=photos / "moved.json", refine_poses=True)
+    said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("refined: ")]
+    assert len(said) == 1 and "the given cameras moved by" in said[0]
+    assert refined.model.compute_mean_reprojection_error() < 0.5 * held.model.compute_mean_reprojection_error()
+    assert _off_m(refined.cameras(), true) < 0.2 * _off_m(given, true)
+    assert 0 < refined.scale.residual_m < 6e-3
+
+
+def test_a_model_without_points_is_completed(photos):
+    whole = solved(photos).model
+    for number in list(whole.points3D):
+        whole.delete_point3D(number)
+    (photos / "model").mkdir()
+    whole.write_binary(photos / "model")
+    assert not read_model(photos / "model").num_points3D()
+    found = solved(photos, model=photos / "model", metric=True)
+    assert found.scale.source == "model" and found.model.num_points3D() > 1000
+    given = {camera.name: camera for camera in load_cameras(photos / "cameras.json")}
+    for image in registered(found.model):
+        np.testing.assert_allclose(image.projection_center(), given[image.name].centre_m, atol=1e-12)
+
+
+def test_wrong_poses_are_refused(photos):
+    given = load_cameras(photos / "cameras.json")
+    turned = tuple(c.model_copy(update={"R": tuple(map(tuple, c.rotation.T.tolist()))}) for c in given)
+    save_cameras(photos / "turned.json", turned)
+    with pytest.raises(HandbenchError, match=r"matched features agree with the given poses.*world to camera"):
+        solved(photos, cameras=photos / "turned.json")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"refine_poses": True, "intrinsics": (440, 440, 200, 150)}, "refine_poses: not all photographs have a pose"),
+        ({"refine_distortion": True}, "refine_distortion: is for --intrinsics"),
+    ],
+)
+def test_what_there_is_nothing_to_refine_of_is_refused(photos, options, message):
+    with pytest.raises(HandbenchError, match=message):
+        gather(photos, SparseOptions(unscaled=True, **options))
+
+
+def test_all_photographs_of_a_temple_are_used(tmp_path):
+    """Structure from motion registered 3 of 16 such photographs: thin columns, all alike."""
+    _, given = temple.photograph(tmp_path)
+    found = solved(tmp_path)
+    assert [camera.params for camera in found.cameras()] == [camera.params for camera in given]
+    assert all(image.num_points3D > 200 for image in registered(found.model))
+    assert found.model.compute_mean_reprojection_error() < 0.3
+
+
+def test_a_distortion_that_was_not_asked_for_stays_zero(photos):
+    load_pycolmap()
+    K = (440.1, 440.2, 200.3, 150.4)
+    held = solved(photos, intrinsics=K, unscaled=True)
+    assert {tuple(camera.params) for camera in held.cameras()} == {K}
+    free = solved(photos, intrinsics=K, refine_distortion=True, unscaled=True)
+    [params] = {tuple(camera.params) for camera in free.cameras()}
+    assert params[:4] == K and all(params[4:])
