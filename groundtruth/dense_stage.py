@@ -5,15 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from groundtruth.dense import cuda
 from groundtruth.dense.dense import depth_maps, open_views
 from groundtruth.dense.fusion import Cloud, fuse
+from groundtruth.dense.plane import board_plane
+from groundtruth.dense.volume import volume, warn_of_cuts
 from groundtruth.mesh.poisson import clean
 from groundtruth.options import DenseOptions
 from groundtruth.photos.masks import Masks, find_masks
 from groundtruth.photos.photos import Photo, find_photos
 from groundtruth.sparse.sparse import Sparse
 from radar.support.config import parse
+from radar.support.progress import say
 
 CLOUD = "cloud.npz"
 
@@ -23,16 +28,24 @@ def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> Non
     chosen, solved = parse(DenseOptions, options, "groundtruth"), Sparse.load(Path(sparse))
     names = {camera.name for camera in solved.cameras()}
     registered = tuple(photo for photo in find_photos(Path(photos)) if photo.name in names)
-    dense_cloud(registered, solved, chosen).save(folder / CLOUD)
+    plane = board_plane(Path(photos), chosen.board, solved)
+    bounds = volume(chosen.box_m if chosen.box() is not None else None, plane, solved)
+    say(bounds.describe())
+    cloud = dense_cloud(registered, solved, chosen, bounds.box())
+    warn_of_cuts(bounds, cloud, plane)
+    cloud.save(folder / CLOUD)
+    bounds.save(folder)
 
 
-def dense_cloud(photos: tuple[Photo, ...], sparse: Sparse, options: DenseOptions) -> Cloud:
-    """The fused cloud of registered photographs."""
+def dense_cloud(
+    photos: tuple[Photo, ...], sparse: Sparse, options: DenseOptions, box_m: np.ndarray | None = None
+) -> Cloud:
+    """The fused cloud of registered photographs in a box [2, 3]."""
     masks = Masks({} if options.masks is None else find_masks(options.masks, photos), options.mask == "colour")
     effort = options.effort
-    views, tracks, points_m = open_views(photos, sparse.model, effort.shrink, options.box(), masks)
+    views, tracks, points_m = open_views(photos, sparse.model, effort.shrink, box_m, masks, options.box())
     if options.dense == "cuda":
         maps = cuda.depth_maps(views, tracks, points_m, options.quality)
     else:
         maps = depth_maps(views, tracks, points_m, effort.iterations, options.seed)
-    return clean(fuse(maps, options.box()))
+    return clean(fuse(maps, box_m))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,12 @@ import numpy as np
 
 from groundtruth.cameras.cameras import Camera, registered
 from groundtruth.dense.fusion import Cloud
+from groundtruth.dense.plane import Plane, board_plane
+from groundtruth.dense.volume import Volume
 from groundtruth.dense_stage import CLOUD
 from groundtruth.mesh.poisson import surface
 from groundtruth.mesh.surface import Surface
+from groundtruth.mesh.target import Components, Target, keep_target, margin_m, off_board
 from groundtruth.mesh.uncertainty import surface_sigma
 from groundtruth.options import MeshOptions
 from groundtruth.photos.photos import find_photos
@@ -23,19 +27,29 @@ MESH, VIEW = "mesh.ply", "view.jpg"
 
 
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str, dense: str) -> None:
-    """The surface of the dense stage's cloud in the photo frame → MESH, and the first photograph, cut to the box →
-    VIEW; sparse, dense: these stages' folders."""
+    """The surface of the dense stage's cloud in the photo frame → MESH, what was kept of it, and the first photograph,
+    cut to the box → VIEW; sparse, dense: these stages' folders."""
     chosen, solved = parse(MeshOptions, options, "groundtruth"), Sparse.load(Path(sparse))
-    measured_surface(Cloud.load(Path(dense) / CLOUD), solved, chosen).save(folder / MESH)
-    _write_view(Path(photos), solved.cameras()[0], chosen.box(), folder / VIEW)
+    box_m = Volume.load(Path(dense)).box()
+    plane = board_plane(Path(photos), chosen.board, solved) if chosen.components == "target" else None
+    made, target = measured_surface(Cloud.load(Path(dense) / CLOUD), solved, chosen.components, plane, box_m)
+    made.save(folder / MESH)
+    target.save(folder)
+    _write_view(Path(photos), solved.cameras()[0], box_m, folder / VIEW)
 
 
-def measured_surface(cloud: Cloud, sparse: Sparse, options: MeshOptions) -> Surface:
-    """The cloud's surface with the standard deviation of each vertex."""
-    mesh = surface(cloud, options.components, options.box())
+def measured_surface(
+    cloud: Cloud, sparse: Sparse, components: Components, plane: Plane | None, box_m: np.ndarray | None
+) -> tuple[Surface, Target]:
+    """The surface of what is wanted of a cloud, with the standard deviation of each vertex; what that is."""
+    count = len(cloud.points_m)
+    cloud = cloud if plane is None else off_board(cloud, plane)
+    mesh = surface(cloud, box_m)
+    target = keep_target(mesh, components, plane, 0.0 if plane is None else margin_m(plane, cloud.pixel_m))
+    target = replace(target, on_board=1 - len(cloud.points_m) / count)
     vertices_m = np.asarray(mesh.vertices)
     sigma_m, observed = surface_sigma(cloud, vertices_m, registered(sparse.model), sparse.known)
-    return Surface(vertices_m, np.asarray(mesh.triangles), sigma_m, observed)
+    return Surface(vertices_m, np.asarray(mesh.triangles), sigma_m, observed), target
 
 
 def _write_view(photos: Path, camera: Camera, box_m: np.ndarray | None, file: Path) -> None:

@@ -57,9 +57,11 @@ class SparseOptions(Config):
 
 
 class Region(Config):
-    """box_m: xmin, ymin, zmin, xmax, ymax, zmax of the region of interest in the mesh's frame; it cuts away the
-    surroundings and saves most of the time."""
+    """Options that decide what is reconstructed. box_m: xmin, ymin, zmin, xmax, ymax, zmax of the region of interest in
+    the mesh's frame (default: found, see `groundtruth.dense.volume`); it cuts away the surroundings and saves most of
+    the time. board: as in SparseOptions."""
 
+    board: Path | None = None
     box_m: tuple[float, float, float, float, float, float] | None = None
 
     def box(self) -> np.ndarray | None:
@@ -92,9 +94,10 @@ class DenseOptions(Region):
 
 
 class MeshOptions(Region):
-    """Options that decide what becomes a surface. components: the parts of it to keep."""
+    """Options that decide what becomes a surface. components: the parts of it to keep; target: with a board what stands
+    off its plane on the cameras' side, without one all."""
 
-    components: Literal["largest", "all"] = "largest"
+    components: Literal["target", "largest", "all"] = "target"
 
 
 class Options(SparseOptions, DenseOptions, MeshOptions):

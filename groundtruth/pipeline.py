@@ -14,9 +14,11 @@ import numpy as np
 from groundtruth.cameras.cameras import Camera
 from groundtruth.cameras.model_files import write_model
 from groundtruth.dense.fusion import Cloud
+from groundtruth.dense.volume import Volume
 from groundtruth.dense_stage import CLOUD
 from groundtruth.mesh.mesh_files import write_cloud
 from groundtruth.mesh.surface import Surface, read_surface
+from groundtruth.mesh.target import Target
 from groundtruth.mesh_stage import MESH
 from groundtruth.options import DenseOptions, MeshOptions, Options, SparseOptions
 from groundtruth.sparse.frame import Scale
@@ -42,6 +44,8 @@ class Result:
     photographs: int
     reprojection_error_px: float
     scale: Scale
+    volume: Volume
+    target: Target
     seconds: dict[str, float]
 
     def summary(self) -> dict[str, object]:
@@ -51,6 +55,8 @@ class Result:
             "photographs": self.photographs,
             "reprojection_error_px": self.reprojection_error_px,
             "scale": asdict(self.scale),
+            "volume": asdict(self.volume),
+            "target": asdict(self.target),
             "pixel_m": self.cloud.pixel_m,
             "points": len(self.cloud.points_m),
             "vertices": len(self.surface.vertices_m),
@@ -89,7 +95,8 @@ def reconstruct(photos: str | Path, options: Options, workdir: str | Path | None
         sparse, cloud, surface = Sparse.load(solved), Cloud.load(fused / CLOUD), read_surface(made / MESH)
         count = len(read_json(solved / PHOTOGRAPHS, "a sparse stage's photographs"))
         error_px = sparse.model.compute_mean_reprojection_error()
-        result = Result(surface, cloud, sparse.cameras(), count, error_px, sparse.scale, seconds)
+        chosen = Volume.load(fused), Target.load(made)
+        result = Result(surface, cloud, sparse.cameras(), count, error_px, sparse.scale, *chosen, seconds)
         if workdir is not None:
             _write(Path(workdir), result, sparse, options)
         return result

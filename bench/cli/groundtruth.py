@@ -53,6 +53,7 @@ def _values(options: argparse.Namespace) -> dict[str, Any]:
         "dense",
         "masks",
         "mask",
+        "components",
         "seed",
     )
     same += ("refine_poses", "refine_distortion", "shared_intrinsics")

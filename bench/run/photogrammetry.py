@@ -19,12 +19,12 @@ from radar.support.errors import HandbenchError
 
 
 def photographs(capture: Path, quality: str, seed: int) -> tuple[Path, Options]:
-    """The folder of a capture's photographs, and how they are reconstructed. All parts of the surface are kept: a
-    hand's own shadow may cut it in two, and the box holds nothing else. HandbenchError where it has none."""
+    """The folder of a capture's photographs, and how they are reconstructed: as by `handbench groundtruth`, within the
+    capture's box. HandbenchError where it has none."""
     recorded = open_capture(capture)
     if recorded.photos is None:
         raise HandbenchError(f"{capture}: has no folder of photographs; add it, or a mesh")
-    values = {"quality": quality, "box_m": recorded.about.box_m, "components": "all", "seed": seed}
+    values = {"quality": quality, "box_m": recorded.about.box_m, "seed": seed}
     options = parse(Options, {**values, "dense": "cpu"}, "groundtruth")  # a table is the same on every machine
     return recorded.photos, options
 

@@ -13,17 +13,18 @@ import numpy as np
 
 from groundtruth.cameras.cameras import camera_in, pycolmap, registered
 from groundtruth.dense import patchmatch, planesweep
+from groundtruth.dense.prediction import predicted
 from groundtruth.dense.views import Stereo, View, open_view
 from groundtruth.photos.masks import Masks
 from groundtruth.photos.photos import Photo
 from radar.support.errors import HandbenchError
-from radar.support.progress import track
+from radar.support.progress import say, track
 
 FEWEST_VIEWS = 3
 DEPTH_QUANTILES, DEPTH_MARGIN = (0.01, 0.99), 0.15  # of the sparse points a view sees
 SOURCES = 4
 BEST_ANGLE_RAD, SPREAD_BELOW_RAD, SPREAD_ABOVE_RAD = np.deg2rad([12, 6, 25])  # between a view and a good source
-MOST_PLANES = 320
+FEWEST_PLANES, MOST_PLANES = 16, 320
 STEEPEST = 1.5  # disparities per pixel, of the first guess
 HIGHEST_COST = 0.3  # 1 − NCC
 LOWEST_COSINE = 0.35  # of incidence
@@ -40,10 +41,16 @@ class DepthMap:
 
 
 def open_views(
-    photos: tuple[Photo, ...], model: pycolmap.Reconstruction, shrink: int, box_m: np.ndarray | None, masks: Masks
+    photos: tuple[Photo, ...],
+    model: pycolmap.Reconstruction,
+    shrink: int,
+    box_m: np.ndarray | None,
+    masks: Masks,
+    target_m: np.ndarray | None,
 ) -> tuple[list[View], np.ndarray, np.ndarray]:
-    """The registered photographs as views of the region of interest; which of them [n, views] saw which of the sparse
-    points [n, 3] (metres)."""
+    """The registered photographs as views of the region of interest, box_m [2, 3]; which of them [n, views] saw which
+    of the sparse points [n, 3] (metres). target_m [2, 3]: the box that colours are told apart by, if one is known to
+    hold the target and little else."""
     by_name = {photo.name: photo for photo in photos}
     images = registered(model)
     points = list(model.points3D.values())
@@ -55,7 +62,7 @@ def open_views(
     views = []
     for image, seen in zip(track(images, "undistorting"), tracks.T, strict=True):
         photo, camera, pose = by_name[image.name], camera_in(image), image.cam_from_world()
-        mask = masks.of(photo, camera, pose, box_m)
+        mask = masks.of(photo, camera, pose, target_m)
         views.append(open_view(photo, camera, pose, shrink, _depths(image, points_m[seen]), box_m, mask))
     showing = [i for i, view in enumerate(views) if view is not None]
     if len(showing) < FEWEST_VIEWS:
@@ -82,6 +89,9 @@ def depth_maps(
     """
     sources = choose_sources(views, tracks, points_m)
     coarse = [view.halved() for view in views]
+    planes = [_planes(half, Stereo.of(half, [coarse[s] for s in sources[i]]).unit)[2] for i, half in enumerate(coarse)]
+    first = Stereo.of(views[0], [views[s] for s in sources[0]])
+    say(predicted(views, first, len(sources[0]), planes, iterations).describe())
     maps = []
     for i in track(range(len(views)), "depth maps"):
         stereo = Stereo.of(views[i], [views[s] for s in sources[i]])
@@ -122,8 +132,7 @@ def refined(view: View, stereo: Stereo, planes: np.ndarray, iterations: int, see
 def _first_guess(view: View, half: View, sources: list[View], unit: float) -> np.ndarray:
     """Planes [h, w, 3] float32 in units of the full view, from a sweep at half its resolution."""
     stereo = Stereo.of(half, sources)
-    first, last = (1 / (z * stereo.unit) for z in (np.nanmax(half.far_m), np.nanmin(half.near_m)))
-    count = int(np.clip(np.ceil(last - first), 16, MOST_PLANES))
+    first, last, count = _planes(half, stereo.unit)
     step = (last - first) / (count - 1)
     found = planesweep.swept_disparity(stereo._replace(b=stereo.b * step), first / step, count)
     disparity = cv2.medianBlur(found, 5) * (step * stereo.unit / unit)
@@ -133,6 +142,12 @@ def _first_guess(view: View, half: View, sources: list[View], unit: float) -> np
     planes = np.stack([disparity, slope_x, slope_y], axis=-1)
     planes[..., 1:] = np.clip(planes[..., 1:], -STEEPEST, STEEPEST)
     return np.ascontiguousarray(planes, dtype=np.float32)
+
+
+def _planes(half: View, unit: float) -> tuple[float, float, int]:
+    """First and last disparity of a sweep, and the number of planes."""
+    first, last = (1 / (z * unit) for z in (np.nanmax(half.far_m), np.nanmin(half.near_m)))
+    return first, last, int(np.clip(np.ceil(last - first), FEWEST_PLANES, MOST_PLANES))
 
 
 def _normals(view: View, planes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ again. Thresholds are in pixels of the depth maps.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -27,9 +27,6 @@ NORMAL_NEIGHBOURS = 24
 FARTHEST_PX = 4.0  # between a vertex of the mesh and the nearest point
 DEEPEST = 11  # Poisson's octree; 2¹¹ cells a side
 FEWEST_POINTS = 500
-SMALLEST_PART = 0.01  # of the largest part's triangles
-
-Components = Literal["largest", "all"]
 
 
 def clean(cloud: Cloud) -> Cloud:
@@ -70,9 +67,8 @@ def _one_per_voxel(cloud: Cloud) -> Cloud:
     )
 
 
-def surface(cloud: Cloud, components: Components, box_m: np.ndarray | None = None) -> o3d.geometry.TriangleMesh:
-    """The cloud's surface: Poisson, cut where no point is near and at the box [2, 3], manifold, its largest part (or
-    all but tiny ones)."""
+def surface(cloud: Cloud, box_m: np.ndarray | None = None) -> o3d.geometry.TriangleMesh:
+    """The cloud's surface: Poisson, cut where no point is near and at the box [2, 3], manifold."""
     o3d = load_open3d()
     say(f"surface of {len(cloud.points_m)} points")
     points = point_cloud(cloud.points_m, cloud.normals)
@@ -83,7 +79,4 @@ def surface(cloud: Cloud, components: Components, box_m: np.ndarray | None = Non
     mesh.remove_vertices_by_mask(distance_m > FARTHEST_PX * cloud.pixel_m)
     if box_m is not None:
         mesh = mesh.crop(o3d.geometry.AxisAlignedBoundingBox(*box_m))
-    label, triangles, _ = (np.asarray(part) for part in repair(mesh).cluster_connected_triangles())
-    fewest = triangles.max() * (1 if components == "largest" else SMALLEST_PART)
-    mesh.remove_triangles_by_mask(triangles[label] < fewest)
-    return mesh.remove_unreferenced_vertices()
+    return repair(mesh)

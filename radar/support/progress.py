@@ -17,7 +17,8 @@ def say(text: str) -> None:
 
 
 def track(items: Iterable[Item], description: str, total: int | None = None) -> Iterator[Item]:
-    """Yield `items` while showing how far they are: a rich bar on a terminal, else a line at most every 10 s."""
+    """Yield `items` while showing how far they are: a rich bar on a terminal, else a line at most every 10 s, with
+    the time that is left where the number of items is known."""
     total = total if total is not None else len(items) if isinstance(items, Sized) else None
     if sys.stderr.isatty():
         from rich.console import Console
@@ -25,9 +26,15 @@ def track(items: Iterable[Item], description: str, total: int | None = None) -> 
 
         yield from rich_track(items, description, total=total, console=Console(stderr=True), transient=True)
         return
-    last = time.monotonic()
+    start = last = time.monotonic()
     for done, item in enumerate(items):
-        if time.monotonic() - last > PLAIN_INTERVAL_S:
-            say(f"{description}: {done}" + (f"/{total}" if total else ""))
-            last = time.monotonic()
+        now = time.monotonic()
+        if now - last > PLAIN_INTERVAL_S:
+            left_s = (now - start) * (total - done) / done if total and done else None
+            say(("" if left_s is None else _left(left_s)) + f"{description}: {done}" + (f"/{total}" if total else ""))
+            last = now
         yield item
+
+
+def _left(seconds: float) -> str:
+    return f"{seconds:.0f} s left, " if seconds < 120 else f"{seconds / 60:.0f} min left, "

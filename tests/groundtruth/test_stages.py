@@ -12,6 +12,7 @@ from groundtruth import dense_stage, mesh_stage, pipeline, sparse_stage
 from groundtruth.cameras.cameras import load_pycolmap
 from groundtruth.dense.fusion import Cloud
 from groundtruth.mesh.surface import Surface
+from groundtruth.mesh.target import Target
 from groundtruth.options import Distance, Options
 from groundtruth.photos.photos import find_photos
 from groundtruth.sparse.adjust import adjust
@@ -34,7 +35,7 @@ def counted(tmp_path, monkeypatch):
     scene = noisy_model()
     adjust(scene.model, scene.corners, scene.corners_m)
     bundle = Bundle(scene.model, scene.corners, scene.corners_m)
-    solved = Sparse(scene.model, Scale("board", 20, 20, 1e-5), camera_covariance(bundle, Scale("board")))
+    solved = Sparse(scene.model, Scale("distances", 20, 20, 1e-5), camera_covariance(bundle, Scale("board")))
     photos = tmp_path / "photos"
     photos.mkdir()
     for k, camera in enumerate(solved.cameras()):
@@ -55,7 +56,9 @@ def counted(tmp_path, monkeypatch):
     )
     monkeypatch.setattr(sparse_stage, "register", step("sparse", solved))
     monkeypatch.setattr(dense_stage, "dense_cloud", step("dense", cloud))
-    monkeypatch.setattr(mesh_stage, "measured_surface", step("mesh", surface))
+    monkeypatch.setattr(
+        mesh_stage, "measured_surface", step("mesh", (surface, Target("all parts", 0.0, (1.0,), 0, 0.0)))
+    )
     monkeypatch.setattr(pipeline, "resolve", lambda folder, options: (find_photos(folder), options))
 
     def run(**options):

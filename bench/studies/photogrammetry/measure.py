@@ -44,7 +44,7 @@ def measure(case: Case, work: Path) -> Record:
         photos = folder / "unknown"
         keep(photos, lambda temporary: _without_intrinsics(folder / "capture" / "photos", temporary))
     lens = None if case.known else False  # each rendered camera has a lens of its own, and none has EXIF data
-    options = Options(quality=case.quality, box_m=tuple(scene.box_m.ravel()), components="all", shared_intrinsics=lens)
+    options = Options(quality=case.quality, box_m=tuple(scene.box_m.ravel()), shared_intrinsics=lens)
     with measured() as cost:
         result = reconstruct(photos, options, folder / "reconstruction")
     return record(case, score(result, scene), result.seconds, cost.peak_memory_mb)

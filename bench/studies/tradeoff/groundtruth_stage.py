@@ -147,7 +147,7 @@ def _reconstructed(
     poses_s = 0.0
     for quality in qualities:
         before_mb = Process().memory_info().rss / 1e6
-        options = Options(quality=quality, box_m=subject.box_m, components="all", seed=seed, dense="cpu")
+        options = Options(quality=quality, box_m=subject.box_m, seed=seed, dense="cpu")
         try:
             with measured() as cost:
                 result = reconstruct(photos, options, work)

@@ -1,0 +1,93 @@
+"""The cost of depth maps, predicted: work counted on the views, times this machine's rates measured on a small part."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from groundtruth.dense import patchmatch, planesweep
+from groundtruth.dense.views import Stereo, View
+
+TRIAL_PX, TRIAL_PLANES, TRIALS = 96, 64, 2
+HYPOTHESES = len(patchmatch.DIRECTIONS) + patchmatch.PERTURBATIONS  # that an iteration tries at a pixel
+SWEPT, MATCHED = 0.42, 0.75  # of the trial's processor time: what large pictures take, measured on three dense stages
+MAP_BYTES, VIEW_BYTES = 32, 15  # a pixel: depth and normal; picture, nearest and farthest depth, with the halved ones
+SWEEP_BYTES = 4  # a plane and pixel
+FUSED_BYTES, FUSED_ALONE = 33, 56  # a pixel of each map, and of the one that is fused
+LIBRARY_BYTES = 3e8  # kernels, and what is imported for the cloud
+
+
+class Prediction(NamedTuple):
+    """The cost of the depth maps: processor time, summed over threads, since other work on the machine leaves it alone;
+    bytes_: what they and their fusion take in addition at their peak."""
+
+    pixels: int
+    views: int
+    most_planes: int
+    seconds: float
+    bytes_: float
+
+    def describe(self) -> str:
+        """The prediction in a line."""
+        return (
+            f"dense: {self.views} views, {self.pixels / 1e6:.2f} MP to match, up to {self.most_planes} planes: about "
+            f"{self.seconds:.0f} s of processor time and {self.bytes_ / 1e9:.2g} GB"
+        )
+
+
+def predicted(views: list[View], stereo: Stereo, sources: int, planes: list[int], iterations: int) -> Prediction:
+    """The cost of depth maps of views from so many sources each, with so many planes swept at half the resolution;
+    stereo: of the first of them."""
+    sizes = np.array([view.gray.size for view in views])
+    wanted = np.array([int(np.isfinite(view.near_m).sum()) for view in views])
+    sweep_s, match_s = _rates(views[0], stereo)
+    swept = float((sizes / 4 * planes).sum()) * sources
+    matched = float(wanted.sum()) * _matches(sources, iterations)
+    sweep_bytes = SWEEP_BYTES * float((sizes / 4 * planes).max())
+    fused_bytes = float((FUSED_BYTES * len(views) + FUSED_ALONE) * sizes.max())
+    kept_bytes = float((MAP_BYTES + VIEW_BYTES) * sizes.sum())
+    seconds = SWEPT * sweep_s * swept + MATCHED * match_s * matched
+    peak_bytes = LIBRARY_BYTES + kept_bytes + max(sweep_bytes, fused_bytes)
+    return Prediction(int(wanted.sum()), len(views), max(planes), seconds, peak_bytes)
+
+
+def _matches(sources: int, iterations: int) -> int:
+    """Windows that PatchMatch compares at a pixel: all sources under what it has, the better half under what it
+    tries."""
+    half = max(1, sources // 2)
+    return sources + iterations * (sources + HYPOTHESES * half) + patchmatch.POLISHES * (sources + 2 * half)
+
+
+def _rates(view: View, stereo: Stereo) -> tuple[float, float]:
+    """Processor time, seconds, for a pixel, plane and source of the sweep, and for a window that PatchMatch compares,
+    each measured after a first go that loads or compiles the kernels."""
+    y, x = np.median(np.argwhere(np.isfinite(view.near_m)), axis=0).astype(int)
+    top, left = (max(0, middle - TRIAL_PX // 2) for middle in (y, x))
+    shift = np.array([[1.0, 0, left], [0, 1, top], [0, 0, 1]])
+    part = (slice(top, top + TRIAL_PX), slice(left, left + TRIAL_PX))
+    small = stereo._replace(reference=np.ascontiguousarray(stereo.reference[part]), A=stereo.A @ shift)
+    depths_m = (float(np.nanmedian(depth_m)) for depth_m in (view.far_m, view.near_m))
+    low, high = (np.full(small.reference.shape, 1 / (depth_m * stereo.unit)) for depth_m in depths_m)
+    disparity = float((low[0, 0] + high[0, 0]) / 2)
+    planes = np.zeros((*small.reference.shape, 3), np.float32)
+    planes[..., 0] = disparity
+    sources = len(stereo.sources)
+    sweep_s = _fastest(lambda: planesweep.swept_disparity(small, disparity, TRIAL_PLANES))
+    match_s = _fastest(lambda: patchmatch.refine(small, planes.copy(), low, high, 1, 0))
+    return (
+        sweep_s / (small.reference.size * TRIAL_PLANES * sources),
+        match_s / (small.reference.size * _matches(sources, 1)),
+    )
+
+
+def _fastest(work: Callable[[], object]) -> float:
+    work()
+    seconds = []
+    for _ in range(TRIALS):
+        start = time.process_time()
+        work()
+        seconds.append(time.process_time() - start)
+    return min(seconds)

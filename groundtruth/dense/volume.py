@@ -1,0 +1,133 @@
+"""The volume that the dense stage works in: given, or found from the board, the cameras' common field and the sparse
+points, so that a background does not take the time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from groundtruth.cameras.cameras import Camera
+from groundtruth.dense.fusion import Cloud
+from groundtruth.dense.plane import Plane
+from groundtruth.sparse.sparse import Sparse
+from radar.support.files import read_json, write_json
+from radar.support.progress import say
+
+FILE = "volume.json"
+FEWEST_POINTS = 30  # that tell where the target is; of fewer, the whole surroundings are taken
+BETWEEN = (0.005, 0.995)  # quantiles of the points along each axis
+GROWN = 0.5  # of the points' diagonal, on each side: smooth skin has few features (a fingertip's was 47 mm off)
+REACH_M = 0.3  # of a board's surroundings, or its diagonal where that is longer
+STANDS_M = 5e-3  # above the board: no point of the board
+BELOW_M = 1e-2  # of the plane: a board that lies in the volume is found where it is
+NEAREST = 0.9  # of the lowest camera's height, where surroundings end
+CELLS, FEWEST_VIEWS = 12, 3  # of the volume along each axis; photographs that must show a cell
+AT_SIDE, CUT = 0.01, 0.002  # of the volume's sides; share of the cloud beside one that means a cut
+
+
+@dataclass(frozen=True)
+class Volume:
+    """box_m [6]: xmin, ymin, zmin, xmax, ymax, zmax in the mesh's frame (None: everything); source: what it is from."""
+
+    box_m: tuple[float, ...] | None
+    source: str
+
+    def box(self) -> np.ndarray | None:
+        """Lowest and highest corner [2, 3]."""
+        return None if self.box_m is None else np.reshape(self.box_m, (2, 3))
+
+    def describe(self) -> str:
+        """The volume in a line."""
+        size = "" if self.box_m is None else f": {', '.join(f'{side:.3f}' for side in self.box_m)}"
+        return f"volume ({self.source}){size}"
+
+    def save(self, folder: Path) -> None:
+        """Write the volume into a stage's folder."""
+        write_json(folder / FILE, vars(self))
+
+    @classmethod
+    def load(cls, folder: Path) -> Volume:
+        """Read what `save` wrote."""
+        return cls(**read_json(folder / FILE, "the volume of a dense stage"))
+
+
+def volume(given: tuple[float, ...] | None, plane: Plane | None, sparse: Sparse) -> Volume:
+    """The given box, or one about what the photographs show: with a board's plane, about what stands off it in its
+    surroundings."""
+    if given is not None:
+        return Volume(given, "given")
+    seen = [point.xyz for point in sparse.model.points3D.values() if point.track.length() >= FEWEST_VIEWS]
+    points_m = np.array(seen).reshape(-1, 3)
+    if plane is None:
+        if len(points_m) < FEWEST_POINTS:
+            return Volume(None, "everything")
+        corners_m, source = np.array(list(product(*_about(points_m).T))), "cameras and sparse points"
+    else:
+        centres_m = np.array([camera.centre_m for camera in sparse.cameras()])
+        local, source = off_plane(plane, points_m, centres_m)
+        corners_m = plane.world(np.array(list(product(*local.T))))
+    box_m = in_common_field(np.stack([corners_m.min(axis=0), corners_m.max(axis=0)]), sparse.cameras())
+    return Volume(tuple(box_m.ravel().round(6).tolist()), source)
+
+
+def off_plane(plane: Plane, points_m: np.ndarray, centres_m: np.ndarray) -> tuple[np.ndarray, str]:
+    """The box [2, 3] along a board's axes about the points [n, 3] that stand off it in its surroundings, or these where
+    hardly any do; and what it is from."""
+    reach_m = max(REACH_M, float(np.linalg.norm(plane.extent_m[1] - plane.extent_m[0])))
+    lowest_camera_m = float(plane.local(centres_m)[:, 2].min())
+    ceiling_m = min(reach_m, NEAREST * lowest_camera_m) if lowest_camera_m > 2 * STANDS_M else reach_m
+    low, high = np.array([[*(plane.extent_m[0] - reach_m), -BELOW_M], [*(plane.extent_m[1] + reach_m), ceiling_m]])
+    local = plane.local(points_m)
+    stands = ((local > low) & (local < high)).all(axis=1) & (local[:, 2] > STANDS_M + plane.rough_m)
+    if stands.sum() < FEWEST_POINTS:
+        return np.stack([low, high]), "the board and cameras"
+    about = _about(local[stands])
+    return np.stack([[*np.maximum(low, about[0])[:2], -BELOW_M], np.minimum(high, about[1])]), (
+        "the board, cameras and sparse points"
+    )
+
+
+def _about(points_m: np.ndarray) -> np.ndarray:
+    """A box [2, 3] about points [n, 3], with room for what has no features."""
+    low, high = np.quantile(points_m, BETWEEN, axis=0)
+    room_m = GROWN * np.linalg.norm(high - low)
+    return np.stack([low - room_m, high + room_m])
+
+
+def in_common_field(box_m: np.ndarray, cameras: tuple[Camera, ...]) -> np.ndarray:
+    """The part of a box [2, 3] whose cells enough photographs show; the box, if they show none."""
+    steps = (np.arange(CELLS) + 0.5) / CELLS
+    cells_m = box_m[0] + np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) * np.ptp(box_m, axis=0)
+    shown = np.zeros(len(cells_m), dtype=int)
+    for camera in cameras:
+        ahead = (cells_m @ camera.rotation.T + camera.translation_m)[:, 2] > 0
+        pixels = np.full((len(cells_m), 2), -1.0)
+        if ahead.any():
+            pixels[ahead] = camera.project(cells_m[ahead])
+        shown += ((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(axis=1)
+    common_m = cells_m[shown >= FEWEST_VIEWS]
+    if not len(common_m):
+        return box_m
+    cell_m = np.ptp(box_m, axis=0) / CELLS  # a half of it, and as much again for what is cut by a picture's edge
+    return np.clip(np.stack([common_m.min(axis=0) - cell_m, common_m.max(axis=0) + cell_m]), *box_m)
+
+
+def warn_of_cuts(found: Volume, cloud: Cloud, plane: Plane | None) -> None:
+    """Say where the surface seems to run on beyond a volume that nobody has given; a board does so by nature."""
+    box_m = found.box()
+    if box_m is None or found.source == "given":
+        return
+    points_m = cloud.points_m
+    if plane is not None:
+        points_m = points_m[plane.local(points_m)[:, 2] > STANDS_M + plane.rough_m]
+    side_m = AT_SIDE * np.ptp(box_m, axis=0)
+    near = np.abs(points_m[None] - box_m[:, None]) < side_m
+    shares = near.sum(axis=1) / max(len(points_m), 1)
+    for side, axis in zip(*np.nonzero(shares > CUT), strict=True):
+        say(
+            f"volume: {shares[side, axis]:.1%} of what was seen lies at its side {'xyz'[axis]} = "
+            f"{box_m[side, axis]:.3f}, and may run on there; give --box to see more"
+        )

@@ -1,0 +1,103 @@
+"""The target among what was photographed, and what is dropped for it, with its share."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from groundtruth.dense.fusion import Cloud
+from groundtruth.dense.plane import Plane
+from radar.support.errors import HandbenchError
+from radar.support.files import read_json, write_json
+from radar.support.progress import say
+
+if TYPE_CHECKING:
+    import open3d as o3d
+
+FILE = "target.json"
+OFF_PX = 6.0  # a point nearer to the board's plane may be the board's
+RISES = 2.0  # times as high: a part that stays lower is noise of the board
+FEWEST_POINTS = 100  # that rise so high; fewer are noise
+SMALLEST_PART = 0.01  # of the largest part's triangles
+
+Components = Literal["target", "largest", "all"]
+
+
+@dataclass(frozen=True)
+class Target:
+    """The parts kept: in words; the share of the cloud's points that were dropped with the board's plane; the shares of
+    the surface's area of the parts kept, largest first; the number of other parts, and their share."""
+
+    kept: str
+    on_board: float
+    parts: tuple[float, ...]
+    dropped_parts: int
+    dropped: float
+
+    def save(self, folder: Path) -> None:
+        """Write it into a stage's folder."""
+        write_json(folder / FILE, asdict(self))
+
+    @classmethod
+    def load(cls, folder: Path) -> Target:
+        """Read what `save` wrote."""
+        return cls(**read_json(folder / FILE, "the target of a mesh stage"))
+
+
+def margin_m(plane: Plane, pixel_m: float) -> float:
+    """Height below which a point may be the board's."""
+    return max(plane.rough_m, OFF_PX * pixel_m)
+
+
+def off_board(cloud: Cloud, plane: Plane) -> Cloud:
+    """The cloud's points that stand off the board's plane on the cameras' side; a HandbenchError where there are
+    none."""
+    height_m, least_m = plane.local(cloud.points_m)[:, 2], margin_m(plane, cloud.pixel_m)
+    off = height_m > least_m
+    if (height_m > RISES * least_m).sum() < FEWEST_POINTS:
+        raise _nothing_off(RISES * least_m)
+    if not off.all():
+        say(f"target: {1 - off.mean():.1%} of the points lie less than {1e3 * least_m:.1f} mm above the board: dropped")
+    return cloud.at(off)
+
+
+def keep_target(mesh: o3d.geometry.TriangleMesh, components: Components, plane: Plane | None, least_m: float) -> Target:
+    """Drop, in place, the parts of a surface that are not wanted, and those that are tiny against the largest; with the
+    board's plane, those too that nowhere rise above it far beyond least_m."""
+    label, triangles, area = (np.asarray(part) for part in mesh.cluster_connected_triangles())
+    wanted = np.ones(len(triangles), dtype=bool)
+    if plane is not None:
+        height_m = plane.local(np.asarray(mesh.vertices))[:, 2]
+        highest_m = np.full(len(triangles), -np.inf)
+        np.maximum.at(highest_m, label, height_m[np.asarray(mesh.triangles)].max(axis=1))
+        wanted = highest_m > RISES * least_m
+        if not wanted.any():
+            raise _nothing_off(RISES * least_m)
+    wanted &= triangles >= triangles[wanted].max() * (1 if components == "largest" else SMALLEST_PART)
+    mesh.remove_triangles_by_mask(~wanted[label])
+    mesh.remove_unreferenced_vertices()
+    shares = area / area.sum()
+    kept = (
+        "what stands off the board"
+        if plane is not None
+        else "the largest part"
+        if components == "largest"
+        else "all parts"
+    )
+    parts = tuple(sorted(shares[wanted].tolist(), reverse=True))
+    target = Target(kept, 0.0, parts, int((~wanted).sum()), float(shares[~wanted].sum()))
+    listed = ", ".join(f"{share:.1%}" for share in target.parts)
+    say(f"target: {kept}, {len(target.parts)} of {len(shares)} parts, with {listed} of the surface")
+    if target.dropped_parts:
+        say(f"target: {target.dropped_parts} parts dropped, with {target.dropped:.1%} of the surface")
+    return target
+
+
+def _nothing_off(height_m: float) -> HandbenchError:
+    return HandbenchError(
+        f"target: nothing rises more than {1e3 * height_m:.1f} mm above the board's plane; expected a target before or "
+        "on the board: check --box and the photographs, or give --components all for the board itself"
+    )

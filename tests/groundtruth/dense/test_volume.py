@@ -1,0 +1,107 @@
+"""The volume of the dense stage, from board, cameras and sparse points whose places are known."""
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from groundtruth.cameras.cameras import Camera
+from groundtruth.dense.plane import board_plane, plane_through
+from groundtruth.dense.volume import Volume, in_common_field, volume, warn_of_cuts
+from groundtruth.sparse.frame import Scale
+from tests.groundtruth.mesh.test_mesh import cloud_of
+
+CORNERS_M = np.array([(x, y, 0.0) for x in (-0.15, 0.15) for y in (-0.1, 0.1)])
+CENTRES_M = np.array([(x, 0.0, 0.6) for x in (-0.15, -0.05, 0.05, 0.15)])
+HAND_M = np.array([[-0.05, -0.1, 0.06], [0.05, 0.1, 0.12]])
+PLANE = plane_through(CORNERS_M, CENTRES_M, 1e-4)
+
+
+def looking_at_the_board(centre_m):
+    """A camera that looks along −z, as wide as its distance."""
+    R = np.diag([1.0, -1.0, -1.0])
+    return Camera(
+        name=f"{centre_m[0]}", width=1000, height=800, params=(1000, 1000, 500, 400, 0, 0, 0, 0),
+        R=tuple(map(tuple, R.tolist())), t=tuple((-R @ centre_m).tolist()),
+    )  # fmt: skip
+
+
+def solved(points_m, source="board"):
+    """What the volume reads of a sparse stage."""
+    track = SimpleNamespace(length=lambda: 4)
+    points = {i: SimpleNamespace(xyz=xyz, track=track) for i, xyz in enumerate(points_m)}
+    cameras = tuple(looking_at_the_board(centre_m) for centre_m in CENTRES_M)
+    return SimpleNamespace(
+        model=SimpleNamespace(points3D=points), cameras=lambda: cameras, scale=Scale(source, 20, 20, 1e-4)
+    )
+
+
+def features(on_hand=200):
+    """Many on the board, some on the hand, some on a wall 2 m behind and one on a lamp beside a camera."""
+    random = np.random.default_rng(0)
+    board_m = random.uniform((-0.15, -0.1, -2e-4), (0.15, 0.1, 2e-4), (2000, 3))
+    wall_m = random.uniform((-2, -2, -2.1), (2, 2, -2), (500, 3))
+    return np.concatenate([board_m, wall_m, random.uniform(*HAND_M, (on_hand, 3)), [(0.0, 0.1, 0.59)]])
+
+
+def test_the_volume_holds_the_hand_and_neither_the_wall_nor_the_room():
+    found = volume(None, PLANE, solved(features()))
+    box_m = found.box()
+    assert (box_m[0] < HAND_M[0]).all() and (box_m[1] > HAND_M[1]).all()
+    assert np.prod(np.ptp(box_m, axis=0)) < 40 * np.prod(np.ptp(HAND_M, axis=0))
+    assert -0.02 < box_m[0, 2] < 0 and box_m[1, 2] < 0.3
+    assert found.source == "the board, cameras and sparse points"
+
+
+def test_skin_without_features_is_not_cut_away():
+    found = volume(None, PLANE, solved(features(on_hand=3)))
+    box_m = found.box()
+    assert found.source == "the board and cameras"
+    assert (box_m[0] < HAND_M[0] - 0.05).all() and (box_m[1] > HAND_M[1] + 0.05).all() and box_m[1, 2] < 0.55
+
+
+def test_a_given_box_is_taken_as_it_is():
+    assert volume((0, 0, 0, 1, 1, 1), PLANE, solved(features())) == Volume((0, 0, 0, 1, 1, 1), "given")
+
+
+def test_without_a_board_the_points_bound_it():
+    random = np.random.default_rng(1)
+    box_m = volume(None, None, solved(random.uniform(*HAND_M, (300, 3)), "poses")).box()
+    assert (box_m[0] < HAND_M[0]).all() and (box_m[1] > HAND_M[1]).all()
+    assert volume(None, None, solved(np.zeros((5, 3)), "poses")).box() is None
+
+
+def test_what_fewer_than_three_photographs_show_is_left_out():
+    cameras = solved([]).cameras()
+    wide_m = np.array([[-1.5, -1.5, 0], [1.5, 1.5, 0.2]])
+    box_m = in_common_field(wide_m, cameras)
+    seen_m = np.array([[-0.25, -0.24, 0], [0.25, 0.24, 0.2]])  # three of four, at z = 0
+    cell_m = np.ptp(wide_m, axis=0) / 12
+    assert (box_m[0] <= seen_m[0]).all() and (box_m[1] >= seen_m[1]).all()
+    assert (np.abs(box_m - seen_m) < 2 * cell_m).all()
+    behind_m = wide_m + (0, 0, 2)
+    np.testing.assert_array_equal(in_common_field(behind_m, cameras), behind_m)
+
+
+def test_the_plane_is_that_of_the_board_beside_the_photographs(tmp_path):
+    marker = {"id": 3, "corners_m": [[0, 0.1, 0], [0.1, 0.1, 0], [0.1, 0, 0], [0, 0, 0]]}
+    (tmp_path / "board.toml").write_text(f"[[marker]]\nid = 3\ncorners_m = {json.dumps(marker['corners_m'])}\n")
+    plane = board_plane(tmp_path, None, solved([]))
+    assert plane.local(np.array([[0.3, 0.2, 0.07]]))[0, 2] == pytest.approx(0.07)
+    np.testing.assert_allclose(plane.world(plane.local(HAND_M)), HAND_M, atol=1e-12)
+    assert board_plane(tmp_path, None, solved([], "poses")) is None
+
+
+def test_a_surface_that_runs_on_is_said(capsys):
+    points_m = np.random.default_rng(0).uniform(*HAND_M, (5000, 3))
+    cloud = cloud_of(points_m, np.tile([0.0, 0, 1], (5000, 1)))
+    fits = Volume((-0.2, -0.2, -0.01, 0.2, 0.2, 0.2), "the board and cameras")
+    warn_of_cuts(fits, cloud, PLANE)
+    assert capsys.readouterr().err == ""
+    cut = replace(fits, box_m=(-0.2, -0.2, -0.01, 0.05, 0.2, 0.2))
+    warn_of_cuts(cut, cloud, PLANE)
+    assert "at its side x = 0.050, and may run on there; give --box" in capsys.readouterr().err
+    warn_of_cuts(replace(cut, source="given"), cloud, PLANE)
+    assert capsys.readouterr().err == ""

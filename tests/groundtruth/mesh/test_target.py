@@ -1,0 +1,111 @@
+"""The target among what was photographed: synthetic clouds of a board's plate with something before it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial import KDTree
+
+from groundtruth.dense.plane import plane_through
+from groundtruth.mesh.poisson import clean, surface
+from groundtruth.mesh.target import Target, keep_target, margin_m, off_board
+from radar.support.errors import HandbenchError
+from tests.groundtruth.mesh.test_mesh import PIXEL_M, RADIUS_M, cap, cloud_of
+
+CORNERS_M = np.array([(x, y, 0.0) for x in (-0.15, 0.15) for y in (-0.1, 0.1)])
+PLANE = plane_through(CORNERS_M, np.array([(0.0, 0.1, 0.5), (0.1, 0.0, 0.6)]), 1e-4)
+
+
+def plate(half_m=0.15, noise_m=0.3e-3):
+    """Points of a plate at z = 0, larger than everything before it, with flakes of noise up to 5 mm above it."""
+    random = np.random.default_rng(1)
+    axis = np.arange(-half_m, half_m, 0.7 * PIXEL_M)
+    x, y = np.meshgrid(axis, axis)
+    z = random.normal(scale=noise_m, size=x.shape)
+    z += 9e-3 * ((np.hypot(x - 0.13, y - 0.13) < 6e-3) * np.exp(-((x - 0.13) ** 2 + (y - 0.13) ** 2) / 3e-6))
+    points_m = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    return points_m, np.tile([0.0, 0.0, 1.0], (len(points_m), 1))
+
+
+def ball(x_m, z_m, count=30_000):
+    """What stands before the plate, or touches it where z_m is its radius or less."""
+    points_m, normals = cap(count, centre=(x_m, 0.0, z_m), lowest=-0.95)
+    noise = np.random.default_rng(2).normal(scale=0.1 * PIXEL_M, size=points_m.shape)
+    front = points_m[:, 2] > 0
+    return (points_m + noise)[front], normals[front]
+
+
+def together(*parts):
+    return clean(cloud_of(*(np.concatenate(column) for column in zip(*parts, strict=True))))
+
+
+def kept(cloud, components="target", plane=PLANE):
+    """Vertices and record, as the mesh stage makes them."""
+    plane = plane if components == "target" else None
+    cloud = cloud if plane is None else off_board(cloud, plane)
+    mesh = surface(cloud)
+    target = keep_target(mesh, components, plane, 0.0 if plane is None else margin_m(plane, cloud.pixel_m))
+    return np.asarray(mesh.vertices), target
+
+
+@pytest.mark.parametrize("z_m", [0.09, 0.6 * RADIUS_M], ids=["before the board", "touching it"])
+def test_the_target_is_kept_where_the_board_is_the_largest_part(z_m, capsys):
+    cloud = together(plate(), ball(0.0, z_m))
+    vertices_m, target = kept(cloud)
+    assert (
+        np.abs(np.linalg.norm(vertices_m - (0, 0, z_m), axis=1) - RADIUS_M).max() < 4.5 * PIXEL_M
+    )  # Poisson runs on for 4 pixels
+    assert vertices_m[:, 2].max() > z_m + 0.99 * RADIUS_M
+    seen = cap(3000, centre=(0.0, 0.0, z_m), lowest=-0.9)[0]
+    seen = seen[seen[:, 2] > 1.5 * margin_m(PLANE, PIXEL_M)]
+    assert KDTree(vertices_m).query(seen)[0].max() < 3 * PIXEL_M  # all of it, down to the margin
+    assert len(target.parts) == 1 and target.kept == "what stands off the board"
+    assert "above the board: dropped" in capsys.readouterr().err
+
+
+def test_what_was_chosen_before_was_the_plate():
+    """The choice of the largest part is still there for whoever asks for it, and it is the wrong one here."""
+    vertices_m, target = kept(together(plate(), ball(0.0, 0.09)), "largest")
+    assert vertices_m[:, 2].max() < 0.02 and target.dropped > 0.05 and target.kept == "the largest part"
+
+
+def test_two_objects_on_the_stand_are_both_kept(capsys):
+    vertices_m, target = kept(together(plate(), ball(-0.07, 0.08), ball(0.07, 0.08)))
+    assert len(target.parts) == 2 and min(target.parts) > 0.3
+    for x_m in (-0.07, 0.07):
+        assert (np.linalg.norm(vertices_m - (x_m, 0, 0.08), axis=1) < 1.05 * RADIUS_M).any()
+    assert "2 of" in capsys.readouterr().err
+
+
+def test_without_a_board_all_parts_are_kept(capsys):
+    vertices_m, target = kept(together(plate(), ball(0.0, 0.09)), plane=None)
+    assert target.kept == "all parts" and vertices_m[:, 2].max() > 0.13 and vertices_m[:, 0].max() > 0.14
+    assert sum(target.parts) + target.dropped == pytest.approx(1)
+    assert "of the surface" in capsys.readouterr().err
+
+
+def test_a_board_alone_is_refused_in_a_sentence():
+    with pytest.raises(
+        HandbenchError, match=r"^target: nothing rises more than 12\.0 mm above the board's plane"
+    ) as told:
+        kept(together(plate()))
+    assert "\n" not in str(told.value)
+
+
+def test_what_lies_behind_the_board_is_dropped_whichever_way_it_faces():
+    back_m, normals = ball(0.0, 0.09)
+    back_m = back_m * (1, 1, -1) - (0, 0, 0.1)
+    vertices_m, _ = kept(together(plate(), ball(0.0, 0.09), (back_m, -normals)))
+    assert vertices_m[:, 2].min() > 0
+    turned = plane_through(CORNERS_M[:, [0, 2, 1]], np.array([(0, -0.5, 0.0)]), 1e-4)
+    assert turned.local(np.array([(0, -0.1, 0.0)]))[0, 2] == pytest.approx(0.1)
+
+
+def test_a_board_of_several_planes_has_none():
+    assert plane_through(np.concatenate([CORNERS_M, CORNERS_M[:, [2, 1, 0]]]), np.ones((1, 3)), 0.0) is None
+
+
+def test_the_record_comes_back(tmp_path):
+    target = Target("all parts", 0.25, (0.7, 0.2), 3, 0.1)
+    target.save(tmp_path)
+    assert replace(Target.load(tmp_path), parts=(0.7, 0.2)) == target
