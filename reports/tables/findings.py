@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import groupby
 from typing import Any
 
 from bench.results import HEADLINE, Result
@@ -28,17 +29,23 @@ def _claim(result: Result, first: str, second: str) -> str:
     over = [told[key] for treatment in TREATMENTS if (key := (OVER, treatment)) in told]
     untested = lines.p_corrected.isna().all()
     few = f" (on these {lines.n_captures.iloc[0]} captures, too few to tell of others)" if untested else ""
-    said = [", ".join(told) or "not compared" for told in (common, over)]
+    said = [_joined(told) or "not compared" for told in (common, over)]
     between = f"{titles[first]} and {titles[second]}"
     return f"{between}, on the pixels that all see: {said[0]}; over completeness: {said[1]}{few}"
 
 
-def _ahead(line: Any, titles: dict[str, str]) -> str:
+def _joined(told: list[tuple[str, str]]) -> str:
+    """Findings (who, by how much) in words; who is ahead twice is named once."""
+    groups = groupby(told, key=lambda finding: finding[0])
+    return ", ".join(f"{who} {' and '.join(amount for _, amount in of)}" for who, of in groups)
+
+
+def _ahead(line: Any, titles: dict[str, str]) -> tuple[str, str]:
     places = 1 if line.difference >= 1 else 2
-    amount = f"{number(line.difference, places)} mm {TREATMENTS[line.treatment]}"
+    amount, how = f"{number(line.difference, places)} mm", TREATMENTS[line.treatment]
     if not known(line.p_corrected):
-        return f"{titles[line.better]} ahead by {amount}"
+        return f"{titles[line.better]} ahead by", f"{amount} {how}"
     if line.p_corrected < 1 - LEVEL:
         ends = f"[{number(line.low, places)}, {number(line.high, places)}]"
-        return f"{titles[line.better]} better by {amount} {ends}"
-    return f"no difference shown {TREATMENTS[line.treatment]} ({amount.partition(' mm')[0]} mm)"
+        return f"{titles[line.better]} better by", f"{amount} {how} {ends}"
+    return "no difference shown", f"{how} ({amount})"

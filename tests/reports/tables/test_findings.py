@@ -54,8 +54,9 @@ def test_a_claim_is_one_sentence(result):
         "3-FSK and Broadband, on the pixels that all see: no difference shown unsmoothed (0.20 mm), 3-FSK better by "
         "0.20 mm all averaged over 5 × 5 [0.11, 0.29]; over completeness: 3-FSK ahead by 0.20 mm unsmoothed"
     )
-    untested = [line("3fsk", "broadband", metric, "none", None) for metric in ("mae_mm", "aurc_mm")]
+    untested = [line("3fsk", "broadband", "mae_mm", treatment, None) for treatment in ("none", "window")]
     [few] = findings(replace(result, comparisons=frame(COMPARISONS, untested)))
+    assert "see: 3-FSK ahead by 0.20 mm unsmoothed and 0.20 mm all averaged over 5 × 5; over completeness: not" in few
     assert few.endswith("(on these 2 captures, too few to tell of others)")
     assert findings(replace(result, comparisons=frame(COMPARISONS, lines[-1:]))) == []
 
