@@ -21,7 +21,7 @@ import numpy as np
 
 LIGHT_M_S = 299_792_458.0
 METHODS = ("2fsk", "3fsk", "broadband", "narrowband")
-REFERENCES = ("photogrammetry", "truth")
+REFERENCES = ("photogrammetry", "completed", "truth")
 # Maps, references and repeats are stored in double precision and the table with every digit: what may differ is the
 # order of a sum of some ten thousand terms, about 1e-13.
 TABLE_RTOL = 1e-9
@@ -59,11 +59,13 @@ def figures(folder: Path) -> Figures:
 
 def errors_mm(folder: Path, capture: str, method: str, reference: str) -> np.ndarray:
     """z − z_ref [n] where both exist."""
-    ours, theirs = (np.load(folder / "depth" / f"{capture}__{of}.npz") for of in (method, reference))
-    with ours, theirs:
-        if not all(np.array_equal(ours[axis], theirs[axis]) for axis in ("x_m", "y_m")):
-            sys.exit(f"{capture}, {method}: the reference is kept on another method's grid")
-        difference_mm = 1e3 * (ours["z_m"].astype(np.float64) - theirs["z_m"])
+    parts = ("photogrammetry", "truth") if reference == "completed" else (reference,)  # the truth fills the mesh's holes
+    ours, *theirs = (np.load(folder / "depth" / f"{capture}__{of}.npz") for of in (method, *parts))
+    if not all(np.array_equal(ours[axis], theirs[0][axis]) for axis in ("x_m", "y_m")):
+        sys.exit(f"{capture}, {method}: the reference is kept on another method's grid")
+    first, *others = (surface["z_m"] for surface in theirs)
+    reference_m = np.where(np.isfinite(first), first, others[0]) if others else first
+    difference_mm = 1e3 * (ours["z_m"].astype(np.float64) - reference_m)
     return difference_mm[np.isfinite(difference_mm)]
 
 
