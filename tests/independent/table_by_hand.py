@@ -59,7 +59,7 @@ def figures(folder: Path) -> Figures:
 
 def errors_mm(folder: Path, capture: str, method: str, reference: str) -> np.ndarray:
     """z − z_ref [n] where both exist."""
-    parts = ("photogrammetry", "truth") if reference == "completed" else (reference,)  # the truth fills the mesh's holes
+    parts = ("photogrammetry", "truth") if reference == "completed" else (reference,)  # the truth fills holes
     ours, *theirs = (np.load(folder / "depth" / f"{capture}__{of}.npz") for of in (method, *parts))
     if not all(np.array_equal(ours[axis], theirs[0][axis]) for axis in ("x_m", "y_m")):
         sys.exit(f"{capture}, {method}: the reference is kept on another method's grid")
