@@ -25,7 +25,7 @@ from radar.warmup import compile_kernels
 
 DEPTH, FRAMES, TIMING = "depth.npz", "frames.npz", "timing.json"
 PLANNED_S = 20.0  # what takes longer than any plan is not imaged twice
-SETTLED, SETTLE_S = 0.05, 1.0  # of a median time: how near its interval shall be, and for how long that is tried
+SETTLED, SETTLE_S = 0.05, 0.5  # of a median time: how near its interval shall be, and for how long that is tried
 
 
 def reconstruct(
