@@ -57,7 +57,8 @@ def _write_view(photos: Path, camera: Camera, box_m: np.ndarray | None, file: Pa
     from PIL import Image
 
     path = next(photo.path for photo in find_photos(photos) if photo.name == camera.name)
-    with Image.open(path) as image:
+    with Image.open(path) as opened:
+        image: Image.Image = opened
         if box_m is not None:
             corners = camera.project(np.array(list(product(*box_m.T))))
             left, top = np.maximum(corners.min(axis=0), 0)

@@ -89,9 +89,9 @@ def depth_maps(
     """
     sources = choose_sources(views, tracks, points_m)
     coarse = [view.halved() for view in views]
-    planes = [_planes(half, Stereo.of(half, [coarse[s] for s in sources[i]]).unit)[2] for i, half in enumerate(coarse)]
+    counts = [_planes(half, Stereo.of(half, [coarse[s] for s in sources[i]]).unit)[2] for i, half in enumerate(coarse)]
     first = Stereo.of(views[0], [views[s] for s in sources[0]])
-    say(predicted(views, first, len(sources[0]), planes, iterations).describe())
+    say(predicted(views, first, len(sources[0]), counts, iterations).describe())
     maps = []
     for i in track(range(len(views)), "depth maps"):
         stereo = Stereo.of(views[i], [views[s] for s in sources[i]])

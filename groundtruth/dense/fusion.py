@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numba import njit, prange
@@ -45,7 +46,7 @@ class Cloud:
     @classmethod
     def load(cls, file: Path) -> Cloud:
         """Read what `save` wrote."""
-        found = read_npz(file, tuple(field.name for field in fields(cls)))
+        found: dict[str, Any] = read_npz(file, tuple(field.name for field in fields(cls)))
         return cls(**{**found, "names": tuple(found["names"].tolist()), "pixel_m": float(found["pixel_m"])})
 
 
