@@ -50,7 +50,11 @@ class Case:
 def study(work: Path, photos: Path, counts: str, shrinks: str, choices: str, seeds: int) -> Study:
     """Each count of photographs, first ones or evenly spread, at each resolution, with K and without."""
     centres_m = surveyed_centres_m(photos / "cameras")
-    named = [path.name for path in sorted((photos / "images").iterdir()) if path.name in centres_m]
+    named = [
+        path.name
+        for path in sorted(require_folder(photos / "images", "photographs").iterdir())
+        if path.name in centres_m
+    ]
     cases = [
         Case(names, choice, int(shrink), known, seed)
         for shrink in shrinks.split(",")
