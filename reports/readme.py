@@ -22,12 +22,12 @@ from pathlib import Path
 from typing import Any
 
 from bench.results import HEADLINE, Result, load
-from bench.results.about import SHARES
+from bench.results.about import SHARES, TREATMENTS, on_common_pixels
 from bench.results.tables import EQUAL as EQUAL_TABLE
 from bench.results.tables import TABLE, each, frame, records
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, write_text
-from reports.tables.blocks import NONE, TREATMENTS, busy_note, decimals, interval, known, number, outstanding, paper
+from reports.tables.blocks import NONE, busy_note, decimals, interval, known, number, outstanding, paper
 from reports.tables.findings import findings
 from reports.tables.markdown import bold, escaped, table
 
@@ -129,10 +129,9 @@ def _equal_lines(recorded: dict[str, Any]) -> Iterator[tuple[str, ...]]:
             if any(found):
                 facts = recorded["metrics"][metric]
                 how = "" if facts["unit"] == "%" else f", {TREATMENTS[treatment]}"
-                where = " on common pixels" if metric == HEADLINE else ""
                 stars = recorded["best"][f"{metric}, {treatment}"]
                 cells = (_cell(row, row is not None and row.method in stars) for row in found)
-                yield (f"{facts['title']}{where}{how} ({facts['unit']})", *cells)
+                yield (f"{facts['title']}{on_common_pixels(metric)}{how} ({facts['unit']})", *cells)
 
 
 def _by_figure(recorded: dict[str, Any]) -> dict[tuple[str, str, str], Any]:

@@ -8,11 +8,6 @@ import numpy as np
 
 WINDOW_PX = 5  # of the averaging filter that all are given
 SMOOTHING = {"none": 1, "window": WINDOW_PX}  # treatment → width of every averaging filter, pixels
-TREATMENTS = {  # as a comparison says them; "": each method as it is
-    "": "",
-    "none": ", unsmoothed",
-    "window": f", all averaged over {WINDOW_PX} × {WINDOW_PX}",
-}
 OPEN_DB = -20.0  # threshold of the maps whose pixels are ordered
 
 

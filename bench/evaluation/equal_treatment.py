@@ -64,4 +64,6 @@ def _on(common: np.ndarray, z_m: np.ndarray, reference_z_m: np.ndarray) -> Value
 def _at_shares(risk: np.ndarray, surface: int) -> np.ndarray:
     counts = np.round(SHARES_PERCENT / 100 * surface).astype(int)
     reached = (counts >= 1) & (counts <= len(risk))
-    return np.where(reached, np.append(risk, np.nan)[np.clip(counts, 1, len(risk) + 1) - 1], np.nan)
+    curve_mm = np.full(len(counts), np.nan)
+    curve_mm[reached] = risk[counts[reached] - 1]
+    return curve_mm

@@ -14,11 +14,17 @@ from radar.support.files import read_json
 HEADLINE = "mae_mm"  # the metric that titles, pictures and fronts speak of
 SHARES = ("observed_percent", "complete_2mm_percent")  # of the surface: what is seen, and what is seen and right
 ALIKE = ("common_percent", "aurc_mm", "aurc_to_percent")  # under equal treatment
+TREATMENTS = {"none": "unsmoothed", "window": "all averaged over 5 × 5"}  # in words
 HEADLINES = (HEADLINE, "floor_mm", "max_mm", *SHARES, *ALIKE, "precision_mm", "seconds")  # read at a glance
 REFERENCES = ("photogrammetry", "completed", "truth")  # completed: by the truth, where photogrammetry has no surface
 Reference = Literal["photogrammetry", "completed", "truth"]
 Measure = Literal["accuracy", "precision"]
 MEASURES: tuple[Measure, ...] = ("accuracy", "precision")
+
+
+def on_common_pixels(metric: str) -> str:
+    """The words with which a metric's title goes on under equal treatment; none for one that needs no common pixels."""
+    return "" if metric in ALIKE else " on common pixels"
 
 
 class MetricFacts(Config):

@@ -70,31 +70,38 @@ def score(
 ) -> None:
     """Compare a capture's depth maps, by method, with its references, each a mesh file and the transform that carries
     it into the radar frame, by a protocol. A reference that cannot be read is a HandbenchError."""
-    data, depths = open_capture(capture), {method: load_depthmap(file) for method, file in maps.items()}
+    data = open_capture(capture)
     numbers: dict[bytes, int] = {}
     grids: dict[str, int] = {}
-    found: dict[tuple[str, int], Reference] = {}  # methods that share a grid share the reference's depth
+    found: list[dict[str, Reference]] = []  # by grid: methods that share one share the references' depths
     frames: dict[str, dict[str, list[Values]]] = {name: {} for name in references}
-    for method, depth in depths.items():
+    for method, file in maps.items():
+        depth = load_depthmap(file)
         number = grids[method] = numbers.setdefault(depth.x_m.tobytes() + b"|" + depth.y_m.tobytes(), len(numbers))
-        for name in references:
-            if (name, number) not in found:
-                found[name, number] = _on_grid(name, references, PixelGrid(depth.x_m, depth.y_m))
-                write_reference(folder, name, number, found[name, number])
-            reference = found[name, number]
+        if number == len(found):
+            found.append(_on_grid(references, PixelGrid(depth.x_m, depth.y_m)))
+            for name, reference in found[number].items():
+                write_reference(folder, name, number, reference)
+        scored_m = list(_frames(depth, file.parent, chosen, data))
+        for name, reference in found[number].items():
             write_errors(folder, data.about.name, method, name, compare(depth, reference, chosen, data))
-            of_frames = (z - reference.z_m for z in _frames(depth, maps[method].parent, chosen, data))
-            frames[name][method] = [figures_of_frame(error_m) for error_m in of_frames]
+            frames[name][method] = [figures_of_frame(z_m - reference.z_m) for z_m in scored_m]
     write_json(folder / GRIDS, grids)
     write_json(folder / EACH_FRAME, frames)
     alike = {m: treated for m, file in maps.items() if not grids[m] and (treated := read_treated(file.parent))}
-    write_json(folder / TREATED, {name: _treated(alike, found[name, 0].z_m) for name in references})
+    write_json(folder / TREATED, {name: _treated(alike, found[0][name].z_m) for name in references})
 
 
-def _on_grid(name: str, references: Mapping[str, tuple[Path, Transform]], grid: PixelGrid) -> Reference:
-    if name != "completed":
-        return reference_depth(*references[name], grid, exact=name == "truth")
-    return completed_by(*(_on_grid(part, references, grid) for part in ("photogrammetry", "truth")))
+def _on_grid(references: Mapping[str, tuple[Path, Transform]], grid: PixelGrid) -> dict[str, Reference]:
+    """Every reference's depth on a grid, in their order."""
+    found = {
+        name: reference_depth(*files, grid, exact=name == "truth")
+        for name, files in references.items()
+        if name != "completed"
+    }
+    if "completed" in references:
+        found["completed"] = completed_by(found["photogrammetry"], found["truth"])
+    return {name: found[name] for name in references}
 
 
 def completed_by(reference: Reference, truth: Reference) -> Reference:

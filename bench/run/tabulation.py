@@ -60,12 +60,13 @@ def tabulate(outcome: Outcome, on: Basis, figures: Figures) -> pd.DataFrame:
     rows, repeats = [frame(TABLE)], repeated(outcome)
     seed, chosen = outcome.bench.seed, protocol(outcome.bench.protocol)
     precise = [capture.name for capture in on.repeated]
+    frames = {capture.name: _kept(outcome, capture.name, EACH_FRAME) for capture in on.captures}
     for (reference, method), captures in figures.items():
         names = _scored(outcome, on, reference)
         about = outcome, names, method, reference
         rows.append(accuracy_rows(method, reference, errors(*about), seed, surfaces(*about), chosen, captures))
-        frames = (_kept(outcome, name, EACH_FRAME)[reference][method] for name in names)
-        rows.append(frame_rows(method, reference, list(map(over_frames, frames)), chosen))
+        of_captures_frames = [over_frames(frames[name][reference][method]) for name in names]
+        rows.append(frame_rows(method, reference, of_captures_frames, chosen))
         entry = next(entry for entry in on.methods if entry.id == method)
         if entry.precision and precise and "precision_mm" in chosen.metrics:
             several = [name for name in precise if (name, method) in outcome.deviations]

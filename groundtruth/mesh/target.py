@@ -68,8 +68,9 @@ def keep_target(mesh: o3d.geometry.TriangleMesh, components: Components, plane: 
     """Drop, in place, the parts of a surface that are not wanted, and those that are tiny against the largest; with the
     board's plane, those too that nowhere rise above it far beyond least_m."""
     label, triangles, area = (np.asarray(part) for part in mesh.cluster_connected_triangles())
-    wanted = np.ones(len(triangles), dtype=bool)
+    wanted, kept = np.ones(len(triangles), dtype=bool), "the largest part" if components == "largest" else "all parts"
     if plane is not None:
+        kept = "what stands off the board"
         height_m = plane.local(np.asarray(mesh.vertices))[:, 2]
         highest_m = np.full(len(triangles), -np.inf)
         np.maximum.at(highest_m, label, height_m[np.asarray(mesh.triangles)].max(axis=1))
@@ -80,13 +81,6 @@ def keep_target(mesh: o3d.geometry.TriangleMesh, components: Components, plane: 
     mesh.remove_triangles_by_mask(~wanted[label])
     mesh.remove_unreferenced_vertices()
     shares = area / area.sum()
-    kept = (
-        "what stands off the board"
-        if plane is not None
-        else "the largest part"
-        if components == "largest"
-        else "all parts"
-    )
     parts = tuple(sorted(shares[wanted].tolist(), reverse=True))
     target = Target(kept, 0.0, parts, int((~wanted).sum()), float(shares[~wanted].sum()))
     listed = ", ".join(f"{share:.1%}" for share in target.parts)

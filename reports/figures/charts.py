@@ -9,8 +9,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from bench.results import HEADLINE, Result
+from bench.results.about import TREATMENTS
 from reports.figures.style import Picture, log_axis, looks, methods, time_text, whiskers
-from reports.tables.blocks import AGAINST, DRAWN, TREATMENTS, floor_note
+from reports.tables.blocks import AGAINST, DRAWN, floor_note
 
 EDGES_MM = np.geomspace(0.02, 100, 400)
 

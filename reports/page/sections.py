@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from bench.results import HEADLINE, HEADLINES, Result
+from bench.results.about import TREATMENTS, on_common_pixels
 from bench.results.result_folder import shown
 from bench.results.stability import VERDICTS, counted, load_stability
 from bench.results.tables import each
-from reports.tables.blocks import AGAINST, NONE, TREATMENTS, Block, blocks, figure, known, number, p_text, three_digits
+from reports.tables.blocks import AGAINST, NONE, Block, blocks, figure, known, number, p_text, three_digits
 from reports.tables.result_tables import stages
 
 LEADING = 4  # sentences of a metric that are read without opening the list
@@ -52,7 +53,7 @@ def verdicts(result: Result) -> list[Verdict]:
         best = sorted(unbeaten, key=lambda name: name in beaten)  # the best figure comes first
         ahead = lines[shown(lines) & lines.better.isin(best[:1])].sort_values("difference", kind="stable")
         rows = tuple((c.sentence, p_text(c.p_corrected), number(c.effect, 2)) for c in each(lines))
-        common = " on common pixels" if treatment and metric == HEADLINE else ""
+        common = on_common_pixels(metric) if treatment else ""
         how = f", {TREATMENTS.get(treatment, treatment)}" if treatment else ""
         heading = f"{result.title(metric)}{common} {AGAINST.get(reference, reference)}{how}"
         blocks = f" ({first.n_blocks} blocks)" if first.n_blocks else ""  # of an earlier version

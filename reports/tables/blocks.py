@@ -10,6 +10,7 @@ from typing import TypeGuard
 import pandas as pd
 
 from bench.results import HEADLINE, REFERENCES, CaptureFacts, Result
+from bench.results.about import TREATMENTS, on_common_pixels
 
 HEADINGS = {
     "photogrammetry": "Scored against photogrammetry, as the paper does",
@@ -23,8 +24,6 @@ AGAINST = {
 }
 DRAWN = ("photogrammetry", "truth")  # references of pictures: the completed one is drawn in these two
 EQUAL_HEADING = "Under equal treatment {against}: the figures that say which method is better"
-OVER_SHARES = ("aurc_mm", "aurc_to_percent")  # figures that stand on no common pixels
-TREATMENTS = {"none": "unsmoothed", "window": "all averaged over 5 × 5"}
 NAMED = 12  # captures; more are counted
 NONE = "–"
 
@@ -71,8 +70,7 @@ def _equal_block(result: Result) -> list[Block]:
             rows = table.set_index("method").reindex(names).assign(paper=math.nan)
             if rows.metric.notna().any():
                 unit = rows.unit.dropna().iloc[0]
-                where = " on common pixels" if unit == "mm" and metric not in OVER_SHARES else ""
-                title = f"{result.title(metric)}{where} ({unit})"
+                title = f"{result.title(metric)}{on_common_pixels(metric)} ({unit})"
                 stars = outstanding(result, metric, reference, treatment)
                 lines += [replace(line, source=said) for line in _lines(metric, title, rows, stars)]
     titles = tuple(method.title for method in result.about.methods)

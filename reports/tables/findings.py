@@ -6,11 +6,12 @@ from itertools import groupby
 from typing import Any
 
 from bench.results import HEADLINE, Result
+from bench.results.about import TREATMENTS
 from bench.results.tables import LEVEL, each
-from reports.tables.blocks import OVER_SHARES, TREATMENTS, known, number
+from reports.tables.blocks import known, number
 
 PAIRS = (("3fsk", "2fsk"), ("3fsk", "broadband"), ("nfsk-plus", "broadband"), ("broadband", "narrowband"))
-OVER = OVER_SHARES[0]
+OVER = "aurc_mm"
 
 
 def findings(result: Result) -> list[str]:

@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from bench.evaluation.alike import TREATMENTS
 from bench.evaluation.metrics import HEADLINE, METRICS, deviation, mean_deviation
 from bench.evaluation.statistics.intervals import FEWEST, TAILS, TOO_FEW, mean_interval
+from bench.results.about import TREATMENTS, on_common_pixels
 from bench.results.tables import COMPARISONS, LEVEL, conform
 from radar.support.errors import HandbenchError
 
@@ -85,8 +85,8 @@ def compare(
     treatment: str = "",
 ) -> pd.DataFrame:
     """Every pair of methods by one metric, as `COMPARISONS`. figures: method → the metric of its captures [n], the same
-    ones in the same order, under one treatment of `TREATMENTS`. Methods without a figure are left out. Raises
-    HandbenchError for different captures and for metrics that have no direction."""
+    ones in the same order; treatment: of `TREATMENTS`, or "", each method as it is. Methods without a figure are left
+    out. Raises HandbenchError for different captures and for metrics that have no direction."""
     if len({len(values) for values in figures.values()}) > 1:
         raise HandbenchError(
             f"comparison: {', '.join(figures)} have unequal numbers of captures; expected the same ones"
@@ -112,8 +112,9 @@ def compare(
 
 def _sentence(line: Any, names: Mapping[str, str]) -> str:
     better, worse = names[line.better], names[line.worse]
-    common = " on common pixels" if line.treatment and line.metric == HEADLINE else ""
-    title = METRICS[line.metric].title + common + TREATMENTS[line.treatment]
+    title = METRICS[line.metric].title
+    if line.treatment:
+        title += f"{on_common_pixels(line.metric)}, {TREATMENTS[line.treatment]}"
     none = f"no difference shown between {better} and {worse} in {title}: "
     if np.isnan(line.low):
         ahead = f"{better} is ahead of {worse} by {amount_text(line.difference, line.unit)} ({title}) on these"

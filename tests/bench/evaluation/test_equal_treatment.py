@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.evaluation.alike import SMOOTHING, TREATMENTS, Alike
+from bench.evaluation.alike import SMOOTHING, Alike
 from bench.evaluation.equal_treatment import SHARES_PERCENT, risk_mm, treat
 from bench.evaluation.metrics import figures_of_frame, over_frames
+from bench.results.about import TREATMENTS
 from reports.tables import blocks
 
 NAN = np.nan
@@ -68,7 +69,7 @@ def test_nothing_in_common_and_no_surface_are_not_figures():
 
 
 def test_every_treatment_has_words():
-    assert set(TREATMENTS) == {"", *SMOOTHING}
+    assert {"", *TREATMENTS} == {"", *SMOOTHING}
     assert set(blocks.TREATMENTS) == set(SMOOTHING)
     assert all(f"{size} × {size}" in blocks.TREATMENTS[name] for name, size in SMOOTHING.items() if size > 1)
 
