@@ -58,7 +58,7 @@ def compare(case: Case) -> list[Record]:
         capture = simulate_scene(scene, choose(scene, (*effects, *strength), 1.0)).capture
         seconds = time.perf_counter() - start
         error = np.linalg.norm(capture.samples[0] - exact) / np.linalg.norm(exact)
-        about = {"scene": case.name, "material": case.material, "polarisation": case.polarisation}
+        about: Record = {"scene": case.name, "material": case.material, "polarisation": case.polarisation}
         about |= {"effects": ", ".join(effects), "echo_error": float(error)}
         maps = _maps(capture)
         found.append({**about, **_compared(maps, known), "simulate_s": seconds, "exact_s": exact_s})
