@@ -93,14 +93,14 @@ def _random(pixel: int, step: int, draw: int, seed: int) -> float:
     return np.float64(k >> np.uint64(11)) / 2.0**52 - 1.0
 
 
-@njit(cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
+@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def _window(reference: np.ndarray, y: int, x: int, values: np.ndarray, weights: np.ndarray, samples: int) -> Window:
     """The window about a pixel of the padded reference; its first so many values and weights [SAMPLES] are written."""
     centre = reference[y + RADIUS, x + RADIUS]
     total = np.float32(0)
     for k in range(samples):
         value = reference[y + RADIUS + np.int64(ROW[k]), x + RADIUS + np.int64(COLUMN[k])] - centre
-        alike = max(1 - abs(value) * np.float32(1 / (64 * SIGMA_GRAY)), np.float32(0))
+        alike = max(np.float32(1) - abs(value) * np.float32(1 / (64 * SIGMA_GRAY)), np.float32(0))
         for _ in range(6):
             alike *= alike  # exp(−|value| / SIGMA_GRAY) as (1 − |value| / (64 SIGMA_GRAY))⁶⁴
         values[k] = value
@@ -117,7 +117,7 @@ def _window(reference: np.ndarray, y: int, x: int, values: np.ndarray, weights: 
     return x, y, values[:samples], weights[:samples], variance
 
 
-@njit(cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
+@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Triple | None = None) -> float:
     """1 − NCC between the window and source s under the plane, WORST where the source does not see all of it.
 
