@@ -93,7 +93,7 @@ def _random(pixel: int, step: int, draw: int, seed: int) -> float:
     return np.float64(k >> np.uint64(11)) / 2.0**52 - 1.0
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@njit(cache=True, forceinline=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def _window(reference: np.ndarray, y: int, x: int, values: np.ndarray, weights: np.ndarray, samples: int) -> Window:
     """The window about a pixel of the padded reference; its first so many values and weights [SAMPLES] are written."""
     centre = reference[y + RADIUS, x + RADIUS]
@@ -117,7 +117,7 @@ def _window(reference: np.ndarray, y: int, x: int, values: np.ndarray, weights: 
     return x, y, values[:samples], weights[:samples], variance
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@njit(cache=True, forceinline=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Triple | None = None) -> float:
     """1 − NCC between the window and source s under the plane, WORST where the source does not see all of it.
 
@@ -170,7 +170,7 @@ def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Tripl
     return 1.0 - product / np.sqrt(power)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _rank_sources(
     window: Window, stereo: Stereo, plane: Triple, chosen: np.ndarray, mismatch: np.ndarray, bend: Triple | None = None
 ) -> float:
@@ -189,7 +189,7 @@ def _rank_sources(
     return total / used
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _cost(
     window: Window, stereo: Stereo, plane: Triple, chosen: np.ndarray, bend: Triple | None = None, most: float = np.inf
 ) -> float:
@@ -203,7 +203,7 @@ def _cost(
     return total / used
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _best_neighbour(cost: np.ndarray, y: int, x: int, direction: int) -> tuple[int, int]:
     """The pixel of least cost among those at odd distances in a direction; (-1, -1) at the border."""
     h, w = cost.shape
