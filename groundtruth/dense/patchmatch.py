@@ -34,7 +34,8 @@ PERTURBATIONS = 3
 BEND_PX = 3.0  # standard deviation of the slopes' smoothing before they are differentiated
 MOST_BENT = 0.08  # disparities per pixel²: a third of a disparity at the ends of the window's middle row
 WORST = 2.0  # a hypothesis that a source does not see
-HOPEFUL, SHARE = 0.4, 0.1  # cost of a plane to begin with; share of a pixel's neighbours that must have such a one
+HOPEFUL, SHARE = 0.4, 0.02  # cost of a plane to begin with; share of a pixel's neighbours that must have such a one
+UNMATCHED = 0.6  # cost from which a plane is not polished
 
 Window = tuple[int, int, np.ndarray, np.ndarray, float]  # column, row; values about their mean, weights, variance
 Triple = tuple[float, float, float]
@@ -60,7 +61,7 @@ def refine(
         for colour in (0, 1):
             _pass(stereo, planes, cost, worked_on, low, high, 2 * iteration + colour, seed, samples)
     for _ in range(POLISHES):
-        _polish(stereo, planes, cost, cost < HOPEFUL, bends(planes, wanted))
+        _polish(stereo, planes, cost, cost < UNMATCHED, bends(planes, wanted))
     return cost
 
 
