@@ -56,10 +56,10 @@ def refine(
     stereo = stereo._replace(reference=cv2.copyMakeBorder(stereo.reference, *sides, cv2.BORDER_REPLICATE))
     for iteration in range(iterations + 1):  # the first only evaluates what is there
         matching = cv2.blur((cost < HOPEFUL).astype(np.float32), (2 * REACH + 1, 2 * REACH + 1))
-        worked_on = wanted & (matching > SHARE) if iteration else wanted
+        lowest = np.where(matching > SHARE, low, np.nan) if iteration else low
         samples = SAMPLES if iteration == iterations else SEARCHED
         for colour in (0, 1):
-            _pass(stereo, planes, cost, worked_on, low, high, 2 * iteration + colour, seed, samples)
+            _pass(stereo, planes, cost, lowest, high, 2 * iteration + colour, seed, samples)
     for _ in range(POLISHES):
         _polish(stereo, planes, cost, cost < UNMATCHED, bends(planes, wanted))
     return cost
@@ -221,7 +221,6 @@ def _pass(
     stereo: Stereo,
     planes: np.ndarray,
     cost: np.ndarray,
-    wanted: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
     step: int,
@@ -238,7 +237,7 @@ def _pass(
         values, weights = np.empty(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
         mismatch, chosen = np.empty(len(stereo.sources)), np.zeros(len(stereo.sources), dtype=np.int64)
         for x in range((y + step) % 2, w, 2):
-            if not wanted[y, x]:
+            if not low[y, x] <= high[y, x]:
                 continue
             window = _window(stereo.reference, y, x, values, weights, samples)
             best = (float(planes[y, x, 0]), float(planes[y, x, 1]), float(planes[y, x, 2]))

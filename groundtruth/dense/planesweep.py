@@ -8,6 +8,7 @@ their own, so that the result does not depend on the number of threads.
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numba import njit, prange
 
@@ -37,6 +38,14 @@ def swept_disparity(stereo: Stereo, first: float, planes: int) -> np.ndarray:
     for step in PATHS:
         _smooth(cost, total, _starts(h, w, *step), *step)
     return (first + _lowest(total)).astype(np.float32)
+
+
+def _moments(picture: np.ndarray) -> np.ndarray:
+    """Number of pixels n, sum Σa, and n Σa² − (Σa)² [3, h, w] of the windows of a picture."""
+    sides = (2 * WINDOW_RADIUS + 1, 2 * WINDOW_RADIUS + 1)
+    parts = (np.ones_like(picture), picture, picture**2)
+    n, a, aa = (cv2.boxFilter(p, cv2.CV_64F, sides, normalize=False, borderType=cv2.BORDER_CONSTANT) for p in parts)
+    return np.stack([n, a, np.maximum(n * aa - a * a, 0)]).astype(np.float32)
 
 
 def _starts(h: int, w: int, step_y: int, step_x: int) -> np.ndarray:
@@ -86,25 +95,6 @@ def _across(columns: np.ndarray, sums: np.ndarray) -> None:
         sums[x] = total
 
 
-@njit(cache=True)
-def _moments(picture: np.ndarray) -> np.ndarray:
-    """Number of pixels n, sum Σa, and n Σa² − (Σa)² [3, h, w] of the windows of a picture."""
-    h, w = picture.shape
-    moments, columns = np.empty((3, h, w), np.float32), np.zeros((3, w + 2 * WINDOW_RADIUS), np.float32)
-    inner = columns[:, WINDOW_RADIUS : w + WINDOW_RADIUS]
-    for y in range(h):
-        inner[:] = 0
-        for i in range(max(y - WINDOW_RADIUS, 0), min(y + WINDOW_RADIUS + 1, h)):
-            for x in range(w):
-                inner[0, x] += 1
-                inner[1, x] += picture[i, x]
-                inner[2, x] += picture[i, x] * picture[i, x]
-        for m in range(3):
-            _across(columns[m], moments[m, y])
-        moments[2, y] = moments[0, y] * moments[2, y] - moments[1, y] * moments[1, y]
-    return moments
-
-
 @njit(cache=True, error_model="numpy", fastmath={"contract", "arcp"})
 def _mismatch(first: np.ndarray, moments: np.ndarray, second: np.ndarray, mismatch: np.ndarray) -> None:
     """1 − NCC [h, w] of two pictures over square windows, the first one's moments [3, h, w] known; 1 where one of them
@@ -126,7 +116,7 @@ def _mismatch(first: np.ndarray, moments: np.ndarray, second: np.ndarray, mismat
         for x in range(w):
             n, a, aa = moments[0, y, x], moments[1, y, x], moments[2, y, x]
             b, bb, ab = sums[0, x], sums[1, x], sums[2, x]
-            power = max(aa, np.float32(0)) * max(n * bb - b * b, np.float32(0))
+            power = aa * max(n * bb - b * b, np.float32(0))
             textured = power > np.float32(FLAT) * n * n * n * n
             ncc = (n * ab - a * b) / np.sqrt(power if textured else np.float32(1))
             value = np.float32(1) - (ncc if textured else np.float32(0))

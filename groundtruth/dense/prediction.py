@@ -78,10 +78,7 @@ def _rates(view: View, stereo: Stereo) -> tuple[float, float]:
     sources = len(stereo.sources)
     sweep_s = _fastest(lambda: planesweep.swept_disparity(small, disparity, TRIAL_PLANES))
     match_s = _fastest(lambda: patchmatch.refine(small, planes.copy(), low, high, 0, 0))
-    return (
-        sweep_s / (small.reference.size * TRIAL_PLANES * sources),
-        match_s / (small.reference.size * sources),
-    )
+    return (sweep_s / (small.reference.size * TRIAL_PLANES * sources), match_s / (small.reference.size * sources))
 
 
 def _fastest(work: Callable[[], object]) -> float:
