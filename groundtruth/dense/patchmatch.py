@@ -37,7 +37,7 @@ WORST = 2.0  # a hypothesis that a source does not see
 HOPEFUL, SHARE = 0.4, 0.02  # cost of a plane to begin with; share of a pixel's neighbours that must have such a one
 UNMATCHED = 0.6  # cost from which a plane is not polished
 
-Window = tuple[int, int, np.ndarray, np.ndarray, float]  # column, row; values about their mean, weights, variance
+Window = tuple[int, int, np.ndarray, np.ndarray, np.float32]  # column, row; values about their mean, weights, variance
 Triple = tuple[float, float, float]
 
 

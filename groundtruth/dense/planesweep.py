@@ -124,7 +124,7 @@ def _mismatch(first: np.ndarray, moments: np.ndarray, second: np.ndarray, mismat
 
 
 @njit(cache=True)
-def _add_row(first: np.ndarray, second: np.ndarray, sums: np.ndarray, sign: float) -> None:
+def _add_row(first: np.ndarray, second: np.ndarray, sums: np.ndarray, sign: np.float32) -> None:
     """Add (or take away) one row of both pictures to the columns' sums of b, b², a b."""
     for x in range(len(first)):
         a, b = first[x], second[x]
