@@ -13,13 +13,15 @@ from radar.support.errors import HandbenchError
 
 
 class Effort(NamedTuple):
-    """Depth maps have 1 / shrink of the photographs' resolution; iterations of PatchMatch."""
+    """Depth maps have 1 / shrink of the photographs' resolution; iterations of PatchMatch; thorough: sweeps in several
+    directions, and a second look at each view."""
 
     shrink: int
     iterations: int
+    thorough: bool = False
 
 
-EFFORT = {"draft": Effort(4, 2), "normal": Effort(2, 3), "high": Effort(1, 4)}
+EFFORT = {"draft": Effort(4, 2), "normal": Effort(2, 3), "high": Effort(1, 4, True)}
 
 
 class Distance(Config):
