@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from groundtruth.dense import cuda
-from groundtruth.dense.completion import completed
+from groundtruth.dense import completion, cuda
 from groundtruth.dense.dense import choose_sources, depth_maps, open_views
 from groundtruth.dense.fusion import Cloud, fuse
 from groundtruth.dense.plane import board_plane
@@ -50,5 +49,6 @@ def dense_cloud(
     else:
         maps = depth_maps(views, tracks, points_m, effort.iterations, options.seed, effort.thorough)
         if effort.thorough:
-            maps = completed(maps, choose_sources(views, tracks, points_m), options.seed)
+            maps = completion.completed(maps, choose_sources(views, tracks, points_m), options.seed)
+            return clean(fuse(maps, box_m, completion.CONFIRMATIONS))
     return clean(fuse(maps, box_m))

@@ -1,4 +1,4 @@
-"""A second look at every view, which starts from what all of them have found.
+"""Further looks at every view, which start from what all of them have found.
 
 A thin column that the sweep missed in one view was found in another. Its points, rendered into the first, are where
 PatchMatch starts there, and the pixels of every view are matched and filtered again as before.
@@ -15,16 +15,22 @@ from groundtruth.dense.fusion import Cloud, fuse
 from groundtruth.dense.views import Stereo, View
 from radar.support.progress import track
 
-CONFIRMATIONS = 1  # other views that a point needs for a start: what is wrong does not match
-ITERATIONS = 2
+CONFIRMATIONS = 1  # other views that a point needs: what is wrong does not match again
+LOOKS, ITERATIONS = 2, 2
 STEEPEST = 8.0  # disparities per pixel
 
 
 def completed(maps: list[DepthMap], sources: list[list[int]], seed: int) -> list[DepthMap]:
     """The depth maps made again, from their own depths and, where these have none, from the others'. sources: of each
     view."""
+    for _ in range(LOOKS):
+        maps = _again(maps, sources, seed)
+    return maps
+
+
+def _again(maps: list[DepthMap], sources: list[list[int]], seed: int) -> list[DepthMap]:
     cloud, again = fuse(maps, None, CONFIRMATIONS), []
-    for m, used in zip(track(maps, "second look"), sources, strict=True):
+    for m, used in zip(track(maps, "another look"), sources, strict=True):
         stereo = Stereo.of(m.view, [maps[s].view for s in used])
         depth_m, normals = rendered(cloud, m.view)
         known = np.isfinite(m.depth_m)

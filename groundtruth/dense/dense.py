@@ -21,6 +21,7 @@ from groundtruth.photos.photos import Photo
 from radar.support.errors import HandbenchError
 from radar.support.progress import say, track
 
+
 class Limits(NamedTuple):
     """The highest cost, 1 − NCC, and lowest cosine of incidence of pixels that are kept."""
 

@@ -17,7 +17,7 @@ FEWEST_PLANES, MOST_PLANES = 16, 320
 STEEPEST = 1.5  # disparities per pixel, of slopes that are read off the disparities
 MEDIAN_PX = 5
 SLOPE_PX = 3.0  # standard deviation, in the full view, of the smoothing before disparities are differentiated
-INCIDENCES = (1.5, 4.0)  # tangents of the angles, 56° and 76°, under which planes of the other sweeps are seen
+INCIDENCE = 2.5  # tangent of the angle, 68°, under which the planes of the other sweeps are seen
 SIDES = ((1, 0), (-1, 0), (0, 1), (0, -1))
 MERIT_PX = 5  # side of the window whose mean cost tells the sweeps apart
 
@@ -35,7 +35,7 @@ def disparities(view: View, unit: float) -> tuple[np.ndarray, np.ndarray]:
 
 def sweeps(slanted: bool) -> int:
     """Number of sweeps of a view."""
-    return 1 + slanted * len(SIDES) * len(INCIDENCES)
+    return 1 + slanted * len(SIDES)
 
 
 def first_guess(view: View, half: View, sources: list[View], unit: float, slanted: bool) -> np.ndarray:
@@ -50,9 +50,8 @@ def first_guess(view: View, half: View, sources: list[View], unit: float, slante
         return guess
     candidates = [_planes(facing, *_slopes(facing, SLOPE_PX / 2))]
     depth_m = 2 / np.nanmedian(1 / half.near_m + 1 / half.far_m)
-    for tangent in INCIDENCES:
-        slope = tangent / (half.K[0, 0] * depth_m * stereo.unit)  # of the disparity, per pixel
-        candidates += [_planes(_sweep(half, stereo, (a * slope, b * slope)), a * slope, b * slope) for a, b in SIDES]
+    slope = INCIDENCE / (half.K[0, 0] * depth_m * stereo.unit)  # of the disparity, per pixel
+    candidates += [_planes(_sweep(half, stereo, (a * slope, b * slope)), a * slope, b * slope) for a, b in SIDES]
     return _enlarged(_best(half, stereo, candidates), scale, h, w)
 
 
