@@ -9,14 +9,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from groundtruth.dense.dense import THOROUGH, DepthMap, refined
+from groundtruth.dense.dense import ITERATIONS, LOOKS, THOROUGH, DepthMap, refined
 from groundtruth.dense.first_guess import planes_through
 from groundtruth.dense.fusion import Cloud, fuse
 from groundtruth.dense.views import Stereo, View
 from radar.support.progress import track
 
 CONFIRMATIONS = 1  # other views that a point needs: what is wrong does not match again
-LOOKS, ITERATIONS = 2, 2
 STEEPEST = 8.0  # disparities per pixel
 
 
@@ -44,14 +43,14 @@ def rendered(cloud: Cloud, view: View) -> tuple[np.ndarray, np.ndarray]:
     """Depth [h, w] (NaN: none) and normal [h, w, 3] of the cloud's nearest point that faces the view at each pixel."""
     h, w = view.gray.shape
     depth_m, normals = np.full((h, w), np.nan), np.zeros((h, w, 3))
-    facing = ((cloud.points_m - view.centre_m) * cloud.normals).sum(axis=1) < 0
-    local = cloud.points_m[facing] @ view.R.T + view.t
-    pixels = local @ view.K.T
-    column, row = np.round(pixels[:, :2] / pixels[:, 2:]).astype(int).T
-    shown = np.flatnonzero((local[:, 2] > 0) & (column >= 0) & (column < w) & (row >= 0) & (row < h))
-    shown = shown[np.argsort(-local[shown, 2], kind="stable")]  # the nearest is written last
-    depth_m[row[shown], column[shown]] = local[shown, 2]
-    normals[row[shown], column[shown]] = cloud.normals[facing][shown]
+    local = cloud.points_m @ view.R.T + view.t
+    faces = (((cloud.points_m - view.centre_m) * cloud.normals).sum(axis=1) < 0) & (local[:, 2] > 0)
+    order = np.flatnonzero(faces)[np.argsort(-local[faces, 2], kind="stable")]  # the nearest is written last
+    pixels = local[order] @ view.K.T
+    column, row = np.floor(pixels[:, :2] / pixels[:, 2:] + 0.5).T
+    shown = (column >= 0) & (column < w) & (row >= 0) & (row < h)
+    order, place = order[shown], (row[shown].astype(int), column[shown].astype(int))
+    depth_m[place], normals[place] = local[order, 2], cloud.normals[order]
     return depth_m, normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-9)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from groundtruth.cameras.cameras import camera_in, pycolmap, registered
 from groundtruth.dense import patchmatch
-from groundtruth.dense.first_guess import first_guess, planes_swept
+from groundtruth.dense.first_guess import first_guess, planes_swept, sweeps
 from groundtruth.dense.prediction import predicted
 from groundtruth.dense.views import Stereo, View, open_view
 from groundtruth.photos.masks import Masks
@@ -32,6 +32,7 @@ class Limits(NamedTuple):
 FEWEST_VIEWS = 3
 DEPTH_QUANTILES, DEPTH_MARGIN = (0.01, 0.99), 0.15  # of the sparse points a view sees
 SOURCES = 4
+LOOKS, ITERATIONS = 2, 2  # further ones at each view, of a thorough search; of PatchMatch in each
 BEST_ANGLE_RAD, SPREAD_BELOW_RAD, SPREAD_ABOVE_RAD = np.deg2rad([12, 6, 25])  # between a view and a good source
 USUAL = Limits(cost=0.3, cosine=0.35)
 THOROUGH = Limits(cost=0.4, cosine=0.15)
@@ -101,7 +102,8 @@ def depth_maps(
         planes_swept(half, Stereo.of(half, [coarse[s] for s in sources[i]]).unit)[2] for i, half in enumerate(coarse)
     ]
     first = Stereo.of(views[0], [views[s] for s in sources[0]])
-    say(predicted(views, first, len(sources[0]), counts, iterations).describe())
+    rounds = [iterations, *[ITERATIONS] * LOOKS * thorough]
+    say(predicted(views, first, len(sources[0]), counts, rounds, sweeps(thorough)).describe())
     maps = []
     for i in track(range(len(views)), "depth maps"):
         stereo = Stereo.of(views[i], [views[s] for s in sources[i]])

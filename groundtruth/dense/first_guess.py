@@ -43,12 +43,11 @@ def first_guess(view: View, half: View, sources: list[View], unit: float, slante
     from others whose planes it sees at low angles from each side."""
     stereo = Stereo.of(half, sources)
     scale, (h, w) = stereo.unit / unit, view.gray.shape
-    facing = _sweep(half, stereo)
-    disparity = cv2.resize(facing * scale, (w, h), interpolation=cv2.INTER_LINEAR)
-    guess = _planes(disparity, *_slopes(disparity, SLOPE_PX))
+    facing = _sweep(half, stereo, (0.0, 0.0), scale)
     if not slanted:
-        return guess
-    candidates = [_planes(facing, *_slopes(facing, SLOPE_PX / 2))]
+        disparity = cv2.resize(facing, (w, h), interpolation=cv2.INTER_LINEAR)
+        return _planes(disparity, *_slopes(disparity, SLOPE_PX))
+    candidates = [_planes(facing / scale, *_slopes(facing / scale, SLOPE_PX / 2))]
     depth_m = 2 / np.nanmedian(1 / half.near_m + 1 / half.far_m)
     slope = INCIDENCE / (half.K[0, 0] * depth_m * stereo.unit)  # of the disparity, per pixel
     candidates += [_planes(_sweep(half, stereo, (a * slope, b * slope)), a * slope, b * slope) for a, b in SIDES]
@@ -60,7 +59,7 @@ def _best(half: View, stereo: Stereo, candidates: list[np.ndarray]) -> np.ndarra
     low, high = disparities(half, stereo.unit)
     merits = []
     for planes in candidates:
-        np.clip(planes[..., 0], low, high, out=planes[..., 0])
+        planes[..., 0] = np.fmin(np.fmax(planes[..., 0], low), high)
         cost = patchmatch.refine(stereo, planes, low, high, 0, 0)
         merits.append(cv2.blur(np.minimum(cost, 1), (MERIT_PX, MERIT_PX)))
     best = np.argmin(merits, axis=0)[None, ..., None]
@@ -86,14 +85,14 @@ def _slopes(disparity: np.ndarray, smooth_px: float) -> tuple[np.ndarray, np.nda
     return np.clip(slope_x, -STEEPEST, STEEPEST), np.clip(slope_y, -STEEPEST, STEEPEST)
 
 
-def _sweep(half: View, stereo: Stereo, slope: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
-    """Disparity [h, w] float32 from planes of one slope (disparities per column and row)."""
+def _sweep(half: View, stereo: Stereo, slope: tuple[float, float], scale: float = 1.0) -> np.ndarray:
+    """Disparity [h, w] float32, times a scale, from planes of one slope (disparities per column and row)."""
     h, w = half.gray.shape
     first, last, count = planes_swept(half, stereo.unit)
     step = (last - first) / (count - 1)
     row = np.array([*slope, -slope[0] * w / 2 - slope[1] * h / 2])  # of the disparity, as a function of x
     swept = stereo._replace(A=stereo.A + stereo.b[:, :, None] * row, b=stereo.b * step)
-    found = cv2.medianBlur(planesweep.swept_disparity(swept, first / step, count), MEDIAN_PX) * step
+    found = cv2.medianBlur(planesweep.swept_disparity(swept, first / step, count), MEDIAN_PX) * (step * scale)
     y, x = np.mgrid[:h, :w]
     return (found + row[0] * x + row[1] * y + row[2]).astype(np.float32)
 
