@@ -36,7 +36,7 @@ from radar.support.progress import say, track
 
 # Iterations of four sweeps each, and whether a second run asks the sources' depth maps to agree: COLMAP's lowest, its
 # default.
-SEARCH = {"draft": (3, False), "normal": (5, True), "high": (5, True)}
+SEARCH = {"draft": (3, False), "normal": (5, True), "high": (5, True), "thorough": (5, True)}
 CHILD = """
 import json, sys, pycolmap
 pycolmap.patch_match_stereo(sys.argv[1], options=pycolmap.PatchMatchOptions(**json.loads(sys.argv[2])))

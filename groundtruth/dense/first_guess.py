@@ -28,16 +28,6 @@ def planes_swept(half: View, unit: float) -> tuple[float, float, int]:
     return first, last, int(np.clip(np.ceil(last - first), FEWEST_PLANES, MOST_PLANES))
 
 
-def disparities(view: View, unit: float) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest disparity [h, w] at each pixel; NaN where it is of no interest."""
-    return 1 / (view.far_m * unit), 1 / (view.near_m * unit)
-
-
-def sweeps(slanted: bool) -> int:
-    """Number of sweeps of a view."""
-    return 1 + slanted * len(SIDES)
-
-
 def first_guess(view: View, half: View, sources: list[View], unit: float, slanted: bool) -> np.ndarray:
     """Planes [h, w, 3] float32 in units of the full view, from a sweep with planes that face the camera; slanted: and
     from others whose planes it sees at low angles from each side."""
@@ -56,7 +46,7 @@ def first_guess(view: View, half: View, sources: list[View], unit: float, slante
 
 def _best(half: View, stereo: Stereo, candidates: list[np.ndarray]) -> np.ndarray:
     """Of planes [h, w, 3] at each pixel those that match best about it."""
-    low, high = disparities(half, stereo.unit)
+    low, high = 1 / (half.far_m * stereo.unit), 1 / (half.near_m * stereo.unit)
     merits = []
     for planes in candidates:
         planes[..., 0] = np.fmin(np.fmax(planes[..., 0], low), high)
