@@ -13,7 +13,7 @@ import numpy as np
 
 from groundtruth.cameras.cameras import camera_in, pycolmap, registered
 from groundtruth.dense import patchmatch
-from groundtruth.dense.first_guess import SIDES, first_guess, planes_swept
+from groundtruth.dense.first_guess import SLANTS, first_guess, planes_swept
 from groundtruth.dense.prediction import predicted
 from groundtruth.dense.views import Stereo, View, open_view
 from groundtruth.photos.masks import Masks
@@ -103,7 +103,7 @@ def depth_maps(
     ]
     first = Stereo.of(views[0], [views[s] for s in sources[0]])
     rounds = [iterations, *[ITERATIONS] * LOOKS * thorough]
-    say(predicted(views, first, len(sources[0]), counts, rounds, 1 + thorough * len(SIDES)).describe())
+    say(predicted(views, first, len(sources[0]), counts, rounds, 1 + thorough * len(SLANTS)).describe())
     maps = []
     for i in track(range(len(views)), "depth maps"):
         stereo = Stereo.of(views[i], [views[s] for s in sources[i]])

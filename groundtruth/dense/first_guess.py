@@ -17,8 +17,8 @@ FEWEST_PLANES, MOST_PLANES = 16, 320
 STEEPEST = 1.5  # disparities per pixel, of slopes that are read off the disparities
 MEDIAN_PX = 5
 SLOPE_PX = 3.0  # standard deviation, in the full view, of the smoothing before disparities are differentiated
-INCIDENCE = 2.5  # tangent of the angle, 68°, under which the planes of the other sweeps are seen
-SIDES = ((1, 0), (-1, 0), (0, 1), (0, -1))
+INCIDENCES = (1.5, 4.0)  # tangents of the angles, 56° and 76°, under which the planes of the other sweeps are seen
+SLANTS = tuple((a * tangent, b * tangent) for tangent in INCIDENCES for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1)))
 MERIT_PX = 5  # side of the window whose mean cost tells the sweeps apart
 
 
@@ -39,8 +39,9 @@ def first_guess(view: View, half: View, sources: list[View], unit: float, slante
         return _planes(disparity, *_slopes(disparity, SLOPE_PX))
     candidates = [_planes(facing / scale, *_slopes(facing / scale, SLOPE_PX / 2))]
     depth_m = 2 / np.nanmedian(1 / half.near_m + 1 / half.far_m)
-    slope = INCIDENCE / (half.K[0, 0] * depth_m * stereo.unit)  # of the disparity, per pixel
-    candidates += [_planes(_sweep(half, stereo, (a * slope, b * slope)), a * slope, b * slope) for a, b in SIDES]
+    slope = 1 / (half.K[0, 0] * depth_m * stereo.unit)  # of the disparity, per pixel, at 45°
+    for a, b in SLANTS:
+        candidates.append(_planes(_sweep(half, stereo, (a * slope, b * slope)), a * slope, b * slope))
     return _enlarged(_best(half, stereo, candidates), scale, h, w)
 
 
