@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from groundtruth.dense import cuda
-from groundtruth.dense.dense import depth_maps, open_views
+from groundtruth.dense import completion, cuda
+from groundtruth.dense.dense import choose_sources, depth_maps, open_views
 from groundtruth.dense.fusion import Cloud, fuse
 from groundtruth.dense.plane import board_plane
 from groundtruth.dense.volume import volume, warn_of_cuts
@@ -47,5 +47,8 @@ def dense_cloud(
     if options.dense == "cuda":
         maps = cuda.depth_maps(views, tracks, points_m, options.quality)
     else:
-        maps = depth_maps(views, tracks, points_m, effort.iterations, options.seed)
+        maps = depth_maps(views, tracks, points_m, effort.iterations, options.seed, effort.thorough)
+        if effort.thorough:
+            maps = completion.completed(maps, choose_sources(views, tracks, points_m), options.seed)
+            return clean(fuse(maps, box_m, completion.CONFIRMATIONS))
     return clean(fuse(maps, box_m))

@@ -39,14 +39,17 @@ class Prediction(NamedTuple):
         )
 
 
-def predicted(views: list[View], stereo: Stereo, sources: int, planes: list[int], iterations: int) -> Prediction:
-    """The cost of depth maps of views from so many sources each, with so many planes swept at half the resolution;
-    stereo: of the first of them."""
+def predicted(
+    views: list[View], stereo: Stereo, sources: int, planes: list[int], iterations: list[int], sweeps: int = 1
+) -> Prediction:
+    """The cost of depth maps of views from so many sources each, with so many planes swept at half the resolution in
+    each of `sweeps` directions; iterations: of PatchMatch, each time that it runs; stereo: of the first view."""
     sizes = np.array([view.gray.size for view in views])
     wanted = np.array([int(np.isfinite(view.near_m).sum()) for view in views])
     sweep_s, match_s = _rates(views[0], stereo)
-    swept = float((sizes / 4 * planes).sum()) * sources
-    matched = float(wanted.sum()) * _matches(sources, iterations)
+    swept = float((sizes / 4 * planes).sum()) * sources * sweeps
+    compared = sweeps / 4 * _matches(sources, 0) if sweeps > 1 else 0  # at half the resolution
+    matched = float(wanted.sum()) * (compared + sum(_matches(sources, each) for each in iterations))
     sweep_bytes = SWEEP_BYTES * float((sizes / 4 * planes).max())
     fused_bytes = float((FUSED_BYTES * len(views) + FUSED_ALONE) * sizes.max())
     kept_bytes = float((MAP_BYTES + VIEW_BYTES) * sizes.sum())
