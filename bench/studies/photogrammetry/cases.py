@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 from bench.scenes.scene_file import SceneFile
@@ -21,10 +22,14 @@ REAL = {
 }
 
 
+PLACED = {"distance_m": 0.31, "offset_m": (0.0, -0.03)}  # handbench's hands and those of files
+
+
 @dataclass(frozen=True)
 class Case:
-    """A hand in a pose, its photographs, and how they are reconstructed. known: the intrinsics are given. renderer:
-    takes photographs of a hand that carries a bitmap, without lens distortion; "": handbench's own skin and lenses."""
+    """A hand in a pose, its photographs, and how they are reconstructed. pose: a letter, or a mesh file in metres, in
+    the frame of handbench's hands. known: the intrinsics are given. renderer: takes photographs of a hand that carries
+    a bitmap, without lens distortion; "": handbench's own skin and lenses."""
 
     name: str
     pose: str
@@ -36,10 +41,16 @@ class Case:
     renderer: Literal["", "handbench", "mitsuba"] = ""
     photos: dict[str, Any] = field(default_factory=dict)
 
+    @property
+    def is_file(self) -> bool:
+        """Whether the hand is a mesh file's."""
+        return self.pose.endswith((".ply", ".obj", ".stl"))
+
     def scene_file(self) -> SceneFile:
         """The scene: skin on the stand, photographs of 3:2."""
         photos = {"cameras": self.cameras, "width": self.width, "height": self.width * 2 // 3, **self.photos}
-        target = {"kind": "hand", "pose": self.pose, "material": {"kind": "skin"}}
+        hand = {"kind": "mesh", "path": Path(self.pose).name} if self.is_file else {"kind": "hand", "pose": self.pose}
+        target = {**PLACED, **hand, "material": {"kind": "skin"}}
         values = {"version": 1, "name": self.name, "seed": self.seed, "target": target, "photos": photos}
         return parse(SceneFile, values, f"case '{self.name}'")
 

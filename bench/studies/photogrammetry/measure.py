@@ -23,7 +23,7 @@ from bench.studies.study import Study
 from groundtruth.cameras.cameras import Camera
 from groundtruth.options import Options
 from groundtruth.pipeline import reconstruct
-from radar.support.cost import Cost, measured
+from radar.support.cost import measured
 from radar.support.files import content_hash
 from radar.support.store import keep
 
@@ -47,10 +47,11 @@ def study(work: Path, what: str, poses: str) -> Study:
 def measure(case: Case, work: Path) -> Record:
     """Photographs and stages are kept under `work`, so that cases which share them do so."""
     file = case.scene_file()
-    scene = build(file)
+    scene = build(file, Path(case.pose).parent)
     told = {"renderer": case.renderer} if case.renderer else {}
+    told |= {"mesh": content_hash(Path(case.pose))} if case.is_file else {}
     values = {**file.model_dump(mode="json", exclude={"name"}), **told}
-    folder = work / f"{case.pose}-{content_hash(values)[:12]}"
+    folder = work / f"{Path(case.pose).stem}-{content_hash(values)[:12]}"
     box_m: tuple[float, ...] | None = tuple(scene.box_m.ravel())
     if case.renderer:
         scene, box_m = floating(scene), None
@@ -65,7 +66,8 @@ def measure(case: Case, work: Path) -> Record:
     options = Options(quality=case.quality, box_m=box_m, shared_intrinsics=lens)
     with measured() as cost:
         result = reconstruct(photos, options, folder / "reconstruction")
-    return record(case, score(result, scene), result.seconds, cost)
+    scored = {**score(result, scene), "cpu_s": cost.cpu_seconds}
+    return record(case, scored, result.seconds, cost.peak_memory_mb)
 
 
 def photograph(scene: Scene, renderer: str, folder: Path) -> None:
@@ -97,8 +99,8 @@ def pinhole(camera: Camera) -> Camera:
     return camera.model_copy(update={"model": "PINHOLE", "params": (focal_px, focal_px, *centre_px)})
 
 
-def record(case: Case, scored: Record, seconds: dict[str, float], cost: Cost) -> Record:
-    """A case with its score, the seconds by stage, and what it cost."""
+def record(case: Case, scored: Record, seconds: dict[str, float], peak_memory_mb: float) -> Record:
+    """A case with its score, and the seconds by stage."""
     about = {
         "case": case.name,
         "pose": case.pose,
@@ -107,8 +109,7 @@ def record(case: Case, scored: Record, seconds: dict[str, float], cost: Cost) ->
         "quality": case.quality,
     }
     times = {f"{stage}_s": value for stage, value in seconds.items()}
-    spent = {"cpu_s": cost.cpu_seconds, "peak_memory_mb": cost.peak_memory_mb}
-    return {**about, **scored, **times, "all_s": sum(seconds.values()), **spent}
+    return {**about, **scored, **times, "all_s": sum(seconds.values()), "peak_memory_mb": peak_memory_mb}
 
 
 def _without_intrinsics(photos: Path, folder: Path) -> None:

@@ -38,7 +38,7 @@ class PathTracer:
         self.scene = self.mitsuba.load_dict(self._description(scene, atlas))
 
     def photograph(self, camera: Camera, number: int) -> np.ndarray:
-        """A photograph [height, width, 3], 8-bit sRGB in the order BGR; `number` seeds its noise, which is that of the paths."""
+        """A photograph [height, width, 3], 8-bit BGR (OpenCV's order); `number` seeds the paths, whose noise it has."""
         mi = self.mitsuba
         light = mi.render(self.scene, sensor=mi.load_dict(sensor(mi, camera, self.samples)), seed=number)
         rgb = np.array(mi.Bitmap(light).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, srgb_gamma=True))
@@ -49,7 +49,7 @@ class PathTracer:
         rows, columns = atlas.bitmap.shape[:2]
         uv = (atlas.corner_texels() / (columns, rows)).reshape(-1, 2)
         skin = _triangles(mi, atlas.vertices_m[atlas.faces].reshape(-1, 3), uv, _bitmap(mi, atlas.bitmap))
-        width, height, thickness = PLATE_M
+        width, height, _ = PLATE_M
         to_world = mi.ScalarTransform4f().scale([width / 2, height / 2, 1])
         printed = np.repeat(plate_print(scene.file.seed)[::-1, :, None], 3, axis=2)  # the first row is at v = 0
         result = {
@@ -79,7 +79,9 @@ def sensor(mi: ModuleType, camera: Camera, samples: int) -> dict[str, Any]:
     """Mitsuba's description of a pinhole camera, whose pixels are square: its x points left, its y up."""
     fx, fy, cx, cy, *distortion = camera.params
     if fx != fy or any(distortion):
-        raise HandbenchError(f"camera {camera.name}: has the parameters {camera.params}; expected fx = fy, no distortion")
+        raise HandbenchError(
+            f"camera {camera.name}: has the parameters {camera.params}; expected fx = fy, no distortion"
+        )
     to_world = np.eye(4)
     to_world[:3, :3] = camera.rotation.T @ np.diag([-1.0, -1.0, 1.0])
     to_world[:3, 3] = camera.centre_m
