@@ -43,7 +43,7 @@ class Case:
 
     @property
     def is_file(self) -> bool:
-        """Whether the hand is a mesh file's."""
+        """True where the hand is a mesh file's."""
         return self.pose.endswith((".ply", ".obj", ".stl"))
 
     def scene_file(self) -> SceneFile:
