@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bench.scenes.build import Scene
-from bench.scenes.stand import PLATE_M, cuboid, plate_print
+from bench.scenes.stand import PLATE_M, plate_print
 from bench.studies.photogrammetry.atlas import Atlas
 from groundtruth.cameras.cameras import Camera
 from radar.support.errors import HandbenchError
@@ -17,7 +17,6 @@ SAMPLES = 16  # paths per pixel, whose noise is that of the photographs
 BOUNCES = 1
 SKY = 0.45
 LAMPS = (((-0.45, 0.60, 0.80), 0.30, 0.45), ((0.70, 0.10, 0.75), 0.25, 0.25))  # centre (photo frame), half side, light
-BLOCK_RGB = (0.3, 0.4, 0.45)
 
 
 def load_mitsuba() -> ModuleType:
@@ -31,7 +30,7 @@ def load_mitsuba() -> ModuleType:
 
 
 class PathTracer:
-    """A scene whose target carries an atlas, ready to be photographed by pinhole cameras."""
+    """A scene's target, which carries an atlas, before its plate; ready to be photographed by pinhole cameras."""
 
     def __init__(self, scene: Scene, atlas: Atlas, samples: int = SAMPLES) -> None:
         self.mitsuba, self.samples = load_mitsuba(), samples
@@ -67,11 +66,6 @@ class PathTracer:
                 "to_world": look @ mi.ScalarTransform4f().scale([half_m, half_m, 1]),
                 "emitter": {"type": "area", "radiance": {"type": "rgb", "value": float(radiance)}},
             }
-        if scene.block_m is not None:
-            vertices_m, faces = cuboid(scene.block_m, 1.0)
-            corners_m = vertices_m[faces].reshape(-1, 3)
-            plain = {"type": "rgb", "value": BLOCK_RGB}
-            result["block"] = _triangles(mi, corners_m, np.zeros((len(corners_m), 2)), plain)
         return result
 
 
@@ -79,9 +73,7 @@ def sensor(mi: ModuleType, camera: Camera, samples: int) -> dict[str, Any]:
     """Mitsuba's description of a pinhole camera, whose pixels are square: its x points left, its y up."""
     fx, fy, cx, cy, *distortion = camera.params
     if fx != fy or any(distortion):
-        raise HandbenchError(
-            f"camera {camera.name}: has the parameters {camera.params}; expected fx = fy, no distortion"
-        )
+        raise HandbenchError(f"camera {camera.name}: has {camera.params}; expected fx = fy and no distortion")
     to_world = np.eye(4)
     to_world[:3, :3] = camera.rotation.T @ np.diag([-1.0, -1.0, 1.0])
     to_world[:3, 3] = camera.centre_m
@@ -106,19 +98,15 @@ def sensor(mi: ModuleType, camera: Camera, samples: int) -> dict[str, Any]:
 
 def _triangles(mi: ModuleType, corners_m: np.ndarray, uv: np.ndarray, texture: dict[str, Any]) -> Any:
     """Flat triangles from their corners [3 m, 3] with places uv [3 m, 2] on a texture."""
-    mesh = mi.Mesh("target", len(corners_m), len(corners_m) // 3, has_vertex_texcoords=True, props=_props(mi, texture))
+    properties = mi.Properties()
+    properties["mesh_bsdf"] = mi.load_dict(_diffuse(texture))
+    mesh = mi.Mesh("target", len(corners_m), len(corners_m) // 3, has_vertex_texcoords=True, props=properties)
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = corners_m.astype(np.float32).ravel()
     parameters["vertex_texcoords"] = uv.astype(np.float32).ravel()
     parameters["faces"] = np.arange(len(corners_m), dtype=np.uint32)
     parameters.update()
     return mesh
-
-
-def _props(mi: ModuleType, texture: dict[str, Any]) -> Any:
-    properties = mi.Properties()
-    properties["mesh_bsdf"] = mi.load_dict(_diffuse(texture))
-    return properties
 
 
 def _diffuse(texture: dict[str, Any]) -> dict[str, Any]:

@@ -1,19 +1,24 @@
 """The second renderer: its cameras against COLMAP's projection, its bitmap against handbench's, and its absence."""
 
 import sys
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from bench.scenes.build import build
+from bench.scenes.photographs import Studio
 from bench.scenes.rig import rig
+from bench.scenes.scene_file import SceneFile
 from bench.scenes.shapes import sphere_mesh
 from bench.studies.photogrammetry.atlas import TEXEL_M, Atlas
 from bench.studies.photogrammetry.cases import renderers
 from bench.studies.photogrammetry.measure import floating, pinhole
-from bench.studies.photogrammetry.path_tracer import load_mitsuba, sensor
+from bench.studies.photogrammetry.path_tracer import PathTracer, load_mitsuba, sensor
 from calibration.transforms import identity
+from radar.support.config import parse
 from radar.support.errors import HandbenchError
 
 
@@ -88,3 +93,26 @@ def test_both_renderers_photograph_one_scene_without_a_block():
     assert scene.block_m is None and all(camera.model == "PINHOLE" for camera in scene.cameras)
     in_photo_m = scene.radar_from_photo.inverse().points(np.asarray(scene.target_mesh.vertices))
     assert (in_photo_m >= scene.box_m[0]).all() and (in_photo_m <= scene.box_m[1]).all()
+
+
+def _bands(picture):
+    """Between 2 and 8 pixels: neither what a texel's sampling makes of fine grain, nor light."""
+    return gaussian_filter(picture, 2) - gaussian_filter(picture, 8)
+
+
+def test_both_renderers_show_the_same_surfaces_in_the_same_places():
+    """Grey pictures of a ball before the board by both: light and noise differ, the prints do not."""
+    mitsuba_or_skip()
+    photos = {"cameras": 2, "width": 360, "height": 240}
+    values = {"version": 1, "name": "ball", "target": {"kind": "sphere", "radius_m": 0.04}, "photos": photos}
+    scene = floating(build(parse(SceneFile, values, "ball")))
+    vertices_m = scene.radar_from_photo.inverse().points(np.asarray(scene.target_mesh.vertices))
+    atlas = Atlas.of(vertices_m, np.asarray(scene.target_mesh.triangles), 0)
+    studio, camera = Studio(scene), scene.cameras[0]
+    studio.bodies[0] = replace(studio.bodies[0], albedo=atlas.reflectance)
+    pictures = (studio.photograph(camera, 0), PathTracer(scene, atlas, samples=16).photograph(camera, 0))
+    ours, theirs = (_bands(picture.mean(axis=-1)) for picture in pictures)
+    column, row = camera.project(vertices_m).mean(axis=0).astype(int)
+    for part in (np.s_[row - 25 : row + 25, column - 25 : column + 25], np.s_[:, : column - 80]):  # the ball; the board
+        here, moved = (np.corrcoef(a.ravel(), theirs[part].ravel())[0, 1] for a in (ours[part], np.roll(ours, 5)[part]))
+        assert here > 0.75 and here > moved + 0.3
