@@ -68,7 +68,7 @@ def hand_of(wheel: Path) -> o3d.geometry.TriangleMesh:
     x /= np.linalg.norm(x)
     to_hand = np.stack([x, y, np.cross(x, y)])
     surface = mesh((vertices_m - (wrist_m + middle_m) / 2) @ to_hand.T, groups["body"])
-    palm_m = np.linalg.norm(up) / 2
+    palm_m = float(np.linalg.norm(up)) / 2
     surface = _largest_above(surface, -palm_m - FOREARM_M - 0.02)
     surface = surface.subdivide_loop(SUBDIVISIONS)
     return _capped(_largest_above(surface, -palm_m - FOREARM_M))
@@ -76,7 +76,9 @@ def hand_of(wheel: Path) -> o3d.geometry.TriangleMesh:
 
 def _base(text: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Vertices [n, 3] in metres and by group triangles [m, 3] of the base mesh."""
-    vertices, groups, group = [], {}, ""
+    vertices: list[list[float]] = []
+    groups: dict[str, list[tuple[int, int, int]]] = {}
+    group = ""
     for kind, *words in (line.split() for line in text.splitlines() if line[:2] in ("v ", "f ", "g ")):
         if kind == "v":
             vertices.append([float(word) for word in words])

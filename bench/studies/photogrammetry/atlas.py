@@ -10,6 +10,7 @@ from groundtruth.mesh.mesh_files import mesh, raycasting_scene
 from radar.support.rays import load_open3d
 
 TEXEL_M = 1e-4
+MOST_ROWS = 1 << 14  # cv2.remap refuses maps longer than 2^15
 MARGIN = 2  # texels around a chart, for the interpolation at its border
 COARSEST_M = 8e-3  # of the pattern
 CONTRAST = 0.16  # standard deviation of the reflectance's logarithm
@@ -55,10 +56,12 @@ class Atlas:
 
         scene = raycasting_scene(mesh(self.vertices_m, self.faces))
         nearest = scene.compute_closest_points(load_open3d().core.Tensor(points_m.astype(np.float32)))
-        at = (self._texels(points_m, self.chart[nearest["primitive_ids"].numpy()]) - 0.5).astype(np.float32)
-        rows = 1 << 14  # cv2.remap refuses maps longer than 2^15
-        parts = [cv2.remap(self.bitmap, at[k : k + rows, None], None, cv2.INTER_CUBIC) for k in range(0, len(at), rows)]
-        return np.concatenate(parts)[:, 0] if parts else np.empty((0, 3), dtype=np.float32)
+        column, row = (self._texels(points_m, self.chart[nearest["primitive_ids"].numpy()]) - 0.5).astype(np.float32).T
+        result = np.empty((len(points_m), 3), dtype=np.float32)
+        for first in range(0, len(result), MOST_ROWS):
+            part = slice(first, first + MOST_ROWS)
+            result[part] = cv2.remap(self.bitmap, column[part, None], row[part, None], cv2.INTER_CUBIC)[:, 0]
+        return result
 
     def _texels(self, points_m: np.ndarray, chart: np.ndarray) -> np.ndarray:
         """Columns and rows [..., 2] of points [..., 3] in a chart [...]."""

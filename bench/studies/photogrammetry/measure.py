@@ -48,7 +48,7 @@ def measure(case: Case, work: Path) -> Record:
     """Photographs and stages are kept under `work`, so that cases which share them do so."""
     file = case.scene_file()
     scene = build(file, Path(case.pose).parent)
-    told = {"renderer": case.renderer} if case.renderer else {}
+    told: dict[str, str] = {"renderer": case.renderer} if case.renderer else {}
     told |= {"mesh": content_hash(Path(case.pose))} if case.is_file else {}
     values = {**file.model_dump(mode="json", exclude={"name"}), **told}
     folder = work / f"{Path(case.pose).stem}-{content_hash(values)[:12]}"
