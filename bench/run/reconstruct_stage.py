@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
@@ -35,23 +34,24 @@ def reconstruct(
     TIMING. All on the client's device."""
     with use_device(device), others() as busy:
         imager = Imager(Path(capture), method, config, frames, every_nth_antenna)
-        found = list(imager.images())
-        seconds = imager.until_settled([image.seconds for image in found])
-        depths = [image.result.depth for image in found]
+        found = imager.images()
+        seconds = imager.until_settled(found.seconds)
+        depths = [result.depth for result in found.results]
         if seconds[0] < PLANNED_S:
             write_treated(folder, imager.with_settings, imager.settings, depths[0])
     depths[0].save(folder / DEPTH)
     if frames > 1:
         write_npz(folder / FRAMES, z_m=np.stack([depth.z_m for depth in depths]).astype(np.float32))
-    write_json(folder / TIMING, {"seconds": seconds, "plan_seconds": found[0].plan_s, "others_cores": busy[0]})
+    write_json(folder / TIMING, {"seconds": seconds, "plan_seconds": found.plan_s, "others_cores": busy[0]})
 
 
-class Timed(NamedTuple):
-    """A frame's image, the seconds from echoes in memory to the depth map, and those of the plan, where measured."""
+class Images(NamedTuple):
+    """The frames' results; the seconds from echoes in memory to each depth map, the engine's plan being made; the
+    plan's own, where they are known."""
 
-    result: Reconstruction
-    seconds: float
-    plan_s: float | None = None
+    results: list[Reconstruction]
+    seconds: list[float]
+    plan_s: float | None
 
 
 class Imager:
@@ -66,32 +66,30 @@ class Imager:
             raise HandbenchError(f"{capture}: has {len(self.echoes.samples)} frames; expected {frames}")
         compile_kernels()
 
-    def images(self) -> Iterator[Timed]:
-        """Image every frame. The first image of a geometry plans the engine's skeletons, which a radar does once: where
-        that may matter, the first frame is imaged again, its second time counts, and what the first took more is the
-        plan's."""
-        for frame in range(self.frames):
-            image = self._timed(frame)
-            if frame == 0 and image.seconds < PLANNED_S:
-                again = self._timed(frame)
-                image = again._replace(plan_s=max(image.seconds - again.seconds, 0.0))
-            yield image
+    def images(self) -> Images:
+        """Image every frame. The first image of a geometry plans the engine's skeletons, which a radar does once: the
+        other frames' times count, or where there is none and a plan may matter, that of the first frame imaged again;
+        what the first image took more is the plan's."""
+        results, (first_s, *seconds) = zip(*map(self._timed, range(self.frames)), strict=True)
+        if not seconds and first_s < PLANNED_S:
+            seconds = [self._timed(0)[1]]
+        return Images(list(results), seconds or [first_s], max(first_s - median(seconds), 0.0) if seconds else None)
 
     def until_settled(self, seconds: list[float]) -> list[float]:
         """These times of the frames, and more of them, imaged again in turns until their median has settled or
         SETTLE_S have gone by."""
         found, end = list(seconds), time.perf_counter() + SETTLE_S
         while not settled(found) and time.perf_counter() + found[-1] < end:
-            found.append(self._timed(len(found) % self.frames).seconds)
+            found.append(self._timed(len(found) % self.frames)[1])
         return found
 
     def with_settings(self, settings: Config) -> DepthMap:
         """The depth map of frame 0 by another configuration."""
         return self.method.run(self.echoes, settings, 0).depth
 
-    def _timed(self, frame: int) -> Timed:
+    def _timed(self, frame: int) -> tuple[Reconstruction, float]:
         start = time.perf_counter()
-        return Timed(self.method.run(self.echoes, self.settings, frame), time.perf_counter() - start)
+        return self.method.run(self.echoes, self.settings, frame), time.perf_counter() - start
 
 
 def settled(seconds: list[float]) -> bool:

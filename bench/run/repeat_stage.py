@@ -25,11 +25,11 @@ def repeat(
     """Depth of the strongest scatterer in each frame, and every pixel's deviation over them → REPEATS, imaged on the
     client's device; the frames' times → TIMING."""
     with use_device(device), others() as busy:
-        found = list(Imager(Path(capture), method, config, frames, every_nth_antenna).images())
-    depths, seconds = [image.result.depth for image in found], [image.seconds for image in found]
+        found = Imager(Path(capture), method, config, frames, every_nth_antenna).images()
+    depths = [result.depth for result in found.results]
     spread = deviation_map(depths[0].x_m, depths[0].y_m, np.stack([d.z_m for d in depths]))
     write_npz(folder / REPEATS, z_m=strongest_z_m(depths), x_m=spread.x_m, y_m=spread.y_m, deviation_m=spread.error_m)
-    write_json(folder / TIMING, {"seconds": seconds, "plan_seconds": found[0].plan_s, "others_cores": busy[0]})
+    write_json(folder / TIMING, {"seconds": found.seconds, "plan_seconds": found.plan_s, "others_cores": busy[0]})
 
 
 def strongest_z_m(depths: list[DepthMap]) -> np.ndarray:

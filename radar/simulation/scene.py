@@ -26,7 +26,7 @@ class Material(Config):
 
     kind: Literal["metal", "skin", "foam", "plastic"] = "metal"
     permittivity: float | None = Field(default=None, ge=1, le=20)
-    loss_tangent: float = Field(default=0.0, ge=0, le=1)
+    loss_tangent: float = Field(default=0.0, ge=0, le=10)
     palm_thickness_m: float = Field(default=140e-6, ge=0, le=2e-3)
     wet: bool = False
 

@@ -49,6 +49,7 @@ def _written(picture: Picture, folder: Path) -> Image:
     for suffix, metadata in ((".png", {}), (".pdf", {"CreationDate": None})):  # same data, same bytes
         with atomic_path(folder / f"{picture.stem}{suffix}") as temporary:
             picture.figure.savefig(temporary, metadata=metadata)
+        picture.figure.set_layout_engine("none")  # laid out once
     with Pixels.open(folder / f"{picture.stem}.png") as pixels:
         return image(pixels, picture.alt, picture.caption, picture.stem, SHOWN)
 

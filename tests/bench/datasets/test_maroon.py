@@ -46,8 +46,8 @@ def test_a_written_data_set_gives_the_same_depth_maps(written, method_id):
     """The bar is 1e-6; nothing is rounded on the way, so that the maps are the same to the last bit."""
     maps = []
     for capture in written:
-        [found] = Imager(capture, method_id, METHODS[method_id]).images()
-        maps.append(found.result.depth)
+        [found] = Imager(capture, method_id, METHODS[method_id]).images().results
+        maps.append(found.depth)
     assert np.isfinite(maps[0].z_m).any()
     np.testing.assert_array_equal(maps[0].z_m, maps[1].z_m)
     np.testing.assert_array_equal(maps[0].amplitude_db, maps[1].amplitude_db)

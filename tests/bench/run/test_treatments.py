@@ -9,7 +9,7 @@ import pytest
 from bench import results
 from bench.evaluation.alike import OPEN_DB, WINDOW_PX
 from bench.run.benchmark_file import load_benchmark
-from bench.run.reconstruct_stage import settled
+from bench.run.reconstruct_stage import SETTLE_S, settled
 from bench.run.runner import run
 from bench.run.scoring import completed_by
 from bench.run.treatments import read_treated, write_treated
@@ -100,7 +100,7 @@ def test_a_run_tells_equal_treatment_frames_and_enough_times(small_bench: Path, 
     assert set(result.curves.method) == {"2fsk", "narrowband"} and (result.curves.risk_mm >= 0).all()
     [timing] = (tmp_path / "out" / "work").glob("reconstruct-ball-2fsk-*/timing.json")
     seconds = json.loads(timing.read_text())["seconds"]
-    assert len(seconds) >= 4 and (settled(seconds) or sum(seconds) > 1)
+    assert len(seconds) >= 4 and (settled(seconds) or sum(seconds) > 0.9 * SETTLE_S)  # less than an image may remain
 
 
 def test_a_table_of_equal_figures_is_made_by_hand_too(small_bench: Path, tmp_path: Path):

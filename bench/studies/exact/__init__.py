@@ -1,0 +1,1 @@
+"""Simulated echoes against exact solutions of Maxwell's equations."""

@@ -1,0 +1,220 @@
+"""Exact echoes of parallel, infinitely long circular cylinders, of metal or of a dielectric, before short dipoles.
+
+Along the cylinders' axis the field is a spectrum of waves e^{−jβa}; around each cylinder, with κ = √(k² − β²), it is a
+series of J_m and H_m⁽²⁾ times e^{jmφ}. Both axial components, E_a and H_a (times the impedance of free space), are
+expanded; a cylinder couples them where β ≠ 0, unless it is of metal. Graf's theorem carries the waves that one cylinder
+scatters to the others, so that all orders of scattering are there. Time is e^{+jωt}.
+
+Wait, The scattering of electromagnetic waves from dielectric cylinders, Can. J. Phys. 33 (1955) 189; Olaofe, Scattering
+by two cylinders, Radio Sci. 5 (1970) 1351; Abramowitz & Stegun 9.1.27 (derivatives), 9.1.79 (Graf).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import hankel2, jv, jve
+
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+
+TAPER = (0.4, 0.65)  # of the spectrum, as shares of k: sines of the angles out of the plane across the axis
+FURTHER_ORDERS = 4.0  # times the cube root of κa, beyond κa: what is left out is below 1e-8
+ALONG, ACROSS = "along", "across"  # the dipoles to the axis
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A cylinder along the radar's y axis through (x_m, z_m)."""
+
+    x_m: float
+    z_m: float
+    radius_m: float
+
+
+def cylinder_echoes(
+    cylinders: list[Cylinder],
+    frequencies_hz: np.ndarray,
+    array: AntennaArray,
+    polarisation: str,
+    permittivity: np.ndarray | None = None,
+    bounces: int | None = None,
+) -> np.ndarray:
+    """Samples complex128 [f, t, r] as `radar.simulation.forward` scales them, of dipoles along or across the axis.
+
+    permittivity: relative, complex [f]; None for metal. bounces: how often a wave is scattered at most; None: all.
+    A transmitter's dipole has the field e^{−jkR}/R broadside; jλ times the scattered one at the receivers makes the
+    echo of a metal plate what physical optics' integral says at the specular point.
+    """
+    samples = np.empty((len(frequencies_hz), *array.channels), complex)
+    for n, f in enumerate(frequencies_hz):
+        wavelength_m = SPEED_OF_LIGHT_M_S / f
+        filling = None if permittivity is None else complex(permittivity[n])
+        field = scattered(cylinders, 2 * np.pi / wavelength_m, array.tx_m, array.rx_m, polarisation, filling, bounces)
+        samples[n] = 1j * wavelength_m * field
+    return samples
+
+
+def scattered(
+    cylinders: list[Cylinder],
+    k: float,
+    tx_m: np.ndarray,
+    rx_m: np.ndarray,
+    polarisation: str,
+    permittivity: complex | None,
+    bounces: int | None = None,
+) -> np.ndarray:
+    """The scattered field [t, r] at the receivers, along their dipoles."""
+    tx_across, tx_place = np.unique(tx_m[:, [2, 0]], axis=0, return_inverse=True)
+    rx_across, rx_place = np.unique(rx_m[:, [2, 0]], axis=0, return_inverse=True)
+    along_m = rx_m[None, :, 1] - tx_m[:, None, 1]
+    farthest_m = sum(np.abs(across).max() for across in (tx_across, rx_across)) + 2 * max(c.z_m for c in cylinders)
+    beta, weight = axial_spectrum(k, float(np.abs(along_m).max()), float(farthest_m))
+    field = np.zeros(along_m.shape, complex)
+    for b, w in zip(beta, weight, strict=True):
+        wave = _Wave(k, b, np.sqrt(k**2 - b**2))
+        orders = [_orders(wave.kappa * cylinder.radius_m) for cylinder in cylinders]
+        each = list(zip(cylinders, orders, strict=True))
+        arriving = np.concatenate([_arriving(wave, c, m, tx_across, polarisation) for c, m in each])
+        leaving = np.concatenate([_received(wave, c, m, rx_across, polarisation) for c, m in each])
+        found = leaving.T @ _scatter(wave, cylinders, orders, permittivity, arriving, bounces)
+        field += w * np.cos(b * along_m) * found.T[np.ix_(tx_place, rx_place)]
+    return field
+
+
+def axial_spectrum(k: float, along_m: float, path_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """β ≥ 0 [b] and their weights in the integral of what is even in β, over 2π: sampled so finely that what comes
+    back a period later has a longer way along the axis than waves below the taper's end take on a path of this length.
+    The taper falls with all its derivatives, so that it adds no echo of its own."""
+    period_m = 2 * (along_m + path_m * TAPER[1] / np.sqrt(1 - TAPER[1] ** 2))
+    step = 2 * np.pi / period_m
+    beta = step * np.arange(int(TAPER[1] * k / step) + 1)
+    place = np.clip((beta / k - TAPER[0]) / (TAPER[1] - TAPER[0]), 2e-3, 1 - 2e-3)
+    taper = 1 / (1 + np.exp(1 / (1 - place) - 1 / place))
+    return beta, taper * np.where(beta > 0, 2, 1) / period_m
+
+
+class _Wave(NamedTuple):
+    k: float
+    beta: float
+    kappa: float
+
+
+def _orders(size: float) -> np.ndarray:
+    """Orders m of a cylinder of this κa."""
+    highest = int(np.ceil(size + FURTHER_ORDERS * np.cbrt(size) + 3))
+    return np.arange(-highest, highest + 1)
+
+
+def _outgoing(kappa: float, orders: np.ndarray, across_m: np.ndarray) -> np.ndarray:
+    """Ψ_m = H_m⁽²⁾(κρ) e^{jmφ} [m, n] at places [n, 2] across the axis."""
+    rho, phi = np.hypot(*across_m.T), np.arctan2(across_m[:, 1], across_m[:, 0])
+    return hankel2(orders[:, None], kappa * rho) * np.exp(1j * orders[:, None] * phi)
+
+
+def _with_gradient(kappa: float, orders: np.ndarray, across_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Ψ [m, n] and its gradient across the axis [2, m, n]: (∂₁ ± j∂₂)Ψ_m = ∓κ Ψ_{m±1}. The orders are consecutive."""
+    wider = _outgoing(kappa, np.arange(orders[0] - 1, orders[-1] + 2), across_m)
+    below, psi, above = wider[:-2], wider[1:-1], wider[2:]
+    return psi, kappa / 2 * np.stack([below - above, 1j * (below + above)])
+
+
+def _arriving(
+    wave: _Wave, cylinder: Cylinder, orders: np.ndarray, tx_across_m: np.ndarray, polarisation: str
+) -> np.ndarray:
+    """Amplitudes [2m, t] of J_m e^{jmφ} around a cylinder, first those of E_a, then of H_a, from unit dipoles:
+    E = (1 + ∇∇·/k²)(d g), H = (j/k) ∇ × (d g), g = e^{−jkR}/R, whose spectrum is −jπ H₀(κ|ρ − ρ'|)."""
+    k, beta, kappa = wave
+    # from the dipole to the axis: H₀ there is Σ Ψ_{−m}(axis − dipole) J_m e^{jmφ}; the gradient is the axis'
+    to_axis_m = np.array([cylinder.z_m, cylinder.x_m]) - tx_across_m
+    psi, gradient = _with_gradient(kappa, orders, to_axis_m)
+    psi, gradient = psi[::-1], gradient[:, ::-1]
+    if polarisation == ALONG:
+        electric, magnetic = kappa**2 / k**2 * psi, np.zeros_like(psi)
+    else:  # along x, the second of the coordinates (z, x) across
+        electric, magnetic = -1j * beta / k**2 * gradient[1], 1j / k * gradient[0]
+    return -1j * np.pi * np.concatenate([electric, magnetic])
+
+
+def _received(
+    wave: _Wave, cylinder: Cylinder, orders: np.ndarray, rx_across_m: np.ndarray, polarisation: str
+) -> np.ndarray:
+    """Field [2m, r] along the receivers' dipoles of waves Ψ_m of E_a, then of H_a:
+    κ² E_t = −jβ ∇E_a + jk â × ∇H_a."""
+    k, beta, kappa = wave
+    psi, gradient = _with_gradient(kappa, orders, rx_across_m - np.array([cylinder.z_m, cylinder.x_m]))
+    if polarisation == ALONG:
+        return np.concatenate([psi, np.zeros_like(psi)])
+    return np.concatenate([-1j * beta * gradient[1], 1j * k * gradient[0]]) / kappa**2
+
+
+def _scatter(
+    wave: _Wave,
+    cylinders: list[Cylinder],
+    orders: list[np.ndarray],
+    permittivity: complex | None,
+    arriving: np.ndarray,
+    bounces: int | None,
+) -> np.ndarray:
+    """Amplitudes of the waves Ψ_m that all cylinders scatter together, from those that arrive from the dipoles.
+
+    (I − TG) c = T a is solved for what the waves are at the surfaces, c H_m(κa), where high orders are small and harm
+    no condition."""
+    at_surface = np.concatenate(
+        [np.tile(hankel2(m, wave.kappa * c.radius_m), 2) for m, c in zip(orders, cylinders, strict=True)]
+    )
+    ends = np.cumsum([0, *(2 * len(m) for m in orders)])
+    coupling = np.zeros((ends[-1], ends[-1]), complex)  # T G
+    first = np.empty_like(arriving)  # T a
+    for i, one in enumerate(cylinders):
+        here = slice(ends[i], ends[i + 1])
+        single = _single(wave, orders[i], one.radius_m, permittivity)
+        first[here] = _applied(single, arriving[here])
+        for j, other in enumerate(cylinders):
+            if i != j:
+                between_m = np.array([[one.z_m - other.z_m, one.x_m - other.x_m]])
+                steps = orders[j][None, :] - orders[i][:, None]
+                every = np.arange(steps.min(), steps.max() + 1)
+                graf = _outgoing(wave.kappa, every, between_m)[:, 0][steps - every[0]]
+                coupling[here, ends[j] : ends[j + 1]] = _applied(single, np.kron(np.eye(2), graf))
+    first *= at_surface[:, None]
+    coupling *= at_surface[:, None] / at_surface[None, :]
+    if bounces is None:
+        total = np.linalg.solve(np.eye(len(coupling)) - coupling, first)
+    else:
+        total = part = first
+        for _ in range(bounces - 1):
+            part = coupling @ part
+            total = total + part
+    return total / at_surface[:, None]
+
+
+def _applied(single: np.ndarray, waves: np.ndarray) -> np.ndarray:
+    """T [2, 2, m] of one cylinder on waves [2m, n]."""
+    return np.einsum("abm,bmn->amn", single, waves.reshape(2, single.shape[2], -1)).reshape(waves.shape)
+
+
+def _single(wave: _Wave, orders: np.ndarray, radius_m: float, permittivity: complex | None) -> np.ndarray:
+    """T [2, 2, m] of one cylinder, from the continuity of E_a, H_a, E_φ and H_φ; of metal, E_a = E_φ = 0."""
+    k, beta, kappa = wave
+    x = kappa * radius_m
+    j, dj = jv(orders, x), _derivative(jv, orders, x)
+    h, dh = hankel2(orders, x), _derivative(hankel2, orders, x)
+    if permittivity is None:
+        return np.array([[-j / h, 0 * h], [0 * h, -dj / dh]])
+    kappa1 = np.sqrt(permittivity * k**2 - beta**2 + 0j)
+    x1 = kappa1 * radius_m
+    inside = _derivative(jve, orders, x1) / (kappa1 * jve(orders, x1))  # J'/(κ₁J): the scale of jve drops out
+    mixed = beta * orders / (1j * k * radius_m) * (1 / kappa**2 - 1 / kappa1**2)
+    # [mixed·Z, Z'/κ − inside·Z; ε·inside·Z − Z'/κ, mixed·Z] (E_a, H_a), once for what is scattered, once for what comes
+    scattered, coming = (
+        np.array([[mixed * z, dz / kappa - inside * z], [permittivity * inside * z - dz / kappa, mixed * z]])
+        for z, dz in ((h, dh), (j, dj))
+    )
+    return np.moveaxis(-np.linalg.solve(np.moveaxis(scattered, 2, 0), np.moveaxis(coming, 2, 0)), 0, 2)
+
+
+def _derivative(function, orders: np.ndarray, x: complex) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """Z_m' = (Z_{m−1} − Z_{m+1})/2 [m]."""
+    return (function(orders - 1, x) - function(orders + 1, x)) / 2
