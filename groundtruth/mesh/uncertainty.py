@@ -23,7 +23,7 @@ NEIGHBOURS = 16  # points whose variances a vertex takes the mean of
 SLOPE = 0.25  # of a surface that was not seen
 REACH_PX = 0.5  # of a point: as far as neighbouring points are from what lies between them
 OBSERVED_PX = 1.5  # a surface farther from every point was not seen
-FATTENED_PX, WINDOW_PX = 0.15, 3.0
+FATTENED_PX, WINDOW_PX = 0.1, 3.0
 CHUNK = 1_000_000  # points times camera parameters that are worked on at once
 
 
