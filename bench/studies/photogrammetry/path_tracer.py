@@ -74,7 +74,7 @@ def sensor(mi: ModuleType, camera: Camera, samples: int) -> dict[str, Any]:
     fx, fy, cx, cy, *distortion = camera.params
     if fx != fy or any(distortion):
         raise HandbenchError(f"camera {camera.name}: has {camera.params}; expected fx = fy and no distortion")
-    to_world = np.eye(4)
+    size, to_world = {"width": camera.width, "height": camera.height}, np.eye(4)
     to_world[:3, :3] = camera.rotation.T @ np.diag([-1.0, -1.0, 1.0])
     to_world[:3, 3] = camera.centre_m
     return {
@@ -86,13 +86,7 @@ def sensor(mi: ModuleType, camera: Camera, samples: int) -> dict[str, Any]:
         "near_clip": 0.01,
         "to_world": mi.ScalarTransform4f(to_world),
         "sampler": {"type": "multijitter", "sample_count": samples},
-        "film": {
-            "type": "hdrfilm",
-            "width": camera.width,
-            "height": camera.height,
-            "pixel_format": "rgb",
-            "rfilter": {"type": "gaussian"},
-        },
+        "film": {"type": "hdrfilm", **size, "pixel_format": "rgb", "rfilter": {"type": "gaussian"}},
     }
 
 
