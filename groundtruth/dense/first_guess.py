@@ -33,7 +33,7 @@ def first_guess(view: View, half: View, sources: list[View], unit: float, slante
     from others whose planes it sees at low angles from each side."""
     stereo = Stereo.of(half, sources)
     scale, (h, w) = stereo.unit / unit, view.gray.shape
-    facing = _sweep(half, stereo, (0.0, 0.0), scale)
+    facing = _sweep(half, stereo, (0.0, 0.0), unit)
     if not slanted:
         disparity = cv2.resize(facing, (w, h), interpolation=cv2.INTER_LINEAR)
         return _planes(disparity, *_slopes(disparity, SLOPE_PX))
@@ -41,7 +41,7 @@ def first_guess(view: View, half: View, sources: list[View], unit: float, slante
     depth_m = 2 / np.nanmedian(1 / half.near_m + 1 / half.far_m)
     slope = 1 / (half.K[0, 0] * depth_m * stereo.unit)  # of the disparity, per pixel, at 45°
     for a, b in SLANTS:
-        candidates.append(_planes(_sweep(half, stereo, (a * slope, b * slope)), a * slope, b * slope))
+        candidates.append(_planes(_sweep(half, stereo, (a * slope, b * slope), stereo.unit), a * slope, b * slope))
     return _enlarged(_best(half, stereo, candidates), scale, h, w)
 
 
@@ -76,14 +76,16 @@ def _slopes(disparity: np.ndarray, smooth_px: float) -> tuple[np.ndarray, np.nda
     return np.clip(slope_x, -STEEPEST, STEEPEST), np.clip(slope_y, -STEEPEST, STEEPEST)
 
 
-def _sweep(half: View, stereo: Stereo, slope: tuple[float, float], scale: float = 1.0) -> np.ndarray:
-    """Disparity [h, w] float32, times a scale, from planes of one slope (disparities per column and row)."""
+def _sweep(half: View, stereo: Stereo, slope: tuple[float, float], unit: float) -> np.ndarray:
+    """Disparity [h, w] float32, in steps of `unit` (1/m), from planes of one slope (disparities per column and row)."""
     h, w = half.gray.shape
     first, last, count = planes_swept(half, stereo.unit)
     step = (last - first) / (count - 1)
     row = np.array([*slope, -slope[0] * w / 2 - slope[1] * h / 2])  # of the disparity, as a function of x
     swept = stereo._replace(A=stereo.A + stereo.b[:, :, None] * row, b=stereo.b * step)
-    found = cv2.medianBlur(planesweep.swept_disparity(swept, first / step, count), MEDIAN_PX) * (step * scale)
+    found = cv2.medianBlur(planesweep.swept_disparity(swept, first / step, count), MEDIAN_PX) * (
+        step * stereo.unit / unit
+    )
     y, x = np.mgrid[:h, :w]
     return (found + row[0] * x + row[1] * y + row[2]).astype(np.float32)
 
