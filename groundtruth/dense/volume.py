@@ -25,11 +25,8 @@ STANDS_M = 5e-3  # above the board: no point of the board
 BELOW_M = 1e-2  # of the plane: a board that lies in the volume is found where it is
 NEAREST = 0.9  # of the lowest camera's height, where surroundings end
 CELLS, FEWEST_VIEWS = 12, 3  # of the volume along each axis; photographs that must show a cell
-COARSE_BETWEEN, COARSE_ROOM, COARSE_ROOM_PX = (
-    (0.002, 0.998),
-    0.1,
-    6.0,
-)  # likewise, of a coarse cloud's points and pixels
+COARSE_BETWEEN = (0.002, 0.998)  # quantiles of a coarse cloud's points on each axis
+COARSE_ROOM, COARSE_ROOM_PX = 0.1, 6.0  # on each side: of their diagonal, and of the coarse pixels
 AT_SIDE, CUT = 0.01, 0.002  # of the volume's sides; share of the cloud beside one that means a cut
 
 
