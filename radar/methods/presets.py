@@ -48,3 +48,4 @@ _preset("3fsk-plus", ThreeToneConfig, "both, refined twice, without what may hav
 _preset("nfsk", LadderConfig, "a ladder of tones, each further away, corrects every pixel in turn")
 _preset("nfsk-plus", LadderConfig, "the ladder with all that 3fsk-plus has", **PLUS)
 _preset("broadband-subvoxel", BroadbandConfig, "broadband with depths between voxels", subvoxel=True)
+_preset("broadband-aligned", BroadbandConfig, "broadband with depths at which the tones' phases agree", aligned=True)

@@ -6,22 +6,27 @@ An engine that never holds a whole volume hands over its `Peaks`.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
+from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.data.capture import RadarCapture, near_one
 from radar.data.depthmap import DepthMap, amplitude_db
 from radar.data.grid import Axis, VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
 from radar.imaging.cpu.executor import strongest_voxels
+from radar.methods.alignment import align
 from radar.methods.confidence import least_coherence
+from radar.methods.fsk import stretch
 from radar.methods.fsk_config import PAPER_LATERAL
 from radar.support.config import Config
 
 CHECKED = 8  # tones imaged once more, to see whether a depth is an echo's: 3 to 8 % of the paper's frame
+FEWEST = 3  # tones that can be aligned and still tell how well they are
+ALIGNED = 0.9  # coherence of aligned tones below which two depths share a pixel, or none is there
 
 
 class _VolumeConfig(Config):
@@ -43,10 +48,17 @@ class BroadbandConfig(_VolumeConfig):
     start_hz: float = Field(default=72e9, gt=0)
     stop_hz: float = Field(default=82e9, gt=0)
     count: int = Field(default=128, ge=2, description="stepped tones from start to stop, both included")
+    aligned: bool = Field(default=False, description="depth where some tones' phases agree (paper: most amplitude)")
 
     def tones_hz(self) -> np.ndarray:
         """The stepped tones."""
         return np.linspace(self.start_hz, self.stop_hz, self.count)
+
+    @model_validator(mode="after")
+    def _alignable(self) -> BroadbandConfig:
+        if self.aligned and self.count < FEWEST:
+            raise ValueError(f"count = {self.count}: aligned needs {FEWEST} tones or more")
+        return self
 
 
 class NarrowbandConfig(_VolumeConfig):
@@ -74,10 +86,26 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
     """`maximum_projection` of the configured voxels, which are never held all at once; flagged as well are the pixels
     at whose depth the tones do not agree."""
     samples, frequencies_hz = capture.tones(config.tones_hz(), frame)
-    tones = near_one(samples), frequencies_hz, capture.aperture
-    peaks = Peaks(*project_volume(*tones, config.grid(), config.tolerance))
+    samples, grid = near_one(samples), config.grid()
+    peaks = Peaks(*project_volume(samples, frequencies_hz, capture.aperture, grid, config.tolerance))
     depth = maximum_projection(peaks, config, method)
-    return replace(depth, wrapped=depth.wrapped | _incoherent(*tones, config.grid(), peaks, np.isfinite(depth.z_m)))
+    some = np.unique(np.linspace(0, len(frequencies_hz) - 1, CHECKED).round().astype(int))
+    range_cells = 2 * np.ptp(frequencies_hz) * np.ptp(grid.z_m) / SPEED_OF_LIGHT_M_S
+    least = least_coherence(len(frequencies_hz), len(some), range_cells)
+    aligned = isinstance(config, BroadbandConfig) and config.aligned
+    if least >= 1 and not aligned:  # noise aligns so few tones as well as an echo does
+        return depth
+    index = np.flatnonzero(np.isfinite(depth.z_m))
+    points = grid.pixels.points_at_m(index, grid.z_m[peaks.index.ravel()[index]])
+    images = image_points(samples[some], frequencies_hz[some], capture.aperture, points, None, apart=True)
+    power = len(frequencies_hz) ** 2 * np.mean(np.abs(images) ** 2, axis=0)  # of all tones, were they in phase
+    incoherent = peaks.magnitude[1].ravel()[index] ** 2 < least * power
+    on_map = functools.partial(grid.pixels.on_map, index)
+    if aligned:
+        found = align(images, frequencies_hz[some], 2 / stretch(points, capture.aperture))
+        incoherent |= found.coherence < ALIGNED
+        depth = replace(depth, z_m=on_map(points[:, 2] + found.shift_m), sigma_m=on_map(found.sigma_m))
+    return replace(depth, wrapped=(on_map(incoherent, 0.0) > 0) | np.asarray(depth.wrapped))
 
 
 @dataclass(frozen=True)
@@ -102,24 +130,6 @@ def maximum_projection(image: np.ndarray | Peaks, config: ProjectionConfig, meth
     seen = db >= config.threshold_db
     z_m, at_end = np.where(seen, z_m, np.nan), seen & np.isin(peaks.index, (0, len(grid.z_m) - 1))
     return DepthMap(grid.x_m, grid.y_m, z_m, db, method, config.model_dump(), wrapped=at_end)
-
-
-def _incoherent(
-    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, peaks: Peaks, seen: np.ndarray
-) -> np.ndarray:
-    """True where at a seen pixel's peak the tones agree no better than those of noise or of a sidelobe: bool [ny,
-    nx]."""
-    count, flagged = len(frequencies_hz), np.zeros(seen.shape, bool)
-    range_cells = 2 * np.ptp(frequencies_hz) * np.ptp(grid.z_m) / SPEED_OF_LIGHT_M_S
-    least = least_coherence(count, CHECKED, range_cells)
-    if least >= 1:  # noise aligns so few tones as well as an echo does
-        return flagged
-    some = np.linspace(0, count - 1, CHECKED).round().astype(int)
-    points = grid.pixels.points_at_m(np.flatnonzero(seen), grid.z_m[peaks.index[seen]])
-    images = image_points(samples[some], frequencies_hz[some], aperture, points, None, apart=True)
-    power = count**2 * np.mean(np.abs(images) ** 2, axis=0)  # of all tones, were they in phase
-    flagged[seen] = peaks.magnitude[1][seen] ** 2 < least * power
-    return flagged
 
 
 def peak_offset(magnitude: np.ndarray) -> np.ndarray:
