@@ -51,13 +51,15 @@ STRENGTHS, ABSOLUTE = ("skin", "dielectric"), ("clutter", "multipath")
 
 
 class Choice(Config):
-    """One effect's row: whether it is on and why; depth_mm and level_db, its estimate (None: not asked for, or the
-    scene has no cause); cost_s, what it was expected to take; seconds, what it took (None: off or not simulated)."""
+    """One effect's row: whether it is on and why; depth_mm, pixels_percent (lost and gained) and level_db, its estimate
+    (None: not asked for or estimated, or the scene has no cause); cost_s, what it was expected to take; seconds, what
+    it took (None: off or not simulated)."""
 
     effect: str
     on: bool
     why: str
     depth_mm: float | None = None
+    pixels_percent: float | None = None
     level_db: float | None = None
     cost_s: float | None = None
     seconds: float | None = None
