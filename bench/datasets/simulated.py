@@ -42,8 +42,8 @@ def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple
 
 def write_photos(scene: Scene, folder: str | Path, rows: tuple[Choice, ...] = ()) -> tuple[Choice, ...]:
     """Write everything but the echoes: `photos/` (when the scene has any), `truth.ply` (metres, radar frame),
-    `truth_radar_from_photo.json`, `target.toml` for a calibration target, and `capture.toml`; rows: of the echoes' effects. Returns the
-    rows with those of the photographs."""
+    `truth_radar_from_photo.json`, `target.toml` for a calibration target, and `capture.toml`. rows: of the echoes'
+    effects; returns them with those of the photographs."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_mesh(folder / TRUTH, scene.target_mesh)

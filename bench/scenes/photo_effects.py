@@ -36,7 +36,7 @@ def choose(studio: Studio, explain: bool = False) -> tuple[Photos, tuple[Choice,
     changes, left_out, rows = {}, {}, []
     if explain or photos.effects == "auto":
         pilot = Pilot(studio)
-        changes = {name: pilot.change(photos, without(photos, name)) for name in there}
+        changes = {name: pilot.change(without(photos, name), photos) for name in there}
         took_s = time.process_time() - started_s
         why = f"estimates: {took_s:.1f} s of processor; {pilot.sights.points} points, {len(pilot.sights.point)} windows"
         rows.append(Choice(effect="photos", on=True, why=why, seconds=took_s))

@@ -35,6 +35,8 @@ class Pilot:
         self.studio = studio
         self.sights = Sights.of(studio, lambda points_m: SEARCH_PX + min(self._blur_px(points_m), MOST_BLUR_PX))
         self.size = int(np.sqrt(self.sights.rays.shape[1])) // SHRINK
+        side, count = SHRINK * self.size, len(studio.scene.cameras)
+        self.strips = [self.sights.rays[self.sights.camera == i].reshape(-1, side, 3) for i in range(count)]
         self.light: dict[tuple[float, float], list[tuple[np.ndarray, np.ndarray]]] = {}
 
     def change(self, before: Photos, after: Photos) -> Change:
@@ -64,14 +66,14 @@ class Pilot:
         photographed as one picture; edges between surfaces are not sampled as finely as a photograph's."""
         studio, parts = self.studio.taking(photos), [np.empty((0, self.size, self.size), dtype=np.float32)]
         key = photos.highlights, photos.speckle  # the effects on the light that leaves a surface
-        strips = [self.sights.rays[self.sights.camera == i] for i in range(len(studio.scene.cameras))]
-        strips = [strip.reshape(-1, SHRINK * self.size, 3) for strip in strips]
-        cameras = [(i, camera) for i, camera in enumerate(studio.scene.cameras) if len(strips[i])]
+        shown = list(zip(studio.scene.cameras, self.strips, strict=True))
         if key not in self.light:
-            self.light[key] = [studio.shoot(camera.centre_m, strips[i])[:2] for i, camera in cameras]
-        for (i, camera), (radiance, distance_m) in zip(cameras, self.light[key], strict=True):
+            self.light[key] = [studio.shoot(camera.centre_m, strip)[:2] for camera, strip in shown]
+        for i, ((camera, strip), (radiance, distance_m)) in enumerate(zip(shown, self.light[key], strict=True)):
+            if not len(strip):
+                continue
             if (lens := studio.lens(camera)) is not None:
-                radiance = blur_by_discs(radiance, lens.circle_px(distance_m * (strips[i] @ camera.rotation[2])))
+                radiance = blur_by_discs(radiance, lens.circle_px(distance_m * (strip @ camera.rotation[2])))
             gray = studio.record(radiance, i).astype(np.float32) @ GRAY
             parts.append(gray.reshape(-1, self.size, SHRINK, self.size, SHRINK).mean(axis=(2, 4)))
         return np.concatenate(parts)
@@ -96,11 +98,12 @@ class Pilot:
 
     def _sampled(self, gray: np.ndarray, k: int) -> np.ndarray:
         """What the k-th source of every sight shows at a window's places [sights, steps, window], bilinear."""
-        column, row = np.moveaxis(self.sights.places[:, k].clip(0, self.size - 1.001), -1, 0)
-        j, i = column.astype(int), row.astype(int)
-        fu, fv, source = column - j, row - i, self.sights.sources[:, k, None, None]
-        top = (1 - fu) * gray[source, i, j] + fu * gray[source, i, j + 1]
-        return (1 - fv) * top + fv * ((1 - fu) * gray[source, i + 1, j] + fu * gray[source, i + 1, j + 1])
+        column, row = np.moveaxis(self.sights.places[:, k].clip(0, self.size - 1.01), -1, 0)
+        j, i = column.astype(np.int32), row.astype(np.int32)
+        fu, fv, first = column - j, row - i, (self.sights.sources[:, k, None, None] * self.size + i) * self.size + j
+        values, below = gray.ravel(), first + self.size
+        top = values[first] + fu * (values[first + 1] - values[first])
+        return top + fv * (values[below] + fu * (values[below + 1] - values[below]) - top)
 
     def _blur_px(self, points_m: np.ndarray) -> float:
         """About the farthest, in depth maps' pixels, that light of points [n, 3] reaches beside its own pixel."""

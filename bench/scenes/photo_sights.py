@@ -62,10 +62,9 @@ class Sights:
         moved_px = [_each(cameras, camera[s], probed, Camera.project) - at_px[s] for s in sources.T]
         step_m = PROBE_M * SHRINK / np.linalg.norm(moved_px, axis=-1).max(axis=0)
         ahead_m = distance_m[:, None] + step_m[:, None] * STEPS_PX  # to the tangent plane, moved
-        reach_m = (ahead_m * (ray * normal).sum(axis=1)[:, None])[..., None] / np.einsum("nwi,ni->nw", along, normal)[
-            :, None
-        ]
-        where_m = (point_m - to_m)[:, None, None] + reach_m[..., None] * along[:, None]
+        slant = (ray * normal).sum(axis=1)[:, None] / np.einsum("nwi,ni->nw", along, normal)
+        origin_m = (point_m - to_m)[:, None, None]
+        where_m = origin_m + (ahead_m[..., None] * slant[:, None])[..., None] * along[:, None]
         places = [_each(cameras, camera[s], where_m, Camera.project) - origin_px[s][:, None, None] for s in sources.T]
         return cls(
             points=len(points_m),
@@ -73,7 +72,7 @@ class Sights:
             camera=camera,
             sources=sources,
             rays=_each(cameras, camera, origin_px[:, None] + fine, Camera.directions),
-            places=np.stack(places, axis=1) / SHRINK - 0.5,
+            places=(np.stack(places, axis=1) / SHRINK - 0.5).astype(np.float32),
             step_m=step_m,
             pixel_m=SHRINK * distance_m / np.array([c.params[0] for c in cameras])[camera],
             incidence=-(ray * normal).sum(axis=1),
@@ -110,10 +109,7 @@ def _grid(along: np.ndarray) -> np.ndarray:
 
 
 def _each(
-    cameras: tuple[Camera, ...],
-    number: np.ndarray,
-    values: np.ndarray,
-    ask: Callable[[Camera, np.ndarray], np.ndarray],
+    cameras: tuple[Camera, ...], number: np.ndarray, values: np.ndarray, ask: Callable[[Camera, np.ndarray], np.ndarray]
 ) -> np.ndarray:
     """The answers [n, ..., k] of each line's own camera to values [n, ..., j]."""
     asked = [(number == i, camera) for i, camera in enumerate(cameras) if (number == i).any()]
