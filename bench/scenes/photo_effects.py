@@ -12,7 +12,7 @@ from radar.simulation.selection import Choice
 from radar.support.errors import HandbenchError
 
 PREFIX = "photos."  # before the name of an effect, in tables
-BY_CHANCE = 0.02  # of the points, one of 60: matched or not by a hair
+BY_CHANCE = 0.03  # of the points, one of 40: matched or not by a hair
 WITHOUT: dict[str, dict[str, Any]] = {
     "highlights": {"highlights": 0.0},
     "speckle": {"speckle": 0.0},

@@ -20,7 +20,7 @@ from groundtruth.options import EFFORT
 from radar.support.errors import HandbenchError
 from radar.support.rays import load_open3d
 
-POINTS, TRIED = 60, 600  # points of the target; candidates for them
+POINTS, TRIED, WINDOWS = 60, 600, 250  # points of the target, at most; candidates; pairs of point and camera, at most
 FEWEST_CAMERAS, SOURCES, CONFIRMED = 3, 2, 2  # that see a point; that a window is looked for in; that must agree
 SEES_M = 2e-4  # a ray that ends so near a point sees it
 SHRINK = EFFORT["normal"].shrink  # photographs' pixels per pixel of a depth map
@@ -43,6 +43,7 @@ class Pilot:
 
     def __init__(self, studio: Studio) -> None:
         self.studio, self.light = studio, dict[tuple[float, float], list[tuple[np.ndarray, np.ndarray]]]()
+        self.meshes_mm: dict[Photos, np.ndarray] = {}
         cameras = studio.scene.cameras
         points_m, normals, rays, distances_m, seen = _points(studio)
         self.shape = seen.shape  # points, cameras
@@ -75,7 +76,9 @@ class Pilot:
 
     def change(self, before: Photos, after: Photos) -> Change:
         """The change of the mesh from photographs of the one kind to those of the other."""
-        first_mm, second_mm = self.mesh_mm(before), self.mesh_mm(after)
+        for photos in {before, after} - self.meshes_mm.keys():
+            self.meshes_mm[photos] = self.mesh_mm(photos)
+        first_mm, second_mm = self.meshes_mm[before], self.meshes_mm[after]
         first, second = np.isfinite(first_mm), np.isfinite(second_mm)
         moved_mm = np.abs(second_mm - first_mm)[first & second].sum() / max(np.sum(first & second), 1)
         return Change(float(moved_mm), float(np.mean(first & ~second)), float(np.mean(second & ~first)))
@@ -83,11 +86,12 @@ class Pilot:
     def mesh_mm(self, photos: Photos) -> np.ndarray:
         """Height [points] over the true surface, mean over the cameras that agree; NaN where not enough of them do."""
         shift_m, matched = self.match(self.photograph(photos))
-        table_px, height_mm = np.ma.masked_all(self.shape), np.zeros(self.shape)
         at = self.point[matched], self.camera[matched]
-        table_px[at] = (shift_m / self.pixel_m)[matched]
+        shift_px, height_mm, median_px = np.full(self.shape, np.nan), np.zeros(self.shape), np.zeros(self.shape[0])
+        shift_px[at] = (shift_m / self.pixel_m)[matched]
         height_mm[at] = -1e3 * (shift_m * self.incidence)[matched]
-        agreed = (np.abs(table_px - np.ma.median(table_px, axis=1)[:, None]) < AGREEMENT_PX).filled(False)
+        median_px[at[0]] = np.nanmedian(shift_px[at[0]], axis=1)
+        agreed = np.abs(shift_px - median_px[:, None]) < AGREEMENT_PX
         enough = agreed.sum(axis=1) >= CONFIRMED
         return np.where(enough, (height_mm * agreed).sum(axis=1) / np.maximum(agreed.sum(axis=1), 1), np.nan)
 
@@ -145,6 +149,7 @@ def _points(studio: Studio) -> tuple[np.ndarray, ...]:
         pixels = camera.project(points_m)
         sees &= ((pixels > 0) & (pixels < (camera.width, camera.height))).all(axis=1)
     kept = np.flatnonzero(seen.sum(axis=1) >= FEWEST_CAMERAS)[:POINTS]
+    kept = kept[np.cumsum(seen[kept].sum(axis=1)) <= WINDOWS]
     if not len(kept):
         raise HandbenchError(f"photos.cameras: no {FEWEST_CAMERAS} of them see the same point of the target; take more")
     return points_m[kept], normals[kept], rays[kept], distance_m[kept], seen[kept]
