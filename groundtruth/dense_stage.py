@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from groundtruth.dense import cuda
-from groundtruth.dense.dense import depth_maps, open_views
+from groundtruth.dense import completion, cuda
+from groundtruth.dense.dense import choose_sources, depth_maps, open_views
 from groundtruth.dense.fusion import Cloud, fuse
 from groundtruth.dense.plane import board_plane
-from groundtruth.dense.volume import volume, warn_of_cuts
+from groundtruth.dense.volume import narrowed, volume, warn_of_cuts
 from groundtruth.mesh.poisson import clean
-from groundtruth.options import DenseOptions
+from groundtruth.options import DenseOptions, Effort
 from groundtruth.photos.masks import Masks, find_masks
 from groundtruth.photos.photos import Photo, find_photos
 from groundtruth.sparse.sparse import Sparse
@@ -21,6 +21,7 @@ from radar.support.config import parse
 from radar.support.progress import say
 
 CLOUD = "cloud.npz"
+COARSER = 4  # pixels of the depth maps that tell where the target is
 
 
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> None:
@@ -30,6 +31,9 @@ def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> Non
     registered = tuple(photo for photo in find_photos(Path(photos)) if photo.name in names)
     plane = board_plane(Path(photos), chosen.board, solved)
     bounds = volume(chosen.box_m if chosen.box() is not None else None, plane, solved)
+    if plane is not None and bounds.source != "given" and chosen.dense != "cuda":
+        coarse = Effort(COARSER * chosen.effort.shrink, 1)
+        bounds = narrowed(bounds, _fused(registered, solved, chosen, bounds.box(), coarse), plane, solved)
     say(bounds.describe())
     cloud = dense_cloud(registered, solved, chosen, bounds.box())
     warn_of_cuts(bounds, cloud, plane)
@@ -40,12 +44,21 @@ def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> Non
 def dense_cloud(
     photos: tuple[Photo, ...], sparse: Sparse, options: DenseOptions, box_m: np.ndarray | None = None
 ) -> Cloud:
-    """The fused cloud of registered photographs in a box [2, 3]."""
+    """The fused cloud of registered photographs in a box [2, 3], cleaned."""
+    return clean(_fused(photos, sparse, options, box_m, options.effort))
+
+
+def _fused(
+    photos: tuple[Photo, ...], sparse: Sparse, options: DenseOptions, box_m: np.ndarray | None, effort: Effort
+) -> Cloud:
+    """The points on which the photographs' depth maps agree."""
     masks = Masks({} if options.masks is None else find_masks(options.masks, photos), options.mask == "colour")
-    effort = options.effort
     views, tracks, points_m = open_views(photos, sparse.model, effort.shrink, box_m, masks, options.box())
     if options.dense == "cuda":
         maps = cuda.depth_maps(views, tracks, points_m, options.quality)
     else:
-        maps = depth_maps(views, tracks, points_m, effort.iterations, options.seed)
-    return clean(fuse(maps, box_m))
+        maps = depth_maps(views, tracks, points_m, effort.iterations, options.seed, effort.thorough)
+        if effort.thorough:
+            maps = completion.completed(maps, choose_sources(views, tracks, points_m), options.seed)
+            return fuse(maps, box_m, completion.CONFIRMATIONS)
+    return fuse(maps, box_m)

@@ -11,15 +11,19 @@ from pydantic import Field
 from radar.support.config import Config
 from radar.support.errors import HandbenchError
 
+Quality = Literal["draft", "normal", "high", "thorough"]
+
 
 class Effort(NamedTuple):
-    """Depth maps have 1 / shrink of the photographs' resolution; iterations of PatchMatch."""
+    """Depth maps have 1 / shrink of the photographs' resolution; iterations of PatchMatch; thorough: sweeps in several
+    directions, and further looks at each view."""
 
     shrink: int
     iterations: int
+    thorough: bool = False
 
 
-EFFORT = {"draft": Effort(4, 2), "normal": Effort(2, 3), "high": Effort(1, 4)}
+EFFORT = {"draft": Effort(4, 2), "normal": Effort(2, 3), "high": Effort(1, 4), "thorough": Effort(1, 4, True)}
 
 
 class Distance(Config):
@@ -81,7 +85,7 @@ class DenseOptions(Region):
     dense: where depth maps are made; auto: on a CUDA device, if pycolmap can use one.
     """
 
-    quality: Literal["draft", "normal", "high"] = "normal"
+    quality: Quality = "normal"
     masks: Path | None = None
     mask: Literal["none", "colour"] = "none"
     dense: Literal["auto", "cpu", "cuda"] = "auto"

@@ -1,4 +1,4 @@
-"""`handbench import`: foreign data as a capture folder."""
+"""`handbench import`: foreign data as a capture folder, a foreign hand as a scene."""
 
 from __future__ import annotations
 
@@ -9,10 +9,16 @@ from radar.support.progress import say
 
 
 def run(options: argparse.Namespace) -> None:
-    """Foreign data → capture folder."""
+    """Foreign data → capture folder; a foreign hand → scene."""
     from bench.datasets.dataset import import_capture
     from bench.datasets.foam_panel import import_planar_scan
+    from bench.scenes.makehuman import SCENE, import_makehuman
 
+    if options.dataset == "makehuman":
+        free_folder(options.out, options.overwrite, SCENE)
+        import_makehuman(options.source, options.out)
+        say(f"scene: {options.out / SCENE}")
+        return
     free_folder(options.out, options.overwrite, "capture.toml")
     if options.dataset == "planar_scan":
         import_planar_scan(options.source, options.out)

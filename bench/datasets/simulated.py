@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomlkit
 
 from bench.datasets.native import DESCRIPTION, ECHOES, EMPTY, PHOTOS, TARGET, TRUE_TRANSFORM, TRUTH
@@ -13,7 +15,7 @@ from bench.scenes.echoes import echoes
 from bench.scenes.photographs import Studio
 from bench.scenes.scene_file import HandTarget, MeshTarget
 from groundtruth.board.board import save_board
-from groundtruth.cameras.cameras import load_pycolmap, save_cameras
+from groundtruth.cameras.cameras import Camera, load_pycolmap, save_cameras
 from groundtruth.mesh.mesh_files import write_mesh
 from radar.data.capture import save_capture
 from radar.simulation.selection import Choice
@@ -48,7 +50,7 @@ def write_photos(scene: Scene, folder: str | Path, rows: tuple[Choice, ...] = ()
     if scene.target is not None:
         write_text(folder / TARGET, tomlkit.dumps(scene.target.model_dump()))
     if scene.cameras:
-        _write_photographs(scene, folder / PHOTOS)
+        write_photographs(scene, folder / PHOTOS, Studio(scene).photograph)
     contains = sorted(path.name for path in folder.iterdir())
     write_text(folder / DESCRIPTION, tomlkit.dumps(description(scene, contains, rows)))
 
@@ -73,15 +75,16 @@ def description(scene: Scene, contains: list[str], rows: tuple[Choice, ...]) -> 
     }
 
 
-def _write_photographs(scene: Scene, folder: Path) -> None:
+def write_photographs(scene: Scene, folder: Path, photograph: Callable[[Camera, int], np.ndarray]) -> None:
+    """Write the scene's photographs [height, width, 3], 8-bit BGR, as `photograph` takes each with its camera and
+    number, with `cameras.json` (intrinsics alone), `truth_cameras.json` and `board.toml`."""
     import cv2
 
-    studio = Studio(scene)
     load_pycolmap()  # here, not in a thread
 
     def take(number: int) -> None:
         camera = scene.cameras[number]
-        image = studio.photograph(camera, number)
+        image = photograph(camera, number)
         _, packed = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
         with atomic_path(folder / camera.name) as temporary:
             temporary.write_bytes(packed.tobytes())  # not by OpenCV, which does not mind a full disk

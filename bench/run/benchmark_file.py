@@ -12,6 +12,7 @@ from bench.results.about import MEASURES, Measure
 from bench.run.sensitivity_table import SensitivityTable
 from bench.run.sweep import Sweep, imaging_settings, known_configs
 from bench.scenes.people import MOST_PEOPLE
+from groundtruth.options import Quality
 from radar.methods.registry import method
 from radar.support.config import Config, Name, load, suggest
 from radar.support.errors import HandbenchError
@@ -92,7 +93,7 @@ class DataSet(Config):
 class GroundTruth(Config):
     """Options by which photographs become a mesh."""
 
-    quality: Literal["draft", "normal", "high"] = "draft"
+    quality: Quality = "draft"
 
 
 class MethodEntry(Config):

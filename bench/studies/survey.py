@@ -149,14 +149,19 @@ def plain(
         options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = False
         options.ba_refine_extra_params = options.mapper.abs_pose_refine_extra_params = False
     mode = pycolmap.CameraMode.SINGLE if shared else pycolmap.CameraMode.PER_IMAGE
+    options.num_threads = 1  # sums over threads would not repeat bit for bit
+    copied = shutil.copy(features, database.with_suffix(".features"))  # a database changes when it is opened
     pycolmap.Database.open(database).close()
     pycolmap.import_images(database, folder, mode, options=reader)
-    with pycolmap.Database.open(features) as found, pycolmap.Database.open(database) as stored:
+    with pycolmap.Database.open(copied) as found, pycolmap.Database.open(database) as stored:
         number = {image.name: image.image_id for image in found.read_all_images()}
         for image in stored.read_all_images():
             stored.write_keypoints(image.image_id, found.read_keypoints(number[image.name]))
             stored.write_descriptors(image.image_id, found.read_descriptors(number[image.name]))
-    pycolmap.match_exhaustive(database, device=pycolmap.Device.cpu)
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = seed
+    matching = pycolmap.FeatureMatchingOptions(num_threads=1)  # with more, the index of descriptors does not repeat
+    pycolmap.match_exhaustive(database, matching, verification_options=verification, device=pycolmap.Device.cpu)
     models = pycolmap.incremental_mapping(database, folder, database.parent, options)
     return max(models.values(), key=lambda model: model.num_reg_images())
 

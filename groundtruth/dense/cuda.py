@@ -26,7 +26,8 @@ import numpy as np
 from PIL import Image
 
 from groundtruth.cameras.cameras import pycolmap
-from groundtruth.dense.dense import STEEPEST, DepthMap, choose_sources, refined
+from groundtruth.dense.dense import DepthMap, choose_sources, refined
+from groundtruth.dense.first_guess import planes_through
 from groundtruth.dense.fusion import CONFIRMATIONS
 from groundtruth.dense.patchmatch import RADIUS
 from groundtruth.dense.views import Stereo, View
@@ -35,7 +36,7 @@ from radar.support.progress import say, track
 
 # Iterations of four sweeps each, and whether a second run asks the sources' depth maps to agree: COLMAP's lowest, its
 # default.
-SEARCH = {"draft": (3, False), "normal": (5, True), "high": (5, True)}
+SEARCH = {"draft": (3, False), "normal": (5, True), "high": (5, True), "thorough": (5, True)}
 CHILD = """
 import json, sys, pycolmap
 pycolmap.patch_match_stereo(sys.argv[1], options=pycolmap.PatchMatchOptions(**json.loads(sys.argv[2])))
@@ -96,21 +97,6 @@ def read_map(file: Path, shape: tuple[int, int, int]) -> np.ndarray:
     return np.moveaxis(np.frombuffer(content, dtype="<f4", offset=len(head)).reshape(channels, h, w), 0, -1)
 
 
-def guessed_planes(view: View, depth_m: np.ndarray, normals: np.ndarray, unit: float) -> np.ndarray:
-    """Planes [h, w, 3] (disparity, slope per column, slope per row) of points at depths [h, w] with unit normals
-    [h, w, 3] in the camera frame; NaN where the depth is not of interest or the normal looks away.
-
-    n·X = d is 1/z = (n·K⁻¹x)/d.
-    """
-    depth_m = depth_m.astype(np.float64)
-    towards = (normals * view.rays()).sum(axis=-1)
-    known = (view.near_m <= depth_m) & (depth_m <= view.far_m) & (towards < 0)
-    depth_m, towards = np.where(known, depth_m, np.nan), np.where(known, towards, np.nan)
-    slopes = normals[..., :2] / view.K[[0, 1], [0, 1]] / (depth_m * towards * unit)[..., None]
-    planes = np.concatenate([1 / (depth_m * unit)[..., None], np.clip(slopes, -STEEPEST, STEEPEST)], axis=-1)
-    return np.ascontiguousarray(planes, dtype=np.float32)
-
-
 def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
     """COLMAP's PatchMatch with these of its options, in a process of its own: it ends the process when it fails."""
     done = subprocess.run(
@@ -145,7 +131,7 @@ def _depth_map(folder: Path, views: list[View], i: int, sources: list[int], suff
         for kind, channels in (("depth_maps", 1), ("normal_maps", 3))
     )
     stereo = Stereo.of(view, [views[s] for s in sources])
-    return refined(view, stereo, guessed_planes(view, depth_m[..., 0], normals, stereo.unit), iterations=0)
+    return refined(view, stereo, planes_through(view, depth_m[..., 0], normals, stereo.unit), iterations=0)
 
 
 def _size(views: list[View]) -> tuple[int, int]:

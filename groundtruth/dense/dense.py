@@ -7,12 +7,13 @@ scene are treated alike.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from groundtruth.cameras.cameras import camera_in, pycolmap, registered
-from groundtruth.dense import patchmatch, planesweep
+from groundtruth.dense import patchmatch
+from groundtruth.dense.first_guess import SLANTS, first_guess, planes_swept
 from groundtruth.dense.prediction import predicted
 from groundtruth.dense.views import Stereo, View, open_view
 from groundtruth.photos.masks import Masks
@@ -20,14 +21,21 @@ from groundtruth.photos.photos import Photo
 from radar.support.errors import HandbenchError
 from radar.support.progress import say, track
 
+
+class Limits(NamedTuple):
+    """The highest cost, 1 − NCC, and lowest cosine of incidence of pixels that are kept."""
+
+    cost: float
+    cosine: float
+
+
 FEWEST_VIEWS = 3
 DEPTH_QUANTILES, DEPTH_MARGIN = (0.01, 0.99), 0.15  # of the sparse points a view sees
 SOURCES = 4
+LOOKS, ITERATIONS = 2, 2  # further ones at each view, of a thorough search; of PatchMatch in each
 BEST_ANGLE_RAD, SPREAD_BELOW_RAD, SPREAD_ABOVE_RAD = np.deg2rad([12, 6, 25])  # between a view and a good source
-FEWEST_PLANES, MOST_PLANES = 16, 320
-STEEPEST = 1.5  # disparities per pixel, of the first guess
-HIGHEST_COST = 0.3  # 1 − NCC
-LOWEST_COSINE = 0.35  # of incidence
+USUAL = Limits(cost=0.3, cosine=0.35)
+THOROUGH = Limits(cost=0.4, cosine=0.15)
 JUMP_PX = 1.0  # of disparity, between a pixel and its neighbour on another surface
 
 
@@ -81,22 +89,26 @@ def _depths(image: pycolmap.Image, points_m: np.ndarray) -> tuple[float, float]:
 
 
 def depth_maps(
-    views: list[View], tracks: np.ndarray, points_m: np.ndarray, iterations: int, seed: int
+    views: list[View], tracks: np.ndarray, points_m: np.ndarray, iterations: int, seed: int, thorough: bool = False
 ) -> list[DepthMap]:
     """Depth of every view from its best sources.
 
-    tracks [n, views]: which view saw which of the sparse points_m [n, 3].
+    tracks [n, views]: which view saw which of the sparse points_m [n, 3]. thorough: sweep in several directions, and
+    keep surfaces that are seen at low angles.
     """
     sources = choose_sources(views, tracks, points_m)
     coarse = [view.halved() for view in views]
-    counts = [_planes(half, Stereo.of(half, [coarse[s] for s in sources[i]]).unit)[2] for i, half in enumerate(coarse)]
+    counts = [
+        planes_swept(half, Stereo.of(half, [coarse[s] for s in sources[i]]).unit)[2] for i, half in enumerate(coarse)
+    ]
     first = Stereo.of(views[0], [views[s] for s in sources[0]])
-    say(predicted(views, first, len(sources[0]), counts, iterations).describe())
+    rounds = [iterations, *[ITERATIONS] * LOOKS * thorough]
+    say(predicted(views, first, len(sources[0]), counts, rounds, 1 + thorough * len(SLANTS)).describe())
     maps = []
     for i in track(range(len(views)), "depth maps"):
         stereo = Stereo.of(views[i], [views[s] for s in sources[i]])
-        planes = _first_guess(views[i], coarse[i], [coarse[s] for s in sources[i]], stereo.unit)
-        maps.append(refined(views[i], stereo, planes, iterations, seed))
+        planes = first_guess(views[i], coarse[i], [coarse[s] for s in sources[i]], stereo.unit, thorough)
+        maps.append(refined(views[i], stereo, planes, iterations, seed, THOROUGH if thorough else USUAL))
     return maps
 
 
@@ -115,7 +127,9 @@ def choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) 
     return chosen
 
 
-def refined(view: View, stereo: Stereo, planes: np.ndarray, iterations: int, seed: int = 0) -> DepthMap:
+def refined(
+    view: View, stereo: Stereo, planes: np.ndarray, iterations: int, seed: int = 0, limits: Limits = USUAL
+) -> DepthMap:
     """The depth map that a guess of the planes [h, w, 3] (changed in place; NaN: none) becomes by PatchMatch, a polish
     with curved windows, and the filters. No iterations: polish and filters alone."""
     low, high = (
@@ -124,30 +138,9 @@ def refined(view: View, stereo: Stereo, planes: np.ndarray, iterations: int, see
     planes[..., 0] = np.clip(planes[..., 0], low, high)
     cost = patchmatch.refine(stereo, planes, low, high, iterations, seed)
     normals, cosine = _normals(view, planes)
-    good = (cost < HIGHEST_COST) & (cosine > LOWEST_COSINE) & (low <= high) & ~_beside_jump(planes)
+    good = (cost < limits.cost) & (cosine > limits.cosine) & (low <= high) & ~_beside_jump(planes)
     depth_m = np.where(good, 1 / (planes[..., 0].astype(np.float64) * stereo.unit), np.nan)
     return DepthMap(view, depth_m, normals @ view.R)
-
-
-def _first_guess(view: View, half: View, sources: list[View], unit: float) -> np.ndarray:
-    """Planes [h, w, 3] float32 in units of the full view, from a sweep at half its resolution."""
-    stereo = Stereo.of(half, sources)
-    first, last, count = _planes(half, stereo.unit)
-    step = (last - first) / (count - 1)
-    found = planesweep.swept_disparity(stereo._replace(b=stereo.b * step), first / step, count)
-    disparity = cv2.medianBlur(found, 5) * (step * stereo.unit / unit)
-    h, w = view.gray.shape
-    disparity = cv2.resize(disparity, (w, h), interpolation=cv2.INTER_LINEAR)
-    slope_y, slope_x = np.gradient(cv2.GaussianBlur(disparity, (0, 0), 3))
-    planes = np.stack([disparity, slope_x, slope_y], axis=-1)
-    planes[..., 1:] = np.clip(planes[..., 1:], -STEEPEST, STEEPEST)
-    return np.ascontiguousarray(planes, dtype=np.float32)
-
-
-def _planes(half: View, unit: float) -> tuple[float, float, int]:
-    """First and last disparity of a sweep, and the number of planes."""
-    first, last = (1 / (z * unit) for z in (np.nanmax(half.far_m), np.nanmin(half.near_m)))
-    return first, last, int(np.clip(np.ceil(last - first), FEWEST_PLANES, MOST_PLANES))
 
 
 def _normals(view: View, planes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

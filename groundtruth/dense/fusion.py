@@ -50,9 +50,9 @@ class Cloud:
         return cls(**{**found, "names": tuple(found["names"].tolist()), "pixel_m": float(found["pixel_m"])})
 
 
-def fuse(maps: list[DepthMap], box_m: np.ndarray | None) -> Cloud:
+def fuse(maps: list[DepthMap], box_m: np.ndarray | None, confirmations: int = CONFIRMATIONS) -> Cloud:
     """Every pixel in the box [2, 3] whose depth enough other views confirm, moved to the mean of all that agree."""
-    fewest = CONFIRMATIONS if len(maps) > FEW_VIEWS else 1
+    fewest = confirmations if len(maps) > FEW_VIEWS else 1
     shape = tuple(max(m.depth_m.shape[axis] for m in maps) for axis in (0, 1))
     needed = ((32 + 1) * len(maps) + 56) * shape[0] * shape[1]
     require_free(needed, f"dense: {len(maps)} depth maps of {shape[1]} × {shape[0]} pixels", LESS)

@@ -18,8 +18,14 @@ from numba import njit, prange
 from groundtruth.dense.views import Stereo
 
 RADIUS = 3  # a window of 7 × 7 pixels; larger ones flatten what is curved, and put a finger too far away
-SAMPLES = (2 * RADIUS + 1) ** 2
 SIGMA_GRAY, SIGMA_PX = 0.08, 3.0  # bilateral weights
+LANES = 8  # floats of a vector: a window's row is filled up to so many, with pixels of no weight
+ORDER = (-3, -1, 1, 3, -2, 0, 2)  # of the rows: the first four are a window of every second row
+ROW = np.repeat(np.append(ORDER, 0), LANES).astype(np.float32)  # and one without weight, for whole pairs of vectors
+COLUMN = np.tile(np.append(np.arange(-RADIUS, RADIUS + 1), 0), len(ORDER) + 1).astype(np.float32)
+NEARNESS = np.exp(-(ROW**2 + COLUMN**2) / (2 * SIGMA_PX**2)).astype(np.float32)
+NEARNESS[2 * RADIUS + 1 :: LANES] = NEARNESS[len(ORDER) * LANES :] = 0
+SAMPLES, SEARCHED = len(NEARNESS), 4 * LANES  # of the window that polishes, and of that which compares hypotheses
 DIRECTIONS = np.array([(-1, 0), (1, 0), (0, -1), (0, 1)])
 POLISHES = 2
 SIDE = 0.25  # pixels from a disparity to the two others of its parabola
@@ -28,8 +34,10 @@ PERTURBATIONS = 3
 BEND_PX = 3.0  # standard deviation of the slopes' smoothing before they are differentiated
 MOST_BENT = 0.08  # disparities per pixel²: a third of a disparity at the ends of the window's middle row
 WORST = 2.0  # a hypothesis that a source does not see
+HOPEFUL, SHARE = 0.4, 0.02  # cost of a plane to begin with; share of a pixel's neighbours that must have such a one
+UNMATCHED = 0.6  # cost from which a plane is not polished
 
-Window = tuple[int, int, np.ndarray, np.ndarray, float]  # column, row; values about their mean, weights, variance
+Window = tuple[int, int, np.ndarray, np.ndarray, np.float32]  # column, row; values about their mean, weights, variance
 Triple = tuple[float, float, float]
 
 
@@ -39,13 +47,21 @@ def refine(
     """Improve `planes` [h, w, 3] float32 (disparity, slope per column, slope per row) in place; returns the cost
     [h, w] float32, 1 − NCC averaged over the better half of the sources.
 
-    low, high [h, w]: allowed disparities, NaN where there is nothing to do.
+    low, high [h, w]: allowed disparities, NaN where there is nothing to do. After a first evaluation only those pixels
+    are worked on whose neighbours match: a box shows more than its content, and what lies behind it fits nowhere in it.
     """
+    wanted = low <= high
     cost = np.full(stereo.reference.shape, WORST, dtype=np.float32)
-    for step in range(2 * iterations + 2):  # the first two passes only evaluate what is there
-        _pass(stereo, planes, cost, low, high, step, seed)
+    sides = (RADIUS, RADIUS + 1, RADIUS, RADIUS + 1)
+    stereo = stereo._replace(reference=cv2.copyMakeBorder(stereo.reference, *sides, cv2.BORDER_REPLICATE))
+    for iteration in range(iterations + 1):  # the first only evaluates what is there
+        matching = cv2.blur((cost < HOPEFUL).astype(np.float32), (2 * REACH + 1, 2 * REACH + 1))
+        lowest = np.where(matching > SHARE, low, np.nan) if iteration else low
+        samples = SAMPLES if iteration == iterations else SEARCHED
+        for colour in (0, 1):
+            _pass(stereo, planes, cost, lowest, high, 2 * iteration + colour, seed, samples)
     for _ in range(POLISHES):
-        _polish(stereo, planes, cost, low, high, bends(planes, low <= high))
+        _polish(stereo, planes, cost, cost < UNMATCHED, bends(planes, wanted))
     return cost
 
 
@@ -78,33 +94,31 @@ def _random(pixel: int, step: int, draw: int, seed: int) -> float:
     return np.float64(k >> np.uint64(11)) / 2.0**52 - 1.0
 
 
-@njit(cache=True)
-def _window(reference: np.ndarray, y: int, x: int, values: np.ndarray, weights: np.ndarray) -> Window:
-    """The window about a pixel; values and weights [SAMPLES] are what it is written to."""
-    h, w = reference.shape
-    centre = reference[y, x]
-    k = 0
-    total = 0.0
-    for dy in range(-RADIUS, RADIUS + 1):
-        for dx in range(-RADIUS, RADIUS + 1):
-            value = reference[min(max(y + dy, 0), h - 1), min(max(x + dx, 0), w - 1)] - centre
-            weight = np.exp(-abs(value) / SIGMA_GRAY - (dx * dx + dy * dy) / (2 * SIGMA_PX * SIGMA_PX))
-            values[k] = value
-            weights[k] = weight
-            total += weight
-            k += 1
-    mean = 0.0
-    for k in range(SAMPLES):
+@njit(cache=True, forceinline=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+def _window(reference: np.ndarray, y: int, x: int, values: np.ndarray, weights: np.ndarray, samples: int) -> Window:
+    """The window about a pixel of the padded reference; its first so many values and weights [SAMPLES] are written."""
+    centre = reference[y + RADIUS, x + RADIUS]
+    total = np.float32(0)
+    for k in range(samples):
+        value = reference[y + RADIUS + np.int64(ROW[k]), x + RADIUS + np.int64(COLUMN[k])] - centre
+        alike = max(np.float32(1) - abs(value) * np.float32(1 / (64 * SIGMA_GRAY)), np.float32(0))
+        for _ in range(6):
+            alike *= alike  # exp(−|value| / SIGMA_GRAY) as (1 − |value| / (64 SIGMA_GRAY))⁶⁴
+        values[k] = value
+        weights[k] = alike * NEARNESS[k]
+        total += weights[k]
+    mean = np.float32(0)
+    for k in range(samples):
         weights[k] /= total
         mean += weights[k] * values[k]
-    variance = 0.0
-    for k in range(SAMPLES):
+    variance = np.float32(0)
+    for k in range(samples):
         values[k] -= mean
-        variance += weights[k] * values[k] ** 2
-    return x, y, values, weights, variance
+        variance += weights[k] * values[k] * values[k]
+    return x, y, values[:samples], weights[:samples], variance
 
 
-@njit(cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
+@njit(cache=True, forceinline=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Triple | None = None) -> float:
     """1 − NCC between the window and source s under the plane, WORST where the source does not see all of it.
 
@@ -112,49 +126,52 @@ def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Tripl
     column and row, row²), which make a paraboloid of the plane.
     """
     x, y, values, weights, variance = window
-    source, A, b = stereo.sources[s], stereo.A[s], stereo.b[s]
+    sources, A, b = stereo.sources, stereo.A, stereo.b
     rows, columns = stereo.sizes[s, 0], stereo.sizes[s, 1]
     disparity, slope_x, slope_y = plane
-    q = A[2, 0] * x + A[2, 1] * y + A[2, 2] + b[2] * disparity
+    q = A[s, 2, 0] * x + A[s, 2, 1] * y + A[s, 2, 2] + b[s, 2] * disparity
     if q <= 0:
         return WORST
-    u = (A[0, 0] * x + A[0, 1] * y + A[0, 2] + b[0] * disparity) / q
-    v = (A[1, 0] * x + A[1, 1] * y + A[1, 2] + b[1] * disparity) / q
-    qx, qy = A[2, 0] + b[2] * slope_x, A[2, 1] + b[2] * slope_y
-    ux, uy = (A[0, 0] + b[0] * slope_x - u * qx) / q, (A[0, 1] + b[0] * slope_y - u * qy) / q
-    vx, vy = (A[1, 0] + b[1] * slope_x - v * qx) / q, (A[1, 1] + b[1] * slope_y - v * qy) / q
+    u = (A[s, 0, 0] * x + A[s, 0, 1] * y + A[s, 0, 2] + b[s, 0] * disparity) / q
+    v = (A[s, 1, 0] * x + A[s, 1, 1] * y + A[s, 1, 2] + b[s, 1] * disparity) / q
+    qx, qy = A[s, 2, 0] + b[s, 2] * slope_x, A[s, 2, 1] + b[s, 2] * slope_y
+    ux, uy = (A[s, 0, 0] + b[s, 0] * slope_x - u * qx) / q, (A[s, 0, 1] + b[s, 0] * slope_y - u * qy) / q
+    vx, vy = (A[s, 1, 0] + b[s, 1] * slope_x - v * qx) / q, (A[s, 1, 1] + b[s, 1] * slope_y - v * qy) / q
     reach_u, reach_v = RADIUS * (abs(ux) + abs(uy)), RADIUS * (abs(vx) + abs(vy))
     if bend is not None:
         rise = RADIUS * RADIUS * (0.5 * abs(bend[0]) + 0.5 * abs(bend[2]) + abs(bend[1]))
-        reach_u, reach_v = reach_u + rise * abs(b[0] - u * b[2]) / q, reach_v + rise * abs(b[1] - v * b[2]) / q
+        rise_u, rise_v = (b[s, 0] - u * b[s, 2]) / q, (b[s, 1] - v * b[s, 2]) / q
+        reach_u, reach_v = reach_u + rise * abs(rise_u), reach_v + rise * abs(rise_v)
     if not (u - reach_u >= 0 and u + reach_u < columns - 1 and v - reach_v >= 0 and v + reach_v < rows - 1):
         return WORST
-    origin = source[int(v), int(u)]  # sums about a value nearby do not cancel
-    mean, square, product = 0.0, 0.0, 0.0
-    k = 0
-    for dy in range(-RADIUS, RADIUS + 1):
-        for dx in range(-RADIUS, RADIUS + 1):
-            su, sv = u + dx * ux + dy * uy, v + dx * vx + dy * vy
-            if bend is not None:
-                rise = 0.5 * (bend[0] * dx * dx + bend[2] * dy * dy) + bend[1] * dx * dy
-                su, sv = su + rise * (b[0] - u * b[2]) / q, sv + rise * (b[1] - v * b[2]) / q
-            i, j = int(sv), int(su)
-            fv, fu = sv - i, su - j
-            top = source[i, j] + fu * (source[i, j + 1] - source[i, j])
-            bottom = source[i + 1, j] + fu * (source[i + 1, j + 1] - source[i + 1, j])
-            value = top + fv * (bottom - top) - origin
-            weighted = weights[k] * value
-            mean += weighted
-            square += weighted * value
-            product += weighted * values[k]
-            k += 1
-    power = variance * max(square - mean * mean, 0.0)
+    origin = sources[s, int(v), int(u)]  # sums about a value nearby do not cancel
+    u, v, ux, uy, vx, vy = np.float32(u), np.float32(v), np.float32(ux), np.float32(uy), np.float32(vx), np.float32(vy)
+    if bend is not None:
+        xx, xy, yy = np.float32(0.5 * bend[0]), np.float32(bend[1]), np.float32(0.5 * bend[2])
+        rise_u, rise_v = np.float32(rise_u), np.float32(rise_v)
+    mean, square, product = np.float32(0), np.float32(0), np.float32(0)
+    for k in range(len(weights)):
+        dx, dy = COLUMN[k], ROW[k]
+        su, sv = u + dx * ux + dy * uy, v + dx * vx + dy * vy
+        if bend is not None:
+            rise = xx * dx * dx + yy * dy * dy + xy * dx * dy
+            su, sv = su + rise * rise_u, sv + rise * rise_v
+        i, j = np.int32(sv), np.int32(su)
+        fv, fu = sv - np.float32(i), su - np.float32(j)
+        top = sources[s, i, j] + fu * (sources[s, i, j + 1] - sources[s, i, j])
+        bottom = sources[s, i + 1, j] + fu * (sources[s, i + 1, j + 1] - sources[s, i + 1, j])
+        value = top + fv * (bottom - top) - origin
+        weighted = weights[k] * value
+        mean += weighted
+        square += weighted * value
+        product += weighted * values[k]
+    power = variance * max(square - mean * mean, np.float32(0))
     if power < 1e-14:
         return 1.0
     return 1.0 - product / np.sqrt(power)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _rank_sources(
     window: Window, stereo: Stereo, plane: Triple, chosen: np.ndarray, mismatch: np.ndarray, bend: Triple | None = None
 ) -> float:
@@ -173,17 +190,21 @@ def _rank_sources(
     return total / used
 
 
-@njit(cache=True)
-def _cost(window: Window, stereo: Stereo, plane: Triple, chosen: np.ndarray, bend: Triple | None = None) -> float:
-    """Mean mismatch of the better half of the ranked sources."""
+@njit(cache=True, forceinline=True)
+def _cost(
+    window: Window, stereo: Stereo, plane: Triple, chosen: np.ndarray, bend: Triple | None = None, most: float = np.inf
+) -> float:
+    """Mean mismatch of the better half of the ranked sources; something above `most` where it is above that."""
     used = max(1, len(chosen) // 2)
     total = 0.0
     for n in range(used):
         total += _mismatch(window, stereo, chosen[n], plane, bend)
+        if total > most * used:
+            break
     return total / used
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _best_neighbour(cost: np.ndarray, y: int, x: int, direction: int) -> tuple[int, int]:
     """The pixel of least cost among those at odd distances in a direction; (-1, -1) at the border."""
     h, w = cost.shape
@@ -197,7 +218,14 @@ def _best_neighbour(cost: np.ndarray, y: int, x: int, direction: int) -> tuple[i
 
 @njit(parallel=True, cache=True)
 def _pass(
-    stereo: Stereo, planes: np.ndarray, cost: np.ndarray, low: np.ndarray, high: np.ndarray, step: int, seed: int
+    stereo: Stereo,
+    planes: np.ndarray,
+    cost: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    step: int,
+    seed: int,
+    samples: int,
 ) -> None:
     """One colour of one iteration: try the planes of neighbours, then random variations of the best.
 
@@ -206,12 +234,12 @@ def _pass(
     h, w = cost.shape
     iteration = step // 2
     for y in prange(h):
-        values, weights, mismatch = np.empty(SAMPLES), np.empty(SAMPLES), np.empty(len(stereo.sources))
-        chosen = np.zeros(len(mismatch), dtype=np.int64)
+        values, weights = np.empty(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
+        mismatch, chosen = np.empty(len(stereo.sources)), np.zeros(len(stereo.sources), dtype=np.int64)
         for x in range((y + step) % 2, w, 2):
             if not low[y, x] <= high[y, x]:
                 continue
-            window = _window(stereo.reference, y, x, values, weights)
+            window = _window(stereo.reference, y, x, values, weights, samples)
             best = (float(planes[y, x, 0]), float(planes[y, x, 1]), float(planes[y, x, 2]))
             least = _rank_sources(window, stereo, best, chosen, mismatch)
             for n in range(len(DIRECTIONS) + PERTURBATIONS if iteration > 0 else 0):
@@ -231,7 +259,7 @@ def _pass(
                     )
                 if not low[y, x] <= plane[0] <= high[y, x]:
                     continue
-                tried = _cost(window, stereo, plane, chosen)
+                tried = _cost(window, stereo, plane, chosen, None, least)
                 if tried < least:
                     least, best = tried, plane
             cost[y, x] = least
@@ -239,18 +267,16 @@ def _pass(
 
 
 @njit(parallel=True, cache=True)
-def _polish(
-    stereo: Stereo, planes: np.ndarray, cost: np.ndarray, low: np.ndarray, high: np.ndarray, bends: np.ndarray
-) -> None:
+def _polish(stereo: Stereo, planes: np.ndarray, cost: np.ndarray, wanted: np.ndarray, bends: np.ndarray) -> None:
     """Move every disparity to the vertex of the parabola through the costs a quarter of a pixel to either side."""
     h, w = cost.shape
     for y in prange(h):
-        values, weights, mismatch = np.empty(SAMPLES), np.empty(SAMPLES), np.empty(len(stereo.sources))
-        chosen = np.zeros(len(mismatch), dtype=np.int64)
+        values, weights = np.empty(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
+        mismatch, chosen = np.empty(len(stereo.sources)), np.zeros(len(stereo.sources), dtype=np.int64)
         for x in range(w):
-            if not low[y, x] <= high[y, x] or cost[y, x] >= 1:
+            if not wanted[y, x]:
                 continue
-            window = _window(stereo.reference, y, x, values, weights)
+            window = _window(stereo.reference, y, x, values, weights, SAMPLES)
             disparity, slope_x, slope_y = float(planes[y, x, 0]), float(planes[y, x, 1]), float(planes[y, x, 2])
             bend = (float(bends[y, x, 0]), float(bends[y, x, 1]), float(bends[y, x, 2]))
             plane = (disparity, slope_x, slope_y)

@@ -8,6 +8,7 @@ their own, so that the result does not depend on the number of threads.
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numba import njit, prange
 
@@ -29,12 +30,22 @@ def swept_disparity(stereo: Stereo, first: float, planes: int) -> np.ndarray:
     h, w = stereo.reference.shape
     require_free(4 * planes * h * w, f"dense: {planes} planes of {w} × {h} pixels", LESS)
     cost = np.empty((planes, h, w), dtype=np.uint8)
-    _correlate(stereo._replace(reference=stereo.reference.astype(np.float64)), first, cost)
+    tone = stereo.reference.mean()  # sums about it do not cancel in single precision
+    stereo = stereo._replace(reference=stereo.reference - tone, sources=stereo.sources - tone)
+    _correlate(stereo, _moments(stereo.reference), first, cost)
     cost = np.ascontiguousarray(np.moveaxis(cost, 0, -1))
     total = np.zeros(cost.shape, dtype=np.uint16)
     for step in PATHS:
         _smooth(cost, total, _starts(h, w, *step), *step)
     return (first + _lowest(total)).astype(np.float32)
+
+
+def _moments(picture: np.ndarray) -> np.ndarray:
+    """Number of pixels n, sum Σa, and n Σa² − (Σa)² [3, h, w] of the windows of a picture."""
+    sides = (2 * WINDOW_RADIUS + 1, 2 * WINDOW_RADIUS + 1)
+    parts = (np.ones_like(picture), picture, picture**2)
+    n, a, aa = (cv2.boxFilter(p, cv2.CV_64F, sides, normalize=False, borderType=cv2.BORDER_CONSTANT) for p in parts)
+    return np.stack([n, a, np.maximum(n * aa - a * a, 0)]).astype(np.float32)
 
 
 def _starts(h: int, w: int, step_y: int, step_x: int) -> np.ndarray:
@@ -45,96 +56,116 @@ def _starts(h: int, w: int, step_y: int, step_x: int) -> np.ndarray:
     return np.argwhere(enters)
 
 
-@njit(cache=True, fastmath={"contract", "arcp"})
-def _warp(stereo: Stereo, s: int, disparity: float, warped: np.ndarray) -> None:
-    """Source s as the reference would see it if everything lay at one disparity; OUTSIDE where it ends."""
-    source, A, b = stereo.sources[s], stereo.A[s], stereo.b[s]
-    rows, columns = stereo.sizes[s, 0], stereo.sizes[s, 1]
-    h, w = warped.shape
-    for y in range(h):
-        for x in range(w):
-            q = 1 / (A[2, 0] * x + A[2, 1] * y + A[2, 2] + b[2] * disparity)
-            u = (A[0, 0] * x + A[0, 1] * y + A[0, 2] + b[0] * disparity) * q
-            v = (A[1, 0] * x + A[1, 1] * y + A[1, 2] + b[1] * disparity) * q
-            if not (q > 0 and 0 <= u < columns - 1 and 0 <= v < rows - 1):
-                warped[y, x] = OUTSIDE
-                continue
-            i, j = int(v), int(u)
-            dv, du = v - i, u - j
-            top = source[i, j] + du * (source[i, j + 1] - source[i, j])
-            bottom = source[i + 1, j] + du * (source[i + 1, j + 1] - source[i + 1, j])
-            warped[y, x] = top + dv * (bottom - top)
+@njit(cache=True, error_model="numpy", fastmath={"contract", "arcp"})
+def _warp(stereo: Stereo, s: int, disparity: float, y: int, places: np.ndarray, warped: np.ndarray) -> None:
+    """A row of source s as the reference would see it if everything lay at one disparity; OUTSIDE where it ends.
+
+    places [2, w] are what the columns and rows are written to: a loop of its own, whose arithmetic becomes vectors.
+    """
+    sources, A, b = stereo.sources, stereo.A, stereo.b
+    rows, columns = np.float32(stereo.sizes[s, 0] - 1), np.float32(stereo.sizes[s, 1] - 1)
+    q0 = np.float32(A[s, 2, 1] * y + A[s, 2, 2] + b[s, 2] * disparity)
+    u0 = np.float32(A[s, 0, 1] * y + A[s, 0, 2] + b[s, 0] * disparity)
+    v0 = np.float32(A[s, 1, 1] * y + A[s, 1, 2] + b[s, 1] * disparity)
+    qx, ux, vx = np.float32(A[s, 2, 0]), np.float32(A[s, 0, 0]), np.float32(A[s, 1, 0])
+    for x in range(len(warped)):
+        q = np.float32(1) / (qx * np.float32(x) + q0)
+        u, v = (ux * np.float32(x) + u0) * q, (vx * np.float32(x) + v0) * q
+        inside = (q > 0) & (u >= 0) & (u < columns) & (v >= 0) & (v < rows)
+        places[0, x], places[1, x] = u, v if inside else np.float32(OUTSIDE)
+    for x in range(len(warped)):
+        u, v = places[0, x], places[1, x]
+        if v == np.float32(OUTSIDE):
+            warped[x] = OUTSIDE
+            continue
+        i, j = np.uint32(np.int32(v)), np.uint32(np.int32(u))
+        dv, du = v - np.float32(np.int32(v)), u - np.float32(np.int32(u))
+        top = sources[s, i, j] + du * (sources[s, i, j + 1] - sources[s, i, j])
+        bottom = sources[s, i + 1, j] + du * (sources[s, i + 1, j + 1] - sources[s, i + 1, j])
+        warped[x] = top + dv * (bottom - top)
 
 
 @njit(cache=True)
-def _add_row(first: np.ndarray, second: np.ndarray, sums: np.ndarray, sign: float) -> None:
-    """Add (or take away) one row of both pictures to the columns' sums of a, a², b, b², a b."""
-    for x in range(len(first)):
-        a, b = first[x], second[x]
-        sums[0, x] += sign * a
-        sums[1, x] += sign * a * a
-        sums[2, x] += sign * b
-        sums[3, x] += sign * b * b
-        sums[4, x] += sign * a * b
+def _across(columns: np.ndarray, sums: np.ndarray) -> None:
+    """Sums [w] over windows of a row, of columns' sums [w + 2 WINDOW_RADIUS] that are 0 beyond the picture."""
+    for x in range(len(sums)):
+        total = columns[x]
+        for k in range(1, 2 * WINDOW_RADIUS + 1):
+            total += columns[x + k]
+        sums[x] = total
 
 
-@njit(cache=True)
-def _mismatch(first: np.ndarray, second: np.ndarray, mismatch: np.ndarray) -> None:
-    """1 − NCC [h, w] of two pictures over square windows, by running sums in double precision; 1 where one of them has
-    no texture, WORST where the second is OUTSIDE."""
+@njit(cache=True, error_model="numpy", fastmath={"contract", "arcp"})
+def _mismatch(first: np.ndarray, moments: np.ndarray, second: np.ndarray, mismatch: np.ndarray) -> None:
+    """1 − NCC [h, w] of two pictures over square windows, the first one's moments [3, h, w] known; 1 where one of them
+    has no texture, WORST where the second is OUTSIDE."""
     h, w = first.shape
-    columns = np.zeros((5, w))
+    columns = np.zeros((3, w + 2 * WINDOW_RADIUS), np.float32)  # of b, b² and a b
+    inner = columns[:, WINDOW_RADIUS : w + WINDOW_RADIUS]
+    sums = np.empty((3, w), np.float32)
     for y in range(-WINDOW_RADIUS, h):
-        if y + WINDOW_RADIUS < h:
-            _add_row(first[y + WINDOW_RADIUS], second[y + WINDOW_RADIUS], columns, 1.0)
-        if y - WINDOW_RADIUS > 0:
-            _add_row(first[y - WINDOW_RADIUS - 1], second[y - WINDOW_RADIUS - 1], columns, -1.0)
+        enters, leaves = y + WINDOW_RADIUS, y - WINDOW_RADIUS - 1
+        if enters < h:
+            _add_row(first[enters], second[enters], inner, np.float32(1))
+        if leaves >= 0:
+            _add_row(first[leaves], second[leaves], inner, np.float32(-1))
         if y < 0:
             continue
-        rows = min(y + WINDOW_RADIUS, h - 1) - max(y - WINDOW_RADIUS, 0) + 1
-        a = aa = b = bb = ab = 0.0
-        for x in range(-WINDOW_RADIUS, w):
-            enters, leaves = x + WINDOW_RADIUS, x - WINDOW_RADIUS - 1
-            if enters < w:
-                a, aa, b = a + columns[0, enters], aa + columns[1, enters], b + columns[2, enters]
-                bb, ab = bb + columns[3, enters], ab + columns[4, enters]
-            if leaves >= 0:
-                a, aa, b = a - columns[0, leaves], aa - columns[1, leaves], b - columns[2, leaves]
-                bb, ab = bb - columns[3, leaves], ab - columns[4, leaves]
-            if x < 0:
-                continue
-            n = rows * (min(enters, w - 1) - max(x - WINDOW_RADIUS, 0) + 1)
-            power = max(n * aa - a * a, 0.0) * max(n * bb - b * b, 0.0)
-            mismatch[y, x] = 1 - (n * ab - a * b) / np.sqrt(power) if power > FLAT * n**4 else 1.0
-            if second[y, x] == OUTSIDE:
-                mismatch[y, x] = WORST
+        for m in range(3):
+            _across(columns[m], sums[m])
+        for x in range(w):
+            n, a, aa = moments[0, y, x], moments[1, y, x], moments[2, y, x]
+            b, bb, ab = sums[0, x], sums[1, x], sums[2, x]
+            power = aa * max(n * bb - b * b, np.float32(0))
+            textured = power > np.float32(FLAT) * n * n * n * n
+            ncc = (n * ab - a * b) / np.sqrt(power if textured else np.float32(1))
+            value = np.float32(1) - (ncc if textured else np.float32(0))
+            mismatch[y, x] = np.float32(WORST) if second[y, x] == np.float32(OUTSIDE) else value
+
+
+@njit(cache=True)
+def _add_row(first: np.ndarray, second: np.ndarray, sums: np.ndarray, sign: np.float32) -> None:
+    """Add (or take away) one row of both pictures to the columns' sums of b, b², a b."""
+    for x in range(len(first)):
+        a, b = first[x], second[x]
+        sums[0, x] += sign * b
+        sums[1, x] += sign * b * b
+        sums[2, x] += sign * a * b
 
 
 @njit(parallel=True, cache=True)
-def _correlate(stereo: Stereo, first: float, cost: np.ndarray) -> None:
+def _correlate(stereo: Stereo, moments: np.ndarray, first: float, cost: np.ndarray) -> None:
     """cost [plane, h, w]: 1 − NCC, averaged over the better half of the sources, quantised."""
     h, w = stereo.reference.shape
     count = len(stereo.sources)
     used = max(1, count // 2)
+    scale = np.float32(LARGEST_COST / used)
     for plane in prange(len(cost)):
-        mismatch = np.empty((count, h, w))
-        warped = np.empty((h, w))
+        least = np.full((used, h, w), np.float32(WORST))
+        warped, mismatch = np.empty((h, w), np.float32), np.empty((h, w), np.float32)
+        places = np.empty((2, w), np.float32)
         for s in range(count):
-            _warp(stereo, s, first + plane, warped)
-            _mismatch(stereo.reference, warped, mismatch[s])
-        values = np.empty(count)
+            for y in range(h):
+                _warp(stereo, s, first + plane, y, places, warped[y])
+            _mismatch(stereo.reference, moments, warped, mismatch)
+            for n in range(used):
+                _keep_less(least[n], mismatch)
         for y in range(h):
             for x in range(w):
-                for s in range(count):
-                    place = s
-                    while place > 0 and mismatch[s, y, x] < values[place - 1]:
-                        values[place] = values[place - 1]
-                        place -= 1
-                    values[place] = mismatch[s, y, x]
-                mean = 0.0
+                total = np.float32(0)
                 for n in range(used):
-                    mean += values[n]
-                cost[plane, y, x] = np.uint8(min(mean / used, 1.0) * LARGEST_COST)
+                    total += least[n, y, x]
+                cost[plane, y, x] = np.uint8(min(total * scale, np.float32(LARGEST_COST)))
+
+
+@njit(cache=True)
+def _keep_less(least: np.ndarray, other: np.ndarray) -> None:
+    """Exchange values [h, w] where the other one's are less."""
+    h, w = least.shape
+    for y in range(h):
+        for x in range(w):
+            a, b = least[y, x], other[y, x]
+            least[y, x], other[y, x] = min(a, b), max(a, b)
 
 
 @njit(parallel=True, cache=True)

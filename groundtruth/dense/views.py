@@ -114,12 +114,9 @@ def open_view(
     K[:2, 2] -= (left + 0.5, top + 0.5)  # COLMAP's corner origin to indices of the crop
     rays = _rays(K, bottom - top, right - left)
     seen = np.asarray(camera.img_from_cam(rays.reshape(-1, 3))).reshape(*rays.shape[:2], 2) / shrink - 0.5
-    gray = cv2.remap(
-        _shrink(photo.gray(), shrink),
-        *np.moveaxis(seen.astype(np.float32), -1, 0),
-        cv2.INTER_CUBIC,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
+    columns, rows = np.moveaxis(seen.astype(np.float32), -1, 0)
+    shrunk = _shrink(photo.gray(), shrink)
+    gray = cv2.remap(shrunk, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     near, far = (np.full(gray.shape, z) for z in depth_range_m)
     if box_m is not None:
         near, far = _box_depths(box_m, rays, R, t)

@@ -25,6 +25,8 @@ STANDS_M = 5e-3  # above the board: no point of the board
 BELOW_M = 1e-2  # of the plane: a board that lies in the volume is found where it is
 NEAREST = 0.9  # of the lowest camera's height, where surroundings end
 CELLS, FEWEST_VIEWS = 12, 3  # of the volume along each axis; photographs that must show a cell
+COARSE_BETWEEN = (0.002, 0.998)  # quantiles of a coarse cloud's points on each axis
+COARSE_ROOM, COARSE_ROOM_PX = 0.1, 6.0  # on each side: of their diagonal, and of the coarse pixels
 AT_SIDE, CUT = 0.01, 0.002  # of the volume's sides; share of the cloud beside one that means a cut
 
 
@@ -59,8 +61,7 @@ def volume(given: tuple[float, ...] | None, plane: Plane | None, sparse: Sparse)
     surroundings."""
     if given is not None:
         return Volume(given, "given")
-    seen = [point.xyz for point in sparse.model.points3D.values() if point.track.length() >= FEWEST_VIEWS]
-    points_m = np.array(seen).reshape(-1, 3)
+    points_m = _seen(sparse)
     if plane is None:
         if len(points_m) < FEWEST_POINTS:
             return Volume(None, "everything")
@@ -71,6 +72,12 @@ def volume(given: tuple[float, ...] | None, plane: Plane | None, sparse: Sparse)
         corners_m = plane.world(np.array(list(product(*local.T))))
     box_m = in_common_field(np.stack([corners_m.min(axis=0), corners_m.max(axis=0)]), sparse.cameras())
     return Volume(tuple(box_m.ravel().round(6).tolist()), source)
+
+
+def _seen(sparse: Sparse) -> np.ndarray:
+    """The features [n, 3] that enough photographs show."""
+    seen = [point.xyz for point in sparse.model.points3D.values() if point.track.length() >= FEWEST_VIEWS]
+    return np.array(seen).reshape(-1, 3)
 
 
 def off_plane(plane: Plane, points_m: np.ndarray, centres_m: np.ndarray) -> tuple[np.ndarray, str]:
@@ -88,6 +95,27 @@ def off_plane(plane: Plane, points_m: np.ndarray, centres_m: np.ndarray) -> tupl
     return np.stack([[*np.maximum(low, about[0])[:2], -BELOW_M], np.minimum(high, about[1])]), (
         "the board, cameras and sparse points"
     )
+
+
+def narrowed(found: Volume, cloud: Cloud, plane: Plane, sparse: Sparse) -> Volume:
+    """A volume that was found, cut to what a coarse cloud and the features show off the board, with room; the volume
+    itself where either shows hardly any."""
+    box = found.box()
+    if box is None:
+        return found
+    least_m = max(STANDS_M + plane.rough_m, COARSE_ROOM_PX * cloud.pixel_m)
+    features_m = _seen(sparse)
+    features_m = features_m[((features_m > box[0]) & (features_m < box[1])).all(axis=1)]
+    dense, few = (local[local[:, 2] > least_m] for local in map(plane.local, (cloud.points_m, features_m)))
+    if min(len(dense), len(few)) < FEWEST_POINTS:
+        return found
+    sides = np.stack([np.quantile(dense, COARSE_BETWEEN, axis=0), np.quantile(few, BETWEEN, axis=0)])
+    low, high = sides[:, 0].min(axis=0), sides[:, 1].max(axis=0)
+    room_m = COARSE_ROOM * np.linalg.norm(high - low) + COARSE_ROOM_PX * cloud.pixel_m
+    sides = np.stack([[*(low - room_m)[:2], -BELOW_M], high + room_m])
+    corners_m = plane.world(np.array(list(product(*sides.T))))
+    box_m = np.clip(np.stack([corners_m.min(axis=0), corners_m.max(axis=0)]), *box)
+    return Volume(tuple(box_m.ravel().round(6).tolist()), f"{found.source}, and coarse depth maps")
 
 
 def _about(points_m: np.ndarray) -> np.ndarray:

@@ -1,11 +1,13 @@
-"""The standard deviation of a surface: matching, cameras and the distance to what was seen.
+"""The standard deviation of a surface: matching, cameras, the distance to what was seen, and to its border.
 
-Three independent parts are added as variances. *Matching*: n views agree on a point, and their depths differ by s along
+Four independent parts are added as variances. *Matching*: n views agree on a point, and their depths differ by s along
 the normal. They are not n independent measurements: a depth map is matched between images, so that two maps out of n
 have one of their images in common with a chance that makes their errors correlated by ρ = 1/(n − 1); two maps of the
 same pair are the same measurement. Hence the spread shows (1 − ρ) of the variance of one map, and their mean keeps
 (1 + (n − 1) ρ)/n of it: var = 2 (n − 1)/(n (n − 2)) s². *Cameras*: `covariance.point_covariance`. *Distance*: where the
-surface runs on beyond the points that were seen, its slope is known to SLOPE only.
+surface runs on beyond the points that were seen, its slope is known to SLOPE only. *Border*: where the seen surface
+ends, mostly at a silhouette, matching windows saw what lies behind it too, all views alike, so that no spread shows it:
+by FATTENED_PX of a pixel at the border, and less up to the reach of a window.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ NEIGHBOURS = 16  # points whose variances a vertex takes the mean of
 SLOPE = 0.25  # of a surface that was not seen
 REACH_PX = 0.5  # of a point: as far as neighbouring points are from what lies between them
 OBSERVED_PX = 1.5  # a surface farther from every point was not seen
+FATTENED_PX, WINDOW_PX = 0.1, 3.0
 CHUNK = 1_000_000  # points times camera parameters that are worked on at once
 
 
@@ -33,6 +36,19 @@ def surface_sigma(
     beyond_m = np.maximum(distance_m[:, 0] - REACH_PX * cloud.pixel_m, 0)
     variance = (matching_variance(cloud) + camera_variance(cloud, images, known))[near].mean(axis=1)
     return np.sqrt(variance + (SLOPE * beyond_m) ** 2), distance_m[:, 0] <= OBSERVED_PX * cloud.pixel_m
+
+
+def border_sigma(vertices_m: np.ndarray, faces: np.ndarray, observed: np.ndarray, pixel_m: float) -> np.ndarray:
+    """Standard deviation [n], metres, that vertices [n, 3] of triangles [m, 3] have beside the border of the observed
+    [n] surface."""
+    seen = faces[observed[faces].all(axis=1)]
+    edges = np.sort(np.concatenate([seen[:, [0, 1]], seen[:, [1, 2]], seen[:, [2, 0]]]), axis=1)
+    pairs, count = np.unique(edges, axis=0, return_counts=True)
+    border = np.unique(pairs[count == 1])
+    if not len(border):
+        return np.zeros(len(vertices_m))
+    distance_m, _ = KDTree(vertices_m[border]).query(vertices_m)
+    return FATTENED_PX * pixel_m * np.maximum(1 - distance_m / (WINDOW_PX * pixel_m), 0)
 
 
 def matching_variance(cloud: Cloud) -> np.ndarray:

@@ -14,6 +14,7 @@ from groundtruth.sparse.bundle import Bundle
 from radar.support.parallel import one_blas_thread
 
 STEPS, CONVERGED = 50, 1e-5  # steps at most; relative fall of the cost at which they end
+SETTLED = 1e-6  # relative fall of the cost at which points have been triangulated
 ROUNDS = 3  # of adjusting with the noise that the last one left
 
 
@@ -67,6 +68,7 @@ def _triangulate_again(model: pycolmap.Reconstruction) -> None:
         print_summary=False,
     )
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
+    options.ceres.solver_options.function_tolerance = SETTLED
     options.ceres.solver_options.num_threads = 1  # sums over threads would not repeat bit for bit
     pycolmap.create_default_bundle_adjuster(options, config, model).solve()
     model.update_point_3d_errors()

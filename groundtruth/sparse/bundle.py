@@ -71,7 +71,8 @@ class Normal(NamedTuple):
         diagonal = np.einsum("pii->pi", self.points)
         inverse = np.linalg.inv(self.points + np.eye(3) * (damping * diagonal + 1e-12)[:, None])
         eliminated = self.coupling @ inverse
-        matrix = self.cameras - np.tensordot(eliminated, self.coupling, axes=([0, 2], [0, 2]))
+        rows = [np.swapaxes(part, 1, 2).reshape(-1, len(self.right)) for part in (eliminated, self.coupling)]
+        matrix = self.cameras - rows[0].T @ rows[1]
         return matrix, self.right - np.einsum("pdi,pi->d", eliminated, self.points_right), inverse
 
 

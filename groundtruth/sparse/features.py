@@ -17,6 +17,9 @@ DATABASE = "database.db"
 LONGEST_SIDE_PX = 3200  # features are found on photographs no larger than this
 MOST_FEATURES = 4096  # of a photograph
 SMALL_PX = 1200  # longer side below which photographs are doubled in size, for features: others have enough of them
+LARGE_PX = 2000  # longer side from which they are halved, where lenses are known and a board holds the cameras: most of
+# the features at their full size are dropped for their number, after most of the work
+FAINT = 0.004  # least contrast of a feature of the halved ones, against 0.0067: smooth skin has hardly any other
 
 
 @dataclass(frozen=True)
@@ -69,20 +72,25 @@ def find_features(photos: tuple[Photo, ...], database: Path, lenses: Lenses) -> 
     for names in lenses.groups(photos):
         # before the features, since these come in the order in which threads are done
         pycolmap.import_images(database, folder, mode.SINGLE, names, reader)
-    for names, octave in _by_size(photos):
+    for names, octave in _by_size(photos, lenses.known and bool(lenses.focal_px)):
         options = pycolmap.FeatureExtractionOptions(max_image_size=LONGEST_SIDE_PX)
         options.sift.max_num_features = MOST_FEATURES
         options.sift.first_octave = octave
+        if octave > 0:
+            options.sift.peak_threshold = FAINT
         pycolmap.extract_features(database, folder, names, mode.PER_IMAGE, reader, options, device=pycolmap.Device.cpu)
     _write_cameras(database, photos, lenses)
 
 
-def _by_size(photos: tuple[Photo, ...]) -> Iterator[tuple[list[str], int]]:
-    """Names of the photographs, with the first octave of their features: −1 is that of twice their size."""
-    small = {photo.name for photo in photos if max(photo.width, photo.height) < SMALL_PX}
-    for names, octave in (([p.name for p in photos if (p.name in small) == wanted], -wanted) for wanted in (0, 1)):
-        if names:
-            yield names, octave
+def _by_size(photos: tuple[Photo, ...], held: bool) -> Iterator[tuple[list[str], int]]:
+    """Names of the photographs, with the first octave of their features: −1 is that of twice their size, 1 that of half
+    of it. held: by known lenses and a board."""
+    octaves = defaultdict(list)
+    for photo in photos:
+        side_px = max(photo.width, photo.height)
+        octaves[-1 if side_px < SMALL_PX else int(held and side_px >= LARGE_PX)].append(photo.name)
+    for octave, names in octaves.items():
+        yield names, octave
 
 
 def _write_cameras(database: Path, photos: tuple[Photo, ...], lenses: Lenses) -> None:

@@ -15,6 +15,7 @@ from radar.support.progress import say
 
 FEWEST_REGISTERED = 3
 ATTEMPTS = 4  # with another seed each, while less than half of the photographs register
+CONVERGED = 1e-6  # relative fall of an adjustment's cost at which it ends; another one follows
 NOTHING_KNOWN = Lenses()
 
 
@@ -63,6 +64,7 @@ def _mapping_options(seed: int, lenses: Lenses) -> pycolmap.IncrementalPipelineO
     options.mapper.random_seed = seed
     options.triangulation.random_seed = seed
     options.triangulation.ignore_two_view_tracks = False
+    options.ba_local_function_tolerance = options.ba_global_function_tolerance = CONVERGED
     free_focal = not (lenses.known or lenses.intrinsics or lenses.focal_px)
     options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = free_focal
     options.ba_refine_extra_params = options.mapper.abs_pose_refine_extra_params = not lenses.known

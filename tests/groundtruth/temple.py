@@ -99,9 +99,12 @@ def _picture(scene, camera):
     return ((picture + noise).clip(0, 1) * 255).round().astype(np.uint8)
 
 
-def completeness(mesh, cameras, found, within_m, fewest=3):
-    """Share of the true surface that at least `fewest` cameras see which is within `within_m` of a found mesh."""
+def completeness(mesh, cameras, found, within_m, fewest=3, box_m=None):
+    """Share of the true surface (in a box [2, 3]) that at least `fewest` cameras see which is within `within_m` of a
+    found mesh."""
     scene, points_m = scene_of(mesh), np.asarray(mesh.sample_points_uniformly(60_000).points)
+    if box_m is not None:
+        points_m = points_m[((points_m > box_m[0]) & (points_m < box_m[1])).all(axis=1)]
     count = np.zeros(len(points_m), int)
     for camera in cameras:
         away = camera.centre_m - points_m

@@ -8,6 +8,7 @@ import numpy as np
 
 from bench.studies.exact.cylinders import ACROSS, ALONG, Cylinder
 from radar.simulation.scene import Body, Material
+from radar.support.rays import load_open3d
 
 HALF_LENGTH_M = 0.16  # of the meshes; no specular point of the array lies beyond a third of it
 AROUND_M, ALONG_M = 0.5e-3, 2e-3  # edges of the meshes: 4 µm inside the cylinder
@@ -73,19 +74,7 @@ def body(case: Case) -> Body:
 def tube(cylinder: Cylinder) -> tuple[np.ndarray, np.ndarray]:
     """Vertices [n, 3] on a cylinder and faces [m, 3], counter-clockwise seen from outside; fans close its ends."""
     around = int(np.ceil(2 * np.pi * cylinder.radius_m / AROUND_M))
-    along = int(np.ceil(2 * HALF_LENGTH_M / ALONG_M)) + 1
-    angle = 2 * np.pi * np.arange(around) / around
-    y_m = np.linspace(-HALF_LENGTH_M, HALF_LENGTH_M, along)
-    ring_m = cylinder.radius_m * np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=1)
-    wall_m = ring_m[None] + y_m[:, None, None] * np.array([0.0, 1.0, 0.0])
-    ends_m = np.array([[0.0, -HALF_LENGTH_M, 0.0], [0.0, HALF_LENGTH_M, 0.0]])
-    i = np.arange(around)
-    j = (i + 1) % around
-    quads = []
-    for row in around * np.arange(along - 1):
-        low, high = row, row + around
-        quads += [np.stack([low + i, low + j, high + j], axis=1), np.stack([low + i, high + j, high + i], axis=1)]
-    bottom, last = around * along, around * (along - 1)
-    caps = [np.stack([0 * i + bottom, j, i], axis=1), np.stack([0 * i + bottom + 1, last + i, last + j], axis=1)]
-    vertices_m = np.concatenate([wall_m.reshape(-1, 3), ends_m]) + [cylinder.x_m, 0.0, cylinder.z_m]
-    return vertices_m, np.concatenate([*quads, *caps])
+    along = int(np.ceil(2 * HALF_LENGTH_M / ALONG_M))
+    made = load_open3d().geometry.TriangleMesh.create_cylinder(cylinder.radius_m, 2 * HALF_LENGTH_M, around, along)
+    turned_m = np.asarray(made.vertices)[:, [1, 2, 0]]  # its axis is z
+    return turned_m + [cylinder.x_m, 0.0, cylinder.z_m], np.asarray(made.triangles)

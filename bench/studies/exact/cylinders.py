@@ -207,12 +207,12 @@ def _single(wave: _Wave, orders: np.ndarray, radius_m: float, permittivity: comp
     x1 = kappa1 * radius_m
     inside = _derivative(jve, orders, x1) / (kappa1 * jve(orders, x1))  # J'/(κ₁J): the scale of jve drops out
     mixed = beta * orders / (1j * k * radius_m) * (1 / kappa**2 - 1 / kappa1**2)
-    # [mixed·Z, Z'/κ − inside·Z; ε·inside·Z − Z'/κ, mixed·Z] (E_a, H_a), once for what is scattered, once for what comes
-    scattered, coming = (
+    # [mixed·Z, Z'/κ − inside·Z; ε·inside·Z − Z'/κ, mixed·Z] (E_a, H_a), once for what goes, once for what comes
+    going, coming = (
         np.array([[mixed * z, dz / kappa - inside * z], [permittivity * inside * z - dz / kappa, mixed * z]])
         for z, dz in ((h, dh), (j, dj))
     )
-    return np.moveaxis(-np.linalg.solve(np.moveaxis(scattered, 2, 0), np.moveaxis(coming, 2, 0)), 0, 2)
+    return np.moveaxis(-np.linalg.solve(np.moveaxis(going, 2, 0), np.moveaxis(coming, 2, 0)), 0, 2)
 
 
 def _derivative(function, orders: np.ndarray, x: complex) -> np.ndarray:  # type: ignore[no-untyped-def]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 from bench.scenes.scene_file import SceneFile
 from radar.support.config import parse
@@ -21,9 +22,14 @@ REAL = {
 }
 
 
+PLACED = {"distance_m": 0.31, "offset_m": (0.0, -0.03)}  # handbench's hands and those of files
+
+
 @dataclass(frozen=True)
 class Case:
-    """A hand in a pose, its photographs, and how they are reconstructed. known: the intrinsics are given."""
+    """A hand in a pose, its photographs, and how they are reconstructed. pose: a letter, or a mesh file in metres, in
+    the frame of handbench's hands. known: the intrinsics are given. renderer: takes photographs of a hand that carries
+    a bitmap, without lens distortion; "": handbench's own skin and lenses."""
 
     name: str
     pose: str
@@ -32,12 +38,19 @@ class Case:
     width: int = 3000
     quality: str = "normal"
     known: bool = True
+    renderer: Literal["", "handbench", "mitsuba"] = ""
     photos: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def is_file(self) -> bool:
+        """True where the hand is a mesh file's."""
+        return self.pose.endswith((".ply", ".obj", ".stl"))
 
     def scene_file(self) -> SceneFile:
         """The scene: skin on the stand, photographs of 3:2."""
         photos = {"cameras": self.cameras, "width": self.width, "height": self.width * 2 // 3, **self.photos}
-        target = {"kind": "hand", "pose": self.pose, "material": {"kind": "skin"}}
+        hand = {"kind": "mesh", "path": Path(self.pose).name} if self.is_file else {"kind": "hand", "pose": self.pose}
+        target = {**PLACED, **hand, "material": {"kind": "skin"}}
         values = {"version": 1, "name": self.name, "seed": self.seed, "target": target, "photos": photos}
         return parse(SceneFile, values, f"case '{self.name}'")
 
@@ -51,6 +64,13 @@ def bars(poses: tuple[str, ...]) -> Iterator[Case]:
         yield Case("5 views, unknown intrinsics", pose, seed, cameras=5, known=False)
         yield Case("8 views, shine, focus, motion, exposure", pose, seed, photos=REAL)
         yield Case("8 views, contrast 0.3", pose, seed, photos={"texture_contrast": 0.3})
+
+
+def renderers(poses: tuple[str, ...]) -> Iterator[Case]:
+    """One hand with one bitmap before the same cameras, on each pose; the volume is not measured."""
+    for seed, pose in enumerate(poses, start=401):
+        yield Case("8 views by Mitsuba", pose, seed, renderer="mitsuba")
+        yield Case("the same by handbench", pose, seed, renderer="handbench")
 
 
 def sweep(pose: str, seed: int = 301) -> Iterator[Case]:

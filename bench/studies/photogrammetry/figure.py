@@ -19,7 +19,7 @@ def draw(frames: dict[str, pd.DataFrame]) -> Figure:
     colour = dict(zip(sorted(rows.cameras.unique()), COLOURS, strict=False))
     sizes = {width: 20 + 25 * i for i, width in enumerate(sorted(rows.width.unique()))}
     for (cameras, width, quality), some in rows.groupby(["cameras", "width", "quality"]):
-        look = {"color": colour[cameras], "s": sizes[width], "marker": MARKERS[quality], "alpha": 0.8}
+        look = {"color": colour[cameras], "s": sizes[width], "marker": MARKERS[str(quality)], "alpha": 0.8}
         left.scatter(some.all_s, 1e3 * some.rms_m, **look)
         right.scatter(some.all_s, 100 * some.complete, **look)
     for cameras, name in colour.items():

@@ -29,8 +29,9 @@ def score(result: Result, scene: Scene) -> Record:
     true surface; and the shares of them whose distance is inside so many of their own standard deviations."""
     surface = result.surface
     points_m = scene.radar_from_photo.points(surface.vertices_m)[surface.observed]
-    distance_m = raycasting_scene(scene.target_mesh).compute_distance(points_m.astype(np.float32)).numpy()
-    distance_m = distance_m.astype(np.float64)
+    signed = raycasting_scene(scene.target_mesh).compute_signed_distance(points_m.astype(np.float32)).numpy()
+    signed_m = signed.astype(np.float64)
+    distance_m = np.abs(signed_m)
     x_m, y_m, z_m = radar_side(scene.target_mesh, scene.radar_from_photo, scene.box_m)
     side_m = np.stack([*np.meshgrid(x_m, y_m), z_m], axis=-1)[np.isfinite(z_m)]
     ratio = distance_m / surface.sigma_m[surface.observed]
@@ -38,6 +39,7 @@ def score(result: Result, scene: Scene) -> Record:
     off_m = [np.linalg.norm(camera.centre_m - true[camera.name].centre_m) for camera in result.cameras]
     return {
         "median_m": float(np.median(distance_m)),
+        "signed_m": float(np.median(signed_m)),
         "rms_m": float(np.sqrt(np.mean(distance_m**2))),
         "p95_m": float(np.quantile(distance_m, 0.95)),
         "max_m": float(distance_m.max()),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from psutil import Process
@@ -27,7 +27,7 @@ from calibration.transforms import Transform, load_transform
 from groundtruth.cameras.cameras import Camera, load_cameras, save_cameras
 from groundtruth.mesh.depth import reference_on_grid
 from groundtruth.mesh.mesh_files import raycasting_scene, read_mesh
-from groundtruth.options import Options
+from groundtruth.options import Options, Quality
 from groundtruth.photos.photos import FEWEST, Photo, find_photos
 from groundtruth.pipeline import Result, reconstruct
 from radar.support.config import Config
@@ -47,7 +47,7 @@ class GroundTruthKnobs(Config):
 
     views: tuple[Annotated[int, Field(ge=FEWEST)], ...] = Field(default=(5, 8), min_length=1)
     long_px: tuple[Annotated[int, Field(ge=64)], ...] = Field(default=(1200, 2400), min_length=1)
-    quality: tuple[Literal["draft", "normal", "high"], ...] = Field(default=("draft", "normal"), min_length=1)
+    quality: tuple[Quality, ...] = Field(default=("draft", "normal"), min_length=1)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from bench.cli.main import main
 from groundtruth import dense_stage, pipeline
 from groundtruth.cameras.cameras import cuda_devices, load_pycolmap
 from groundtruth.dense import cuda, dense
+from groundtruth.dense.first_guess import planes_through
 from groundtruth.dense.fusion import fuse
 from groundtruth.options import Options
 from groundtruth.photos.photos import read_gray
@@ -174,10 +175,10 @@ def test_depths_that_are_of_no_interest_are_no_surface(scene, depth_m):
     first = scene[0][0]
     depths_m = np.full(first.gray.shape, depth_m)
     normals = np.broadcast_to((0.0, 0.0, -1.0), (*depths_m.shape, 3))
-    assert np.isnan(cuda.guessed_planes(first, depths_m, normals, 1.0)).all()
+    assert np.isnan(planes_through(first, depths_m, normals, 1.0)).all()
     depths_m[:] = 0.5
-    assert np.isfinite(cuda.guessed_planes(first, depths_m, normals, 1.0)).all()
-    assert np.isnan(cuda.guessed_planes(first, depths_m, -normals, 1.0)).all()  # away from the camera
+    assert np.isfinite(planes_through(first, depths_m, normals, 1.0)).all()
+    assert np.isnan(planes_through(first, depths_m, -normals, 1.0)).all()  # away from the camera
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from groundtruth.mesh.uncertainty import (
     OBSERVED_PX,
     REACH_PX,
     SLOPE,
+    border_sigma,
     camera_variance,
     matching_variance,
     surface_sigma,
@@ -131,3 +132,18 @@ def test_a_camera_that_is_known_worse_makes_a_worse_surface(cameras):
     one, _ = surface_sigma(cloud, np.zeros((1, 3)), images, known)
     other, _ = surface_sigma(cloud, np.zeros((1, 3)), images, worse)
     assert other[0] == pytest.approx(2 * one[0], rel=1e-9)
+
+
+def test_the_border_is_less_certain_as_far_as_a_matching_window_reaches():
+    """A grid of one pixel's spacing, its right half unseen: at the border of what was seen 0.1 px, 0 from 3 px on."""
+    pixel_m, n = 1e-3, 21
+    column, row = (axis.ravel() for axis in np.meshgrid(np.arange(n), np.arange(n)))
+    corner = np.arange(n * n).reshape(n, n)
+    a, b, c, d = (corner[i : n - 1 + i, j : n - 1 + j].ravel() for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)))
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([b, d, c], 1)])
+    vertices_m = pixel_m * np.stack([column, row, 0 * row], axis=1)
+    sigma_m = border_sigma(vertices_m, faces, column <= 15, pixel_m)
+    assert sigma_m.reshape(n, n)[10] == pytest.approx(
+        1e-3 * np.interp(np.arange(n), [0, 3, 12, 15, 18, 20], [0.1, 0, 0, 0.1, 0, 0])
+    )
+    assert (border_sigma(vertices_m, faces, np.zeros(n * n, dtype=bool), pixel_m) == 0).all()

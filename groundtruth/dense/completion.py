@@ -1,0 +1,63 @@
+"""Further looks at every view, which start from what all of them have found.
+
+A thin column that the sweep missed in one view was found in another. Its points, rendered into the first, are where
+PatchMatch starts there, and the pixels of every view are matched and filtered again as before.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from groundtruth.dense.dense import ITERATIONS, LOOKS, THOROUGH, DepthMap, refined
+from groundtruth.dense.first_guess import planes_through
+from groundtruth.dense.fusion import Cloud, fuse
+from groundtruth.dense.views import Stereo, View
+from radar.support.progress import track
+
+CONFIRMATIONS = 1  # other views that a point needs: what is wrong does not match again
+STEEPEST = 8.0  # disparities per pixel
+
+
+def completed(maps: list[DepthMap], sources: list[list[int]], seed: int) -> list[DepthMap]:
+    """The depth maps made again, from their own depths and, where these have none, from the others'. sources: of each
+    view."""
+    for _ in range(LOOKS):
+        maps = _again(maps, sources, seed)
+    return maps
+
+
+def _again(maps: list[DepthMap], sources: list[list[int]], seed: int) -> list[DepthMap]:
+    cloud, again = fuse(maps, None, CONFIRMATIONS), []
+    for m, used in zip(track(maps, "another look"), sources, strict=True):
+        stereo = Stereo.of(m.view, [maps[s].view for s in used])
+        depth_m, normals = rendered(cloud, m.view)
+        known = np.isfinite(m.depth_m)
+        depth_m, normals = np.where(known, m.depth_m, depth_m), np.where(known[..., None], m.normals, normals)
+        planes = _filled(planes_through(m.view, depth_m, normals @ m.view.R.T, stereo.unit, STEEPEST))
+        again.append(refined(m.view, stereo, planes, ITERATIONS, seed, THOROUGH))
+    return again
+
+
+def rendered(cloud: Cloud, view: View) -> tuple[np.ndarray, np.ndarray]:
+    """Depth [h, w] (NaN: none) and normal [h, w, 3] of the cloud's nearest point that faces the view at each pixel."""
+    h, w = view.gray.shape
+    depth_m, normals = np.full((h, w), np.nan), np.zeros((h, w, 3))
+    local = cloud.points_m @ view.R.T + view.t
+    faces = (((cloud.points_m - view.centre_m) * cloud.normals).sum(axis=1) < 0) & (local[:, 2] > 0)
+    order = np.flatnonzero(faces)[np.argsort(-local[faces, 2], kind="stable")]  # the nearest is written last
+    pixels = local[order] @ view.K.T
+    column, row = np.floor(pixels[:, :2] / pixels[:, 2:] + 0.5).T
+    shown = (column >= 0) & (column < w) & (row >= 0) & (row < h)
+    order, place = order[shown], (row[shown].astype(int), column[shown].astype(int))
+    depth_m[place], normals[place] = local[order, 2], cloud.normals[order]
+    return depth_m, normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-9)
+
+
+def _filled(planes: np.ndarray) -> np.ndarray:
+    """Planes [h, w, 3], those that are missing (NaN) taken from the nearest pixel that has one."""
+    missing = np.isnan(planes[..., 0])
+    if missing.all():
+        return planes
+    row, column = distance_transform_edt(missing, return_distances=False, return_indices=True)
+    return np.ascontiguousarray(planes[row, column])
