@@ -27,6 +27,7 @@ EFFECTS: tuple[Effect, ...] = (
     scattering.Obliquity(),
     scattering.ShadowCentre(),
     scattering.ShadowAntennas(),
+    scattering.ShadowDiffraction(),
     scattering.Skin(),
     Dielectric(),
     Multipath(),

@@ -12,10 +12,25 @@ from radar.imaging.cpu.descent import BLOCK, SECOND_LEVEL, apply, differences, l
 from radar.imaging.cpu.steering import FAST, cis_turns
 
 
+class LegWeights(NamedTuple):
+    """Complex weights of antennas at points: between the samples corner [3, n] around each, share [3, n] of each;
+    table_a [samples, 3, nodes] complex64: factors of 1, u and u², u = (f/c − middle)/half, at some antennas, from which
+    spread_a [a, nodes] makes all; the same for b. Empty: no weights."""
+
+    corner: np.ndarray
+    share: np.ndarray
+    table_a: np.ndarray
+    spread_a: np.ndarray
+    table_b: np.ndarray
+    spread_b: np.ndarray
+    middle: float
+    half: float
+
+
 class Source(NamedTuple):
     """Scatterers sorted by leaf: point_m [3, n], weight [n] complex64, delay_m [n] one-way, normal [3, n] or [3, 0];
     spreading: whether legs have gains; pattern: exponent of cos θ in them; seen_a [a, n], seen_b [b, n]: which antennas
-    see each point, or [0, 0] where all do (masks need a leaf that keeps all antennas)."""
+    see each point, or [0, 0] where all do. Masks and leg_weights need a leaf that keeps all antennas."""
 
     point_m: np.ndarray
     weight: np.ndarray
@@ -25,6 +40,7 @@ class Source(NamedTuple):
     pattern: float
     seen_a: np.ndarray
     seen_b: np.ndarray
+    leg_weights: LegWeights
 
 
 @numba.njit(**FAST)
@@ -64,9 +80,17 @@ def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no
         gain_a = _gains(source, start, points, position_a, source.seen_a)
         gain_b = _gains(source, start, points, position_b, source.seen_b)
         a, b = np.empty((2 * n_a, n), np.float32), np.empty((2 * n_b, n), np.float32)
+        legs, weighted = source.leg_weights, source.leg_weights.corner.shape[1] > 0
+        if weighted:
+            factors_a = _leg_factors(legs.corner, legs.share, start, n, legs.table_a, legs.spread_a)
+            factors_b = _leg_factors(legs.corner, legs.share, start, n, legs.table_b, legs.spread_b)
         for m in range(tones):
             steer(delta_a, -turns_per_m[m], a)
             steer(delta_b, -turns_per_m[m], b)
+            if weighted:
+                u = np.float32((turns_per_m[m] - legs.middle) / legs.half)
+                _weigh(a, factors_a, u)
+                _weigh(b, factors_b, u)
             weight = np.empty((2, n), np.float32)
             for p in range(n):
                 cosine, sine = cis_turns(-turns_per_m[m] * common[p])
@@ -117,6 +141,34 @@ def _gains(source, start, points_m, position_m, seen):  # type: ignore[no-untype
 
 
 @numba.njit(**FAST)
+def _leg_factors(corner, share, start, n, table, spread):  # type: ignore[no-untyped-def]
+    """Factors [3, 2a, n] (real parts above imaginary parts) of 1, u and u² of the weights of n points."""
+    nodes, n_a = table.shape[2], len(spread)
+    at_nodes, factors = np.empty((2, nodes, n), np.float32), np.empty((3, 2 * n_a, n), np.float32)
+    for power in range(3):
+        for p in range(n):
+            one, two, three = corner[0, start + p], corner[1, start + p], corner[2, start + p]
+            s1, s2, s3 = share[0, start + p], share[1, start + p], share[2, start + p]
+            for i in range(nodes):
+                mixed = s1 * table[one, power, i] + s2 * table[two, power, i] + s3 * table[three, power, i]
+                at_nodes[0, i, p], at_nodes[1, i, p] = mixed.real, mixed.imag
+        factors[power, :n_a], factors[power, n_a:] = np.dot(spread, at_nodes[0]), np.dot(spread, at_nodes[1])
+    return factors
+
+
+@numba.njit(**FAST)
+def _weigh(steered, factors, u):  # type: ignore[no-untyped-def]
+    """Multiply steered [2a, n] by the weights at u."""
+    n_a = len(steered) // 2
+    for i in range(n_a):
+        for p in range(steered.shape[1]):
+            re = factors[0, i, p] + u * (factors[1, i, p] + u * factors[2, i, p])
+            im = factors[0, n_a + i, p] + u * (factors[1, n_a + i, p] + u * factors[2, n_a + i, p])
+            x, y = steered[i, p], steered[n_a + i, p]
+            steered[i, p], steered[n_a + i, p] = re * x - im * y, re * y + im * x
+
+
+@numba.njit(**FAST)
 def _part(source, start, stop):  # type: ignore[no-untyped-def]
     """The scatterers start:stop; empty arrays stay empty."""
     here = slice(start, stop)
@@ -124,4 +176,7 @@ def _part(source, start, stop):  # type: ignore[no-untyped-def]
     seen_a = source.seen_a if source.seen_a.size == 0 else source.seen_a[:, here]
     seen_b = source.seen_b if source.seen_b.size == 0 else source.seen_b[:, here]
     places = source.point_m[:, here], source.weight[here], source.delay_m[here], normal
-    return Source(*places, source.spreading, source.pattern, seen_a, seen_b)
+    legs = source.leg_weights
+    tables = legs.table_a, legs.spread_a, legs.table_b, legs.spread_b
+    legs_here = LegWeights(legs.corner[:, here], legs.share[:, here], *tables, legs.middle, legs.half)
+    return Source(*places, source.spreading, source.pattern, seen_a, seen_b, legs_here)

@@ -8,6 +8,7 @@ import numpy as np
 
 from radar.simulation.effects.base import NOTHING, Effect, Estimate
 from radar.simulation.physics.coarse import visible_from
+from radar.simulation.physics.diffracted import sight_of
 from radar.simulation.physics.facets import Facets, face_vectors
 from radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
 from radar.simulation.physics.reflection import THIN_M, skin_reflection
@@ -106,6 +107,30 @@ class ShadowAntennas(Effect):
         tx, rx = np.split(seen, [len(state.array.tx_m)])
         surface.seen = tx, rx
         surface.keep(np.asarray(tx.any(axis=0) & rx.any(axis=0)))
+
+
+class ShadowDiffraction(Effect):
+    """Waves bend around the outline of what hides."""
+
+    id = "shadow_diffraction"
+    does = "shadows of each antenna are as blurred as diffraction makes them (sharp ones are then not used)"
+    source = "Kirchhoff's integral along outlines: Miyamoto & Wolf 1962"
+
+    def missing(self, scene: EchoScene) -> str:
+        return scene.lacks_surface
+
+    def estimate(self, scene: EchoScene) -> Estimate:
+        return Estimate(0.0, NOTHING, "")
+
+    def apply(self, state: EchoState) -> None:
+        surface, scene = state.surface, state.scene
+        if surface is None:
+            return
+        body = surface.body
+        facets = facing(scene, body)
+        sight, some = sight_of(body, facets, body, rays_of(scene, body), scene.frequencies_hz, state.array)
+        surface.facets, surface.seen, surface.sight = facets, None, sight
+        surface.keep(some)
 
 
 def _from_ends(facets: Facets, antennas_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

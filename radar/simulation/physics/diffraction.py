@@ -8,6 +8,9 @@ and φ its angle around the ray from antenna to point,
 
 where V is 1 in sight and 0 in the shadow. The jump of V where the ray crosses the outline is that of ∫dφ by 2π: D is
 smooth there, ½ beside a straight edge, which gives ½ erfc(√(jkδ)) in the shadow: Fresnel's knife edge.
+
+An edge counts where the antenna sees it, and for what lies no farther than what the antenna sees right beside it: of two
+screens, one behind the other, only the outline of both together hides what is behind both.
 """
 
 from __future__ import annotations
@@ -17,79 +20,194 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from radar.imaging.cpu.steering import FAST
-from radar.simulation.physics.facets import face_vectors
+from radar.imaging.cpu.steering import FAST, cis_small
+from radar.simulation.physics.facets import face_vectors, unit
 from radar.simulation.scene import Body
+from radar.support.rays import Rays
 
 FARTHEST = 40.0  # kδ beyond which an edge is left out; its wave fades from half of that on
-NEAREST_M = 1e-3  # between an outline and a point behind it: closer ones belong to the point's own horizon
+WIDEST = 2.0  # the same of the tangent of the angle by which an edge turns a ray: the formula is of small angles
+BESIDE_M = 2e-4  # from an edge to the ray that tells what is behind it
+THICK_M = 2e-3  # what lies less than this behind what is seen beside an edge still counts as that
+T0, T1, T2, T3, T4 = map(np.float32, (0.15915007, -0.05278828, 0.02946036, -0.01460251, 0.003784))  # arctan(x)/2πx in x²
+CELL_M = 6e-3  # of points that are asked together which edges they need
 
 
 class Edges(NamedTuple):
-    """Inner edges of a body: ends [e, 2] of vertices, in the order in which the first of both faces [e, 2] has them."""
+    """Inner edges of a body: ends [e, 2] of vertices, in the order in which the first of both faces [e, 2] has them;
+    outwards [e, 3]: the mean of both faces' normals."""
 
     ends: np.ndarray
     faces: np.ndarray
+    outwards: np.ndarray
 
 
-def edges_of(faces: np.ndarray) -> Edges:
-    """The edges of a closed mesh's faces [m, 3]."""
-    directed = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+class Outline(NamedTuple):
+    """Edges start_m [n, 3] + along_m [n, 3] between a face that an antenna sees from the front and one that it sees from
+    behind, counter-clockwise around what hides, as the antenna sees it; within_m [n]: how far from the antenna the
+    points lie at most that they count for."""
+
+    start_m: np.ndarray
+    along_m: np.ndarray
+    within_m: np.ndarray
+
+
+class Cells(NamedTuple):
+    """Points position_m [3, n] in cells: their order [n], starts [cells + 1]; centre_m [cells, 3], radius_m [cells]."""
+
+    position_m: np.ndarray
+    order: np.ndarray
+    starts: np.ndarray
+    centre_m: np.ndarray
+    radius_m: np.ndarray
+
+
+def edges_of(body: Body) -> Edges:
+    """The edges of a body whose mesh is closed."""
+    directed = body.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     order = np.lexsort(np.sort(directed, axis=1).T)
-    one, other = order[::2], order[1::2]  # in a closed mesh every edge has two faces
-    return Edges(directed[one], np.stack([one, other], axis=1) // 3)
+    low, high = np.sort(directed[order], axis=1).T
+    paired = np.flatnonzero((low[1:] == low[:-1]) & (high[1:] == high[:-1]))  # rims of an open mesh are left out
+    one, other = order[paired], order[paired + 1]
+    faces = np.stack([one, other], axis=1) // 3
+    normals = unit(face_vectors(body.vertices_m, body.faces))
+    return Edges(directed[one], faces, unit(normals[faces].sum(axis=1)))
 
 
-def outline(body: Body, edges: Edges, antenna_m: np.ndarray) -> np.ndarray:
-    """The edges [n, 2, 3] between a face that an antenna sees from the front and one that it sees from behind, in the
-    front face's order: counter-clockwise around what hides, as the antenna sees it."""
+def outline(body: Body, edges: Edges, rays: Rays, antenna_m: np.ndarray) -> Outline:
+    """The outline of a body that an antenna sees, against what `rays` meet."""
     corners_m = body.vertices_m[body.faces[:, 0]]
     front = (face_vectors(body.vertices_m, body.faces) * (antenna_m - corners_m)).sum(axis=1) > 0
     first, second = front[edges.faces].T
     ends = np.concatenate([edges.ends[first & ~second], edges.ends[second & ~first][:, ::-1]])
-    return body.vertices_m[ends]
+    outwards = np.concatenate([edges.outwards[first & ~second], edges.outwards[second & ~first]])
+    start_m, end_m = (body.vertices_m[ends[:, i]] for i in (0, 1))
+    middle_m = (start_m + end_m) / 2
+    towards = unit(middle_m - antenna_m)
+    across = unit(outwards - (outwards * towards).sum(axis=1)[:, None] * towards)
+    beside_m = middle_m + BESIDE_M * across - antenna_m
+    distance_m = np.linalg.norm(beside_m, axis=1)
+    hit, _ = rays.first_hits(np.broadcast_to(antenna_m, beside_m.shape), beside_m / distance_m[:, None])
+    seen = hit > distance_m - THICK_M
+    return Outline(start_m[seen], (end_m - start_m)[seen], hit[seen] + THICK_M)
+
+
+def cells_of(points_m: np.ndarray) -> Cells:
+    """Points [n, 3] by cells."""
+    place = np.floor((points_m - points_m.min(axis=0)) / CELL_M).astype(int)
+    key = np.ravel_multi_index(place.T, tuple(place.max(axis=0) + 1))
+    order = np.argsort(key, kind="stable")
+    starts = np.flatnonzero(np.diff(key[order], prepend=-1, append=-2))
+    sorted_m = points_m[order]
+    centre_m = np.add.reduceat(sorted_m, starts[:-1]) / np.diff(starts)[:, None]
+    off_m = np.linalg.norm(sorted_m - np.repeat(centre_m, np.diff(starts), axis=0), axis=1)
+    return Cells(np.ascontiguousarray(sorted_m.T), order, starts, centre_m, np.maximum.reduceat(off_m, starts[:-1]))
+
+
+def edge_waves(antenna_m: np.ndarray, cells: Cells, edges: Outline, wavenumbers: np.ndarray) -> np.ndarray:
+    """(1/2π) Σ ∫ e^{−jkδ} dφ at the points for each wavenumber [k]: complex64 [k, n], in the points' own order."""
+    waves = np.zeros((2, len(wavenumbers), len(cells.order)), np.float32)
+    if len(edges.start_m) > 0:
+        start_m = edges.start_m - antenna_m
+        places = start_m, edges.along_m, np.cross(edges.along_m, start_m), edges.within_m
+        _waves(antenna_m, *cells[:1], *cells[2:], *places, wavenumbers / (2 * np.pi), waves)
+    found = np.empty(waves.shape[1:], np.complex64)
+    found[:, cells.order] = waves[0] + np.complex64(1j) * waves[1]
+    return found
 
 
 @numba.njit(**FAST)
-def edge_waves(antenna_m, points_m, outline_m, wavenumbers):  # type: ignore[no-untyped-def]
-    """(1/2π) Σ ∫ e^{−jkδ} dφ at points_m [n, 3] for each wavenumber [k]: complex128 [k, n]. What an edge turns of the
-    phase from one end to the other fades it."""
-    waves = np.zeros((len(wavenumbers), len(points_m)), np.complex128)
-    for i in range(len(points_m)):
-        wx, wy, wz = points_m[i, 0] - antenna_m[0], points_m[i, 1] - antenna_m[1], points_m[i, 2] - antenna_m[2]
-        way = np.sqrt(wx * wx + wy * wy + wz * wz)
-        dx, dy, dz = wx / way, wy / way, wz / way
-        scale = 1 / np.sqrt(dx * dx + dz * dz)  # two axes across the ray, e = d × y and f = d × e
-        ex, ez = -dz * scale, dx * scale
-        fx, fy, fz = dy * ez, dz * ex - dx * ez, -dy * ex
-        for s in range(len(outline_m)):
-            px, py, pz = (
-                outline_m[s, 0, 0] - antenna_m[0],
-                outline_m[s, 0, 1] - antenna_m[1],
-                outline_m[s, 0, 2] - antenna_m[2],
-            )
-            qx, qy, qz = (
-                outline_m[s, 1, 0] - antenna_m[0],
-                outline_m[s, 1, 1] - antenna_m[1],
-                outline_m[s, 1, 2] - antenna_m[2],
-            )
-            before = (dx * (px + qx) + dy * (py + qy) + dz * (pz + qz)) / 2
-            behind = way - before
-            if behind < NEAREST_M or before <= 0:
+def _waves(  # type: ignore[no-untyped-def]
+    antenna_m, position_m, starts, centre_m, radius_m, start_m, along_m, normal_m2, within_m, turns_per_m, waves
+):
+    """Fill in waves [2, k, n] cell by cell, with the edges that the points of a cell need; places of edges are from the
+    antenna, normal_m2 [e, 3] = along × start."""
+    most = np.diff(starts).max()
+    scratch, points = np.empty((4, most), np.float32), np.empty((7, most), np.float32)
+    for cell in range(len(starts) - 1):
+        begin, n = starts[cell], starts[cell + 1] - starts[cell]
+        cx, cy, cz = centre_m[cell, 0] - antenna_m[0], centre_m[cell, 1] - antenna_m[1], centre_m[cell, 2] - antenna_m[2]
+        way = np.sqrt(cx * cx + cy * cy + cz * cz)
+        ux, uy, uz = cx / way, cy / way, cz / way
+        ready = False
+        for e in range(len(start_m)):
+            tx, ty, tz = along_m[e, 0], along_m[e, 1], along_m[e, 2]
+            mx, my, mz = start_m[e, 0] + tx / 2, start_m[e, 1] + ty / 2, start_m[e, 2] + tz / 2
+            before = mx * ux + my * uy + mz * uz
+            behind = way + radius_m[cell] - before
+            if behind <= 0 or before <= 0:
                 continue
-            ux, uy = ex * px + ez * pz, fx * px + fy * py + fz * pz
-            vx, vy = ex * qx + ez * qz, fx * qx + fy * qy + fz * qz
-            mx, my = (ux + vx) / 2, (uy + vy) / 2
-            square = mx * mx + my * my
-            detour = np.sqrt(before * before + square) + np.sqrt(behind * behind + square) - way
-            if detour * wavenumbers[0] > FARTHEST:
+            square = mx * mx + my * my + mz * mz - before * before
+            reach = WIDEST * behind + radius_m[cell]
+            if square > reach * reach or way - radius_m[cell] > within_m[e] + np.sqrt(square) + radius_m[cell]:
                 continue
-            rise = abs(vx * vx + vy * vy - ux * ux - uy * uy) * way / (4 * before * behind)
-            angle = np.arctan2(vx * uy - vy * ux, ux * vx + uy * vy) / (2 * np.pi)
-            for n in range(len(wavenumbers)):
-                turned, phase = rise * wavenumbers[n], detour * wavenumbers[n]
-                fade = 1.0 if turned < 1e-3 else np.sin(turned) / turned
-                if 2 * phase > FARTHEST:
-                    fade *= 0.5 + 0.5 * np.cos(np.pi * min(2 * phase / FARTHEST - 1, 1.0))
-                waves[n, i] += angle * fade * np.exp(-1j * phase)
+            if not ready:
+                _about(points, position_m[:, begin : begin + n], antenna_m, cx, cy, cz)
+                ready = True
+            near = (start_m[e, 0] - cx, start_m[e, 1] - cy, start_m[e, 2] - cz)
+            _angles(scratch, points, n, near, along_m[e], normal_m2[e], within_m[e])
+            for k in range(len(turns_per_m)):
+                _add(waves[0, k, begin : begin + n], waves[1, k, begin : begin + n], scratch, turns_per_m[k])
     return waves
+
+
+@numba.njit(**FAST)
+def _about(points, position_m, antenna_m, cx, cy, cz):  # type: ignore[no-untyped-def]
+    """Points of a cell: from its centre [3], their directions from the antenna [3], and distance."""
+    for p in range(position_m.shape[1]):
+        dx, dy, dz = position_m[0, p] - antenna_m[0], position_m[1, p] - antenna_m[1], position_m[2, p] - antenna_m[2]
+        points[0, p], points[1, p], points[2, p] = dx - cx, dy - cy, dz - cz
+        distance = np.sqrt(dx * dx + dy * dy + dz * dz)
+        points[3, p], points[4, p], points[5, p], points[6, p] = dx / distance, dy / distance, dz / distance, distance
+
+
+@numba.njit(**FAST)
+def _angles(scratch, points, n, near, along, normal, within):  # type: ignore[no-untyped-def]
+    """For an edge and each of n points: the edge's angle around the ray over 2π, its detour, and the detours' difference
+    between its ends over 2; 0, 0, 0 where it does not count."""
+    ax, ay, az = np.float32(near[0]), np.float32(near[1]), np.float32(near[2])
+    tx, ty, tz = np.float32(along[0]), np.float32(along[1]), np.float32(along[2])
+    nx, ny, nz = np.float32(normal[0]), np.float32(normal[1]), np.float32(normal[2])
+    limit, length = np.float32(within), tx * tx + ty * ty + tz * tz
+    one, half, tiny = np.float32(1), np.float32(0.5), np.float32(1e-20)
+    for p in range(n):
+        px, py, pz = ax - points[0, p], ay - points[1, p], az - points[2, p]
+        dx, dy, dz, way = points[3, p], points[4, p], points[5, p], points[6, p]
+        pd, td = px * dx + py * dy + pz * dz, tx * dx + ty * dy + tz * dz
+        pp = px * px + py * py + pz * pz - pd * pd
+        pt, tt = px * tx + py * ty + pz * tz - pd * td, length - td * td
+        behind = max(-pd - half * td, np.float32(1e-6))
+        before = max(way - behind, np.float32(1e-6))
+        square = max(pp + pt + np.float32(0.25) * tt, np.float32(0))
+        tilt = min(np.sqrt(square) / behind / np.float32(WIDEST), one)  # fades from half of the widest on
+        fade = max(np.float32(2) * tilt - one, np.float32(0))
+        counts = one - fade * fade * (np.float32(3) - np.float32(2) * fade)
+        counts = counts if way < limit + np.sqrt(square) else np.float32(0)
+        y, x = dx * nx + dy * ny + dz * nz, pp + pt
+        low, high = min(abs(x), abs(y)), max(max(abs(x), abs(y)), tiny)
+        s = low / high
+        q = s * s
+        turn = s * (T0 + q * (T1 + q * (T2 + q * (T3 + q * T4))))
+        turn = np.float32(0.25) - turn if abs(y) > abs(x) else turn
+        turn = half - turn if x < np.float32(0) else turn
+        turn = -turn if y < np.float32(0) else turn
+        far, close = np.sqrt(before * before + square), np.sqrt(behind * behind + square)
+        scratch[0, p] = turn * counts
+        scratch[1, p] = square / (far + before) + square / (close + behind)
+        scratch[2, p] = (half * pt + np.float32(0.25) * tt) * (one / far + one / close)
+
+
+@numba.njit(**FAST)
+def _add(re, im, scratch, turns_per_m):  # type: ignore[no-untyped-def]
+    """Add an edge's waves; the turn of the phase from one end to the other fades it by its sinc."""
+    scale, one = np.float32(turns_per_m), np.float32(1)
+    fades = np.float32(2 * np.pi * 2 * turns_per_m / FARTHEST)
+    turns = np.float32((2 * np.pi * turns_per_m) ** 2 / 6)
+    for p in range(len(re)):
+        detour, rise = scratch[1, p], scratch[2, p]
+        late = min(max(detour * fades - one, np.float32(0)), one)
+        amplitude = scratch[0, p] * (one - late * late * (np.float32(3) - np.float32(2) * late))
+        amplitude /= one + turns * rise * rise
+        cosine, sine = cis_small(scale * detour)
+        re[p] += amplitude * cosine
+        im[p] -= amplitude * sine

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.special import erfc
 
-from radar.simulation.physics.diffraction import edge_waves, edges_of, outline
+from radar.simulation.physics.diffraction import cells_of, edge_waves, edges_of, outline
 from radar.simulation.scene import Body
-from radar.support.rays import load_open3d
+from radar.support.rays import Rays, load_open3d
 
 K = np.array([1500.0, 1718.0])
 ANTENNA_M = np.zeros(3)
@@ -38,8 +38,8 @@ def test_a_straight_screen_diffracts_as_fresnel_says(x_m):
     at_m = np.linspace(-0.03, 0.03, 121) + 1e-5  # where the ray crosses the screen's plane
     points_m = np.stack([at_m, 0 * at_m, 0 * at_m + BEFORE_M], axis=1) * (BEFORE_M + BEHIND_M) / BEFORE_M
     body = screen(x_m)
-    lines_m = outline(body, edges_of(body.faces), ANTENNA_M)
+    lines_m = outline(body, edges_of(body), Rays(body.vertices_m, body.faces), ANTENNA_M)
     visible = ~((at_m > x_m[0]) & (at_m < x_m[1]))
-    found = visible + edge_waves(ANTENNA_M, points_m, lines_m, K)
+    found = visible + edge_waves(ANTENNA_M, cells_of(points_m), lines_m, K)
     expected = 1 - (knife_edge(x_m[0], at_m) - knife_edge(x_m[1], at_m))
     np.testing.assert_allclose(found, expected, atol=0.05)  # the waves of detours that are left out

@@ -1,0 +1,110 @@
+"""How much of each antenna's field reaches the facets of a body, past its own outline and others': `Sight`.
+
+The field beside an outline is smooth from point to point, from antenna to antenna and in frequency. It is computed at
+samples of the surface, for few antennas of each line and three tones, and interpolated; there is no ray per facet.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from radar.simulation.forward import Sight
+from radar.simulation.physics.diffraction import FARTHEST, Outline, cells_of, edge_waves, edges_of, outline
+from radar.simulation.physics.facets import Facets, quarters
+from radar.simulation.physics.line_of_sight import lines
+from radar.simulation.scene import Body
+from radar.support.parallel import for_each
+from radar.support.rays import Rays
+
+NODES_M = 0.0125  # between the antennas of a line for which the field is computed
+SAMPLES_M = 2e-3  # edges of the triangles at whose corners it is
+FULL = 0.01  # difference from full sight, or from none, that does not count
+
+
+def sight_of(
+    surface: Body, facets: Facets, hiding: Body, rays: Rays, frequencies_hz: np.ndarray, array: AntennaArray
+) -> tuple[Sight, np.ndarray]:
+    """How antennas see a surface's facets behind a body, and the mask [p] of those that some transmitter and some
+    receiver see at all. rays: against all that hides."""
+    points_m, corner, share = _samples(surface, facets)
+    low_hz, high_hz = float(frequencies_hz.min()), float(frequencies_hz.max())
+    middle_hz, half_hz = (low_hz + high_hz) / 2, max(high_hz - low_hz, 1e-3 * high_hz) / 2
+    tones_hz = middle_hz + half_hz * np.array([-1.0, 0.0, 1.0])
+    tables, spreads = [], []
+    edges, cells = edges_of(hiding), cells_of(points_m)
+    wavenumbers = 2 * np.pi * tones_hz / SPEED_OF_LIGHT_M_S
+    for leg_m in (array.tx_m, array.rx_m):
+        at, spread = _nodes(leg_m)
+        table = np.empty((len(points_m), 3, len(at)), np.complex64)
+
+        def work(i: int, table: np.ndarray = table, at_m: np.ndarray = leg_m[at]) -> None:
+            lines_m: Outline = outline(hiding, edges, rays, at_m[i])
+            low, middle, high = edge_waves(at_m[i], cells, lines_m, wavenumbers) + rays.in_sight(points_m, at_m[i])
+            table[:, 0, i], table[:, 1, i], table[:, 2, i] = middle, (high - low) / 2, (high + low) / 2 - middle
+
+        for_each(work, range(len(at)))
+        tables.append(table)
+        spreads.append(spread)
+    partial, some = np.zeros(len(points_m), bool), np.ones(len(points_m), bool)
+    for table in tables:
+        partial |= (np.abs(table - np.array([1, 0, 0])[:, None]) > FULL).any(axis=(1, 2))
+        some &= (np.abs(table) > FULL).any(axis=(1, 2))
+    corner[~partial[corner].any(axis=1)] = -1
+    sight = Sight((tables[0], tables[1]), (spreads[0], spreads[1]), corner, share, middle_hz, half_hz, _detour_m(high_hz))
+    return sight, some[corner].any(axis=1) | ~sight.partial
+
+
+def _detour_m(frequency_hz: float) -> float:
+    """The detour whose wave has faded by half."""
+    return 0.75 * FARTHEST * SPEED_OF_LIGHT_M_S / (2 * np.pi * frequency_hz)
+
+
+def _nodes(antennas_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of antennas [a, 3] NODES_M apart along each line, and weights [a, nodes] by which all follow from them."""
+    chosen, parts = [], []
+    for line in lines(antennas_m):
+        along_m = np.concatenate([[0], np.linalg.norm(np.diff(antennas_m[line], axis=0), axis=1).cumsum()])
+        count = min(len(line), 2 + int(along_m[-1] / NODES_M))
+        at = np.unique(np.linspace(0, len(line) - 1, count).round().astype(int))
+        weights = CubicSpline(along_m[at], np.eye(len(at)))(along_m) if len(at) > 1 else np.ones((len(line), 1))
+        chosen.append(line[at])
+        parts.append((line, weights))
+    spread = np.zeros((len(antennas_m), sum(map(len, chosen))), np.float32)
+    start = 0
+    for line, weights in parts:
+        spread[line, start : start + weights.shape[1]] = weights
+        start += weights.shape[1]
+    return np.concatenate(chosen), spread
+
+
+def _samples(body: Body, facets: Facets) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points [s, 3] of a body's surface, three of them around each facet: corner [p, 3], and the share [p, 3] of each.
+
+    The faces, each split in four until its edges are short; a facet's barycentric coordinates lead it to its part."""
+    corners_m = body.vertices_m[body.faces[facets.face]]
+    share = _barycentric(corners_m, facets.position_m)
+    edges_m = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(axis=1, initial=0)
+    for _ in range(int(np.ceil(np.log2(max(edges_m.max(initial=0) / SAMPLES_M, 1))))):
+        coarse = np.flatnonzero(edges_m > SAMPLES_M)
+        halves = share[coarse]
+        part = np.where(halves.max(axis=1) >= 0.5, halves.argmax(axis=1), 3)  # of `quarters`: at a corner, or the middle
+        quartered_m = quarters(corners_m[coarse]).reshape(4, len(coarse), 3, 3)
+        corners_m[coarse] = quartered_m[part, np.arange(len(coarse))]
+        share[coarse] = _barycentric(corners_m[coarse], facets.position_m[coarse])
+        edges_m[coarse] /= 2
+    flat_m = corners_m.reshape(-1, 3)
+    tag = flat_m[:, 0] * 0.6180339887 + flat_m[:, 1] * 1.3247179572 + flat_m[:, 2] * 2.2055694304
+    _, first, corner = np.unique(tag, return_index=True, return_inverse=True)
+    return flat_m[first], corner.reshape(-1, 3), share.astype(np.float32)
+
+
+def _barycentric(corners_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+    """Coordinates [n, 3] of points [n, 3] in triangles [n, 3, 3]."""
+    a, b, c = (corners_m[:, i] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    square = np.einsum("ni,ni->n", normal, normal)
+    u = np.einsum("ni,ni->n", np.cross(c - b, points_m - b), normal) / square
+    v = np.einsum("ni,ni->n", np.cross(a - c, points_m - c), normal) / square
+    return np.stack([u, v, 1 - u - v], axis=1)
