@@ -18,9 +18,9 @@ from radar.simulation.scene import Body
 from radar.support.parallel import for_each
 from radar.support.rays import Rays
 
-NODES_M = 0.0125  # between the antennas of a line for which the field is computed
+NODES_M = 0.02  # between the antennas of a line for which the field is computed
 SAMPLES_M = 2e-3  # edges of the triangles at whose corners it is
-FULL = 0.01  # difference from full sight, or from none, that does not count
+FULL = 0.05  # difference from full sight, or from none, that does not count
 
 
 def sight_of(

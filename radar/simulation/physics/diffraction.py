@@ -25,8 +25,8 @@ from radar.simulation.physics.facets import face_vectors, unit
 from radar.simulation.scene import Body
 from radar.support.rays import Rays
 
-FARTHEST = 40.0  # kδ beyond which an edge is left out; its wave fades from half of that on
-WIDEST = 2.0  # the same of the tangent of the angle by which an edge turns a ray: the formula is of small angles
+FARTHEST = 20.0  # kδ beyond which an edge is left out; its wave fades from half of that on
+WIDEST = 1.0  # the same of the tangent of the angle by which an edge turns a ray: the formula is of small angles
 BESIDE_M = 2e-4  # from an edge to the ray that tells what is behind it
 THICK_M = 2e-3  # what lies less than this behind what is seen beside an edge still counts as that
 T0, T1, T2, T3, T4 = map(np.float32, (0.15915007, -0.05278828, 0.02946036, -0.01460251, 0.003784))  # arctan(x)/2πx in x²
