@@ -29,7 +29,9 @@ LADDERS = (  # of effects, each row one more of what the scene calls for
     ("obliquity",),
     ("obliquity", "shadow_centre"),
     ("obliquity", "shadow_antennas"),
+    ("obliquity", "shadow_diffraction"),
     ("obliquity", "shadow_antennas", "multipath"),
+    ("obliquity", "shadow_diffraction", "multipath"),
 )
 
 

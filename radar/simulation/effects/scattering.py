@@ -6,10 +6,12 @@ import dataclasses
 
 import numpy as np
 
+from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.simulation.effects.base import NOTHING, Effect, Estimate
 from radar.simulation.physics.coarse import visible_from
-from radar.simulation.physics.diffracted import sight_of
-from radar.simulation.physics.facets import Facets, face_vectors
+from radar.simulation.physics.diffracted import FULL, sight_of
+from radar.simulation.physics.diffraction import cells_of, edge_waves, edges_of, outline
+from radar.simulation.physics.facets import Facets, face_vectors, joined, unit
 from radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
 from radar.simulation.physics.reflection import THIN_M, skin_reflection
 from radar.simulation.pilot import (
@@ -120,7 +122,20 @@ class ShadowDiffraction(Effect):
         return scene.lacks_surface
 
     def estimate(self, scene: EchoScene) -> Estimate:
-        return Estimate(0.0, NOTHING, "")
+        """Of what it changes beyond sharp shadows; the aperture's centre stands for every antenna."""
+        facets, visible, tones_hz = coarse_surface(scene, scene.body), seen_from_centre(scene), pilot(scene).tones_hz
+        waves = _centre_waves(scene, facets, tones_hz)
+        facing_centre = (facets.position_m * facets.normal).sum(axis=1) < 0
+        near = np.flatnonzero(facing_centre & (np.abs(waves) > FULL).any(axis=0))
+        sharp = visible[near].astype(float)
+        change = np.zeros_like(pilot(scene).samples)
+        for n, diffracted in enumerate(sharp + waves[:, near]):
+            optics = facets.where(near).optics
+            optics = dataclasses.replace(optics, weight=optics.weight * (diffracted**2 - sharp))
+            change[n] = body_echoes(scene.body, optics, tones_hz[n : n + 1], scene.array, TOLERANCE)[0]
+        share = facets.area_m2[near].sum() / facets.area_m2.sum()
+        why = f"two tones' images; waves from outlines reach {100 * share:.1f} % of the surface"
+        return _of_shadow(scene, change, why, FACETS_PER_S / 16)
 
     def apply(self, state: EchoState) -> None:
         surface, scene = state.surface, state.scene
@@ -131,6 +146,18 @@ class ShadowDiffraction(Effect):
         sight, some = sight_of(body, facets, body, rays_of(scene, body), scene.frequencies_hz, state.array)
         surface.facets, surface.seen, surface.sight = facets, None, sight
         surface.keep(some)
+
+
+def _centre_waves(scene: EchoScene, facets: Facets, tones_hz: np.ndarray) -> np.ndarray:
+    """Waves [k, p] from the outline that the aperture's centre sees, by a buffer of depths, at the target's facets."""
+    whole = outline(scene.body, edges_of(scene.body), CENTRE_M)
+    count = len(whole.beside_m)
+    beside = Facets(
+        whole.beside_m, np.full(count, np.median(facets.area_m2)), unit(-whole.beside_m), np.zeros(count, int)
+    )
+    seen = visible_from(joined([facets, beside]), CENTRE_M)[len(facets) :]
+    wavenumbers = 2 * np.pi * tones_hz / SPEED_OF_LIGHT_M_S
+    return edge_waves(CENTRE_M, cells_of(facets.position_m), whole.where(seen, whole.within_m), wavenumbers)
 
 
 def _from_ends(facets: Facets, antennas_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

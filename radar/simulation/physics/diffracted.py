@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.simulation.forward import Sight
-from radar.simulation.physics.diffraction import FARTHEST, Outline, cells_of, edge_waves, edges_of, outline
+from radar.simulation.physics.diffraction import FARTHEST, cells_of, edge_waves, edges_of, outline, seen_outline
 from radar.simulation.physics.facets import Facets, quarters
 from radar.simulation.physics.line_of_sight import lines
 from radar.simulation.scene import Body
@@ -40,8 +40,8 @@ def sight_of(
         table = np.empty((len(points_m), 3, len(at)), np.complex64)
 
         def work(i: int, table: np.ndarray = table, at_m: np.ndarray = leg_m[at]) -> None:
-            lines_m: Outline = outline(hiding, edges, rays, at_m[i])
-            low, middle, high = edge_waves(at_m[i], cells, lines_m, wavenumbers) + rays.in_sight(points_m, at_m[i])
+            seen = seen_outline(outline(hiding, edges, at_m[i]), rays, at_m[i])
+            low, middle, high = edge_waves(at_m[i], cells, seen, wavenumbers) + rays.in_sight(points_m, at_m[i])
             table[:, 0, i], table[:, 1, i], table[:, 2, i] = middle, (high - low) / 2, (high + low) / 2 - middle
 
         for_each(work, range(len(at)))
@@ -52,7 +52,9 @@ def sight_of(
         partial |= (np.abs(table - np.array([1, 0, 0])[:, None]) > FULL).any(axis=(1, 2))
         some &= (np.abs(table) > FULL).any(axis=(1, 2))
     corner[~partial[corner].any(axis=1)] = -1
-    sight = Sight((tables[0], tables[1]), (spreads[0], spreads[1]), corner, share, middle_hz, half_hz, _detour_m(high_hz))
+    sight = Sight(
+        (tables[0], tables[1]), (spreads[0], spreads[1]), corner, share, middle_hz, half_hz, _detour_m(high_hz)
+    )
     return sight, some[corner].any(axis=1) | ~sight.partial
 
 
@@ -89,7 +91,9 @@ def _samples(body: Body, facets: Facets) -> tuple[np.ndarray, np.ndarray, np.nda
     for _ in range(int(np.ceil(np.log2(max(edges_m.max(initial=0) / SAMPLES_M, 1))))):
         coarse = np.flatnonzero(edges_m > SAMPLES_M)
         halves = share[coarse]
-        part = np.where(halves.max(axis=1) >= 0.5, halves.argmax(axis=1), 3)  # of `quarters`: at a corner, or the middle
+        part = np.where(
+            halves.max(axis=1) >= 0.5, halves.argmax(axis=1), 3
+        )  # of `quarters`: at a corner, or the middle
         quartered_m = quarters(corners_m[coarse]).reshape(4, len(coarse), 3, 3)
         corners_m[coarse] = quartered_m[part, np.arange(len(coarse))]
         share[coarse] = _barycentric(corners_m[coarse], facets.position_m[coarse])

@@ -29,7 +29,9 @@ FARTHEST = 20.0  # kδ beyond which an edge is left out; its wave fades from hal
 WIDEST = 1.0  # the same of the tangent of the angle by which an edge turns a ray: the formula is of small angles
 BESIDE_M = 2e-4  # from an edge to the ray that tells what is behind it
 THICK_M = 2e-3  # what lies less than this behind what is seen beside an edge still counts as that
-T0, T1, T2, T3, T4 = map(np.float32, (0.15915007, -0.05278828, 0.02946036, -0.01460251, 0.003784))  # arctan(x)/2πx in x²
+T0, T1, T2, T3, T4 = map(
+    np.float32, (0.15915007, -0.05278828, 0.02946036, -0.01460251, 0.003784)
+)  # arctan(x)/2πx in x²
 CELL_M = 6e-3  # of points that are asked together which edges they need
 
 
@@ -44,12 +46,17 @@ class Edges(NamedTuple):
 
 class Outline(NamedTuple):
     """Edges start_m [n, 3] + along_m [n, 3] between a face that an antenna sees from the front and one that it sees from
-    behind, counter-clockwise around what hides, as the antenna sees it; within_m [n]: how far from the antenna the
-    points lie at most that they count for."""
+    behind, counter-clockwise around what hides, as the antenna sees it; beside_m [n, 3]: points right beside them, not
+    hidden by their own faces; within_m [n]: how far from the antenna the points lie at most that they count for."""
 
     start_m: np.ndarray
     along_m: np.ndarray
+    beside_m: np.ndarray
     within_m: np.ndarray
+
+    def where(self, chosen: np.ndarray, within_m: np.ndarray) -> Outline:
+        """Some of the edges, by mask [n], and what they count for [n]."""
+        return Outline(self.start_m[chosen], self.along_m[chosen], self.beside_m[chosen], within_m[chosen])
 
 
 class Cells(NamedTuple):
@@ -74,8 +81,8 @@ def edges_of(body: Body) -> Edges:
     return Edges(directed[one], faces, unit(normals[faces].sum(axis=1)))
 
 
-def outline(body: Body, edges: Edges, rays: Rays, antenna_m: np.ndarray) -> Outline:
-    """The outline of a body that an antenna sees, against what `rays` meet."""
+def outline(body: Body, edges: Edges, antenna_m: np.ndarray) -> Outline:
+    """The whole outline of a body towards an antenna, with what the body itself hides of it."""
     corners_m = body.vertices_m[body.faces[:, 0]]
     front = (face_vectors(body.vertices_m, body.faces) * (antenna_m - corners_m)).sum(axis=1) > 0
     first, second = front[edges.faces].T
@@ -85,11 +92,15 @@ def outline(body: Body, edges: Edges, rays: Rays, antenna_m: np.ndarray) -> Outl
     middle_m = (start_m + end_m) / 2
     towards = unit(middle_m - antenna_m)
     across = unit(outwards - (outwards * towards).sum(axis=1)[:, None] * towards)
-    beside_m = middle_m + BESIDE_M * across - antenna_m
+    return Outline(start_m, end_m - start_m, middle_m + BESIDE_M * across, np.full(len(ends), np.inf))
+
+
+def seen_outline(whole: Outline, rays: Rays, antenna_m: np.ndarray) -> Outline:
+    """The part that the antenna sees, against what `rays` meet."""
+    beside_m = whole.beside_m - antenna_m
     distance_m = np.linalg.norm(beside_m, axis=1)
     hit, _ = rays.first_hits(np.broadcast_to(antenna_m, beside_m.shape), beside_m / distance_m[:, None])
-    seen = hit > distance_m - THICK_M
-    return Outline(start_m[seen], (end_m - start_m)[seen], hit[seen] + THICK_M)
+    return whole.where(hit > distance_m - THICK_M, hit + THICK_M)
 
 
 def cells_of(points_m: np.ndarray) -> Cells:
@@ -126,7 +137,11 @@ def _waves(  # type: ignore[no-untyped-def]
     scratch, points = np.empty((4, most), np.float32), np.empty((7, most), np.float32)
     for cell in range(len(starts) - 1):
         begin, n = starts[cell], starts[cell + 1] - starts[cell]
-        cx, cy, cz = centre_m[cell, 0] - antenna_m[0], centre_m[cell, 1] - antenna_m[1], centre_m[cell, 2] - antenna_m[2]
+        cx, cy, cz = (
+            centre_m[cell, 0] - antenna_m[0],
+            centre_m[cell, 1] - antenna_m[1],
+            centre_m[cell, 2] - antenna_m[2],
+        )
         way = np.sqrt(cx * cx + cy * cy + cz * cz)
         ux, uy, uz = cx / way, cy / way, cz / way
         ready = False

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import erfc
 
-from radar.simulation.physics.diffraction import cells_of, edge_waves, edges_of, outline
+from radar.simulation.physics.diffraction import cells_of, edge_waves, edges_of, outline, seen_outline
 from radar.simulation.scene import Body
 from radar.support.rays import Rays, load_open3d
 
@@ -38,7 +38,7 @@ def test_a_straight_screen_diffracts_as_fresnel_says(x_m):
     at_m = np.linspace(-0.03, 0.03, 121) + 1e-5  # where the ray crosses the screen's plane
     points_m = np.stack([at_m, 0 * at_m, 0 * at_m + BEFORE_M], axis=1) * (BEFORE_M + BEHIND_M) / BEFORE_M
     body = screen(x_m)
-    lines_m = outline(body, edges_of(body), Rays(body.vertices_m, body.faces), ANTENNA_M)
+    lines_m = seen_outline(outline(body, edges_of(body), ANTENNA_M), Rays(body.vertices_m, body.faces), ANTENNA_M)
     visible = ~((at_m > x_m[0]) & (at_m < x_m[1]))
     found = visible + edge_waves(ANTENNA_M, cells_of(points_m), lines_m, K)
     expected = 1 - (knife_edge(x_m[0], at_m) - knife_edge(x_m[1], at_m))
