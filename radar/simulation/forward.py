@@ -165,19 +165,13 @@ def _source(part: Scatterers, points_m: np.ndarray, spreading: bool, pattern: fl
 
 def _leg_weights(sight: Sight | None) -> LegWeights:
     if sight is None:
-        table, spread = np.zeros((0, 3, 0), np.complex64), np.zeros((0, 0), np.float32)
-        return LegWeights(
-            np.zeros((3, 0), np.int32), np.zeros((3, 0), np.float32), table, spread, table, spread, 0.0, 1.0
-        )
+        nobody, table, spread = np.zeros((3, 0)), np.zeros((0, 3, 0), np.complex64), np.zeros((0, 0), np.float32)
+        return LegWeights(nobody.astype(np.int32), nobody.astype(np.float32), table, spread, table, spread, 0.0, 1.0)
     corner, share = np.ascontiguousarray(sight.corner.T, np.int32), np.ascontiguousarray(sight.share.T, np.float32)
-    legs = zip(sight.tables, sight.spreads, strict=True)
-    tables = [
-        np.ascontiguousarray(array, kind)
-        for leg in legs
-        for array, kind in zip(leg, (np.complex64, np.float32), strict=True)
-    ]
-    tone = sight.middle_hz / SPEED_OF_LIGHT_M_S, sight.half_hz / SPEED_OF_LIGHT_M_S
-    return LegWeights(corner, share, *tables, *tone)
+    table_a, table_b = (np.ascontiguousarray(table, np.complex64) for table in sight.tables)
+    spread_a, spread_b = (np.ascontiguousarray(spread, np.float32) for spread in sight.spreads)
+    middle, half = sight.middle_hz / SPEED_OF_LIGHT_M_S, sight.half_hz / SPEED_OF_LIGHT_M_S
+    return LegWeights(corner, share, table_a, spread_a, table_b, spread_b, middle, half)
 
 
 def _bent(scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArray, pattern: float) -> np.ndarray:

@@ -8,9 +8,10 @@ import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.simulation.effects.base import NOTHING, Effect, Estimate
+from radar.simulation.forward import Sight
 from radar.simulation.physics.coarse import visible_from
-from radar.simulation.physics.diffracted import FULL, sight_of
-from radar.simulation.physics.diffraction import cells_of, edge_waves, edges_of, outline
+from radar.simulation.physics.diffracted import FULL, detour_m, nodes_of, sight_of
+from radar.simulation.physics.diffraction import cells_of, edge_waves, kept_edges, outline
 from radar.simulation.physics.facets import Facets, face_vectors, joined, unit
 from radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
 from radar.simulation.physics.reflection import THIN_M, skin_reflection
@@ -47,6 +48,7 @@ class Obliquity(Effect):
             state.surface.oblique = True
 
 
+SLANT = 4.0  # tangent between a ray past an outline and the normal there, for buffers of depths
 FACETS_PER_S = 5e5  # of the estimate's coarse ones; on two cores
 
 
@@ -112,7 +114,8 @@ class ShadowAntennas(Effect):
 
 
 class ShadowDiffraction(Effect):
-    """Waves bend around the outline of what hides."""
+    """Waves bend around the outline of what hides. Left out: what creeps around curved edges, polarisation, waves that
+    bend twice, and angles beyond some 40°; where a path bounces twice, its shadows stay sharp."""
 
     id = "shadow_diffraction"
     does = "shadows of each antenna are as blurred as diffraction makes them (sharp ones are then not used)"
@@ -122,20 +125,21 @@ class ShadowDiffraction(Effect):
         return scene.lacks_surface
 
     def estimate(self, scene: EchoScene) -> Estimate:
-        """Of what it changes beyond sharp shadows; the aperture's centre stands for every antenna."""
-        facets, visible, tones_hz = coarse_surface(scene, scene.body), seen_from_centre(scene), pilot(scene).tones_hz
-        waves = _centre_waves(scene, facets, tones_hz)
-        facing_centre = (facets.position_m * facets.normal).sum(axis=1) < 0
-        near = np.flatnonzero(facing_centre & (np.abs(waves) > FULL).any(axis=0))
-        sharp = visible[near].astype(float)
-        change = np.zeros_like(pilot(scene).samples)
-        for n, diffracted in enumerate(sharp + waves[:, near]):
-            optics = facets.where(near).optics
-            optics = dataclasses.replace(optics, weight=optics.weight * (diffracted**2 - sharp))
-            change[n] = body_echoes(scene.body, optics, tones_hz[n : n + 1], scene.array, TOLERANCE)[0]
+        """Of what it changes beyond sharp shadows; the ends of each line of antennas tell about those between them."""
+        facets, known = coarse_surface(scene, scene.body), pilot(scene)
+        legs = [_views(scene, facets, leg.position_m, known.tones_hz) for leg in scene.array.legs]
+        near = np.flatnonzero((np.abs(np.concatenate([waves for _, _, waves in legs])) > FULL).any(axis=(0, 1)))
+        optics, around = facets.where(near).optics, np.repeat(np.arange(len(near))[:, None], 3, axis=1)
+        spreads, tone = tuple(spread for spread, _, _ in legs), (known.tones_hz.mean(), np.ptp(known.tones_hz) / 2)
+        echoes = []
+        for diffracted in (1, 0):
+            tables = tuple(_table(visible[:, near], diffracted * waves[..., near]) for _, visible, waves in legs)
+            sight = Sight(tables, spreads, around, np.full(around.shape, 1 / 3), *tone, detour_m(known.tones_hz))
+            part = dataclasses.replace(optics, sight=sight)
+            echoes.append(body_echoes(scene.body, part, known.tones_hz, scene.array, TOLERANCE))
         share = facets.area_m2[near].sum() / facets.area_m2.sum()
         why = f"two tones' images; waves from outlines reach {100 * share:.1f} % of the surface"
-        return _of_shadow(scene, change, why, FACETS_PER_S / 16)
+        return _of_shadow(scene, echoes[0] - echoes[1], why, FACETS_PER_S / 16)
 
     def apply(self, state: EchoState) -> None:
         surface, scene = state.surface, state.scene
@@ -143,21 +147,38 @@ class ShadowDiffraction(Effect):
             return
         body = surface.body
         facets = facing(scene, body)
-        sight, some = sight_of(body, facets, body, rays_of(scene, body), scene.frequencies_hz, state.array)
+        sight, some = sight_of(scene, body, facets, body, rays_of(scene, body), state.array)
         surface.facets, surface.seen, surface.sight = facets, None, sight
         surface.keep(some)
 
 
-def _centre_waves(scene: EchoScene, facets: Facets, tones_hz: np.ndarray) -> np.ndarray:
-    """Waves [k, p] from the outline that the aperture's centre sees, by a buffer of depths, at the target's facets."""
-    whole = outline(scene.body, edges_of(scene.body), CENTRE_M)
-    count = len(whole.beside_m)
-    beside = Facets(
-        whole.beside_m, np.full(count, np.median(facets.area_m2)), unit(-whole.beside_m), np.zeros(count, int)
-    )
-    seen = visible_from(joined([facets, beside]), CENTRE_M)[len(facets) :]
+def _views(
+    scene: EchoScene, facets: Facets, antennas_m: np.ndarray, tones_hz: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights [a, views] by which the ends of each line stand for all antennas, what these see of the target's facets
+    by buffers of depths [views, p], and the waves [views, k, p] from the outlines that they see."""
+    at, spread = nodes_of(antennas_m, np.inf)
+    edges, cells = kept_edges(scene, scene.body), cells_of(facets.position_m)
     wavenumbers = 2 * np.pi * tones_hz / SPEED_OF_LIGHT_M_S
-    return edge_waves(CENTRE_M, cells_of(facets.position_m), whole.where(seen, whole.within_m), wavenumbers)
+    visible, waves = [], []
+    for antenna_m in antennas_m[at]:
+        whole = outline(scene.body, edges, antenna_m)
+        count = len(whole.beside_m)
+        across = unit(whole.beside_m - whole.start_m - whole.along_m / 2)
+        slanting = unit(unit(antenna_m - whole.beside_m) + SLANT * across)  # of the surface that curves away there
+        beside = Facets(whole.beside_m, np.full(count, np.median(facets.area_m2)), slanting, np.zeros(count, int))
+        seen = visible_from(joined([facets, beside]), antenna_m)
+        visible.append(seen[: len(facets)])
+        part = whole.where(seen[len(facets) :])
+        waves.append(edge_waves(antenna_m, cells, part, wavenumbers))
+    return spread, np.stack(visible), np.stack(waves)
+
+
+def _table(visible: np.ndarray, waves: np.ndarray) -> np.ndarray:
+    """A table of `Sight` [p, 3, views] from what views see [views, p] and the waves there at two tones, the higher one
+    first."""
+    high, low = visible + waves[:, 0], visible + waves[:, 1]
+    return np.stack([(high + low) / 2, (high - low) / 2, 0 * high]).transpose(2, 0, 1)
 
 
 def _from_ends(facets: Facets, antennas_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

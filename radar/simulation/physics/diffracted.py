@@ -11,64 +11,71 @@ from scipy.interpolate import CubicSpline
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.simulation.forward import Sight
-from radar.simulation.physics.diffraction import FARTHEST, cells_of, edge_waves, edges_of, outline, seen_outline
+from radar.simulation.physics.diffraction import FARTHEST, cells_of, edge_waves, kept_edges, outline, seen_outline
 from radar.simulation.physics.facets import Facets, quarters
 from radar.simulation.physics.line_of_sight import lines
-from radar.simulation.scene import Body
+from radar.simulation.scene import Body, EchoScene
 from radar.support.parallel import for_each
 from radar.support.rays import Rays
 
 NODES_M = 0.02  # between the antennas of a line for which the field is computed
 SAMPLES_M = 2e-3  # edges of the triangles at whose corners it is
 FULL = 0.05  # difference from full sight, or from none, that does not count
+IN_SIGHT = np.array([1.0, 0.0, 0.0])[:, None]  # in a table of `Sight`
 
 
 def sight_of(
-    surface: Body, facets: Facets, hiding: Body, rays: Rays, frequencies_hz: np.ndarray, array: AntennaArray
+    scene: EchoScene, surface: Body, facets: Facets, hiding: Body, rays: Rays, array: AntennaArray
 ) -> tuple[Sight, np.ndarray]:
-    """How antennas see a surface's facets behind a body, and the mask [p] of those that some transmitter and some
-    receiver see at all. rays: against all that hides."""
+    """How much of a surface's facets antennas see behind a body, and the mask [p] of those of which some transmitter
+    and some receiver see anything. rays: against all that hides."""
     points_m, corner, share = _samples(surface, facets)
-    low_hz, high_hz = float(frequencies_hz.min()), float(frequencies_hz.max())
-    middle_hz, half_hz = (low_hz + high_hz) / 2, max(high_hz - low_hz, 1e-3 * high_hz) / 2
-    tones_hz = middle_hz + half_hz * np.array([-1.0, 0.0, 1.0])
-    tables, spreads = [], []
-    edges, cells = edges_of(hiding), cells_of(points_m)
-    wavenumbers = 2 * np.pi * tones_hz / SPEED_OF_LIGHT_M_S
-    for leg_m in (array.tx_m, array.rx_m):
-        at, spread = _nodes(leg_m)
-        table = np.empty((len(points_m), 3, len(at)), np.complex64)
+    edges, cells = kept_edges(scene, hiding), cells_of(points_m)
+    middle_hz, half_hz = tone = _band(scene.frequencies_hz)
+    wavenumbers = 2 * np.pi * (middle_hz + half_hz * np.array([-1.0, 0.0, 1.0])) / SPEED_OF_LIGHT_M_S
 
-        def work(i: int, table: np.ndarray = table, at_m: np.ndarray = leg_m[at]) -> None:
-            seen = seen_outline(outline(hiding, edges, at_m[i]), rays, at_m[i])
-            low, middle, high = edge_waves(at_m[i], cells, seen, wavenumbers) + rays.in_sight(points_m, at_m[i])
+    def table_of(antennas_m: np.ndarray) -> np.ndarray:
+        table = np.empty((len(points_m), 3, len(antennas_m)), np.complex64)
+
+        def work(i: int) -> None:
+            seen = seen_outline(outline(hiding, edges, antennas_m[i]), rays, antennas_m[i])
+            low, middle, high = edge_waves(antennas_m[i], cells, seen, wavenumbers) + rays.in_sight(
+                points_m, antennas_m[i]
+            )
             table[:, 0, i], table[:, 1, i], table[:, 2, i] = middle, (high - low) / 2, (high + low) / 2 - middle
 
-        for_each(work, range(len(at)))
-        tables.append(table)
-        spreads.append(spread)
+        for_each(work, range(len(antennas_m)))
+        return table
+
+    (at_tx, spread_tx), (at_rx, spread_rx) = (nodes_of(leg.position_m, NODES_M) for leg in array.legs)
+    tables = table_of(array.tx_m[at_tx]), table_of(array.rx_m[at_rx])
     partial, some = np.zeros(len(points_m), bool), np.ones(len(points_m), bool)
     for table in tables:
-        partial |= (np.abs(table - np.array([1, 0, 0])[:, None]) > FULL).any(axis=(1, 2))
+        partial |= (np.abs(table - IN_SIGHT) > FULL).any(axis=(1, 2))
         some &= (np.abs(table) > FULL).any(axis=(1, 2))
+    some_of = some[corner].any(axis=1)
     corner[~partial[corner].any(axis=1)] = -1
-    sight = Sight(
-        (tables[0], tables[1]), (spreads[0], spreads[1]), corner, share, middle_hz, half_hz, _detour_m(high_hz)
-    )
-    return sight, some[corner].any(axis=1) | ~sight.partial
+    sight = Sight(tables, (spread_tx, spread_rx), corner, share, *tone, detour_m(scene.frequencies_hz))
+    return sight, some_of
 
 
-def _detour_m(frequency_hz: float) -> float:
+def _band(frequencies_hz: np.ndarray) -> tuple[float, float]:
+    """Middle and half width; of a single tone some width."""
+    low_hz, high_hz = float(frequencies_hz.min()), float(frequencies_hz.max())
+    return (low_hz + high_hz) / 2, max(high_hz - low_hz, 1e-3 * high_hz) / 2
+
+
+def detour_m(frequencies_hz: np.ndarray) -> float:
     """The detour whose wave has faded by half."""
-    return 0.75 * FARTHEST * SPEED_OF_LIGHT_M_S / (2 * np.pi * frequency_hz)
+    return float(0.75 * FARTHEST * SPEED_OF_LIGHT_M_S / (2 * np.pi * np.max(frequencies_hz)))
 
 
-def _nodes(antennas_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of antennas [a, 3] NODES_M apart along each line, and weights [a, nodes] by which all follow from them."""
+def nodes_of(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of antennas [a, 3] up to apart_m apart along each line, and weights [a, nodes] by which all follow."""
     chosen, parts = [], []
     for line in lines(antennas_m):
         along_m = np.concatenate([[0], np.linalg.norm(np.diff(antennas_m[line], axis=0), axis=1).cumsum()])
-        count = min(len(line), 2 + int(along_m[-1] / NODES_M))
+        count = min(len(line), 2 + int(along_m[-1] / apart_m))
         at = np.unique(np.linspace(0, len(line) - 1, count).round().astype(int))
         weights = CubicSpline(along_m[at], np.eye(len(at)))(along_m) if len(at) > 1 else np.ones((len(line), 1))
         chosen.append(line[at])

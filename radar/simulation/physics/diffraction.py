@@ -9,8 +9,8 @@ and φ its angle around the ray from antenna to point,
 where V is 1 in sight and 0 in the shadow. The jump of V where the ray crosses the outline is that of ∫dφ by 2π: D is
 smooth there, ½ beside a straight edge, which gives ½ erfc(√(jkδ)) in the shadow: Fresnel's knife edge.
 
-An edge counts where the antenna sees it, and for what lies no farther than what the antenna sees right beside it: of two
-screens, one behind the other, only the outline of both together hides what is behind both.
+An edge counts where the antenna sees it, and for what lies no farther than what the antenna sees right beside it: of
+two screens, one behind the other, only the outline of both together hides what is behind both.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ import numpy as np
 
 from radar.imaging.cpu.steering import FAST, cis_small
 from radar.simulation.physics.facets import face_vectors, unit
-from radar.simulation.scene import Body
+from radar.simulation.scene import Body, EchoScene
 from radar.support.rays import Rays
 
-FARTHEST = 20.0  # kδ beyond which an edge is left out; its wave fades from half of that on
-WIDEST = 1.0  # the same of the tangent of the angle by which an edge turns a ray: the formula is of small angles
+FARTHEST = 20.0  # kδ beyond which an edge is left out
+WIDEST = 1.0  # and tangent of the angle by which it bends a ray: the formula is of small angles
 BESIDE_M = 2e-4  # from an edge to the ray that tells what is behind it
 THICK_M = 2e-3  # what lies less than this behind what is seen beside an edge still counts as that
 T0, T1, T2, T3, T4 = map(
@@ -45,18 +45,19 @@ class Edges(NamedTuple):
 
 
 class Outline(NamedTuple):
-    """Edges start_m [n, 3] + along_m [n, 3] between a face that an antenna sees from the front and one that it sees from
-    behind, counter-clockwise around what hides, as the antenna sees it; beside_m [n, 3]: points right beside them, not
-    hidden by their own faces; within_m [n]: how far from the antenna the points lie at most that they count for."""
+    """Edges start_m [n, 3] + along_m [n, 3] between a face that an antenna sees from the front and one that it sees
+    from behind, counter-clockwise around what hides, as the antenna sees it; beside_m [n, 3]: points right beside them,
+    not hidden by their own faces; within_m [n]: how far from the antenna what they count for may lie."""
 
     start_m: np.ndarray
     along_m: np.ndarray
     beside_m: np.ndarray
     within_m: np.ndarray
 
-    def where(self, chosen: np.ndarray, within_m: np.ndarray) -> Outline:
-        """Some of the edges, by mask [n], and what they count for [n]."""
-        return Outline(self.start_m[chosen], self.along_m[chosen], self.beside_m[chosen], within_m[chosen])
+    def where(self, chosen: np.ndarray, within_m: np.ndarray | float = np.inf) -> Outline:
+        """Some of the edges, by mask [n], and how far away what all [n] count for may lie."""
+        limits_m = np.broadcast_to(within_m, len(chosen))[chosen]
+        return Outline(self.start_m[chosen], self.along_m[chosen], self.beside_m[chosen], limits_m)
 
 
 class Cells(NamedTuple):
@@ -79,6 +80,11 @@ def edges_of(body: Body) -> Edges:
     faces = np.stack([one, other], axis=1) // 3
     normals = unit(face_vectors(body.vertices_m, body.faces))
     return Edges(directed[one], faces, unit(normals[faces].sum(axis=1)))
+
+
+def kept_edges(scene: EchoScene, body: Body) -> Edges:
+    """A body's edges, found once per scene."""
+    return scene.kept(("edges", id(body)), lambda: edges_of(body))
 
 
 def outline(body: Body, edges: Edges, antenna_m: np.ndarray) -> Outline:
@@ -115,13 +121,21 @@ def cells_of(points_m: np.ndarray) -> Cells:
     return Cells(np.ascontiguousarray(sorted_m.T), order, starts, centre_m, np.maximum.reduceat(off_m, starts[:-1]))
 
 
-def edge_waves(antenna_m: np.ndarray, cells: Cells, edges: Outline, wavenumbers: np.ndarray) -> np.ndarray:
-    """(1/2π) Σ ∫ e^{−jkδ} dφ at the points for each wavenumber [k]: complex64 [k, n], in the points' own order."""
+def edge_waves(
+    antenna_m: np.ndarray,
+    cells: Cells,
+    edges: Outline,
+    wavenumbers: np.ndarray,
+    farthest: float = FARTHEST,
+    widest: float = WIDEST,
+) -> np.ndarray:
+    """(1/2π) Σ ∫ e^{−jkδ} dφ at the points for each wavenumber [k]: complex64 [k, n], in the points' own order. Waves
+    fade from half of kδ = farthest on, and from half of the tangent `widest` of the angle by which they bend."""
     waves = np.zeros((2, len(wavenumbers), len(cells.order)), np.float32)
     if len(edges.start_m) > 0:
         start_m = edges.start_m - antenna_m
         places = start_m, edges.along_m, np.cross(edges.along_m, start_m), edges.within_m
-        _waves(antenna_m, *cells[:1], *cells[2:], *places, wavenumbers / (2 * np.pi), waves)
+        _waves(antenna_m, *cells[:1], *cells[2:], places, wavenumbers / (2 * np.pi), farthest, widest, waves)
     found = np.empty(waves.shape[1:], np.complex64)
     found[:, cells.order] = waves[0] + np.complex64(1j) * waves[1]
     return found
@@ -129,10 +143,11 @@ def edge_waves(antenna_m: np.ndarray, cells: Cells, edges: Outline, wavenumbers:
 
 @numba.njit(**FAST)
 def _waves(  # type: ignore[no-untyped-def]
-    antenna_m, position_m, starts, centre_m, radius_m, start_m, along_m, normal_m2, within_m, turns_per_m, waves
+    antenna_m, position_m, starts, centre_m, radius_m, edges, turns_per_m, farthest, widest, waves
 ):
     """Fill in waves [2, k, n] cell by cell, with the edges that the points of a cell need; places of edges are from the
     antenna, normal_m2 [e, 3] = along × start."""
+    start_m, along_m, normal_m2, within_m = edges
     most = np.diff(starts).max()
     scratch, points = np.empty((4, most), np.float32), np.empty((7, most), np.float32)
     for cell in range(len(starts) - 1):
@@ -153,16 +168,16 @@ def _waves(  # type: ignore[no-untyped-def]
             if behind <= 0 or before <= 0:
                 continue
             square = mx * mx + my * my + mz * mz - before * before
-            reach = WIDEST * behind + radius_m[cell]
+            reach = widest * behind + radius_m[cell]
             if square > reach * reach or way - radius_m[cell] > within_m[e] + np.sqrt(square) + radius_m[cell]:
                 continue
             if not ready:
                 _about(points, position_m[:, begin : begin + n], antenna_m, cx, cy, cz)
                 ready = True
             near = (start_m[e, 0] - cx, start_m[e, 1] - cy, start_m[e, 2] - cz)
-            _angles(scratch, points, n, near, along_m[e], normal_m2[e], within_m[e])
+            _angles(scratch, points, n, near, along_m[e], normal_m2[e], within_m[e], widest)
             for k in range(len(turns_per_m)):
-                _add(waves[0, k, begin : begin + n], waves[1, k, begin : begin + n], scratch, turns_per_m[k])
+                _add(waves[0, k, begin : begin + n], waves[1, k, begin : begin + n], scratch, turns_per_m[k], farthest)
     return waves
 
 
@@ -177,14 +192,14 @@ def _about(points, position_m, antenna_m, cx, cy, cz):  # type: ignore[no-untype
 
 
 @numba.njit(**FAST)
-def _angles(scratch, points, n, near, along, normal, within):  # type: ignore[no-untyped-def]
-    """For an edge and each of n points: the edge's angle around the ray over 2π, its detour, and the detours' difference
-    between its ends over 2; 0, 0, 0 where it does not count."""
+def _angles(scratch, points, n, near, along, normal, within, widest):  # type: ignore[no-untyped-def]
+    """For an edge and each of n points: the edge's angle around the ray over 2π, 0 where it does not count; its detour;
+    and half of the detours' difference between its ends."""
     ax, ay, az = np.float32(near[0]), np.float32(near[1]), np.float32(near[2])
     tx, ty, tz = np.float32(along[0]), np.float32(along[1]), np.float32(along[2])
     nx, ny, nz = np.float32(normal[0]), np.float32(normal[1]), np.float32(normal[2])
     limit, length = np.float32(within), tx * tx + ty * ty + tz * tz
-    one, half, tiny = np.float32(1), np.float32(0.5), np.float32(1e-20)
+    one, half, tiny, wide = np.float32(1), np.float32(0.5), np.float32(1e-20), np.float32(widest)
     for p in range(n):
         px, py, pz = ax - points[0, p], ay - points[1, p], az - points[2, p]
         dx, dy, dz, way = points[3, p], points[4, p], points[5, p], points[6, p]
@@ -194,7 +209,7 @@ def _angles(scratch, points, n, near, along, normal, within):  # type: ignore[no
         behind = max(-pd - half * td, np.float32(1e-6))
         before = max(way - behind, np.float32(1e-6))
         square = max(pp + pt + np.float32(0.25) * tt, np.float32(0))
-        tilt = min(np.sqrt(square) / behind / np.float32(WIDEST), one)  # fades from half of the widest on
+        tilt = min(np.sqrt(square) / behind / wide, one)  # fades from half of the widest on
         fade = max(np.float32(2) * tilt - one, np.float32(0))
         counts = one - fade * fade * (np.float32(3) - np.float32(2) * fade)
         counts = counts if way < limit + np.sqrt(square) else np.float32(0)
@@ -213,10 +228,10 @@ def _angles(scratch, points, n, near, along, normal, within):  # type: ignore[no
 
 
 @numba.njit(**FAST)
-def _add(re, im, scratch, turns_per_m):  # type: ignore[no-untyped-def]
+def _add(re, im, scratch, turns_per_m, farthest):  # type: ignore[no-untyped-def]
     """Add an edge's waves; the turn of the phase from one end to the other fades it by its sinc."""
     scale, one = np.float32(turns_per_m), np.float32(1)
-    fades = np.float32(2 * np.pi * 2 * turns_per_m / FARTHEST)
+    fades = np.float32(2 * np.pi * 2 * turns_per_m / farthest)
     turns = np.float32((2 * np.pi * turns_per_m) ** 2 / 6)
     for p in range(len(re)):
         detour, rise = scratch[1, p], scratch[2, p]
