@@ -9,7 +9,7 @@ separable and reciprocal (exact where transmitter and receiver see the facet und
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numba
 import numpy as np
@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, positions
 from radar.imaging.api import points_executor
-from radar.imaging.cpu.ascent import LegWeights, Source
+from radar.imaging.cpu.ascent import FULL_SIGHT, Sight, Source
 from radar.imaging.cpu.exact import path_lengths
 from radar.imaging.cpu.executor import Executor
 from radar.imaging.cpu.steering import FAST, GRAZING, cis_turns, least_cosine
@@ -27,39 +27,6 @@ from radar.support.parallel import for_each
 
 CHUNK = 2048  # scatterers per matrix product
 NEAR = 5.0  # wavelengths from the array within which 1/R changes by a fifth and more from one antenna to the next
-
-
-@dataclass(frozen=True)
-class Sight:
-    """The part of each antenna's wave that reaches each point, complex and smooth in frequency, from antenna to antenna
-    and from point to point: tables (of transmitters, of receivers) complex64 [samples, 3, nodes], factors of 1, u and
-    u², u = (f − middle_hz)/half_hz; spreads [a, nodes], by which all antennas follow from those at the nodes; corner
-    [p, 3] samples around each point, −1 where it is in full sight of all antennas, with the share [p, 3] of each;
-    detour_m: by how much longer waves may come."""
-
-    tables: tuple[np.ndarray, np.ndarray]
-    spreads: tuple[np.ndarray, np.ndarray]
-    corner: np.ndarray
-    share: np.ndarray
-    middle_hz: float
-    half_hz: float
-    detour_m: float
-
-    @property
-    def partial(self) -> np.ndarray:
-        """Mask [p] of the points that are not in full sight."""
-        return self.corner[:, 0] >= 0
-
-    def where(self, chosen: np.ndarray) -> Sight:
-        """Of some points, by mask or index [n]."""
-        return replace(self, corner=self.corner[chosen], share=self.share[chosen])
-
-    def weights(self, leg: int, frequency_hz: float) -> np.ndarray:
-        """Complex weights [a, p] of a leg, 0 or 1."""
-        u = (frequency_hz - self.middle_hz) / self.half_hz
-        at_nodes = self.tables[leg].transpose(0, 2, 1) @ np.array([1, u, u * u])
-        mixed = (at_nodes[self.corner] * self.share[:, :, None]).sum(axis=1)
-        return np.where(self.partial, self.spreads[leg] @ mixed.T, 1)
 
 
 @dataclass(frozen=True)
@@ -151,7 +118,7 @@ def _check(scatterers: Scatterers, array: AntennaArray, spreading: bool) -> None
 
 
 def _source(part: Scatterers, points_m: np.ndarray, spreading: bool, pattern: float, whole: int) -> Source:
-    """Scatterers for the kernels; points_m [3, p]: their positions; whole: 1 with masks, 2 with weights of legs."""
+    """Scatterers for the kernels; points_m [3, p]: their positions; whole: 1 with masks, 2 with sight."""
     count = len(part.position_m)
     delay_m = np.zeros(count) if part.delay_m is None else np.asarray(part.delay_m, np.float64)
     normal = np.zeros((3, 0)) if part.normal is None else np.ascontiguousarray(part.normal.T, np.float64)
@@ -159,19 +126,8 @@ def _source(part: Scatterers, points_m: np.ndarray, spreading: bool, pattern: fl
     seen = part.seen if whole == 1 and part.seen is not None else (everyone, everyone)
     seen_tx, seen_rx = (np.ascontiguousarray(leg, np.uint8) for leg in seen)
     weight = np.asarray(part.weight, np.complex64)
-    legs = _leg_weights(part.sight if whole == 2 else None)
-    return Source(points_m, weight, delay_m, normal, spreading, float(pattern), seen_tx, seen_rx, legs)
-
-
-def _leg_weights(sight: Sight | None) -> LegWeights:
-    if sight is None:
-        nobody, table, spread = np.zeros((3, 0)), np.zeros((0, 3, 0), np.complex64), np.zeros((0, 0), np.float32)
-        return LegWeights(nobody.astype(np.int32), nobody.astype(np.float32), table, spread, table, spread, 0.0, 1.0)
-    corner, share = np.ascontiguousarray(sight.corner.T, np.int32), np.ascontiguousarray(sight.share.T, np.float32)
-    table_a, table_b = (np.ascontiguousarray(table, np.complex64) for table in sight.tables)
-    spread_a, spread_b = (np.ascontiguousarray(spread, np.float32) for spread in sight.spreads)
-    middle, half = sight.middle_hz / SPEED_OF_LIGHT_M_S, sight.half_hz / SPEED_OF_LIGHT_M_S
-    return LegWeights(corner, share, table_a, spread_a, table_b, spread_b, middle, half)
+    sight = part.sight if whole == 2 and part.sight is not None else FULL_SIGHT
+    return Source(points_m, weight, delay_m, normal, spreading, float(pattern), seen_tx, seen_rx, sight)
 
 
 def _bent(scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArray, pattern: float) -> np.ndarray:
@@ -232,7 +188,7 @@ def _simulate_exactly(
             a, b = (_conjugate_steering(d[:, chunk], g[:, chunk], turns_per_m) for d, g in legs)
             if scatterers.sight is not None:
                 here = scatterers.sight.where(np.arange(len(position))[chunk])
-                a, b = (wave * here.weights(leg, frequencies_hz[f]) for leg, wave in enumerate((a, b)))
+                a, b = (wave * here.weights(leg, turns_per_m) for leg, wave in enumerate((a, b)))
             total += a @ b.T
         samples[f] = total
 

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from radar.data.arrays import AntennaArray
+from radar.imaging.cpu.ascent import Sight
 from radar.imaging.tree import Box
-from radar.simulation.forward import Scatterers, Sight, simulate
+from radar.simulation.forward import Scatterers, simulate
 from radar.simulation.physics.facets import Facets, face_vectors, facets_of
 from radar.simulation.physics.spheres import ball_echoes
 from radar.simulation.scene import Body, EchoScene

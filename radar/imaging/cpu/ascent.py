@@ -12,10 +12,11 @@ from radar.imaging.cpu.descent import BLOCK, SECOND_LEVEL, apply, differences, l
 from radar.imaging.cpu.steering import FAST, cis_turns
 
 
-class LegWeights(NamedTuple):
-    """Complex weights of antennas at points: between the samples corner [3, n] around each, share [3, n] of each;
-    table_a [samples, 3, nodes] complex64: factors of 1, u and u², u = (f/c − middle)/half, at some antennas, from which
-    spread_a [a, nodes] makes all; the same for b. Empty: no weights."""
+class Sight(NamedTuple):
+    """The part of each antenna's wave that reaches each point: complex, and smooth from point to point, from antenna to
+    antenna and in frequency. corner [3, n]: samples around each point, −1 in full sight of all antennas, with the share
+    [3, n] of each; table_a [samples, 3, nodes] complex64: factors of 1, u and u² at some antennas, from which spread_a
+    [a, nodes] makes all, u = (f/c − middle)/half; the same for b; detour_m: by how much later waves come."""
 
     corner: np.ndarray
     share: np.ndarray
@@ -25,12 +26,35 @@ class LegWeights(NamedTuple):
     spread_b: np.ndarray
     middle: float
     half: float
+    detour_m: float
+
+    @property
+    def partial(self) -> np.ndarray:
+        """Mask [n] of the points that are not in full sight."""
+        return self.corner[0] >= 0
+
+    def where(self, chosen: np.ndarray) -> Sight:
+        """Of some points, by mask or index."""
+        return self._replace(corner=self.corner[:, chosen].copy(), share=self.share[:, chosen].copy())
+
+    def weights(self, leg: int, turns_per_m: float) -> np.ndarray:
+        """Complex weights [a, n] of a leg, 0 or 1."""
+        u, table, spread = (turns_per_m - self.middle) / self.half, *self[2 + 2 * leg : 4 + 2 * leg]
+        nodes = table.transpose(0, 2, 1) @ np.array([1, u, u * u])
+        return np.where(self.partial, spread @ (nodes[self.corner] * self.share[:, :, None]).sum(axis=0).T, 1)
+
+
+NO_TABLE, NO_SPREAD = np.zeros((0, 3, 0), np.complex64), np.zeros((0, 0), np.float32)
+NOTHING = np.zeros((3, 0))
+FULL_SIGHT = Sight(
+    NOTHING.astype(np.int32), NOTHING.astype(np.float32), NO_TABLE, NO_SPREAD, NO_TABLE, NO_SPREAD, 0.0, 1.0, 0.0
+)
 
 
 class Source(NamedTuple):
     """Scatterers sorted by leaf: point_m [3, n], weight [n] complex64, delay_m [n] one-way, normal [3, n] or [3, 0];
     spreading: whether legs have gains; pattern: exponent of cos θ in them; seen_a [a, n], seen_b [b, n]: which antennas
-    see each point, or [0, 0] where all do. Masks and leg_weights need a leaf that keeps all antennas."""
+    see each point, or [0, 0] where all do. Masks and sight need a leaf that keeps all antennas."""
 
     point_m: np.ndarray
     weight: np.ndarray
@@ -40,7 +64,7 @@ class Source(NamedTuple):
     pattern: float
     seen_a: np.ndarray
     seen_b: np.ndarray
-    leg_weights: LegWeights
+    sight: Sight
 
 
 @numba.njit(**FAST)
@@ -80,15 +104,15 @@ def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no
         gain_a = _gains(source, start, points, position_a, source.seen_a)
         gain_b = _gains(source, start, points, position_b, source.seen_b)
         a, b = np.empty((2 * n_a, n), np.float32), np.empty((2 * n_b, n), np.float32)
-        legs, weighted = source.leg_weights, source.leg_weights.corner.shape[1] > 0
+        sight, weighted = source.sight, source.sight.corner.shape[1] > 0
         if weighted:
-            factors_a = _leg_factors(legs.corner, legs.share, start, n, legs.table_a, legs.spread_a)
-            factors_b = _leg_factors(legs.corner, legs.share, start, n, legs.table_b, legs.spread_b)
+            factors_a = _leg_factors(sight.corner, sight.share, start, n, sight.table_a, sight.spread_a)
+            factors_b = _leg_factors(sight.corner, sight.share, start, n, sight.table_b, sight.spread_b)
         for m in range(tones):
             steer(delta_a, -turns_per_m[m], a)
             steer(delta_b, -turns_per_m[m], b)
             if weighted:
-                u = np.float32((turns_per_m[m] - legs.middle) / legs.half)
+                u = np.float32((turns_per_m[m] - sight.middle) / sight.half)
                 _weigh(a, factors_a, u)
                 _weigh(b, factors_b, u)
             weight = np.empty((2, n), np.float32)
@@ -176,7 +200,7 @@ def _part(source, start, stop):  # type: ignore[no-untyped-def]
     seen_a = source.seen_a if source.seen_a.size == 0 else source.seen_a[:, here]
     seen_b = source.seen_b if source.seen_b.size == 0 else source.seen_b[:, here]
     places = source.point_m[:, here], source.weight[here], source.delay_m[here], normal
-    legs = source.leg_weights
-    tables = legs.table_a, legs.spread_a, legs.table_b, legs.spread_b
-    legs_here = LegWeights(legs.corner[:, here], legs.share[:, here], *tables, legs.middle, legs.half)
-    return Source(*places, source.spreading, source.pattern, seen_a, seen_b, legs_here)
+    sight = source.sight
+    legs = sight.table_a, sight.spread_a, sight.table_b, sight.spread_b
+    part = Sight(sight.corner[:, here], sight.share[:, here], *legs, sight.middle, sight.half, sight.detour_m)
+    return Source(*places, source.spreading, source.pattern, seen_a, seen_b, part)

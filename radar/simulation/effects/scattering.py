@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
+from radar.data.arrays import SPEED_OF_LIGHT_M_S as C
+from radar.imaging.cpu.ascent import Sight
 from radar.simulation.effects.base import NOTHING, Effect, Estimate
-from radar.simulation.forward import Sight
 from radar.simulation.physics.coarse import visible_from
 from radar.simulation.physics.diffracted import FULL, detour_m, nodes_of, sight_of
 from radar.simulation.physics.diffraction import cells_of, edge_waves, kept_edges, outline
@@ -129,17 +129,19 @@ class ShadowDiffraction(Effect):
         facets, known = coarse_surface(scene, scene.body), pilot(scene)
         legs = [_views(scene, facets, leg.position_m, known.tones_hz) for leg in scene.array.legs]
         near = np.flatnonzero((np.abs(np.concatenate([waves for _, _, waves in legs])) > FULL).any(axis=(0, 1)))
-        optics, around = facets.where(near).optics, np.repeat(np.arange(len(near))[:, None], 3, axis=1)
-        spreads, tone = tuple(spread for spread, _, _ in legs), (known.tones_hz.mean(), np.ptp(known.tones_hz) / 2)
-        echoes = []
-        for diffracted in (1, 0):
-            tables = tuple(_table(visible[:, near], diffracted * waves[..., near]) for _, visible, waves in legs)
-            sight = Sight(tables, spreads, around, np.full(around.shape, 1 / 3), *tone, detour_m(known.tones_hz))
-            part = dataclasses.replace(optics, sight=sight)
-            echoes.append(body_echoes(scene.body, part, known.tones_hz, scene.array, TOLERANCE))
+        corner, turns_per_m = np.repeat(np.arange(len(near), dtype=np.int32)[None], 3, axis=0), known.tones_hz / C
+        tone = turns_per_m.mean(), np.ptp(turns_per_m) / 2, detour_m(turns_per_m)
+        change = np.zeros_like(known.samples)
+        for sign in (1, 0):  # with the waves, and without
+            tables = [
+                t for spread, seen, waves in legs for t in (_table(seen[:, near], sign * waves[..., near]), spread)
+            ]
+            sight = Sight(corner, np.full(corner.shape, 1 / 3, np.float32), *tables, *tone)
+            optics = dataclasses.replace(facets.where(near).optics, sight=sight)
+            change = body_echoes(scene.body, optics, known.tones_hz, scene.array, TOLERANCE) - change
         share = facets.area_m2[near].sum() / facets.area_m2.sum()
         why = f"two tones' images; waves from outlines reach {100 * share:.1f} % of the surface"
-        return _of_shadow(scene, echoes[0] - echoes[1], why, FACETS_PER_S / 16)
+        return _of_shadow(scene, -change, why, FACETS_PER_S / 16)
 
     def apply(self, state: EchoState) -> None:
         surface, scene = state.surface, state.scene
@@ -159,7 +161,7 @@ def _views(
     by buffers of depths [views, p], and the waves [views, k, p] from the outlines that they see."""
     at, spread = nodes_of(antennas_m, np.inf)
     edges, cells = kept_edges(scene, scene.body), cells_of(facets.position_m)
-    wavenumbers = 2 * np.pi * tones_hz / SPEED_OF_LIGHT_M_S
+    wavenumbers = 2 * np.pi * tones_hz / C
     visible, waves = [], []
     for antenna_m in antennas_m[at]:
         whole = outline(scene.body, edges, antenna_m)
@@ -178,7 +180,7 @@ def _table(visible: np.ndarray, waves: np.ndarray) -> np.ndarray:
     """A table of `Sight` [p, 3, views] from what views see [views, p] and the waves there at two tones, the higher one
     first."""
     high, low = visible + waves[:, 0], visible + waves[:, 1]
-    return np.stack([(high + low) / 2, (high - low) / 2, 0 * high]).transpose(2, 0, 1)
+    return np.ascontiguousarray(np.stack([(high + low) / 2, (high - low) / 2, 0 * high]).transpose(2, 0, 1))
 
 
 def _from_ends(facets: Facets, antennas_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

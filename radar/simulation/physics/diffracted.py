@@ -1,4 +1,4 @@
-"""How much of each antenna's field reaches the facets of a body, past its own outline and others': `Sight`.
+"""The share of each antenna's field that reaches the facets of a body past outlines: `Sight`.
 
 The field beside an outline is smooth from point to point, from antenna to antenna and in frequency. It is computed at
 samples of the surface, for few antennas of each line and three tones, and interpolated; there is no ray per facet.
@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from radar.simulation.forward import Sight
+from radar.imaging.cpu.ascent import Sight
 from radar.simulation.physics.diffraction import FARTHEST, cells_of, edge_waves, kept_edges, outline, seen_outline
 from radar.simulation.physics.facets import Facets, quarters
 from radar.simulation.physics.line_of_sight import lines
@@ -27,12 +27,13 @@ IN_SIGHT = np.array([1.0, 0.0, 0.0])[:, None]  # in a table of `Sight`
 def sight_of(
     scene: EchoScene, surface: Body, facets: Facets, hiding: Body, rays: Rays, array: AntennaArray
 ) -> tuple[Sight, np.ndarray]:
-    """How much of a surface's facets antennas see behind a body, and the mask [p] of those of which some transmitter
-    and some receiver see anything. rays: against all that hides."""
+    """The sight of a surface's facets behind a body, and the mask [p] of those of which some transmitter and some
+    receiver see anything. rays: against all that hides."""
     points_m, corner, share = _samples(surface, facets)
     edges, cells = kept_edges(scene, hiding), cells_of(points_m)
-    middle_hz, half_hz = tone = _band(scene.frequencies_hz)
-    wavenumbers = 2 * np.pi * (middle_hz + half_hz * np.array([-1.0, 0.0, 1.0])) / SPEED_OF_LIGHT_M_S
+    turns_per_m = scene.frequencies_hz / SPEED_OF_LIGHT_M_S
+    middle, half = (turns_per_m.max() + turns_per_m.min()) / 2, np.ptp(turns_per_m) / 2 + 1e-6 * turns_per_m.max()
+    wavenumbers = 2 * np.pi * (middle + half * np.array([-1.0, 0.0, 1.0]))
 
     def table_of(antennas_m: np.ndarray) -> np.ndarray:
         table = np.empty((len(points_m), 3, len(antennas_m)), np.complex64)
@@ -53,21 +54,15 @@ def sight_of(
     for table in tables:
         partial |= (np.abs(table - IN_SIGHT) > FULL).any(axis=(1, 2))
         some &= (np.abs(table) > FULL).any(axis=(1, 2))
-    some_of = some[corner].any(axis=1)
-    corner[~partial[corner].any(axis=1)] = -1
-    sight = Sight(tables, (spread_tx, spread_rx), corner, share, *tone, detour_m(scene.frequencies_hz))
-    return sight, some_of
+    seen = some[corner].any(axis=0)
+    corner[:, ~partial[corner].any(axis=0)] = -1
+    legs = tables[0], spread_tx, tables[1], spread_rx
+    return Sight(corner, share, *legs, middle, half, detour_m(turns_per_m)), seen
 
 
-def _band(frequencies_hz: np.ndarray) -> tuple[float, float]:
-    """Middle and half width; of a single tone some width."""
-    low_hz, high_hz = float(frequencies_hz.min()), float(frequencies_hz.max())
-    return (low_hz + high_hz) / 2, max(high_hz - low_hz, 1e-3 * high_hz) / 2
-
-
-def detour_m(frequencies_hz: np.ndarray) -> float:
+def detour_m(turns_per_m: np.ndarray) -> float:
     """The detour whose wave has faded by half."""
-    return float(0.75 * FARTHEST * SPEED_OF_LIGHT_M_S / (2 * np.pi * np.max(frequencies_hz)))
+    return float(0.75 * FARTHEST / (2 * np.pi * np.max(turns_per_m)))
 
 
 def nodes_of(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
@@ -89,7 +84,7 @@ def nodes_of(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.nda
 
 
 def _samples(body: Body, facets: Facets) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points [s, 3] of a body's surface, three of them around each facet: corner [p, 3], and the share [p, 3] of each.
+    """Points [s, 3] of a body's surface, three of them around each facet: corner [3, p], and the share [3, p] of each.
 
     The faces, each split in four until its edges are short; a facet's barycentric coordinates lead it to its part."""
     corners_m = body.vertices_m[body.faces[facets.face]]
@@ -108,7 +103,7 @@ def _samples(body: Body, facets: Facets) -> tuple[np.ndarray, np.ndarray, np.nda
     flat_m = corners_m.reshape(-1, 3)
     tag = flat_m[:, 0] * 0.6180339887 + flat_m[:, 1] * 1.3247179572 + flat_m[:, 2] * 2.2055694304
     _, first, corner = np.unique(tag, return_index=True, return_inverse=True)
-    return flat_m[first], corner.reshape(-1, 3), share.astype(np.float32)
+    return flat_m[first], corner.reshape(-1, 3).T.astype(np.int32), np.ascontiguousarray(share.T, np.float32)
 
 
 def _barycentric(corners_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:

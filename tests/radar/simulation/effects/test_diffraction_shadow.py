@@ -94,8 +94,8 @@ def test_echoes_are_the_sum_over_facets_of_the_outline_s_field():
 
 
 def test_the_fast_chain_weighs_legs_as_the_plain_sum_does():
-    """Within the tolerance, 1e-5: the weights' course over frequency is a parabola, which the tones of a leaf carry with the
-    delays of the waves themselves."""
+    """Within the tolerance, 1e-5: the weights' course over frequency is a parabola, which the tones of a leaf carry
+    with the delays of the waves themselves."""
     surface = state(BODY, tones_hz=np.linspace(72e9, 82e9, 24)).surface
     optics = replace(surface.facets.optics, sight=surface.sight)
     fast, plain = (simulate(optics, np.linspace(72e9, 82e9, 24), ARRAY, tolerance=t) for t in (1e-5, None))
@@ -123,7 +123,7 @@ def test_the_shadow_s_edge_is_smooth():
     line = np.flatnonzero((facets.face >= len(FINGER.faces)) & (np.abs(facets.position_m[:, 1]) < 4e-4))
     line = line[np.argsort(facets.position_m[line, 0])]
     across_m = facets.position_m[line, 0]
-    weights = sight.where(line).weights(0, 80e9)
+    weights = sight.where(line).weights(0, 80e9 / SPEED_OF_LIGHT_M_S)
     assert np.abs(weights).min() < 0.5 and np.abs(weights).max() > 1.0
     steps = np.abs(np.diff(weights, axis=1))
     assert (steps <= 0.05 + 280 * np.diff(across_m)).all()
