@@ -7,11 +7,10 @@ import dataclasses
 import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S as C
-from radar.imaging.cpu.ascent import Sight
 from radar.simulation.effects.base import NOTHING, Effect, Estimate
 from radar.simulation.physics.coarse import visible_from
-from radar.simulation.physics.diffracted import FULL, detour_m, nodes_of, sight_of
-from radar.simulation.physics.diffraction import cells_of, edge_waves, kept_edges, outline
+from radar.simulation.physics.diffracted import NODES_M, samples_of, sights_of
+from radar.simulation.physics.diffraction import Outline, seen_outline
 from radar.simulation.physics.facets import Facets, face_vectors, joined, unit
 from radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
 from radar.simulation.physics.reflection import THIN_M, skin_reflection
@@ -127,60 +126,38 @@ class ShadowDiffraction(Effect):
     def estimate(self, scene: EchoScene) -> Estimate:
         """Of what it changes beyond sharp shadows; the ends of each line of antennas tell about those between them."""
         facets, known = coarse_surface(scene, scene.body), pilot(scene)
-        legs = [_views(scene, facets, leg.position_m, known.tones_hz) for leg in scene.array.legs]
-        near = np.flatnonzero((np.abs(np.concatenate([waves for _, _, waves in legs])) > FULL).any(axis=(0, 1)))
-        corner, turns_per_m = np.repeat(np.arange(len(near), dtype=np.int32)[None], 3, axis=0), known.tones_hz / C
-        tone = turns_per_m.mean(), np.ptp(turns_per_m) / 2, detour_m(turns_per_m)
-        change = np.zeros_like(known.samples)
-        for sign in (1, 0):  # with the waves, and without
-            tables = [
-                t for spread, seen, waves in legs for t in (_table(seen[:, near], sign * waves[..., near]), spread)
-            ]
-            sight = Sight(corner, np.full(corner.shape, 1 / 3, np.float32), *tables, *tone)
-            optics = dataclasses.replace(facets.where(near).optics, sight=sight)
-            change = body_echoes(scene.body, optics, known.tones_hz, scene.array, TOLERANCE) - change
+        around = np.repeat(np.arange(len(facets), dtype=np.int32)[None], 3, axis=0)
+        samples = facets.position_m, around, np.full(around.shape, 1 / 3, np.float32)
+
+        def look(antenna_m: np.ndarray, whole: Outline) -> tuple[Outline, np.ndarray]:
+            across, none = unit(whole.beside_m - whole.start_m - whole.along_m / 2), np.zeros(len(whole.beside_m), int)
+            slanting = unit(unit(antenna_m - whole.beside_m) + SLANT * across)  # of the surface that curves away there
+            beside = Facets(whole.beside_m, none + np.median(facets.area_m2), slanting, none)
+            seen = visible_from(joined([facets, beside]), antenna_m)
+            return whole.where(seen[len(facets) :]), seen[: len(facets)]
+
+        soft, sharp, some = sights_of(scene, scene.body, samples, look, known.tones_hz / C, scene.array, np.inf)
+        near = np.flatnonzero(soft.partial & some)
+        optics = (dataclasses.replace(facets.optics, sight=sight).where(near) for sight in (soft, sharp))
+        one, other = (body_echoes(scene.body, part, known.tones_hz, scene.array, TOLERANCE) for part in optics)
         share = facets.area_m2[near].sum() / facets.area_m2.sum()
-        why = f"two tones' images; waves from outlines reach {100 * share:.1f} % of the surface"
-        return _of_shadow(scene, -change, why, FACETS_PER_S / 16)
+        why = f"two tones' images; {100 * share:.1f} % of the surface is in the blurred shadow of some of the array"
+        return _of_shadow(scene, one - other, why, FACETS_PER_S / 16)
 
     def apply(self, state: EchoState) -> None:
         surface, scene = state.surface, state.scene
         if surface is None:
             return
         body = surface.body
-        facets = facing(scene, body)
-        sight, some = sight_of(scene, body, facets, body, rays_of(scene, body), state.array)
-        surface.facets, surface.seen, surface.sight = facets, None, sight
+        facets, rays = facing(scene, body), rays_of(scene, body)
+        samples, turns_per_m = samples_of(body, facets), scene.frequencies_hz / C
+
+        def look(antenna_m: np.ndarray, whole: Outline) -> tuple[Outline, np.ndarray]:
+            return seen_outline(whole, rays, antenna_m), rays.in_sight(samples[0], antenna_m)
+
+        surface.sight, _, some = sights_of(scene, body, samples, look, turns_per_m, state.array, NODES_M)
+        surface.facets, surface.seen = facets, None
         surface.keep(some)
-
-
-def _views(
-    scene: EchoScene, facets: Facets, antennas_m: np.ndarray, tones_hz: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weights [a, views] by which the ends of each line stand for all antennas, what these see of the target's facets
-    by buffers of depths [views, p], and the waves [views, k, p] from the outlines that they see."""
-    at, spread = nodes_of(antennas_m, np.inf)
-    edges, cells = kept_edges(scene, scene.body), cells_of(facets.position_m)
-    wavenumbers = 2 * np.pi * tones_hz / C
-    visible, waves = [], []
-    for antenna_m in antennas_m[at]:
-        whole = outline(scene.body, edges, antenna_m)
-        count = len(whole.beside_m)
-        across = unit(whole.beside_m - whole.start_m - whole.along_m / 2)
-        slanting = unit(unit(antenna_m - whole.beside_m) + SLANT * across)  # of the surface that curves away there
-        beside = Facets(whole.beside_m, np.full(count, np.median(facets.area_m2)), slanting, np.zeros(count, int))
-        seen = visible_from(joined([facets, beside]), antenna_m)
-        visible.append(seen[: len(facets)])
-        part = whole.where(seen[len(facets) :])
-        waves.append(edge_waves(antenna_m, cells, part, wavenumbers))
-    return spread, np.stack(visible), np.stack(waves)
-
-
-def _table(visible: np.ndarray, waves: np.ndarray) -> np.ndarray:
-    """A table of `Sight` [p, 3, views] from what views see [views, p] and the waves there at two tones, the higher one
-    first."""
-    high, low = visible + waves[:, 0], visible + waves[:, 1]
-    return np.ascontiguousarray(np.stack([(high + low) / 2, (high - low) / 2, 0 * high]).transpose(2, 0, 1))
 
 
 def _from_ends(facets: Facets, antennas_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""The share of each antenna's field that reaches the facets of a body past outlines: `Sight`.
+"""The share of each antenna's field that reaches a surface past outlines: `Sight`.
 
 The field beside an outline is smooth from point to point, from antenna to antenna and in frequency. It is computed at
 samples of the surface, for few antennas of each line and three tones, and interpolated; there is no ray per facet.
@@ -6,102 +6,94 @@ samples of the surface, for few antennas of each line and three tones, and inter
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from radar.data.arrays import AntennaArray
 from radar.imaging.cpu.ascent import Sight
-from radar.simulation.physics.diffraction import FARTHEST, cells_of, edge_waves, kept_edges, outline, seen_outline
+from radar.simulation.physics.diffraction import FARTHEST, Outline, cells_of, edge_waves, kept_edges, outline
 from radar.simulation.physics.facets import Facets, quarters
 from radar.simulation.physics.line_of_sight import lines
 from radar.simulation.scene import Body, EchoScene
 from radar.support.parallel import for_each
-from radar.support.rays import Rays
 
 NODES_M = 0.02  # between the antennas of a line for which the field is computed
 SAMPLES_M = 2e-3  # edges of the triangles at whose corners it is
 FULL = 0.05  # difference from full sight, or from none, that does not count
 IN_SIGHT = np.array([1.0, 0.0, 0.0])[:, None]  # in a table of `Sight`
 
+Samples = tuple[np.ndarray, np.ndarray, np.ndarray]  # points [s, 3]; of each facet, three around it and their shares
+Look = Callable[[np.ndarray, Outline], tuple[Outline, np.ndarray]]  # what an antenna sees: of an outline, and of points
 
-def sight_of(
-    scene: EchoScene, surface: Body, facets: Facets, hiding: Body, rays: Rays, array: AntennaArray
-) -> tuple[Sight, np.ndarray]:
-    """The sight of a surface's facets behind a body, and the mask [p] of those of which some transmitter and some
-    receiver see anything. rays: against all that hides."""
-    points_m, corner, share = _samples(surface, facets)
+
+def sights_of(
+    scene: EchoScene,
+    hiding: Body,
+    samples: Samples,
+    look: Look,
+    turns_per_m: np.ndarray,
+    array: AntennaArray,
+    apart_m: float,
+) -> tuple[Sight, Sight, np.ndarray]:
+    """The sight of facets behind a body by that of antennas up to apart_m apart, the same with sharp shadows, and the
+    mask [p] of the facets of which some transmitter and some receiver see anything."""
+    points_m, corner, share = samples
     edges, cells = kept_edges(scene, hiding), cells_of(points_m)
-    turns_per_m = scene.frequencies_hz / SPEED_OF_LIGHT_M_S
     middle, half = (turns_per_m.max() + turns_per_m.min()) / 2, np.ptp(turns_per_m) / 2 + 1e-6 * turns_per_m.max()
     wavenumbers = 2 * np.pi * (middle + half * np.array([-1.0, 0.0, 1.0]))
+    soft, sharp, some = [], [], np.ones(len(points_m), bool)
+    for leg in array.legs:
+        at, spread = _nodes(leg.position_m, apart_m)
+        table, seen = (np.zeros((len(points_m), 3, len(at)), np.complex64) for _ in range(2))
+        nodes = list(zip(table.transpose(2, 1, 0), seen.transpose(2, 1, 0), leg.position_m[at], strict=True))
 
-    def table_of(antennas_m: np.ndarray) -> np.ndarray:
-        table = np.empty((len(points_m), 3, len(antennas_m)), np.complex64)
+        def work(node: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+            factors, visible, antenna_m = node
+            part, visible[0] = look(antenna_m, outline(hiding, edges, antenna_m))
+            low, middle, high = edge_waves(antenna_m, cells, part, wavenumbers)
+            factors[:] = visible[0] + middle, (high - low) / 2, (high + low) / 2 - middle
 
-        def work(i: int) -> None:
-            seen = seen_outline(outline(hiding, edges, antennas_m[i]), rays, antennas_m[i])
-            low, middle, high = edge_waves(antennas_m[i], cells, seen, wavenumbers) + rays.in_sight(
-                points_m, antennas_m[i]
-            )
-            table[:, 0, i], table[:, 1, i], table[:, 2, i] = middle, (high - low) / 2, (high + low) / 2 - middle
-
-        for_each(work, range(len(antennas_m)))
-        return table
-
-    (at_tx, spread_tx), (at_rx, spread_rx) = (nodes_of(leg.position_m, NODES_M) for leg in array.legs)
-    tables = table_of(array.tx_m[at_tx]), table_of(array.rx_m[at_rx])
-    partial, some = np.zeros(len(points_m), bool), np.ones(len(points_m), bool)
-    for table in tables:
-        partial |= (np.abs(table - IN_SIGHT) > FULL).any(axis=(1, 2))
+        for_each(work, nodes)
         some &= (np.abs(table) > FULL).any(axis=(1, 2))
-    seen = some[corner].any(axis=0)
+        soft += [table, spread]
+        sharp += [seen, spread]
+    partial = np.any([(np.abs(table - IN_SIGHT) > FULL).any(axis=(1, 2)) for table in soft[::2]], axis=0)
+    seen_any = some[corner].any(axis=0)
     corner[:, ~partial[corner].any(axis=0)] = -1
-    legs = tables[0], spread_tx, tables[1], spread_rx
-    return Sight(corner, share, *legs, middle, half, detour_m(turns_per_m)), seen
+    detour_m = 0.75 * FARTHEST / wavenumbers[-1]  # where the wave has faded by half
+    made = (Sight(corner, share, *legs, middle, half, detour_m) for legs in (soft, sharp))
+    return *made, seen_any
 
 
-def detour_m(turns_per_m: np.ndarray) -> float:
-    """The detour whose wave has faded by half."""
-    return float(0.75 * FARTHEST / (2 * np.pi * np.max(turns_per_m)))
-
-
-def nodes_of(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
+def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Indices of antennas [a, 3] up to apart_m apart along each line, and weights [a, nodes] by which all follow."""
-    chosen, parts = [], []
+    chosen: list[int] = []
+    spread = np.zeros((len(antennas_m), len(antennas_m)), np.float32)
     for line in lines(antennas_m):
         along_m = np.concatenate([[0], np.linalg.norm(np.diff(antennas_m[line], axis=0), axis=1).cumsum()])
-        count = min(len(line), 2 + int(along_m[-1] / apart_m))
-        at = np.unique(np.linspace(0, len(line) - 1, count).round().astype(int))
-        weights = CubicSpline(along_m[at], np.eye(len(at)))(along_m) if len(at) > 1 else np.ones((len(line), 1))
-        chosen.append(line[at])
-        parts.append((line, weights))
-    spread = np.zeros((len(antennas_m), sum(map(len, chosen))), np.float32)
-    start = 0
-    for line, weights in parts:
-        spread[line, start : start + weights.shape[1]] = weights
-        start += weights.shape[1]
-    return np.concatenate(chosen), spread
+        at = np.unique(np.linspace(0, len(line) - 1, 2 + int(along_m[-1] / apart_m)).round().astype(int))
+        weights = CubicSpline(along_m[at], np.eye(len(at)))(along_m) if len(at) > 1 else 1.0
+        spread[line, len(chosen) : len(chosen) + len(at)] = weights
+        chosen += line[at].tolist()
+    return np.array(chosen), np.ascontiguousarray(spread[:, : len(chosen)])
 
 
-def _samples(body: Body, facets: Facets) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points [s, 3] of a body's surface, three of them around each facet: corner [3, p], and the share [3, p] of each.
-
-    The faces, each split in four until its edges are short; a facet's barycentric coordinates lead it to its part."""
+def samples_of(body: Body, facets: Facets) -> Samples:
+    """Corners of the faces, each split in four until its edges are short; a facet's barycentric coordinates lead it to
+    its part."""
     corners_m = body.vertices_m[body.faces[facets.face]]
     share = _barycentric(corners_m, facets.position_m)
     edges_m = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(axis=1, initial=0)
-    for _ in range(int(np.ceil(np.log2(max(edges_m.max(initial=0) / SAMPLES_M, 1))))):
-        coarse = np.flatnonzero(edges_m > SAMPLES_M)
+    while len(coarse := np.flatnonzero(edges_m > SAMPLES_M)):
         halves = share[coarse]
-        part = np.where(
-            halves.max(axis=1) >= 0.5, halves.argmax(axis=1), 3
-        )  # of `quarters`: at a corner, or the middle
-        quartered_m = quarters(corners_m[coarse]).reshape(4, len(coarse), 3, 3)
-        corners_m[coarse] = quartered_m[part, np.arange(len(coarse))]
+        part = np.where(halves.max(axis=1) >= 0.5, halves.argmax(axis=1), 3)  # of `quarters`: 3 is the middle
+        corners_m[coarse] = quarters(corners_m[coarse]).reshape(4, len(coarse), 3, 3)[part, np.arange(len(coarse))]
         share[coarse] = _barycentric(corners_m[coarse], facets.position_m[coarse])
         edges_m[coarse] /= 2
     flat_m = corners_m.reshape(-1, 3)
-    tag = flat_m[:, 0] * 0.6180339887 + flat_m[:, 1] * 1.3247179572 + flat_m[:, 2] * 2.2055694304
+    tag = flat_m[:, 0] * 0.6180339887 + flat_m[:, 1] * 1.3247179572 + flat_m[:, 2] * 2.2055694304  # the same: shared
     _, first, corner = np.unique(tag, return_index=True, return_inverse=True)
     return flat_m[first], corner.reshape(-1, 3).T.astype(np.int32), np.ascontiguousarray(share.T, np.float32)
 

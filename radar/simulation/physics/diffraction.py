@@ -61,10 +61,11 @@ class Outline(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """Points position_m [3, n] in cells: their order [n], starts [cells + 1]; centre_m [cells, 3], radius_m [cells]."""
+    """Points in cells: their order [n], places position_m [3, n] from the cell's centre, starts [cells + 1] of cells;
+    centre_m [cells, 3], radius_m [cells]."""
 
-    position_m: np.ndarray
     order: np.ndarray
+    position_m: np.ndarray
     starts: np.ndarray
     centre_m: np.ndarray
     radius_m: np.ndarray
@@ -117,8 +118,9 @@ def cells_of(points_m: np.ndarray) -> Cells:
     starts = np.flatnonzero(np.diff(key[order], prepend=-1, append=-2))
     sorted_m = points_m[order]
     centre_m = np.add.reduceat(sorted_m, starts[:-1]) / np.diff(starts)[:, None]
-    off_m = np.linalg.norm(sorted_m - np.repeat(centre_m, np.diff(starts), axis=0), axis=1)
-    return Cells(np.ascontiguousarray(sorted_m.T), order, starts, centre_m, np.maximum.reduceat(off_m, starts[:-1]))
+    off_m = sorted_m - np.repeat(centre_m, np.diff(starts), axis=0)
+    radius_m = np.sqrt(np.maximum.reduceat((off_m**2).sum(axis=1), starts[:-1]))
+    return Cells(order, np.ascontiguousarray(off_m.T), starts, centre_m, radius_m)
 
 
 def edge_waves(
@@ -135,109 +137,81 @@ def edge_waves(
     if len(edges.start_m) > 0:
         start_m = edges.start_m - antenna_m
         places = start_m, edges.along_m, np.cross(edges.along_m, start_m), edges.within_m
-        _waves(antenna_m, *cells[:1], *cells[2:], places, wavenumbers / (2 * np.pi), farthest, widest, waves)
+        _waves(antenna_m, *cells[1:], places, wavenumbers / (2 * np.pi), farthest, widest, waves)
     found = np.empty(waves.shape[1:], np.complex64)
     found[:, cells.order] = waves[0] + np.complex64(1j) * waves[1]
     return found
 
 
 @numba.njit(**FAST)
-def _waves(  # type: ignore[no-untyped-def]
-    antenna_m, position_m, starts, centre_m, radius_m, edges, turns_per_m, farthest, widest, waves
-):
-    """Fill in waves [2, k, n] cell by cell, with the edges that the points of a cell need; places of edges are from the
+def _waves(antenna_m, position_m, starts, centre_m, radius_m, edges, turns_per_m, farthest, widest, waves):  # type: ignore[no-untyped-def]
+    """Fill in waves [2, k, n] cell by cell, with the edges that the points of a cell need. edges: their places from the
     antenna, normal_m2 [e, 3] = along × start."""
     start_m, along_m, normal_m2, within_m = edges
-    most = np.diff(starts).max()
-    scratch, points = np.empty((4, most), np.float32), np.empty((7, most), np.float32)
+    middle_m = start_m + along_m / 2
+    scratch, points = np.empty((3, np.diff(starts).max()), np.float32), position_m.astype(np.float32)
     for cell in range(len(starts) - 1):
-        begin, n = starts[cell], starts[cell + 1] - starts[cell]
-        cx, cy, cz = (
-            centre_m[cell, 0] - antenna_m[0],
-            centre_m[cell, 1] - antenna_m[1],
-            centre_m[cell, 2] - antenna_m[2],
-        )
-        way = np.sqrt(cx * cx + cy * cy + cz * cz)
-        ux, uy, uz = cx / way, cy / way, cz / way
-        ready = False
+        here, radius, centre = slice(starts[cell], starts[cell + 1]), radius_m[cell], centre_m[cell] - antenna_m
+        way = np.sqrt((centre * centre).sum())
         for e in range(len(start_m)):
-            tx, ty, tz = along_m[e, 0], along_m[e, 1], along_m[e, 2]
-            mx, my, mz = start_m[e, 0] + tx / 2, start_m[e, 1] + ty / 2, start_m[e, 2] + tz / 2
-            before = mx * ux + my * uy + mz * uz
-            behind = way + radius_m[cell] - before
-            if behind <= 0 or before <= 0:
+            mx, my, mz = middle_m[e, 0], middle_m[e, 1], middle_m[e, 2]
+            before = (mx * centre[0] + my * centre[1] + mz * centre[2]) / way
+            behind, square = way + radius - before, mx * mx + my * my + mz * mz - before * before
+            reach = widest * behind + radius
+            if behind <= 0 or before <= 0 or square > reach * reach:
                 continue
-            square = mx * mx + my * my + mz * mz - before * before
-            reach = widest * behind + radius_m[cell]
-            if square > reach * reach or way - radius_m[cell] > within_m[e] + np.sqrt(square) + radius_m[cell]:
-                continue
-            if not ready:
-                _about(points, position_m[:, begin : begin + n], antenna_m, cx, cy, cz)
-                ready = True
-            near = (start_m[e, 0] - cx, start_m[e, 1] - cy, start_m[e, 2] - cz)
-            _angles(scratch, points, n, near, along_m[e], normal_m2[e], within_m[e], widest)
-            for k in range(len(turns_per_m)):
-                _add(waves[0, k, begin : begin + n], waves[1, k, begin : begin + n], scratch, turns_per_m[k], farthest)
+            if way - radius < within_m[e] + np.sqrt(square) + radius:
+                x, y, z = points[0, here], points[1, here], points[2, here]
+                _angles(scratch, x, y, z, centre, start_m[e], along_m[e], normal_m2[e], within_m[e], widest)
+                for k in range(len(turns_per_m)):
+                    _add(waves[0, k, here], waves[1, k, here], scratch, turns_per_m[k], farthest)
     return waves
 
 
 @numba.njit(**FAST)
-def _about(points, position_m, antenna_m, cx, cy, cz):  # type: ignore[no-untyped-def]
-    """Points of a cell: from its centre [3], their directions from the antenna [3], and distance."""
-    for p in range(position_m.shape[1]):
-        dx, dy, dz = position_m[0, p] - antenna_m[0], position_m[1, p] - antenna_m[1], position_m[2, p] - antenna_m[2]
-        points[0, p], points[1, p], points[2, p] = dx - cx, dy - cy, dz - cz
-        distance = np.sqrt(dx * dx + dy * dy + dz * dz)
-        points[3, p], points[4, p], points[5, p], points[6, p] = dx / distance, dy / distance, dz / distance, distance
-
-
-@numba.njit(**FAST)
-def _angles(scratch, points, n, near, along, normal, within, widest):  # type: ignore[no-untyped-def]
-    """For an edge and each of n points: the edge's angle around the ray over 2π, 0 where it does not count; its detour;
-    and half of the detours' difference between its ends."""
-    ax, ay, az = np.float32(near[0]), np.float32(near[1]), np.float32(near[2])
+def _angles(scratch, x, y, z, centre, start, along, normal, within, widest):  # type: ignore[no-untyped-def]
+    """For an edge and each of n points, x, y, z from their cell's centre: the edge's angle around the ray over 2π, 0
+    where it does not count; its detour; and half of the detours' difference between its ends."""
+    cx, cy, cz = np.float32(centre[0]), np.float32(centre[1]), np.float32(centre[2])
+    ax, ay, az = np.float32(start[0] - centre[0]), np.float32(start[1] - centre[1]), np.float32(start[2] - centre[2])
     tx, ty, tz = np.float32(along[0]), np.float32(along[1]), np.float32(along[2])
     nx, ny, nz = np.float32(normal[0]), np.float32(normal[1]), np.float32(normal[2])
-    limit, length = np.float32(within), tx * tx + ty * ty + tz * tz
-    one, half, tiny, wide = np.float32(1), np.float32(0.5), np.float32(1e-20), np.float32(widest)
-    for p in range(n):
-        px, py, pz = ax - points[0, p], ay - points[1, p], az - points[2, p]
-        dx, dy, dz, way = points[3, p], points[4, p], points[5, p], points[6, p]
+    limit, length, wide = np.float32(within), tx * tx + ty * ty + tz * tz, np.float32(widest)
+    zero, one, two, half, tiny = np.float32(0), np.float32(1), np.float32(2), np.float32(0.5), np.float32(1e-20)
+    for p in range(len(x)):
+        dx, dy, dz = cx + x[p], cy + y[p], cz + z[p]
+        px, py, pz = ax - x[p], ay - y[p], az - z[p]
+        way = np.sqrt(dx * dx + dy * dy + dz * dz)
+        dx, dy, dz = dx / way, dy / way, dz / way
         pd, td = px * dx + py * dy + pz * dz, tx * dx + ty * dy + tz * dz
-        pp = px * px + py * py + pz * pz - pd * pd
-        pt, tt = px * tx + py * ty + pz * tz - pd * td, length - td * td
+        pp, pt, tt = px * px + py * py + pz * pz - pd * pd, px * tx + py * ty + pz * tz - pd * td, length - td * td
         behind = max(-pd - half * td, np.float32(1e-6))
         before = max(way - behind, np.float32(1e-6))
-        square = max(pp + pt + np.float32(0.25) * tt, np.float32(0))
-        tilt = min(np.sqrt(square) / behind / wide, one)  # fades from half of the widest on
-        fade = max(np.float32(2) * tilt - one, np.float32(0))
-        counts = one - fade * fade * (np.float32(3) - np.float32(2) * fade)
-        counts = counts if way < limit + np.sqrt(square) else np.float32(0)
-        y, x = dx * nx + dy * ny + dz * nz, pp + pt
-        low, high = min(abs(x), abs(y)), max(max(abs(x), abs(y)), tiny)
-        s = low / high
+        square = max(pp + pt + half * half * tt, zero)
+        fade = max(two * min(np.sqrt(square) / behind / wide, one) - one, zero)
+        counts = one - fade * fade * (one + two * (one - fade))
+        counts = counts if way < limit + np.sqrt(square) else zero
+        sine, cosine = dx * nx + dy * ny + dz * nz, pp + pt
+        s = min(abs(cosine), abs(sine)) / max(max(abs(cosine), abs(sine)), tiny)
         q = s * s
         turn = s * (T0 + q * (T1 + q * (T2 + q * (T3 + q * T4))))
-        turn = np.float32(0.25) - turn if abs(y) > abs(x) else turn
-        turn = half - turn if x < np.float32(0) else turn
-        turn = -turn if y < np.float32(0) else turn
+        turn = half * half - turn if abs(sine) > abs(cosine) else turn
+        turn = half - turn if cosine < zero else turn
         far, close = np.sqrt(before * before + square), np.sqrt(behind * behind + square)
-        scratch[0, p] = turn * counts
+        scratch[0, p] = (-turn if sine < zero else turn) * counts
         scratch[1, p] = square / (far + before) + square / (close + behind)
-        scratch[2, p] = (half * pt + np.float32(0.25) * tt) * (one / far + one / close)
+        scratch[2, p] = half * (pt + half * tt) * (one / far + one / close)
 
 
 @numba.njit(**FAST)
 def _add(re, im, scratch, turns_per_m, farthest):  # type: ignore[no-untyped-def]
     """Add an edge's waves; the turn of the phase from one end to the other fades it by its sinc."""
-    scale, one = np.float32(turns_per_m), np.float32(1)
-    fades = np.float32(2 * np.pi * 2 * turns_per_m / farthest)
-    turns = np.float32((2 * np.pi * turns_per_m) ** 2 / 6)
+    scale, zero, one, two = np.float32(turns_per_m), np.float32(0), np.float32(1), np.float32(2)
+    late, turned = np.float32(4 * np.pi * turns_per_m / farthest), np.float32((2 * np.pi * turns_per_m) ** 2 / 6)
     for p in range(len(re)):
         detour, rise = scratch[1, p], scratch[2, p]
-        late = min(max(detour * fades - one, np.float32(0)), one)
-        amplitude = scratch[0, p] * (one - late * late * (np.float32(3) - np.float32(2) * late))
-        amplitude /= one + turns * rise * rise
+        fade = min(max(detour * late - one, zero), one)
+        amplitude = scratch[0, p] * (one - fade * fade * (one + two * (one - fade))) / (one + turned * rise * rise)
         cosine, sine = cis_small(scale * detour)
         re[p] += amplitude * cosine
         im[p] -= amplitude * sine
