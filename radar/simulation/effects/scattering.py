@@ -9,8 +9,8 @@ import numpy as np
 from radar.data.arrays import SPEED_OF_LIGHT_M_S as C
 from radar.simulation.effects.base import NOTHING, Effect, Estimate
 from radar.simulation.physics.coarse import visible_from
-from radar.simulation.physics.diffracted import NODES_M, samples_of, sights_of
-from radar.simulation.physics.diffraction import Outline, seen_outline
+from radar.simulation.physics.diffracted import NODES_M, by_rays, samples_of, sights_of
+from radar.simulation.physics.diffraction import Outline
 from radar.simulation.physics.facets import Facets, face_vectors, joined, unit
 from radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
 from radar.simulation.physics.reflection import THIN_M, skin_reflection
@@ -149,12 +149,9 @@ class ShadowDiffraction(Effect):
         if surface is None:
             return
         body = surface.body
-        facets, rays = facing(scene, body), rays_of(scene, body)
+        facets = facing(scene, body)
         samples, turns_per_m = samples_of(body, facets), scene.frequencies_hz / C
-
-        def look(antenna_m: np.ndarray, whole: Outline) -> tuple[Outline, np.ndarray]:
-            return seen_outline(whole, rays, antenna_m), rays.in_sight(samples[0], antenna_m)
-
+        look = by_rays(rays_of(scene, body), samples[0])
         surface.sight, _, some = sights_of(scene, body, samples, look, turns_per_m, state.array, NODES_M)
         surface.facets, surface.seen = facets, None
         surface.keep(some)

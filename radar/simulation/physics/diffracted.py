@@ -13,18 +13,28 @@ from scipy.interpolate import CubicSpline
 
 from radar.data.arrays import AntennaArray
 from radar.imaging.cpu.ascent import Sight
-from radar.simulation.physics.diffraction import FARTHEST, Outline, cells_of, edge_waves, kept_edges, outline
+from radar.simulation.physics.diffraction import (
+    FARTHEST,
+    Outline,
+    cells_of,
+    edge_waves,
+    kept_edges,
+    outline,
+    seen_outline,
+)
 from radar.simulation.physics.facets import Facets, quarters
 from radar.simulation.physics.line_of_sight import lines
 from radar.simulation.scene import Body, EchoScene
 from radar.support.parallel import for_each
+from radar.support.rays import Rays
 
 NODES_M = 0.02  # between the antennas of a line for which the field is computed
-SAMPLES_M = 2e-3  # edges of the triangles at whose corners it is
+SAMPLES_M = 2e-3  # longest edges of the triangles at whose corners it is
+CELL = 3.0  # width of the cells of samples over that
 FULL = 0.05  # difference from full sight, or from none, that does not count
 IN_SIGHT = np.array([1.0, 0.0, 0.0])[:, None]  # in a table of `Sight`
 
-Samples = tuple[np.ndarray, np.ndarray, np.ndarray]  # points [s, 3]; of each facet, three around it and their shares
+Samples = tuple[np.ndarray, np.ndarray, np.ndarray]  # points [s, 3]; three around each facet [3, p], and their shares
 Look = Callable[[np.ndarray, Outline], tuple[Outline, np.ndarray]]  # what an antenna sees: of an outline, and of points
 
 
@@ -36,11 +46,12 @@ def sights_of(
     turns_per_m: np.ndarray,
     array: AntennaArray,
     apart_m: float,
+    samples_m: float = SAMPLES_M,
 ) -> tuple[Sight, Sight, np.ndarray]:
     """The sight of facets behind a body by that of antennas up to apart_m apart, the same with sharp shadows, and the
     mask [p] of the facets of which some transmitter and some receiver see anything."""
     points_m, corner, share = samples
-    edges, cells = kept_edges(scene, hiding), cells_of(points_m)
+    edges, cells = kept_edges(scene, hiding), cells_of(points_m, CELL * samples_m)
     middle, half = (turns_per_m.max() + turns_per_m.min()) / 2, np.ptp(turns_per_m) / 2 + 1e-6 * turns_per_m.max()
     wavenumbers = 2 * np.pi * (middle + half * np.array([-1.0, 0.0, 1.0]))
     soft, sharp, some = [], [], np.ones(len(points_m), bool)
@@ -67,6 +78,11 @@ def sights_of(
     return *made, seen_any
 
 
+def by_rays(rays: Rays, points_m: np.ndarray) -> Look:
+    """What an antenna sees by rays."""
+    return lambda antenna_m, whole: (seen_outline(whole, rays, antenna_m), rays.in_sight(points_m, antenna_m))
+
+
 def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Indices of antennas [a, 3] up to apart_m apart along each line, and weights [a, nodes] by which all follow."""
     chosen: list[int] = []
@@ -80,13 +96,13 @@ def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarr
     return np.array(chosen), np.ascontiguousarray(spread[:, : len(chosen)])
 
 
-def samples_of(body: Body, facets: Facets) -> Samples:
+def samples_of(body: Body, facets: Facets, samples_m: float = SAMPLES_M) -> Samples:
     """Corners of the faces, each split in four until its edges are short; a facet's barycentric coordinates lead it to
     its part."""
     corners_m = body.vertices_m[body.faces[facets.face]]
     share = _barycentric(corners_m, facets.position_m)
     edges_m = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(axis=1, initial=0)
-    while len(coarse := np.flatnonzero(edges_m > SAMPLES_M)):
+    while len(coarse := np.flatnonzero(edges_m > samples_m)):
         halves = share[coarse]
         part = np.where(halves.max(axis=1) >= 0.5, halves.argmax(axis=1), 3)  # of `quarters`: 3 is the middle
         corners_m[coarse] = quarters(corners_m[coarse]).reshape(4, len(coarse), 3, 3)[part, np.arange(len(coarse))]

@@ -32,16 +32,16 @@ THICK_M = 2e-3  # what lies less than this behind what is seen beside an edge st
 T0, T1, T2, T3, T4 = map(
     np.float32, (0.15915007, -0.05278828, 0.02946036, -0.01460251, 0.003784)
 )  # arctan(x)/2πx in x²
-CELL_M = 6e-3  # of points that are asked together which edges they need
 
 
 class Edges(NamedTuple):
     """Inner edges of a body: ends [e, 2] of vertices, in the order in which the first of both faces [e, 2] has them;
-    outwards [e, 3]: the mean of both faces' normals."""
+    outwards [e, 3]: the mean of both faces' normals; planes [m, 4]: every face's n·x > d in front of it."""
 
     ends: np.ndarray
     faces: np.ndarray
     outwards: np.ndarray
+    planes: np.ndarray
 
 
 class Outline(NamedTuple):
@@ -80,7 +80,8 @@ def edges_of(body: Body) -> Edges:
     one, other = order[paired], order[paired + 1]
     faces = np.stack([one, other], axis=1) // 3
     normals = unit(face_vectors(body.vertices_m, body.faces))
-    return Edges(directed[one], faces, unit(normals[faces].sum(axis=1)))
+    planes = np.column_stack([normals, (normals * body.vertices_m[body.faces[:, 0]]).sum(axis=1)])
+    return Edges(directed[one], faces, unit(normals[faces].sum(axis=1)), planes)
 
 
 def kept_edges(scene: EchoScene, body: Body) -> Edges:
@@ -90,8 +91,7 @@ def kept_edges(scene: EchoScene, body: Body) -> Edges:
 
 def outline(body: Body, edges: Edges, antenna_m: np.ndarray) -> Outline:
     """The whole outline of a body towards an antenna, with what the body itself hides of it."""
-    corners_m = body.vertices_m[body.faces[:, 0]]
-    front = (face_vectors(body.vertices_m, body.faces) * (antenna_m - corners_m)).sum(axis=1) > 0
+    front = edges.planes @ [*antenna_m, -1.0] > 0
     first, second = front[edges.faces].T
     ends = np.concatenate([edges.ends[first & ~second], edges.ends[second & ~first][:, ::-1]])
     outwards = np.concatenate([edges.outwards[first & ~second], edges.outwards[second & ~first]])
@@ -110,9 +110,9 @@ def seen_outline(whole: Outline, rays: Rays, antenna_m: np.ndarray) -> Outline:
     return whole.where(hit > distance_m - THICK_M, hit + THICK_M)
 
 
-def cells_of(points_m: np.ndarray) -> Cells:
-    """Points [n, 3] by cells."""
-    place = np.floor((points_m - points_m.min(axis=0)) / CELL_M).astype(int)
+def cells_of(points_m: np.ndarray, cell_m: float) -> Cells:
+    """Points [n, 3], asked together which edges they need, by cells of that width."""
+    place = np.floor((points_m - points_m.min(axis=0)) / cell_m).astype(int)
     key = np.ravel_multi_index(place.T, tuple(place.max(axis=0) + 1))
     order = np.argsort(key, kind="stable")
     starts = np.flatnonzero(np.diff(key[order], prepend=-1, append=-2))

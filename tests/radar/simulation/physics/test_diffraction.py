@@ -40,6 +40,6 @@ def test_a_straight_screen_diffracts_as_fresnel_says(x_m):
     body = screen(x_m)
     lines_m = seen_outline(outline(body, edges_of(body), ANTENNA_M), Rays(body.vertices_m, body.faces), ANTENNA_M)
     visible = ~((at_m > x_m[0]) & (at_m < x_m[1]))
-    found = visible + edge_waves(ANTENNA_M, cells_of(points_m), lines_m, K, farthest=40.0, widest=4.0)
+    found = visible + edge_waves(ANTENNA_M, cells_of(points_m, 6e-3), lines_m, K, farthest=40.0, widest=4.0)
     expected = 1 - (knife_edge(x_m[0], at_m) - knife_edge(x_m[1], at_m))
     np.testing.assert_allclose(found, expected, atol=0.05)  # the waves of detours that are left out
