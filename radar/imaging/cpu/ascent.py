@@ -39,7 +39,8 @@ class Sight(NamedTuple):
 
     def weights(self, leg: int, turns_per_m: float) -> np.ndarray:
         """Complex weights [a, n] of a leg, 0 or 1."""
-        u, table, spread = (turns_per_m - self.middle) / self.half, *self[2 + 2 * leg : 4 + 2 * leg]
+        table, spread = (self.table_a, self.spread_a) if leg == 0 else (self.table_b, self.spread_b)
+        u = (turns_per_m - self.middle) / self.half
         nodes = table.transpose(0, 2, 1) @ np.array([1, u, u * u])
         return np.where(self.partial, spread @ (nodes[self.corner] * self.share[:, :, None]).sum(axis=0).T, 1)
 

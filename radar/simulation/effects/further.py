@@ -130,8 +130,8 @@ def _seen_behind(state: EchoState, rays: Rays, body: Body) -> Scatterers:
         return facets.where(rays.in_sight(facets.position_m, CENTRE_M)).optics
     facets = facing(scene, body, LONGEST)
     samples, turns_per_m = samples_of(body, facets, SAMPLES_M), scene.frequencies_hz / SPEED_OF_LIGHT_M_S
-    look = by_rays(rays, samples[0])
-    sight, _, some = sights_of(scene, surface.body, samples, look, turns_per_m, state.array, NODES_M, SAMPLES_M)
+    look = by_rays(rays, samples.points_m)
+    sight, _, some = sights_of(scene, surface.body, samples, look, turns_per_m, state.array, NODES_M)
     return dataclasses.replace(facets.optics, sight=sight).where(some)
 
 

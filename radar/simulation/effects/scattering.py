@@ -9,7 +9,7 @@ import numpy as np
 from radar.data.arrays import SPEED_OF_LIGHT_M_S as C
 from radar.simulation.effects.base import NOTHING, Effect, Estimate
 from radar.simulation.physics.coarse import visible_from
-from radar.simulation.physics.diffracted import NODES_M, by_rays, samples_of, sights_of
+from radar.simulation.physics.diffracted import NODES_M, Samples, by_rays, samples_of, sights_of
 from radar.simulation.physics.diffraction import Outline
 from radar.simulation.physics.facets import Facets, face_vectors, joined, unit
 from radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
@@ -127,7 +127,8 @@ class ShadowDiffraction(Effect):
         """Of what it changes beyond sharp shadows; the ends of each line of antennas tell about those between them."""
         facets, known = coarse_surface(scene, scene.body), pilot(scene)
         around = np.repeat(np.arange(len(facets), dtype=np.int32)[None], 3, axis=0)
-        samples = facets.position_m, around, np.full(around.shape, 1 / 3, np.float32)
+        apart_m = float(np.sqrt(np.median(facets.area_m2)))
+        samples = Samples(facets.position_m, around, np.full(around.shape, 1 / 3, np.float32), apart_m)
 
         def look(antenna_m: np.ndarray, whole: Outline) -> tuple[Outline, np.ndarray]:
             across, none = unit(whole.beside_m - whole.start_m - whole.along_m / 2), np.zeros(len(whole.beside_m), int)
@@ -151,7 +152,7 @@ class ShadowDiffraction(Effect):
         body = surface.body
         facets = facing(scene, body)
         samples, turns_per_m = samples_of(body, facets), scene.frequencies_hz / C
-        look = by_rays(rays_of(scene, body), samples[0])
+        look = by_rays(rays_of(scene, body), samples.points_m)
         surface.sight, _, some = sights_of(scene, body, samples, look, turns_per_m, state.array, NODES_M)
         surface.facets, surface.seen = facets, None
         surface.keep(some)

@@ -7,21 +7,15 @@ samples of the surface, for few antennas of each line and three tones, and inter
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from radar.data.arrays import AntennaArray
 from radar.imaging.cpu.ascent import Sight
-from radar.simulation.physics.diffraction import (
-    FARTHEST,
-    Outline,
-    cells_of,
-    edge_waves,
-    kept_edges,
-    outline,
-    seen_outline,
-)
+from radar.simulation.physics import diffraction
+from radar.simulation.physics.diffraction import Outline, cells_of, edge_waves, kept_edges
 from radar.simulation.physics.facets import Facets, quarters
 from radar.simulation.physics.line_of_sight import lines
 from radar.simulation.scene import Body, EchoScene
@@ -34,27 +28,31 @@ CELL = 3.0  # width of the cells of samples over that
 FULL = 0.05  # difference from full sight, or from none, that does not count
 IN_SIGHT = np.array([1.0, 0.0, 0.0])[:, None]  # in a table of `Sight`
 
-Samples = tuple[np.ndarray, np.ndarray, np.ndarray]  # points [s, 3]; three around each facet [3, p], and their shares
 Look = Callable[[np.ndarray, Outline], tuple[Outline, np.ndarray]]  # what an antenna sees: of an outline, and of points
 
 
+class Samples(NamedTuple):
+    """points_m [s, 3]; corner [3, p]: three around each facet, and the share [3, p] of each; about apart_m apart."""
+
+    points_m: np.ndarray
+    corner: np.ndarray
+    share: np.ndarray
+    apart_m: float
+
+
 def sights_of(
-    scene: EchoScene,
-    hiding: Body,
-    samples: Samples,
-    look: Look,
-    turns_per_m: np.ndarray,
-    array: AntennaArray,
-    apart_m: float,
-    samples_m: float = SAMPLES_M,
+    scene: EchoScene, hiding: Body, samples: Samples, look: Look, turns: np.ndarray, array: AntennaArray, apart_m: float
 ) -> tuple[Sight, Sight, np.ndarray]:
-    """The sight of facets behind a body by that of antennas up to apart_m apart, the same with sharp shadows, and the
-    mask [p] of the facets of which some transmitter and some receiver see anything."""
-    points_m, corner, share = samples
-    edges, cells = kept_edges(scene, hiding), cells_of(points_m, CELL * samples_m)
-    middle, half = (turns_per_m.max() + turns_per_m.min()) / 2, np.ptp(turns_per_m) / 2 + 1e-6 * turns_per_m.max()
+    """The sight of facets behind a body at tones f/c by that of antennas up to apart_m apart, the same with sharp
+    shadows, and the mask [p] of the facets of which some transmitter and some receiver see anything."""
+    points_m, corner, share, _ = samples
+    edges, cells = kept_edges(scene, hiding), cells_of(points_m, CELL * samples.apart_m)
+    middle, half = (turns.max() + turns.min()) / 2, np.ptp(turns) / 2 + 1e-6 * turns.max()
     wavenumbers = 2 * np.pi * (middle + half * np.array([-1.0, 0.0, 1.0]))
-    soft, sharp, some = [], [], np.ones(len(points_m), bool)
+    soft: list[np.ndarray] = []
+    sharp: list[np.ndarray] = []
+    spreads: list[np.ndarray] = []
+    some = np.ones(len(points_m), bool)
     for leg in array.legs:
         at, spread = _nodes(leg.position_m, apart_m)
         table, seen = (np.zeros((len(points_m), 3, len(at)), np.complex64) for _ in range(2))
@@ -62,25 +60,29 @@ def sights_of(
 
         def work(node: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
             factors, visible, antenna_m = node
-            part, visible[0] = look(antenna_m, outline(hiding, edges, antenna_m))
+            part, visible[0] = look(antenna_m, diffraction.outline(hiding, edges, antenna_m))
             low, middle, high = edge_waves(antenna_m, cells, part, wavenumbers)
             factors[:] = visible[0] + middle, (high - low) / 2, (high + low) / 2 - middle
 
         for_each(work, nodes)
         some &= (np.abs(table) > FULL).any(axis=(1, 2))
-        soft += [table, spread]
-        sharp += [seen, spread]
-    partial = np.any([(np.abs(table - IN_SIGHT) > FULL).any(axis=(1, 2)) for table in soft[::2]], axis=0)
+        for kept, made in zip((soft, sharp, spreads), (table, seen, spread), strict=True):
+            kept.append(made)
+    partial = np.any([(np.abs(table - IN_SIGHT) > FULL).any(axis=(1, 2)) for table in soft], axis=0)
     seen_any = some[corner].any(axis=0)
     corner[:, ~partial[corner].any(axis=0)] = -1
-    detour_m = 0.75 * FARTHEST / wavenumbers[-1]  # where the wave has faded by half
-    made = (Sight(corner, share, *legs, middle, half, detour_m) for legs in (soft, sharp))
-    return *made, seen_any
+    last = spreads[1], middle, half, 0.75 * diffraction.FARTHEST / wavenumbers[-1]  # a detour whose wave has half faded
+    one, other = (Sight(corner, share, tables[0], spreads[0], tables[1], *last) for tables in (soft, sharp))
+    return one, other, seen_any
 
 
 def by_rays(rays: Rays, points_m: np.ndarray) -> Look:
-    """What an antenna sees by rays."""
-    return lambda antenna_m, whole: (seen_outline(whole, rays, antenna_m), rays.in_sight(points_m, antenna_m))
+    """A look by rays at outlines and points_m [s, 3]."""
+
+    def look(antenna_m: np.ndarray, whole: Outline) -> tuple[Outline, np.ndarray]:
+        return diffraction.seen_outline(whole, rays, antenna_m), rays.in_sight(points_m, antenna_m)
+
+    return look
 
 
 def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
@@ -111,7 +113,8 @@ def samples_of(body: Body, facets: Facets, samples_m: float = SAMPLES_M) -> Samp
     flat_m = corners_m.reshape(-1, 3)
     tag = flat_m[:, 0] * 0.6180339887 + flat_m[:, 1] * 1.3247179572 + flat_m[:, 2] * 2.2055694304  # the same: shared
     _, first, corner = np.unique(tag, return_index=True, return_inverse=True)
-    return flat_m[first], corner.reshape(-1, 3).T.astype(np.int32), np.ascontiguousarray(share.T, np.float32)
+    around = corner.reshape(-1, 3).T.astype(np.int32)
+    return Samples(flat_m[first], around, np.ascontiguousarray(share.T, np.float32), samples_m)
 
 
 def _barycentric(corners_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
