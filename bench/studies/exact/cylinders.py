@@ -135,9 +135,7 @@ def _with_gradient(kappa: float, highest: int, across_m: np.ndarray) -> tuple[np
     return psi, kappa / 2 * np.stack([below - above, 1j * (below + above)])
 
 
-def _arriving(
-    wave: _Wave, cylinder: Cylinder, highest: int, tx_across_m: np.ndarray, polarisation: str
-) -> np.ndarray:
+def _arriving(wave: _Wave, cylinder: Cylinder, highest: int, tx_across_m: np.ndarray, polarisation: str) -> np.ndarray:
     """Amplitudes [2, m, t] of J_m e^{jmφ} around a cylinder, first those of E_a, then of H_a, from unit dipoles:
     E = (1 + ∇∇·/k²)(d g), H = (j/k) ∇ × (d g), g = e^{−jkR}/R, whose spectrum is −jπ H₀(κ|ρ − ρ'|)."""
     k, beta, kappa = wave
@@ -152,9 +150,7 @@ def _arriving(
     return -1j * np.pi * np.stack([electric, magnetic])
 
 
-def _received(
-    wave: _Wave, cylinder: Cylinder, highest: int, rx_across_m: np.ndarray, polarisation: str
-) -> np.ndarray:
+def _received(wave: _Wave, cylinder: Cylinder, highest: int, rx_across_m: np.ndarray, polarisation: str) -> np.ndarray:
     """Field [2, m, r] along the receivers' dipoles of waves Ψ_m of E_a, then of H_a:
     κ² E_t = −jβ ∇E_a + jk â × ∇H_a."""
     k, beta, kappa = wave
@@ -165,7 +161,11 @@ def _received(
 
 
 def _scatter(
-    wave: _Wave, each: list[tuple[Cylinder, int]], permittivity: complex | None, arriving: np.ndarray, bounces: int | None
+    wave: _Wave,
+    each: list[tuple[Cylinder, int]],
+    permittivity: complex | None,
+    arriving: np.ndarray,
+    bounces: int | None,
 ) -> np.ndarray:
     """Amplitudes [2, m, t] of the waves Ψ_m that all cylinders scatter together, from those that arrive from the
     dipoles.
