@@ -29,7 +29,7 @@ def test_the_skin_of_the_scenes_is_skin_at_80_ghz():
     assert dielectric_permittivity(MATERIALS["skin"]) == pytest.approx(skin_permittivity(np.array([80e9]))[0], rel=0.02)
 
 
-@pytest.mark.parametrize("material", MATERIALS)
+@pytest.mark.parametrize("material", ["metal", "skin"])
 def test_one_finger_echoes_as_the_exact_series_says(material):
     """Amplitude and phase, nothing fitted. Physical optics leaves out what creeps around, polarisation and the angle of
     Γ: a few percent on a finger (0.06 and 0.07 in an independent study of such a finger)."""
