@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -64,7 +65,8 @@ def compare(case: Case, work: Path, tones: str = "all") -> list[Record]:
     start = time.process_time()
     exact = kept_echoes(case, frequencies_hz, array, work / "echoes")
     exact_s = time.process_time() - start
-    known = maps(RadarCapture(exact[None], frequencies_hz, array))
+    methods = METHODS if tones == "all" else ("2fsk", "3fsk", "nfsk-plus")
+    known = maps(RadarCapture(exact[None], frequencies_hz, array), methods)
     scene = EchoScene(array, frequencies_hz, np.zeros(len(frequencies_hz)), body(case))
     found = []
     for effects in LADDERS:
@@ -74,7 +76,7 @@ def compare(case: Case, work: Path, tones: str = "all") -> list[Record]:
         seconds = {"simulate_s": time.perf_counter() - start, "simulate_cpu_s": time.process_time() - cpu_start}
         about: Record = {"scene": case.name, "material": case.material, "polarisation": case.polarisation}
         about |= {"effects": ", ".join(effects), "echo_error": echo_error(capture.samples[0], exact)}
-        ours = maps(capture)
+        ours = maps(capture, methods)
         found.append({**about, **compared(ours, known, case), **seconds, "exact_cpu_s": exact_s})
         _keep(work / "maps", f"{case}, {len(found)}", ours, known)
     return found
@@ -91,11 +93,11 @@ def echo_error(samples: np.ndarray, exact: np.ndarray) -> float:
     return float(np.linalg.norm(samples - exact) / np.linalg.norm(exact))
 
 
-def maps(capture: RadarCapture) -> dict[str, DepthMap]:
-    """Depth maps of the first frame by every method that its tones allow."""
-    enough = len(capture.frequencies_hz) >= TONES
-    chosen = {name: (method(name), v) for name, v in METHODS.items() if enough or name != "broadband"}
-    return {name: m.run(capture, m.configure(values, "exact"), 0).depth for name, (m, values) in chosen.items()}
+def maps(capture: RadarCapture, methods: Iterable[str]) -> dict[str, DepthMap]:
+    """Depth maps of the first frame."""
+    return {
+        name: method(name).run(capture, method(name).configure(METHODS[name], "exact"), 0).depth for name in methods
+    }
 
 
 def compared(ours: dict[str, DepthMap], exact: dict[str, DepthMap], case: Case) -> Record:
@@ -105,15 +107,24 @@ def compared(ours: dict[str, DepthMap], exact: dict[str, DepthMap], case: Case) 
     for name, depth in ours.items():
         near = np.abs(depth.y_m) < LONG_M
         one, other = depth.z_m[near], exact[name].z_m[near]
-        off_mm = 1e3 * np.abs(one - other)[np.isfinite(one) & np.isfinite(other)]
-        seen, front = np.isfinite(other).sum(), front_m(case, depth.x_m, depth.y_m[near])
-        figures = {"mean_mm": off_mm.mean(), "p95_mm": np.percentile(off_mm, 95), "max_mm": off_mm.max()}
-        figures |= {"lost": (np.isfinite(other) & ~np.isfinite(one)).sum() / seen}
-        figures |= {"gained": (np.isfinite(one) & ~np.isfinite(other)).sum() / seen}
-        figures |= {"true_max_mm": 1e3 * np.nanmax(np.abs(one - front))}
-        figures |= {"exact_true_max_mm": 1e3 * np.nanmax(np.abs(other - front))}
+        here, there, front = np.isfinite(one), np.isfinite(other), front_m(case, depth.x_m, depth.y_m[near])
+        figures = {
+            "mean_mm": _of(np.mean, one - other),
+            "p95_mm": _of(lambda off: np.percentile(off, 95), one - other),
+            "max_mm": _of(np.max, one - other),
+            "lost": (there & ~here).sum() / max(there.sum(), 1),
+            "gained": (here & ~there).sum() / max(there.sum(), 1),
+            "true_max_mm": _of(np.max, one - front),
+            "exact_true_max_mm": _of(np.max, other - front),
+        }
         record |= {f"{name}_{key}": float(value) for key, value in figures.items()}
     return record
+
+
+def _of(figure: Callable[[np.ndarray], np.floating], off_m: np.ndarray) -> float:
+    """A figure of |differences| in mm where there are some, else NaN."""
+    known = 1e3 * np.abs(off_m[np.isfinite(off_m)])
+    return float(figure(known)) if len(known) else np.nan
 
 
 def _keep(folder: Path, label: str, ours: dict[str, DepthMap], exact: dict[str, DepthMap]) -> None:

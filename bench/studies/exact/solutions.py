@@ -9,7 +9,8 @@ import numpy as np
 
 from bench.studies.exact.cases import MATERIALS, Case
 from bench.studies.exact.cylinders import ALONG, Cylinder, cylinder_echoes
-from bench.studies.exact.spheres import sphere_echoes
+from bench.studies.exact.edges import HalfPlane, half_plane_echoes
+from bench.studies.exact.spheres import Sphere, sphere_echoes
 from radar.data.arrays import AntennaArray
 from radar.simulation.physics.reflection import HORNY, dielectric_permittivity, skin_permittivity
 from radar.support.errors import HandbenchError
@@ -19,16 +20,18 @@ from radar.support.files import content_hash, read_npz, write_npz
 def exact_echoes(case: Case, frequencies_hz: np.ndarray, array: AntennaArray) -> np.ndarray:
     """Samples complex128 [f, t, r] of a case."""
     filling, coat = fillings(case, frequencies_hz)
-    cylinders = [one for one in case.bodies if isinstance(one, Cylinder)]
-    if len(cylinders) == len(case.bodies) and coat is None:
+    if coat is None and all(isinstance(one, Cylinder) for one in case.bodies):
+        cylinders = [one for one in case.bodies if isinstance(one, Cylinder)]
         return cylinder_echoes(cylinders, frequencies_hz, array, case.polarisation, filling)
-    (sphere,) = case.bodies
-    if isinstance(sphere, Cylinder):
-        raise HandbenchError(f"{case}: exact echoes of coated cylinders are unknown; take a sphere")
+    one, *further = case.bodies
+    if isinstance(one, HalfPlane) and filling is None and case.polarisation == ALONG and not further:
+        return half_plane_echoes(one, frequencies_hz, array)
+    if not isinstance(one, Sphere) or further:
+        raise HandbenchError(f"{case}: no exact solution; expected bare cylinders, one sphere, or a metal half-plane")
     dipole = np.array([0.0, 1.0, 0.0] if case.polarisation == ALONG else [1.0, 0.0, 0.0])
     if coat is not None:
-        sphere = replace(sphere, coat_m=MATERIALS[case.material].palm_thickness_m)
-    return sphere_echoes(sphere, frequencies_hz, array, dipole, filling, coat)
+        one = replace(one, coat_m=MATERIALS[case.material].palm_thickness_m)
+    return sphere_echoes(one, frequencies_hz, array, dipole, filling, coat)
 
 
 def fillings(case: Case, frequencies_hz: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
