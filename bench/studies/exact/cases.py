@@ -1,5 +1,5 @@
-"""The scenes: fingers and a palm as cylinders, spheres, and a plate's edge, of metal or of what skin is at 80 GHz, as
-meshes and as axes, centres or edges."""
+"""The scenes: fingers and a palm as cylinders, and spheres, of metal or of what skin is at 80 GHz, as meshes and as
+axes or centres."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.studies.exact.cylinders import ACROSS, ALONG, Cylinder
-from bench.studies.exact.edges import HalfPlane
-from bench.studies.exact.spheres import Sphere
+from bench.studies.exact.mie_series import Sphere
 from radar.simulation.scene import Body, Material
 from radar.support.rays import load_open3d
 
 HALF_LENGTH_M = 0.16  # of the meshes; no specular point of the array lies beyond a third of it
 AROUND_M, ALONG_M = 0.5e-3, 2e-3  # edges of the meshes: 4 µm inside the cylinder
-THICK_M = 0.2e-3  # of the plate
 FINGER_M, PALM_M = 8e-3, 25e-3  # radii
 MATERIALS = {
     "metal": Material(),
@@ -23,13 +21,13 @@ MATERIALS = {
     "palm": Material(kind="skin", palm_thickness_m=0.4e-3),  # under its horny layer
 }
 
-Shape = Cylinder | Sphere | HalfPlane
+Shape = Cylinder | Sphere
 
 
 @dataclass(frozen=True)
 class Case:
-    """A scene of a material before dipoles along or across the cylinders, or along y or x. bodies: cylinders, or one
-    sphere or half-plane."""
+    """A scene of a material before dipoles along or across the cylinders, or along y or x. bodies: cylinders or
+    spheres."""
 
     name: str
     bodies: tuple[Shape, ...]
@@ -57,29 +55,28 @@ SCENES: dict[str, tuple[Shape, ...]] = {
     "finger before palm": _before_palm(0.0),
     "finger before palm, 12 mm aside": _before_palm(12e-3),
     **{f"sphere of {1e3 * r_m:.0f} mm": (Sphere((0.0, 0.0, 0.29), r_m),) for r_m in (10e-3, 5e-3, 2e-3)},
-    "plate's edge": (HalfPlane(0.0, 0.3),),
 }
 COATED = "sphere of 10 mm"  # the scene that is also measured of a palm's material
 
 
 def cases(polarisations: str) -> list[Case]:
-    """All scenes of both materials, a sphere of the palm's, and the plate of metal before dipoles along its edge."""
+    """All scenes of both materials, and a sphere of the palm's."""
     wanted = polarisations.split(",")
     return [
         Case(name, bodies, material, polarisation)
         for name, bodies in SCENES.items()
         for material in MATERIALS
-        if material == "metal" or (name == COATED if material == "palm" else not isinstance(bodies[0], HalfPlane))
+        if material != "palm" or name == COATED
         for polarisation in (ALONG, ACROSS)
-        if polarisation in wanted and (polarisation == ALONG or not isinstance(bodies[0], HalfPlane))
+        if polarisation in wanted
     ]
 
 
 def body(case: Case) -> Body:
-    """Its cylinders, with closed ends, its spheres, or its plate as one body of meshes."""
+    """Its cylinders, with closed ends, or its spheres as one body of meshes."""
     vertices_m, faces, count = [], [], 0
     for one in case.bodies:
-        own_m, own_faces = _mesh(one)
+        own_m, own_faces = tube(one) if isinstance(one, Cylinder) else ball(one)
         vertices_m.append(own_m)
         faces.append(own_faces + count)
         count += len(own_m)
@@ -91,9 +88,6 @@ def front_m(case: Case, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
     """Depth [y, x] of the front of what lies behind each pixel; NaN where nothing does."""
     z_m = np.full((len(y_m), len(x_m)), np.inf)
     for one in case.bodies:
-        if isinstance(one, HalfPlane):
-            z_m[:, x_m > one.x_m] = one.z_m
-            continue
         if isinstance(one, Cylinder):
             squared, middle_m = (x_m - one.x_m)[None, :] ** 2 + 0 * y_m[:, None], one.z_m
         else:
@@ -102,12 +96,6 @@ def front_m(case: Case, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
         inside = squared < one.radius_m**2
         z_m[inside] = np.minimum(z_m[inside], middle_m - np.sqrt(one.radius_m**2 - squared[inside]))
     return np.where(np.isfinite(z_m), z_m, np.nan)
-
-
-def _mesh(one: Shape) -> tuple[np.ndarray, np.ndarray]:
-    if isinstance(one, Cylinder):
-        return tube(one)
-    return ball(one) if isinstance(one, Sphere) else plate(one)
 
 
 def tube(cylinder: Cylinder) -> tuple[np.ndarray, np.ndarray]:
@@ -124,22 +112,3 @@ def ball(sphere: Sphere) -> tuple[np.ndarray, np.ndarray]:
     steps = int(np.ceil(np.pi * sphere.radius_m / (AROUND_M / 2)))  # from pole to pole
     made = load_open3d().geometry.TriangleMesh.create_sphere(sphere.radius_m, steps)
     return np.asarray(made.vertices) + sphere.centre_m, np.asarray(made.triangles)
-
-
-def plate(half_plane: HalfPlane) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices [n, 3] and faces [m, 3] of its part before the array as a thin box, counter-clockwise seen from outside,
-    of squares of ALONG_M, which are flat enough there."""
-    x_m = half_plane.x_m + np.arange(0, 2 * HALF_LENGTH_M + ALONG_M / 2, ALONG_M)
-    y_m = np.arange(-HALF_LENGTH_M, HALF_LENGTH_M + ALONG_M / 2, ALONG_M)
-    # the front from the left to the right, then the back from the right to the left, around two rims
-    around_m = np.concatenate([np.stack([x_m, 0 * x_m], 1), np.stack([x_m[::-1], 0 * x_m + THICK_M], 1)])
-    n, rows = len(around_m), len(y_m)
-    rings = [np.column_stack([around_m[:, 0], np.full(n, y), half_plane.z_m + around_m[:, 1]]) for y in y_m]
-    i, j = np.meshgrid(np.arange(n), np.arange(rows - 1))
-    a, b = (i + n * j).ravel(), ((i + 1) % n + n * j).ravel()
-    faces = np.concatenate([np.stack([a, a + n, b], 1), np.stack([b, a + n, b + n], 1)])
-    strip = np.arange(len(x_m) - 1)
-    low = np.concatenate(
-        [np.stack([strip, strip + 1, n - 1 - strip], 1), np.stack([strip + 1, n - 2 - strip, n - 1 - strip], 1)]
-    )
-    return np.concatenate(rings), np.concatenate([faces, low, low[:, ::-1] + n * (rows - 1)])

@@ -9,8 +9,7 @@ import numpy as np
 
 from bench.studies.exact.cases import MATERIALS, Case
 from bench.studies.exact.cylinders import ALONG, Cylinder, cylinder_echoes
-from bench.studies.exact.edges import HalfPlane, half_plane_echoes
-from bench.studies.exact.spheres import Sphere, sphere_echoes
+from bench.studies.exact.mie_series import Sphere, sphere_echoes
 from radar.data.arrays import AntennaArray
 from radar.simulation.physics.reflection import HORNY, dielectric_permittivity, skin_permittivity
 from radar.support.errors import HandbenchError
@@ -24,10 +23,8 @@ def exact_echoes(case: Case, frequencies_hz: np.ndarray, array: AntennaArray) ->
         cylinders = [one for one in case.bodies if isinstance(one, Cylinder)]
         return cylinder_echoes(cylinders, frequencies_hz, array, case.polarisation, filling)
     one, *further = case.bodies
-    if isinstance(one, HalfPlane) and filling is None and case.polarisation == ALONG and not further:
-        return half_plane_echoes(one, frequencies_hz, array)
     if not isinstance(one, Sphere) or further:
-        raise HandbenchError(f"{case}: no exact solution; expected bare cylinders, one sphere, or a metal half-plane")
+        raise HandbenchError(f"{case}: no exact solution; expected bare cylinders or one sphere")
     dipole = np.array([0.0, 1.0, 0.0] if case.polarisation == ALONG else [1.0, 0.0, 0.0])
     if coat is not None:
         one = replace(one, coat_m=MATERIALS[case.material].palm_thickness_m)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.studies.exact.cases import MATERIALS, Case, ball, body, plate, tube
+from bench.studies.exact.cases import MATERIALS, Case, ball, body, tube
 from bench.studies.exact.cylinders import ALONG, Cylinder, cylinder_echoes
-from bench.studies.exact.edges import HalfPlane
-from bench.studies.exact.spheres import Sphere
+from bench.studies.exact.mie_series import Sphere
 from groundtruth.mesh.mesh_files import mesh
 from radar.data.arrays import AntennaArray, qar50
 from radar.simulation.physics.reflection import dielectric_permittivity, skin_permittivity
@@ -21,11 +20,7 @@ FINGER = Cylinder(0.0, 0.29, 8e-3)
 
 @pytest.mark.parametrize(
     ("made", "volume_m3"),
-    [
-        (tube(FINGER), np.pi * 8e-3**2 * 0.32),
-        (ball(Sphere((0.0, 0.0, 0.29), 5e-3)), 4 / 3 * np.pi * 5e-3**3),
-        (plate(HalfPlane(0.01, 0.3)), 0.32**2 * 0.2e-3),
-    ],
+    [(tube(FINGER), np.pi * 8e-3**2 * 0.32), (ball(Sphere((0.0, 0.0, 0.29), 5e-3)), 4 / 3 * np.pi * 5e-3**3)],
 )
 def test_a_mesh_is_closed(made, volume_m3):
     """Its faces turn outwards: the volume by the divergence theorem is the body's."""
