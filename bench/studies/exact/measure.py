@@ -42,7 +42,8 @@ def study(work: Path, polarisations: str, tones: str) -> Study:
     unknown = set(polarisations.split(",")) - {"along", "across"}
     if unknown:
         raise HandbenchError(f"--polarisations: {', '.join(sorted(unknown))}; expected along, across, or both")
-    measure, figure = partial(compare, work=work, tones=tones), partial(draw, folder=work / "maps")
+    measure = partial(compare, work=work, tones=tones)
+    figure = partial(draw, work / "maps", [effects[-1] for effects in LADDERS])
     title = "Simulated echoes against exact solutions"
     return Study("exact", title, cases(polarisations), measure, tables, lambda _: figure())
 
