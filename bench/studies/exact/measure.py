@@ -113,8 +113,8 @@ def compared(ours: dict[str, DepthMap], exact: dict[str, DepthMap], case: Case) 
             "mean_mm": _of(np.mean, one - other),
             "p95_mm": _of(lambda off: np.percentile(off, 95), one - other),
             "max_mm": _of(np.max, one - other),
-            "lost": (there & ~here).sum() / max(there.sum(), 1),
-            "gained": (here & ~there).sum() / max(there.sum(), 1),
+            "lost": (there & ~here).sum() / there.sum() if there.any() else np.nan,
+            "gained": (here & ~there).sum() / there.sum() if there.any() else np.nan,
             "true_max_mm": _of(np.max, one - front),
             "exact_true_max_mm": _of(np.max, other - front),
         }
