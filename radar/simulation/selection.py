@@ -27,6 +27,7 @@ EFFECTS: tuple[Effect, ...] = (
     scattering.Obliquity(),
     scattering.ShadowCentre(),
     scattering.ShadowAntennas(),
+    scattering.ShadowDiffraction(),
     scattering.Skin(),
     Dielectric(),
     Multipath(),
@@ -43,7 +44,8 @@ IDS = tuple(effect.id for effect in EFFECTS)
 
 Wanted = tuple[str, ...] | Literal["auto"]
 SAFETY = 2.0
-CONTAINED = {"shadow_centre": "shadow_antennas"}  # the one is done by the other, where that is on
+# The one is done by the other, where that is on.
+CONTAINED = {"shadow_centre": "shadow_antennas", "shadow_antennas": "shadow_diffraction"}
 
 # How strongly the target reflects hardly moves its depths, but it matters beside echoes that do not share that
 # strength: clutter has its own, and two bounces have its square.
@@ -99,10 +101,14 @@ def _budget(estimates: dict[str, Estimate], tolerance_mm: float) -> dict[str, st
         left_out[name] = f"with all that is smaller, twice its size is {spent_mm:.3f} of {tolerance_mm:g} mm"
     if any(name in estimates and name not in left_out for name in ABSOLUTE):
         left_out = {name: why for name, why in left_out.items() if name not in STRENGTHS}
-    for name, container in CONTAINED.items():
-        if container in estimates and container not in left_out:
-            left_out[name] = f"contained in {container}"
-    return left_out
+    on = {name for name in estimates if name not in left_out}
+    return left_out | {name: f"contained in {container}" for name in CONTAINED if (container := _container(name, on))}
+
+
+def _container(name: str, on: set[str]) -> str | None:
+    """The effect among those that are on which does what `name` does, too."""
+    container = CONTAINED.get(name)
+    return container if container is None or container in on else _container(container, on)
 
 
 def _choice(

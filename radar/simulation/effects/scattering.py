@@ -6,9 +6,12 @@ import dataclasses
 
 import numpy as np
 
+from radar.data.arrays import SPEED_OF_LIGHT_M_S as C
 from radar.simulation.effects.base import NOTHING, Effect, Estimate
 from radar.simulation.physics.coarse import visible_from
-from radar.simulation.physics.facets import Facets, face_vectors
+from radar.simulation.physics.diffracted import NODES_M, Samples, by_rays, samples_of, sights_of
+from radar.simulation.physics.diffraction import Outline
+from radar.simulation.physics.facets import Facets, face_vectors, joined, unit
 from radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
 from radar.simulation.physics.reflection import THIN_M, skin_reflection
 from radar.simulation.pilot import (
@@ -44,6 +47,7 @@ class Obliquity(Effect):
             state.surface.oblique = True
 
 
+SLANT = 4.0  # tangent between a ray past an outline and the normal there, for buffers of depths
 FACETS_PER_S = 5e5  # of the estimate's coarse ones; on two cores
 
 
@@ -106,6 +110,52 @@ class ShadowAntennas(Effect):
         tx, rx = np.split(seen, [len(state.array.tx_m)])
         surface.seen = tx, rx
         surface.keep(np.asarray(tx.any(axis=0) & rx.any(axis=0)))
+
+
+class ShadowDiffraction(Effect):
+    """Waves bend around the outline of what hides. Left out: what creeps around curved edges, polarisation, waves that
+    bend twice, and angles beyond some 40°; where a path bounces twice, its shadows stay sharp."""
+
+    id = "shadow_diffraction"
+    does = "shadows of each antenna are as blurred as diffraction makes them (sharp ones are then not used)"
+    source = "Kirchhoff's integral along outlines: Miyamoto & Wolf 1962"
+
+    def missing(self, scene: EchoScene) -> str:
+        return scene.lacks_surface
+
+    def estimate(self, scene: EchoScene) -> Estimate:
+        """Of what it changes beyond sharp shadows; the ends of each line of antennas tell about those between them."""
+        facets, known = coarse_surface(scene, scene.body), pilot(scene)
+        around = np.repeat(np.arange(len(facets), dtype=np.int32)[None], 3, axis=0)
+        apart_m = float(np.sqrt(np.median(facets.area_m2)))
+        samples = Samples(facets.position_m, around, np.full(around.shape, 1 / 3, np.float32), apart_m)
+
+        def look(antenna_m: np.ndarray, whole: Outline) -> tuple[Outline, np.ndarray]:
+            across, none = unit(whole.beside_m - whole.start_m - whole.along_m / 2), np.zeros(len(whole.beside_m), int)
+            slanting = unit(unit(antenna_m - whole.beside_m) + SLANT * across)  # of the surface that curves away there
+            beside = Facets(whole.beside_m, none + np.median(facets.area_m2), slanting, none)
+            seen = visible_from(joined([facets, beside]), antenna_m)
+            return whole.where(seen[len(facets) :]), seen[: len(facets)]
+
+        soft, sharp, some = sights_of(scene, scene.body, samples, look, known.tones_hz / C, scene.array, np.inf)
+        near = np.flatnonzero(soft.partial & some)
+        optics = (dataclasses.replace(facets.optics, sight=sight).where(near) for sight in (soft, sharp))
+        one, other = (body_echoes(scene.body, part, known.tones_hz, scene.array, TOLERANCE) for part in optics)
+        share = facets.area_m2[near].sum() / facets.area_m2.sum()
+        why = f"two tones' images; {100 * share:.1f} % of the surface is in the blurred shadow of some of the array"
+        return _of_shadow(scene, one - other, why, FACETS_PER_S / 16)
+
+    def apply(self, state: EchoState) -> None:
+        surface, scene = state.surface, state.scene
+        if surface is None:
+            return
+        body = surface.body
+        facets = facing(scene, body)
+        samples, turns_per_m = samples_of(body, facets), scene.frequencies_hz / C
+        look = by_rays(rays_of(scene, body), samples.points_m)
+        surface.sight, _, some = sights_of(scene, body, samples, look, turns_per_m, state.array, NODES_M)
+        surface.facets, surface.seen = facets, None
+        surface.keep(some)
 
 
 def _from_ends(facets: Facets, antennas_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

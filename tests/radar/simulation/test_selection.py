@@ -110,7 +110,7 @@ def test_how_strongly_a_target_echoes_matters_before_clutter(catalogue):
 
 
 def test_every_effect_says_what_it_is():
-    assert len(set(IDS)) == len(EFFECTS) == 16
+    assert len(set(IDS)) == len(EFFECTS) == 17
     for known in EFFECTS:
         assert known.does and known.source
 
