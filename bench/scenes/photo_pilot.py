@@ -48,12 +48,8 @@ class Pilot:
         points_m, normals, rays, distances_m, seen = _points(studio)
         self.shape = seen.shape  # points, cameras
         camera, point = self.camera, self.point = np.nonzero(seen.T)
-        point_m, normal, ray, distance_m = (
-            points_m[point],
-            normals[point],
-            rays[point, camera],
-            distances_m[point, camera],
-        )
+        point_m, normal = points_m[point], normals[point]
+        ray, distance_m = rays[point, camera], distances_m[point, camera]
         self.pixel_m = SHRINK * distance_m / np.array([one.params[0] for one in cameras])[camera]
         self.incidence = -(ray * normal).sum(axis=1)
         cosine = np.where((point[:, None] == point) & (camera[:, None] != camera), ray @ ray.T, -1)
