@@ -14,6 +14,7 @@ from radar.simulation.causes import Causes
 from radar.support.config import Config
 
 DEPTH_STEP_HZ = 2.5e9  # f1 − f3 of the paper's 3-FSK: the step that its depths come from
+COARSE = 0.08  # of the depth step, as 200 MHz of 2.5 GHz: the step that finds where the fine one looks
 MOST_FOAM = 1.5
 USUAL = {"foam": 1.03, "plastic": 2.7}  # permittivity: expanded polystyrene; printed PLA, solid
 
@@ -119,6 +120,20 @@ class EchoScene:
         """Their frequencies; a lone tone has a partner that is not measured, a depth step below it."""
         high_hz, low_hz = (float(self.frequencies_hz[tone]) for tone in self.pair)
         return high_hz, low_hz if low_hz < high_hz else high_hz - self.depth_step_hz
+
+    @property
+    def coarse_hz(self) -> float | None:
+        """The measured tone nearest to COARSE of a depth step below the highest, which 2-FSK tells depths by; None
+        where it is half as far again."""
+        usual_hz, below_hz = COARSE * self.depth_step_hz, self.frequencies_hz.max() - self.frequencies_hz
+        nearest = int(np.abs(below_hz - usual_hz).argmin())
+        return float(self.frequencies_hz[nearest]) if abs(below_hz[nearest] - usual_hz) < usual_hz / 2 else None
+
+    @property
+    def strictness(self) -> float:
+        """How much more a phase weighs in 2-FSK, if its tones are measured, than between the pair of tones."""
+        high_hz, low_hz = self.pair_hz
+        return 1.0 if self.coarse_hz is None else max((high_hz - low_hz) / (high_hz - self.coarse_hz), 1.0)
 
     @property
     def depth_m_per_rad(self) -> float:

@@ -20,6 +20,7 @@ class PositionErrors(Effect):
     id = "positions"
     does = "true antenna positions about the nominal ones"
     source = "the pilot's two tones with one set of errors of the same spread"
+    takes_time = False
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.positions.sigma_m else "[sensor.positions] with sigma_m"
@@ -46,6 +47,7 @@ class AntennaPattern(Effect):
     id = "pattern"
     does = "the antennas' directivity"
     source = "the pilot's two tones with it; cosᵠ: Balanis, Antenna Theory, sec. 2.6; the QAR50's width is not public"
+    takes_time = False
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.pattern.beamwidth_deg is not None else "[sensor.pattern] with beamwidth_deg"
@@ -66,6 +68,7 @@ class AntennaCoupling(Effect):
     id = "coupling"
     does = "leakage from transmitters to receivers"
     source = "the pilot's two tones with the leakage added, at the level that the scene gives"
+    takes_time = False
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.coupling.level_db is not None else "[sensor.coupling] with level_db"
@@ -96,6 +99,7 @@ class ChannelErrors(Effect):
     id = "channels"
     does = "gain, phase and delay errors of each antenna"
     source = "the pilot's two tones with one set of errors of the same spread"
+    takes_time = False
 
     def missing(self, scene: EchoScene) -> str:
         causes = scene.causes.channels
@@ -128,6 +132,7 @@ class DeadElements(Effect):
     id = "dead"
     does = "antennas that give nothing"
     source = "the pilot's two tones without those channels"
+    takes_time = False
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.dead.tx or scene.causes.dead.rx else "[sensor.dead] with tx or rx"

@@ -5,21 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from radar.data.arrays import AntennaArray
-from radar.simulation.effects.base import NOTHING, Effect, Estimate
+from radar.simulation.effects.base import NOTHING, TURN, Effect, Estimate, Glance
 from radar.simulation.physics.bundles import RX_NODES_M, TX_NODES_M, Bundles, nodes
-from radar.simulation.physics.coarse import double_bounce, visible_from
-from radar.simulation.physics.facets import Facets, joined
+from radar.simulation.physics.coarse import double_bounce, single_bounce, visible_from
+from radar.simulation.physics.facets import Facets, face_vectors, joined
 from radar.simulation.physics.line_of_sight import rays_of
 from radar.simulation.physics.ray_tubes import trace
-from radar.simulation.physics.reflection import echo_reflection
+from radar.simulation.physics.reflection import body_reflection, echo_reflection
 from radar.simulation.pilot import CENTRE_M, TOLERANCE, body_echoes, coarse_surface, pilot, rms, visible_surface
 from radar.simulation.scene import Body, EchoScene
 from radar.simulation.state import EchoState, Surface, facing
 from radar.support.rays import Rays
 
 PATCH = 0.25  # longest edge of a mirror, wavelengths
-TURN = 0.15  # rad between two tones per relative amplitude, mean over the pixels: 0.10 to 0.22 measured on four hands
-SECONDS, SECONDS_PER_TUBE = 0.5, 1.6e-6  # on two cores
+SECONDS_PER_FACE, SECONDS_PER_TUBE, SECONDS_PER_FACET = 3e-6, 3e-6, 7e-6
 
 
 class Multipath(Effect):
@@ -34,16 +33,29 @@ class Multipath(Effect):
     def missing(self, scene: EchoScene) -> str:
         return scene.lacks_surface
 
+    def cost_s(self, scene: EchoScene) -> float:
+        count = _twice(scene)[1]
+        tubes = count * 4 * len(nodes(scene.array.tx_m, TX_NODES_M))  # the estimate's facets are twice as coarse
+        return SECONDS_PER_FACE * len(scene.body.faces) + SECONDS_PER_TUBE * tubes
+
+    def glance(self, scene: EchoScene) -> Glance:
+        caught, count = _twice(scene)
+        if count == 0:
+            return Glance(0.0, "no facet mirrors onto another")
+        material, once = scene.body.material, target_power(scene)
+        reflection = float(np.abs(echo_reflection(material, scene.frequencies_hz)).max())
+        ratio = reflection * np.sqrt(caught / once) if once > 0 else np.inf
+        return Glance.of_level(scene, ratio, f"geometrical optics of {count} facets that mirror onto others")
+
     def estimate(self, scene: EchoScene) -> Estimate:
-        caught, count = double_bounce(visible_surface(scene), scene.array, CENTRE_M)
+        caught, count = _twice(scene)
         why = f"geometrical optics of {count} facets that mirror onto others"
         reflection = np.abs(echo_reflection(scene.body.material, pilot(scene).tones_hz)).max()
         ratio = float(scene.wavelength_m * np.sqrt(caught) * reflection**2 / rms(pilot(scene).samples))
         if ratio == 0:
-            return Estimate(0.0, NOTHING, why, SECONDS)
-        tubes = count * 4 * len(nodes(scene.array.tx_m, TX_NODES_M))  # the estimate's facets are twice as coarse
+            return Estimate(0.0, NOTHING, why, self.cost_s(scene))
         depth_mm = 1e3 * scene.depth_m_per_rad * min(TURN * ratio, np.pi / 2)
-        return Estimate(depth_mm, float(20 * np.log10(ratio)), why, SECONDS + tubes * SECONDS_PER_TUBE)
+        return Estimate(depth_mm, float(20 * np.log10(ratio)), why, self.cost_s(scene))
 
     def apply(self, state: EchoState) -> None:
         surface = state.surface
@@ -64,6 +76,16 @@ class Multipath(Effect):
         state.extra.append(echo)
 
 
+def _twice(scene: EchoScene) -> tuple[float, int]:
+    """`double_bounce` of the target. Made once."""
+    return scene.kept("twice", lambda: double_bounce(visible_surface(scene), scene.array, CENTRE_M))
+
+
+def target_power(scene: EchoScene) -> float:
+    """`single_bounce` of the target, as if it were of metal."""
+    return single_bounce(visible_surface(scene), scene.array, CENTRE_M)
+
+
 def _layers(surface: Surface) -> np.ndarray:
     """The layer of each face of the body [m]; 0 where no facet of it is in sight."""
     layer = np.zeros(len(surface.body.faces), int)
@@ -82,6 +104,20 @@ class Clutter(Effect):
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.room else "[stand] with reflectivity_db"
+
+    def cost_s(self, scene: EchoScene) -> float:
+        area_m2 = sum(np.linalg.norm(face_vectors(b.vertices_m, b.faces), axis=1).sum() for b in scene.room) / 2
+        return SECONDS_PER_FACET * 2 * area_m2 / (PATCH * scene.wavelength_m) ** 2
+
+    def glance(self, scene: EchoScene) -> Glance | None:
+        """As if the nearest body of the room were a mirror before all of the array: 1/(2z) of what it returns."""
+        if scene.lacks_surface:
+            return None
+        target = np.abs(echo_reflection(scene.body.material, scene.frequencies_hz)).min() * np.sqrt(target_power(scene))
+        nearest_m = min(float(body.vertices_m[:, 2].min()) for body in scene.room)
+        level = max(float(np.abs(body_reflection(body, scene.frequencies_hz)).max()) for body in scene.room)
+        ratio = level / (2 * nearest_m * target) if target > 0 and nearest_m > 0 else np.inf
+        return Glance.of_level(scene, ratio, "the room's echo, were it a mirror, over the target's")
 
     def estimate(self, scene: EchoScene) -> Estimate:
         known = pilot(scene)

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from radar.simulation.effects.base import NOTHING, Effect, Estimate
+from radar.simulation.effects.base import NOTHING, Effect, Estimate, Glance
 from radar.simulation.physics.coarse import visible_from
 from radar.simulation.physics.facets import Facets, face_vectors
 from radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
@@ -31,6 +31,7 @@ class Obliquity(Effect):
     id = "obliquity"
     does = "facets scatter with physical optics' obliquity, each antenna by its own angle"
     source = "the pilot's two tones without it; the integrand 2n·û of physical optics, see radar.simulation.forward"
+    takes_time = False
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.target is not None else "a target with a surface"
@@ -44,7 +45,7 @@ class Obliquity(Effect):
             state.surface.oblique = True
 
 
-FACETS_PER_S = 5e5  # of the estimate's coarse ones; on two cores
+FACETS_PER_S = 5e5  # of the estimate's coarse ones
 
 
 class ShadowCentre(Effect):
@@ -53,6 +54,7 @@ class ShadowCentre(Effect):
     id = "shadow_centre"
     does = "facets hidden from the aperture's centre, or turned away from it, echo nothing"
     source = "geometry, one ray per facet; the bound from a buffer of depths"
+    takes_time = False
 
     def missing(self, scene: EchoScene) -> str:
         return scene.lacks_surface
@@ -83,12 +85,34 @@ class ShadowAntennas(Effect):
     def missing(self, scene: EchoScene) -> str:
         return scene.lacks_surface
 
-    def estimate(self, scene: EchoScene) -> Estimate:
-        """Of what it changes beyond `shadow_centre`."""
+    def cost_s(self, scene: EchoScene) -> float:
+        return len(coarse_surface(scene, scene.body)) / (FACETS_PER_S / 8)
+
+    def glance(self, scene: EchoScene) -> Glance:
+        """The disputed facets' share of all, as the aperture's centre sees or would see them."""
+        facets, visible = coarse_surface(scene, scene.body), seen_from_centre(scene)
+        cosine = -(facets.position_m * facets.normal).sum(axis=1) / np.linalg.norm(facets.position_m, axis=1)
+        faced_m2 = facets.area_m2 * np.maximum(cosine, 0)
+        ratio = faced_m2[self._disputed(scene)[0]].sum() / max(faced_m2[visible].sum(), 1e-12)
+        why = f"buffers of depths hide {100 * ratio:.2g} % of the surface in sight from some of the array"
+        return Glance.of_level(scene, float(ratio), why)
+
+    def _disputed(self, scene: EchoScene) -> tuple[np.ndarray, ...]:
+        """Mask [p] of the coarse facets that some antennas see and some do not; from which views they are seen, and the
+        view nearest to each antenna, of transmitters and of receivers. Made once."""
+        return scene.kept("disputed", lambda: self._dispute(scene))
+
+    def _dispute(self, scene: EchoScene) -> tuple[np.ndarray, ...]:
         facets, visible = coarse_surface(scene, scene.body), seen_from_centre(scene)
         (tx, nearest_tx), (rx, nearest_rx) = (_from_ends(facets, leg.position_m) for leg in scene.array.legs)
         everyone = tx.all(axis=0) & rx.all(axis=0) & visible
         differ = ~everyone & ((tx.any(axis=0) & rx.any(axis=0)) | visible)
+        return differ, tx, nearest_tx, rx, nearest_rx
+
+    def estimate(self, scene: EchoScene) -> Estimate:
+        """Of what it changes beyond `shadow_centre`."""
+        facets, visible = coarse_surface(scene, scene.body), seen_from_centre(scene)
+        differ, tx, nearest_tx, rx, nearest_rx = self._disputed(scene)
         share = facets.area_m2[differ].sum() / facets.area_m2.sum()
         change = _pair_of(scene, facets.where(differ), (tx[:, differ][nearest_tx], rx[:, differ][nearest_rx]))
         change -= _pair_of(scene, facets.where(differ & visible))
@@ -146,6 +170,7 @@ class Skin(Effect):
     id = "skin"
     does = "reflection of skin, with the palm's horny layer"
     source = "Gabriel et al. 1996 and Alekseev & Ziskin 2007; the slope of arg Γ between two tones"
+    takes_time = False
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.target is not None and scene.target.material.kind == "skin" else "a target of skin"

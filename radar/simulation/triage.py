@@ -1,0 +1,132 @@
+"""The choice of `effects = "auto"`: which effects a scene can do without, found for less than they cost.
+
+An effect that takes no time is on, unasked. Of the others a glance tells which are nothing or far too much. The rest is
+rehearsed (radar.simulation.rehearsal) one by one and then all that is left out together, but only where that takes less
+than SHARE of the simulation and what has been saved already: what is not worth its estimate is on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from radar.simulation.effects.base import Effect, Estimate, Glance, echo_s
+from radar.simulation.rehearsal import Change, Rehearsal
+from radar.simulation.scene import EchoScene
+
+SHARE = 0.04  # of the whole simulation's seconds: what estimating may take
+LITTLE = 0.02  # of the same: an effect that takes less is on, unasked
+CLEAR = 10.0  # by this factor a glance may be wrong
+SAFETY = 2.0  # and by this one a rehearsal
+LOST_MM = 10.0  # a pixel lost or gained counts as much as one that moves so far
+REHEARSED = 0.4  # seconds of a rehearsal over those of a simulation, which has more tones and finer facets
+
+
+@dataclass
+class Triage:
+    """left_out: the effects that are not needed, and why; reasons: of those that are on; estimates: of those that
+    named no cost; changes: by method, of those that were rehearsed."""
+
+    left_out: dict[str, str] = field(default_factory=dict)
+    reasons: dict[str, str] = field(default_factory=dict)
+    estimates: dict[str, Estimate] = field(default_factory=dict)
+    changes: dict[str, dict[str, Change]] = field(default_factory=dict)
+
+
+def worst_mm(changes: dict[str, Change]) -> float:
+    """The largest change of a method's map, lost and gained pixels included."""
+    return max(max(change.depth_mm, LOST_MM * change.pixels) for change in changes.values())
+
+
+def triage(scene: EchoScene, effects: Sequence[Effect], contained: dict[str, str], tolerance_mm: float) -> Triage:
+    """The effects (of those that the scene has a cause for) that together change no method's map by more than the
+    tolerance; contained: effects that another one does, where that is on."""
+    found, spent_mm = Triage(), 0.0
+    costs = {effect.id: effect.cost_s(scene) if effect.takes_time else 0.0 for effect in effects}
+    whole_s = echo_s(scene) + sum(cost or 0.0 for cost in costs.values())
+    doubtful = []
+    for effect in effects:
+        cost_s, glance = costs[effect.id], None
+        if not effect.takes_time:
+            found.reasons[effect.id] = "on unasked, since it takes no time"
+        elif cost_s is not None and cost_s < LITTLE * whole_s:
+            found.reasons[effect.id] = f"on unasked, since it takes about {100 * cost_s / whole_s:.1f} % of the time"
+        elif (glance := _glance(effect, scene)) is None:
+            doubtful.append(effect)
+        elif CLEAR * glance.worst_mm <= tolerance_mm and spent_mm + SAFETY * glance.worst_mm <= tolerance_mm:
+            spent_mm += SAFETY * glance.worst_mm
+            found.left_out[effect.id] = f"far below {tolerance_mm:g} mm: {_told(glance)}"
+        elif glance.worst_mm >= CLEAR * tolerance_mm:
+            found.reasons[effect.id] = f"far above {tolerance_mm:g} mm: {_told(glance)}"
+        else:
+            doubtful.append(effect)
+    spare_s = SHARE * whole_s + sum(costs[name] or 0.0 for name in found.left_out)
+    believed = [effect for effect in doubtful if costs[effect.id] is None]
+    spent_mm = _believe(found, scene, believed, tolerance_mm, spent_mm)
+    if rest := [effect for effect in doubtful if costs[effect.id] is not None]:
+        price_s = rehearsal_s(scene, {effect.id: costs[effect.id] or 0.0 for effect in rest})
+        if price_s > spare_s:
+            why = f"on, since its estimate would take about {price_s:.1f} of {whole_s:.1f} s"
+            found.reasons |= {effect.id: why for effect in rest}
+        else:
+            _rehearse(found, scene, effects, contained, rest, tolerance_mm - spent_mm)
+    return found
+
+
+def rehearsal_s(scene: EchoScene, costs: dict[str, float]) -> float:
+    """Seconds of a rehearsal of these effects beside those that take no time, each left out once."""
+    return REHEARSED * (echo_s(scene) * (2 + len(costs)) + sum(costs.values()))
+
+
+def _believe(found: Triage, scene: EchoScene, effects: Sequence[Effect], tolerance_mm: float, spent_mm: float) -> float:
+    """Leave out the smallest by their own estimates, as far as the tolerance reaches; returns what is spent of it."""
+    found.estimates = {effect.id: effect.estimate(scene) for effect in effects}
+    sizes = {name: scene.strictness * estimate.depth_mm for name, estimate in found.estimates.items()}
+    for name in sorted(sizes, key=sizes.__getitem__):
+        spent_mm += SAFETY * sizes[name]
+        if spent_mm > tolerance_mm:
+            break
+        found.left_out[name] = f"with all that is smaller, twice its size is {spent_mm:.3f} of {tolerance_mm:g} mm"
+    return spent_mm if spent_mm <= tolerance_mm else tolerance_mm
+
+
+def _rehearse(
+    found: Triage,
+    scene: EchoScene,
+    effects: Sequence[Effect],
+    contained: dict[str, str],
+    asked: Sequence[Effect],
+    left_mm: float,
+) -> None:
+    """Rehearse the effects in doubt beside those that take no time, and leave out as many as together stay below."""
+    names = [effect.id for effect in asked]
+    cast = [effect for effect in effects if effect.id in names or not effect.takes_time]
+    rehearsal = Rehearsal(scene, cast, contained)
+    found.changes = {name: rehearsal.change({name}) for name in names}
+    sizes = {name: worst_mm(change) for name, change in found.changes.items()}
+    out: list[str] = []
+    for name in sorted(sizes, key=sizes.__getitem__):
+        together_mm = worst_mm(rehearsal.change({*out, name})) if out else sizes[name]
+        if SAFETY * together_mm > left_mm:
+            break
+        out.append(name)
+        found.left_out[name] = f"rehearsed: with all that is smaller it changes maps by {together_mm:.3f} mm"
+    rest = [name for name in names if name not in out]
+    found.reasons |= {name: f"rehearsed: changes maps by {sizes[name]:.3f} mm" for name in rest}
+
+
+def _glance(effect: Effect, scene: EchoScene) -> Glance | None:
+    return scene.kept(("glance", effect.id), lambda: effect.glance(scene))
+
+
+def _told(glance: Glance) -> str:
+    size = (
+        "nothing"
+        if glance.worst_mm == 0
+        else f"about {glance.worst_mm:.2g} mm"
+        if np.isfinite(glance.worst_mm)
+        else "any"
+    )
+    return f"{size} at a glance ({glance.why})"
