@@ -24,10 +24,10 @@ from radar.simulation.scene import COARSE, EchoScene
 from radar.simulation.state import EchoState
 
 COARSER = 2.0  # edges of facets and mirrors over those of a simulation
-PIXELS = 8000  # of the box around the target
+PIXELS = 8000  # of the box around the target, about
 MARGIN_M = 5e-3  # of that box
-LEAST_STEP_M, FILTER_M = 1e-3, 5e-3  # of the pixels, and of 3-FSK's averaging filters
-FINE = "3fsk"  # the method of the fine depth step, which every scene has
+STEP_M, FILTER_M = (1e-3, 2e-3), 5e-3  # least and largest of the pixels, and of 3-FSK's averaging filters
+METHODS = ("2fsk", FINE := "3fsk", "narrowband")  # whose maps are made; FINE alone where no close tones are measured
 VOXEL_M = 1e-3  # along z
 DEEPEST_M = 0.12  # of the box that narrowband looks through, as the paper's 0.08
 REFLECTING = frozenset({"skin", "dielectric"})  # what echoes over two places take from the surface
@@ -35,8 +35,8 @@ REFLECTING = frozenset({"skin", "dielectric"})  # what echoes over two places ta
 
 @dataclass(frozen=True)
 class Change:
-    """What leaving effects out does to a depth map: depth_mm, the mean |Δz| of the pixels that are on target with and
-    without them; pixels, those lost and gained as a share of those on target with all effects."""
+    """The change of a depth map where effects are left out: depth_mm, the mean |Δz| of the pixels that are on target
+    with and without them; pixels, those lost and gained as a share of those on target with all effects."""
 
     depth_mm: float
     pixels: float
@@ -79,14 +79,25 @@ class Rehearsal:
         self._extra: dict[str, np.ndarray] = {}  # extra echoes by the effect that adds them
         self._before: dict[str, np.ndarray] = {}  # samples of the whole as each effect finds them
         self._levels: dict[str, float] = {}
+        self._made: dict[frozenset[str], np.ndarray] = {}
         self.samples = self._simulated(frozenset())
         self._grid = _box(self.scene)
         self.maps = self._imaged(self.samples)
 
     def change(self, without: Iterable[str]) -> dict[str, Change]:
-        """What leaving these effects out does to each method's map."""
-        maps = self._imaged(self._simulated(frozenset(without)))
+        """The change of each method's map where these effects are left out."""
+        maps = self._imaged(self._left_out(frozenset(without)))
         return {name: Change.between(z_m, maps[name]) for name, z_m in self.maps.items()}
+
+    def level_db(self, without: Iterable[str]) -> float:
+        """Power of the echoes' change where these effects are left out, against that of all of them."""
+        change = np.linalg.norm(self._left_out(frozenset(without)) - self.samples) / np.linalg.norm(self.samples)
+        return 20 * np.log10(change) if change > 0 else -np.inf
+
+    def _left_out(self, without: frozenset[str]) -> np.ndarray:
+        if without not in self._made:
+            self._made[without] = self._simulated(without)
+        return self._made[without]
 
     def _simulated(self, without: frozenset[str]) -> np.ndarray:
         """Samples complex64 [f, t, r] without some effects. Echoes over two places are taken over from the whole,
@@ -116,8 +127,12 @@ class Rehearsal:
 
     def _imaged(self, samples: np.ndarray) -> dict[str, np.ndarray]:
         """Depths [ny, nx] of each method's map."""
-        capture = RadarCapture(samples[None], self.scene.frequencies_hz, self.scene.array)
         x, y, z, size_px = self._grid
+        if not samples.any():
+            return dict.fromkeys(
+                METHODS if self._close else (FINE,), np.full((len(y.values_m()), len(x.values_m())), np.nan)
+            )
+        capture = RadarCapture(samples[None], self.scene.frequencies_hz, self.scene.array)
         low_hz, near_hz, high_hz = self.scene.frequencies_hz
         given = {"x": x, "y": y, "tolerance": TOLERANCE}
         tones = {"f1_hz": high_hz, "f2_hz": near_hz}
@@ -147,14 +162,14 @@ def _coarse(scene: EchoScene) -> Coarse:
 
 
 def _box(scene: EchoScene) -> tuple[Axis, Axis, Axis, int]:
-    """Axes of a box around the target's facets and balls with about PIXELS pixels, and the filters' size. A room may
-    outshine the target: the box is then as wide as the methods' images."""
+    """Axes of a box around the target's facets and balls, and the filters' size. A room may outshine the target: the
+    box is then as wide as the methods' images."""
     points_m = EchoState(scene, 1).points_m
     reach_m = max((ball.radius_m for ball in scene.balls), default=0.0) + MARGIN_M
     low_m, high_m = points_m.min(axis=0) - reach_m, points_m.max(axis=0) + reach_m
     if scene.room:
         low_m[:2], high_m[:2] = PAPER_LATERAL.start_m, PAPER_LATERAL.stop_m
-    step_m = max(LEAST_STEP_M, float(np.sqrt(np.prod((high_m - low_m)[:2]) / PIXELS)))
+    step_m = float(np.clip(np.sqrt(np.prod((high_m - low_m)[:2]) / PIXELS), *STEP_M))
     x, y = (_axis(low_m[i], high_m[i], step_m) for i in (0, 1))
     size_px = 1 + 2 * round((FILTER_M / step_m - 1) / 2)
     return x, y, _axis(low_m[2], min(high_m[2], low_m[2] + DEEPEST_M), VOXEL_M), max(size_px, 1)

@@ -131,7 +131,7 @@ class EchoScene:
 
     @property
     def strictness(self) -> float:
-        """How much more a phase weighs in 2-FSK, if its tones are measured, than between the pair of tones."""
+        """The weight of a phase in 2-FSK, if its tones are measured, over that between the pair of tones."""
         high_hz, low_hz = self.pair_hz
         return 1.0 if self.coarse_hz is None else max((high_hz - low_hz) / (high_hz - self.coarse_hz), 1.0)
 

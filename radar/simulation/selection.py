@@ -9,11 +9,11 @@ from typing import Literal
 import numpy as np
 
 from radar.simulation.effects import antennas, receiver, scattering
-from radar.simulation.effects.base import Effect
+from radar.simulation.effects.base import Effect, Estimate
 from radar.simulation.effects.dielectric import Dielectric
 from radar.simulation.effects.further import Clutter, Multipath
 from radar.simulation.effects.motion import TargetMotion
-from radar.simulation.rehearsal import FINE, Change, Rehearsal
+from radar.simulation.rehearsal import FINE, Rehearsal
 from radar.simulation.scene import EchoScene
 from radar.simulation.triage import Triage, triage
 from radar.support.config import Config, suggest
@@ -74,16 +74,20 @@ def choose(scene: EchoScene, wanted: Wanted, tolerance_mm: float, explain: bool 
         if not missing.get(container, "not known") and container not in found.left_out:
             found.left_out[name] = f"contained in {container}"
     if explain:
-        found.estimates = {effect.id: effect.estimate(scene) for effect in there}
-        found.changes = _each_left_out(scene, there)
+        _explain(found, scene, there)
     return tuple(_choice(effect.id, wanted, missing[effect.id], found) for effect in EFFECTS)
 
 
-def _each_left_out(scene: EchoScene, effects: Sequence[Effect]) -> dict[str, dict[str, Change]]:
-    """What leaving out each effect does, beside all others; of a contained one, together with what contains it."""
+def _explain(found: Triage, scene: EchoScene, effects: Sequence[Effect]) -> None:
+    """Add what leaving out each effect does, beside all others; of a contained one, together with what contains it."""
+    own = {effect.id: effect.estimate(scene) for effect in effects}
     rehearsal = Rehearsal(scene, effects, CONTAINED)
-    names = [{effect.id, CONTAINED.get(effect.id, effect.id)} for effect in effects]
-    return {effect.id: rehearsal.change(without) for effect, without in zip(effects, names, strict=True)}
+    for effect in effects:
+        without = {effect.id, CONTAINED.get(effect.id, effect.id)}
+        found.changes[effect.id], level_db = rehearsal.change(without), rehearsal.level_db(without)
+        glance = effect.glance(scene)
+        why = "rehearsed" if glance is None else f"rehearsed; {glance.why}"
+        found.estimates[effect.id] = own[effect.id] or Estimate(0.0, level_db, why, effect.cost_s(scene) or 0.0)
 
 
 def check_names(names: tuple[str, ...]) -> None:

@@ -82,7 +82,8 @@ def rehearsal_s(scene: EchoScene, costs: dict[str, float]) -> float:
 
 def _believe(found: Triage, scene: EchoScene, effects: Sequence[Effect], tolerance_mm: float, spent_mm: float) -> float:
     """Leave out the smallest by their own estimates, as far as the tolerance reaches; returns what is spent of it."""
-    found.estimates = {effect.id: effect.estimate(scene) for effect in effects}
+    asked = {effect.id: effect.estimate(scene) for effect in effects}
+    found.estimates = {name: estimate for name, estimate in asked.items() if estimate is not None}
     sizes = {name: scene.strictness * estimate.depth_mm for name, estimate in found.estimates.items()}
     for name in sorted(sizes, key=sizes.__getitem__):
         spent_mm += SAFETY * sizes[name]

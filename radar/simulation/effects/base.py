@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from radar.simulation.pilot import change_db, change_mm, coarse_surface
+from radar.simulation.pilot import coarse_surface
 from radar.simulation.scene import EchoScene
 from radar.simulation.state import EchoState
 
@@ -24,15 +24,9 @@ class Estimate:
     why: str
     cost_s: float = 0.0
 
-    @classmethod
-    def of(cls, scene: EchoScene, samples: np.ndarray, why: str, cost_s: float = 0.0) -> Estimate:
-        """The estimate of an effect that makes these of the pilot's samples [2, t, r]."""
-        return cls(change_mm(scene, samples), change_db(scene, samples), why, cost_s)
-
 
 NOTHING = -np.inf  # decibels
 TURN = 0.15  # rad between two tones per relative amplitude, mean over the pixels: 0.10 to 0.22 measured on four hands
-
 
 FACET_S, TONE_S = 3e-6, 4e-8  # of a coarse facet's echo, and of each tone in it
 
@@ -71,16 +65,16 @@ class Effect(ABC):
         return ""
 
     def cost_s(self, scene: EchoScene) -> float | None:
-        """Seconds that it will take, on one core; None: not known, and "auto" believes its estimate."""
+        """Seconds that it will take, on one core; None: not known, and "auto" believes `estimate`."""
         return None
 
     def glance(self, scene: EchoScene) -> Glance | None:
-        """See `Glance`; None: nothing is told so quickly."""
+        """The size at a glance, without a ray or a random number; None: nothing is told so quickly."""
         return None
 
-    @abstractmethod
-    def estimate(self, scene: EchoScene) -> Estimate:
-        """A cheap bound: it casts no ray and draws no random number. Only asked where nothing is missing."""
+    def estimate(self, scene: EchoScene) -> Estimate | None:
+        """Its own estimate, where it names no cost; None: it is on. Only asked where nothing is missing."""
+        return None
 
     @abstractmethod
     def apply(self, state: EchoState) -> None:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from radar.data.arrays import AntennaArray
-from radar.simulation.effects.base import NOTHING, TURN, Effect, Estimate, Glance
+from radar.simulation.effects.base import Effect, Glance
 from radar.simulation.physics.bundles import RX_NODES_M, TX_NODES_M, Bundles, nodes
-from radar.simulation.physics.coarse import double_bounce, single_bounce, visible_from
-from radar.simulation.physics.facets import Facets, face_vectors, joined
+from radar.simulation.physics.coarse import double_bounce, single_bounce
+from radar.simulation.physics.facets import face_vectors
 from radar.simulation.physics.line_of_sight import rays_of
 from radar.simulation.physics.ray_tubes import trace
 from radar.simulation.physics.reflection import body_reflection, echo_reflection
-from radar.simulation.pilot import CENTRE_M, TOLERANCE, body_echoes, coarse_surface, pilot, rms, visible_surface
+from radar.simulation.pilot import CENTRE_M, body_echoes, visible_surface
 from radar.simulation.scene import Body, EchoScene
 from radar.simulation.state import EchoState, Surface, facing
 from radar.support.rays import Rays
@@ -46,16 +46,6 @@ class Multipath(Effect):
         reflection = float(np.abs(echo_reflection(material, scene.frequencies_hz)).max())
         ratio = reflection * np.sqrt(caught / once) if once > 0 else np.inf
         return Glance.of_level(scene, ratio, f"geometrical optics of {count} facets that mirror onto others")
-
-    def estimate(self, scene: EchoScene) -> Estimate:
-        caught, count = _twice(scene)
-        why = f"geometrical optics of {count} facets that mirror onto others"
-        reflection = np.abs(echo_reflection(scene.body.material, pilot(scene).tones_hz)).max()
-        ratio = float(scene.wavelength_m * np.sqrt(caught) * reflection**2 / rms(pilot(scene).samples))
-        if ratio == 0:
-            return Estimate(0.0, NOTHING, why, self.cost_s(scene))
-        depth_mm = 1e3 * scene.depth_m_per_rad * min(TURN * ratio, np.pi / 2)
-        return Estimate(depth_mm, float(20 * np.log10(ratio)), why, self.cost_s(scene))
 
     def apply(self, state: EchoState) -> None:
         surface = state.surface
@@ -119,16 +109,6 @@ class Clutter(Effect):
         ratio = level / (2 * nearest_m * target) if target > 0 and nearest_m > 0 else np.inf
         return Glance.of_level(scene, ratio, "the room's echo, were it a mirror, over the target's")
 
-    def estimate(self, scene: EchoScene) -> Estimate:
-        known = pilot(scene)
-        samples = known.samples.copy()
-        for body in scene.room:
-            facets = coarse_surface(scene, body)
-            facets = facets.where(_beside_target(scene, facets))
-            samples += body_echoes(body, facets.optics, known.tones_hz, scene.array, TOLERANCE)
-        why = f"two tones' images with the room's {len(scene.room)} bodies, but where the target stands before them"
-        return Estimate.of(scene, samples, why, cost_s=5.0)
-
     def apply(self, state: EchoState) -> None:
         scene = state.scene
         rays = _rays([*scene.room, *_opaque_target(scene, state.with_target)])
@@ -144,12 +124,6 @@ def _opaque_target(scene: EchoScene, with_target: bool) -> tuple[Body, ...]:
     """The target, if it stands there and casts a shadow: foam does not."""
     body = scene.target if with_target else None
     return () if body is None or body.transparent else (body,)
-
-
-def _beside_target(scene: EchoScene, facets: Facets) -> np.ndarray:
-    """Mask [p] of the room's facets that the target does not hide from the aperture's centre, without rays."""
-    target = [coarse_surface(scene, body) for body in _opaque_target(scene, True)]
-    return visible_from(joined([*target, facets]), CENTRE_M)[sum(map(len, target)) :]
 
 
 def _rays(bodies: list[Body]) -> Rays:

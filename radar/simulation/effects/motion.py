@@ -13,7 +13,7 @@ import numpy as np
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.imaging.cpu.steering import phasor
 from radar.simulation.causes import Motion
-from radar.simulation.effects.base import Effect, Estimate, Glance, echo_s
+from radar.simulation.effects.base import Effect, Glance, echo_s
 from radar.simulation.scene import EchoScene
 from radar.simulation.state import EchoState
 from radar.support.errors import HandbenchError
@@ -51,18 +51,6 @@ class TargetMotion(Effect):
         moved_m = mean_change_m(scene.causes.motion, np.abs(scene.time_s - scene.time_s[top]))
         worst_m = float((scene.frequencies_hz[top] / below_hz * moved_m).max())
         return Glance(1e3 * worst_m, "(f/Δf)·Δδ of the motion between two tones")
-
-    def estimate(self, scene: EchoScene) -> Estimate:
-        motion = scene.causes.motion
-        top, other = scene.pair
-        apart_s = float(abs(scene.time_s[top] - scene.time_s[other]))
-        moved_m = float(mean_change_m(motion, np.array(apart_s)))
-        gain = 4 * np.pi * scene.frequencies_hz[top] / SPEED_OF_LIGHT_M_S * scene.depth_m_per_rad  # f/Δf
-        direction, middle_m = np.array(motion.direction), scene.middle_m
-        towards = abs(float(direction @ middle_m / np.linalg.norm(direction) / np.linalg.norm(middle_m)))
-        why = f"(f/Δf)·Δδ = {gain:.0f} · {1e3 * moved_m:.3f} mm in {1e3 * apart_s:.0f} ms between the tones"
-        turned_rad = 2 * np.pi * scene.frequencies_hz[top] / SPEED_OF_LIGHT_M_S * 2 * moved_m
-        return Estimate(1e3 * towards * gain * moved_m, 20 * np.log10(turned_rad + 1e-12), why, cost_s=2.0)
 
     def apply(self, state: EchoState) -> None:
         if not state.with_target:

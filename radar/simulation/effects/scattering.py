@@ -2,25 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
-from radar.simulation.effects.base import NOTHING, Effect, Estimate, Glance
+from radar.simulation.effects.base import Effect, Glance
 from radar.simulation.physics.coarse import visible_from
 from radar.simulation.physics.facets import Facets, face_vectors
 from radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
 from radar.simulation.physics.reflection import THIN_M, skin_reflection
-from radar.simulation.pilot import (
-    CENTRE_M,
-    TOLERANCE,
-    body_echoes,
-    coarse_surface,
-    echoes_of,
-    pilot,
-    seen_from_centre,
-    visible_surface,
-)
+from radar.simulation.pilot import CENTRE_M, coarse_surface, seen_from_centre
 from radar.simulation.scene import Body, EchoScene
 from radar.simulation.state import EchoState, facing
 
@@ -36,16 +25,12 @@ class Obliquity(Effect):
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.target is not None else "a target with a surface"
 
-    def estimate(self, scene: EchoScene) -> Estimate:
-        even = echoes_of(scene, pilot(scene).tones_hz, scene.array, oblique=False)
-        return Estimate.of(scene, even, "two tones' images of facets that scatter evenly")
-
     def apply(self, state: EchoState) -> None:
         if state.surface is not None:
             state.surface.oblique = True
 
 
-FACETS_PER_S = 5e5  # of the estimate's coarse ones
+FACETS_PER_S = 6e4  # coarse ones, each seen from all antennas
 
 
 class ShadowCentre(Effect):
@@ -58,12 +43,6 @@ class ShadowCentre(Effect):
 
     def missing(self, scene: EchoScene) -> str:
         return scene.lacks_surface
-
-    def estimate(self, scene: EchoScene) -> Estimate:
-        facets, visible = coarse_surface(scene, scene.body), seen_from_centre(scene)
-        share = facets.area_m2[~visible].sum() / facets.area_m2.sum()
-        why = f"two tones' images with the {100 * share:.1f} % of the surface that a buffer of depths hides"
-        return _of_shadow(scene, _pair_of(scene, facets.where(~visible)), why, FACETS_PER_S)
 
     def apply(self, state: EchoState) -> None:
         if state.surface is None:
@@ -86,7 +65,7 @@ class ShadowAntennas(Effect):
         return scene.lacks_surface
 
     def cost_s(self, scene: EchoScene) -> float:
-        return len(coarse_surface(scene, scene.body)) / (FACETS_PER_S / 8)
+        return len(coarse_surface(scene, scene.body)) / FACETS_PER_S
 
     def glance(self, scene: EchoScene) -> Glance:
         """The disputed facets' share of all, as the aperture's centre sees or would see them."""
@@ -108,16 +87,6 @@ class ShadowAntennas(Effect):
         everyone = tx.all(axis=0) & rx.all(axis=0) & visible
         differ = ~everyone & ((tx.any(axis=0) & rx.any(axis=0)) | visible)
         return differ, tx, nearest_tx, rx, nearest_rx
-
-    def estimate(self, scene: EchoScene) -> Estimate:
-        """Of what it changes beyond `shadow_centre`."""
-        facets, visible = coarse_surface(scene, scene.body), seen_from_centre(scene)
-        differ, tx, nearest_tx, rx, nearest_rx = self._disputed(scene)
-        share = facets.area_m2[differ].sum() / facets.area_m2.sum()
-        change = _pair_of(scene, facets.where(differ), (tx[:, differ][nearest_tx], rx[:, differ][nearest_rx]))
-        change -= _pair_of(scene, facets.where(differ & visible))
-        why = f"two tones' images; buffers of depths hide {100 * share:.1f} % of the surface from some of the array"
-        return _of_shadow(scene, change, why, FACETS_PER_S / 8)
 
     def apply(self, state: EchoState) -> None:
         surface = state.surface
@@ -144,19 +113,6 @@ def _from_ends(facets: Facets, antennas_m: np.ndarray) -> tuple[np.ndarray, np.n
     return np.stack(visible), nearest
 
 
-def _pair_of(scene: EchoScene, facets: Facets, seen: tuple[np.ndarray, np.ndarray] | None = None) -> np.ndarray:
-    """Echoes [2, t, r] of some facets at the scene's pair of tones."""
-    optics = dataclasses.replace(facets.optics, seen=seen)
-    return body_echoes(scene.body, optics, pilot(scene).tones_hz, scene.array, TOLERANCE)
-
-
-def _of_shadow(scene: EchoScene, change: np.ndarray, why: str, facets_per_s: float) -> Estimate:
-    if not change.any():
-        return Estimate(0.0, NOTHING, why)
-    cost_s = len(coarse_surface(scene, scene.body)) / facets_per_s
-    return Estimate.of(scene, pilot(scene).samples + change, why, cost_s)
-
-
 class Skin(Effect):
     """A half-space of skin under a horny layer, thin everywhere but on the palm: two surfaces, whose echo is less than
     metal's and turns with frequency.
@@ -174,26 +130,6 @@ class Skin(Effect):
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.target is not None and scene.target.material.kind == "skin" else "a target of skin"
-
-    def estimate(self, scene: EchoScene) -> Estimate:
-        known = pilot(scene)
-        reflection = reflections(scene.body, known.tones_hz)
-        bias_m = scene.depth_m_per_rad * np.abs(np.angle(reflection[:, 0] * reflection[:, 1].conj()))
-        facets = visible_surface(scene)
-        layer = layers(scene.body, facets.face)
-        area_m2 = np.bincount(layer, facets.area_m2 * np.abs(facets.normal[:, 2]), len(reflection))
-        share = area_m2 / area_m2.sum()
-        # The pilot reflects as one half-space: against it both layers count relative to metal, which is what "off" is.
-        samples = np.zeros_like(known.samples)
-        for n, of_layer in enumerate(reflection):
-            echoes = body_echoes(scene.body, facets.where(layer == n).optics, known.tones_hz, scene.array, TOLERANCE)
-            samples = samples + echoes * of_layer[:, None, None]
-        level_db = 20 * np.log10(np.abs(reflection[:, 0]))
-        why = ", ".join(
-            f"{name} {100 * part:.0f} %: {db:.1f} dB, {1e3 * metres:.2f} mm from the phase's slope"
-            for name, part, db, metres in zip(("thin", "palm"), share, level_db, bias_m, strict=False)
-        )
-        return Estimate.of(scene, samples, f"two tones' images; {why}", cost_s=0.3)
 
     def apply(self, state: EchoState) -> None:
         if state.surface is not None:

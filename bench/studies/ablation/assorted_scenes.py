@@ -25,7 +25,7 @@ KINDS = ("hand", "bowl", "sphere", "printed hand", "plate", "wires", "moving han
 BEHIND_M = 0.2  # the stand's plate
 
 
-def random_scene(seed: int, folder: Path) -> Scene:
+def assorted_scene(seed: int, folder: Path) -> Scene:
     """The scene of a seed; a mesh that it needs is written into the folder."""
     draw, kind = np.random.default_rng(seed), KINDS[seed % len(KINDS)]
     name = f"{kind.replace(' ', '-')}-{seed}"
