@@ -91,8 +91,8 @@ class Rehearsal:
 
     def level_db(self, without: Iterable[str]) -> float:
         """Power of the echoes' change where these effects are left out, against that of all of them."""
-        change = np.linalg.norm(self._left_out(frozenset(without)) - self.samples) / np.linalg.norm(self.samples)
-        return 20 * np.log10(change) if change > 0 else -np.inf
+        change = np.linalg.norm(self._left_out(frozenset(without)) - self.samples)
+        return float(20 * np.log10(change / max(np.linalg.norm(self.samples), 1e-30))) if change > 0 else -np.inf
 
     def _left_out(self, without: frozenset[str]) -> np.ndarray:
         if without not in self._made:
