@@ -17,7 +17,7 @@ from groundtruth.dense_stage import CLOUD
 from groundtruth.mesh.poisson import surface
 from groundtruth.mesh.surface import Surface
 from groundtruth.mesh.target import Components, Target, keep_target, margin_m, off_board
-from groundtruth.mesh.uncertainty import border_sigma, surface_sigma
+from groundtruth.mesh.uncertainty import surface_sigma, window_sigma
 from groundtruth.options import MeshOptions
 from groundtruth.photos.photos import find_photos
 from groundtruth.sparse.sparse import Sparse
@@ -49,7 +49,7 @@ def measured_surface(
     target = replace(target, on_board=1 - len(cloud.points_m) / count)
     vertices_m, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
     sigma_m, observed = surface_sigma(cloud, vertices_m, registered(sparse.model), sparse.known)
-    sigma_m = np.hypot(sigma_m, border_sigma(vertices_m, faces, observed, cloud.pixel_m))
+    sigma_m = np.hypot(sigma_m, window_sigma(vertices_m, faces, observed, cloud.pixel_m))
     return Surface(vertices_m, faces, sigma_m, observed), target
 
 

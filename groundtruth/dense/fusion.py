@@ -6,17 +6,20 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numba import njit, prange
 
 from groundtruth.dense.dense import DepthMap
 from groundtruth.dense.planesweep import LESS
+from groundtruth.dense.prediction import FUSED_ALONE, FUSED_BYTES
 from radar.support.cost import require_free
 from radar.support.files import read_npz, write_npz
 
 CONFIRMATIONS, FEW_VIEWS = 2, 5  # other views that must agree; 1 where there are no more than a few views
 AGREEMENT_PX = 1.7  # how far, in pixels times depth over focal length, two depths may be apart
 WIDEST_COSINE = 0.5  # normals that agree
+AVERAGED_PX = 3  # a surface in cells of a pixel takes the mean of so many pixels by so many
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,8 @@ class Cloud:
     """Points [n, 3] and outward normals [n, 3] (not quite unit vectors) in the mesh's frame.
 
     views [n, views]: which views, by `names`, agree on a point. spread_m [n]: standard deviation, along the normal, of
-    one view's depth from the others'. pixel_m: what one pixel of the depth maps measures on the surface (median).
+    one view's depth from the others', each the mean over as many pixels as a surface averages: what varies from pixel
+    to pixel it does not keep. pixel_m: what one pixel of the depth maps measures on the surface (median).
     """
 
     points_m: np.ndarray
@@ -54,7 +58,7 @@ def fuse(maps: list[DepthMap], box_m: np.ndarray | None, confirmations: int = CO
     """Every pixel in the box [2, 3] whose depth enough other views confirm, moved to the mean of all that agree."""
     fewest = confirmations if len(maps) > FEW_VIEWS else 1
     shape = tuple(max(m.depth_m.shape[axis] for m in maps) for axis in (0, 1))
-    needed = ((32 + 1) * len(maps) + 56) * shape[0] * shape[1]
+    needed = (FUSED_BYTES * len(maps) + FUSED_ALONE) * shape[0] * shape[1]
     require_free(needed, f"dense: {len(maps)} depth maps of {shape[1]} × {shape[0]} pixels", LESS)
     depths = np.full((len(maps), *shape), np.nan)
     normals = np.zeros((len(maps), *shape, 3))
@@ -64,14 +68,27 @@ def fuse(maps: list[DepthMap], box_m: np.ndarray | None, confirmations: int = CO
     K, R, t = (np.stack([getattr(m.view, key) for m in maps]) for key in ("K", "R", "t"))
     parts = []
     for i in range(len(maps)):
-        point, normal, agreeing, spread = _agree(i, depths, normals, K, R, t)
+        point, normal, agreeing, offset = _agree(i, depths, normals, K, R, t)
         kept = agreeing.sum(axis=-1) > fewest
         if box_m is not None:
             kept &= ((point >= box_m[0]) & (point <= box_m[1])).all(axis=-1)
-        parts.append((point[kept], normal[kept], agreeing[kept], spread[kept], depths[i][kept] / K[i, 0, 0]))
+        columns = point, normal, agreeing, _spread(offset, agreeing), depths[i] / K[i, 0, 0]
+        parts.append([column[kept] for column in columns])
     points_m, normals, agreeing, spread_m, pixel_m = (np.concatenate(column) for column in zip(*parts, strict=True))
     names = tuple(m.view.name for m in maps)
     return Cloud(points_m, normals, agreeing, spread_m, names, float(np.median(pixel_m)) if len(pixel_m) else np.nan)
+
+
+def _spread(offset: np.ndarray, agreeing: np.ndarray) -> np.ndarray:
+    """Standard deviation [h, w] of the local means of agreeing views, from their offsets [h, w, views]."""
+    size, near = (AVERAGED_PX, AVERAGED_PX), np.empty(offset.shape)
+    for s in range(offset.shape[-1]):
+        total, count = (cv2.blur(np.where(agreeing[..., s], a, 0), size) for a in (offset[..., s], np.ones(1)))
+        near[..., s] = total / np.maximum(count, 0.5 / AVERAGED_PX**2)
+    votes = agreeing.sum(axis=-1)
+    near -= (np.where(agreeing, near, 0).sum(axis=-1) / np.maximum(votes, 1))[..., None]
+    square = np.where(agreeing, near**2, 0).sum(axis=-1)
+    return np.asarray(np.sqrt(square / np.maximum(votes - 1, 1)))
 
 
 @njit(parallel=True, cache=True)
@@ -79,11 +96,11 @@ def _agree(
     reference: int, depths: np.ndarray, normals: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Mean point and normal [h, w, 3] of a pixel and the views that agree with it, which these are [h, w, views],
-    itself among them, and the standard deviation [h, w] of their points along the normal."""
+    itself among them, and how far their points lie before its own, along its normal [h, w, views]."""
     count, h, w = depths.shape
     point, normal = np.zeros((h, w, 3)), np.zeros((h, w, 3))
     agreeing = np.zeros((h, w, count), dtype=np.bool_)
-    spread = np.zeros((h, w))
+    offset = np.zeros((h, w, count))
     for y in prange(h):
         here, seen, there = np.empty(3), np.empty(3), np.empty(3)
         for x in range(w):
@@ -93,7 +110,7 @@ def _agree(
             point[y, x] += here
             normal[y, x] += normals[reference, y, x]
             agreeing[y, x, reference] = True
-            votes, total, square = 1, 0.0, 0.0  # of the offsets along the reference's normal, whose own is 0
+            votes = 1
             for s in range(count):
                 _project(here, K[s], R[s], t[s], seen)
                 j, i, depth = int(np.floor(seen[0] + 0.5)), int(np.floor(seen[1] + 0.5)), seen[2]
@@ -107,18 +124,15 @@ def _agree(
                 if cosine < WIDEST_COSINE:
                     continue
                 _world(j, i, depths[s, i, j], K[s], R[s], t[s], there)
-                offset = 0.0
                 for axis in range(3):
-                    offset += (there[axis] - here[axis]) * normals[reference, y, x, axis]
+                    offset[y, x, s] += (there[axis] - here[axis]) * normals[reference, y, x, axis]
                 point[y, x] += there
                 normal[y, x] += normals[s, i, j]
                 agreeing[y, x, s] = True
-                votes, total, square = votes + 1, total + offset, square + offset * offset
+                votes += 1
             point[y, x] /= votes
             normal[y, x] /= votes
-            if votes > 1:
-                spread[y, x] = np.sqrt(max(square - total * total / votes, 0.0) / (votes - 1))
-    return point, normal, agreeing, spread
+    return point, normal, agreeing, offset
 
 
 @njit(cache=True)

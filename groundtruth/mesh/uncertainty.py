@@ -1,13 +1,15 @@
-"""The standard deviation of a surface: matching, cameras, the distance to what was seen, and to its border.
+"""The standard deviation of a surface: matching, cameras, distance to what was seen, and what windows do to all maps.
 
-Four independent parts are added as variances. *Matching*: n views agree on a point, and their depths differ by s along
-the normal. They are not n independent measurements: a depth map is matched between images, so that two maps out of n
-have one of their images in common with a chance that makes their errors correlated by ρ = 1/(n − 1); two maps of the
-same pair are the same measurement. Hence the spread shows (1 − ρ) of the variance of one map, and their mean keeps
-(1 + (n − 1) ρ)/n of it: var = 2 (n − 1)/(n (n − 2)) s². *Cameras*: `covariance.point_covariance`. *Distance*: where the
-surface runs on beyond the points that were seen, its slope is known to SLOPE only. *Border*: where the seen surface
-ends, mostly at a silhouette, matching windows saw what lies behind it too, all views alike, so that no spread shows it:
-by FATTENED_PX of a pixel at the border, and less up to the reach of a window.
+Independent parts are added as variances. *Matching*: n views agree on a point, and their depths differ by s along the
+normal. They are not n independent measurements: a depth map is matched between images, so that two maps out of n have
+one of their images in common with a chance that makes their errors correlated by ρ = 1/(n − 1); two maps of the same
+pair are the same measurement. Hence the spread shows (1 − ρ) of the variance of one map, and their mean keeps
+(1 + (n − 1) ρ)/n of it: var = 2 (n − 1)/(n (n − 2)) s². s is of local means (`fusion.Cloud.spread_m`): a third of a
+map's variance differs from pixel to pixel, and most of the rest fades over a window, fastest on fine strong textures.
+*Cameras*: `covariance.point_covariance`. *Distance*: where the surface runs on beyond the points that were seen, its
+slope is known to SLOPE only. *Windows*: where a surface bends or is seen aslant they shift all maps alike, by SHARED_PX
+of a pixel, and where the seen surface ends, mostly at a silhouette, they see what lies behind it too: by FATTENED_PX at
+the border, and less up to the reach of a window. No spread shows either; both are measured.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ SLOPE = 0.25  # of a surface that was not seen
 REACH_PX = 0.5  # of a point: as far as neighbouring points are from what lies between them
 OBSERVED_PX = 1.5  # a surface farther from every point was not seen
 FATTENED_PX, WINDOW_PX = 0.1, 3.0
+SHARED_PX = 0.03  # hands' skin lies 0.04 px inside, fine strong textures 0.01 px
 CHUNK = 1_000_000  # points times camera parameters that are worked on at once
 
 
@@ -38,17 +41,18 @@ def surface_sigma(
     return np.sqrt(variance + (SLOPE * beyond_m) ** 2), distance_m[:, 0] <= OBSERVED_PX * cloud.pixel_m
 
 
-def border_sigma(vertices_m: np.ndarray, faces: np.ndarray, observed: np.ndarray, pixel_m: float) -> np.ndarray:
-    """Standard deviation [n], metres, that vertices [n, 3] of triangles [m, 3] have beside the border of the observed
-    [n] surface."""
+def window_sigma(vertices_m: np.ndarray, faces: np.ndarray, observed: np.ndarray, pixel_m: float) -> np.ndarray:
+    """Standard deviation [n], metres, that matching windows give to vertices [n, 3] of triangles [m, 3], more of it
+    beside the border of the observed [n] surface."""
     seen = faces[observed[faces].all(axis=1)]
     edges = np.sort(np.concatenate([seen[:, [0, 1]], seen[:, [1, 2]], seen[:, [2, 0]]]), axis=1)
     pairs, count = np.unique(edges, axis=0, return_counts=True)
     border = np.unique(pairs[count == 1])
-    if not len(border):
-        return np.zeros(len(vertices_m))
-    distance_m, _ = KDTree(vertices_m[border]).query(vertices_m)
-    return FATTENED_PX * pixel_m * np.maximum(1 - distance_m / (WINDOW_PX * pixel_m), 0)
+    shared = np.full(len(vertices_m), SHARED_PX)
+    if len(border):
+        distance_m, _ = KDTree(vertices_m[border]).query(vertices_m)
+        shared = np.hypot(shared, FATTENED_PX * np.maximum(1 - distance_m / (WINDOW_PX * pixel_m), 0))
+    return shared * pixel_m
 
 
 def matching_variance(cloud: Cloud) -> np.ndarray:

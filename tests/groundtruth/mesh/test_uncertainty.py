@@ -10,11 +10,12 @@ from groundtruth.mesh.uncertainty import (
     NEIGHBOURS,
     OBSERVED_PX,
     REACH_PX,
+    SHARED_PX,
     SLOPE,
-    border_sigma,
     camera_variance,
     matching_variance,
     surface_sigma,
+    window_sigma,
 )
 from groundtruth.sparse.bundle import Bundle
 from groundtruth.sparse.covariance import CameraCovariance, camera_covariance, point_covariance
@@ -135,15 +136,16 @@ def test_a_camera_that_is_known_worse_makes_a_worse_surface(cameras):
 
 
 def test_the_border_is_less_certain_as_far_as_a_matching_window_reaches():
-    """A grid of one pixel's spacing, its right half unseen: at the border of what was seen 0.1 px, 0 from 3 px on."""
+    """A grid of one pixel's spacing, its right half unseen: at the border of what was seen 0.1 px more, none from 3 px
+    on."""
     pixel_m, n = 1e-3, 21
     column, row = (axis.ravel() for axis in np.meshgrid(np.arange(n), np.arange(n)))
     corner = np.arange(n * n).reshape(n, n)
     a, b, c, d = (corner[i : n - 1 + i, j : n - 1 + j].ravel() for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)))
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([b, d, c], 1)])
     vertices_m = pixel_m * np.stack([column, row, 0 * row], axis=1)
-    sigma_m = border_sigma(vertices_m, faces, column <= 15, pixel_m)
+    sigma_m = window_sigma(vertices_m, faces, column <= 15, pixel_m)
     assert sigma_m.reshape(n, n)[10] == pytest.approx(
-        1e-3 * np.interp(np.arange(n), [0, 3, 12, 15, 18, 20], [0.1, 0, 0, 0.1, 0, 0])
+        1e-3 * np.hypot(SHARED_PX, np.interp(np.arange(n), [0, 3, 12, 15, 18, 20], [0.1, 0, 0, 0.1, 0, 0]))
     )
-    assert (border_sigma(vertices_m, faces, np.zeros(n * n, dtype=bool), pixel_m) == 0).all()
+    assert (window_sigma(vertices_m, faces, np.zeros(n * n, dtype=bool), pixel_m) == SHARED_PX * pixel_m).all()
