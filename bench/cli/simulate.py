@@ -36,14 +36,16 @@ def show(rows: tuple[Choice, ...]) -> None:
     if not console.is_terminal:  # a pipe or a file has no width to keep to
         console.width = 200
     table = Table(box=box.SIMPLE, pad_edge=False)
-    for heading in ("effect", "depth mm", "level dB", "on", "seconds", "why"):
-        table.add_column(heading, justify="right" if heading in ("depth mm", "level dB", "seconds") else "left")
+    for heading in ("effect", "3-FSK mm", "worst mm", "pixels %", "level dB", "on", "seconds", "why"):
+        table.add_column(heading, justify="left" if heading in ("effect", "on", "why") else "right")
     for row in rows:
         seconds = row.cost_s if row.seconds is None else row.seconds
         mark = "~" if row.seconds is None and seconds else ""
         cells = (
             row.effect,
             _number(row.depth_mm, 3),
+            _number(row.worst_mm, 3),
+            _number(row.pixels_percent, 1),
             _number(row.level_db, 1),
             "on" if row.on else "–",
             mark + _number(seconds, 2),

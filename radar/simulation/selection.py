@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from radar.simulation.effects import antennas, receiver, scattering
-from radar.simulation.effects.base import Effect, Estimate
+from radar.simulation.effects.base import Effect
 from radar.simulation.effects.dielectric import Dielectric
 from radar.simulation.effects.further import Clutter, Multipath
 from radar.simulation.effects.motion import TargetMotion
@@ -70,24 +70,30 @@ def choose(scene: EchoScene, wanted: Wanted, tolerance_mm: float, explain: bool 
                 raise HandbenchError(f"effects: '{name}' needs {missing[name]}; add it or leave the effect out")
     there = [effect for effect in EFFECTS if not missing[effect.id]]
     found = triage(scene, there, CONTAINED, tolerance_mm) if wanted == "auto" else Triage()
-    for name, container in CONTAINED.items():
-        if not missing.get(container, "not known") and container not in found.left_out:
+    on = {effect.id for effect in there} - set(found.left_out)
+    for name in CONTAINED:
+        if container := _container(name, on):
             found.left_out[name] = f"contained in {container}"
     if explain:
         _explain(found, scene, there)
     return tuple(_choice(effect.id, wanted, missing[effect.id], found) for effect in EFFECTS)
 
 
+def _container(name: str, on: set[str]) -> str | None:
+    """The effect among those that are on which does what `name` does, too."""
+    container = CONTAINED.get(name)
+    return container if container is None or container in on else _container(container, on)
+
+
 def _explain(found: Triage, scene: EchoScene, effects: Sequence[Effect]) -> None:
     """Add what leaving out each effect does, beside all others; of a contained one, together with what contains it."""
-    own = {effect.id: effect.estimate(scene) for effect in effects}
-    rehearsal = Rehearsal(scene, effects, CONTAINED)
-    for effect in effects:
-        without = {effect.id, CONTAINED.get(effect.id, effect.id)}
-        found.changes[effect.id], level_db = rehearsal.change(without), rehearsal.level_db(without)
-        glance = effect.glance(scene)
-        why = "rehearsed" if glance is None else f"rehearsed; {glance.why}"
-        found.estimates[effect.id] = own[effect.id] or Estimate(0.0, level_db, why, effect.cost_s(scene) or 0.0)
+    rehearsal, there = Rehearsal(scene, effects, CONTAINED), {effect.id for effect in effects}
+    found.costs_s = {effect.id: effect.cost_s(scene) for effect in effects}
+    for name in there:
+        without = {name}
+        while container := _container(name, there - without):
+            without.add(container)
+        found.changes[name], found.levels_db[name] = rehearsal.change(without), rehearsal.level_db(without)
 
 
 def check_names(names: tuple[str, ...]) -> None:
@@ -106,13 +112,11 @@ def _choice(name: str, wanted: Wanted, missing: str, found: Triage) -> Choice:
         on, why = name not in found.left_out, found.left_out.get(name, found.reasons.get(name, "called for"))
     else:
         on, why = name in wanted, "listed" if name in wanted else "not listed"
-    known: dict[str, float | None] = {}
-    if (estimate := found.estimates.get(name)) is not None:
-        why = f"{why} ({estimate.why})"
-        level_db = estimate.level_db if np.isfinite(estimate.level_db) else None
-        known = {"depth_mm": estimate.depth_mm, "level_db": level_db, "cost_s": estimate.cost_s}
-    if (changes := found.changes.get(name)) is not None:
+    known: dict[str, float | None] = {"cost_s": found.costs_s.get(name)}
+    if changes := found.changes.get(name):
         known["depth_mm"] = changes[FINE].depth_mm
         known["worst_mm"] = max(change.depth_mm for change in changes.values())
         known["pixels_percent"] = 100 * max(change.pixels for change in changes.values())
+        level_db = found.levels_db.get(name, -np.inf)
+        known["level_db"] = level_db if np.isfinite(level_db) else None
     return Choice(effect=name, on=on, why=why, **known)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from radar.simulation.effects.base import Effect, Estimate, Glance, echo_s
+from radar.simulation.effects.base import Effect, Glance, echo_s
 from radar.simulation.rehearsal import Change, Rehearsal
 from radar.simulation.scene import EchoScene
 
@@ -26,13 +26,14 @@ REHEARSED = 0.4  # seconds of a rehearsal over those of a simulation, which has 
 
 @dataclass
 class Triage:
-    """left_out: the effects that are not needed, and why; reasons: of those that are on; estimates: of those that
-    named no cost; changes: by method, of those that were rehearsed."""
+    """left_out: the effects that are not needed, and why; reasons: of those that are on; changes: by method, and
+    levels_db, of those that were rehearsed; costs_s: the seconds expected."""
 
     left_out: dict[str, str] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
-    estimates: dict[str, Estimate] = field(default_factory=dict)
     changes: dict[str, dict[str, Change]] = field(default_factory=dict)
+    levels_db: dict[str, float] = field(default_factory=dict)
+    costs_s: dict[str, float | None] = field(default_factory=dict)
 
 
 def worst_mm(changes: dict[str, Change]) -> float:
@@ -43,8 +44,8 @@ def worst_mm(changes: dict[str, Change]) -> float:
 def triage(scene: EchoScene, effects: Sequence[Effect], contained: dict[str, str], tolerance_mm: float) -> Triage:
     """The effects (of those that the scene has a cause for) that together change no method's map by more than the
     tolerance; contained: effects that another one does, where that is on."""
-    found, spent_mm = Triage(), 0.0
     costs = {effect.id: effect.cost_s(scene) if effect.takes_time else 0.0 for effect in effects}
+    found, spent_mm = Triage(costs_s={name: cost_s for name, cost_s in costs.items() if cost_s}), 0.0
     whole_s = echo_s(scene) + sum(cost or 0.0 for cost in costs.values())
     doubtful = []
     for effect in effects:
@@ -63,34 +64,22 @@ def triage(scene: EchoScene, effects: Sequence[Effect], contained: dict[str, str
         else:
             doubtful.append(effect)
     spare_s = SHARE * whole_s + sum(costs[name] or 0.0 for name in found.left_out)
-    believed = [effect for effect in doubtful if costs[effect.id] is None]
-    spent_mm = _believe(found, scene, believed, tolerance_mm, spent_mm)
-    if rest := [effect for effect in doubtful if costs[effect.id] is not None]:
-        price_s = rehearsal_s(scene, {effect.id: costs[effect.id] or 0.0 for effect in rest})
-        if price_s > spare_s:
-            why = f"on, since its estimate would take about {price_s:.1f} of {whole_s:.1f} s"
-            found.reasons |= {effect.id: why for effect in rest}
-        else:
-            _rehearse(found, scene, effects, contained, rest, tolerance_mm - spent_mm)
+    if not doubtful:
+        return found
+    price_s = rehearsal_s(scene, [costs[effect.id] for effect in doubtful])
+    if price_s > spare_s:
+        why = f"on, since to rehearse what is in doubt would take about {price_s:.1f} of {whole_s:.1f} s"
+        found.reasons |= {effect.id: why for effect in doubtful}
+    else:
+        _rehearse(found, scene, effects, contained, doubtful, tolerance_mm - spent_mm)
     return found
 
 
-def rehearsal_s(scene: EchoScene, costs: dict[str, float]) -> float:
-    """Seconds of a rehearsal of these effects beside those that take no time, each left out once."""
-    return REHEARSED * (echo_s(scene) * (2 + len(costs)) + sum(costs.values()))
-
-
-def _believe(found: Triage, scene: EchoScene, effects: Sequence[Effect], tolerance_mm: float, spent_mm: float) -> float:
-    """Leave out the smallest by their own estimates, as far as the tolerance reaches; returns what is spent of it."""
-    asked = {effect.id: effect.estimate(scene) for effect in effects}
-    found.estimates = {name: estimate for name, estimate in asked.items() if estimate is not None}
-    sizes = {name: scene.strictness * estimate.depth_mm for name, estimate in found.estimates.items()}
-    for name in sorted(sizes, key=sizes.__getitem__):
-        spent_mm += SAFETY * sizes[name]
-        if spent_mm > tolerance_mm:
-            break
-        found.left_out[name] = f"with all that is smaller, twice its size is {spent_mm:.3f} of {tolerance_mm:g} mm"
-    return spent_mm if spent_mm <= tolerance_mm else tolerance_mm
+def rehearsal_s(scene: EchoScene, costs: Sequence[float | None]) -> float:
+    """Seconds of a rehearsal of effects of these costs beside those that take no time, each left out once."""
+    if None in costs:
+        return np.inf
+    return REHEARSED * (echo_s(scene) * (2 + len(costs)) + sum(cost or 0.0 for cost in costs))
 
 
 def _rehearse(

@@ -69,7 +69,7 @@ def show(case: Case, pose: str, scene: Scene, frames: int) -> Record:
     elapsed_s = time.perf_counter() - start
     depths = {name: image(name, simulated.capture, frames if name in REPEATED else 1) for name in METHODS}
     truth = {name: depth_on_grid(scene.target_mesh, d[0].x_m, d[0].y_m) for name, d in depths.items()}
-    estimates = {row.effect: row.depth_mm for row in choose(radar_scene, "auto", 1.0)}
+    estimates = {row.effect: row.depth_mm for row in choose(radar_scene, case.effects, 0.0, explain=True)}
     return {
         "case": case,
         "pose": pose,

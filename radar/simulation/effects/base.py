@@ -1,4 +1,4 @@
-"""The interface of an effect: its needs, the estimate of its size and cost in a scene, and its application."""
+"""The interface of an effect: its needs, its size at a glance and its cost in a scene, and its application."""
 
 from __future__ import annotations
 
@@ -12,20 +12,6 @@ from radar.simulation.pilot import coarse_surface
 from radar.simulation.scene import EchoScene
 from radar.simulation.state import EchoState
 
-
-@dataclass(frozen=True)
-class Estimate:
-    """Size of an effect in a scene: depth_mm, the mean change of the target's depth map at the scene's depth step;
-    level_db, what it adds to or takes from the echoes against the target's echo; why: the bound, with its numbers;
-    cost_s: the seconds that it would take."""
-
-    depth_mm: float
-    level_db: float
-    why: str
-    cost_s: float = 0.0
-
-
-NOTHING = -np.inf  # decibels
 TURN = 0.15  # rad between two tones per relative amplitude, mean over the pixels: 0.10 to 0.22 measured on four hands
 
 FACET_S, TONE_S = 3e-6, 4e-8  # of a coarse facet's echo, and of each tone in it
@@ -53,7 +39,7 @@ class Glance:
 
 
 class Effect(ABC):
-    """One effect. id: its name in scene files; does: one line for people; source: where bound and model come from."""
+    """One effect. id: its name in scene files; does: one line for people; source: where its model comes from."""
 
     id: ClassVar[str]
     does: ClassVar[str]
@@ -65,15 +51,11 @@ class Effect(ABC):
         return ""
 
     def cost_s(self, scene: EchoScene) -> float | None:
-        """Seconds that it will take, on one core; None: not known, and "auto" believes `estimate`."""
+        """Seconds that it will take, on one core; None: not known, and "auto" leaves it on but where a glance tells."""
         return None
 
     def glance(self, scene: EchoScene) -> Glance | None:
         """The size at a glance, without a ray or a random number; None: nothing is told so quickly."""
-        return None
-
-    def estimate(self, scene: EchoScene) -> Estimate | None:
-        """Its own estimate, where it names no cost; None: it is on. Only asked where nothing is missing."""
         return None
 
     @abstractmethod

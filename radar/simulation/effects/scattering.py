@@ -68,25 +68,15 @@ class ShadowAntennas(Effect):
         return len(coarse_surface(scene, scene.body)) / FACETS_PER_S
 
     def glance(self, scene: EchoScene) -> Glance:
-        """The disputed facets' share of all, as the aperture's centre sees or would see them."""
+        """The share of the surface that not all of the array sees, as the aperture's centre sees or would see it."""
         facets, visible = coarse_surface(scene, scene.body), seen_from_centre(scene)
+        (tx, tx_all), (rx, rx_all) = (_from_ends(facets, leg.position_m) for leg in scene.array.legs)
+        disputed = ~(tx_all & rx_all & visible) & (tx & rx | visible)
         cosine = -(facets.position_m * facets.normal).sum(axis=1) / np.linalg.norm(facets.position_m, axis=1)
         faced_m2 = facets.area_m2 * np.maximum(cosine, 0)
-        ratio = faced_m2[self._disputed(scene)[0]].sum() / max(faced_m2[visible].sum(), 1e-12)
+        ratio = float(faced_m2[disputed].sum() / max(faced_m2[visible].sum(), 1e-12))
         why = f"buffers of depths hide {100 * ratio:.2g} % of the surface in sight from some of the array"
-        return Glance.of_level(scene, float(ratio), why)
-
-    def _disputed(self, scene: EchoScene) -> tuple[np.ndarray, ...]:
-        """Mask [p] of the coarse facets that some antennas see and some do not; from which views they are seen, and the
-        view nearest to each antenna, of transmitters and of receivers. Made once."""
-        return scene.kept("disputed", lambda: self._dispute(scene))
-
-    def _dispute(self, scene: EchoScene) -> tuple[np.ndarray, ...]:
-        facets, visible = coarse_surface(scene, scene.body), seen_from_centre(scene)
-        (tx, nearest_tx), (rx, nearest_rx) = (_from_ends(facets, leg.position_m) for leg in scene.array.legs)
-        everyone = tx.all(axis=0) & rx.all(axis=0) & visible
-        differ = ~everyone & ((tx.any(axis=0) & rx.any(axis=0)) | visible)
-        return differ, tx, nearest_tx, rx, nearest_rx
+        return Glance.of_level(scene, ratio, why)
 
     def apply(self, state: EchoState) -> None:
         surface = state.surface
@@ -102,15 +92,10 @@ class ShadowAntennas(Effect):
 
 
 def _from_ends(facets: Facets, antennas_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """bool [views, p] by buffers of depths at both ends and the middle of each line of antennas, and the view [a] in
-    each antenna's line that is nearest to it."""
-    visible: list[np.ndarray] = []
-    nearest = np.empty(len(antennas_m), int)
-    for line in lines(antennas_m):
-        views = np.unique([0, (len(line) - 1) // 2, len(line) - 1])
-        nearest[line] = len(visible) + np.abs(np.arange(len(line))[:, None] - views).argmin(axis=1)
-        visible += [visible_from(facets, antennas_m[line[n]]) for n in views]
-    return np.stack(visible), nearest
+    """Masks [p] of the facets that are seen from some and from all of the ends and middles of the antennas' lines."""
+    views = [n for line in lines(antennas_m) for n in np.unique(line[[0, (len(line) - 1) // 2, -1]])]
+    visible = np.stack([visible_from(facets, antennas_m[n]) for n in views])
+    return visible.any(axis=0), visible.all(axis=0)
 
 
 class Skin(Effect):

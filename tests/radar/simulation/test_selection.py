@@ -7,14 +7,14 @@ import pytest
 
 from radar.simulation import selection, triage
 from radar.simulation.causes import Causes
-from radar.simulation.effects.base import NOTHING, Effect, Estimate
+from radar.simulation.effects.base import Effect, Glance
 from radar.simulation.scene import Material
 from radar.simulation.selection import EFFECTS, IDS
 from radar.support.errors import HandbenchError
 from tests.radar.simulation.effects.small_scenes import bead_scene
 
 
-def effect(name, depth_mm, lacks=""):
+def effect(name, worst_mm, lacks="", cost_s=1.0):
     class Known(Effect):
         id = name
         does = source = "a test"
@@ -22,13 +22,26 @@ def effect(name, depth_mm, lacks=""):
         def missing(self, scene):
             return lacks
 
-        def estimate(self, scene):
-            return Estimate(depth_mm, -20.0, "as the test says")
+        def cost_s(self, scene):
+            return cost_s
+
+        def glance(self, scene):
+            return Glance(worst_mm, "as the test says")
 
         def apply(self, state):
-            raise AssertionError("planning applies nothing")
+            raise AssertionError("a glance applies nothing")
 
     return Known()
+
+
+class Rehearsed:
+    """A rehearsal in which changes add up to those that the glances tell."""
+
+    def __init__(self, scene, effects, contained):
+        self.sizes_mm = {effect.id: effect.glance(scene).worst_mm for effect in effects}
+
+    def change(self, without):
+        return {"3fsk": triage.Change(sum(self.sizes_mm[name] for name in without), 0.0)}
 
 
 @pytest.fixture
@@ -39,37 +52,49 @@ def catalogue(monkeypatch):
     return install
 
 
-def fine_scene():
-    """Without the tones of 2-FSK, in which a phase would weigh 12.5 times as much."""
-    return dataclasses.replace(bead_scene(), frequencies_hz=np.array([79.5e9, 82e9]), time_s=np.zeros(2))
-
-
 def on(choices):
     return [choice.effect for choice in choices if choice.on]
 
 
-def test_what_is_left_out_stays_below_the_tolerance_together(catalogue):
+@pytest.fixture
+def affordable(monkeypatch):
+    """Rehearsals that cost nothing."""
+    monkeypatch.setattr(triage, "SHARE", 1e6)
+    monkeypatch.setattr(triage, "Rehearsal", Rehearsed)
+
+
+def test_what_is_left_out_stays_below_the_tolerance_together(catalogue, affordable):
     sizes = {"a": 0.02, "b": 0.025, "c": 0.015, "d": 0.5, "e": 0.03}
     catalogue(*(effect(name, size) for name, size in sizes.items()))
-    choices = selection.choose(fine_scene(), "auto", 0.1)
+    choices = selection.choose(bead_scene(), "auto", 0.1)
     # Twice 0.015 + 0.020 fit into 0.1; with 0.025 they would not, though each of them is small enough.
     assert on(choices) == ["b", "d", "e"]
     assert sum(triage.SAFETY * sizes[c.effect] for c in choices if not c.on) <= 0.1
-    assert all("0.070 of 0.1 mm" in c.why for c in choices if c.effect == "a")
+    assert all("0.035 mm" in c.why for c in choices if c.effect == "a")
 
 
-def test_everything_above_the_tolerance_is_on_and_nothing_is_asked_twice(catalogue):
+def test_everything_above_the_tolerance_is_on(catalogue, affordable):
     catalogue(effect("a", 0.101), effect("b", 0.0), effect("c", 3.0))
-    assert on(selection.choose(fine_scene(), "auto", 0.1)) == ["a", "c"]
-    assert on(selection.choose(fine_scene(), "auto", 1e-9)) == ["a", "c"]
-    assert on(selection.choose(fine_scene(), "auto", 7.0)) == []
+    assert on(selection.choose(bead_scene(), "auto", 0.1)) == ["a", "c"]
+    assert on(selection.choose(bead_scene(), "auto", 1e-9)) == ["a", "c"]
+    assert on(selection.choose(bead_scene(), "auto", 7.0)) == []
 
 
-def test_two_close_tones_are_held_to_the_tolerance_too(catalogue):
-    catalogue(effect("a", 0.006), effect("b", 0.003))
-    assert on(selection.choose(fine_scene(), "auto", 0.1)) == []
-    assert bead_scene().strictness == pytest.approx(12.5) and fine_scene().strictness == 1
+def test_lost_pixels_count(catalogue, affordable, monkeypatch):
+    catalogue(effect("a", 0.04))
+    assert on(selection.choose(bead_scene(), "auto", 0.1)) == []
+    lost = {"3fsk": triage.Change(0.04, 0.006)}  # 0.6 % of the pixels count as 0.06 mm
+    monkeypatch.setattr(Rehearsed, "change", lambda self, without: lost)
     assert on(selection.choose(bead_scene(), "auto", 0.1)) == ["a"]
+
+
+def test_what_is_not_worth_its_rehearsal_is_on(catalogue):
+    catalogue(effect("doubtful", 0.04, cost_s=9.0), effect("clear", 0.001), effect("cheap", 0.04, cost_s=1e-6))
+    choices = {choice.effect: choice for choice in selection.choose(bead_scene(), "auto", 0.1)}
+    assert [name for name, choice in choices.items() if choice.on] == ["doubtful", "cheap"]
+    assert "to rehearse what is in doubt" in choices["doubtful"].why and "unasked" in choices["cheap"].why
+    catalogue(effect("unknown", 0.04, cost_s=None), effect("clear", 0.001, cost_s=None))
+    assert on(selection.choose(bead_scene(), "auto", 0.1)) == ["unknown"]
 
 
 def test_what_the_scene_lacks_is_off_and_said(catalogue):
@@ -81,7 +106,8 @@ def test_what_the_scene_lacks_is_off_and_said(catalogue):
 
 def test_a_list_asks_for_no_estimate_unless_explained(monkeypatch):
     monkeypatch.setattr(selection, "EFFECTS", (refusing := effect("noise", 0.0),))
-    monkeypatch.setattr(type(refusing), "estimate", lambda self, scene: 1 / 0)
+    monkeypatch.setattr(type(refusing), "cost_s", lambda self, scene: 1 / 0)
+    monkeypatch.setattr(type(refusing), "apply", lambda self, state: None)
     [row] = selection.choose(bead_scene(), ("noise",), 0.1)
     assert row.on and row.depth_mm is None
     with pytest.raises(ZeroDivisionError):
@@ -99,11 +125,11 @@ def test_names_are_checked(names, message):
         selection.choose(bead_scene({"noise": {"phase_noise_rad": 0.1}}), names, 0.1)
 
 
-def test_a_level_of_nothing_is_left_out_of_the_row(catalogue):
+def test_a_level_of_nothing_is_left_out_of_the_row(catalogue, monkeypatch):
     nothing = effect("a", 0.0)
-    type(nothing).estimate = lambda self, scene: Estimate(0.0, NOTHING, "nothing")
+    monkeypatch.setattr(type(nothing), "apply", lambda self, state: None)
     catalogue(nothing)
-    [row] = selection.choose(bead_scene(), "auto", 0.1)
+    [row] = selection.choose(bead_scene(), "auto", 0.1, explain=True)
     assert row.level_db is None and row.depth_mm == 0 and not row.on
 
 
@@ -111,8 +137,8 @@ def test_per_antenna_shadows_contain_those_from_the_centre(catalogue):
     catalogue(effect("shadow_centre", 5.0), effect("shadow_antennas", 2.0))
     choices = selection.choose(bead_scene(), "auto", 0.1)
     assert on(choices) == ["shadow_antennas"] and "contained" in choices[0].why
-    catalogue(effect("shadow_centre", 5.0), effect("shadow_antennas", 0.01))
-    assert on(selection.choose(fine_scene(), "auto", 0.1)) == ["shadow_centre"]
+    catalogue(effect("shadow_centre", 5.0), effect("shadow_antennas", 0.001))
+    assert on(selection.choose(bead_scene(), "auto", 0.1)) == ["shadow_centre"]
 
 
 @pytest.mark.parametrize("kind", ["skin", "plastic"])
