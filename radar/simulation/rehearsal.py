@@ -8,7 +8,7 @@ The effects themselves are applied, each together with all others that are on, s
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,7 +29,7 @@ MARGIN_M = 5e-3  # of that box
 STEP_M, FILTER_M = (1e-3, 2e-3), 5e-3  # least and largest of the pixels, and of 3-FSK's averaging filters
 METHODS = ("2fsk", FINE := "3fsk", "narrowband")  # whose maps are made; FINE alone where no close tones are measured
 VOXEL_M = 1e-3  # along z
-DEEPEST_M = 0.12  # of the box that narrowband looks through, as the paper's 0.08
+BEFORE_M, BEHIND_M = -0.01, 0.07  # of the nearest point: the box of 80 mm that narrowband looks through
 REFLECTING = frozenset({"skin", "dielectric"})  # what echoes over two places take from the surface
 
 
@@ -48,16 +48,6 @@ class Change:
         moved_m = np.abs(whole_m - without_m)[there & still]
         count = max(int(there.sum()), 1)
         return cls(1e3 * float(moved_m.mean()) if len(moved_m) else 0.0, float((there ^ still).sum()) / count)
-
-
-@dataclass(frozen=True, eq=False)
-class Coarse(EchoScene):
-    """A scene whose surfaces are sampled as if its shortest wavelength were COARSER times as long."""
-
-    @property
-    def wavelength_m(self) -> float:
-        """The length that facets are cut by."""
-        return COARSER * super().wavelength_m
 
 
 class Rehearsed(EchoState):
@@ -148,14 +138,13 @@ class Rehearsal:
         return maps if self._close else {FINE: maps[FINE]}
 
 
-def _coarse(scene: EchoScene) -> Coarse:
+def _coarse(scene: EchoScene) -> EchoScene:
     """The scene at the tones of a coarse and a fine depth step below the highest, ascending, coarsely sampled; with the
     rays that the simulation will cast, too."""
-    given = {field.name: getattr(scene, field.name) for field in fields(scene) if field.init}
     high_hz, low_hz = scene.pair_hz
     tones_hz = np.array([low_hz, scene.coarse_hz or high_hz - COARSE * scene.depth_step_hz, high_hz])
     measured = np.abs(scene.frequencies_hz - tones_hz[:, None]).argmin(axis=1)
-    coarse = Coarse(**{**given, "frequencies_hz": tones_hz, "time_s": scene.time_s[measured]})
+    coarse = replace(scene, frequencies_hz=tones_hz, time_s=scene.time_s[measured], coarser=COARSER)
     if scene.target is not None:
         coarse.kept(("rays", id(scene.target)), lambda: rays_of(scene, scene.body))
     return coarse
@@ -172,7 +161,7 @@ def _box(scene: EchoScene) -> tuple[Axis, Axis, Axis, int]:
     step_m = float(np.clip(np.sqrt(np.prod((high_m - low_m)[:2]) / PIXELS), *STEP_M))
     x, y = (_axis(low_m[i], high_m[i], step_m) for i in (0, 1))
     size_px = 1 + 2 * round((FILTER_M / step_m - 1) / 2)
-    return x, y, _axis(low_m[2], min(high_m[2], low_m[2] + DEEPEST_M), VOXEL_M), max(size_px, 1)
+    return x, y, _axis(low_m[2] + BEFORE_M, low_m[2] + BEHIND_M, VOXEL_M), max(size_px, 1)
 
 
 def _axis(low_m: float, high_m: float, step_m: float) -> Axis:

@@ -77,7 +77,8 @@ class EchoScene:
 
     target: what is measured (it may be None where there are balls alone); room: what stands around it and stays when
     it is taken away; depth_step_hz: the step between tones by which an effect's phase is told in millimetres;
-    polarisation_deg: the antennas' electric field, from x towards y (balls alone mind it).
+    polarisation_deg: the antennas' electric field, from x towards y (balls alone mind it); coarser: by how much
+    surfaces are sampled more coarsely.
     """
 
     array: AntennaArray
@@ -90,6 +91,7 @@ class EchoScene:
     seed: int = 0
     depth_step_hz: float = DEPTH_STEP_HZ
     polarisation_deg: float = 90.0
+    coarser: float = 1.0
     _kept: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -101,8 +103,8 @@ class EchoScene:
 
     @property
     def wavelength_m(self) -> float:
-        """The shortest wavelength."""
-        return SPEED_OF_LIGHT_M_S / float(self.frequencies_hz.max())
+        """The shortest wavelength, by which surfaces are sampled."""
+        return self.coarser * SPEED_OF_LIGHT_M_S / float(self.frequencies_hz.max())
 
     @property
     def pair(self) -> tuple[int, int]:

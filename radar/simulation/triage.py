@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -33,7 +34,7 @@ class Triage:
     reasons: dict[str, str] = field(default_factory=dict)
     changes: dict[str, dict[str, Change]] = field(default_factory=dict)
     levels_db: dict[str, float] = field(default_factory=dict)
-    costs_s: dict[str, float | None] = field(default_factory=dict)
+    costs_s: dict[str, float] = field(default_factory=dict)
 
 
 def worst_mm(changes: dict[str, Change]) -> float:
@@ -44,17 +45,14 @@ def worst_mm(changes: dict[str, Change]) -> float:
 def triage(scene: EchoScene, effects: Sequence[Effect], contained: dict[str, str], tolerance_mm: float) -> Triage:
     """The effects (of those that the scene has a cause for) that together change no method's map by more than the
     tolerance; contained: effects that another one does, where that is on."""
-    costs = {effect.id: effect.cost_s(scene) if effect.takes_time else 0.0 for effect in effects}
-    found, spent_mm = Triage(costs_s={name: cost_s for name, cost_s in costs.items() if cost_s}), 0.0
-    whole_s = echo_s(scene) + sum(cost or 0.0 for cost in costs.values())
-    doubtful = []
+    costs = {effect.id: effect.cost_s(scene) for effect in effects}
+    found, spent_mm, doubtful = Triage(costs_s=costs), 0.0, []
+    whole_s = echo_s(scene) + sum(costs.values())
     for effect in effects:
-        cost_s, glance = costs[effect.id], None
-        if not effect.takes_time:
-            found.reasons[effect.id] = "on unasked, since it takes no time"
-        elif cost_s is not None and cost_s < LITTLE * whole_s:
-            found.reasons[effect.id] = f"on unasked, since it takes about {100 * cost_s / whole_s:.1f} % of the time"
-        elif (glance := _glance(effect, scene)) is None:
+        part = costs[effect.id] / whole_s
+        if part < LITTLE:
+            found.reasons[effect.id] = f"on unasked, since it takes {100 * part:.0f} % of the time"
+        elif (glance := scene.kept(("glance", effect.id), partial(effect.glance, scene))) is None:
             doubtful.append(effect)
         elif CLEAR * glance.worst_mm <= tolerance_mm and spent_mm + SAFETY * glance.worst_mm <= tolerance_mm:
             spent_mm += SAFETY * glance.worst_mm
@@ -63,37 +61,19 @@ def triage(scene: EchoScene, effects: Sequence[Effect], contained: dict[str, str
             found.reasons[effect.id] = f"far above {tolerance_mm:g} mm: {_told(glance)}"
         else:
             doubtful.append(effect)
-    spare_s = SHARE * whole_s + sum(costs[name] or 0.0 for name in found.left_out)
-    if not doubtful:
-        return found
-    price_s = rehearsal_s(scene, [costs[effect.id] for effect in doubtful])
+    spare_s = SHARE * whole_s + sum(costs[name] for name in found.left_out)
+    price_s = REHEARSED * (echo_s(scene) * (2 + len(doubtful)) + sum(costs[effect.id] for effect in doubtful))
     if price_s > spare_s:
         why = f"on, since to rehearse what is in doubt would take about {price_s:.1f} of {whole_s:.1f} s"
         found.reasons |= {effect.id: why for effect in doubtful}
-    else:
-        _rehearse(found, scene, effects, contained, doubtful, tolerance_mm - spent_mm)
+    elif doubtful:
+        cast = [effect for effect in effects if effect in doubtful or costs[effect.id] < LITTLE * whole_s]
+        _rehearse(found, Rehearsal(scene, cast, contained), [effect.id for effect in doubtful], tolerance_mm - spent_mm)
     return found
 
 
-def rehearsal_s(scene: EchoScene, costs: Sequence[float | None]) -> float:
-    """Seconds of a rehearsal of effects of these costs beside those that take no time, each left out once."""
-    if None in costs:
-        return np.inf
-    return REHEARSED * (echo_s(scene) * (2 + len(costs)) + sum(cost or 0.0 for cost in costs))
-
-
-def _rehearse(
-    found: Triage,
-    scene: EchoScene,
-    effects: Sequence[Effect],
-    contained: dict[str, str],
-    asked: Sequence[Effect],
-    left_mm: float,
-) -> None:
-    """Rehearse the effects in doubt beside those that take no time, and leave out as many as together stay below."""
-    names = [effect.id for effect in asked]
-    cast = [effect for effect in effects if effect.id in names or not effect.takes_time]
-    rehearsal = Rehearsal(scene, cast, contained)
+def _rehearse(found: Triage, rehearsal: Rehearsal, names: list[str], left_mm: float) -> None:
+    """Leave out as many of the effects in doubt as together stay below, beside those that take no time."""
     found.changes = {name: rehearsal.change({name}) for name in names}
     sizes = {name: worst_mm(change) for name, change in found.changes.items()}
     out: list[str] = []
@@ -105,10 +85,6 @@ def _rehearse(
         found.left_out[name] = f"rehearsed: with all that is smaller it changes maps by {together_mm:.3f} mm"
     rest = [name for name in names if name not in out]
     found.reasons |= {name: f"rehearsed: changes maps by {sizes[name]:.3f} mm" for name in rest}
-
-
-def _glance(effect: Effect, scene: EchoScene) -> Glance | None:
-    return scene.kept(("glance", effect.id), lambda: effect.glance(scene))
 
 
 def _told(glance: Glance) -> str:

@@ -20,7 +20,6 @@ class PositionErrors(Effect):
     id = "positions"
     does = "true antenna positions about the nominal ones"
     source = "the pilot's two tones with one set of errors of the same spread"
-    takes_time = False
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.positions.sigma_m else "[sensor.positions] with sigma_m"
@@ -41,7 +40,6 @@ class AntennaPattern(Effect):
     id = "pattern"
     does = "the antennas' directivity"
     source = "the pilot's two tones with it; cosᵠ: Balanis, Antenna Theory, sec. 2.6; the QAR50's width is not public"
-    takes_time = False
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.pattern.beamwidth_deg is not None else "[sensor.pattern] with beamwidth_deg"
@@ -56,7 +54,6 @@ class AntennaCoupling(Effect):
     id = "coupling"
     does = "leakage from transmitters to receivers"
     source = "the pilot's two tones with the leakage added, at the level that the scene gives"
-    takes_time = False
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.coupling.level_db is not None else "[sensor.coupling] with level_db"
@@ -80,7 +77,6 @@ class ChannelErrors(Effect):
     id = "channels"
     does = "gain, phase and delay errors of each antenna"
     source = "the pilot's two tones with one set of errors of the same spread"
-    takes_time = False
 
     def missing(self, scene: EchoScene) -> str:
         causes = scene.causes.channels
@@ -108,7 +104,6 @@ class DeadElements(Effect):
     id = "dead"
     does = "antennas that give nothing"
     source = "the pilot's two tones without those channels"
-    takes_time = False
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.dead.tx or scene.causes.dead.rx else "[sensor.dead] with tx or rx"

@@ -44,15 +44,14 @@ class Effect(ABC):
     id: ClassVar[str]
     does: ClassVar[str]
     source: ClassVar[str]
-    takes_time: ClassVar[bool] = True  # False: so little that "auto" leaves it on unasked
 
     def missing(self, scene: EchoScene) -> str:
         """The needs of the effect that the scene lacks, as a phrase ("[noise] in the scene file"); "" if it has all."""
         return ""
 
-    def cost_s(self, scene: EchoScene) -> float | None:
-        """Seconds that it will take, on one core; None: not known, and "auto" leaves it on but where a glance tells."""
-        return None
+    def cost_s(self, scene: EchoScene) -> float:
+        """Seconds that it will take, on one core, as "auto" sees them: what takes none is on."""
+        return 0.0
 
     def glance(self, scene: EchoScene) -> Glance | None:
         """The size at a glance, without a ray or a random number; None: nothing is told so quickly."""

@@ -31,7 +31,6 @@ class OscillatorNoise(Effect):
     id = "oscillator"
     does = "phase noise of the common oscillator"
     source = "range correlation, Budge & Burt 1993; c/(4πΔf)·√2·σ/√T·√(2/π)"
-    takes_time = False
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.oscillator.level_dbc_hz is not None else "[sensor.oscillator] with level_dbc_hz"
@@ -61,7 +60,6 @@ class ThermalNoise(Effect):
     id = "noise"
     does = "thermal noise of the receivers"
     source = "σ_z = c/(4πΔf)·σ_φ·A_max/A, its mean magnitude √(2/π)·σ_z"
-    takes_time = False
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.noise.between_tones_rad else "[noise] with phase_noise_rad or snr_db"
@@ -111,7 +109,6 @@ class Quantisation(Effect):
     id = "converter"
     does = "quantisation and clipping by the converter"
     source = "the pilot's two tones, quantised; white noise of step²/12 per quadrature (Widrow & Kollár 2008)"
-    takes_time = False
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.converter.bits else "[sensor.converter] with bits"

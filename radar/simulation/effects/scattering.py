@@ -20,7 +20,6 @@ class Obliquity(Effect):
     id = "obliquity"
     does = "facets scatter with physical optics' obliquity, each antenna by its own angle"
     source = "the pilot's two tones without it; the integrand 2n·û of physical optics, see radar.simulation.forward"
-    takes_time = False
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.target is not None else "a target with a surface"
@@ -39,7 +38,6 @@ class ShadowCentre(Effect):
     id = "shadow_centre"
     does = "facets hidden from the aperture's centre, or turned away from it, echo nothing"
     source = "geometry, one ray per facet; the bound from a buffer of depths"
-    takes_time = False
 
     def missing(self, scene: EchoScene) -> str:
         return scene.lacks_surface
@@ -111,7 +109,6 @@ class Skin(Effect):
     id = "skin"
     does = "reflection of skin, with the palm's horny layer"
     source = "Gabriel et al. 1996 and Alekseev & Ziskin 2007; the slope of arg Γ between two tones"
-    takes_time = False
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.target is not None and scene.target.material.kind == "skin" else "a target of skin"

@@ -93,8 +93,6 @@ def test_what_is_not_worth_its_rehearsal_is_on(catalogue):
     choices = {choice.effect: choice for choice in selection.choose(bead_scene(), "auto", 0.1)}
     assert [name for name, choice in choices.items() if choice.on] == ["doubtful", "cheap"]
     assert "to rehearse what is in doubt" in choices["doubtful"].why and "unasked" in choices["cheap"].why
-    catalogue(effect("unknown", 0.04, cost_s=None), effect("clear", 0.001, cost_s=None))
-    assert on(selection.choose(bead_scene(), "auto", 0.1)) == ["unknown"]
 
 
 def test_what_the_scene_lacks_is_off_and_said(catalogue):
