@@ -11,8 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
-import numpy as np
-
 from radar.simulation.effects.base import Effect, Glance, echo_s
 from radar.simulation.rehearsal import Change, Rehearsal
 from radar.simulation.scene import EchoScene
@@ -88,11 +86,4 @@ def _rehearse(found: Triage, rehearsal: Rehearsal, names: list[str], left_mm: fl
 
 
 def _told(glance: Glance) -> str:
-    size = (
-        "nothing"
-        if glance.worst_mm == 0
-        else f"about {glance.worst_mm:.2g} mm"
-        if np.isfinite(glance.worst_mm)
-        else "any"
-    )
-    return f"{size} at a glance ({glance.why})"
+    return f"about {glance.worst_mm:.2g} mm at a glance ({glance.why})"

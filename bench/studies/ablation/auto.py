@@ -77,7 +77,6 @@ def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Record]:
     # The first round makes plans and compiles.
     seconds = {mm: np.median([run[mm][:2] for run in rounds[1:]], axis=0) for mm in listed}
     maps = {mm: depth_maps(scene, capture) for mm, (capture, _) in made.items()}
-    names = {"scene": scene.file.name, "all_s": seconds[None].sum()}
     records = []
     for mm in tolerances_mm:
         changes = {name: Change.between(z_m, maps[mm][name]) for name, z_m in maps[None].items()}
@@ -85,8 +84,8 @@ def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Record]:
         pixels_percent = 100 * max(change.pixels for change in changes.values())
         worst_mm = max(change.depth_mm for change in changes.values())
         records.append(
-            names
-            | {
+            {
+                "scene": scene.file.name,
                 "tolerance_mm": mm,
                 "left_out": ", ".join(row.effect for row in made[mm][1] if _left_out(row)),
                 "kept": worst_mm <= mm and pixels_percent <= 100 * mm / LOST_MM,
@@ -94,6 +93,7 @@ def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Record]:
                 **{f"{name}_mm": change.depth_mm for name, change in changes.items()},
                 "estimate_s": estimate_s,
                 "auto_s": auto_s,
+                "all_s": seconds[None].sum(),
                 "ratio": seconds[None].sum() / auto_s,
             }
         )
@@ -103,7 +103,7 @@ def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Record]:
 def estimates(scene: Scene, radar_scene: EchoScene, everything: tuple[str, ...], whole: Maps) -> list[Record]:
     """The estimates of some effects beside what leaving each out changes; for the method that it changes most."""
     records = []
-    slow = [effect.id for effect in EFFECTS if effect.takes_time and effect.id in everything]
+    slow = [effect.id for effect in EFFECTS if effect.id in everything and effect.cost_s(radar_scene) > 0]
     others = np.random.default_rng(scene.file.seed).permutation([name for name in everything if name not in slow])
     asked = [*slow, *others][:MEASURED]
     for row in choose(radar_scene, everything, 0.1, explain=True):
