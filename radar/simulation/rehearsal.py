@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from radar.data.capture import RadarCapture
 from radar.data.grid import Axis
-from radar.methods.fsk import two_tone
-from radar.methods.fsk_config import PAPER_LATERAL, SETTLING, FskConfig, ThreeToneConfig, TwoToneConfig
+from radar.methods.fsk import AnyConfig, two_tone
+from radar.methods.fsk_config import PAPER_LATERAL, SETTLING, ThreeToneConfig, TwoToneConfig
 from radar.methods.projection import NarrowbandConfig, project
 from radar.simulation.effects.base import Effect
 from radar.simulation.physics.line_of_sight import rays_of
@@ -81,8 +82,8 @@ class Rehearsal:
 
     def level_db(self, without: Iterable[str]) -> float:
         """Power of the echoes' change where these effects are left out, against that of all of them."""
-        change = np.linalg.norm(self._left_out(frozenset(without)) - self.samples)
-        return float(20 * np.log10(change / max(np.linalg.norm(self.samples), 1e-30))) if change > 0 else -np.inf
+        change = float(np.linalg.norm(self._left_out(frozenset(without)) - self.samples))
+        return float(20 * np.log10(change / max(float(np.linalg.norm(self.samples)), 1e-30))) if change else -np.inf
 
     def _left_out(self, without: frozenset[str]) -> np.ndarray:
         if without not in self._made:
@@ -105,13 +106,13 @@ class Rehearsal:
             if effect.id not in names:
                 continue
             if effect.id in self._extra and not without & REFLECTING:
-                state.extra.append(lambda name=effect.id: self._extra[name])  # type: ignore[misc]
+                state.extra.append(partial(self._extra.__getitem__, effect.id))
                 continue
             known = len(state.extra)
             effect.apply(state)
             if not without and len(state.extra) > known:
-                self._extra[effect.id] = sum(extra() for extra in state.extra[known:])  # type: ignore[assignment]
-                state.extra[known:] = [lambda name=effect.id: self._extra[name]]  # type: ignore[misc]
+                self._extra[effect.id] = np.sum([extra() for extra in state.extra[known:]], axis=0)
+                state.extra[known:] = [partial(self._extra.__getitem__, effect.id)]
         self._levels = self._levels or state.levels
         return state.samples[0]
 
@@ -128,7 +129,7 @@ class Rehearsal:
         tones = {"f1_hz": high_hz, "f2_hz": near_hz}
         start = {"first_depth_m": (z.start_m + z.stop_m) / 2, "corrections": SETTLING}
         filters = {"coarse_filter_px": size_px, "fine_filter_px": size_px}
-        configs: dict[str, FskConfig] = {
+        configs: dict[str, AnyConfig] = {
             "2fsk": TwoToneConfig(**given, **tones, **start),
             FINE: ThreeToneConfig(**given, **tones, **start, **filters, f3_hz=low_hz),
         }

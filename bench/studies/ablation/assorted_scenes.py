@@ -74,7 +74,8 @@ def _target(kind: str, draw: np.random.Generator) -> tuple[dict[str, Any], o3d.g
     radii_m, apart = draw.uniform(8e-3, 2e-2, 2), draw.normal(size=3) * [1, 1, 0.5]
     apart *= (radii_m.sum() + draw.uniform(1e-3, 3e-2)) / np.linalg.norm(apart)
     first, second = (sphere_mesh(radius_m, EDGE_M) for radius_m in radii_m)
-    return {"material": SKIN}, first + second.translate(apart)
+    second.translate(apart)
+    return {"material": SKIN}, first + second
 
 
 def _imperfect(draw: np.random.Generator) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -120,5 +121,6 @@ def wire(radius_m: float, x_m: float) -> o3d.geometry.TriangleMesh:
     """A cylinder along y."""
     made = load_open3d().geometry.TriangleMesh
     along, around = int(WIRE_M / EDGE_M), max(16, int(2 * np.pi * radius_m / EDGE_M))
-    turned = made.create_cylinder(radius_m, WIRE_M, around, along).rotate(Z_TO_Y, np.zeros(3))
-    return turned.translate([x_m, 0.0, 0.0])
+    surface = made.create_cylinder(radius_m, WIRE_M, around, along)
+    surface.rotate(Z_TO_Y, np.zeros(3)).translate([x_m, 0.0, 0.0])
+    return surface

@@ -14,6 +14,7 @@ import numpy as np
 
 from bench.scenes.build import Scene, load_scene
 from bench.scenes.echoes import choices, echo_scene
+from bench.scenes.scene_file import SceneFile
 from bench.studies.ablation.assorted_scenes import assorted_scene
 from bench.studies.columns import Record, Table, columns
 from bench.studies.study import Study
@@ -71,7 +72,7 @@ def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Record]:
     radar_scene = echo_scene(scene)
     everything = tuple(e.id for e in EFFECTS if e.id not in CONTAINED and not e.missing(radar_scene))
     files = {mm: scene.file.model_copy(update={"effects": "auto", "tolerance_mm": mm}) for mm in tolerances_mm}
-    listed = {None: scene.file.model_copy(update={"effects": everything}), **files}
+    listed: dict[float | None, SceneFile] = {None: scene.file.model_copy(update={"effects": everything}), **files}
     rounds = [{mm: _simulated(replace(scene, file=file)) for mm, file in listed.items()} for _ in range(1 + REPEATS)]
     made = {mm: last for mm, (_, _, last) in rounds[-1].items()}
     # The first round makes plans and compiles.
@@ -87,7 +88,7 @@ def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Record]:
             {
                 "scene": scene.file.name,
                 "tolerance_mm": mm,
-                "left_out": ", ".join(row.effect for row in made[mm][1] if _left_out(row)),
+                "left_out": ", ".join(row.effect for row in made[mm][1] if row.effect in everything and not row.on),
                 "kept": worst_mm <= mm and pixels_percent <= 100 * mm / LOST_MM,
                 "pixels_percent": pixels_percent,
                 **{f"{name}_mm": change.depth_mm for name, change in changes.items()},
@@ -180,10 +181,6 @@ def _simulated(scene: Scene) -> tuple[float, float, tuple[RadarCapture, tuple[Ch
     chosen = time.process_time()
     capture = simulate_scene(radar_scene, rows).capture
     return chosen - start, time.process_time() - chosen, (capture, rows)
-
-
-def _left_out(row: Choice) -> bool:
-    return not row.on and not row.why.startswith("needs") and row.effect not in CONTAINED
 
 
 def _check(frames: dict[str, Any]) -> None:

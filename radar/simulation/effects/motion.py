@@ -34,13 +34,7 @@ class TargetMotion(Effect):
         return "" if motion.amplitude_m or motion.velocity_m_s else "[target.motion] with an amplitude or a velocity"
 
     def cost_s(self, scene: EchoScene) -> float:
-        low, high = reach_m(scene.causes.motion, scene.time_s)
-        if scene.target is None:
-            return 0.0
-        # The whole surface once more for each displacement beyond the first.
-        across = np.ptp(scene.body.vertices_m, axis=0).max() / np.linalg.norm(scene.middle_m)
-        residual_rad = 4 * np.pi * scene.frequencies_hz.max() / SPEED_OF_LIGHT_M_S * across / 2 * (high - low)
-        return echo_s(scene) * (1 + int(residual_rad / RESIDUAL_RAD))
+        return echo_s(scene)  # of one displacement more, at least
 
     def glance(self, scene: EchoScene) -> Glance:
         """(f/Δf)·Δδ between the highest tone and that other one for which it is largest."""

@@ -93,7 +93,7 @@ def _from_ends(facets: Facets, antennas_m: np.ndarray) -> tuple[np.ndarray, np.n
     """Masks [p] of the facets that are seen from some and from all of the ends and middles of the antennas' lines."""
     views = [n for line in lines(antennas_m) for n in np.unique(line[[0, (len(line) - 1) // 2, -1]])]
     visible = np.stack([visible_from(facets, antennas_m[n]) for n in views])
-    return visible.any(axis=0), visible.all(axis=0)
+    return np.asarray(visible.any(axis=0)), np.asarray(visible.all(axis=0))
 
 
 class Skin(Effect):
