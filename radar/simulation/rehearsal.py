@@ -30,7 +30,7 @@ MARGIN_M = 5e-3  # of that box
 STEP_M, FILTER_M = (1e-3, 2e-3), 5e-3  # least and largest of the pixels, and of 3-FSK's averaging filters
 METHODS = ("2fsk", FINE := "3fsk", "narrowband")  # whose maps are made; FINE alone where no close tones are measured
 VOXEL_M = 1e-3  # along z
-BEFORE_M, BEHIND_M = -0.01, 0.07  # of the nearest point: the box of 80 mm that narrowband looks through
+DEEPEST_M = 0.12  # of the box that narrowband looks through, as the paper's 0.08
 REFLECTING = frozenset({"skin", "dielectric"})  # what echoes over two places take from the surface
 
 
@@ -162,7 +162,7 @@ def _box(scene: EchoScene) -> tuple[Axis, Axis, Axis, int]:
     step_m = float(np.clip(np.sqrt(np.prod((high_m - low_m)[:2]) / PIXELS), *STEP_M))
     x, y = (_axis(low_m[i], high_m[i], step_m) for i in (0, 1))
     size_px = 1 + 2 * round((FILTER_M / step_m - 1) / 2)
-    return x, y, _axis(low_m[2] + BEFORE_M, low_m[2] + BEHIND_M, VOXEL_M), max(size_px, 1)
+    return x, y, _axis(low_m[2], min(high_m[2], low_m[2] + DEEPEST_M), VOXEL_M), max(size_px, 1)
 
 
 def _axis(low_m: float, high_m: float, step_m: float) -> Axis:

@@ -71,8 +71,8 @@ def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Record]:
     interleaved runs; then everything without each effect."""
     radar_scene = echo_scene(scene)
     everything = tuple(e.id for e in EFFECTS if e.id not in CONTAINED and not e.missing(radar_scene))
-    files = {mm: scene.file.model_copy(update={"effects": "auto", "tolerance_mm": mm}) for mm in tolerances_mm}
-    listed: dict[float | None, SceneFile] = {None: scene.file.model_copy(update={"effects": everything}), **files}
+    listed: dict[float | None, SceneFile] = {None: scene.file.model_copy(update={"effects": everything})}
+    listed |= {mm: scene.file.model_copy(update={"effects": "auto", "tolerance_mm": mm}) for mm in tolerances_mm}
     rounds = [{mm: _simulated(replace(scene, file=file)) for mm, file in listed.items()} for _ in range(1 + REPEATS)]
     made = {mm: last for mm, (_, _, last) in rounds[-1].items()}
     # The first round makes plans and compiles.
