@@ -26,6 +26,7 @@ EFFECTS: tuple[Effect, ...] = (
     scattering.Obliquity(),
     scattering.ShadowCentre(),
     scattering.ShadowAntennas(),
+    scattering.ShadowDiffraction(),
     scattering.Skin(),
     Dielectric(),
     Multipath(),
@@ -41,7 +42,8 @@ EFFECTS: tuple[Effect, ...] = (
 IDS = tuple(effect.id for effect in EFFECTS)
 
 Wanted = tuple[str, ...] | Literal["auto"]
-CONTAINED = {"shadow_centre": "shadow_antennas"}  # the one is done by the other, where that is on
+# The one is done by the other, where that is on.
+CONTAINED = {"shadow_centre": "shadow_antennas", "shadow_antennas": "shadow_diffraction"}
 
 
 class Choice(Config):

@@ -43,7 +43,9 @@ def worst_mm(changes: dict[str, Change]) -> float:
 def triage(scene: EchoScene, effects: Sequence[Effect], contained: dict[str, str], tolerance_mm: float) -> Triage:
     """The effects (of those that the scene has a cause for) that together change no method's map by more than the
     tolerance; contained: effects that another one does, where that is on."""
-    costs = {effect.id: effect.cost_s(scene) for effect in effects}
+    there = {effect.id for effect in effects}
+    # What another effect does takes no time of its own.
+    costs = {e.id: 0.0 if contained.get(e.id) in there else e.cost_s(scene) for e in effects}
     found, spent_mm, doubtful = Triage(costs_s=costs), 0.0, []
     whole_s = echo_s(scene) + sum(costs.values())
     for effect in effects:

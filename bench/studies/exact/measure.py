@@ -32,6 +32,7 @@ LADDERS = (  # of effects, each row one more of what the scene calls for
     ("obliquity",),
     ("obliquity", "shadow_centre"),
     ("obliquity", "shadow_antennas"),
+    ("obliquity", "shadow_diffraction"),
     ("obliquity", "shadow_antennas", "multipath"),
 )
 REFLECTION = {"metal": (), "plastic": ("dielectric",), "skin": ("skin",)}  # the effect that a kind of material needs

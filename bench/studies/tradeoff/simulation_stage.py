@@ -38,8 +38,9 @@ class SimulationKnobs(Config):
     without: tuple[tuple[str, ...], ...] = (
         (),
         ("multipath",),
-        ("multipath", "shadow_antennas"),
-        ("multipath", "shadow_antennas", "shadow_centre"),
+        ("multipath", "shadow_diffraction"),
+        ("multipath", "shadow_diffraction", "shadow_antennas"),
+        ("multipath", "shadow_diffraction", "shadow_antennas", "shadow_centre"),
     )
     tolerance_mm: tuple[Annotated[float, Field(gt=0)], ...] = (0.1, 1.0)
     finest: float = Field(default=8.0, gt=0)

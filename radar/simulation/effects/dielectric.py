@@ -57,7 +57,7 @@ def _make_transparent(state: EchoState, surface: Surface, front: np.ndarray) -> 
     parts = facing(state.scene, body), turned_away(state.scene, body)
     index = np.sqrt(body.material.real_permittivity)
     surface.facets = facets = joined(parts)
-    surface.seen = None
+    surface.seen = surface.sight = None
     surface.layer = np.repeat([0, 1], [len(part) for part in parts])
     surface.reflection = np.stack([front, -front * (1 - front**2)])
     surface.delay_m = (index - 1) * inside_m(Rays(body.vertices_m, body.faces), facets.position_m, CENTRE_M)

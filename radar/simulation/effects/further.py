@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
-from radar.data.arrays import AntennaArray
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.simulation.effects.base import Effect, Glance
+from radar.simulation.forward import Scatterers
 from radar.simulation.physics.bundles import RX_NODES_M, TX_NODES_M, Bundles, nodes
 from radar.simulation.physics.coarse import double_bounce, single_bounce
+from radar.simulation.physics.diffracted import by_rays, samples_of, sights_of
 from radar.simulation.physics.facets import face_vectors
 from radar.simulation.physics.line_of_sight import rays_of
 from radar.simulation.physics.ray_tubes import trace
 from radar.simulation.physics.reflection import body_reflection, echo_reflection
-from radar.simulation.pilot import CENTRE_M, body_echoes, visible_surface
+from radar.simulation.pilot import CENTRE_M, LONGEST, body_echoes, visible_surface
 from radar.simulation.scene import Body, EchoScene
 from radar.simulation.state import EchoState, Surface, facing
 from radar.support.rays import Rays
 
 PATCH = 0.25  # longest edge of a mirror, wavelengths
 SECONDS_PER_FACE, SECONDS_PER_TUBE, SECONDS_PER_FACET = 3e-6, 3e-6, 7e-6
+NODES_M, SAMPLES_M = 0.03, 8e-3  # between antennas and points of the room for which the diffraction is computed
 
 
 class Multipath(Effect):
@@ -86,7 +91,8 @@ def _layers(surface: Surface) -> np.ndarray:
 
 class Clutter(Effect):
     """Echoes of the bodies around the target, which stay when it moves or is taken away: by physical optics, in its
-    shadow as the aperture's centre casts it; waves that go by way of both target and room are left out."""
+    shadow as the aperture's centre casts it, or diffracted as each antenna does; waves that go by way of both target
+    and room are left out."""
 
     id = "clutter"
     does = "echoes of what stands around the target"
@@ -114,10 +120,23 @@ class Clutter(Effect):
         rays = _rays([*scene.room, *_opaque_target(scene, state.with_target)])
         clutter = np.zeros(state.samples.shape[1:], np.complex64)
         for body in scene.room:
-            facets = facing(scene, body)
-            optics = facets.where(rays.in_sight(facets.position_m, CENTRE_M)).optics
+            optics = _seen_behind(state, rays, body)
             clutter += body_echoes(body, optics, scene.frequencies_hz, state.array, state.tolerance, state.pattern)
         state.samples = state.samples + clutter
+
+
+def _seen_behind(state: EchoState, rays: Rays, body: Body) -> Scatterers:
+    """A body's facets as the aperture's centre sees them behind the target; where that diffracts, coarser ones as each
+    antenna does."""
+    scene, surface = state.scene, state.surface
+    if surface is None or surface.sight is None:
+        facets = facing(scene, body)
+        return facets.where(rays.in_sight(facets.position_m, CENTRE_M)).optics
+    facets = facing(scene, body, LONGEST)
+    samples, turns_per_m = samples_of(body, facets, SAMPLES_M), scene.frequencies_hz / SPEED_OF_LIGHT_M_S
+    look = by_rays(rays, samples.points_m)
+    sight, _, some = sights_of(scene, surface.body, samples, look, turns_per_m, state.array, NODES_M)
+    return dataclasses.replace(facets.optics, sight=sight).where(some)
 
 
 def _opaque_target(scene: EchoScene, with_target: bool) -> tuple[Body, ...]:

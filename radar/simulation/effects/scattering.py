@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from radar.data.arrays import SPEED_OF_LIGHT_M_S as C
 from radar.simulation.effects.base import Effect, Glance
 from radar.simulation.physics.coarse import visible_from
+from radar.simulation.physics.diffracted import NODES_M, by_rays, samples_of, sights_of
 from radar.simulation.physics.facets import Facets, face_vectors
 from radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
 from radar.simulation.physics.reflection import THIN_M, skin_reflection
@@ -87,6 +89,33 @@ class ShadowAntennas(Effect):
         tx, rx = np.split(seen, [len(state.array.tx_m)])
         surface.seen = tx, rx
         surface.keep(np.asarray(tx.any(axis=0) & rx.any(axis=0)))
+
+
+class ShadowDiffraction(Effect):
+    """Waves bend around the outline of what hides. Left out: what creeps around curved edges, polarisation, waves that
+    bend twice, and angles beyond some 40°; where a path bounces twice, its shadows stay sharp."""
+
+    id = "shadow_diffraction"
+    does = "shadows of each antenna are as blurred as diffraction makes them (sharp ones are then not used)"
+    source = "Kirchhoff's integral along outlines: Miyamoto & Wolf 1962"
+
+    def missing(self, scene: EchoScene) -> str:
+        return scene.lacks_surface
+
+    def cost_s(self, scene: EchoScene) -> float:
+        return 4 * len(coarse_surface(scene, scene.body)) / FACETS_PER_S
+
+    def apply(self, state: EchoState) -> None:
+        surface, scene = state.surface, state.scene
+        if surface is None:
+            return
+        body = surface.body
+        facets = facing(scene, body)
+        samples, turns_per_m = samples_of(body, facets), scene.frequencies_hz / C
+        look = by_rays(rays_of(scene, body), samples.points_m)
+        surface.sight, _, some = sights_of(scene, body, samples, look, turns_per_m, state.array, NODES_M)
+        surface.facets, surface.seen = facets, None
+        surface.keep(some)
 
 
 def _from_ends(facets: Facets, antennas_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
