@@ -103,7 +103,7 @@ class ShadowDiffraction(Effect):
         return scene.lacks_surface
 
     def cost_s(self, scene: EchoScene) -> float:
-        return 4 * len(coarse_surface(scene, scene.body)) / FACETS_PER_S
+        return len(coarse_surface(scene, scene.body)) / FACETS_PER_S
 
     def apply(self, state: EchoState) -> None:
         surface, scene = state.surface, state.scene
