@@ -41,7 +41,7 @@ def show(rows: tuple[Choice, ...]) -> None:
     if not console.is_terminal:  # a pipe or a file has no width to keep to
         console.width = 200
     table = Table(box=box.SIMPLE, pad_edge=False)
-    for heading in ("effect", "depth mm", "lost %", "level dB", "on", "seconds", "why"):
+    for heading in ("effect", "depth mm", "worst mm", "pixels %", "level dB", "on", "seconds", "why"):
         table.add_column(heading, justify="left" if heading in ("effect", "on", "why") else "right")
     for row in rows:
         seconds = row.cost_s if row.seconds is None else row.seconds
@@ -49,6 +49,7 @@ def show(rows: tuple[Choice, ...]) -> None:
         cells = (
             row.effect,
             _number(row.depth_mm, 3),
+            _number(row.worst_mm, 3),
             _number(row.pixels_percent, 1),
             _number(row.level_db, 1),
             "on" if row.on else "–",

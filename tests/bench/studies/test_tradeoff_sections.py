@@ -184,11 +184,8 @@ def test_echoes_of_a_ball_come_nearer_with_more_facets_and_effects(small_bench, 
 
 def test_sampling_is_of_facets(small_bench):
     scene = echo_scene(load_scene(small_bench.parent / "ball.toml"))
-    given = {name: getattr(scene, name) for name in ("array", "frequencies_hz", "time_s", "target")}
-    counts = [
-        len(EchoState(simulation_stage.Sampled(**given, facets_per_wavelength=n), 1).surface.facets)
-        for n in (1.0, 4.0, 8.0)
-    ]
+    sampled = [replace(scene, coarser=simulation_stage.ORDINARY / n) for n in (1.0, 4.0, 8.0)]
+    counts = [len(EchoState(one, 1).surface.facets) for one in sampled]
     assert counts[1] == len(EchoState(scene, 1).surface.facets)
     assert counts[0] < counts[1] < counts[2]
 

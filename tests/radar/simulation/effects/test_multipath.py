@@ -5,7 +5,7 @@ import pytest
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from radar.simulation.effects import further
-from radar.simulation.effects.base import NOTHING
+from radar.simulation.effects.base import Glance
 from radar.simulation.effects.further import Multipath
 from radar.simulation.effects.motion import echoes_of_moving
 from radar.simulation.physics.bundles import nodes
@@ -171,10 +171,10 @@ def test_layers_reflect_each_in_its_way():
     assert relative_error(made.extra[0](), 0.5 * twice(CORNER, TONE_HZ)) < 1e-6
 
 
-def test_the_estimate_casts_no_ray_and_knows_the_energy():
+def test_a_glance_casts_no_ray_and_knows_the_energy():
     scene = EchoScene(qar50(), TONES_HZ, np.zeros(len(TONES_HZ)), FINGERS)
     before = Rays.cast
-    estimate = Multipath().estimate(scene)
+    glance = Multipath().glance(scene)
     assert Rays.cast == before
     made = EchoState(scene, 1)
     made.surface.oblique = True
@@ -182,12 +182,11 @@ def test_the_estimate_casts_no_ray_and_knows_the_energy():
     Multipath().apply(made)
     level_db = 20 * np.log10(np.linalg.norm(made.extra[0]()) / np.linalg.norm(once))
     # 1 dB on hands; here few facets mirror, and the cylinders shade each other.
-    assert estimate.level_db == pytest.approx(level_db, abs=3)
-    assert estimate.depth_mm > 0.1
+    told = Glance.of_level(scene, 1.0, "").worst_mm
+    assert 20 * np.log10(glance.worst_mm / told) == pytest.approx(level_db, abs=3)
 
 
-def test_the_estimate_of_flat_and_convex_bodies_is_nothing():
+def test_flat_and_convex_bodies_have_none():
     for body in (plate((-0.03, -0.03, 0.3), (0, 0.06, 0), (0.06, 0, 0), 60), sphere_body(0.01, (0, 0, 0.3))):
         scene = EchoScene(qar50(), TONES_HZ, np.zeros(len(TONES_HZ)), body)
-        estimate = Multipath().estimate(scene)
-        assert (estimate.depth_mm, estimate.level_db) == (0.0, NOTHING)
+        assert Multipath().glance(scene).worst_mm == 0
