@@ -35,8 +35,8 @@ def run(options: argparse.Namespace) -> None:
 
 
 def show(rows: tuple[Choice, ...]) -> None:
-    """Print the effects on stdout, as wide as the table needs: estimate, on or off, why, and what each took; lost %: of
-    a depth map's pixels or of photographs' matches, lost and gained."""
+    """Print the effects on stdout, as wide as the table needs: estimate, on or off, why, and what each took; pixels %:
+    lost and gained, of a depth map's pixels or of photographs' matches."""
     console = Console(highlight=False)
     if not console.is_terminal:  # a pipe or a file has no width to keep to
         console.width = 200

@@ -124,7 +124,8 @@ def test_one_table_explains_echoes_and_photographs(tmp_path: Path, capsys: pytes
     file.write_text(SCENE)
     simulate.run(Namespace(scene=file, explain=True))
     lines = [line for line in capsys.readouterr().out.splitlines() if line.strip()]
-    assert lines[0].split() == ["effect", "depth", "mm", "lost", "%", "level", "dB", "on", "seconds", "why"]
+    headings = ["depth", "mm", "worst", "mm", "pixels", "%", "level", "dB", "on", "seconds", "why"]
+    assert lines[0].split() == ["effect", *headings]
     table = {line.split()[0]: line.split() for line in lines[2:]}
     assert {"obliquity", "photos", *(f"photos.{name}" for name in WITHOUT)} < set(table)
     assert float(table["photos"][2]) > 0 and "processor" in table["photos"] and float(table["photos.blur"][1]) > 0
