@@ -77,8 +77,8 @@ class EchoScene:
 
     target: what is measured (it may be None where there are balls alone); room: what stands around it and stays when
     it is taken away; depth_step_hz: the step between tones by which an effect's phase is told in millimetres;
-    polarisation_deg: the antennas' electric field, from x towards y (balls alone mind it); coarser: by how much
-    surfaces are sampled more coarsely.
+    polarisation_deg: the antennas' electric field, from x towards y (balls and echoes over two places mind it);
+    coarser: by how much surfaces are sampled more coarsely.
     """
 
     array: AntennaArray
@@ -100,6 +100,12 @@ class EchoScene:
         if self.target is None:
             raise ValueError("the scene has no target but balls")
         return self.target
+
+    @property
+    def dipole(self) -> np.ndarray:
+        """The direction [3] of the antennas' electric field."""
+        angle = np.radians(self.polarisation_deg)
+        return np.array([np.cos(angle), np.sin(angle), 0.0])
 
     @property
     def wavelength_m(self) -> float:

@@ -164,8 +164,11 @@ def test_two_bounces_echo_the_same_whichever_way_the_scene_is_turned():
     """No axis is special to a tube's footprint; rays are cast in single precision."""
     corner = dihedral(0.03, 0.04, (0.02, 0.01, 0.3), 4, turn_rad=0.1)
     echoes = []
-    for array, vertices_m in ((SPARSE, corner.vertices_m), (TURNED, corner.vertices_m @ TURN.T)):
-        state = EchoState(EchoScene(array, TONES_HZ, np.zeros(3), Body(vertices_m, corner.faces)), 1)
+    whole = (SPARSE, corner.vertices_m, np.eye(3)[1]), (TURNED, corner.vertices_m @ TURN.T, TURN[:, 1])
+    for array, vertices_m, dipole in whole:
+        angle_deg = float(np.degrees(np.arctan2(dipole[1], dipole[0])))
+        body = Body(vertices_m, corner.faces)
+        state = EchoState(EchoScene(array, TONES_HZ, np.zeros(3), body, polarisation_deg=angle_deg), 1)
         Multipath().apply(state)
         echoes.append(state.extra[0]())
     assert relative_error(echoes[1], echoes[0]) < 1e-5

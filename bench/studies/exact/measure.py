@@ -33,7 +33,7 @@ LADDERS = (  # of effects, each row one more of what the scene calls for
     ("obliquity", "shadow_centre"),
     ("obliquity", "shadow_antennas"),
     ("obliquity", "shadow_diffraction"),
-    ("obliquity", "shadow_antennas", "multipath"),
+    ("obliquity", "shadow_diffraction", "multipath"),
 )
 REFLECTION = {"metal": (), "plastic": ("dielectric",), "skin": ("skin",)}  # the effect that a kind of material needs
 

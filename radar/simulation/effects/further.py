@@ -15,9 +15,9 @@ from radar.simulation.physics.diffracted import by_rays, samples_of, sights_of
 from radar.simulation.physics.facets import face_vectors
 from radar.simulation.physics.line_of_sight import rays_of
 from radar.simulation.physics.ray_tubes import trace
-from radar.simulation.physics.reflection import body_reflection, echo_reflection
+from radar.simulation.physics.reflection import body_reflection, echo_reflection, oblique_ratios
 from radar.simulation.pilot import CENTRE_M, LONGEST, body_echoes, visible_surface
-from radar.simulation.scene import Body, EchoScene
+from radar.simulation.scene import Body, EchoScene, Material
 from radar.simulation.state import EchoState, Surface, facing
 from radar.support.rays import Rays
 
@@ -63,10 +63,12 @@ class Multipath(Effect):
         traced = trace(rays_of(state.scene, body), body, few, longest_m)
         if len(traced.hits.face) == 0:
             return
-        bundles = Bundles(traced, _layers(surface), at)
+        bundles = Bundles(traced, _layers(surface), at, state.scene.dipole)
 
         def echo() -> np.ndarray:
-            return bundles.echo(state.scene.frequencies_hz, state.array, surface.reflection, state.pattern)
+            material = Material() if surface.reflection is None else body.material  # where it is off, that of metal
+            ratios = oblique_ratios(material, float(state.scene.frequencies_hz.mean()))
+            return bundles.echo(state.scene.frequencies_hz, state.array, surface.reflection, state.pattern, ratios)
 
         state.extra.append(echo)
 

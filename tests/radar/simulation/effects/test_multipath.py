@@ -67,7 +67,14 @@ def test_a_dihedral_has_the_pattern_of_its_equivalent_plate_along_the_edge(eleva
 
 
 def image_theory(width_m, height_m, edge_m, frequencies_hz, array, count=120) -> np.ndarray:
-    """Physical optics over each plate of what the transmitter's image in the other one sends through that one."""
+    """Physical optics over each plate of what the transmitter's image in the other one sends through that one, of
+    dipoles along y, whose images are dipoles along y."""
+
+    def field(ray_m):
+        unit = ray_m / np.linalg.norm(ray_m, axis=-1, keepdims=True)
+        across = [0, 1, 0] - unit[..., 1:2] * unit
+        return across / np.linalg.norm(across, axis=-1, keepdims=True)
+
     samples = np.zeros((len(frequencies_hz), *array.channels), complex)
     for side in (1, -1):
         mirror, screen = (np.array([np.sin(s * np.pi / 4), 0, -np.cos(np.pi / 4)]) for s in (side, -side))
@@ -86,9 +93,11 @@ def image_theory(width_m, height_m, edge_m, frequencies_hz, array, count=120) ->
             inside &= np.abs(crossing_m[:, 1]) < height_m / 2
             lit = inside * np.sqrt(np.maximum(-(ray_m @ mirror) / length_m, 0)) / length_m
             lit *= width_m * height_m / count**2
+            mirrored = field(ray_m) - 2 * (field(ray_m) @ mirror)[:, None] * mirror
+            alike = np.einsum("rqi,qi->rq", field(back_m), mirrored)
             for f, frequency_hz in enumerate(frequencies_hz):
                 k = 2 * np.pi * frequency_hz / SPEED_OF_LIGHT_M_S
-                samples[f, t] -= (seen * np.exp(-1j * k * reach_m)) @ (lit * np.exp(-1j * k * length_m))
+                samples[f, t] -= (alike * seen * np.exp(-1j * k * reach_m)) @ (lit * np.exp(-1j * k * length_m))
     return samples
 
 
