@@ -17,8 +17,9 @@ from bench.scenes.stand import cuboid, plate_box_m
 from radar.data.capture import RadarCapture
 from radar.methods.registry import method
 from radar.simulation.causes import Causes, Pattern
+from radar.simulation.rehearsal import Rehearsal
 from radar.simulation.scene import Body, EchoScene, Material
-from radar.simulation.selection import EFFECTS, IDS, choose
+from radar.simulation.selection import CONTAINED, EFFECTS, IDS, choose
 from radar.simulation.simulate import simulate_scene
 from tests.radar.simulation.effects.closed_forms import (
     phase_errors_rad,
@@ -162,7 +163,8 @@ def main(picture: Path) -> None:
     print("hand | case | estimate mm | measured mm (median)")
     every = [(letter, case) for letter in "fb" for case in cases(letter)]
     for letter, (name, effect, scene) in (*every, ("target", calibration_target())):
-        estimate = EFFECTS[IDS.index(effect)].estimate(scene)
+        there = [known for known in EFFECTS if known.id in (*BASE, effect) and not known.missing(scene)]
+        estimate = Rehearsal(scene, there, CONTAINED).change({effect})["3fsk"]
         mean_mm, median_mm = measured_mm(scene, effect)
         print(f"{letter} | {name} | {estimate.depth_mm:.3f} | {mean_mm:.3f} ({median_mm:.3f})", flush=True)
 

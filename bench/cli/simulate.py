@@ -13,15 +13,19 @@ from bench.cli.options import free_folder
 from bench.datasets.simulated import simulate_capture
 from bench.scenes.build import load_scene
 from bench.scenes.echoes import choices
+from bench.scenes.photo_effects import choose
+from bench.scenes.photographs import Studio
 from radar.simulation.selection import Choice
 from radar.support.errors import HandbenchError
 from radar.support.progress import say
 
 
 def run(options: argparse.Namespace) -> None:
-    """Scene → capture folder; or what its echoes would show, and why."""
+    """Scene → capture folder; or what its echoes and photographs would show, and why."""
     if options.explain:
-        show(choices(load_scene(options.scene), explain=True))
+        scene = load_scene(options.scene)
+        photographs = choose(Studio(scene), explain=True)[1] if scene.cameras else ()
+        show(choices(scene, explain=True) + photographs)
         return
     if options.out is None:
         raise HandbenchError("-o: is missing; name a capture folder, or ask for --explain alone")
@@ -31,19 +35,22 @@ def run(options: argparse.Namespace) -> None:
 
 
 def show(rows: tuple[Choice, ...]) -> None:
-    """Print the effects on stdout, as wide as the table needs: estimate, on or off, why, and what each took."""
+    """Print the effects on stdout, as wide as the table needs: estimate, on or off, why, and what each took; pixels %:
+    lost and gained, of a depth map's pixels or of photographs' matches."""
     console = Console(highlight=False)
     if not console.is_terminal:  # a pipe or a file has no width to keep to
         console.width = 200
     table = Table(box=box.SIMPLE, pad_edge=False)
-    for heading in ("effect", "depth mm", "level dB", "on", "seconds", "why"):
-        table.add_column(heading, justify="right" if heading in ("depth mm", "level dB", "seconds") else "left")
+    for heading in ("effect", "depth mm", "worst mm", "pixels %", "level dB", "on", "seconds", "why"):
+        table.add_column(heading, justify="left" if heading in ("effect", "on", "why") else "right")
     for row in rows:
         seconds = row.cost_s if row.seconds is None else row.seconds
         mark = "~" if row.seconds is None and seconds else ""
         cells = (
             row.effect,
             _number(row.depth_mm, 3),
+            _number(row.worst_mm, 3),
+            _number(row.pixels_percent, 1),
             _number(row.level_db, 1),
             "on" if row.on else "–",
             mark + _number(seconds, 2),

@@ -12,6 +12,7 @@ import tomlkit
 from bench.datasets.native import DESCRIPTION, ECHOES, EMPTY, PHOTOS, TARGET, TRUE_TRANSFORM, TRUTH
 from bench.scenes.build import Scene
 from bench.scenes.echoes import echoes
+from bench.scenes.photo_effects import choose
 from bench.scenes.photographs import Studio
 from bench.scenes.scene_file import HandTarget, MeshTarget
 from groundtruth.board.board import save_board
@@ -36,13 +37,13 @@ def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple
         if simulated.empty is not None:
             save_capture(temporary / EMPTY, simulated.empty)
         say(f"{scene.file.name}: {len(scene.cameras)} photographs")
-        write_photos(scene, temporary, simulated.rows)
-    return simulated.rows
+        return write_photos(scene, temporary, simulated.rows)
 
 
-def write_photos(scene: Scene, folder: str | Path, rows: tuple[Choice, ...] = ()) -> None:
+def write_photos(scene: Scene, folder: str | Path, rows: tuple[Choice, ...] = ()) -> tuple[Choice, ...]:
     """Write everything but the echoes: `photos/` (when the scene has any), `truth.ply` (metres, radar frame),
-    `truth_radar_from_photo.json`, `target.toml` for a calibration target, and `capture.toml`; rows: of the effects."""
+    `truth_radar_from_photo.json`, `target.toml` for a calibration target, and `capture.toml`. rows: of the echoes'
+    effects; returns them with those of the photographs."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_mesh(folder / TRUTH, scene.target_mesh)
@@ -50,9 +51,13 @@ def write_photos(scene: Scene, folder: str | Path, rows: tuple[Choice, ...] = ()
     if scene.target is not None:
         write_text(folder / TARGET, tomlkit.dumps(scene.target.model_dump()))
     if scene.cameras:
-        write_photographs(scene, folder / PHOTOS, Studio(scene).photograph)
+        studio = Studio(scene)
+        photos, chosen = choose(studio)
+        rows += chosen
+        write_photographs(scene, folder / PHOTOS, studio.taking(photos).photograph)
     contains = sorted(path.name for path in folder.iterdir())
     write_text(folder / DESCRIPTION, tomlkit.dumps(description(scene, contains, rows)))
+    return rows
 
 
 def description(scene: Scene, contains: list[str], rows: tuple[Choice, ...]) -> dict[str, Any]:

@@ -109,8 +109,9 @@ def zero_set(field: Field, lower_m: np.ndarray, upper_m: np.ndarray, edge_m: flo
     Marching cubes, isotropic remeshing, then every vertex onto the zero set; relaxing evens the triangles and
     undoes the few folds that this makes in narrow grooves.
     """
-    from skimage.measure import marching_cubes
+    from skimage import measure
 
+    marching_cubes: Callable[..., tuple[np.ndarray, ...]] = measure.marching_cubes
     step_m = 0.9 * edge_m
     values = lattice(field, lower_m, upper_m, step_m)
     vertices, faces, _, _ = marching_cubes(values, 0.0, gradient_direction="descent")

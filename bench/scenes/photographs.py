@@ -5,6 +5,8 @@ What real photographs add can be switched on: highlights, speckle, defocus, moti
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from bench.scenes.bodies import Body, bodies, texture_seed
@@ -30,7 +32,7 @@ class Studio:
 
     def __init__(self, scene: Scene) -> None:
         assert scene.file.photos is not None  # as there are cameras
-        self.photos = scene.file.photos
+        self.scene, self.photos = scene, scene.file.photos
         self.seed = scene.file.seed
         self.bodies = bodies(scene)
         self.aim_m = scene.radar_from_photo.inverse().points(scene.radar_from_target.matrix[None, :3, 3])[0]
@@ -41,12 +43,21 @@ class Studio:
             self.rays.add_triangles(body.vertices_m.astype(np.float32), body.faces.astype(np.uint32))
         self.light = [bake(self.rays, body) for body in self.bodies]
 
+    def taking(self, photos: Photos) -> Studio:
+        """The same lit scene, photographed with other effects."""
+        result = copy(self)
+        result.photos, result.projector = photos, _projector(self.scene, photos, self.aim_m)
+        return result
+
     def photograph(self, camera: Camera, number: int) -> np.ndarray:
         """One photograph [height, width, 3] as 8-bit BGR (OpenCV's order); `number` seeds what is random about it."""
+        return self.record(self.expose(camera), number)
+
+    def record(self, radiance: np.ndarray, number: int) -> np.ndarray:
+        """The 8-bit BGR [height, width, 3] that the photograph `number` makes of the light on its sensor."""
         import cv2
 
         photos = self.photos
-        radiance = self.expose(camera)
         if photos.blur_px > 0:
             radiance = cv2.GaussianBlur(radiance, (0, 0), photos.blur_px)
         if photos.motion_px > 0:

@@ -153,8 +153,11 @@ class Sensor(SensorFaults):
 
 
 class Photos(Config):
-    """The photographs to take."""
+    """The photographs to take. effects: "all" that the keys below name, or "auto", which leaves out what together moves
+    the mesh by less than tolerance_mm."""
 
+    effects: Literal["all", "auto"] = "all"
+    tolerance_mm: float = Field(default=0.01, gt=0)
     cameras: int = Field(default=8, ge=2, le=100)
     width: int = Field(default=2400, ge=64, le=12_000)
     height: int = Field(default=1600, ge=64, le=12_000)

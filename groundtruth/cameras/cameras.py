@@ -104,10 +104,14 @@ class Camera(Config):
     def ray_directions(self) -> np.ndarray:
         """World-frame unit directions [height, width, 3] through every pixel's centre (distortion undone)."""
         u, v = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
-        xy = np.asarray(self.colmap().cam_from_img(np.stack([u.ravel(), v.ravel()], axis=1)))
+        return self.directions(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(self.height, self.width, 3)
+
+    def directions(self, pixels: np.ndarray) -> np.ndarray:
+        """World-frame unit directions [n, 3] through pixels [n, 2] (distortion undone)."""
+        xy = np.asarray(self.colmap().cam_from_img(pixels))
         rays = xy @ self.rotation[:2] + self.rotation[2]  # of (x, y, 1), in place: there are millions
         rays *= 1 / np.sqrt(1 + np.einsum("ij,ij->i", xy, xy))[:, None]
-        return rays.reshape(self.height, self.width, 3)
+        return rays
 
 
 class CameraFile(Config):

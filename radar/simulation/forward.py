@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, positions
 from radar.imaging.api import points_executor
-from radar.imaging.cpu.ascent import Source
+from radar.imaging.cpu.ascent import FULL_SIGHT, Sight, Source
 from radar.imaging.cpu.exact import path_lengths
 from radar.imaging.cpu.executor import Executor
 from radar.imaging.cpu.steering import FAST, GRAZING, cis_turns, least_cosine
@@ -33,19 +33,22 @@ NEAR = 5.0  # wavelengths from the array within which 1/R changes by a fifth and
 class Scatterers:
     """position_m [p, 3]; weight [p] (surface area in m² for physical optics, any amplitude for points); normal [p, 3]
     unit vectors, or None for points that scatter evenly; delay_m [p] extra one-way optical path, or None; seen: which
-    antennas see each point, (bool [t, p], bool [r, p]), or None for all."""
+    antennas see each point, (bool [t, p], bool [r, p]), or None for all; sight: how much of each point antennas see, or
+    None for all of it."""
 
     position_m: np.ndarray
     weight: np.ndarray
     normal: np.ndarray | None = None
     delay_m: np.ndarray | None = None
     seen: tuple[np.ndarray, np.ndarray] | None = None
+    sight: Sight | None = None
 
     def where(self, chosen: np.ndarray) -> Scatterers:
         """Some of them, by mask or index [n]."""
         seen = None if self.seen is None else (self.seen[0][:, chosen], self.seen[1][:, chosen])
         normal, delay_m = (None if values is None else values[chosen] for values in (self.normal, self.delay_m))
-        return Scatterers(self.position_m[chosen], self.weight[chosen], normal, delay_m, seen)
+        sight = None if self.sight is None else self.sight.where(chosen)
+        return Scatterers(self.position_m[chosen], self.weight[chosen], normal, delay_m, seen, sight)
 
 
 def simulate(
@@ -70,16 +73,20 @@ def simulate(
     delay_m = 0.0 if scatterers.delay_m is None else 2 * float(np.max(scatterers.delay_m, initial=0.0))
     family = Family(tolerance, apart=False, delay_m=delay_m, pattern=pattern if spreading else None)
     kinked = partly | _bent(scatterers, frequencies_hz, array, pattern) if spreading else partly
+    sight = scatterers.sight
+    kind = kinked.astype(int) if sight is None else np.where(sight.partial, 2, kinked)
     samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
-    for whole in (False, True):  # a gain with a kink is not smooth enough to be carried by few antennas
-        alike = np.flatnonzero(kinked == whole)
+    for whole in range(3):  # a gain with a kink is not smooth enough to be carried by few antennas, nor what diffracts
+        alike = np.flatnonzero(kind == whole)
         for near in clusters(position[alike], frequencies_hz) if len(alike) else []:
             chosen = alike[near]
-            family = family._replace(whole=whole)
+            family = family._replace(whole=whole > 0)
+            if sight is not None and whole == 2:
+                family = family._replace(delay_m=delay_m + 2 * sight.detour_m)
             executor = points_executor(frequencies_hz, array, position[chosen], family, Executor)
             where = executor.plan.sort(position[chosen])
             part = scatterers.where(chosen[where.order])
-            samples += executor.echoes(_source(part, where.points_m, spreading, pattern, masked=whole), where)
+            samples += executor.echoes(_source(part, where.points_m, spreading, pattern, whole), where)
     return samples
 
 
@@ -110,16 +117,17 @@ def _check(scatterers: Scatterers, array: AntennaArray, spreading: bool) -> None
         )
 
 
-def _source(part: Scatterers, points_m: np.ndarray, spreading: bool, pattern: float, masked: bool) -> Source:
-    """Scatterers for the kernels; points_m [3, p]: their positions."""
+def _source(part: Scatterers, points_m: np.ndarray, spreading: bool, pattern: float, whole: int) -> Source:
+    """Scatterers for the kernels; points_m [3, p]: their positions; whole: 1 with masks, 2 with sight."""
     count = len(part.position_m)
     delay_m = np.zeros(count) if part.delay_m is None else np.asarray(part.delay_m, np.float64)
     normal = np.zeros((3, 0)) if part.normal is None else np.ascontiguousarray(part.normal.T, np.float64)
     everyone = np.zeros((0, 0), np.uint8)
-    seen = part.seen if masked and part.seen is not None else (everyone, everyone)
+    seen = part.seen if whole == 1 and part.seen is not None else (everyone, everyone)
     seen_tx, seen_rx = (np.ascontiguousarray(leg, np.uint8) for leg in seen)
     weight = np.asarray(part.weight, np.complex64)
-    return Source(points_m, weight, delay_m, normal, spreading, float(pattern), seen_tx, seen_rx)
+    sight = part.sight if whole == 2 and part.sight is not None else FULL_SIGHT
+    return Source(points_m, weight, delay_m, normal, spreading, float(pattern), seen_tx, seen_rx, sight)
 
 
 def _bent(scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArray, pattern: float) -> np.ndarray:
@@ -178,6 +186,9 @@ def _simulate_exactly(
         for start in range(0, len(position), CHUNK):
             chunk = slice(start, start + CHUNK)
             a, b = (_conjugate_steering(d[:, chunk], g[:, chunk], turns_per_m) for d, g in legs)
+            if scatterers.sight is not None:
+                here = scatterers.sight.where(np.arange(len(position))[chunk])
+                a, b = (wave * here.weights(leg, turns_per_m) for leg, wave in enumerate((a, b)))
             total += a @ b.T
         samples[f] = total
 

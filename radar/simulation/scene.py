@@ -14,6 +14,7 @@ from radar.simulation.causes import Causes
 from radar.support.config import Config
 
 DEPTH_STEP_HZ = 2.5e9  # f1 − f3 of the paper's 3-FSK: the step that its depths come from
+COARSE = 0.08  # of the depth step, as 200 MHz of 2.5 GHz: the step that finds where the fine one looks
 MOST_FOAM = 1.5
 USUAL = {"foam": 1.03, "plastic": 2.7}  # permittivity: expanded polystyrene; printed PLA, solid
 
@@ -76,7 +77,8 @@ class EchoScene:
 
     target: what is measured (it may be None where there are balls alone); room: what stands around it and stays when
     it is taken away; depth_step_hz: the step between tones by which an effect's phase is told in millimetres;
-    polarisation_deg: the antennas' electric field, from x towards y (balls alone mind it).
+    polarisation_deg: the antennas' electric field, from x towards y (balls and echoes over two places mind it);
+    coarser: by how much surfaces are sampled more coarsely.
     """
 
     array: AntennaArray
@@ -89,6 +91,7 @@ class EchoScene:
     seed: int = 0
     depth_step_hz: float = DEPTH_STEP_HZ
     polarisation_deg: float = 90.0
+    coarser: float = 1.0
     _kept: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -99,9 +102,15 @@ class EchoScene:
         return self.target
 
     @property
+    def dipole(self) -> np.ndarray:
+        """The direction [3] of the antennas' electric field."""
+        angle = np.radians(self.polarisation_deg)
+        return np.array([np.cos(angle), np.sin(angle), 0.0])
+
+    @property
     def wavelength_m(self) -> float:
-        """The shortest wavelength."""
-        return SPEED_OF_LIGHT_M_S / float(self.frequencies_hz.max())
+        """The shortest wavelength, by which surfaces are sampled."""
+        return self.coarser * SPEED_OF_LIGHT_M_S / float(self.frequencies_hz.max())
 
     @property
     def pair(self) -> tuple[int, int]:
@@ -119,6 +128,20 @@ class EchoScene:
         """Their frequencies; a lone tone has a partner that is not measured, a depth step below it."""
         high_hz, low_hz = (float(self.frequencies_hz[tone]) for tone in self.pair)
         return high_hz, low_hz if low_hz < high_hz else high_hz - self.depth_step_hz
+
+    @property
+    def coarse_hz(self) -> float | None:
+        """The measured tone nearest to COARSE of a depth step below the highest, which 2-FSK tells depths by; None
+        where it is half as far again."""
+        usual_hz, below_hz = COARSE * self.depth_step_hz, self.frequencies_hz.max() - self.frequencies_hz
+        nearest = int(np.abs(below_hz - usual_hz).argmin())
+        return float(self.frequencies_hz[nearest]) if abs(below_hz[nearest] - usual_hz) < usual_hz / 2 else None
+
+    @property
+    def strictness(self) -> float:
+        """The weight of a phase in 2-FSK, if its tones are measured, over that between the pair of tones."""
+        high_hz, low_hz = self.pair_hz
+        return 1.0 if self.coarse_hz is None else max((high_hz - low_hz) / (high_hz - self.coarse_hz), 1.0)
 
     @property
     def depth_m_per_rad(self) -> float:

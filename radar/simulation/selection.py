@@ -1,22 +1,21 @@
-"""All effects, and the selection of those that a scene calls for.
-
-`auto` leaves out the smallest effects as long as the sum of their estimates, doubled since estimates may be wrong by
-a factor of two (docs/effects.md), stays within the tolerance: estimates are means of magnitudes, whose sum bounds the
-mean of the whole change. Every effect above the tolerance is on.
-"""
+"""All effects, and the rows that say which of them a scene is simulated with: those that are listed, or those that
+`radar.simulation.triage` leaves on."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 
 from radar.simulation.effects import antennas, receiver, scattering
-from radar.simulation.effects.base import Effect, Estimate
+from radar.simulation.effects.base import Effect
 from radar.simulation.effects.dielectric import Dielectric
 from radar.simulation.effects.further import Clutter, Multipath
 from radar.simulation.effects.motion import TargetMotion
+from radar.simulation.rehearsal import FINE, Rehearsal
 from radar.simulation.scene import EchoScene
+from radar.simulation.triage import Triage, triage
 from radar.support.config import Config, suggest
 from radar.support.errors import HandbenchError
 
@@ -27,6 +26,7 @@ EFFECTS: tuple[Effect, ...] = (
     scattering.Obliquity(),
     scattering.ShadowCentre(),
     scattering.ShadowAntennas(),
+    scattering.ShadowDiffraction(),
     scattering.Skin(),
     Dielectric(),
     Multipath(),
@@ -42,22 +42,21 @@ EFFECTS: tuple[Effect, ...] = (
 IDS = tuple(effect.id for effect in EFFECTS)
 
 Wanted = tuple[str, ...] | Literal["auto"]
-SAFETY = 2.0
-CONTAINED = {"shadow_centre": "shadow_antennas"}  # the one is done by the other, where that is on
-
-# How strongly the target reflects hardly moves its depths, but it matters beside echoes that do not share that
-# strength: clutter has its own, and two bounces have its square.
-STRENGTHS, ABSOLUTE = ("skin", "dielectric"), ("clutter", "multipath")
+# The one is done by the other, where that is on.
+CONTAINED = {"shadow_centre": "shadow_antennas", "shadow_antennas": "shadow_diffraction"}
 
 
 class Choice(Config):
-    """One effect's row: whether it is on and why; depth_mm and level_db, its estimate (None: not asked for, or the
-    scene has no cause); cost_s, what it was expected to take; seconds, what it took (None: off or not simulated)."""
+    """One effect's row: whether it is on and why; its estimate (None: not asked for, or the scene has no cause):
+    depth_mm, of 3-FSK's map, worst_mm, of that of the method that it changes most, pixels_percent, lost and gained, and
+    level_db; cost_s, what it was expected to take; seconds, what it took (None: off or not simulated)."""
 
     effect: str
     on: bool
     why: str
     depth_mm: float | None = None
+    worst_mm: float | None = None
+    pixels_percent: float | None = None
     level_db: float | None = None
     cost_s: float | None = None
     seconds: float | None = None
@@ -71,10 +70,32 @@ def choose(scene: EchoScene, wanted: Wanted, tolerance_mm: float, explain: bool 
         for name in wanted:
             if missing[name]:
                 raise HandbenchError(f"effects: '{name}' needs {missing[name]}; add it or leave the effect out")
-    asked = wanted == "auto" or explain
-    estimates = {effect.id: effect.estimate(scene) for effect in EFFECTS if asked and not missing[effect.id]}
-    reasons = _budget(estimates, tolerance_mm) if wanted == "auto" else {}
-    return tuple(_choice(effect.id, wanted, missing[effect.id], estimates, reasons) for effect in EFFECTS)
+    there = [effect for effect in EFFECTS if not missing[effect.id]]
+    found = triage(scene, there, CONTAINED, tolerance_mm) if wanted == "auto" else Triage()
+    on = {effect.id for effect in there} - set(found.left_out)
+    for name in CONTAINED:
+        if container := _container(name, on):
+            found.left_out[name] = f"contained in {container}"
+    if explain:
+        _explain(found, scene, there)
+    return tuple(_choice(effect.id, wanted, missing[effect.id], found) for effect in EFFECTS)
+
+
+def _container(name: str, on: set[str]) -> str | None:
+    """The effect among those that are on which does what `name` does, too."""
+    container = CONTAINED.get(name)
+    return container if container is None or container in on else _container(container, on)
+
+
+def _explain(found: Triage, scene: EchoScene, effects: Sequence[Effect]) -> None:
+    """Add what leaving out each effect does, beside all others; of a contained one, together with what contains it."""
+    rehearsal, there = Rehearsal(scene, effects, CONTAINED), {effect.id for effect in effects}
+    found.costs_s = {effect.id: effect.cost_s(scene) for effect in effects}
+    for name in there:
+        without = {name}
+        while container := _container(name, there - without):
+            without.add(container)
+        found.changes[name], found.levels_db[name] = rehearsal.change(without), rehearsal.level_db(without)
 
 
 def check_names(names: tuple[str, ...]) -> None:
@@ -86,35 +107,18 @@ def check_names(names: tuple[str, ...]) -> None:
             raise HandbenchError(f"effects: '{name}' is listed twice; list it once")
 
 
-def _budget(estimates: dict[str, Estimate], tolerance_mm: float) -> dict[str, str]:
-    """Effects that may be left out, and why."""
-    left_out: dict[str, str] = {}
-    spent_mm = 0.0
-    for name, estimate in sorted(estimates.items(), key=lambda item: item[1].depth_mm):
-        spent_mm += SAFETY * estimate.depth_mm
-        if spent_mm > tolerance_mm:
-            break
-        left_out[name] = f"with all that is smaller, twice its size is {spent_mm:.3f} of {tolerance_mm:g} mm"
-    if any(name in estimates and name not in left_out for name in ABSOLUTE):
-        left_out = {name: why for name, why in left_out.items() if name not in STRENGTHS}
-    for name, container in CONTAINED.items():
-        if container in estimates and container not in left_out:
-            left_out[name] = f"contained in {container}"
-    return left_out
-
-
-def _choice(
-    name: str, wanted: Wanted, missing: str, estimates: dict[str, Estimate], left_out: dict[str, str]
-) -> Choice:
+def _choice(name: str, wanted: Wanted, missing: str, found: Triage) -> Choice:
     if missing:
         return Choice(effect=name, on=False, why=f"needs {missing}")
     if wanted == "auto":
-        on, why = name not in left_out, left_out.get(name, "called for")
+        on, why = name not in found.left_out, found.left_out.get(name, found.reasons.get(name, "called for"))
     else:
         on, why = name in wanted, "listed" if name in wanted else "not listed"
-    estimate = estimates.get(name)
-    if estimate is None:
-        return Choice(effect=name, on=on, why=why)
-    level_db = estimate.level_db if np.isfinite(estimate.level_db) else None
-    why, depth_mm, cost_s = f"{why} ({estimate.why})", estimate.depth_mm, estimate.cost_s
-    return Choice(effect=name, on=on, why=why, depth_mm=depth_mm, level_db=level_db, cost_s=cost_s)
+    known: dict[str, float | None] = {"cost_s": found.costs_s.get(name)}
+    if changes := found.changes.get(name):
+        known["depth_mm"] = changes[FINE].depth_mm
+        known["worst_mm"] = max(change.depth_mm for change in changes.values())
+        known["pixels_percent"] = 100 * max(change.pixels for change in changes.values())
+        level_db = found.levels_db.get(name, -np.inf)
+        known["level_db"] = level_db if np.isfinite(level_db) else None
+    return Choice(effect=name, on=on, why=why, **known)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from radar.data.arrays import AntennaArray
+from radar.imaging.cpu.ascent import Sight
 from radar.imaging.tree import Box
 from radar.simulation.forward import Scatterers, simulate
 from radar.simulation.physics.facets import Facets, face_vectors, facets_of
@@ -20,8 +21,8 @@ from radar.support.errors import HandbenchError
 @dataclass
 class Surface:
     """A body's facets that scatter. oblique: by physical optics, else evenly; reflection: complex amplitude [f] per
-    layer; layer [p] of each facet; seen: which antennas see it, (bool [t, p], bool [r, p]), None: all; delay_m [p]:
-    extra one-way path."""
+    layer; layer [p] of each facet; seen: which antennas see it, (bool [t, p], bool [r, p]), None: all; sight: how much
+    of it each sees, None: all of it; delay_m [p]: extra one-way path."""
 
     body: Body
     facets: Facets
@@ -29,6 +30,7 @@ class Surface:
     reflection: np.ndarray | None = None  # [layers, f]
     layer: np.ndarray | None = None
     seen: tuple[np.ndarray, np.ndarray] | None = None
+    sight: Sight | None = None
     delay_m: np.ndarray | None = None
 
     def keep(self, chosen: np.ndarray) -> None:
@@ -37,6 +39,7 @@ class Surface:
         self.layer = None if self.layer is None else self.layer[chosen]
         self.delay_m = None if self.delay_m is None else self.delay_m[chosen]
         self.seen = None if self.seen is None else (self.seen[0][:, chosen], self.seen[1][:, chosen])
+        self.sight = None if self.sight is None else self.sight.where(chosen)
 
 
 class EchoState:
@@ -104,7 +107,7 @@ class EchoState:
         """Samples complex64 [f, t, r] of a surface: each layer's echoes times its reflection."""
         facets, layer = require_facets(surface.facets), surface.layer
         normal = facets.normal if surface.oblique else None
-        every = Scatterers(facets.position_m, facets.area_m2, normal, surface.delay_m, surface.seen)
+        every = Scatterers(facets.position_m, facets.area_m2, normal, surface.delay_m, surface.seen, surface.sight)
         layers = [every] if layer is None else [every.where(layer == n) for n in range(layer.max(initial=0) + 1)]
         samples = np.zeros((len(self.scene.frequencies_hz), *array.channels), np.complex64)
         for n, part in enumerate(layers):

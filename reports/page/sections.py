@@ -82,7 +82,9 @@ def effects(result: Result) -> Grid | None:
         why = "; ".join(dict.fromkeys(str(row.get("why", "")) for row in found))
         on = f"{sum(bool(row.get('on')) for row in found)} of {len(found)}"
         rows.append((name, why, on, *(_largest(found, key) for key in ("depth_mm", "level_db", "cost_s", "seconds"))))
-    caption = "Effects of the simulated echoes: largest estimate, and seconds that they cost, over the captures"
+    caption = (
+        "Effects of simulated echoes and photographs: largest estimate, and seconds that they cost, over the captures"
+    )
     headings = ("effect", "why", "on in", "changes depths by (mm)", "level (dB)", "expected (s)", "took (s)")
     return Grid(caption, headings, tuple(rows), texts=2) if rows else None
 

@@ -16,15 +16,13 @@ from radar.imaging.tree import DIRECT, Family
 from radar.methods.confidence import UNRELATED_RAD, incoherent
 from radar.methods.fsk_config import ThreeToneConfig
 from radar.simulation.causes import Converter
-from radar.simulation.effects.dielectric import Dielectric
 from radar.simulation.effects.further import Multipath
 from radar.simulation.effects.receiver import OscillatorNoise, ThermalNoise, full_scale
-from radar.simulation.effects.scattering import Obliquity
 from radar.simulation.forward import Scatterers, simulate
 from radar.simulation.physics import facets
 from radar.simulation.physics.coarse import double_bounce
 from radar.simulation.physics.reflection import skin_permittivity
-from radar.simulation.pilot import CENTRE_M, change_db, change_mm, pilot, stand_in
+from radar.simulation.pilot import CENTRE_M
 from radar.simulation.scene import Body, EchoScene, Material
 from radar.simulation.state import EchoState, facing
 from radar.support.errors import HandbenchError
@@ -32,7 +30,7 @@ from radar.support.progress import track
 from tests.radar.samples import noise, relative_error
 from tests.radar.simulation.effects.closed_forms import sphere_body
 from tests.radar.simulation.effects.plates import dihedral, plate
-from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, simulated
+from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, rehearsed, simulated_change
 
 SPARSE = AntennaArray(qar50().tx_m[::12], qar50().rx_m[::12])
 
@@ -106,13 +104,10 @@ def test_every_dispersion_of_skin_is_the_tabulated_one(wet, permittivity):
 def test_the_estimate_meets_what_happens_to_a_target_of_foam():
     body = replace(sphere_body(0.015, 5, (0.01, -0.005, 0.3)), material=Material(kind="foam", permittivity=1.03))
     scene = EchoScene(SPARSE, TONES_HZ, np.zeros(3), target=body)
-    estimate = Dielectric().estimate(scene)
-    state = EchoState(scene, 1, tolerance=None)
-    for effect in (Obliquity(), Dielectric()):
-        effect.apply(state)
-    # The estimate's back is delayed by the mean thickness everywhere: 12.1 mm are predicted where 11.7 happen.
-    assert estimate.depth_mm == pytest.approx(change_mm(scene, state.samples[0][[2, 0]]), rel=0.2)
-    assert estimate.level_db == pytest.approx(20 * np.log10(1 - 0.00739), abs=0.01)  # 0.0074 of metal's echo is left
+    changes, level_db = rehearsed(scene, "obliquity", "dielectric", without="dielectric")
+    change, expected_db = simulated_change(scene, "obliquity", "dielectric", without="dielectric")
+    assert changes["3fsk"].depth_mm == pytest.approx(change.depth_mm, rel=0.2)
+    assert level_db == pytest.approx(expected_db, abs=0.1)
 
 
 # --- what the scene does --------------------------------------------------------------------------------------------
@@ -126,24 +121,13 @@ def test_the_estimate_meets_what_happens_to_a_target_of_foam():
     ],
     ids=["noise", "oscillator"],
 )
-def test_what_every_frame_draws_anew_changes_depths_and_echoes_as_estimated(effect, causes):
-    """The oscillator turns a bead's pixels together: 40 draws of |N(0, σ)| tell their mean to 12 % (1σ)."""
-    scene, pilots = bead_scene(causes), ("obliquity", "shadow_centre")
-    clean, imperfect = (
-        simulated(scene, *names, frames=40).capture.samples[:, [2, 0]] for names in (pilots, (*pilots, effect.id))
-    )
-    changed = pilot(scene).samples + imperfect - clean
-    estimate = effect.estimate(scene)
-    assert estimate.depth_mm == pytest.approx(np.mean([change_mm(scene, samples) for samples in changed]), rel=0.4)
-    # 40 frames of 94 turns or more: 1 % (1σ), and the pilot is coarser by as much.
-    assert estimate.level_db == pytest.approx(np.mean([change_db(scene, samples) for samples in changed]), abs=0.5)
-
-
-def test_what_stands_in_for_drawn_numbers_adds_up_as_they_do():
-    """The mean of n numbers scatters by 1/√n: 300 means tell that to 4 % (1σ). Evenly spread ones would cancel."""
-    means = [np.sqrt(94) * stand_in(94, part).mean() for part in range(300)]
-    assert np.std(means) == pytest.approx(1, rel=0.15) and np.mean(means) == pytest.approx(0, abs=0.2)
-    np.testing.assert_array_equal(stand_in(94, 3), stand_in(94, 3))
+def test_what_every_frame_draws_anew_is_rehearsed_as_it_will_be_simulated(effect, causes):
+    """With the very numbers of the simulation's first frame: a closed form knows their spread alone."""
+    scene, names = bead_scene(causes), ("obliquity", "shadow_centre", effect.id)
+    changes, level_db = rehearsed(scene, *names, without=effect.id)
+    change, expected_db = simulated_change(scene, *names, without=effect.id)
+    assert changes["3fsk"].depth_mm == pytest.approx(change.depth_mm, rel=0.4)
+    assert level_db == pytest.approx(expected_db, abs=0.5)
 
 
 def test_headroom_is_told_in_decibels_of_amplitude():
@@ -180,8 +164,11 @@ def test_two_bounces_echo_the_same_whichever_way_the_scene_is_turned():
     """No axis is special to a tube's footprint; rays are cast in single precision."""
     corner = dihedral(0.03, 0.04, (0.02, 0.01, 0.3), 4, turn_rad=0.1)
     echoes = []
-    for array, vertices_m in ((SPARSE, corner.vertices_m), (TURNED, corner.vertices_m @ TURN.T)):
-        state = EchoState(EchoScene(array, TONES_HZ, np.zeros(3), Body(vertices_m, corner.faces)), 1)
+    whole = (SPARSE, corner.vertices_m, np.eye(3)[1]), (TURNED, corner.vertices_m @ TURN.T, TURN[:, 1])
+    for array, vertices_m, dipole in whole:
+        angle_deg = float(np.degrees(np.arctan2(dipole[1], dipole[0])))
+        body = Body(vertices_m, corner.faces)
+        state = EchoState(EchoScene(array, TONES_HZ, np.zeros(3), body, polarisation_deg=angle_deg), 1)
         Multipath().apply(state)
         echoes.append(state.extra[0]())
     assert relative_error(echoes[1], echoes[0]) < 1e-5

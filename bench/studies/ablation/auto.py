@@ -1,69 +1,189 @@
-""" "auto" on scenes that differ in kind: what it chooses, and the difference from all effects on."""
+""" "auto" on scenes that differ in kind, embedded or of random seeds: whether it keeps its tolerance against everything
+that the scene has a cause for, what it costs, and what its estimates are worth."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from bench.scenes.build import Scene, load_scene
-from bench.scenes.echoes import echo_scene, echoes
-from bench.studies.ablation.measure import image
-from bench.studies.columns import Record, rows
-from bench.studies.study import Study, in_turns
+from bench.scenes.echoes import choices, echo_scene
+from bench.scenes.scene_file import SceneFile
+from bench.studies.ablation.assorted_scenes import assorted_scene
+from bench.studies.columns import Record, Table, columns
+from bench.studies.study import Study
 from radar.data.capture import RadarCapture
-from radar.simulation.selection import CONTAINED, EFFECTS, Choice
+from radar.methods.registry import method
+from radar.simulation.rehearsal import METHODS as REHEARSED
+from radar.simulation.rehearsal import Change
+from radar.simulation.scene import EchoScene
+from radar.simulation.selection import CONTAINED, EFFECTS, Choice, choose
+from radar.simulation.simulate import simulate_scene
+from radar.simulation.triage import LOST_MM
+from radar.support.errors import HandbenchError
 
 SCENES = Path(__file__).parent / "scenes"
-METHODS = ("3fsk", "2fsk", "broadband-subvoxel")
-REPEATS = 3
+FEW = ("2fsk", "3fsk", "nfsk", "narrowband")  # of the benchmark's methods, those that need five tones
+MANY = ("broadband", "broadband-subvoxel")
+REPEATS = 1
+MEASURED = 3  # effects of a scene that are left out of it one by one, those that take long first
+PIXEL_M, FILTER_PX = 2e-3, 3  # of the random scenes' images
+BOX_M = (-0.015, 0.065)  # along z about the target's nearest point, as the paper's 80 mm
+SMALLEST_MM = 0.01  # a tenth of the tolerance: of less nobody asks how well it was estimated
+
+Maps = dict[str, np.ndarray]
 
 
-def study(work: Path, scenes: list[Path], tolerances: str) -> Study:
-    """The embedded scenes, or others, each at all tolerances."""
+def study(work: Path, scenes: list[Path], tolerances: str, seeds: int) -> Study:
+    """The embedded scenes, or others, and random ones of the seeds 0 … seeds − 1, each at all tolerances."""
     tolerances_mm = tuple(float(text) for text in tolerances.split(","))
+    named = scenes or ([] if seeds else sorted(SCENES.glob("*.toml")))
+    cases: list[tuple[str, Callable[[], Scene]]] = [(path.stem, partial(load_scene, path)) for path in named]
+    work.mkdir(parents=True, exist_ok=True)
+    cases += [(f"seed {seed}", partial(assorted_scene, seed, work)) for seed in range(seeds)]
     return Study(
         "auto",
         'What effects = "auto" chooses',
-        scenes or sorted(SCENES.glob("*.toml")),
-        lambda path: compare(load_scene(path), tolerances_mm),
-        rows("auto"),
-        label=lambda path: path.stem,
+        cases,
+        lambda case: compare(case[1](), tolerances_mm),
+        tables,
+        check=_check,
+        label=lambda case: case[0],
+        seed=seeds or None,
     )
 
 
+def tables(records: list[Record]) -> list[Table]:
+    """Scenes, their effects' estimates against what leaving each out changes, and what comes of both."""
+    rows, estimates = ([r for r in records if ("effect" in r) == of] for of in (False, True))
+    known = [("summary", summary(rows, estimates)), ("estimates", estimates)]
+    return [Table("rows", columns("auto.rows"), rows), *(Table(n, columns(f"auto.{n}"), r) for n, r in known)]
+
+
 def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Record]:
-    """Auto against everything that the scene has a cause for, one frame each; medians of REPEATS interleaved runs."""
+    """Auto against everything that the scene has a cause for, one frame each; CPU seconds, medians of REPEATS
+    interleaved runs; then everything without each effect."""
     radar_scene = echo_scene(scene)
     everything = tuple(e.id for e in EFFECTS if e.id not in CONTAINED and not e.missing(radar_scene))
-    files = {mm: scene.file.model_copy(update={"effects": "auto", "tolerance_mm": mm}) for mm in tolerances_mm}
-    listed = {None: scene.file.model_copy(update={"effects": everything}), **files}
-    work = {mm: partial(echoes, replace(scene, file=file)) for mm, file in listed.items()}
-    seconds, made = in_turns(work, 1 + REPEATS, scene.file.name)
-    median = {mm: float(np.median(values[1:])) for mm, values in seconds.items()}  # the first makes plans and compiles
-    whole = made[None].capture
-    return [
-        {
-            "scene": scene.file.name,
-            "tolerance_mm": mm,
-            "on": ", ".join(row.effect for row in made[mm].rows[1:] if row.on),
-            "left_out": ", ".join(f"{row.effect} {row.depth_mm:.3f}" for row in made[mm].rows[1:] if _left_out(row)),
-            "auto_s": median[mm],
-            "all_s": median[None],
-            "ratio": median[None] / median[mm],
-            **{f"{name}_mm": difference_mm(name, made[mm].capture, whole) for name in METHODS},
-        }
-        for mm in tolerances_mm
-    ]
+    listed: dict[float | None, SceneFile] = {None: scene.file.model_copy(update={"effects": everything})}
+    listed |= {mm: scene.file.model_copy(update={"effects": "auto", "tolerance_mm": mm}) for mm in tolerances_mm}
+    rounds = [{mm: _simulated(replace(scene, file=file)) for mm, file in listed.items()} for _ in range(1 + REPEATS)]
+    made = {mm: last for mm, (_, _, last) in rounds[-1].items()}
+    # The first round makes plans and compiles.
+    seconds = {mm: np.median([run[mm][:2] for run in rounds[1:]], axis=0) for mm in listed}
+    maps = {mm: depth_maps(scene, capture) for mm, (capture, _) in made.items()}
+    records = []
+    for mm in tolerances_mm:
+        changes = {name: Change.between(z_m, maps[mm][name]) for name, z_m in maps[None].items()}
+        estimate_s, auto_s = seconds[mm][0], seconds[mm].sum()
+        pixels_percent = 100 * max(change.pixels for change in changes.values())
+        worst_mm = max(change.depth_mm for change in changes.values())
+        records.append(
+            {
+                "scene": scene.file.name,
+                "tolerance_mm": mm,
+                "left_out": ", ".join(row.effect for row in made[mm][1] if row.effect in everything and not row.on),
+                "kept": worst_mm <= mm and pixels_percent <= 100 * mm / LOST_MM,
+                "pixels_percent": pixels_percent,
+                **{f"{name}_mm": change.depth_mm for name, change in changes.items()},
+                "estimate_s": estimate_s,
+                "auto_s": auto_s,
+                "all_s": seconds[None].sum(),
+                "ratio": seconds[None].sum() / auto_s,
+            }
+        )
+    return records + estimates(scene, radar_scene, everything, maps[None])
 
 
-def difference_mm(method: str, one: RadarCapture, other: RadarCapture) -> float:
-    """Mean |z − z'| of two captures' maps."""
-    (a,), (b,) = image(method, one, 1), image(method, other, 1)
-    return 1e3 * float(np.nanmean(np.abs(a.z_m - b.z_m)))
+def estimates(scene: Scene, radar_scene: EchoScene, everything: tuple[str, ...], whole: Maps) -> list[Record]:
+    """The estimates of some effects beside what leaving each out changes; for the method that it changes most."""
+    records = []
+    slow = [effect.id for effect in EFFECTS if effect.id in everything and effect.cost_s(radar_scene) > 0]
+    others = np.random.default_rng(scene.file.seed).permutation([name for name in everything if name not in slow])
+    asked = [*slow, *others][:MEASURED]
+    for row in choose(radar_scene, everything, 0.1, explain=True):
+        if row.effect not in asked:
+            continue
+        rest = [name for name in everything if name != row.effect]
+        rest += [name for name, container in CONTAINED.items() if container == row.effect]
+        without = depth_maps(scene, simulate_scene(radar_scene, choose(radar_scene, tuple(rest), 0.1)).capture)
+        changes = [Change.between(whole[name], without[name]) for name in REHEARSED]
+        worst_mm, estimate_mm = max(change.depth_mm for change in changes), row.worst_mm or 0.0
+        smaller, larger = sorted((worst_mm, estimate_mm))
+        records.append(
+            {
+                "scene": scene.file.name,
+                "effect": row.effect,
+                "estimate_mm": estimate_mm,
+                "measured_mm": worst_mm,
+                "estimate_percent": row.pixels_percent,
+                "measured_percent": 100 * max(change.pixels for change in changes),
+                "within_two": "" if larger < SMALLEST_MM else "yes" if larger <= 2 * smaller else "no",
+            }
+        )
+    return records
 
 
-def _left_out(row: Choice) -> bool:
-    return not row.on and row.depth_mm is not None and row.effect not in CONTAINED
+def summary(rows: list[Record], estimates: list[Record]) -> list[Record]:
+    """Per tolerance: promises kept, estimates within a factor of two, and times."""
+    told = [record["within_two"] == "yes" for record in estimates if record["within_two"]]
+    found = []
+    for mm in sorted({row["tolerance_mm"] for row in rows}):
+        these = [row for row in rows if row["tolerance_mm"] == mm]
+        ratios = [row["ratio"] for row in these if row["left_out"]]
+        hands = [row["estimate_s"] / row["all_s"] for row in these if "hand" in row["scene"]]
+        found.append(
+            {
+                "tolerance_mm": mm,
+                "scenes": len(these),
+                "kept": sum(row["kept"] for row in these),
+                "within_two_percent": 100 * float(np.mean(told)) if told else None,
+                "median_ratio": float(np.median(ratios)) if ratios else None,
+                "largest_percent": 100 * max(row["auto_s"] / row["all_s"] for row in these),
+                "hands_percent": 100 * max(hands) if hands else None,
+            }
+        )
+    return found
+
+
+def depth_maps(scene: Scene, capture: RadarCapture) -> Maps:
+    """Depths [ny, nx] by each method that the tones allow; a few tones are those of a random scene, whose images lie
+    where its target is."""
+    few = len(capture.frequencies_hz) < 100
+    maps = {}
+    for name in FEW if few else (*FEW, *MANY):
+        chosen = method(name)
+        config = chosen.configure(_around(scene, name) if few else {}, scene.file.name)
+        maps[name] = chosen.run(capture, config, 0).depth.z_m
+    return maps
+
+
+def _around(scene: Scene, name: str) -> dict[str, Any]:
+    across = {"start_m": -0.15, "stop_m": 0.15, "step_m": PIXEL_M}
+    nearest_m = float(np.asarray(scene.target_mesh.vertices)[:, 2].min())
+    if name == "narrowband":
+        low_m, high_m = (round(nearest_m + offset_m, 3) for offset_m in BOX_M)
+        return {"x": across, "y": across, "z": {"start_m": low_m, "stop_m": high_m, "step_m": 1e-3}}
+    start = {"x": across, "y": across, "first_depth_m": scene.file.target.distance_m}
+    return start if name == "2fsk" else start | {"coarse_filter_px": FILTER_PX, "fine_filter_px": FILTER_PX}
+
+
+def _simulated(scene: Scene) -> tuple[float, float, tuple[RadarCapture, tuple[Choice, ...]]]:
+    """CPU seconds of choosing and of simulating, the capture and the rows."""
+    radar_scene, start = echo_scene(scene), time.process_time()
+    rows = choices(scene, radar_scene)
+    chosen = time.process_time()
+    capture = simulate_scene(radar_scene, rows).capture
+    return chosen - start, time.process_time() - chosen, (capture, rows)
+
+
+def _check(frames: dict[str, Any]) -> None:
+    broken = frames["rows"][~frames["rows"].kept.astype(bool)]
+    if len(broken):
+        raise HandbenchError(f"auto: breaks its tolerance in {len(broken)} cases: {', '.join(broken.scene)}")

@@ -23,7 +23,8 @@ from groundtruth.mesh.depth import depth_on_grid
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.methods.registry import method
-from radar.simulation.selection import choose
+from radar.simulation.rehearsal import Rehearsal
+from radar.simulation.selection import CONTAINED, EFFECTS
 from radar.simulation.simulate import simulate_scene
 
 METHODS = ("2fsk", "3fsk", "broadband", "narrowband")
@@ -69,14 +70,15 @@ def show(case: Case, pose: str, scene: Scene, frames: int) -> Record:
     elapsed_s = time.perf_counter() - start
     depths = {name: image(name, simulated.capture, frames if name in REPEATED else 1) for name in METHODS}
     truth = {name: depth_on_grid(scene.target_mesh, d[0].x_m, d[0].y_m) for name, d in depths.items()}
-    estimates = {row.effect: row.depth_mm for row in choose(radar_scene, "auto", 1.0)}
+    there = [effect for effect in EFFECTS if effect.id in (*case.effects, case.effect)]
+    estimated = Rehearsal(radar_scene, there, CONTAINED).change({case.effect}) if case.effect else None
     return {
         "case": case,
         "pose": pose,
         "maps": {name: error_map(d[0].x_m, d[0].y_m, d[0].z_m, truth[name]) for name, d in depths.items()},
         "depth_m": depths[CHANGED][0].z_m,
         "repeats_z_m": {name: strongest_z_m(depths[name]) for name in REPEATED},
-        "estimate_mm": estimates.get(case.effect),
+        "estimate_mm": estimated and estimated[CHANGED].depth_mm,
         "seconds": {row.effect: row.seconds for row in simulated.rows if row.seconds is not None},
         "simulate_s": elapsed_s,
     }

@@ -1,4 +1,5 @@
-"""The scenes: fingers and a palm as cylinders, of metal or of what skin is at 80 GHz, as meshes and as axes."""
+"""The scenes: fingers and a palm as cylinders, and spheres, of metal or of what skin is at 80 GHz, as meshes and as
+axes or centres."""
 
 from __future__ import annotations
 
@@ -7,21 +8,29 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.studies.exact.cylinders import ACROSS, ALONG, Cylinder
+from bench.studies.exact.mie_series import Sphere
 from radar.simulation.scene import Body, Material
 from radar.support.rays import load_open3d
 
 HALF_LENGTH_M = 0.16  # of the meshes; no specular point of the array lies beyond a third of it
 AROUND_M, ALONG_M = 0.5e-3, 2e-3  # edges of the meshes: 4 µm inside the cylinder
 FINGER_M, PALM_M = 8e-3, 25e-3  # radii
-MATERIALS = {"metal": Material(), "skin": Material(kind="plastic", permittivity=6.4, loss_tangent=1.35)}
+MATERIALS = {
+    "metal": Material(),
+    "skin": Material(kind="plastic", permittivity=6.4, loss_tangent=1.35),
+    "palm": Material(kind="skin", palm_thickness_m=0.4e-3),  # under its horny layer
+}
+
+Shape = Cylinder | Sphere
 
 
 @dataclass(frozen=True)
 class Case:
-    """A scene of a material before dipoles along or across the cylinders."""
+    """A scene of a material before dipoles along or across the cylinders, or along y or x. bodies: cylinders or
+    spheres."""
 
     name: str
-    cylinders: tuple[Cylinder, ...]
+    bodies: tuple[Shape, ...]
     material: str
     polarisation: str
 
@@ -38,37 +47,55 @@ def _before_palm(x_m: float) -> tuple[Cylinder, ...]:
     return Cylinder(x_m, 0.265, FINGER_M), Cylinder(0.0, 0.299 + PALM_M, PALM_M)
 
 
-SCENES = {
+SCENES: dict[str, tuple[Shape, ...]] = {
     "one finger": _fingers(0.0),
     "fingers 6 mm apart": _fingers(-11e-3, 11e-3),
     "fingers 1 mm apart": _fingers(-8.5e-3, 8.5e-3),
     "four fingers": _fingers(-27e-3, -9e-3, 9e-3, 27e-3),
     "finger before palm": _before_palm(0.0),
     "finger before palm, 12 mm aside": _before_palm(12e-3),
+    **{f"sphere of {1e3 * r_m:.0f} mm": (Sphere((0.0, 0.0, 0.29), r_m),) for r_m in (10e-3, 5e-3, 2e-3)},
 }
+COATED = "sphere of 10 mm"  # the scene that is also measured of a palm's material
 
 
 def cases(polarisations: str) -> list[Case]:
-    """All scenes of both materials."""
+    """All scenes of both materials, and a sphere of the palm's."""
     wanted = polarisations.split(",")
     return [
-        Case(name, cylinders, material, polarisation)
-        for name, cylinders in SCENES.items()
+        Case(name, bodies, material, polarisation)
+        for name, bodies in SCENES.items()
         for material in MATERIALS
+        if material != "palm" or name == COATED
         for polarisation in (ALONG, ACROSS)
         if polarisation in wanted
     ]
 
 
 def body(case: Case) -> Body:
-    """The cylinders as one body of meshes with closed ends."""
+    """Its cylinders, with closed ends, or its spheres as one body of meshes."""
     vertices_m, faces, count = [], [], 0
-    for cylinder in case.cylinders:
-        own_m, own_faces = tube(cylinder)
+    for one in case.bodies:
+        own_m, own_faces = tube(one) if isinstance(one, Cylinder) else ball(one)
         vertices_m.append(own_m)
         faces.append(own_faces + count)
         count += len(own_m)
-    return Body(np.concatenate(vertices_m), np.concatenate(faces), MATERIALS[case.material])
+    palm = np.ones(sum(map(len, faces)), bool) if case.material == "palm" else None
+    return Body(np.concatenate(vertices_m), np.concatenate(faces), MATERIALS[case.material], palm)
+
+
+def front_m(case: Case, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
+    """Depth [y, x] of the front of what lies behind each pixel; NaN where nothing does."""
+    z_m = np.full((len(y_m), len(x_m)), np.inf)
+    for one in case.bodies:
+        if isinstance(one, Cylinder):
+            squared, middle_m = (x_m - one.x_m)[None, :] ** 2 + 0 * y_m[:, None], one.z_m
+        else:
+            x, y, middle_m = one.centre_m
+            squared = (x_m - x)[None, :] ** 2 + (y_m - y)[:, None] ** 2
+        inside = squared < one.radius_m**2
+        z_m[inside] = np.minimum(z_m[inside], middle_m - np.sqrt(one.radius_m**2 - squared[inside]))
+    return np.where(np.isfinite(z_m), z_m, np.nan)
 
 
 def tube(cylinder: Cylinder) -> tuple[np.ndarray, np.ndarray]:
@@ -78,3 +105,10 @@ def tube(cylinder: Cylinder) -> tuple[np.ndarray, np.ndarray]:
     made = load_open3d().geometry.TriangleMesh.create_cylinder(cylinder.radius_m, 2 * HALF_LENGTH_M, around, along)
     turned_m = np.asarray(made.vertices)[:, [1, 2, 0]]  # its axis is z
     return turned_m + [cylinder.x_m, 0.0, cylinder.z_m], np.asarray(made.triangles)
+
+
+def ball(sphere: Sphere) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices [n, 3] on a sphere and faces [m, 3], counter-clockwise seen from outside."""
+    steps = int(np.ceil(np.pi * sphere.radius_m / (AROUND_M / 2)))  # from pole to pole
+    made = load_open3d().geometry.TriangleMesh.create_sphere(sphere.radius_m, steps)
+    return np.asarray(made.vertices) + sphere.centre_m, np.asarray(made.triangles)

@@ -74,12 +74,12 @@ def scattered(
     field = np.zeros(along_m.shape, complex)
     for b, w in zip(beta, weight, strict=True):
         wave = _Wave(k, b, np.sqrt(k**2 - b**2))
-        orders = [_orders(wave.kappa * cylinder.radius_m) for cylinder in cylinders]
-        each = list(zip(cylinders, orders, strict=True))
-        arriving = np.concatenate([_arriving(wave, c, m, tx_across, polarisation) for c, m in each])
-        leaving = np.concatenate([_received(wave, c, m, rx_across, polarisation) for c, m in each])
-        found = leaving.T @ _scatter(wave, cylinders, orders, permittivity, arriving, bounces)
-        field += w * np.cos(b * along_m) * found.T[np.ix_(tx_place, rx_place)]
+        highest = [_highest_order(wave.kappa * cylinder.radius_m) for cylinder in cylinders]
+        each = list(zip(cylinders, highest, strict=True))
+        arriving = np.concatenate([_arriving(wave, c, m, tx_across, polarisation) for c, m in each], axis=1)
+        leaving = np.concatenate([_received(wave, c, m, rx_across, polarisation) for c, m in each], axis=1)
+        found = np.einsum("amt,amr->tr", _scatter(wave, each, permittivity, arriving, bounces), leaving, optimize=True)
+        field += w * np.cos(b * along_m) * found[np.ix_(tx_place, rx_place)]
     return field
 
 
@@ -101,112 +101,125 @@ class _Wave(NamedTuple):
     kappa: float
 
 
-def _orders(size: float) -> np.ndarray:
-    """Orders m of a cylinder of this κa."""
-    highest = int(np.ceil(size + FURTHER_ORDERS * np.cbrt(size) + 3))
-    return np.arange(-highest, highest + 1)
+def _highest_order(size: float) -> int:
+    """The highest order m of a cylinder of this κa; the lowest is its negative."""
+    return int(np.ceil(size + FURTHER_ORDERS * np.cbrt(size) + 3))
 
 
-def _outgoing(kappa: float, orders: np.ndarray, across_m: np.ndarray) -> np.ndarray:
-    """Ψ_m = H_m⁽²⁾(κρ) e^{jmφ} [m, n] at places [n, 2] across the axis."""
+def _hankel(highest: int, x: np.ndarray) -> np.ndarray:
+    """H_m⁽²⁾ [m, n] of the orders −highest … highest at real x [n], by the recurrence, which is stable upwards."""
+    h = np.empty((max(highest, 1) + 1, len(x)), complex)
+    h[0], h[1] = hankel2(0, x), hankel2(1, x)
+    for m in range(1, highest):
+        h[m + 1] = 2 * m / x * h[m] - h[m - 1]
+    return _with_negative(h[: highest + 1])
+
+
+def _with_negative(positive: np.ndarray) -> np.ndarray:
+    """Z_m of the orders −highest … highest from those of 0 … highest, along the first axis: Z_{−m} = (−1)^m Z_m."""
+    negative = positive[:0:-1].copy()
+    negative[len(positive) % 2 :: 2] *= -1
+    return np.concatenate([negative, positive])
+
+
+def _outgoing(kappa: float, highest: int, across_m: np.ndarray) -> np.ndarray:
+    """Ψ_m = H_m⁽²⁾(κρ) e^{jmφ} [m, n] of the orders −highest … highest at places [n, 2] across the axis."""
     rho, phi = np.hypot(*across_m.T), np.arctan2(across_m[:, 1], across_m[:, 0])
-    return hankel2(orders[:, None], kappa * rho) * np.exp(1j * orders[:, None] * phi)
+    return _hankel(highest, kappa * rho) * np.exp(1j * np.arange(-highest, highest + 1)[:, None] * phi)
 
 
-def _with_gradient(kappa: float, orders: np.ndarray, across_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Ψ [m, n] and its gradient across the axis [2, m, n]: (∂₁ ± j∂₂)Ψ_m = ∓κ Ψ_{m±1}. The orders are consecutive."""
-    wider = _outgoing(kappa, np.arange(orders[0] - 1, orders[-1] + 2), across_m)
+def _with_gradient(kappa: float, highest: int, across_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Ψ [m, n] and its gradient across the axis [2, m, n]: (∂₁ ± j∂₂)Ψ_m = ∓κ Ψ_{m±1}."""
+    wider = _outgoing(kappa, highest + 1, across_m)
     below, psi, above = wider[:-2], wider[1:-1], wider[2:]
     return psi, kappa / 2 * np.stack([below - above, 1j * (below + above)])
 
 
-def _arriving(
-    wave: _Wave, cylinder: Cylinder, orders: np.ndarray, tx_across_m: np.ndarray, polarisation: str
-) -> np.ndarray:
-    """Amplitudes [2m, t] of J_m e^{jmφ} around a cylinder, first those of E_a, then of H_a, from unit dipoles:
+def _arriving(wave: _Wave, cylinder: Cylinder, highest: int, tx_across_m: np.ndarray, polarisation: str) -> np.ndarray:
+    """Amplitudes [2, m, t] of J_m e^{jmφ} around a cylinder, first those of E_a, then of H_a, from unit dipoles:
     E = (1 + ∇∇·/k²)(d g), H = (j/k) ∇ × (d g), g = e^{−jkR}/R, whose spectrum is −jπ H₀(κ|ρ − ρ'|)."""
     k, beta, kappa = wave
     # from the dipole to the axis: H₀ there is Σ Ψ_{−m}(axis − dipole) J_m e^{jmφ}; the gradient is the axis'
     to_axis_m = np.array([cylinder.z_m, cylinder.x_m]) - tx_across_m
-    psi, gradient = _with_gradient(kappa, orders, to_axis_m)
+    psi, gradient = _with_gradient(kappa, highest, to_axis_m)
     psi, gradient = psi[::-1], gradient[:, ::-1]
     if polarisation == ALONG:
         electric, magnetic = kappa**2 / k**2 * psi, np.zeros_like(psi)
     else:  # along x, the second of the coordinates (z, x) across
         electric, magnetic = -1j * beta / k**2 * gradient[1], 1j / k * gradient[0]
-    return -1j * np.pi * np.concatenate([electric, magnetic])
+    return -1j * np.pi * np.stack([electric, magnetic])
 
 
-def _received(
-    wave: _Wave, cylinder: Cylinder, orders: np.ndarray, rx_across_m: np.ndarray, polarisation: str
-) -> np.ndarray:
-    """Field [2m, r] along the receivers' dipoles of waves Ψ_m of E_a, then of H_a:
+def _received(wave: _Wave, cylinder: Cylinder, highest: int, rx_across_m: np.ndarray, polarisation: str) -> np.ndarray:
+    """Field [2, m, r] along the receivers' dipoles of waves Ψ_m of E_a, then of H_a:
     κ² E_t = −jβ ∇E_a + jk â × ∇H_a."""
     k, beta, kappa = wave
-    psi, gradient = _with_gradient(kappa, orders, rx_across_m - np.array([cylinder.z_m, cylinder.x_m]))
+    psi, gradient = _with_gradient(kappa, highest, rx_across_m - np.array([cylinder.z_m, cylinder.x_m]))
     if polarisation == ALONG:
-        return np.concatenate([psi, np.zeros_like(psi)])
-    return np.concatenate([-1j * beta * gradient[1], 1j * k * gradient[0]]) / kappa**2
+        return np.stack([psi, np.zeros_like(psi)])
+    return np.stack([-1j * beta * gradient[1], 1j * k * gradient[0]]) / kappa**2
 
 
 def _scatter(
     wave: _Wave,
-    cylinders: list[Cylinder],
-    orders: list[np.ndarray],
+    each: list[tuple[Cylinder, int]],
     permittivity: complex | None,
     arriving: np.ndarray,
     bounces: int | None,
 ) -> np.ndarray:
-    """Amplitudes of the waves Ψ_m that all cylinders scatter together, from those that arrive from the dipoles.
+    """Amplitudes [2, m, t] of the waves Ψ_m that all cylinders scatter together, from those that arrive from the
+    dipoles.
 
     (I − TG) c = T a is solved for what the waves are at the surfaces, c H_m(κa), where high orders are small and harm
     no condition."""
-    at_surface = np.concatenate(
-        [np.tile(hankel2(m, wave.kappa * c.radius_m), 2) for m, c in zip(orders, cylinders, strict=True)]
-    )
-    ends = np.cumsum([0, *(2 * len(m) for m in orders)])
-    coupling = np.zeros((ends[-1], ends[-1]), complex)  # T G
-    first = np.empty_like(arriving)  # T a
-    for i, one in enumerate(cylinders):
-        here = slice(ends[i], ends[i + 1])
-        single = _single(wave, orders[i], one.radius_m, permittivity)
-        first[here] = _applied(single, arriving[here])
-        for j, other in enumerate(cylinders):
-            if i != j:
-                between_m = np.array([[one.z_m - other.z_m, one.x_m - other.x_m]])
-                steps = orders[j][None, :] - orders[i][:, None]
-                every = np.arange(steps.min(), steps.max() + 1)
-                graf = _outgoing(wave.kappa, every, between_m)[:, 0][steps - every[0]]
-                coupling[here, ends[j] : ends[j + 1]] = _applied(single, np.kron(np.eye(2), graf))
-    first *= at_surface[:, None]
-    coupling *= at_surface[:, None] / at_surface[None, :]
-    if bounces is None:
-        total = np.linalg.solve(np.eye(len(coupling)) - coupling, first)
+    single = np.concatenate([_single(wave, m, c.radius_m, permittivity) for c, m in each], axis=2)
+    at_surface = np.concatenate([_hankel(m, np.array([wave.kappa * c.radius_m])) for c, m in each])
+    carried = _translations(wave, each) * at_surface / at_surface.T  # G
+    first = np.einsum("abm,bmt->amt", single, arriving) * at_surface  # T a
+    if permittivity is None:  # metal couples E_a and H_a nowhere
+        coupling = np.stack([single[0, 0], single[1, 1]])[:, :, None] * carried  # T G
+        waves = first
     else:
-        total = part = first
+        coupling = np.einsum("abm,mn->ambn", single, carried).reshape(1, *[2 * len(carried)] * 2)
+        waves = first.reshape(1, coupling.shape[1], -1)
+    if bounces is None:
+        total = np.linalg.solve(np.eye(coupling.shape[1]) - coupling, waves) if len(each) > 1 else waves
+    else:
+        total = part = waves
         for _ in range(bounces - 1):
             part = coupling @ part
             total = total + part
-    return total / at_surface[:, None]
+    return total.reshape(first.shape) / at_surface
 
 
-def _applied(single: np.ndarray, waves: np.ndarray) -> np.ndarray:
-    """T [2, 2, m] of one cylinder on waves [2m, n]."""
-    return np.einsum("abm,bmn->amn", single, waves.reshape(2, single.shape[2], -1)).reshape(waves.shape)
+def _translations(wave: _Wave, each: list[tuple[Cylinder, int]]) -> np.ndarray:
+    """G [m, n]: amplitudes of J_m around each cylinder from waves Ψ_n of the others, by Graf's theorem."""
+    ends = np.cumsum([0, *(2 * m + 1 for _, m in each)])
+    carried = np.zeros((ends[-1], ends[-1]), complex)
+    for i, (one, here) in enumerate(each):
+        for j, (other, there) in enumerate(each):
+            if i != j:
+                between_m = np.array([[one.z_m - other.z_m, one.x_m - other.x_m]])
+                steps = np.arange(2 * there + 1)[None, :] - np.arange(2 * here + 1)[:, None] + 2 * here
+                every = _outgoing(wave.kappa, here + there, between_m)[:, 0]
+                carried[ends[i] : ends[i + 1], ends[j] : ends[j + 1]] = every[steps]
+    return carried
 
 
-def _single(wave: _Wave, orders: np.ndarray, radius_m: float, permittivity: complex | None) -> np.ndarray:
+def _single(wave: _Wave, highest: int, radius_m: float, permittivity: complex | None) -> np.ndarray:
     """T [2, 2, m] of one cylinder, from the continuity of E_a, H_a, E_φ and H_φ; of metal, E_a = E_φ = 0."""
     k, beta, kappa = wave
     x = kappa * radius_m
-    j, dj = jv(orders, x), _derivative(jv, orders, x)
-    h, dh = hankel2(orders, x), _derivative(hankel2, orders, x)
+    further = np.arange(highest + 2)
+    j, dj = _and_derivative(_with_negative(jv(further, x)))
+    h, dh = _and_derivative(_hankel(highest + 1, np.array([x]))[:, 0])
     if permittivity is None:
         return np.array([[-j / h, 0 * h], [0 * h, -dj / dh]])
     kappa1 = np.sqrt(permittivity * k**2 - beta**2 + 0j)
     x1 = kappa1 * radius_m
-    inside = _derivative(jve, orders, x1) / (kappa1 * jve(orders, x1))  # J'/(κ₁J): the scale of jve drops out
-    mixed = beta * orders / (1j * k * radius_m) * (1 / kappa**2 - 1 / kappa1**2)
+    within, slope = _and_derivative(_with_negative(jve(further, x1)))
+    inside = slope / (kappa1 * within)  # J'/(κ₁J): the scale of jve drops out
+    mixed = beta * np.arange(-highest, highest + 1) / (1j * k * radius_m) * (1 / kappa**2 - 1 / kappa1**2)
     # [mixed·Z, Z'/κ − inside·Z; ε·inside·Z − Z'/κ, mixed·Z] (E_a, H_a), once for what goes, once for what comes
     going, coming = (
         np.array([[mixed * z, dz / kappa - inside * z], [permittivity * inside * z - dz / kappa, mixed * z]])
@@ -215,6 +228,6 @@ def _single(wave: _Wave, orders: np.ndarray, radius_m: float, permittivity: comp
     return np.moveaxis(-np.linalg.solve(np.moveaxis(going, 2, 0), np.moveaxis(coming, 2, 0)), 0, 2)
 
 
-def _derivative(function, orders: np.ndarray, x: complex) -> np.ndarray:  # type: ignore[no-untyped-def]
-    """Z_m' = (Z_{m−1} − Z_{m+1})/2 [m]."""
-    return (function(orders - 1, x) - function(orders + 1, x)) / 2
+def _and_derivative(wider: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Z_m and Z_m' = (Z_{m−1} − Z_{m+1})/2 [m] of Z, which has an order more on either side."""
+    return wider[1:-1], (wider[:-2] - wider[2:]) / 2

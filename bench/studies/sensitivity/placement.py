@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 
 WAVES = 300  # of a smooth random field: with so many it is normal to three standard deviations
 PRINTS = ("permittivity", "layer_m")  # factors of printed hands alone
-ONE_BY_ONE = ("obliquity", "shadow_centre", "shadow_antennas", "skin", "dielectric")  # effects that each facet has
+# Effects that each facet has.
+ONE_BY_ONE = ("obliquity", "shadow_centre", "shadow_antennas", "shadow_diffraction", "skin", "dielectric")
 KEPT = ("samples", "frequencies_hz", "tx_m", "rx_m", "points_m", "strongest", "vertices_m", "faces")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from typing import Annotated, Any
@@ -38,8 +38,9 @@ class SimulationKnobs(Config):
     without: tuple[tuple[str, ...], ...] = (
         (),
         ("multipath",),
-        ("multipath", "shadow_antennas"),
-        ("multipath", "shadow_antennas", "shadow_centre"),
+        ("multipath", "shadow_diffraction"),
+        ("multipath", "shadow_diffraction", "shadow_antennas"),
+        ("multipath", "shadow_diffraction", "shadow_antennas", "shadow_centre"),
     )
     tolerance_mm: tuple[Annotated[float, Field(gt=0)], ...] = (0.1, 1.0)
     finest: float = Field(default=8.0, gt=0)
@@ -53,18 +54,6 @@ class SimulationKnobs(Config):
         except HandbenchError as error:
             raise ValueError(str(error).removeprefix("effects: ")) from None
         return without
-
-
-@dataclass(frozen=True, eq=False)
-class Sampled(EchoScene):
-    """A scene whose surfaces are sampled as if its shortest wavelength were another."""
-
-    facets_per_wavelength: float = ORDINARY
-
-    @property
-    def wavelength_m(self) -> float:
-        """The area that ORDINARY facets have to cover."""
-        return super().wavelength_m * ORDINARY / self.facets_per_wavelength
 
 
 @dataclass(frozen=True)
@@ -96,9 +85,7 @@ class Way:
 
     def simulate(self, scene: Scene) -> np.ndarray:
         """One frame's samples [f, tx, rx]."""
-        plain = echo_scene(scene)
-        given = {field.name: getattr(plain, field.name) for field in fields(plain) if field.init}
-        sampled = Sampled(**given, facets_per_wavelength=self.facets_per_wavelength)
+        sampled = replace(echo_scene(scene), coarser=ORDINARY / self.facets_per_wavelength)
         return simulate_scene(sampled, self._choices(sampled)).capture.samples[0]
 
     def _choices(self, scene: EchoScene) -> tuple[Choice, ...]:

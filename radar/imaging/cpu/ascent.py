@@ -12,10 +12,50 @@ from radar.imaging.cpu.descent import BLOCK, SECOND_LEVEL, apply, differences, l
 from radar.imaging.cpu.steering import FAST, cis_turns
 
 
+class Sight(NamedTuple):
+    """The part of each antenna's wave that reaches each point: complex, and smooth from point to point, from antenna to
+    antenna and in frequency. corner [3, n]: samples around each point, −1 in full sight of all antennas, with the share
+    [3, n] of each; table_a [samples, 3, nodes] complex64: factors of 1, u and u² at some antennas, from which spread_a
+    [a, nodes] makes all, u = (f/c − middle)/half; the same for b; detour_m: by how much later waves come."""
+
+    corner: np.ndarray
+    share: np.ndarray
+    table_a: np.ndarray
+    spread_a: np.ndarray
+    table_b: np.ndarray
+    spread_b: np.ndarray
+    middle: float
+    half: float
+    detour_m: float
+
+    @property
+    def partial(self) -> np.ndarray:
+        """Mask [n] of the points that are not in full sight."""
+        return self.corner[0] >= 0
+
+    def where(self, chosen: np.ndarray) -> Sight:
+        """Of some points, by mask or index."""
+        return self._replace(corner=self.corner[:, chosen].copy(), share=self.share[:, chosen].copy())
+
+    def weights(self, leg: int, turns_per_m: float) -> np.ndarray:
+        """Complex weights [a, n] of a leg, 0 or 1."""
+        table, spread = (self.table_a, self.spread_a) if leg == 0 else (self.table_b, self.spread_b)
+        u = (turns_per_m - self.middle) / self.half
+        nodes = table.transpose(0, 2, 1) @ np.array([1, u, u * u])
+        return np.where(self.partial, spread @ (nodes[self.corner] * self.share[:, :, None]).sum(axis=0).T, 1)
+
+
+NO_TABLE, NO_SPREAD = np.zeros((0, 3, 0), np.complex64), np.zeros((0, 0), np.float32)
+NOTHING = np.zeros((3, 0))
+FULL_SIGHT = Sight(
+    NOTHING.astype(np.int32), NOTHING.astype(np.float32), NO_TABLE, NO_SPREAD, NO_TABLE, NO_SPREAD, 0.0, 1.0, 0.0
+)
+
+
 class Source(NamedTuple):
     """Scatterers sorted by leaf: point_m [3, n], weight [n] complex64, delay_m [n] one-way, normal [3, n] or [3, 0];
     spreading: whether legs have gains; pattern: exponent of cos θ in them; seen_a [a, n], seen_b [b, n]: which antennas
-    see each point, or [0, 0] where all do (masks need a leaf that keeps all antennas)."""
+    see each point, or [0, 0] where all do. Masks and sight need a leaf that keeps all antennas."""
 
     point_m: np.ndarray
     weight: np.ndarray
@@ -25,6 +65,7 @@ class Source(NamedTuple):
     pattern: float
     seen_a: np.ndarray
     seen_b: np.ndarray
+    sight: Sight
 
 
 @numba.njit(**FAST)
@@ -64,9 +105,17 @@ def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no
         gain_a = _gains(source, start, points, position_a, source.seen_a)
         gain_b = _gains(source, start, points, position_b, source.seen_b)
         a, b = np.empty((2 * n_a, n), np.float32), np.empty((2 * n_b, n), np.float32)
+        sight, weighted = source.sight, source.sight.corner.shape[1] > 0
+        if weighted:
+            factors_a = _leg_factors(sight.corner, sight.share, start, n, sight.table_a, sight.spread_a)
+            factors_b = _leg_factors(sight.corner, sight.share, start, n, sight.table_b, sight.spread_b)
         for m in range(tones):
             steer(delta_a, -turns_per_m[m], a)
             steer(delta_b, -turns_per_m[m], b)
+            if weighted:
+                u = np.float32((turns_per_m[m] - sight.middle) / sight.half)
+                _weigh(a, factors_a, u)
+                _weigh(b, factors_b, u)
             weight = np.empty((2, n), np.float32)
             for p in range(n):
                 cosine, sine = cis_turns(-turns_per_m[m] * common[p])
@@ -117,6 +166,34 @@ def _gains(source, start, points_m, position_m, seen):  # type: ignore[no-untype
 
 
 @numba.njit(**FAST)
+def _leg_factors(corner, share, start, n, table, spread):  # type: ignore[no-untyped-def]
+    """Factors [3, 2a, n] (real parts above imaginary parts) of 1, u and u² of the weights of n points."""
+    nodes, n_a = table.shape[2], len(spread)
+    at_nodes, factors = np.empty((2, nodes, n), np.float32), np.empty((3, 2 * n_a, n), np.float32)
+    for power in range(3):
+        for p in range(n):
+            one, two, three = corner[0, start + p], corner[1, start + p], corner[2, start + p]
+            s1, s2, s3 = share[0, start + p], share[1, start + p], share[2, start + p]
+            for i in range(nodes):
+                mixed = s1 * table[one, power, i] + s2 * table[two, power, i] + s3 * table[three, power, i]
+                at_nodes[0, i, p], at_nodes[1, i, p] = mixed.real, mixed.imag
+        factors[power, :n_a], factors[power, n_a:] = np.dot(spread, at_nodes[0]), np.dot(spread, at_nodes[1])
+    return factors
+
+
+@numba.njit(**FAST)
+def _weigh(steered, factors, u):  # type: ignore[no-untyped-def]
+    """Multiply steered [2a, n] by the weights at u."""
+    n_a = len(steered) // 2
+    for i in range(n_a):
+        for p in range(steered.shape[1]):
+            re = factors[0, i, p] + u * (factors[1, i, p] + u * factors[2, i, p])
+            im = factors[0, n_a + i, p] + u * (factors[1, n_a + i, p] + u * factors[2, n_a + i, p])
+            x, y = steered[i, p], steered[n_a + i, p]
+            steered[i, p], steered[n_a + i, p] = re * x - im * y, re * y + im * x
+
+
+@numba.njit(**FAST)
 def _part(source, start, stop):  # type: ignore[no-untyped-def]
     """The scatterers start:stop; empty arrays stay empty."""
     here = slice(start, stop)
@@ -124,4 +201,7 @@ def _part(source, start, stop):  # type: ignore[no-untyped-def]
     seen_a = source.seen_a if source.seen_a.size == 0 else source.seen_a[:, here]
     seen_b = source.seen_b if source.seen_b.size == 0 else source.seen_b[:, here]
     places = source.point_m[:, here], source.weight[here], source.delay_m[here], normal
-    return Source(*places, source.spreading, source.pattern, seen_a, seen_b)
+    sight = source.sight
+    legs = sight.table_a, sight.spread_a, sight.table_b, sight.spread_b
+    part = Sight(sight.corner[:, here], sight.share[:, here], *legs, sight.middle, sight.half, sight.detour_m)
+    return Source(*places, source.spreading, source.pattern, seen_a, seen_b, part)

@@ -7,8 +7,8 @@ import numpy as np
 from radar.data.arrays import AntennaArray
 from radar.imaging.cpu.steering import phasor
 from radar.simulation.causes import Channels, Dead
-from radar.simulation.effects.base import Effect, Estimate
-from radar.simulation.pilot import echoes_of, pilot, rms, stand_in
+from radar.simulation.effects.base import Effect
+from radar.simulation.pilot import rms
 from radar.simulation.scene import EchoScene
 from radar.simulation.state import EchoState
 from radar.support.errors import HandbenchError
@@ -23,12 +23,6 @@ class PositionErrors(Effect):
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.positions.sigma_m else "[sensor.positions] with sigma_m"
-
-    def estimate(self, scene: EchoScene) -> Estimate:
-        sigma_m = scene.causes.positions.sigma_m
-        errors = [stand_in(leg.position_m.size, i).reshape(-1, 3) for i, leg in enumerate(scene.array.legs)]
-        samples = echoes_of(scene, pilot(scene).tones_hz, _displaced(scene.array, sigma_m, errors))
-        return Estimate.of(scene, samples, f"two tones' images with antennas off by {1e3 * sigma_m:.2g} mm")
 
     def apply(self, state: EchoState) -> None:
         shapes = [leg.position_m.shape for leg in state.array.legs]
@@ -50,12 +44,6 @@ class AntennaPattern(Effect):
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.pattern.beamwidth_deg is not None else "[sensor.pattern] with beamwidth_deg"
 
-    def estimate(self, scene: EchoScene) -> Estimate:
-        width_deg, q = scene.causes.pattern.beamwidth_deg, scene.causes.pattern.exponent
-        samples = echoes_of(scene, pilot(scene).tones_hz, scene.array, pattern=q)
-        why = f"two tones' images with {width_deg:g}° between the half-power directions, cosᵠθ with q = {q:.2g}"
-        return Estimate.of(scene, samples, why)
-
     def apply(self, state: EchoState) -> None:
         state.pattern = state.scene.causes.pattern.exponent
 
@@ -69,13 +57,6 @@ class AntennaCoupling(Effect):
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.coupling.level_db is not None else "[sensor.coupling] with level_db"
-
-    def estimate(self, scene: EchoScene) -> Estimate:
-        known = pilot(scene)
-        level = scene.causes.coupling.amplitude * rms(known.samples)
-        samples = known.samples + level * direct_wave(scene.array, known.tones_hz)
-        why = f"two tones' images with a direct wave of {scene.causes.coupling.level_db:g} dB, which lies out of focus"
-        return Estimate.of(scene, samples, why)
 
     def apply(self, state: EchoState) -> None:
         level = state.level(self.id, lambda: state.scene.causes.coupling.amplitude * rms(state.samples))
@@ -100,11 +81,6 @@ class ChannelErrors(Effect):
     def missing(self, scene: EchoScene) -> str:
         causes = scene.causes.channels
         return "" if causes.gain_db or causes.phase_rad or causes.delay_m else "[sensor.channels] with an error"
-
-    def estimate(self, scene: EchoScene) -> Estimate:
-        drawn = [stand_in(3 * n, i).reshape(3, n) for i, n in enumerate(scene.array.channels)]
-        factor = _channel_factor(scene.causes.channels, pilot(scene).tones_hz, drawn)
-        return Estimate.of(scene, pilot(scene).samples * factor, "two tones' images with such errors")
 
     def apply(self, state: EchoState) -> None:
         scene = state.scene
@@ -131,11 +107,6 @@ class DeadElements(Effect):
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.dead.tx or scene.causes.dead.rx else "[sensor.dead] with tx or rx"
-
-    def estimate(self, scene: EchoScene) -> Estimate:
-        samples = silenced(pilot(scene).samples, scene.causes.dead)
-        count = len(scene.causes.dead.tx) + len(scene.causes.dead.rx)
-        return Estimate.of(scene, samples, f"two tones' images without {count} antennas")
 
     def apply(self, state: EchoState) -> None:
         state.samples = silenced(state.samples, state.scene.causes.dead)

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
-from radar.data.arrays import AntennaArray
-from radar.simulation.effects.base import NOTHING, Effect, Estimate
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from radar.simulation.effects.base import Effect, Glance
+from radar.simulation.forward import Scatterers
 from radar.simulation.physics.bundles import RX_NODES_M, TX_NODES_M, Bundles, nodes
-from radar.simulation.physics.coarse import double_bounce, visible_from
-from radar.simulation.physics.facets import Facets, joined
+from radar.simulation.physics.coarse import double_bounce, single_bounce
+from radar.simulation.physics.diffracted import by_rays, samples_of, sights_of
+from radar.simulation.physics.facets import face_vectors
 from radar.simulation.physics.line_of_sight import rays_of
 from radar.simulation.physics.ray_tubes import trace
-from radar.simulation.physics.reflection import echo_reflection
-from radar.simulation.pilot import CENTRE_M, TOLERANCE, body_echoes, coarse_surface, pilot, rms, visible_surface
-from radar.simulation.scene import Body, EchoScene
+from radar.simulation.physics.reflection import body_reflection, echo_reflection, oblique_ratios
+from radar.simulation.pilot import CENTRE_M, LONGEST, body_echoes, visible_surface
+from radar.simulation.scene import Body, EchoScene, Material
 from radar.simulation.state import EchoState, Surface, facing
 from radar.support.rays import Rays
 
 PATCH = 0.25  # longest edge of a mirror, wavelengths
-TURN = 0.15  # rad between two tones per relative amplitude, mean over the pixels: 0.10 to 0.22 measured on four hands
-SECONDS, SECONDS_PER_TUBE = 0.5, 1.6e-6  # on two cores
+SECONDS_PER_FACE, SECONDS_PER_TUBE, SECONDS_PER_FACET = 3e-6, 3e-6, 7e-6
+NODES_M, SAMPLES_M = 0.03, 8e-3  # between antennas and points of the room for which the diffraction is computed
 
 
 class Multipath(Effect):
@@ -34,16 +38,19 @@ class Multipath(Effect):
     def missing(self, scene: EchoScene) -> str:
         return scene.lacks_surface
 
-    def estimate(self, scene: EchoScene) -> Estimate:
-        caught, count = double_bounce(visible_surface(scene), scene.array, CENTRE_M)
-        why = f"geometrical optics of {count} facets that mirror onto others"
-        reflection = np.abs(echo_reflection(scene.body.material, pilot(scene).tones_hz)).max()
-        ratio = float(scene.wavelength_m * np.sqrt(caught) * reflection**2 / rms(pilot(scene).samples))
-        if ratio == 0:
-            return Estimate(0.0, NOTHING, why, SECONDS)
+    def cost_s(self, scene: EchoScene) -> float:
+        count = _twice(scene)[1]
         tubes = count * 4 * len(nodes(scene.array.tx_m, TX_NODES_M))  # the estimate's facets are twice as coarse
-        depth_mm = 1e3 * scene.depth_m_per_rad * min(TURN * ratio, np.pi / 2)
-        return Estimate(depth_mm, float(20 * np.log10(ratio)), why, SECONDS + tubes * SECONDS_PER_TUBE)
+        return SECONDS_PER_FACE * len(scene.body.faces) + SECONDS_PER_TUBE * tubes
+
+    def glance(self, scene: EchoScene) -> Glance:
+        caught, count = _twice(scene)
+        if count == 0:
+            return Glance(0.0, "no facet mirrors onto another")
+        material, once = scene.body.material, target_power(scene)
+        reflection = float(np.abs(echo_reflection(material, scene.frequencies_hz)).max())
+        ratio = reflection * np.sqrt(caught / once) if once > 0 else np.inf
+        return Glance.of_level(scene, ratio, f"geometrical optics of {count} facets that mirror onto others")
 
     def apply(self, state: EchoState) -> None:
         surface = state.surface
@@ -56,12 +63,24 @@ class Multipath(Effect):
         traced = trace(rays_of(state.scene, body), body, few, longest_m)
         if len(traced.hits.face) == 0:
             return
-        bundles = Bundles(traced, _layers(surface), at)
+        bundles = Bundles(traced, _layers(surface), at, state.scene.dipole)
 
         def echo() -> np.ndarray:
-            return bundles.echo(state.scene.frequencies_hz, state.array, surface.reflection, state.pattern)
+            material = Material() if surface.reflection is None else body.material  # where it is off, that of metal
+            ratios = oblique_ratios(material, float(state.scene.frequencies_hz.mean()))
+            return bundles.echo(state.scene.frequencies_hz, state.array, surface.reflection, state.pattern, ratios)
 
         state.extra.append(echo)
+
+
+def _twice(scene: EchoScene) -> tuple[float, int]:
+    """`double_bounce` of the target. Made once."""
+    return scene.kept("twice", lambda: double_bounce(visible_surface(scene), scene.array, CENTRE_M))
+
+
+def target_power(scene: EchoScene) -> float:
+    """`single_bounce` of the target, as if it were of metal."""
+    return single_bounce(visible_surface(scene), scene.array, CENTRE_M)
 
 
 def _layers(surface: Surface) -> np.ndarray:
@@ -74,7 +93,8 @@ def _layers(surface: Surface) -> np.ndarray:
 
 class Clutter(Effect):
     """Echoes of the bodies around the target, which stay when it moves or is taken away: by physical optics, in its
-    shadow as the aperture's centre casts it; waves that go by way of both target and room are left out."""
+    shadow as the aperture's centre casts it, or diffracted as each antenna does; waves that go by way of both target
+    and room are left out."""
 
     id = "clutter"
     does = "echoes of what stands around the target"
@@ -83,37 +103,48 @@ class Clutter(Effect):
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.room else "[stand] with reflectivity_db"
 
-    def estimate(self, scene: EchoScene) -> Estimate:
-        known = pilot(scene)
-        samples = known.samples.copy()
-        for body in scene.room:
-            facets = coarse_surface(scene, body)
-            facets = facets.where(_beside_target(scene, facets))
-            samples += body_echoes(body, facets.optics, known.tones_hz, scene.array, TOLERANCE)
-        why = f"two tones' images with the room's {len(scene.room)} bodies, but where the target stands before them"
-        return Estimate.of(scene, samples, why, cost_s=5.0)
+    def cost_s(self, scene: EchoScene) -> float:
+        area_m2 = sum(np.linalg.norm(face_vectors(b.vertices_m, b.faces), axis=1).sum() for b in scene.room) / 2
+        return SECONDS_PER_FACET * 2 * area_m2 / (PATCH * scene.wavelength_m) ** 2
+
+    def glance(self, scene: EchoScene) -> Glance | None:
+        """As if the nearest body of the room were a mirror before all of the array: 1/(2z) of what it returns."""
+        if scene.lacks_surface:
+            return None
+        target = np.abs(echo_reflection(scene.body.material, scene.frequencies_hz)).min() * np.sqrt(target_power(scene))
+        nearest_m = min(float(body.vertices_m[:, 2].min()) for body in scene.room)
+        level = max(float(np.abs(body_reflection(body, scene.frequencies_hz)).max()) for body in scene.room)
+        ratio = level / (2 * nearest_m * target) if target > 0 and nearest_m > 0 else np.inf
+        return Glance.of_level(scene, ratio, "the room's echo, were it a mirror, over the target's")
 
     def apply(self, state: EchoState) -> None:
         scene = state.scene
         rays = _rays([*scene.room, *_opaque_target(scene, state.with_target)])
         clutter = np.zeros(state.samples.shape[1:], np.complex64)
         for body in scene.room:
-            facets = facing(scene, body)
-            optics = facets.where(rays.in_sight(facets.position_m, CENTRE_M)).optics
+            optics = _seen_behind(state, rays, body)
             clutter += body_echoes(body, optics, scene.frequencies_hz, state.array, state.tolerance, state.pattern)
         state.samples = state.samples + clutter
+
+
+def _seen_behind(state: EchoState, rays: Rays, body: Body) -> Scatterers:
+    """A body's facets as the aperture's centre sees them behind the target; where that diffracts, coarser ones as each
+    antenna does."""
+    scene, surface = state.scene, state.surface
+    if surface is None or surface.sight is None:
+        facets = facing(scene, body)
+        return facets.where(rays.in_sight(facets.position_m, CENTRE_M)).optics
+    facets = facing(scene, body, LONGEST)
+    samples, turns_per_m = samples_of(body, facets, SAMPLES_M), scene.frequencies_hz / SPEED_OF_LIGHT_M_S
+    look = by_rays(rays, samples.points_m)
+    sight, _, some = sights_of(scene, surface.body, samples, look, turns_per_m, state.array, NODES_M)
+    return dataclasses.replace(facets.optics, sight=sight).where(some)
 
 
 def _opaque_target(scene: EchoScene, with_target: bool) -> tuple[Body, ...]:
     """The target, if it stands there and casts a shadow: foam does not."""
     body = scene.target if with_target else None
     return () if body is None or body.transparent else (body,)
-
-
-def _beside_target(scene: EchoScene, facets: Facets) -> np.ndarray:
-    """Mask [p] of the room's facets that the target does not hide from the aperture's centre, without rays."""
-    target = [coarse_surface(scene, body) for body in _opaque_target(scene, True)]
-    return visible_from(joined([*target, facets]), CENTRE_M)[sum(map(len, target)) :]
 
 
 def _rays(bodies: list[Body]) -> Rays:

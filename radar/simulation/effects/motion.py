@@ -13,7 +13,7 @@ import numpy as np
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.imaging.cpu.steering import phasor
 from radar.simulation.causes import Motion
-from radar.simulation.effects.base import Effect, Estimate
+from radar.simulation.effects.base import Effect, Glance, echo_s
 from radar.simulation.scene import EchoScene
 from radar.simulation.state import EchoState
 from radar.support.errors import HandbenchError
@@ -33,19 +33,18 @@ class TargetMotion(Effect):
         motion = scene.causes.motion
         return "" if motion.amplitude_m or motion.velocity_m_s else "[target.motion] with an amplitude or a velocity"
 
-    def estimate(self, scene: EchoScene) -> Estimate:
-        motion = scene.causes.motion
-        top, other = scene.pair
-        apart_s = float(abs(scene.time_s[top] - scene.time_s[other]))
-        # A sine's mean |δ(t + T) − δ(t)| over its phase: 2a|sin πfT| · 2/π.
-        sine_m = motion.amplitude_m * 4 / np.pi * abs(np.sin(np.pi * motion.frequency_hz * apart_s))
-        moved_m = sine_m + abs(motion.velocity_m_s) * apart_s
-        gain = 4 * np.pi * scene.frequencies_hz[top] / SPEED_OF_LIGHT_M_S * scene.depth_m_per_rad  # f/Δf
-        direction, middle_m = np.array(motion.direction), scene.middle_m
-        towards = abs(float(direction @ middle_m / np.linalg.norm(direction) / np.linalg.norm(middle_m)))
-        why = f"(f/Δf)·Δδ = {gain:.0f} · {1e3 * moved_m:.3f} mm in {1e3 * apart_s:.0f} ms between the tones"
-        turned_rad = 2 * np.pi * scene.frequencies_hz[top] / SPEED_OF_LIGHT_M_S * 2 * moved_m
-        return Estimate(1e3 * towards * gain * moved_m, 20 * np.log10(turned_rad + 1e-12), why, cost_s=2.0)
+    def cost_s(self, scene: EchoScene) -> float:
+        return echo_s(scene)  # of one displacement more, at least
+
+    def glance(self, scene: EchoScene) -> Glance:
+        """(f/Δf)·Δδ between the highest tone and that other one for which it is largest."""
+        top = int(scene.frequencies_hz.argmax())
+        below_hz = np.where(
+            np.arange(len(scene.frequencies_hz)) == top, np.inf, scene.frequencies_hz[top] - scene.frequencies_hz
+        )
+        moved_m = mean_change_m(scene.causes.motion, np.abs(scene.time_s - scene.time_s[top]))
+        worst_m = float((scene.frequencies_hz[top] / below_hz * moved_m).max())
+        return Glance(1e3 * worst_m, "(f/Δf)·Δδ of the motion between two tones")
 
     def apply(self, state: EchoState) -> None:
         if not state.with_target:
@@ -55,6 +54,12 @@ class TargetMotion(Effect):
         phases = [state.random(seed).uniform(0, 2 * np.pi) for seed in state.frame_seeds(self.id)]
         offset_m = np.stack([displacement_m(motion, state.scene.time_s, phase) for phase in phases])
         state.samples = echoes_of_moving(state, along, offset_m, reach_m(motion, state.scene.time_s))
+
+
+def mean_change_m(motion: Motion, apart_s: np.ndarray) -> np.ndarray:
+    """Mean |δ(t + T) − δ(t)| for each T of `apart_s`; of a sine over its phase, 2a|sin πfT| · 2/π."""
+    sine_m = motion.amplitude_m * 4 / np.pi * np.abs(np.sin(np.pi * motion.frequency_hz * apart_s))
+    return sine_m + abs(motion.velocity_m_s) * apart_s
 
 
 def displacement_m(motion: Motion, time_s: np.ndarray, phase_rad: float) -> np.ndarray:

@@ -8,8 +8,7 @@ from scipy.special import sici
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.imaging.cpu.exact import tone_images
 from radar.simulation.causes import Converter, Oscillator
-from radar.simulation.effects.base import Effect, Estimate
-from radar.simulation.pilot import pilot, rms
+from radar.simulation.effects.base import Effect
 from radar.simulation.scene import EchoScene
 from radar.simulation.state import EchoState
 
@@ -35,12 +34,6 @@ class OscillatorNoise(Effect):
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.oscillator.level_dbc_hz is not None else "[sensor.oscillator] with level_dbc_hz"
-
-    def estimate(self, scene: EchoScene) -> Estimate:
-        sigma_rad = _sigma_rad(scene)
-        depth_m = scene.depth_m_per_rad * 2 / np.sqrt(np.pi) * sigma_rad / np.sqrt(len(scene.array.tx_m))
-        why = f"{1e3 * sigma_rad:.2g} mrad per tone and transmitter after range correlation, averaged over transmitters"
-        return Estimate(1e3 * depth_m, 20 * np.log10(sigma_rad), why)
 
     def apply(self, state: EchoState) -> None:
         sigma_rad = _sigma_rad(state.scene)
@@ -70,16 +63,6 @@ class ThermalNoise(Effect):
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.noise.between_tones_rad else "[noise] with phase_noise_rad or snr_db"
-
-    def estimate(self, scene: EchoScene) -> Estimate:
-        sigma_rad, known = scene.causes.noise.between_tones_rad, pilot(scene)
-        strongest = float(np.abs(known.images[0]).max())
-        weaker = float((strongest / np.abs(known.images[0])).mean())
-        depth_m = scene.depth_m_per_rad * np.sqrt(2 / np.pi) * sigma_rad * weaker
-        why = f"{sigma_rad:.3g} rad at the strongest pixel, {weaker:.2g} times as much on average"
-        # Mean power of the noise over that of the samples, from σ = σ_φ·A/√N.
-        noise = sigma_rad * strongest / np.sqrt(known.samples[0].size)
-        return Estimate(1e3 * depth_m, 20 * np.log10(noise / rms(known.samples)), why)
 
     def apply(self, state: EchoState) -> None:
         tones_hz, sigma_rad = state.scene.frequencies_hz, state.scene.causes.noise.between_tones_rad
@@ -129,11 +112,6 @@ class Quantisation(Effect):
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.converter.bits else "[sensor.converter] with bits"
-
-    def estimate(self, scene: EchoScene) -> Estimate:
-        converter, samples = scene.causes.converter, pilot(scene).samples
-        rounded = quantised(samples, converter, full_scale(samples, converter))
-        return Estimate.of(scene, rounded, f"two tones' images from {converter.bits} bits")
 
     def apply(self, state: EchoState) -> None:
         converter = state.scene.causes.converter

@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
-from radar.simulation.effects.base import NOTHING, Effect, Estimate
+from radar.data.arrays import SPEED_OF_LIGHT_M_S as C
+from radar.simulation.effects.base import Effect, Glance
 from radar.simulation.physics.coarse import visible_from
+from radar.simulation.physics.diffracted import NODES_M, by_rays, samples_of, sights_of
 from radar.simulation.physics.facets import Facets, face_vectors
 from radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
 from radar.simulation.physics.reflection import THIN_M, skin_reflection
-from radar.simulation.pilot import (
-    CENTRE_M,
-    TOLERANCE,
-    body_echoes,
-    coarse_surface,
-    echoes_of,
-    pilot,
-    seen_from_centre,
-    visible_surface,
-)
+from radar.simulation.pilot import CENTRE_M, coarse_surface, seen_from_centre
 from radar.simulation.scene import Body, EchoScene
 from radar.simulation.state import EchoState, facing
 
@@ -35,16 +26,12 @@ class Obliquity(Effect):
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.target is not None else "a target with a surface"
 
-    def estimate(self, scene: EchoScene) -> Estimate:
-        even = echoes_of(scene, pilot(scene).tones_hz, scene.array, oblique=False)
-        return Estimate.of(scene, even, "two tones' images of facets that scatter evenly")
-
     def apply(self, state: EchoState) -> None:
         if state.surface is not None:
             state.surface.oblique = True
 
 
-FACETS_PER_S = 5e5  # of the estimate's coarse ones; on two cores
+FACETS_PER_S = 6e4  # coarse ones, each seen from all antennas
 
 
 class ShadowCentre(Effect):
@@ -56,12 +43,6 @@ class ShadowCentre(Effect):
 
     def missing(self, scene: EchoScene) -> str:
         return scene.lacks_surface
-
-    def estimate(self, scene: EchoScene) -> Estimate:
-        facets, visible = coarse_surface(scene, scene.body), seen_from_centre(scene)
-        share = facets.area_m2[~visible].sum() / facets.area_m2.sum()
-        why = f"two tones' images with the {100 * share:.1f} % of the surface that a buffer of depths hides"
-        return _of_shadow(scene, _pair_of(scene, facets.where(~visible)), why, FACETS_PER_S)
 
     def apply(self, state: EchoState) -> None:
         if state.surface is None:
@@ -83,17 +64,19 @@ class ShadowAntennas(Effect):
     def missing(self, scene: EchoScene) -> str:
         return scene.lacks_surface
 
-    def estimate(self, scene: EchoScene) -> Estimate:
-        """Of what it changes beyond `shadow_centre`."""
+    def cost_s(self, scene: EchoScene) -> float:
+        return len(coarse_surface(scene, scene.body)) / FACETS_PER_S
+
+    def glance(self, scene: EchoScene) -> Glance:
+        """The share of the surface that not all of the array sees, as the aperture's centre sees or would see it."""
         facets, visible = coarse_surface(scene, scene.body), seen_from_centre(scene)
-        (tx, nearest_tx), (rx, nearest_rx) = (_from_ends(facets, leg.position_m) for leg in scene.array.legs)
-        everyone = tx.all(axis=0) & rx.all(axis=0) & visible
-        differ = ~everyone & ((tx.any(axis=0) & rx.any(axis=0)) | visible)
-        share = facets.area_m2[differ].sum() / facets.area_m2.sum()
-        change = _pair_of(scene, facets.where(differ), (tx[:, differ][nearest_tx], rx[:, differ][nearest_rx]))
-        change -= _pair_of(scene, facets.where(differ & visible))
-        why = f"two tones' images; buffers of depths hide {100 * share:.1f} % of the surface from some of the array"
-        return _of_shadow(scene, change, why, FACETS_PER_S / 8)
+        (tx, tx_all), (rx, rx_all) = (_from_ends(facets, leg.position_m) for leg in scene.array.legs)
+        disputed = ~(tx_all & rx_all & visible) & (tx & rx | visible)
+        cosine = -(facets.position_m * facets.normal).sum(axis=1) / np.linalg.norm(facets.position_m, axis=1)
+        faced_m2 = facets.area_m2 * np.maximum(cosine, 0)
+        ratio = float(faced_m2[disputed].sum() / max(faced_m2[visible].sum(), 1e-12))
+        why = f"buffers of depths hide {100 * ratio:.2g} % of the surface in sight from some of the array"
+        return Glance.of_level(scene, ratio, why)
 
     def apply(self, state: EchoState) -> None:
         surface = state.surface
@@ -108,29 +91,38 @@ class ShadowAntennas(Effect):
         surface.keep(np.asarray(tx.any(axis=0) & rx.any(axis=0)))
 
 
+class ShadowDiffraction(Effect):
+    """Waves bend around the outline of what hides. Left out: what creeps around curved edges, polarisation, waves that
+    bend twice, and angles beyond some 40°; where a path bounces twice, its shadows stay sharp."""
+
+    id = "shadow_diffraction"
+    does = "shadows of each antenna are as blurred as diffraction makes them (sharp ones are then not used)"
+    source = "Kirchhoff's integral along outlines: Miyamoto & Wolf 1962"
+
+    def missing(self, scene: EchoScene) -> str:
+        return scene.lacks_surface
+
+    def cost_s(self, scene: EchoScene) -> float:
+        return len(coarse_surface(scene, scene.body)) / FACETS_PER_S
+
+    def apply(self, state: EchoState) -> None:
+        surface, scene = state.surface, state.scene
+        if surface is None:
+            return
+        body = surface.body
+        facets = facing(scene, body)
+        samples, turns_per_m = samples_of(body, facets), scene.frequencies_hz / C
+        look = by_rays(rays_of(scene, body), samples.points_m)
+        surface.sight, _, some = sights_of(scene, body, samples, look, turns_per_m, state.array, NODES_M)
+        surface.facets, surface.seen = facets, None
+        surface.keep(some)
+
+
 def _from_ends(facets: Facets, antennas_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """bool [views, p] by buffers of depths at both ends and the middle of each line of antennas, and the view [a] in
-    each antenna's line that is nearest to it."""
-    visible: list[np.ndarray] = []
-    nearest = np.empty(len(antennas_m), int)
-    for line in lines(antennas_m):
-        views = np.unique([0, (len(line) - 1) // 2, len(line) - 1])
-        nearest[line] = len(visible) + np.abs(np.arange(len(line))[:, None] - views).argmin(axis=1)
-        visible += [visible_from(facets, antennas_m[line[n]]) for n in views]
-    return np.stack(visible), nearest
-
-
-def _pair_of(scene: EchoScene, facets: Facets, seen: tuple[np.ndarray, np.ndarray] | None = None) -> np.ndarray:
-    """Echoes [2, t, r] of some facets at the scene's pair of tones."""
-    optics = dataclasses.replace(facets.optics, seen=seen)
-    return body_echoes(scene.body, optics, pilot(scene).tones_hz, scene.array, TOLERANCE)
-
-
-def _of_shadow(scene: EchoScene, change: np.ndarray, why: str, facets_per_s: float) -> Estimate:
-    if not change.any():
-        return Estimate(0.0, NOTHING, why)
-    cost_s = len(coarse_surface(scene, scene.body)) / facets_per_s
-    return Estimate.of(scene, pilot(scene).samples + change, why, cost_s)
+    """Masks [p] of the facets that are seen from some and from all of the ends and middles of the antennas' lines."""
+    views = [n for line in lines(antennas_m) for n in np.unique(line[[0, (len(line) - 1) // 2, -1]])]
+    visible = np.stack([visible_from(facets, antennas_m[n]) for n in views])
+    return np.asarray(visible.any(axis=0)), np.asarray(visible.all(axis=0))
 
 
 class Skin(Effect):
@@ -149,26 +141,6 @@ class Skin(Effect):
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.target is not None and scene.target.material.kind == "skin" else "a target of skin"
-
-    def estimate(self, scene: EchoScene) -> Estimate:
-        known = pilot(scene)
-        reflection = reflections(scene.body, known.tones_hz)
-        bias_m = scene.depth_m_per_rad * np.abs(np.angle(reflection[:, 0] * reflection[:, 1].conj()))
-        facets = visible_surface(scene)
-        layer = layers(scene.body, facets.face)
-        area_m2 = np.bincount(layer, facets.area_m2 * np.abs(facets.normal[:, 2]), len(reflection))
-        share = area_m2 / area_m2.sum()
-        # The pilot reflects as one half-space: against it both layers count relative to metal, which is what "off" is.
-        samples = np.zeros_like(known.samples)
-        for n, of_layer in enumerate(reflection):
-            echoes = body_echoes(scene.body, facets.where(layer == n).optics, known.tones_hz, scene.array, TOLERANCE)
-            samples = samples + echoes * of_layer[:, None, None]
-        level_db = 20 * np.log10(np.abs(reflection[:, 0]))
-        why = ", ".join(
-            f"{name} {100 * part:.0f} %: {db:.1f} dB, {1e3 * metres:.2f} mm from the phase's slope"
-            for name, part, db, metres in zip(("thin", "palm"), share, level_db, bias_m, strict=False)
-        )
-        return Estimate.of(scene, samples, f"two tones' images; {why}", cost_s=0.3)
 
     def apply(self, state: EchoState) -> None:
         if state.surface is not None:

@@ -166,9 +166,12 @@ def _mirrored(incoming, normal):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(**FAST)
-def radiate(tubes, starts, tx_m, rx_m, before_m, after_m, turns_per_m, middle, pattern, seen):  # type: ignore[no-untyped-def]
+def radiate(  # type: ignore[no-untyped-def]
+    tubes, factor, starts, tx_m, rx_m, before_m, after_m, turns_per_m, middle, pattern, seen
+):
     """Samples [k, 2, t, r] of tubes sorted by transmitter (t has starts[t]:starts[t + 1]), without the phase of the
-    paths before_m [t] + after_m [r]. seen [faces, r] float32: 1 where receiver r sees the face.
+    paths before_m [t] + after_m [r]. factor complex64 [n]: of each tube's amplitude. seen [faces, r] float32: 1 where
+    receiver r sees the face.
 
     D = (1 + v/8)⁻⁴, v the variance of the phase over the footprint, taken as linear between its corners, at the middle
     frequency (in turns per metre): the footprint's own pattern to second order (1 − v/2), which fades where it would
@@ -189,7 +192,7 @@ def radiate(tubes, starts, tx_m, rx_m, before_m, after_m, turns_per_m, middle, p
                 amplitude *= max(way[2] / distance, 0.0) ** pattern
             base = distance + tubes.length_m[n] - before_m[t]
             end, normal, edge, longer = tubes.end_m[n], tubes.normal[n], tubes.edge_m[n], tubes.longer_m[n]
-            sight = seen[tubes.face[n]]
+            sight, real, imag = seen[tubes.face[n]], factor[n].real, factor[n].imag
             for r in range(len(rx_m)):
                 ux, uy, uz = rx_m[r, 0] - end[0], rx_m[r, 1] - end[1], rx_m[r, 2] - end[2]
                 length = np.sqrt(ux * ux + uy * uy + uz * uz)
@@ -211,6 +214,6 @@ def radiate(tubes, starts, tx_m, rx_m, before_m, after_m, turns_per_m, middle, p
                 turns = np.float32(-turns_per_m[m])
                 for r in range(len(rx_m)):
                     cosine, sine = cis_small(turns * path[r])
-                    samples[m, 0, t, r] += gain[r] * cosine
-                    samples[m, 1, t, r] += gain[r] * sine
+                    samples[m, 0, t, r] += gain[r] * (real * cosine - imag * sine)
+                    samples[m, 1, t, r] += gain[r] * (real * sine + imag * cosine)
     return samples

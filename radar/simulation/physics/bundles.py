@@ -17,6 +17,7 @@ from radar.imaging.cpu.steering import steered_differences
 from radar.imaging.skeleton import band_skeleton
 from radar.simulation.physics.bounces import radiate
 from radar.simulation.physics.line_of_sight import lines
+from radar.simulation.physics.polarisation import tube_factors
 from radar.simulation.physics.ray_tubes import Traced
 from radar.support.parallel import for_each
 
@@ -44,50 +45,70 @@ def nodes(antennas_m: np.ndarray, apart_m: float) -> np.ndarray:
 class Bundles:
     """Traced hits in bundles: by the layers of their mirror and of where they land, the cells of both, and transmitter.
 
-    layer [faces]: of each face of the body; at: the indices of the antennas for which the rays were traced.
+    layer [faces]: of each face of the body; at: the indices of the antennas for which the rays were traced; dipole [3]:
+    the antennas'.
     """
 
-    def __init__(self, traced: Traced, layer: np.ndarray, at: tuple[np.ndarray, np.ndarray]) -> None:
+    def __init__(
+        self, traced: Traced, layer: np.ndarray, at: tuple[np.ndarray, np.ndarray], dipole: np.ndarray
+    ) -> None:
         hits, start_m = traced.hits, traced.patches.middle_m[traced.hits.patch]
         first, second, layers = layer[traced.patch_face[hits.patch]], layer[hits.face], 1 + int(layer.max())
         cells = np.concatenate([np.floor(start_m / START_M), np.floor(hits.end_m / END_M)], axis=1).astype(int)
         cells -= cells.min(axis=0)
         key = np.ravel_multi_index((first, second, *cells.T), (layers, layers, *(cells.max(axis=0) + 1)))
-        self._traced, self._at = traced, at
+        self._traced, self._at, self._dipole = traced, at, dipole
         order = np.argsort(key, kind="stable")  # the transmitters are in order
         self._bundles = np.split(order, np.flatnonzero(np.diff(key[order])) + 1)
         self._layers = [(int(first[bundle[0]]), int(second[bundle[0]])) for bundle in self._bundles]
 
     def echo(
-        self, frequencies_hz: np.ndarray, array: AntennaArray, reflection: np.ndarray | None, pattern: float
+        self,
+        frequencies_hz: np.ndarray,
+        array: AntennaArray,
+        reflection: np.ndarray | None,
+        pattern: float,
+        ratios: np.ndarray,
     ) -> np.ndarray:
         """Samples complex64 [f, t, r]. Tubes stay where they are on the target when the array moves a little: paths are
-        stationary with respect to the mirror's point. reflection [layers, f]: amplitude against metal's.
+        stationary with respect to the mirror's point. reflection [layers, f]: amplitude against metal's at normal
+        incidence; ratios: `oblique_ratios`, of all layers or of the one material.
 
         A metal mirror's −1 is one more than the single echo has, to which the forward model's amplitudes are referred.
         """
         total = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
         for layers in sorted(set(self._layers)):
             chosen = [bundle for bundle, meets in zip(self._bundles, self._layers, strict=True) if meets == layers]
-            samples = self._sum(chosen, frequencies_hz, array, pattern)
+            both_ratios = tuple(ratios[min(layer, len(ratios) - 1)] for layer in layers)
+            samples = self._sum(chosen, both_ratios, frequencies_hz, array, pattern)
             both = 1 if reflection is None else np.prod(reflection[list(layers)], axis=0)[:, None, None]
             total -= (samples * both).astype(np.complex64)
         return total
 
     def _sum(
-        self, bundles: list[np.ndarray], frequencies_hz: np.ndarray, array: AntennaArray, pattern: float
+        self,
+        bundles: list[np.ndarray],
+        ratios: tuple[np.ndarray, ...],
+        frequencies_hz: np.ndarray,
+        array: AntennaArray,
+        pattern: float,
     ) -> np.ndarray:
         parts: list[Any] = [0] * min(SUMS, len(bundles))
 
         def work(i: int) -> None:
             for bundle in bundles[i :: len(parts)]:
-                parts[i] = parts[i] + self._bundle(bundle, frequencies_hz, array, pattern)
+                parts[i] = parts[i] + self._bundle(bundle, ratios, frequencies_hz, array, pattern)
 
         for_each(work, range(len(parts)))
         return complex_samples(sum(parts))  # in order: no result depends on the threads
 
     def _bundle(
-        self, bundle: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, pattern: float
+        self,
+        bundle: np.ndarray,
+        ratios: tuple[np.ndarray, ...],
+        frequencies_hz: np.ndarray,
+        array: AntennaArray,
+        pattern: float,
     ) -> np.ndarray:
         """Samples [f, 2, t, r] of the hits of one bundle."""
         tubes = self._traced.tubes(bundle)
@@ -103,7 +124,8 @@ class Bundles:
         tones, weights = _tones(turns_per_m, reach_m)
         starts = np.searchsorted(tubes.transmitter, np.arange(len(tx_m) + 1))
         few_m, few_turns, middle = (before_m[at_tx], after_m[at_rx]), turns_per_m[tones], turns_per_m.mean()
-        few = radiate(tubes, starts, tx_m, rx_m, *few_m, few_turns, middle, pattern, self._traced.seen)
+        factor = tube_factors(tubes, tx_m, self._dipole, ratios)
+        few = radiate(tubes, factor, starts, tx_m, rx_m, *few_m, few_turns, middle, pattern, self._traced.seen)
         weights_tx = _weights(array.tx_m, at_tx, tubes.start_m, first_m, turns_per_m.max())
         weights_rx = _weights(array.rx_m, at_rx, tubes.end_m, last_m, turns_per_m.max())
         return ascend(few, turns_per_m, before_m, after_m, weights, weights_tx, weights_rx)

@@ -83,13 +83,31 @@ def double_bounce(facets: Facets, array: AntennaArray, view_m: np.ndarray) -> tu
     shape = place.max(axis=0) + 1
     flat = np.ravel_multi_index(place.T, shape)
     normals = np.stack([np.bincount(flat, facets.normal[:, i], np.prod(shape)) for i in range(3)], axis=1)
-    antennas_m = np.concatenate([array.tx_m, array.rx_m])
-    middle_m, half_m = (antennas_m.max(axis=0) + antennas_m.min(axis=0)) / 2, WIDE * np.ptp(antennas_m, axis=0) / 2
-    corners_m = np.stack([middle_m - half_m, middle_m + half_m])
+    corners_m = _returns(array)
     caught_m2, count = _walk(
         facets.position_m, facets.normal, facets.area_m2, view_m, normals, low_m, shape, cell_m, corners_m
     )
     return caught_m2 / float(np.prod(np.maximum(np.ptp(corners_m, axis=0)[:2], cell_m))), count
+
+
+def single_bounce(facets: Facets, array: AntennaArray, view_m: np.ndarray) -> float:
+    """The same sum as `double_bounce`'s (1/m²) over the facets whose once mirrored ray comes back."""
+    (low_m, high_m), ways = _returns(array), facets.position_m - view_m
+    distance = np.linalg.norm(ways, axis=1)
+    cosine = -(ways * facets.normal).sum(axis=1) / distance
+    back = ways / distance[:, None] + 2 * cosine[:, None] * facets.normal
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = (low_m[2] - facets.position_m[:, 2]) / back[:, 2]
+        at_m = facets.position_m[:, :2] + reach[:, None] * back[:, :2]
+    inside = (cosine > 0) & (back[:, 2] < 0) & ((at_m >= low_m[:2]) & (at_m <= high_m[:2])).all(axis=1)
+    return float((facets.area_m2 * cosine / distance**2)[inside].sum() / np.prod((high_m - low_m)[:2]))
+
+
+def _returns(array: AntennaArray) -> np.ndarray:
+    """Corners [2, 3] of the area about the aperture in which returning rays are counted."""
+    antennas_m = np.concatenate([array.tx_m, array.rx_m])
+    middle_m, half_m = (antennas_m.max(axis=0) + antennas_m.min(axis=0)) / 2, WIDE * np.ptp(antennas_m, axis=0) / 2
+    return np.stack([middle_m - half_m, middle_m + half_m])
 
 
 @numba.njit(nogil=True, cache=True)

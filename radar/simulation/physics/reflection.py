@@ -1,4 +1,4 @@
-"""Reflection of bodies at normal incidence, and the dielectric properties of skin.
+"""Reflection of bodies, and the dielectric properties of skin.
 
 Time is e^{+jωt}, so that losses are negative imaginary.
 """
@@ -80,15 +80,49 @@ def dielectric_permittivity(material: Material) -> complex:
 
 
 def fresnel(permittivity: np.ndarray) -> np.ndarray:
-    """Γ = (1 − n)/(1 + n) from air, n = √ε_r: complex, of any shape."""
-    n = np.sqrt(np.asarray(permittivity, complex))
-    return (1 - n) / (1 + n)
+    """Γ = (1 − n)/(1 + n) from air at normal incidence, n = √ε_r: complex, of any shape."""
+    return interface(1.0, permittivity, 1.0)[0]
+
+
+def interface(above: np.ndarray | complex, below: np.ndarray | complex, cosine: np.ndarray | float) -> np.ndarray:
+    """Γ [2, ...] of the surface between two media by their permittivities, at a cosine of incidence in air: of the
+    field across the plane of incidence, then along it. Γ is of the component along the surface, so that both agree at
+    normal incidence; the admittances are √(ε_r − sin²θ) and ε_r/√(ε_r − sin²θ)."""
+    upper, lower = (np.asarray(medium, complex) for medium in (above, below))
+    normal_u, normal_l = (np.sqrt(medium - 1 + np.square(cosine)) for medium in (upper, lower))
+    pairs = (normal_u, normal_l), (upper / normal_u, lower / normal_l)
+    return np.stack([(u - v) / (u + v) for u, v in pairs])
 
 
 def layered(layer: np.ndarray, below: np.ndarray, thickness_m: float, frequencies_hz: np.ndarray) -> np.ndarray:
-    """Γ [f] from air of a layer on a half-space, permittivities [f]: (Γ₁ + Γ₂e)/(1 + Γ₁Γ₂e), e = exp(−2jkn₁d), its
-    phase that of the layer's surface (Born & Wolf, Principles of Optics, sec. 1.6.4)."""
-    n1, n2 = np.sqrt(np.asarray(layer, complex)), np.sqrt(np.asarray(below, complex))
+    """Γ [f] from air at normal incidence of a layer on a half-space, permittivities [f], its phase that of the layer's
+    surface."""
+    return oblique_layered(layer, below, thickness_m, frequencies_hz, 1.0)[0]
+
+
+def oblique_layered(
+    layer: np.ndarray, below: np.ndarray, thickness_m: float, frequencies_hz: np.ndarray, cosine: np.ndarray | float
+) -> np.ndarray:
+    """The same for both polarisations, [2, ...]: (Γ₁ + Γ₂e)/(1 + Γ₁Γ₂e), e = exp(−2jk√(ε₁ − sin²θ)d) (Born & Wolf,
+    Principles of Optics, sec. 1.6.4)."""
     there_and_back = 4 * np.pi * np.asarray(frequencies_hz) / SPEED_OF_LIGHT_M_S * thickness_m
-    first, within = fresnel(layer), (n1 - n2) / (n1 + n2) * np.exp(-1j * there_and_back * n1)
+    turned = np.exp(-1j * there_and_back * np.sqrt(np.asarray(layer, complex) - 1 + np.square(cosine)))
+    first, within = interface(1.0, layer, cosine), interface(layer, below, cosine) * turned
     return (first + within) / (1 + first * within)
+
+
+def oblique_ratios(material: Material, frequency_hz: float, count: int = 65) -> np.ndarray:
+    """Γ at count even steps of the cosine of incidence from 0 to 1, over that at normal incidence: complex64
+    [layers, 2, count], the field across the plane of incidence first; layers of skin as
+    `radar.simulation.effects.scattering` has them. Of metal 1."""
+    if material.kind == "metal":
+        return np.ones((1, 2, count), np.complex64)
+    cosine = np.maximum(np.linspace(0, 1, count), 1e-6)[:, None]
+    if material.kind == "skin":
+        f = np.array([frequency_hz])
+        media = HORNY.permittivity(f), skin_permittivity(f, material.wet)
+        thicknesses_m = (THIN_M, material.palm_thickness_m)
+        gamma = np.stack([oblique_layered(*media, thickness_m, f, cosine)[..., 0] for thickness_m in thicknesses_m])
+    else:
+        gamma = interface(1.0, dielectric_permittivity(material), cosine)[None, ..., 0]
+    return np.ascontiguousarray(gamma / gamma[..., -1:], np.complex64)

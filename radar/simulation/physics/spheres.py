@@ -122,11 +122,9 @@ def ball_echoes(
     """Samples complex64 [f, t, r] of the scene's bare steel balls by Mie's series. delay_m [n]: extra one-way path of
     each; pattern: exponent of the antennas' amplitude pattern cosᵠθ."""
     delays_m = np.zeros(len(scene.balls)) if delay_m is None else delay_m
-    angle = np.radians(scene.polarisation_deg)
-    field = np.array([np.cos(angle), np.sin(angle), 0.0])
     samples = np.zeros((len(tones_hz), *array.channels), np.complex64)
     for ball, extra_m in zip(scene.balls, delays_m, strict=True):
-        echo = sphere_echo(ball.centre_m, ball.radius_m, extra_m, tones_hz, array, field)
+        echo = sphere_echo(ball.centre_m, ball.radius_m, extra_m, tones_hz, array, scene.dipole)
         samples += echo * pattern_gain(ball.centre_m, array, pattern)
     return samples
 

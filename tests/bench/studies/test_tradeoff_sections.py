@@ -34,6 +34,7 @@ from radar.support.config import parse
 from radar.support.errors import HandbenchError
 
 ANY = tuple(range(5))
+NO_SHADOWS = ("shadow_diffraction", "shadow_antennas", "shadow_centre")
 BALL = {
     "version": 1,
     "name": "ball",
@@ -163,9 +164,7 @@ def test_views_are_spread_over_the_rig(ball):
 
 def test_echoes_of_a_ball_come_nearer_with_more_facets_and_effects(small_bench, tmp_path):
     bench, base = load_benchmark(str(small_bench))
-    knobs = SimulationKnobs(
-        facets_per_wavelength=(1, 4), without=((), ("shadow_antennas", "shadow_centre")), tolerance_mm=(0.1,), finest=6
-    )
+    knobs = SimulationKnobs(facets_per_wavelength=(1, 4), without=((), NO_SHADOWS), tolerance_mm=(0.1,), finest=6)
     section, settings = simulation_stage.measure(knobs, context(tmp_path, bench=bench, base=base, repeats=2))
     found = {setting.name: setting for setting in settings}
     assert section.reference == settings[0].name == "6-facets-all-effects"
@@ -173,23 +172,20 @@ def test_echoes_of_a_ball_come_nearer_with_more_facets_and_effects(small_bench, 
     errors = {name: setting.error for name, setting in found.items()}
     assert set(errors) == {
         "1-facets-all-effects",
-        "1-facets-without-shadow_antennas-shadow_centre",
+        "1-facets-without-shadow_diffraction-shadow_antennas-shadow_centre",
         "4-facets-all-effects",
-        "4-facets-without-shadow_antennas-shadow_centre",
+        "4-facets-without-shadow_diffraction-shadow_antennas-shadow_centre",
         "4-facets-auto-at-0.1-mm",
     }
     assert errors["4-facets-all-effects"] < errors["1-facets-all-effects"] < 100
-    assert errors["4-facets-all-effects"] < errors["4-facets-without-shadow_antennas-shadow_centre"]
+    assert errors["4-facets-all-effects"] < errors["4-facets-without-shadow_diffraction-shadow_antennas-shadow_centre"]
     assert all(s.seconds_low <= s.seconds <= s.seconds_high and s.low is None for s in found.values())
 
 
 def test_sampling_is_of_facets(small_bench):
     scene = echo_scene(load_scene(small_bench.parent / "ball.toml"))
-    given = {name: getattr(scene, name) for name in ("array", "frequencies_hz", "time_s", "target")}
-    counts = [
-        len(EchoState(simulation_stage.Sampled(**given, facets_per_wavelength=n), 1).surface.facets)
-        for n in (1.0, 4.0, 8.0)
-    ]
+    sampled = [replace(scene, coarser=simulation_stage.ORDINARY / n) for n in (1.0, 4.0, 8.0)]
+    counts = [len(EchoState(one, 1).surface.facets) for one in sampled]
     assert counts[1] == len(EchoState(scene, 1).surface.facets)
     assert counts[0] < counts[1] < counts[2]
 
@@ -213,15 +209,18 @@ def test_noise_is_no_error(small_bench, tmp_path, monkeypatch):
 
 
 def test_what_another_does_is_not_listed_beside_it(small_bench):
-    """Shadows for each antenna contain those of the centre, which are on where the former are left out."""
+    """Diffracted shadows contain each antenna's sharp ones, and these the centre's, which are on where the former are
+    left out."""
     scene = echo_scene(load_scene(small_bench.parent / "ball.toml"))
 
     def on(*without: str) -> set[str]:
         return {choice.effect for choice in Way(4.0, without)._choices(scene) if choice.on}
 
-    assert "shadow_antennas" in on() and "shadow_centre" not in on()
-    assert "shadow_centre" in on("shadow_antennas")
-    assert not {"shadow_centre", "shadow_antennas"} & on("shadow_antennas", "shadow_centre")
+    shadows = set(NO_SHADOWS)
+    assert on() & shadows == {"shadow_diffraction"}
+    assert on("shadow_diffraction") & shadows == {"shadow_antennas"}
+    assert on("shadow_diffraction", "shadow_antennas") & shadows == {"shadow_centre"}
+    assert not on(*NO_SHADOWS) & shadows
     assert "noise" not in on()  # the scene has no cause for it
 
 

@@ -11,19 +11,10 @@ from scipy.special import hankel2
 
 from bench.studies.exact.cylinders import ACROSS, ALONG, Cylinder, axial_spectrum, cylinder_echoes, scattered
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from tests.bench.studies.exact.dipole_fields import K, dipole_field
 
-K = 2 * np.pi * 30e9 / SPEED_OF_LIGHT_M_S
 TWO = [Cylinder(0.0, 0.15, 0.008), Cylinder(0.01, 0.19, 0.02)]
 SKIN = 7.0 - 8.0j
-
-
-def dipole_field(source_m, points_m, direction):
-    """Component along `direction` of (1 + ∇∇·/k²)(direction e^{−jkR}/R): the textbook's near field [n]."""
-    away = points_m - source_m
-    r = np.linalg.norm(away, axis=1)
-    cosine = away @ direction / r
-    near = (1 + 1j * K * r) / (K * r) ** 2
-    return np.exp(-1j * K * r) / r * ((1 - cosine**2) - near * (1 - 3 * cosine**2))
 
 
 def waves_of_dipole(source_m, points_m, polarisation):

@@ -3,9 +3,13 @@
 import numpy as np
 
 from radar.data.arrays import qar50
+from radar.data.grid import Axis
+from radar.methods.fsk import n_tone
+from radar.methods.fsk_config import ThreeToneConfig
 from radar.simulation.causes import Causes
+from radar.simulation.rehearsal import Change, Rehearsal
 from radar.simulation.scene import Body, EchoScene
-from radar.simulation.selection import choose
+from radar.simulation.selection import CONTAINED, EFFECTS, IDS, choose
 from radar.simulation.simulate import SimulatedCapture, simulate_scene
 
 TONES_HZ = np.array([79.5e9, 81.8e9, 82e9])
@@ -30,3 +34,23 @@ def bead_scene(causes: dict | None = None, time_s=(0.0, 1e-3, 2e-3), **changes) 
 def simulated(scene: EchoScene, *effects: str, frames: int = 1, **options) -> SimulatedCapture:
     """The scene with the listed effects."""
     return simulate_scene(scene, choose(scene, effects, 0.1), frames, **options)
+
+
+def rehearsed(scene: EchoScene, *effects: str, without: str) -> tuple[dict[str, Change], float]:
+    """What leaving one of the effects out does to each method's map, and its level in dB, by a rehearsal."""
+    rehearsal = Rehearsal(scene, [EFFECTS[IDS.index(name)] for name in effects], CONTAINED)
+    return rehearsal.change({without}), rehearsal.level_db({without})
+
+
+def simulated_change(scene: EchoScene, *effects: str, without: str) -> tuple[Change, float]:
+    """The same of 3-FSK's map, by two whole simulations and the method as users run it, at pixels of 1 mm."""
+    rest = [name for name in effects if name != without]
+    captures = [simulated(scene, *names).capture for names in (effects, rest)]
+    middle = np.round(scene.middle_m[:2], 3)
+    reach_m, step_m = (0.15, 2e-3) if scene.room else (0.02, 1e-3)
+    x, y = (Axis(start_m=at - reach_m, stop_m=at + reach_m, step_m=step_m) for at in middle)
+    config = ThreeToneConfig(x=x, y=y, first_depth_m=0.3)
+    maps = [n_tone(capture, config).z_m for capture in captures]
+    samples = [capture.samples[0] for capture in captures]
+    level = np.linalg.norm(samples[1] - samples[0]) / np.linalg.norm(samples[0])
+    return Change.between(*maps), float(20 * np.log10(level))

@@ -5,10 +5,9 @@ import pytest
 
 from radar.simulation.effects.scattering import Obliquity
 from radar.simulation.forward import Scatterers, simulate
-from radar.simulation.pilot import change_mm, pilot
 from radar.simulation.scene import Ball
 from radar.simulation.state import EchoState
-from tests.radar.simulation.effects.small_scenes import bead_scene, simulated
+from tests.radar.simulation.effects.small_scenes import bead_scene, rehearsed, simulated, simulated_change
 
 
 @pytest.mark.parametrize("on", [False, True])
@@ -23,10 +22,11 @@ def test_facets_scatter_evenly_or_by_their_angle(on):
 
 def test_the_estimate_is_what_leaving_it_out_changes():
     scene = bead_scene()
-    even = simulated(scene, "shadow_centre").capture.samples[0, [2, 0]]
-    # The pilot's facets may be twice as long, and a buffer of depths draws the shadow's border for it.
-    assert Obliquity().estimate(scene).depth_mm == pytest.approx(change_mm(scene, even), rel=0.2)
-    assert change_mm(scene, pilot(scene).samples) < 1e-6 < 1e-3 < Obliquity().estimate(scene).depth_mm
+    names = "obliquity", "shadow_centre"
+    changes, _ = rehearsed(scene, *names, without="obliquity")
+    change, _ = simulated_change(scene, *names, without="obliquity")
+    assert changes["3fsk"].depth_mm == pytest.approx(change.depth_mm, rel=0.2)
+    assert changes["3fsk"].depth_mm > 1e-3
 
 
 def test_balls_have_none():

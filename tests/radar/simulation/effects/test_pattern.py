@@ -8,7 +8,7 @@ import pytest
 from radar.simulation.causes import Pattern
 from radar.simulation.effects.antennas import AntennaPattern
 from radar.simulation.scene import Ball
-from tests.radar.simulation.effects.small_scenes import bead_scene, simulated
+from tests.radar.simulation.effects.small_scenes import bead_scene, rehearsed, simulated
 
 
 @pytest.mark.parametrize("beamwidth_deg", [10.0, 60.0, 150.0])
@@ -42,10 +42,12 @@ def test_balls_are_weighed_too():
 
 def test_the_estimate_grows_as_the_beam_narrows():
     widths_deg = (179.0, 120.0, 60.0, 30.0)
-    estimates = [AntennaPattern().estimate(bead_scene({"pattern": {"beamwidth_deg": w}})) for w in widths_deg]
-    assert estimates[0].depth_mm < 1e-3  # as good as none
-    assert all(a.depth_mm < b.depth_mm for a, b in pairwise(estimates))
-    assert estimates[-1].level_db > -10  # half power at 15°, where half of the array is
+    scenes = [bead_scene({"pattern": {"beamwidth_deg": width_deg}}) for width_deg in widths_deg]
+    found = [rehearsed(scene, "pattern", "obliquity", without="pattern") for scene in scenes]
+    depths_mm = [changes["3fsk"].depth_mm for changes, _ in found]
+    assert depths_mm[0] < 1e-3  # as good as none
+    assert all(a < b for a, b in pairwise(depths_mm))
+    assert found[-1][1] > -10  # half power at 15°, where half of the array is
 
 
 def test_an_unknown_beamwidth_is_missing():

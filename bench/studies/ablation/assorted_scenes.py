@@ -1,0 +1,126 @@
+"""Random scenes of all kinds, each of a seed alone: what stands before the array, how far away, and what is imperfect.
+
+Sizes of causes are spread evenly over decades, so that each effect is anything between all and nothing.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bench.scenes.build import Scene, build
+from bench.scenes.hand_pose import POSES
+from bench.scenes.scene_file import SceneFile
+from bench.scenes.shapes import sphere_mesh
+from groundtruth.mesh.mesh_files import mesh, write_mesh
+from radar.support.config import parse
+from radar.support.rays import load_open3d
+
+if TYPE_CHECKING:
+    import open3d as o3d
+
+EDGE_M, WIRE_M = 2e-3, 0.08
+Z_TO_Y = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+TONES = {"sweep": [], "tones_hz": [82e9, 81.8e9, 81.3e9, 79.5e9, 72e9]}
+SKIN, PLASTIC = {"kind": "skin"}, {"kind": "plastic", "permittivity": 2.7, "loss_tangent": 0.01}
+KINDS = ("hand", "bowl", "sphere", "printed hand", "plate", "wires", "moving hand", "skin spheres", "dihedral", "board")
+BEHIND_M = 0.2  # the stand's plate
+
+
+def assorted_scene(seed: int, folder: Path) -> Scene:
+    """The scene of a seed; a mesh that it needs is written into the folder."""
+    draw, kind = np.random.default_rng(seed), KINDS[seed % len(KINDS)]
+    name = f"{kind.replace(' ', '-')}-{seed}"
+    target, surface = _target(kind, draw)
+    if surface is not None:
+        target |= {"kind": "mesh", "path": f"{name}.ply"}
+        write_mesh(folder / f"{name}.ply", surface)
+    distance_m = float(draw.uniform(0.2, 1.0 if "hand" in kind else 0.6))
+    target |= {"distance_m": distance_m, "rotation_deg": draw.uniform(-12, 12, 3).tolist()}
+    sensor, around = _imperfect(draw)
+    if kind == "moving hand" or draw.random() < 0.2:
+        target["motion"] = {"amplitude_m": _decades(draw, 1e-9, 1e-4), "velocity_m_s": _decades(draw, 1e-8, 1e-2)}
+    mount = {"offset_m": [0.0, 0.0, distance_m + BEHIND_M]}
+    values = {"version": 1, "name": name, "seed": seed, "target": target, "sensor": TONES | sensor, "mount": mount}
+    return build(parse(SceneFile, values | around, name), folder)
+
+
+def _target(kind: str, draw: np.random.Generator) -> tuple[dict[str, Any], o3d.geometry.TriangleMesh | None]:
+    """The target's table, and its mesh where it needs one."""
+    if "hand" in kind:
+        pose = str(draw.choice(list(POSES)))
+        return {
+            "kind": "hand",
+            "pose": pose,
+            "material": PLASTIC if "printed" in kind else SKIN,
+            "edge_m": EDGE_M,
+        }, None
+    if kind == "sphere":
+        return {"kind": "sphere", "radius_m": _decades(draw, 5e-3, 6e-2), "edge_m": EDGE_M}, None
+    if kind in ("plate", "board"):
+        width_m, height_m = draw.uniform(0.03, 0.15, 2).tolist()
+        material = PLASTIC if kind == "board" else {"kind": "metal"}
+        return {"kind": "plate", "width_m": width_m, "height_m": height_m, "edge_m": EDGE_M, "material": material}, None
+    if kind == "dihedral":
+        return {"kind": "dihedral", "side_m": draw.uniform(0.03, 0.08), "edge_m": EDGE_M, "material": PLASTIC}, None
+    if kind == "bowl":
+        return {}, bowl(draw.uniform(0.02, 0.05), draw.uniform(20, 85))
+    if kind == "wires":
+        radii_m, gap_m = 10 ** draw.uniform(-3, -2, 2), draw.uniform(1e-3, 3e-2)
+        places = (-radii_m[0] - gap_m / 2, radii_m[1] + gap_m / 2)
+        return {}, wire(radii_m[0], places[0]) + wire(radii_m[1], places[1])
+    radii_m, apart = draw.uniform(8e-3, 2e-2, 2), draw.normal(size=3) * [1, 1, 0.5]
+    apart *= (radii_m.sum() + draw.uniform(1e-3, 3e-2)) / np.linalg.norm(apart)
+    first, second = (sphere_mesh(radius_m, EDGE_M) for radius_m in radii_m)
+    second.translate(apart)
+    return {"material": SKIN}, first + second
+
+
+def _imperfect(draw: np.random.Generator) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The sensor's faults, and the tables of noise and stand: each there or not."""
+    faults = {
+        "oscillator": {"level_dbc_hz": draw.uniform(-120, -80)},
+        "pattern": {"beamwidth_deg": draw.uniform(40, 150)},
+        "positions": {"sigma_m": _decades(draw, 1e-7, 5e-5)},
+        "channels": {"gain_db": _decades(draw, 1e-3, 0.5), "phase_rad": _decades(draw, 1e-4, 0.1)},
+        "coupling": {"level_db": draw.uniform(-80, -20)},
+        "converter": {"bits": int(draw.integers(8, 17))},
+        "dead": {"tx": [int(draw.integers(94))]},
+    }
+    there = draw.random(len(faults)) < 0.4
+    tables = {
+        "noise": {"phase_noise_rad": _decades(draw, 1e-4, 0.05)},
+        "stand": {"reflectivity_db": draw.uniform(-90, -15)},
+    }
+    chosen = draw.random(2) < (0.7, 0.4)
+    return (
+        {name: fault for (name, fault), on in zip(faults.items(), there, strict=True) if on},
+        {name: table for (name, table), on in zip(tables.items(), chosen, strict=True) if on},
+    )
+
+
+def _decades(draw: np.random.Generator, low: float, high: float) -> float:
+    return float(low * (high / low) ** draw.random())
+
+
+def bowl(radius_m: float, half_angle_deg: float, thick_m: float = 2e-3) -> o3d.geometry.TriangleMesh:
+    """A part of a spherical shell, open towards -z, up to half_angle_deg from its deepest point at the origin: a sphere
+    whose front half is pushed into the other."""
+    surface = sphere_mesh(radius_m, EDGE_M)
+    x, y, z = np.asarray(surface.vertices).T
+    polar, turn = np.arccos(np.clip(z / radius_m, -1, 1)), np.arctan2(y, x)
+    angle = np.radians(half_angle_deg) * np.minimum(polar, np.pi - polar) / (np.pi / 2)
+    radii_m = np.where(polar <= np.pi / 2, radius_m + thick_m, radius_m)
+    shell = [np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle)]
+    return mesh((radii_m * np.array(shell)).T - [0, 0, radius_m], np.asarray(surface.triangles))
+
+
+def wire(radius_m: float, x_m: float) -> o3d.geometry.TriangleMesh:
+    """A cylinder along y."""
+    made = load_open3d().geometry.TriangleMesh
+    along, around = int(WIRE_M / EDGE_M), max(16, int(2 * np.pi * radius_m / EDGE_M))
+    surface = made.create_cylinder(radius_m, WIRE_M, around, along)
+    surface.rotate(Z_TO_Y, np.zeros(3)).translate([x_m, 0.0, 0.0])
+    return surface

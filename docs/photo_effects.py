@@ -1,0 +1,87 @@
+"""Measure by whole reconstructions how far effects of photographs move the mesh: the check of their estimates, in
+docs/measurements/effects.md. `python docs/photo_effects.py WORK [EFFECT …]` keeps photographs and meshes in WORK."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.datasets.simulated import write_photos
+from bench.scenes.build import Scene, build
+from bench.scenes.photo_effects import without
+from bench.scenes.photo_pilot import Pilot
+from bench.scenes.photographs import Studio
+from bench.studies.photogrammetry.cases import Case
+from groundtruth.mesh.mesh_files import raycasting_scene
+from groundtruth.mesh.surface import Surface, read_surface
+from groundtruth.options import Options
+from groundtruth.pipeline import reconstruct
+from radar.support.rays import load_open3d
+
+IDEAL: dict[str, Any] = {"full_well_e": 1e12, "read_noise_e": 0.0, "blur_px": 0.0}
+ADDED: dict[str, dict[str, Any]] = {  # far above what two reconstructions of the same photographs differ by
+    "highlights": {"highlights": 4.0},
+    "defocus": {"f_number": 4.0},
+    "noise": {"full_well_e": 1500.0, "read_noise_e": 6.0},
+    "blur": {"blur_px": 1.5},
+    "motion": {"motion_px": 4.0},
+    "exposure": {"exposure_spread": 1.0},
+    "white_balance": {"white_balance_spread": 0.5},
+    "speckle": {"speckle": 0.7},
+}
+MATCHED_M = 1e-3  # a vertex that is further from the other mesh has no counterpart there
+
+
+def scene_of(photos: dict[str, Any]) -> Scene:
+    """Hand F before five small cameras."""
+    return build(Case("effects", "F", 201, cameras=5, width=1000, photos=IDEAL | photos).scene_file())
+
+
+def reconstructed(folder: Path, photos: dict[str, Any], posed: bool, seed: int = 0) -> Surface:
+    """The mesh of photographs; posed: from the true poses, so that matching alone can move it."""
+    file = folder / f"{'posed' if posed else 'whole'}-{seed}.ply"
+    if not file.exists():
+        scene = scene_of(photos)
+        if not (folder / "capture.toml").exists():
+            write_photos(scene, folder)
+        true = folder / "photos" / "truth_cameras.json" if posed else None
+        options = Options(box_m=tuple(scene.box_m.ravel()), cameras=true, seed=seed)
+        reconstruct(folder / "photos", options, folder / file.stem).surface.save(file)
+    return read_surface(file)
+
+
+def change(before: Surface, after: Surface) -> tuple[float, float]:
+    """Mean distance in mm of the observed vertices to the other mesh, both ways, and the share of them that have no
+    counterpart."""
+    distances_m = []
+    for one, other in ((before, after), (after, before)):
+        points = load_open3d().core.Tensor(one.vertices_m[one.observed].astype(np.float32))
+        distances_m.append(raycasting_scene(other.mesh).compute_distance(points).numpy())
+    distance_m = np.concatenate(distances_m)
+    matched = distance_m < MATCHED_M
+    return 1e3 * float(distance_m[matched].mean()), 1 - float(matched.mean())
+
+
+def main(work: Path, effects: list[str]) -> None:
+    """Print a table: estimates, and the changes measured from the true poses and from those found."""
+    print("| effect added | estimate: mm | lost % | true poses: mm | lost % | whole: mm | lost % |")
+    print("|---|--:|--:|--:|--:|--:|--:|")
+    for effect in ["another seed", *effects]:
+        cells = ["–", "–"]
+        if effect in ADDED:
+            studio = Studio(scene_of(ADDED[effect]))
+            moved_mm, lost, gained = Pilot(studio).change(without(studio.photos, effect), studio.photos)
+            cells = [f"{moved_mm:.4f}", f"{100 * (lost - gained):.1f}"]
+        for posed in (True, False):
+            ideal = reconstructed(work / "ideal", {}, posed)
+            name, added = (effect, ADDED[effect]) if effect in ADDED else ("ideal", {})
+            moved_mm, lost = change(ideal, reconstructed(work / name, added, posed, effect not in ADDED))
+            cells += [f"{moved_mm:.4f}", f"{100 * lost:.1f}"]
+        print(f"| {effect} | {' | '.join(cells)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2:] or list(ADDED))

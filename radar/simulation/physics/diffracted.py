@@ -1,0 +1,127 @@
+"""The share of each antenna's field that reaches a surface past outlines: `Sight`.
+
+The field beside an outline is smooth from point to point, from antenna to antenna and in frequency. It is computed at
+samples of the surface, for few antennas of each line and three tones, and interpolated; there is no ray per facet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from radar.data.arrays import AntennaArray
+from radar.imaging.cpu.ascent import Sight
+from radar.simulation.physics import diffraction
+from radar.simulation.physics.diffraction import Outline, cells_of, edge_waves, kept_edges
+from radar.simulation.physics.facets import Facets, quarters
+from radar.simulation.physics.line_of_sight import lines
+from radar.simulation.scene import Body, EchoScene
+from radar.support.parallel import for_each
+from radar.support.rays import Rays
+
+NODES_M = 0.02  # between the antennas of a line for which the field is computed
+SAMPLES_M = 2e-3  # longest edges of the triangles at whose corners it is
+CELL = 3.0  # width of the cells of samples over that
+FULL = 0.05  # difference from full sight, or from none, that does not count
+IN_SIGHT = np.array([1.0, 0.0, 0.0])[:, None]  # in a table of `Sight`
+
+Look = Callable[[np.ndarray, Outline], tuple[Outline, np.ndarray]]  # what an antenna sees: of an outline, and of points
+
+
+class Samples(NamedTuple):
+    """points_m [s, 3]; corner [3, p]: three around each facet, and the share [3, p] of each; about apart_m apart."""
+
+    points_m: np.ndarray
+    corner: np.ndarray
+    share: np.ndarray
+    apart_m: float
+
+
+def sights_of(
+    scene: EchoScene, hiding: Body, samples: Samples, look: Look, turns: np.ndarray, array: AntennaArray, apart_m: float
+) -> tuple[Sight, Sight, np.ndarray]:
+    """The sight of facets behind a body at tones f/c by that of antennas up to apart_m apart, the same with sharp
+    shadows, and the mask [p] of the facets of which some transmitter and some receiver see anything."""
+    points_m, corner, share, _ = samples
+    edges, cells = kept_edges(scene, hiding), cells_of(points_m, CELL * samples.apart_m)
+    middle, half = (turns.max() + turns.min()) / 2, np.ptp(turns) / 2 + 1e-6 * turns.max()
+    wavenumbers = 2 * np.pi * (middle + half * np.array([-1.0, 0.0, 1.0]))
+    soft: list[np.ndarray] = []
+    sharp: list[np.ndarray] = []
+    spreads: list[np.ndarray] = []
+    some = np.ones(len(points_m), bool)
+    for leg in array.legs:
+        at, spread = _nodes(leg.position_m, apart_m)
+        table, seen = (np.zeros((len(points_m), 3, len(at)), np.complex64) for _ in range(2))
+        nodes = list(zip(table.transpose(2, 1, 0), seen.transpose(2, 1, 0), leg.position_m[at], strict=True))
+
+        def work(node: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+            factors, visible, antenna_m = node
+            part, visible[0] = look(antenna_m, diffraction.outline(hiding, edges, antenna_m))
+            low, middle, high = edge_waves(antenna_m, cells, part, wavenumbers)
+            factors[:] = visible[0] + middle, (high - low) / 2, (high + low) / 2 - middle
+
+        for_each(work, nodes)
+        some &= (np.abs(table) > FULL).any(axis=(1, 2))
+        for kept, made in zip((soft, sharp, spreads), (table, seen, spread), strict=True):
+            kept.append(made)
+    partial = np.any([(np.abs(table - IN_SIGHT) > FULL).any(axis=(1, 2)) for table in soft], axis=0)
+    seen_any = some[corner].any(axis=0)
+    corner[:, ~partial[corner].any(axis=0)] = -1
+    last = spreads[1], middle, half, 0.75 * diffraction.FARTHEST / wavenumbers[-1]  # a detour whose wave has half faded
+    one, other = (Sight(corner, share, tables[0], spreads[0], tables[1], *last) for tables in (soft, sharp))
+    return one, other, seen_any
+
+
+def by_rays(rays: Rays, points_m: np.ndarray) -> Look:
+    """A look by rays at outlines and points_m [s, 3]."""
+
+    def look(antenna_m: np.ndarray, whole: Outline) -> tuple[Outline, np.ndarray]:
+        return diffraction.seen_outline(whole, rays, antenna_m), rays.in_sight(points_m, antenna_m)
+
+    return look
+
+
+def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of antennas [a, 3] up to apart_m apart along each line, and weights [a, nodes] by which all follow."""
+    chosen: list[int] = []
+    spread = np.zeros((len(antennas_m), len(antennas_m)), np.float32)
+    for line in lines(antennas_m):
+        along_m = np.concatenate([[0], np.linalg.norm(np.diff(antennas_m[line], axis=0), axis=1).cumsum()])
+        at = np.unique(np.linspace(0, len(line) - 1, 2 + int(along_m[-1] / apart_m)).round().astype(int))
+        weights = CubicSpline(along_m[at], np.eye(len(at)))(along_m) if len(at) > 1 else 1.0
+        spread[line, len(chosen) : len(chosen) + len(at)] = weights
+        chosen += line[at].tolist()
+    return np.array(chosen), np.ascontiguousarray(spread[:, : len(chosen)])
+
+
+def samples_of(body: Body, facets: Facets, samples_m: float = SAMPLES_M) -> Samples:
+    """Corners of the faces, each split in four until its edges are short; a facet's barycentric coordinates lead it to
+    its part."""
+    corners_m = body.vertices_m[body.faces[facets.face]]
+    share = _barycentric(corners_m, facets.position_m)
+    edges_m = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(axis=1, initial=0)
+    while len(coarse := np.flatnonzero(edges_m > samples_m)):
+        halves = share[coarse]
+        part = np.where(halves.max(axis=1) >= 0.5, halves.argmax(axis=1), 3)  # of `quarters`: 3 is the middle
+        corners_m[coarse] = quarters(corners_m[coarse]).reshape(4, len(coarse), 3, 3)[part, np.arange(len(coarse))]
+        share[coarse] = _barycentric(corners_m[coarse], facets.position_m[coarse])
+        edges_m[coarse] /= 2
+    flat_m = corners_m.reshape(-1, 3)
+    tag = flat_m[:, 0] * 0.6180339887 + flat_m[:, 1] * 1.3247179572 + flat_m[:, 2] * 2.2055694304  # the same: shared
+    _, first, corner = np.unique(tag, return_index=True, return_inverse=True)
+    around = corner.reshape(-1, 3).T.astype(np.int32)
+    return Samples(flat_m[first], around, np.ascontiguousarray(share.T, np.float32), samples_m)
+
+
+def _barycentric(corners_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+    """Coordinates [n, 3] of points [n, 3] in triangles [n, 3, 3]."""
+    a, b, c = (corners_m[:, i] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    square = np.einsum("ni,ni->n", normal, normal)
+    u = np.einsum("ni,ni->n", np.cross(c - b, points_m - b), normal) / square
+    v = np.einsum("ni,ni->n", np.cross(a - c, points_m - c), normal) / square
+    return np.stack([u, v, 1 - u - v], axis=1)

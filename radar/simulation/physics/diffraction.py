@@ -1,0 +1,217 @@
+"""Diffraction at the outlines of a body: how much of an antenna's field reaches a point behind or beside it.
+
+Kirchhoff's integral over an opaque screen before a spherical wave, as an integral along the screen's outline (Maggi,
+Rubinowicz; Miyamoto & Wolf, J. Opt. Soc. Am. 52 (1962) 615). At small angles, with δ the detour by way of the outline
+and φ its angle around the ray from antenna to point,
+
+    D = V + (1/2π) Σ_edges ∫ e^{−jkδ} dφ,
+
+where V is 1 in sight and 0 in the shadow. The jump of V where the ray crosses the outline is that of ∫dφ by 2π: D is
+smooth there, ½ beside a straight edge, which gives ½ erfc(√(jkδ)) in the shadow: Fresnel's knife edge.
+
+An edge counts where the antenna sees it, and for what lies no farther than what the antenna sees right beside it: of
+two screens, one behind the other, only the outline of both together hides what is behind both.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from radar.imaging.cpu.steering import FAST, cis_small
+from radar.simulation.physics.facets import face_vectors, unit
+from radar.simulation.scene import Body, EchoScene
+from radar.support.rays import Rays
+
+FARTHEST = 20.0  # kδ beyond which an edge is left out
+WIDEST = 1.0  # and tangent of the angle by which it bends a ray: the formula is of small angles
+BESIDE_M = 2e-4  # from an edge to the ray that tells what is behind it
+THICK_M = 2e-3  # what lies less than this behind what is seen beside an edge still counts as that
+T0, T1, T2, T3, T4 = map(
+    np.float32, (0.15915007, -0.05278828, 0.02946036, -0.01460251, 0.003784)
+)  # arctan(x)/2πx in x²
+
+
+class Edges(NamedTuple):
+    """Inner edges of a body: ends [e, 2] of vertices, in the order in which the first of both faces [e, 2] has them;
+    outwards [e, 3]: the mean of both faces' normals; planes [m, 4]: every face's n·x > d in front of it."""
+
+    ends: np.ndarray
+    faces: np.ndarray
+    outwards: np.ndarray
+    planes: np.ndarray
+
+
+class Outline(NamedTuple):
+    """Edges start_m [n, 3] + along_m [n, 3] between a face that an antenna sees from the front and one that it sees
+    from behind, counter-clockwise around what hides, as the antenna sees it; beside_m [n, 3]: points right beside them,
+    not hidden by their own faces; within_m [n]: how far from the antenna what they count for may lie."""
+
+    start_m: np.ndarray
+    along_m: np.ndarray
+    beside_m: np.ndarray
+    within_m: np.ndarray
+
+    def where(self, chosen: np.ndarray, within_m: np.ndarray | float = np.inf) -> Outline:
+        """Some of the edges, by mask [n], and how far away what all [n] count for may lie."""
+        limits_m = np.broadcast_to(within_m, len(chosen))[chosen]
+        return Outline(self.start_m[chosen], self.along_m[chosen], self.beside_m[chosen], limits_m)
+
+
+class Cells(NamedTuple):
+    """Points in cells: their order [n], places position_m [3, n] from the cell's centre, starts [cells + 1] of cells;
+    centre_m [cells, 3], radius_m [cells]."""
+
+    order: np.ndarray
+    position_m: np.ndarray
+    starts: np.ndarray
+    centre_m: np.ndarray
+    radius_m: np.ndarray
+
+
+def edges_of(body: Body) -> Edges:
+    """The edges of a body whose mesh is closed."""
+    directed = body.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    order = np.lexsort(np.sort(directed, axis=1).T)
+    low, high = np.sort(directed[order], axis=1).T
+    paired = np.flatnonzero((low[1:] == low[:-1]) & (high[1:] == high[:-1]))  # rims of an open mesh are left out
+    one, other = order[paired], order[paired + 1]
+    faces = np.stack([one, other], axis=1) // 3
+    normals = unit(face_vectors(body.vertices_m, body.faces))
+    planes = np.column_stack([normals, (normals * body.vertices_m[body.faces[:, 0]]).sum(axis=1)])
+    return Edges(directed[one], faces, unit(normals[faces].sum(axis=1)), planes)
+
+
+def kept_edges(scene: EchoScene, body: Body) -> Edges:
+    """A body's edges, found once per scene."""
+    return scene.kept(("edges", id(body)), lambda: edges_of(body))
+
+
+def outline(body: Body, edges: Edges, antenna_m: np.ndarray) -> Outline:
+    """The whole outline of a body towards an antenna, with what the body itself hides of it."""
+    front = edges.planes @ [*antenna_m, -1.0] > 0
+    first, second = front[edges.faces].T
+    ends = np.concatenate([edges.ends[first & ~second], edges.ends[second & ~first][:, ::-1]])
+    outwards = np.concatenate([edges.outwards[first & ~second], edges.outwards[second & ~first]])
+    start_m, end_m = (body.vertices_m[ends[:, i]] for i in (0, 1))
+    middle_m = (start_m + end_m) / 2
+    towards = unit(middle_m - antenna_m)
+    across = unit(outwards - (outwards * towards).sum(axis=1)[:, None] * towards)
+    return Outline(start_m, end_m - start_m, middle_m + BESIDE_M * across, np.full(len(ends), np.inf))
+
+
+def seen_outline(whole: Outline, rays: Rays, antenna_m: np.ndarray) -> Outline:
+    """The part that the antenna sees, against what `rays` meet."""
+    beside_m = whole.beside_m - antenna_m
+    distance_m = np.linalg.norm(beside_m, axis=1)
+    hit, _ = rays.first_hits(np.broadcast_to(antenna_m, beside_m.shape), beside_m / distance_m[:, None])
+    return whole.where(hit > distance_m - THICK_M, hit + THICK_M)
+
+
+def cells_of(points_m: np.ndarray, cell_m: float) -> Cells:
+    """Points [n, 3], asked together which edges they need, by cells of that width."""
+    place = np.floor((points_m - points_m.min(axis=0)) / cell_m).astype(int)
+    key = np.ravel_multi_index(place.T, tuple(place.max(axis=0) + 1))
+    order = np.argsort(key, kind="stable")
+    starts = np.flatnonzero(np.diff(key[order], prepend=-1, append=-2))
+    sorted_m = points_m[order]
+    centre_m = np.add.reduceat(sorted_m, starts[:-1]) / np.diff(starts)[:, None]
+    off_m = sorted_m - np.repeat(centre_m, np.diff(starts), axis=0)
+    radius_m = np.sqrt(np.maximum.reduceat((off_m**2).sum(axis=1), starts[:-1]))
+    return Cells(order, np.ascontiguousarray(off_m.T), starts, centre_m, radius_m)
+
+
+def edge_waves(
+    antenna_m: np.ndarray,
+    cells: Cells,
+    edges: Outline,
+    wavenumbers: np.ndarray,
+    farthest: float = FARTHEST,
+    widest: float = WIDEST,
+) -> np.ndarray:
+    """(1/2π) Σ ∫ e^{−jkδ} dφ at the points for each wavenumber [k]: complex64 [k, n], in the points' own order. Waves
+    fade from half of kδ = farthest on, and from half of the tangent `widest` of the angle by which they bend."""
+    waves = np.zeros((2, len(wavenumbers), len(cells.order)), np.float32)
+    if len(edges.start_m) > 0:
+        start_m = edges.start_m - antenna_m
+        places = start_m, edges.along_m, np.cross(edges.along_m, start_m), edges.within_m
+        _waves(antenna_m, *cells[1:], places, wavenumbers / (2 * np.pi), farthest, widest, waves)
+    found = np.empty(waves.shape[1:], np.complex64)
+    found[:, cells.order] = waves[0] + np.complex64(1j) * waves[1]
+    return found
+
+
+@numba.njit(**FAST)
+def _waves(antenna_m, position_m, starts, centre_m, radius_m, edges, turns_per_m, farthest, widest, waves):  # type: ignore[no-untyped-def]
+    """Fill in waves [2, k, n] cell by cell, with the edges that the points of a cell need. edges: their places from the
+    antenna, normal_m2 [e, 3] = along × start."""
+    start_m, along_m, normal_m2, within_m = edges
+    middle_m = start_m + along_m / 2
+    scratch, points = np.empty((3, np.diff(starts).max()), np.float32), position_m.astype(np.float32)
+    for cell in range(len(starts) - 1):
+        here, radius, centre = slice(starts[cell], starts[cell + 1]), radius_m[cell], centre_m[cell] - antenna_m
+        way = np.sqrt((centre * centre).sum())
+        for e in range(len(start_m)):
+            mx, my, mz = middle_m[e, 0], middle_m[e, 1], middle_m[e, 2]
+            before = (mx * centre[0] + my * centre[1] + mz * centre[2]) / way
+            behind, square = way + radius - before, mx * mx + my * my + mz * mz - before * before
+            reach = widest * behind + radius
+            if behind <= 0 or before <= 0 or square > reach * reach:
+                continue
+            if way - radius < within_m[e] + np.sqrt(square) + radius:
+                x, y, z = points[0, here], points[1, here], points[2, here]
+                _angles(scratch, x, y, z, centre, start_m[e], along_m[e], normal_m2[e], within_m[e], widest)
+                for k in range(len(turns_per_m)):
+                    _add(waves[0, k, here], waves[1, k, here], scratch, turns_per_m[k], farthest)
+    return waves
+
+
+@numba.njit(**FAST)
+def _angles(scratch, x, y, z, centre, start, along, normal, within, widest):  # type: ignore[no-untyped-def]
+    """For an edge and each of n points, x, y, z from their cell's centre: the edge's angle around the ray over 2π, 0
+    where it does not count; its detour; and half of the detours' difference between its ends."""
+    cx, cy, cz = np.float32(centre[0]), np.float32(centre[1]), np.float32(centre[2])
+    ax, ay, az = np.float32(start[0] - centre[0]), np.float32(start[1] - centre[1]), np.float32(start[2] - centre[2])
+    tx, ty, tz = np.float32(along[0]), np.float32(along[1]), np.float32(along[2])
+    nx, ny, nz = np.float32(normal[0]), np.float32(normal[1]), np.float32(normal[2])
+    limit, length, wide = np.float32(within), tx * tx + ty * ty + tz * tz, np.float32(widest)
+    zero, one, two, half, tiny = np.float32(0), np.float32(1), np.float32(2), np.float32(0.5), np.float32(1e-20)
+    for p in range(len(x)):
+        dx, dy, dz = cx + x[p], cy + y[p], cz + z[p]
+        px, py, pz = ax - x[p], ay - y[p], az - z[p]
+        way = np.sqrt(dx * dx + dy * dy + dz * dz)
+        dx, dy, dz = dx / way, dy / way, dz / way
+        pd, td = px * dx + py * dy + pz * dz, tx * dx + ty * dy + tz * dz
+        pp, pt, tt = px * px + py * py + pz * pz - pd * pd, px * tx + py * ty + pz * tz - pd * td, length - td * td
+        behind = max(-pd - half * td, np.float32(1e-6))
+        before = max(way - behind, np.float32(1e-6))
+        square = max(pp + pt + half * half * tt, zero)
+        fade = max(two * min(np.sqrt(square) / behind / wide, one) - one, zero)
+        counts = one - fade * fade * (one + two * (one - fade))
+        counts = counts if way < limit + np.sqrt(square) else zero
+        sine, cosine = dx * nx + dy * ny + dz * nz, pp + pt
+        s = min(abs(cosine), abs(sine)) / max(max(abs(cosine), abs(sine)), tiny)
+        q = s * s
+        turn = s * (T0 + q * (T1 + q * (T2 + q * (T3 + q * T4))))
+        turn = half * half - turn if abs(sine) > abs(cosine) else turn
+        turn = half - turn if cosine < zero else turn
+        far, close = np.sqrt(before * before + square), np.sqrt(behind * behind + square)
+        scratch[0, p] = (-turn if sine < zero else turn) * counts
+        scratch[1, p] = square / (far + before) + square / (close + behind)
+        scratch[2, p] = half * (pt + half * tt) * (one / far + one / close)
+
+
+@numba.njit(**FAST)
+def _add(re, im, scratch, turns_per_m, farthest):  # type: ignore[no-untyped-def]
+    """Add an edge's waves; the turn of the phase from one end to the other fades it by its sinc."""
+    scale, zero, one, two = np.float32(turns_per_m), np.float32(0), np.float32(1), np.float32(2)
+    late, turned = np.float32(4 * np.pi * turns_per_m / farthest), np.float32((2 * np.pi * turns_per_m) ** 2 / 6)
+    for p in range(len(re)):
+        detour, rise = scratch[1, p], scratch[2, p]
+        fade = min(max(detour * late - one, zero), one)
+        amplitude = scratch[0, p] * (one - fade * fade * (one + two * (one - fade))) / (one + turned * rise * rise)
+        cosine, sine = cis_small(scale * detour)
+        re[p] += amplitude * cosine
+        im[p] -= amplitude * sine

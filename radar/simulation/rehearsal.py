@@ -1,0 +1,169 @@
+"""A rehearsal: the scene simulated with its effects at the few tones that depths are told between, its surfaces sampled
+coarsely, and the depth maps that come of it with and without some of the effects.
+
+The effects themselves are applied, each together with all others that are on, so that what one does by way of another
+(obliquity and skin to echoes over two places) is in it, and an effect needs nothing of its own to be rehearsed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from radar.data.capture import RadarCapture
+from radar.data.grid import Axis
+from radar.methods.fsk import AnyConfig, two_tone
+from radar.methods.fsk_config import PAPER_LATERAL, SETTLING, ThreeToneConfig, TwoToneConfig
+from radar.methods.projection import NarrowbandConfig, project
+from radar.simulation.effects.base import Effect
+from radar.simulation.physics.line_of_sight import rays_of
+from radar.simulation.pilot import TOLERANCE
+from radar.simulation.scene import COARSE, EchoScene
+from radar.simulation.state import EchoState
+
+COARSER = 2.0  # edges of facets and mirrors over those of a simulation
+PIXELS = 8000  # of the box around the target, about
+MARGIN_M = 5e-3  # of that box
+STEP_M, FILTER_M = (1e-3, 2e-3), 5e-3  # least and largest of the pixels, and of 3-FSK's averaging filters
+METHODS = ("2fsk", FINE := "3fsk", "narrowband")  # whose maps are made; FINE alone where no close tones are measured
+VOXEL_M = 1e-3  # along z
+DEEPEST_M = 0.12  # of the box that narrowband looks through, as the paper's 0.08
+REFLECTING = frozenset({"skin", "dielectric"})  # what echoes over two places take from the surface
+
+
+@dataclass(frozen=True)
+class Change:
+    """The change of a depth map where effects are left out: depth_mm, the mean |Δz| of the pixels that are on target
+    with and without them; pixels, those lost and gained as a share of those on target with all effects."""
+
+    depth_mm: float
+    pixels: float
+
+    @classmethod
+    def between(cls, whole_m: np.ndarray, without_m: np.ndarray) -> Change:
+        """Of depths [ny, nx], NaN off target."""
+        there, still = np.isfinite(whole_m), np.isfinite(without_m)
+        moved_m = np.abs(whole_m - without_m)[there & still]
+        count = max(int(there.sum()), 1)
+        return cls(1e3 * float(moved_m.mean()) if len(moved_m) else 0.0, float((there ^ still).sum()) / count)
+
+
+class Rehearsed(EchoState):
+    """Its random numbers are those that the simulation will draw, from generators of the rehearsal's own."""
+
+    @staticmethod
+    def random(seed: tuple[int, ...]) -> np.random.Generator:
+        """The same as the simulation's."""
+        return np.random.Generator(np.random.PCG64(list(seed)))
+
+
+class Rehearsal:
+    """The rehearsal of a scene with `effects`, in their order: `change(without)` tells what leaving some out does.
+    contained: effects that another one does, where that is on."""
+
+    def __init__(self, scene: EchoScene, effects: Sequence[Effect], contained: Mapping[str, str]) -> None:
+        self._contained = contained
+        self.scene, self.effects, self._close = _coarse(scene), tuple(effects), scene.coarse_hz is not None
+        self._extra: dict[str, np.ndarray] = {}  # extra echoes by the effect that adds them
+        self._before: dict[str, np.ndarray] = {}  # samples of the whole as each effect finds them
+        self._levels: dict[str, float] = {}
+        self._made: dict[frozenset[str], np.ndarray] = {}
+        self.samples = self._simulated(frozenset())
+        self._grid = _box(self.scene)
+        self.maps = self._imaged(self.samples)
+
+    def change(self, without: Iterable[str]) -> dict[str, Change]:
+        """The change of each method's map where these effects are left out."""
+        maps = self._imaged(self._left_out(frozenset(without)))
+        return {name: Change.between(z_m, maps[name]) for name, z_m in self.maps.items()}
+
+    def level_db(self, without: Iterable[str]) -> float:
+        """Power of the echoes' change where these effects are left out, against that of all of them."""
+        change = float(np.linalg.norm(self._left_out(frozenset(without)) - self.samples))
+        return float(20 * np.log10(change / max(float(np.linalg.norm(self.samples)), 1e-30))) if change else -np.inf
+
+    def _left_out(self, without: frozenset[str]) -> np.ndarray:
+        if without not in self._made:
+            self._made[without] = self._simulated(without)
+        return self._made[without]
+
+    def _simulated(self, without: frozenset[str]) -> np.ndarray:
+        """Samples complex64 [f, t, r] without some effects. Echoes over two places are taken over from the whole,
+        unless what they reflect with is left out."""
+        state, first = Rehearsed(self.scene, 1, TOLERANCE), 0
+        names = {effect.id for effect in self.effects} - without
+        names = {name for name in names if self._contained.get(name) not in names}
+        late = [n for n, effect in enumerate(self.effects) if effect.id in without]
+        if late and self.effects[late[0]].id in self._before:  # up to here nothing differs
+            first, state.samples = late[0], self._before[self.effects[late[0]].id]
+            state.levels = dict(self._levels)
+        for effect in self.effects[first:]:
+            if not without and state._samples is not None:
+                self._before[effect.id] = state.samples
+            if effect.id not in names:
+                continue
+            if effect.id in self._extra and not without & REFLECTING:
+                state.extra.append(partial(self._extra.__getitem__, effect.id))
+                continue
+            known = len(state.extra)
+            effect.apply(state)
+            if not without and len(state.extra) > known:
+                self._extra[effect.id] = np.sum([extra() for extra in state.extra[known:]], axis=0)
+                state.extra[known:] = [partial(self._extra.__getitem__, effect.id)]
+        self._levels = self._levels or state.levels
+        return state.samples[0]
+
+    def _imaged(self, samples: np.ndarray) -> dict[str, np.ndarray]:
+        """Depths [ny, nx] of each method's map."""
+        x, y, z, size_px = self._grid
+        if not samples.any():
+            return dict.fromkeys(
+                METHODS if self._close else (FINE,), np.full((len(y.values_m()), len(x.values_m())), np.nan)
+            )
+        capture = RadarCapture(samples[None], self.scene.frequencies_hz, self.scene.array)
+        low_hz, near_hz, high_hz = self.scene.frequencies_hz
+        given = {"x": x, "y": y, "tolerance": TOLERANCE}
+        tones = {"f1_hz": high_hz, "f2_hz": near_hz}
+        start = {"first_depth_m": (z.start_m + z.stop_m) / 2, "corrections": SETTLING}
+        filters = {"coarse_filter_px": size_px, "fine_filter_px": size_px}
+        configs: dict[str, AnyConfig] = {
+            "2fsk": TwoToneConfig(**given, **tones, **start),
+            FINE: ThreeToneConfig(**given, **tones, **start, **filters, f3_hz=low_hz),
+        }
+        projection = NarrowbandConfig(**given, **tones, f3_hz=low_hz, z=z)
+        maps = {name: two_tone(capture, config).z_m for name, config in configs.items()}
+        maps["narrowband"] = project(capture, projection, "narrowband").z_m
+        return maps if self._close else {FINE: maps[FINE]}
+
+
+def _coarse(scene: EchoScene) -> EchoScene:
+    """The scene at the tones of a coarse and a fine depth step below the highest, ascending, coarsely sampled; with the
+    rays that the simulation will cast, too."""
+    high_hz, low_hz = scene.pair_hz
+    tones_hz = np.array([low_hz, scene.coarse_hz or high_hz - COARSE * scene.depth_step_hz, high_hz])
+    measured = np.abs(scene.frequencies_hz - tones_hz[:, None]).argmin(axis=1)
+    coarse = replace(scene, frequencies_hz=tones_hz, time_s=scene.time_s[measured], coarser=COARSER)
+    if scene.target is not None:
+        coarse.kept(("rays", id(scene.target)), lambda: rays_of(scene, scene.body))
+    return coarse
+
+
+def _box(scene: EchoScene) -> tuple[Axis, Axis, Axis, int]:
+    """Axes of a box around the target's facets and balls, and the filters' size. A room may outshine the target: the
+    box is then as wide as the methods' images."""
+    points_m = EchoState(scene, 1).points_m
+    reach_m = max((ball.radius_m for ball in scene.balls), default=0.0) + MARGIN_M
+    low_m, high_m = points_m.min(axis=0) - reach_m, points_m.max(axis=0) + reach_m
+    if scene.room:
+        low_m[:2], high_m[:2] = PAPER_LATERAL.start_m, PAPER_LATERAL.stop_m
+    step_m = float(np.clip(np.sqrt(np.prod((high_m - low_m)[:2]) / PIXELS), *STEP_M))
+    x, y = (_axis(low_m[i], high_m[i], step_m) for i in (0, 1))
+    size_px = 1 + 2 * round((FILTER_M / step_m - 1) / 2)
+    return x, y, _axis(low_m[2], min(high_m[2], low_m[2] + DEEPEST_M), VOXEL_M), max(size_px, 1)
+
+
+def _axis(low_m: float, high_m: float, step_m: float) -> Axis:
+    return Axis(start_m=low_m, stop_m=low_m + step_m * np.ceil((high_m - low_m) / step_m), step_m=step_m)
