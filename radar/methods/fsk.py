@@ -81,12 +81,16 @@ def depth_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float)
     return -SPEED_OF_LIGHT_M_S * phase / (4 * np.pi * difference_hz)
 
 
-def stretch(points_m: np.ndarray, aperture: Aperture) -> np.ndarray:
-    """The factor of Δz at points [n, 3] that the paper takes as 1: 2 over d(|p − t| + |p − r|)/dz, averaged over the
-    antennas. It is 1 on the axis far away, and 1.3 at the corner of the paper's image."""
+def path_rise(points_m: np.ndarray, aperture: Aperture) -> np.ndarray:
+    """d(|p − t| + |p − r|)/dz [n] at points [n, 3], averaged over the antennas."""
     points = np.ascontiguousarray(points_m, np.float64)
-    derivative = sum(leg.passes * mean_rise(leg.position_m, points) for leg in aperture.legs)
-    return 2 / derivative
+    return np.asarray(sum(leg.passes * mean_rise(leg.position_m, points) for leg in aperture.legs))
+
+
+def stretch(points_m: np.ndarray, aperture: Aperture) -> np.ndarray:
+    """The factor of Δz at points [n, 3] that the paper takes as 1: 2 over `path_rise`. It is 1 on the axis far
+    away, and 1.3 at the corner of the paper's image."""
+    return np.asarray(2 / path_rise(points_m, aperture))
 
 
 @dataclass(frozen=True)

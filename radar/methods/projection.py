@@ -20,7 +20,7 @@ from radar.imaging.api import image_points, image_volume, project_volume
 from radar.imaging.cpu.executor import strongest_voxels
 from radar.methods.alignment import align
 from radar.methods.confidence import least_coherence
-from radar.methods.fsk import stretch
+from radar.methods.fsk import path_rise
 from radar.methods.fsk_config import PAPER_LATERAL
 from radar.support.config import Config
 
@@ -102,7 +102,7 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
     incoherent = peaks.magnitude[1].ravel()[index] ** 2 < least * power
     on_map = functools.partial(grid.pixels.on_map, index)
     if aligned:
-        found = align(images, frequencies_hz[some], 2 / stretch(points, capture.aperture))
+        found = align(images, frequencies_hz[some], path_rise(points, capture.aperture))
         incoherent |= found.coherence < ALIGNED
         depth = replace(depth, z_m=on_map(points[:, 2] + found.shift_m), sigma_m=on_map(found.sigma_m))
     return replace(depth, wrapped=(on_map(incoherent, 0.0) > 0) | np.asarray(depth.wrapped))

@@ -13,8 +13,8 @@ from radar.simulation.physics.reflection import body_reflection
 from radar.simulation.scene import Body, EchoScene
 from radar.simulation.state import facing, require_facets
 
-TOLERANCE = 1e-3  # of the pilot's samples and images: an estimate is coarser by far
-LONGEST = 0.5  # edge of the pilot's facets in wavelengths: coarse, but the same with and without an effect
+TOLERANCE = 1e-3  # of a rehearsal's samples and images: its surfaces are coarser by far
+LONGEST = 0.5  # edge of coarse facets in wavelengths
 CENTRE_M = np.zeros(3)  # of the aperture, in the radar frame
 
 

@@ -19,7 +19,7 @@ class PositionErrors(Effect):
 
     id = "positions"
     does = "true antenna positions about the nominal ones"
-    source = "the pilot's two tones with one set of errors of the same spread"
+    source = "normal errors of the given spread, drawn once per scene"
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.positions.sigma_m else "[sensor.positions] with sigma_m"
@@ -39,7 +39,7 @@ class AntennaPattern(Effect):
 
     id = "pattern"
     does = "the antennas' directivity"
-    source = "the pilot's two tones with it; cosᵠ: Balanis, Antenna Theory, sec. 2.6; the QAR50's width is not public"
+    source = "cosᵠ: Balanis, Antenna Theory, sec. 2.6; the QAR50's width is not public"
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.pattern.beamwidth_deg is not None else "[sensor.pattern] with beamwidth_deg"
@@ -53,7 +53,7 @@ class AntennaCoupling(Effect):
 
     id = "coupling"
     does = "leakage from transmitters to receivers"
-    source = "the pilot's two tones with the leakage added, at the level that the scene gives"
+    source = "a direct wave at the level that the scene gives"
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.coupling.level_db is not None else "[sensor.coupling] with level_db"
@@ -76,7 +76,7 @@ class ChannelErrors(Effect):
 
     id = "channels"
     does = "gain, phase and delay errors of each antenna"
-    source = "the pilot's two tones with one set of errors of the same spread"
+    source = "normal errors of the given spread, drawn once per scene"
 
     def missing(self, scene: EchoScene) -> str:
         causes = scene.causes.channels
@@ -103,7 +103,7 @@ class DeadElements(Effect):
 
     id = "dead"
     does = "antennas that give nothing"
-    source = "the pilot's two tones without those channels"
+    source = "zeros in those channels"
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.dead.tx or scene.causes.dead.rx else "[sensor.dead] with tx or rx"

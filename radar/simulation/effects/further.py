@@ -11,7 +11,7 @@ from radar.simulation.effects.base import Effect, Glance
 from radar.simulation.forward import Scatterers
 from radar.simulation.physics.bundles import RX_NODES_M, TX_NODES_M, Bundles, nodes
 from radar.simulation.physics.coarse import double_bounce, single_bounce
-from radar.simulation.physics.diffracted import by_rays, samples_of, sights_of
+from radar.simulation.physics.diffracted import by_rays, samples_of, sight_of
 from radar.simulation.physics.facets import face_vectors
 from radar.simulation.physics.line_of_sight import rays_of
 from radar.simulation.physics.ray_tubes import trace
@@ -40,7 +40,7 @@ class Multipath(Effect):
 
     def cost_s(self, scene: EchoScene) -> float:
         count = _twice(scene)[1]
-        tubes = count * 4 * len(nodes(scene.array.tx_m, TX_NODES_M))  # the estimate's facets are twice as coarse
+        tubes = count * 4 * len(nodes(scene.array.tx_m, TX_NODES_M))  # the coarse surface's facets are twice as wide
         return SECONDS_PER_FACE * len(scene.body.faces) + SECONDS_PER_TUBE * tubes
 
     def glance(self, scene: EchoScene) -> Glance:
@@ -98,7 +98,7 @@ class Clutter(Effect):
 
     id = "clutter"
     does = "echoes of what stands around the target"
-    source = "the pilot's two tones with physical optics of the room, cut out where the target stands before it"
+    source = "physical optics of the room, cut out where the target stands before it"
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.room else "[stand] with reflectivity_db"
@@ -137,7 +137,7 @@ def _seen_behind(state: EchoState, rays: Rays, body: Body) -> Scatterers:
     facets = facing(scene, body, LONGEST)
     samples, turns_per_m = samples_of(body, facets, SAMPLES_M), scene.frequencies_hz / SPEED_OF_LIGHT_M_S
     look = by_rays(rays, samples.points_m)
-    sight, _, some = sights_of(scene, surface.body, samples, look, turns_per_m, state.array, NODES_M)
+    sight, some = sight_of(scene, surface.body, samples, look, turns_per_m, state.array, NODES_M)
     return dataclasses.replace(facets.optics, sight=sight).where(some)
 
 

@@ -30,7 +30,7 @@ class OscillatorNoise(Effect):
 
     id = "oscillator"
     does = "phase noise of the common oscillator"
-    source = "range correlation, Budge & Burt 1993; c/(4πΔf)·√2·σ/√T·√(2/π)"
+    source = "range correlation, Budge & Burt 1993"
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.oscillator.level_dbc_hz is not None else "[sensor.oscillator] with level_dbc_hz"
@@ -108,7 +108,7 @@ class Quantisation(Effect):
 
     id = "converter"
     does = "quantisation and clipping by the converter"
-    source = "the pilot's two tones, quantised; white noise of step²/12 per quadrature (Widrow & Kollár 2008)"
+    source = "white noise of step²/12 per quadrature (Widrow & Kollár 2008)"
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.converter.bits else "[sensor.converter] with bits"

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S as C
+from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.simulation.effects.base import Effect, Glance
 from radar.simulation.physics.coarse import visible_from
-from radar.simulation.physics.diffracted import NODES_M, by_rays, samples_of, sights_of
+from radar.simulation.physics.diffracted import NODES_M, by_rays, samples_of, sight_of
 from radar.simulation.physics.facets import Facets, face_vectors
 from radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
-from radar.simulation.physics.reflection import THIN_M, skin_reflection
+from radar.simulation.physics.reflection import skin_layers_m, skin_reflection
 from radar.simulation.pilot import CENTRE_M, coarse_surface, seen_from_centre
 from radar.simulation.scene import Body, EchoScene
 from radar.simulation.state import EchoState, facing
@@ -21,7 +21,7 @@ class Obliquity(Effect):
 
     id = "obliquity"
     does = "facets scatter with physical optics' obliquity, each antenna by its own angle"
-    source = "the pilot's two tones without it; the integrand 2n·û of physical optics, see radar.simulation.forward"
+    source = "the integrand 2n·û of physical optics, see radar.simulation.forward"
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.target is not None else "a target with a surface"
@@ -39,7 +39,7 @@ class ShadowCentre(Effect):
 
     id = "shadow_centre"
     does = "facets hidden from the aperture's centre, or turned away from it, echo nothing"
-    source = "geometry, one ray per facet; the bound from a buffer of depths"
+    source = "geometry, one ray per facet"
 
     def missing(self, scene: EchoScene) -> str:
         return scene.lacks_surface
@@ -54,18 +54,22 @@ class ShadowCentre(Effect):
         state.surface.keep(front)
 
 
-class ShadowAntennas(Effect):
-    """Each antenna sees what nothing hides from it alone."""
-
-    id = "shadow_antennas"
-    does = "each antenna has shadows of its own (those from the centre are then not used)"
-    source = "geometry, rays from every antenna; the bound from buffers of depths at the array's corners"
+class _OfEachAntenna(Effect):
+    """Shadows of each antenna by itself."""
 
     def missing(self, scene: EchoScene) -> str:
         return scene.lacks_surface
 
     def cost_s(self, scene: EchoScene) -> float:
         return len(coarse_surface(scene, scene.body)) / FACETS_PER_S
+
+
+class ShadowAntennas(_OfEachAntenna):
+    """Each antenna sees what nothing hides from it alone."""
+
+    id = "shadow_antennas"
+    does = "each antenna has shadows of its own (those from the centre are then not used)"
+    source = "geometry, rays from every antenna"
 
     def glance(self, scene: EchoScene) -> Glance:
         """The share of the surface that not all of the array sees, as the aperture's centre sees or would see it."""
@@ -91,7 +95,7 @@ class ShadowAntennas(Effect):
         surface.keep(np.asarray(tx.any(axis=0) & rx.any(axis=0)))
 
 
-class ShadowDiffraction(Effect):
+class ShadowDiffraction(_OfEachAntenna):
     """Waves bend around the outline of what hides. Left out: what creeps around curved edges, polarisation, waves that
     bend twice, and angles beyond some 40°; where a path bounces twice, its shadows stay sharp."""
 
@@ -99,21 +103,15 @@ class ShadowDiffraction(Effect):
     does = "shadows of each antenna are as blurred as diffraction makes them (sharp ones are then not used)"
     source = "Kirchhoff's integral along outlines: Miyamoto & Wolf 1962"
 
-    def missing(self, scene: EchoScene) -> str:
-        return scene.lacks_surface
-
-    def cost_s(self, scene: EchoScene) -> float:
-        return len(coarse_surface(scene, scene.body)) / FACETS_PER_S
-
     def apply(self, state: EchoState) -> None:
         surface, scene = state.surface, state.scene
         if surface is None:
             return
         body = surface.body
         facets = facing(scene, body)
-        samples, turns_per_m = samples_of(body, facets), scene.frequencies_hz / C
+        samples, turns_per_m = samples_of(body, facets), scene.frequencies_hz / SPEED_OF_LIGHT_M_S
         look = by_rays(rays_of(scene, body), samples.points_m)
-        surface.sight, _, some = sights_of(scene, body, samples, look, turns_per_m, state.array, NODES_M)
+        surface.sight, some = sight_of(scene, body, samples, look, turns_per_m, state.array, NODES_M)
         surface.facets, surface.seen = facets, None
         surface.keep(some)
 
@@ -137,7 +135,7 @@ class Skin(Effect):
 
     id = "skin"
     does = "reflection of skin, with the palm's horny layer"
-    source = "Gabriel et al. 1996 and Alekseev & Ziskin 2007; the slope of arg Γ between two tones"
+    source = "Gabriel et al. 1996 and Alekseev & Ziskin 2007"
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.target is not None and scene.target.material.kind == "skin" else "a target of skin"
@@ -150,8 +148,8 @@ class Skin(Effect):
 
 def reflections(body: Body, frequencies_hz: np.ndarray) -> np.ndarray:
     """Echo amplitudes over metal's [layers, f]: thin skin, then the palm's."""
-    thicknesses_m = (THIN_M, body.material.palm_thickness_m)
-    return np.stack([skin_reflection(body.material, frequencies_hz, thickness_m) for thickness_m in thicknesses_m])
+    layers_m = skin_layers_m(body.material)
+    return np.stack([skin_reflection(body.material, frequencies_hz, layer_m) for layer_m in layers_m])
 
 
 def layers(body: Body, face: np.ndarray) -> np.ndarray:

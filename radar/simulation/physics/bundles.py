@@ -16,7 +16,7 @@ from radar.imaging.cpu.descent import complex_samples
 from radar.imaging.cpu.steering import steered_differences
 from radar.imaging.skeleton import band_skeleton
 from radar.simulation.physics.bounces import radiate
-from radar.simulation.physics.line_of_sight import lines
+from radar.simulation.physics.line_of_sight import lines, spaced
 from radar.simulation.physics.polarisation import tube_factors
 from radar.simulation.physics.ray_tubes import Traced
 from radar.support.parallel import for_each
@@ -34,12 +34,7 @@ EVERY = np.zeros((0, 0), np.float32)  # weights that leave an axis as it is
 
 def nodes(antennas_m: np.ndarray, apart_m: float) -> np.ndarray:
     """Indices of antennas [a, 3] about apart_m apart along each line, its ends included."""
-    chosen = []
-    for line in lines(antennas_m):
-        length_m = np.linalg.norm(np.diff(antennas_m[line], axis=0), axis=1).sum()
-        count = min(len(line), 1 + int(np.ceil(length_m / apart_m)))
-        chosen.append(line[np.linspace(0, len(line) - 1, count).round().astype(int)])
-    return np.concatenate(chosen)
+    return np.concatenate([line[spaced(antennas_m[line], apart_m)[0]] for line in lines(antennas_m)])
 
 
 class Bundles:

@@ -17,7 +17,7 @@ from radar.imaging.cpu.ascent import Sight
 from radar.simulation.physics import diffraction
 from radar.simulation.physics.diffraction import Outline, cells_of, edge_waves, kept_edges
 from radar.simulation.physics.facets import Facets, quarters
-from radar.simulation.physics.line_of_sight import lines
+from radar.simulation.physics.line_of_sight import lines, spaced
 from radar.simulation.scene import Body, EchoScene
 from radar.support.parallel import for_each
 from radar.support.rays import Rays
@@ -40,40 +40,39 @@ class Samples(NamedTuple):
     apart_m: float
 
 
-def sights_of(
+def sight_of(
     scene: EchoScene, hiding: Body, samples: Samples, look: Look, turns: np.ndarray, array: AntennaArray, apart_m: float
-) -> tuple[Sight, Sight, np.ndarray]:
-    """The sight of facets behind a body at tones f/c by that of antennas up to apart_m apart, the same with sharp
-    shadows, and the mask [p] of the facets of which some transmitter and some receiver see anything."""
+) -> tuple[Sight, np.ndarray]:
+    """The sight of facets behind a body at tones f/c by that of antennas up to apart_m apart, and the mask [p] of the
+    facets of which some transmitter and some receiver see anything."""
     points_m, corner, share, _ = samples
     edges, cells = kept_edges(scene, hiding), cells_of(points_m, CELL * samples.apart_m)
     middle, half = (turns.max() + turns.min()) / 2, np.ptp(turns) / 2 + 1e-6 * turns.max()
     wavenumbers = 2 * np.pi * (middle + half * np.array([-1.0, 0.0, 1.0]))
-    soft: list[np.ndarray] = []
-    sharp: list[np.ndarray] = []
+    tables: list[np.ndarray] = []
     spreads: list[np.ndarray] = []
     some = np.ones(len(points_m), bool)
     for leg in array.legs:
         at, spread = _nodes(leg.position_m, apart_m)
-        table, seen = (np.zeros((len(points_m), 3, len(at)), np.complex64) for _ in range(2))
-        nodes = list(zip(table.transpose(2, 1, 0), seen.transpose(2, 1, 0), leg.position_m[at], strict=True))
+        table = np.zeros((len(points_m), 3, len(at)), np.complex64)
+        nodes = list(zip(table.transpose(2, 1, 0), leg.position_m[at], strict=True))
 
-        def work(node: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
-            factors, visible, antenna_m = node
-            part, visible[0] = look(antenna_m, diffraction.outline(hiding, edges, antenna_m))
+        def work(node: tuple[np.ndarray, np.ndarray]) -> None:
+            factors, antenna_m = node
+            part, visible = look(antenna_m, diffraction.outline(hiding, edges, antenna_m))
             low, middle, high = edge_waves(antenna_m, cells, part, wavenumbers)
-            factors[:] = visible[0] + middle, (high - low) / 2, (high + low) / 2 - middle
+            factors[:] = visible + middle, (high - low) / 2, (high + low) / 2 - middle
 
         for_each(work, nodes)
         some &= (np.abs(table) > FULL).any(axis=(1, 2))
-        for kept, made in zip((soft, sharp, spreads), (table, seen, spread), strict=True):
-            kept.append(made)
-    partial = np.any([(np.abs(table - IN_SIGHT) > FULL).any(axis=(1, 2)) for table in soft], axis=0)
+        tables.append(table)
+        spreads.append(spread)
+    partial = np.any([(np.abs(table - IN_SIGHT) > FULL).any(axis=(1, 2)) for table in tables], axis=0)
     seen_any = some[corner].any(axis=0)
     corner[:, ~partial[corner].any(axis=0)] = -1
-    last = spreads[1], middle, half, 0.75 * diffraction.FARTHEST / wavenumbers[-1]  # a detour whose wave has half faded
-    one, other = (Sight(corner, share, tables[0], spreads[0], tables[1], *last) for tables in (soft, sharp))
-    return one, other, seen_any
+    detour_m = 0.75 * diffraction.FARTHEST / wavenumbers[-1]  # whose wave has half faded
+    sight = Sight(corner, share, tables[0], spreads[0], tables[1], spreads[1], middle, half, detour_m)
+    return sight, seen_any
 
 
 def by_rays(rays: Rays, points_m: np.ndarray) -> Look:
@@ -90,8 +89,7 @@ def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarr
     chosen: list[int] = []
     spread = np.zeros((len(antennas_m), len(antennas_m)), np.float32)
     for line in lines(antennas_m):
-        along_m = np.concatenate([[0], np.linalg.norm(np.diff(antennas_m[line], axis=0), axis=1).cumsum()])
-        at = np.unique(np.linspace(0, len(line) - 1, 2 + int(along_m[-1] / apart_m)).round().astype(int))
+        at, along_m = spaced(antennas_m[line], apart_m)
         weights = CubicSpline(along_m[at], np.eye(len(at)))(along_m) if len(at) > 1 else 1.0
         spread[line, len(chosen) : len(chosen) + len(at)] = weights
         chosen += line[at].tolist()

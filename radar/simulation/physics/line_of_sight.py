@@ -73,6 +73,14 @@ def lines(antennas_m: np.ndarray) -> list[np.ndarray]:
     return np.split(np.arange(len(antennas_m)), 1 + np.flatnonzero(steps_m > 2 * np.median(steps_m)))
 
 
+def spaced(line_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of a line's antennas [a, 3] that are evenly spaced up to apart_m apart, its ends included, and how far
+    along the line each antenna is [a]."""
+    along_m = np.concatenate([[0.0], np.linalg.norm(np.diff(line_m, axis=0), axis=1).cumsum()])
+    count = min(len(line_m), 1 + int(np.ceil(along_m[-1] / apart_m)))
+    return np.linspace(0, len(line_m) - 1, count).round().astype(int), along_m
+
+
 @numba.njit(nogil=True, cache=True)
 def _corners_in_sight(clear, corners):  # type: ignore[no-untyped-def]
     """Number of clear corners of each face: uint8 [m]; corners [m, 3]: indices into clear [n]."""

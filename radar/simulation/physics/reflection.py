@@ -68,6 +68,11 @@ def body_reflection(body: Body, frequencies_hz: np.ndarray) -> np.ndarray:
     return np.full(len(frequencies_hz), 10 ** (body.reflectivity_db / 20), complex)
 
 
+def skin_layers_m(material: Material) -> tuple[float, float]:
+    """Thicknesses of the horny layer: thin skin's, then the palm's."""
+    return THIN_M, material.palm_thickness_m
+
+
 def skin_reflection(material: Material, frequencies_hz: np.ndarray, horny_m: float) -> np.ndarray:
     """−Γ [f] of skin under a horny layer of thickness horny_m (0: the half-space)."""
     below = skin_permittivity(frequencies_hz, material.wet)
@@ -113,16 +118,15 @@ def oblique_layered(
 
 def oblique_ratios(material: Material, frequency_hz: float, count: int = 65) -> np.ndarray:
     """Γ at count even steps of the cosine of incidence from 0 to 1, over that at normal incidence: complex64
-    [layers, 2, count], the field across the plane of incidence first; layers of skin as
-    `radar.simulation.effects.scattering` has them. Of metal 1."""
+    [layers, 2, count], the field across the plane of incidence first; layers of skin: `skin_layers_m`. Of metal 1."""
     if material.kind == "metal":
         return np.ones((1, 2, count), np.complex64)
     cosine = np.maximum(np.linspace(0, 1, count), 1e-6)[:, None]
     if material.kind == "skin":
         f = np.array([frequency_hz])
         media = HORNY.permittivity(f), skin_permittivity(f, material.wet)
-        thicknesses_m = (THIN_M, material.palm_thickness_m)
-        gamma = np.stack([oblique_layered(*media, thickness_m, f, cosine)[..., 0] for thickness_m in thicknesses_m])
+        layers_m = skin_layers_m(material)
+        gamma = np.stack([oblique_layered(*media, layer_m, f, cosine)[..., 0] for layer_m in layers_m])
     else:
         gamma = interface(1.0, dielectric_permittivity(material), cosine)[None, ..., 0]
     return np.ascontiguousarray(gamma / gamma[..., -1:], np.complex64)
