@@ -56,9 +56,9 @@ class Multipath(Effect):
         surface = state.surface
         if surface is None:
             return
-        body, longest_m = surface.body, PATCH * state.scene.wavelength_m
-        array = state.array
-        at = nodes(array.tx_m, TX_NODES_M), nodes(array.rx_m, RX_NODES_M)
+        body, longest_m = surface.body, PATCH * state.scene.wavelength_m * state.scene.mirrors_coarser
+        array, apart = state.array, state.scene.nodes_apart
+        at = nodes(array.tx_m, apart * TX_NODES_M), nodes(array.rx_m, apart * RX_NODES_M)
         few = AntennaArray(array.tx_m[at[0]], array.rx_m[at[1]])
         traced = trace(rays_of(state.scene, body), body, few, longest_m)
         if len(traced.hits.face) == 0:
