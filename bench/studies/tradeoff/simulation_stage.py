@@ -98,7 +98,7 @@ class Way:
 
     @property
     def knobs(self) -> dict[str, Any]:
-        """What tells it from the ordinary way."""
+        """Its values that are not the ordinary ones."""
         usual = Way()
         given = {field.name: getattr(self, field.name) for field in fields(self)}
         return {key: value for key, value in given.items() if value != getattr(usual, key)}
@@ -131,7 +131,7 @@ def measure(knobs: SimulationKnobs, context: Context) -> tuple[Section, list[Set
     exact = {name: kept_echoes(case, frequencies_hz, qar50(), context.work / "exact") for name, case in chosen.items()}
     compile_kernels()
     work = {
-        (way, name): lambda way=way, case=case: way.simulate(case, frequencies_hz)  # type: ignore[misc]
+        (way, name): lambda way=way, case=case: way.simulate(case, frequencies_hz)
         for way in ways(knobs)
         for name, case in chosen.items()
     }
