@@ -12,7 +12,7 @@ from bench.scenes.hand_pose import POSES, Pose
 from bench.scenes.holding import held
 from bench.scenes.people import MOST_PEOPLE, Person, person, placement
 from calibration.transforms import Transform
-from radar.simulation.causes import Causes, Motion, Noise, SensorFaults
+from radar.simulation.causes import Causes, Motion, Noise, Roughness, SensorFaults
 from radar.simulation.scene import DEPTH_STEP_HZ, Material
 from radar.simulation.selection import check_names
 from radar.support.config import Config, Name, suggest
@@ -39,9 +39,10 @@ class _Placed(Config):
 
 
 class _Solid(_Placed):
-    """A target of one material."""
+    """A target of one material, whose surface has relief that its mesh does not show."""
 
     material: Material = Material()
+    roughness: Roughness = Roughness()
 
 
 def _pose_kind(pose: Any) -> str:
@@ -261,7 +262,8 @@ class SceneFile(Config):
     def causes(self) -> Causes:
         """Everything that effects may come from."""
         faults = {name: getattr(self.sensor, name) for name in SensorFaults.model_fields}
-        return Causes(noise=self.noise, motion=self.target.motion, **faults)
+        rough = getattr(self.target, "roughness", Roughness())  # of a calibration target, none
+        return Causes(noise=self.noise, motion=self.target.motion, roughness=rough, **faults)
 
 
 def name_of_person(scene: str, number: int) -> str:

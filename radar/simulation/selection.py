@@ -13,6 +13,7 @@ from radar.simulation.effects.base import Effect
 from radar.simulation.effects.dielectric import Dielectric
 from radar.simulation.effects.further import Clutter, Multipath
 from radar.simulation.effects.motion import TargetMotion
+from radar.simulation.effects.roughness import SurfaceRoughness
 from radar.simulation.rehearsal import FINE, Rehearsal
 from radar.simulation.scene import EchoScene
 from radar.simulation.triage import Triage, triage
@@ -29,6 +30,7 @@ EFFECTS: tuple[Effect, ...] = (
     scattering.ShadowDiffraction(),
     scattering.Skin(),
     Dielectric(),
+    SurfaceRoughness(),
     Multipath(),
     TargetMotion(),
     antennas.AntennaCoupling(),
