@@ -2,7 +2,7 @@
 
 An effect that takes no time is on, unasked. Of the others a glance tells which are nothing or far too much. The rest is
 rehearsed (radar.simulation.rehearsal) one by one and then all that is left out together, but only where that takes less
-than SHARE of the simulation and what has been saved already: what is not worth its estimate is on.
+than SHARE of the simulation: what is not worth its estimate is on.
 """
 
 from __future__ import annotations
@@ -61,9 +61,8 @@ def triage(scene: EchoScene, effects: Sequence[Effect], contained: dict[str, str
             found.reasons[effect.id] = f"far above {tolerance_mm:g} mm: {_told(glance)}"
         else:
             doubtful.append(effect)
-    spare_s = SHARE * whole_s + sum(costs[name] for name in found.left_out)
     price_s = REHEARSED * (echo_s(scene) * (2 + len(doubtful)) + sum(costs[effect.id] for effect in doubtful))
-    if price_s > spare_s:
+    if price_s > SHARE * whole_s:
         why = f"on, since to rehearse what is in doubt would take about {price_s:.1f} of {whole_s:.1f} s"
         found.reasons |= {effect.id: why for effect in doubtful}
     elif doubtful:
