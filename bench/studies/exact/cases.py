@@ -19,6 +19,8 @@ MATERIALS = {
     "metal": Material(),
     "skin": Material(kind="plastic", permittivity=6.4, loss_tangent=1.35),
     "palm": Material(kind="skin", palm_thickness_m=0.4e-3),  # under its horny layer
+    "print": Material(kind="plastic", permittivity=2.7, loss_tangent=0.01),
+    "lossy print": Material(kind="plastic", permittivity=2.7, loss_tangent=0.1),
 }
 
 Shape = Cylinder | Sphere
@@ -56,17 +58,18 @@ SCENES: dict[str, tuple[Shape, ...]] = {
     "finger before palm, 12 mm aside": _before_palm(12e-3),
     **{f"sphere of {1e3 * r_m:.0f} mm": (Sphere((0.0, 0.0, 0.29), r_m),) for r_m in (10e-3, 5e-3, 2e-3)},
 }
-COATED = "sphere of 10 mm"  # the scene that is also measured of a palm's material
+# The scenes that are also measured of further materials.
+FURTHER = {"palm": "sphere of 10 mm", "print": "one finger", "lossy print": "one finger"}
 
 
 def cases(polarisations: str) -> list[Case]:
-    """All scenes of both materials, and a sphere of the palm's."""
+    """All scenes of metal and skin, and those of further materials."""
     wanted = polarisations.split(",")
     return [
         Case(name, bodies, material, polarisation)
         for name, bodies in SCENES.items()
         for material in MATERIALS
-        if material != "palm" or name == COATED
+        if FURTHER.get(material, name) == name
         for polarisation in (ALONG, ACROSS)
         if polarisation in wanted
     ]
