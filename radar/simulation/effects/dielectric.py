@@ -60,7 +60,7 @@ def far_wall_db(body: Body, frequency_hz: float) -> float:
 
 
 def lost(scene: EchoScene) -> str:
-    """What the echoes of this scene lack, as a sentence for people; "" if nothing that counts."""
+    """The part of the scene's echoes that is not simulated, as a sentence for people; "" if none that counts."""
     if scene.target is None or scene.target.material.kind != "plastic":
         return ""
     level_db = far_wall_db(scene.target, float(scene.frequencies_hz.mean()))
