@@ -1,7 +1,5 @@
 """The second stage of a reconstruction: registered photographs → depth maps → one fused cloud."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The last stage of a reconstruction: the fused cloud → a surface that says how well it is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 from pathlib import Path

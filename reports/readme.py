@@ -8,8 +8,6 @@ and the scenes those that the record names; a fresh result must agree with it to
 printed. Times are left out of that: they are the machine's.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

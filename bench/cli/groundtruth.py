@@ -1,7 +1,5 @@
 """`handbench groundtruth`: photographs, or a foreign mesh, as a metric mesh."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from typing import Any

@@ -1,7 +1,5 @@
 """`handbench simulate`: a scene's capture, and the table of its effects."""
 
-from __future__ import annotations
-
 import argparse
 
 from rich import box

@@ -1,7 +1,5 @@
 """`handbench tradeoff`: accuracy against time."""
 
-from __future__ import annotations
-
 import argparse
 
 from radar.support.errors import HandbenchError

@@ -1,7 +1,5 @@
 """The way back: a capture as one object at one distance of MAROON, for their tools and for tests of ours."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Scene files, turned into capture folders: echoes, photographs, cameras, board, true surface, description."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ An edge lies between two neighbouring pixels of which only one has a reference, 
 apart. No slope is taken across an edge. What the image's border cuts off is no edge.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise

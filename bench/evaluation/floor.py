@@ -5,8 +5,6 @@ hang together. How far it scatters about that does depend on it: the registratio
 that it carries, by one rigid motion; a mesh errs by patches.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The metrics: each one's unit, direction and definition, and its value for a depth map."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field

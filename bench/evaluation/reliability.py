@@ -1,7 +1,5 @@
 """Reliability of a depth map's own σ: the share of the errors that its intervals hold, and the errors' likelihood."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from statistics import NormalDist
 

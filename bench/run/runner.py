@@ -4,8 +4,6 @@ The stages run in the rounds of `bench.run.jobs`. Whoever carries them out, the 
 table is made of these. What fails is said, recorded and done without.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path

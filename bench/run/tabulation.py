@@ -1,7 +1,5 @@
 """The tables of a run: figures with their intervals, comparisons, and both under equal treatment."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """Depth maps for equal treatment: a method's map again, with every averaging filter as wide as all others'."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

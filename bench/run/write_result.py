@@ -1,7 +1,5 @@
 """The result folder of a run: everything scored, then written."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from itertools import product

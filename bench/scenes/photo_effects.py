@@ -1,7 +1,5 @@
 """The effects that photographs show, how far each moves the mesh, and the selection of those that a scene calls for."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

@@ -1,8 +1,6 @@
 """A pilot of the matching of photographs: small windows about some points of the target, photographed by the cameras
 that see them, and the depth at which each fits the other cameras' best. Nothing of photogrammetry is run."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Line numbers of the keys of a TOML or JSON file, which their parsers do not tell."""
 
-from __future__ import annotations
-
 import re
 
 Location = tuple[str | int, ...]

@@ -1,7 +1,5 @@
 """Problems of files, each with its line: all that a strict configuration complains of, not the first alone."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Generator
 from dataclasses import dataclass

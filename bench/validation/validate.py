@@ -1,7 +1,5 @@
 """Everything that can be wrong with a benchmark or a data set, found before hours are spent."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path

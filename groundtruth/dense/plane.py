@@ -1,7 +1,5 @@
 """The plane of a board, which tells the target from what it stands before or lies on."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

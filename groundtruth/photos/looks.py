@@ -1,7 +1,5 @@
 """Checks of photographs before the work: repeated, blurred and untextured ones."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

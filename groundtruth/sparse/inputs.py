@@ -1,7 +1,5 @@
 """The inputs of a reconstruction, gathered and checked: what can be refused is refused before the work starts."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar

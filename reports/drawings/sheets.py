@@ -4,8 +4,6 @@ A drawing is painted in millimetres. Each sheet shows a window of it on axes of 
 that tells whether the printer kept the scale.
 """
 
-from __future__ import annotations
-
 import re
 import textwrap
 from collections.abc import Callable, Sequence

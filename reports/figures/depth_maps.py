@@ -1,7 +1,5 @@
 """Depth maps and error maps, as seen from the array: x grows to the left, so that they look like the photograph."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The report: tables, figures and pages that need nothing else."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The trade-off of a sweep as tables, pictures and a page."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Two results side by side, as `handbench compare` found them: on the terminal, as Markdown and as LaTeX."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

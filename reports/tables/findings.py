@@ -1,7 +1,5 @@
 """One sentence for each claim that a reader of the table needs: two methods under equal treatment."""
 
-from __future__ import annotations
-
 from itertools import groupby
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Markdown: tables, and text in which nothing of a stranger's is markup."""
 
-from __future__ import annotations
-
 import html
 import re
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
 """Differences in what two results stand on: configuration, settings of the methods, versions, machines, inputs."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterator, Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """The effects as a figure: what each changes, measured and estimated, and what it costs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure

@@ -1,7 +1,5 @@
 """Each effect's case simulated, imaged by each method and scored against the true surface."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Error against time, and time against size."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes

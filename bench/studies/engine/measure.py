@@ -3,8 +3,6 @@
 Seconds drift with the machine; ratio_to_exact, within one run, is what counts.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

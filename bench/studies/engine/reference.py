@@ -3,8 +3,6 @@
 Errors are relative to the whole volume's root mean square, so that random voxels speak for the whole volume.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

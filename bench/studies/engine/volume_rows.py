@@ -1,7 +1,5 @@
 """Rows of the volume: the machine's ceiling, the textbook's ways, the exact path, and the fast engine."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any

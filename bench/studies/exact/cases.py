@@ -1,8 +1,6 @@
 """The scenes: fingers and a palm as cylinders, and spheres, of metal or of what skin is at 80 GHz, as meshes and as
 axes or centres."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

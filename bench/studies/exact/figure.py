@@ -1,7 +1,5 @@
 """3-FSK maps of one scene: exact, ours with each choice of effects, and the differences."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Simulated echoes and the maps that methods make of them, against the exact echoes of the same bodies."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable
 from functools import partial

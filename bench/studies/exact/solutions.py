@@ -1,7 +1,5 @@
 """Exact echoes of the study's cases, kept in files: they need not be made again when the simulation changes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The price of accuracy as a figure: error and completeness over seconds."""
 
-from __future__ import annotations
-
 import pandas as pd
 from matplotlib.figure import Figure
 

@@ -1,7 +1,5 @@
 """Photographs of hands rendered, reconstructed as a user would, and scored against the truth."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from dataclasses import replace

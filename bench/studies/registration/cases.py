@@ -1,7 +1,5 @@
 """Placements of the calibration target, made as well as its description says, and what may go wrong with them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 

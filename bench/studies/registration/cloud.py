@@ -1,7 +1,5 @@
 """The target as eight cameras would reconstruct it: points on the spheres that they see, with errors like theirs."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bench.scenes.rig import rig

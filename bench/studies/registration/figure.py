@@ -1,7 +1,5 @@
 """The errors of the transforms as a figure, and whether their covariances told them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure

@@ -1,7 +1,5 @@
 """Placements of the calibration target simulated, calibrated as a user would, and compared with the truth."""
 
-from __future__ import annotations
-
 import shutil
 import time
 from collections.abc import Callable

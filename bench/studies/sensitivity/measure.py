@@ -5,8 +5,6 @@ hands that measure it. Only what a setting changes is made again: echoes are kep
 samples by the same configuration as in the benchmark itself are taken from there.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """The receiver: what noise, the oscillator, the antennas and the calibration add to echoes without noise."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Mapping
 

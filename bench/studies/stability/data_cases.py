@@ -2,8 +2,6 @@
 noise that drowns the echo.
 """
 
-from __future__ import annotations
-
 from functools import cache, partial
 from itertools import product
 from typing import Any

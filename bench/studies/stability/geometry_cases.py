@@ -5,8 +5,6 @@ Every sweep is imaged exactly and to each tolerance, on white noise, and compare
 are told as shares of what was asked: a relative L2 error over the points and a few draws of samples.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator
 from functools import partial, wraps

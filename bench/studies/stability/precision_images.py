@@ -4,8 +4,6 @@ u = 2⁻²⁴ is the rounding of float32. A sum of n products in it errs by at m
 any order (Higham 2002, sec. 3.1); white noise, whose sum is far smaller than that, shows the errors best.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 Pairs fit exactly unless a case is about their errors, so that the transform that made them is the reference.
 """
 
-from __future__ import annotations
-
 import io
 from contextlib import redirect_stderr
 from functools import partial

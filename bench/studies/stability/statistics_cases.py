@@ -3,8 +3,6 @@
 What intervals and tests make of the figures is in `statistics_intervals`.
 """
 
-from __future__ import annotations
-
 import tracemalloc
 from collections.abc import Iterable
 from itertools import product

@@ -8,8 +8,6 @@ upper end of its error's interval, and to a tenth more than the slowest of its r
 is one more draw, keeps what this one promised. Too few captures have no interval: the error is then that of these.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -2,8 +2,6 @@
 after one that makes its plan.
 """
 
-from __future__ import annotations
-
 import ctypes
 import time
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """The captures of a trade-off and what they are scored against: the true surface, where all have one."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The number of combined captures of the calibration target, and the transform's error where hands are."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The sweep: sections one after the other, and the folder that they fill."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path

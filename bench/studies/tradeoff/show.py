@@ -1,7 +1,5 @@
 """A trade-off in the terminal: fronts, what is dominated and by what, claims; and an answer."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, replace
 
 from bench.evaluation.metrics import METRICS

@@ -1,7 +1,5 @@
 """Sampling of surfaces × which effects are on: how near simulated echoes come to those of the finest simulation."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
