@@ -7,7 +7,7 @@ import pytest
 
 from bench.studies.exact import measure, solutions
 from bench.studies.exact.cases import SCENES, Case, cases, front_m
-from bench.studies.exact.figure import draw
+from bench.studies.exact.measure import draw
 from radar.data.arrays import AntennaArray
 from radar.support.errors import HandbenchError
 
