@@ -1,17 +1,11 @@
 """The studio's light: three disc lamps and an ambient glow, baked into the bodies' vertices with their shadows."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bench.scenes.bodies import Body
-from radar.support.rays import load_open3d
-
-if TYPE_CHECKING:
-    from open3d.t.geometry import RaycastingScene
+from radar.support.rays import RaycastingScene, load_open3d
 
 
 @dataclass(frozen=True)

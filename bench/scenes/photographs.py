@@ -3,8 +3,6 @@
 What real photographs add can be switched on: highlights, speckle, defocus, motion blur, spread of the exposures.
 """
 
-from __future__ import annotations
-
 from copy import copy
 
 import numpy as np
@@ -43,7 +41,7 @@ class Studio:
             self.rays.add_triangles(body.vertices_m.astype(np.float32), body.faces.astype(np.uint32))
         self.light = [bake(self.rays, body) for body in self.bodies]
 
-    def taking(self, photos: Photos) -> Studio:
+    def taking(self, photos: Photos) -> "Studio":
         """The same lit scene, photographed with other effects."""
         result = copy(self)
         result.photos, result.projector = photos, _projector(self.scene, photos, self.aim_m)

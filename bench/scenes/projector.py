@@ -1,17 +1,11 @@
 """A projector of speckle: random bright dots that stand still in space, so that every camera sees the same ones."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from bench.scenes.lamps import FACING, SHADOW_OFFSET_M, clear
 from bench.scenes.textures import solid_noise
 from radar.support.errors import HandbenchError
-
-if TYPE_CHECKING:
-    from open3d.t.geometry import RaycastingScene
+from radar.support.rays import RaycastingScene
 
 SHARPNESS = 10.0  # of the dots' borders
 NOISE_PER_DOT = 0.85  # the noise's wavelength over the dots' mean size along a line

@@ -1,7 +1,5 @@
 """Problems of capture folders."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -49,7 +47,7 @@ class Seen:
     @classmethod
     def of(
         cls, about: CaptureFile | None, echoes: RadarCapture | None, scored: tuple[bool, bool], lacks: tuple[str, ...]
-    ) -> Seen:
+    ) -> "Seen":
         """The facts of a capture, of which some could not be read."""
         name, methods = (about.name, about.methods) if about else (None, None)
         frequencies_hz, frames = (echoes.frequencies_hz, len(echoes.samples)) if echoes else (None, None)

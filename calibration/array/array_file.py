@@ -1,7 +1,5 @@
 """Calibration of an array's antennas: its file `array.json`, and its application to captures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -38,7 +36,7 @@ class Side(Config):
     offset_sigma_m: tuple[tuple[Sigma, Sigma, Sigma], ...]
 
     @model_validator(mode="after")
-    def _one_of_each(self) -> Side:
+    def _one_of_each(self) -> "Side":
         for name in type(self).model_fields:
             if len(getattr(self, name)) != len(self.nominal_m):
                 raise ValueError(

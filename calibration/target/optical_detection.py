@@ -6,8 +6,6 @@ others may hide a part of it, so that a cap of 15 % of its surface has to do. Ov
 for one another: the radius is held by how well the target was made.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
@@ -53,7 +51,7 @@ class Cloud:
     normals: np.ndarray
     oriented: bool
 
-    def __getitem__(self, chosen: np.ndarray) -> Cloud:
+    def __getitem__(self, chosen: np.ndarray) -> "Cloud":
         return Cloud(self.points_m[chosen], self.normals[chosen], self.oriented)
 
 

@@ -1,8 +1,6 @@
 """The volume that the dense stage works in: given, or found from the board, the cameras' common field and the sparse
 points, so that a background does not take the time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -51,7 +49,7 @@ class Volume:
         write_json(folder / FILE, vars(self))
 
     @classmethod
-    def load(cls, folder: Path) -> Volume:
+    def load(cls, folder: Path) -> "Volume":
         """Read what `save` wrote."""
         return cls(**read_json(folder / FILE, "the volume of a dense stage"))
 

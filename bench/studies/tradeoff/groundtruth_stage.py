@@ -1,7 +1,5 @@
 """Photographs × their size × quality of the depth maps: how near the measured surface comes to the true one."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -9,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from psutil import Process
@@ -34,9 +32,7 @@ from radar.support.config import Config
 from radar.support.cost import Cost, measured
 from radar.support.errors import HandbenchError
 from radar.support.progress import say, track
-
-if TYPE_CHECKING:
-    import open3d as o3d
+from radar.support.rays import RaycastingScene
 
 CAMERAS, BOARD = "cameras.json", "board.toml"
 
@@ -58,7 +54,7 @@ class Subject:
     name: str
     photos: tuple[Photo, ...]
     box_m: tuple[float, ...] | None
-    truth: o3d.t.geometry.RaycastingScene
+    truth: RaycastingScene
     radar_from_photo: Transform
     x_m: np.ndarray
     y_m: np.ndarray
