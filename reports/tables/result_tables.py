@@ -1,21 +1,19 @@
 """The tables of a result as Markdown, CSV and on the terminal (LaTeX: `reports.tables.latex`)."""
 
-from __future__ import annotations
-
+from collections.abc import Collection, Iterable, Sequence
 from itertools import zip_longest
-from typing import TYPE_CHECKING
 
 import pandas as pd
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from bench.results import HEADLINES, Result, Tradeoff
 from bench.results.tables import each
 from reports.tables.blocks import best_note, blocks, caption, figure, known, number, p_text, ratio, three_digits
 from reports.tables.findings import findings
 from reports.tables.markdown import bold, escaped, table
-
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
 
 
 def markdown(result: Result) -> str:
@@ -109,23 +107,19 @@ def show(result: Result) -> None:
 
 def wide_console() -> Console:
     """A rich console on stdout; a pipe or a file has no width to keep to."""
-    from rich.console import Console
-
     console = Console(highlight=False)
     if not console.is_terminal:
         console.width = 200
     return console
 
 
-def terminal_table(heading: str, columns: tuple[str, ...], lines: list[tuple[str, ...]]) -> Table:
-    """A rich table; columns without a heading are texts, the others numbers."""
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
-    grid = Table(title=Text(heading), title_justify="left", box=box.SIMPLE, pad_edge=False)
+def terminal_table(
+    heading: str, columns: Sequence[str], lines: Iterable[Sequence[str]], texts: Collection[str] = ("",)
+) -> Table:
+    """A rich table; texts: the columns that are no numbers, by default those without a heading."""
+    grid = Table(title=Text(heading) if heading else None, title_justify="left", box=box.SIMPLE, pad_edge=False)
     for column in columns:
-        grid.add_column(Text(column), justify="right" if column else "left")
+        grid.add_column(Text(column), justify="left" if column in texts else "right")
     for cells in lines:
         grid.add_row(*map(Text, cells))
     return grid
