@@ -27,7 +27,7 @@ from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, write_text
 from reports.tables.blocks import NONE, busy_note, decimals, interval, known, number, outstanding, paper
 from reports.tables.findings import findings
-from reports.tables.markdown import bold, escaped, table
+from reports.tables.result_tables import bold, escaped, table
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = "photogrammetry"

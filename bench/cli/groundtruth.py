@@ -41,7 +41,7 @@ def _take_over(options: argparse.Namespace) -> None:
 
 
 def _values(options: argparse.Namespace) -> dict[str, Any]:
-    """What the options say, under the configuration's names."""
+    """The options' values by the names of the configuration."""
     from groundtruth.options import Options
 
     return {name: value for name, value in vars(options).items() if name in Options.model_fields} | {

@@ -1,7 +1,7 @@
 """One study: cases → measure(case) → tables, a figure and a page, with what they stand on.
 
-A study's folder holds what is its own: cases.py (data), measure.py (a function of one case, and the columns of what it
-returns) and figure.py. `run` does the rest: progress, the failures of single cases, and the files.
+A study's folder holds what is its own: cases.py (data) and measure.py (a function of one case, the columns of what it
+returns, the figure). `run` does the rest: progress, the failures of single cases, and the files.
 
 STEM.csv         the first table, values as they are
 STEM.json        study, command, seed, minutes, load, machine, versions, definitions of columns, every table, failures

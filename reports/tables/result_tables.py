@@ -1,5 +1,8 @@
-"""The tables of a result as Markdown, CSV and on the terminal (LaTeX: `reports.tables.latex`)."""
+"""The tables of a result as Markdown, in which nothing of a stranger's is markup, CSV and on the terminal (LaTeX:
+`reports.tables.latex`)."""
 
+import html
+import re
 from collections.abc import Collection, Iterable, Sequence
 from itertools import zip_longest
 
@@ -13,7 +16,26 @@ from bench.results import HEADLINES, Result, Tradeoff
 from bench.results.tables import each
 from reports.tables.blocks import best_note, blocks, caption, figure, known, number, p_text, ratio, three_digits
 from reports.tables.findings import findings
-from reports.tables.markdown import bold, escaped, table
+
+
+def table(headings: Sequence[str], lines: Iterable[Sequence[str]], texts: int = 1) -> str:
+    """A table of cells that are Markdown already; the first `texts` columns to the left, the others to the right."""
+    rule = "|" + "---|" * texts + "--:|" * (len(headings) - texts)
+    return "\n".join([_line(headings), rule, *map(_line, lines)]) + "\n"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def escaped(text: str) -> str:
+    """`text` as it is, on one line."""
+    return re.sub(r"([\\`*_\[\]|#~$])", r"\\\1", html.escape(" ".join(text.split()), quote=False))
+
+
+def bold(text: str) -> str:
+    """Markdown `text` in bold."""
+    return f"**{text}**"
 
 
 def markdown(result: Result) -> str:

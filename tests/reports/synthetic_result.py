@@ -10,8 +10,7 @@ import pandas as pd
 from PIL import Image
 
 from bench import results
-from bench.evaluation.alike import SMOOTHING, Alike
-from bench.evaluation.equal_treatment import treat
+from bench.evaluation.equal_treatment import SMOOTHING, Alike, treat
 from bench.evaluation.floor import budget
 from bench.evaluation.metrics import error_map
 from bench.evaluation.rows import accuracy_rows, metric_facts, precision_rows, time_rows

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
 from bench.studies.columns import Record, Table, columns
-from bench.studies.exact.cases import MATERIALS, Case, body, cases, front_m
-from bench.studies.exact.solutions import kept_echoes
+from bench.studies.exact.cases import MATERIALS, Case, body, cases, front_m, kept_echoes
 from bench.studies.study import Study
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture

@@ -16,8 +16,7 @@ from bench.datasets.simulated import simulate_capture
 from bench.run.photogrammetry import calibrate_captures
 from bench.scenes.echoes import choices, echo_scene
 from bench.studies.columns import Record, Table, columns
-from bench.studies.registration.cases import FAULTS, Case, case, only
-from bench.studies.registration.cloud import seen_cloud
+from bench.studies.registration.cases import FAULTS, Case, case, only, seen_cloud
 from bench.studies.registration.score import score, summary
 from bench.studies.study import BLUE, Study
 from calibration.registration.register import calibrate

@@ -20,7 +20,7 @@ from bench.evaluation.metrics import pool
 from bench.results import Section, Setting
 from bench.results.error_map import ErrorMap
 from bench.studies.photogrammetry.score import GRID_M, radar_side
-from bench.studies.tradeoff.section_lines import Context, line, section
+from bench.studies.tradeoff.opening import Context, line, section
 from calibration.transforms import Transform, load_transform
 from groundtruth.cameras.cameras import Camera, load_cameras, save_cameras
 from groundtruth.mesh.depth import reference_on_grid

@@ -26,8 +26,7 @@ from bench.run.reconstruct_stage import configuration
 from bench.run.scoring import Files, compare, read_errors, reference_depth
 from bench.run.sweep import ImagingSetting, Sweep, imaging_settings, known_configs
 from bench.studies.tradeoff.claims import claims
-from bench.studies.tradeoff.opening import Opened
-from bench.studies.tradeoff.section_lines import Context, line, section
+from bench.studies.tradeoff.opening import Context, Opened, line, section
 from groundtruth.mesh.depth import Reference
 from radar.data.capture import RadarCapture, thinned
 from radar.data.grid import PixelGrid

@@ -14,10 +14,9 @@ from bench.evaluation.statistics.intervals import Interval, mean_interval
 from bench.results import Section, Setting
 from bench.scenes.build import build
 from bench.scenes.echoes import echoes
-from bench.studies.registration.cases import Case, case
-from bench.studies.registration.cloud import seen_cloud
+from bench.studies.registration.cases import Case, case, seen_cloud
 from bench.studies.registration.score import VOLUME_M, score
-from bench.studies.tradeoff.section_lines import Context, line, section
+from bench.studies.tradeoff.opening import Context, line, section
 from calibration.registration import register as registration
 from calibration.registration.register import combine
 from calibration.registration.rigid_fit import Pairs

@@ -12,7 +12,7 @@ from bench.results import Section, Setting
 from bench.scenes.build import Scene, load_scene
 from bench.scenes.echoes import echo_scene
 from bench.studies.study import in_turns
-from bench.studies.tradeoff.section_lines import Context, line, section
+from bench.studies.tradeoff.opening import Context, line, section
 from radar.simulation.causes import Noise
 from radar.simulation.scene import EchoScene
 from radar.simulation.selection import CONTAINED, EFFECTS, Choice, check_names, choose
