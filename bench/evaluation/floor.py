@@ -19,12 +19,6 @@ BLOCK_M = 0.015  # a mesh errs alike over three lateral resolutions of the paper
 SPAN = 1 << 20  # more blocks than a row can have
 
 
-def block_numbers(m: ErrorMap) -> np.ndarray:
-    """The number [ny, nx] of the spatial block of BLOCK_M in which each pixel lies: SPAN · row + column."""
-    column, row = (np.floor(axis / BLOCK_M + 1e-9).astype(np.int64) for axis in (m.x_m, m.y_m))
-    return SPAN * row[:, None] + column
-
-
 def floor_mm(maps: Sequence[ErrorMap], references: Sequence[Reference]) -> float | None:
     """The floor over the observed pixels of each of `maps`, compared with its reference, averaged over those that have
     any. None where nothing was observed or a part of σ is unknown."""
@@ -70,7 +64,8 @@ def floor_interval(
 def _absolute_sum_m(m: ErrorMap, r: Reference, motions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Sum [draws] of |e| over a capture's observed pixels, for errors `motions` [draws, 6 or 7] of the registration."""
     observed = np.isfinite(m.error_m)
-    names, block = np.unique(block_numbers(m)[observed], return_inverse=True)
+    column, row = (np.floor(axis / BLOCK_M + 1e-9).astype(np.int64) for axis in (m.x_m, m.y_m))
+    names, block = np.unique((SPAN * row[:, None] + column)[observed], return_inverse=True)
     patches = rng.standard_normal((len(motions), len(names)))
     assert r.leverage is not None  # comes with the registration
     leverage, mesh_sigma_m = r.leverage[observed].T, r.mesh_sigma_m[observed]

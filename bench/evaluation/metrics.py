@@ -32,13 +32,8 @@ class Metric:
     paper: dict[str, float] = field(default_factory=dict)
 
 
-def _registry() -> dict[str, Metric]:
-    """The metrics of metrics.toml, which defines them in the order of the tables."""
-    known = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
-    return {key: Metric(key, **facts) for key, facts in known.items()}
-
-
-METRICS = _registry()
+_KNOWN = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))  # in the order of the tables
+METRICS = {key: Metric(key, **facts) for key, facts in _KNOWN.items()}
 TITLES: dict[str, str] = tomllib.loads(Path(__file__).with_name("titles.toml").read_text("utf-8"))  # of methods, by id
 PAPER = {(m.key, method): value for m in METRICS.values() for method, value in m.paper.items()}  # and its figures
 

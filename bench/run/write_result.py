@@ -46,7 +46,9 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
             about_map = name, entry.id, reference
             _copy(results.errors_path(outcome.scores[name], *about_map), results.errors_path(folder, *about_map))
             if entry is on.methods[0]:  # references are drawn on the first method's grid
-                results.write_surface(folder, name, reference, _surface(outcome, *about_map))
+                [error], [found] = (of(outcome, [name], entry.id, reference) for of in (errors, surfaces))
+                surface = Surface(error.x_m, error.y_m, found.z_m, found.sigma_m)
+                results.write_surface(folder, name, reference, surface)
     for capture in on.captures:
         if capture.name in outcome.views:
             results.write_photo(folder, capture.name, outcome.views[capture.name])
@@ -70,12 +72,6 @@ def _scored(outcome: Outcome, on: Basis) -> Iterator[Scored]:
 def _copy(source: Path, path: Path) -> None:
     with atomic_path(path) as temporary:
         shutil.copyfile(source, temporary)
-
-
-def _surface(outcome: Outcome, capture: str, method: str, reference: str) -> Surface:
-    """The reference on the method's grid."""
-    error, found = errors(outcome, [capture], method, reference)[0], surfaces(outcome, [capture], method, reference)[0]
-    return Surface(error.x_m, error.y_m, found.z_m, found.sigma_m)
 
 
 def about(outcome: Outcome, on: Basis, captures: pd.DataFrame) -> About:

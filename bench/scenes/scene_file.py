@@ -42,8 +42,7 @@ class _Solid(_Placed):
     material: Material = Material()
 
 
-def _pose_kind(pose: Any) -> str:
-    return "letter" if isinstance(pose, str) else "Pose"
+_POSE_KIND = Discriminator(lambda pose: "letter" if isinstance(pose, str) else "Pose")
 
 
 class HandTarget(_Solid):
@@ -51,7 +50,7 @@ class HandTarget(_Solid):
     range of its palm's mid-plane; `person`: whose hand, by number; 0 is the mean hand."""
 
     kind: Literal["hand"]
-    pose: Annotated[Annotated[str, Tag("letter")] | Annotated[Pose, Tag("Pose")], Discriminator(_pose_kind)]
+    pose: Annotated[Annotated[str, Tag("letter")] | Annotated[Pose, Tag("Pose")], _POSE_KIND]
     distance_m: float = Field(default=0.31, gt=0, le=100)
     offset_m: tuple[Offset, Offset] = (0.0, -0.030)
     edge_m: float = Field(default=1e-3, ge=5e-4, le=5e-3)

@@ -50,7 +50,7 @@ class _Scanner:
             if self._token() != "[":
                 self._pair(table)
                 continue
-            several = self._ahead(1) == "["
+            several = self.tokens[self.at + 1][0] == "["
             self.at += 2 if several else 1
             table = ()
             keys = self._key("]")
@@ -105,9 +105,6 @@ class _Scanner:
 
     def _token(self) -> str:
         return self.tokens[self.at][0]
-
-    def _ahead(self, steps: int) -> str:
-        return self.tokens[self.at + steps][0]
 
     def _skip_newlines(self) -> bool:
         """Go on to the next token that is no line's end; False at the end of the file."""

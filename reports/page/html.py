@@ -28,7 +28,8 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     report are replaced, its further pages removed, others left alone. Returns the path of index.html.
     """
     folder, out = Path(folder), Path(out)
-    sweep = _sweep(folder) if sweep is None else Path(sweep)
+    places = (folder, folder / "tradeoff") if sweep is None else ()
+    sweep = Path(sweep) if sweep else next((place for place in places if (place / "tradeoff.json").exists()), None)
     if sweep == folder and not (folder / "result.json").exists():
         return tradeoff_section.build(folder, out)
     result = load(folder)
@@ -50,11 +51,6 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
             causes = cause_section.section(result, out / "figures")
             write_text(out / "index.html", render("index.html", **_summary(result, overview, swept, causes), **facts))
     return out / "index.html"
-
-
-def _sweep(folder: Path) -> Path | None:
-    """The trade-off that `folder` is or holds."""
-    return next((place for place in (folder, folder / "tradeoff") if (place / "tradeoff.json").exists()), None)
 
 
 def pages(captures: Sequence[CaptureFacts]) -> list[tuple[CaptureFacts, ...]]:

@@ -52,7 +52,7 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
             number(s.seen_percent, 2),
             seconds_text(s),
             number(s.ratio, three_digits(s.ratio)),
-            _count(s.operations),
+            f"{s.operations:.2g}" if known(s.operations) else NONE,
             number(s.peak_memory_mb, 0),
         )
         for s in (*best, *rest)
@@ -78,7 +78,3 @@ def claims_grid(found: Tradeoff) -> Grid | None:
 
 def _factor(value: float | None) -> str:
     return (f"× {value:.3g}" if value < 1000 else f"× {value:.0f}") if known(value) else NONE
-
-
-def _count(value: float | None) -> str:
-    return f"{value:.2g}" if known(value) else NONE

@@ -140,7 +140,11 @@ def seen_cloud(case: Case) -> tuple[np.ndarray, np.ndarray]:
         on_it = centre_m + radius_m * outward
         views = sum(_sees(eye_m, on_it, outward, centres_m, radii_m) for eye_m in eyes_m)
         outward, on_it = outward[views >= 2], on_it[views >= 2]
-        error_m = NOISE_M * rng.standard_normal(len(on_it)) + _patches(on_it, rng)
+        cells = np.unique(np.floor(on_it / PATCH_M), axis=0, return_inverse=True)[1].ravel()  # neighbours err alike
+        error_m = (
+            NOISE_M * rng.standard_normal(len(on_it))
+            + PATCH_NOISE_M * rng.standard_normal(cells.max(initial=0) + 1)[cells]
+        )
         points.append(on_it + error_m[:, None] * outward)
         normals.append(outward)
     plate_m = rng.uniform((-0.2, -0.15, 0), (0.2, 0.15, 0), (100_000, 3))
@@ -162,9 +166,3 @@ def _sees(
         beside_m = np.linalg.norm(eye_m + along[:, None] * ray - centre_m, axis=1)
         free &= ~((beside_m < radius_m) & (along < length[:, 0] - 2 * radius_m))
     return free
-
-
-def _patches(points_m: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Errors [n] that neighbours share."""
-    cells = np.unique(np.floor(points_m / PATCH_M), axis=0, return_inverse=True)[1].ravel()
-    return PATCH_NOISE_M * rng.standard_normal(cells.max(initial=0) + 1)[cells]

@@ -131,7 +131,7 @@ def show(tradeoff: Tradeoff, count_acquisition: bool = False) -> None:
         print(_front(section, settings).markdown())
         print(*_dominated(settings, [s.name for s in front(settings)]), "", sep="\n")
     for claim in tradeoff.facts.claims:
-        counted_factor, measured = (_number(factor) or "–" for factor in (claim.counted, claim.measured))
+        counted_factor, measured = ("–" if f is None else f"{f:.4g}" for f in (claim.counted, claim.measured))
         print(f"{claim.text}: the paper says {claim.paper:.4g}, counted {counted_factor}, measured {measured}")
 
 
@@ -151,12 +151,17 @@ def _front(section: Section, settings: tuple[Setting, ...]) -> Table:
     unit = next((s.seconds for s in settings if s.name == section.reference), None)
     shown = sorted((s for s in settings if s.name in best or s.on_method_front), key=lambda s: s.seconds)
     known = [replace(c, heading=section.unit) if c.name == "error" else c for c in columns("tradeoff.front")]
-    return Table("front", known, [_record(s, s.name in best, unit) for s in shown])
-
-
-def _record(s: Setting, best: bool, unit: float | None) -> Record:
-    ranges = {"interval": _range(s.low, s.high), "range": _range(s.seconds_low, s.seconds_high, 1e3)}
-    return {**asdict(s), **ranges, "over": unit and s.seconds / unit, "front": "front" if best else "its method's"}
+    records: list[Record] = [
+        {
+            **asdict(s),
+            "interval": _range(s.low, s.high),
+            "range": _range(s.seconds_low, s.seconds_high, 1e3),
+            "over": unit and s.seconds / unit,
+            "front": "front" if s.name in best else "its method's",
+        }
+        for s in shown
+    ]
+    return Table("front", known, records)
 
 
 def _dominated(settings: tuple[Setting, ...], best: list[str]) -> list[str]:
@@ -168,7 +173,3 @@ def _dominated(settings: tuple[Setting, ...], best: list[str]) -> list[str]:
 
 def _range(low: float | None, high: float | None, scale: float = 1) -> str:
     return f"{scale * low:.3g}–{scale * high:.3g}" if low is not None and high is not None else ""
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.4g}"
