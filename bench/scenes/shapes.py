@@ -18,6 +18,12 @@ def sphere_mesh(radius_m: float, edge_m: float) -> TriangleMesh:
     return load_open3d().geometry.TriangleMesh.create_sphere(radius_m, resolution=resolution)
 
 
+def cylinder_mesh(radius_m: float, length_m: float, around: int, along: int) -> TriangleMesh:
+    """A closed cylinder about the y axis, in so many steps around and along it."""
+    made = load_open3d().geometry.TriangleMesh.create_cylinder(radius_m, length_m, around, along)
+    return mesh(np.asarray(made.vertices)[:, [1, 2, 0]], np.asarray(made.triangles))  # its axis is z
+
+
 def plate_mesh(width_m: float, height_m: float, thickness_m: float, edge_m: float) -> TriangleMesh:
     """A plate whose front is z = 0, facing -z."""
     _check_faces(2 * width_m * height_m, edge_m)

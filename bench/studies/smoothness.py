@@ -40,11 +40,11 @@ def study(work: Path, letters: str, edge_mm: float) -> Study:
 def smoothness(pose: Pose, edge_m: float = 1e-3) -> Record:
     """The figures of a pose's mesh: see COLUMNS."""
     surface = hand_mesh(pose, edge_m)
-    vertices_m = np.asarray(surface.vertices)
-    angles_deg, ends = facet_angles(vertices_m, np.asarray(surface.triangles))
+    vertices_m, faces = np.asarray(surface.vertices), np.asarray(surface.triangles)
+    angles_deg, ends = facet_angles(vertices_m, faces)
     echo_change, depth_change_m = radar_change(surface, subdivided(surface, pose))
     return {
-        "crossing": crossing_facets(surface),
+        "crossing": crossing_faces(vertices_m, faces),
         "largest_deg": float(angles_deg.max()),
         "permille_deg": float(np.percentile(angles_deg, 99.9)),
         "where": parts_at(pose, vertices_m[ends[angles_deg.argmax()]].mean(axis=0)),
@@ -65,11 +65,6 @@ def facet_angles(vertices_m: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray,
     # The arc sine of half the chord keeps small angles exact.
     chord = np.linalg.norm(normals[first // 3] - normals[second // 3], axis=1)
     return 2 * np.degrees(np.arcsin(np.minimum(chord / 2, 1))), edges[first]
-
-
-def crossing_facets(surface: TriangleMesh) -> int:
-    """The number of facets that cut another one."""
-    return crossing_faces(np.asarray(surface.vertices), np.asarray(surface.triangles))
 
 
 def subdivided(surface: TriangleMesh, pose: Pose) -> TriangleMesh:

@@ -11,13 +11,12 @@ import numpy as np
 from bench.scenes.build import Scene, build
 from bench.scenes.hand_pose import POSES
 from bench.scenes.scene_file import SceneFile
-from bench.scenes.shapes import sphere_mesh
+from bench.scenes.shapes import cylinder_mesh, sphere_mesh
 from groundtruth.mesh.mesh_files import mesh, write_mesh
 from radar.support.config import parse
-from radar.support.rays import TriangleMesh, load_open3d
+from radar.support.rays import TriangleMesh
 
 EDGE_M, WIRE_M = 2e-3, 0.08
-Z_TO_Y = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 TONES = {"sweep": [], "tones_hz": [82e9, 81.8e9, 81.3e9, 79.5e9, 72e9]}
 SKIN, PLASTIC = {"kind": "skin"}, {"kind": "plastic", "permittivity": 2.7, "loss_tangent": 0.01}
 KINDS = ("hand", "bowl", "sphere", "printed hand", "plate", "wires", "moving hand", "skin spheres", "dihedral", "board")
@@ -114,8 +113,5 @@ def bowl(radius_m: float, half_angle_deg: float, thick_m: float = 2e-3) -> Trian
 
 def wire(radius_m: float, x_m: float) -> TriangleMesh:
     """A cylinder along y."""
-    made = load_open3d().geometry.TriangleMesh
     along, around = int(WIRE_M / EDGE_M), max(16, int(2 * np.pi * radius_m / EDGE_M))
-    surface = made.create_cylinder(radius_m, WIRE_M, around, along)
-    surface.rotate(Z_TO_Y, np.zeros(3)).translate([x_m, 0.0, 0.0])
-    return surface
+    return cylinder_mesh(radius_m, WIRE_M, around, along).translate([x_m, 0.0, 0.0])

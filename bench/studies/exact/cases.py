@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.scenes.shapes import cylinder_mesh, sphere_mesh
 from bench.studies.exact.cylinders import ACROSS, ALONG, Cylinder, cylinder_echoes
 from bench.studies.exact.mie_series import Sphere, sphere_echoes
 from radar.data.arrays import AntennaArray
@@ -13,7 +14,6 @@ from radar.simulation.physics.reflection import HORNY, dielectric_permittivity, 
 from radar.simulation.scene import Body, Material
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash, read_npz, write_npz
-from radar.support.rays import load_open3d
 
 HALF_LENGTH_M = 0.16  # of the meshes; no specular point of the array lies beyond a third of it
 AROUND_M, ALONG_M = 0.5e-3, 2e-3  # edges of the meshes: 4 µm inside the cylinder
@@ -105,15 +105,13 @@ def tube(cylinder: Cylinder) -> tuple[np.ndarray, np.ndarray]:
     """Vertices [n, 3] on a cylinder and faces [m, 3], counter-clockwise seen from outside; fans close its ends."""
     around = int(np.ceil(2 * np.pi * cylinder.radius_m / AROUND_M))
     along = int(np.ceil(2 * HALF_LENGTH_M / ALONG_M))
-    made = load_open3d().geometry.TriangleMesh.create_cylinder(cylinder.radius_m, 2 * HALF_LENGTH_M, around, along)
-    turned_m = np.asarray(made.vertices)[:, [1, 2, 0]]  # its axis is z
-    return turned_m + [cylinder.x_m, 0.0, cylinder.z_m], np.asarray(made.triangles)
+    made = cylinder_mesh(cylinder.radius_m, 2 * HALF_LENGTH_M, around, along)
+    return np.asarray(made.vertices) + [cylinder.x_m, 0.0, cylinder.z_m], np.asarray(made.triangles)
 
 
 def ball(sphere: Sphere) -> tuple[np.ndarray, np.ndarray]:
     """Vertices [n, 3] on a sphere and faces [m, 3], counter-clockwise seen from outside."""
-    steps = int(np.ceil(np.pi * sphere.radius_m / (AROUND_M / 2)))  # from pole to pole
-    made = load_open3d().geometry.TriangleMesh.create_sphere(sphere.radius_m, steps)
+    made = sphere_mesh(sphere.radius_m, AROUND_M / 2)
     return np.asarray(made.vertices) + sphere.centre_m, np.asarray(made.triangles)
 
 

@@ -155,15 +155,6 @@ def _grid_share(grid: VoxelGrid, tolerance: float | None) -> float:
     return np.linalg.norm(found - expected) / size / (tolerance or EXACT)
 
 
-def _moved() -> Seen:
-    points, samples = cloud(40, (0, 0, 0.3)), white_noise((len(TONES_HZ), *array().channels), 0)
-    at_origin = image_points(samples, TONES_HZ, array(), points, None)
-    for offset_m in (1.0, 1e3, 1e6, 9.9e6):
-        moved = AntennaArray(array().tx_m + offset_m, array().rx_m + offset_m)
-        found = image_points(samples, TONES_HZ, moved, points + offset_m, None)
-        yield f"offset {offset_m:g} m", np.linalg.norm(found - at_origin) / np.linalg.norm(at_origin)
-
-
 def _echoes() -> Seen:
     places = {f"z = {z_m:g} m": cloud(40, (0, 0, 0)) * [1, 1, 0.02] + [0, 0, z_m] for z_m in (0.3, 0.03, 3e-3, 1e-3)}
     places |= {f"{r_m:g} m above antennas": array(40, 40).tx_m[:3] + [0, 0, r_m] for r_m in (1e-3, 1e-6, 1e-12, 1e-24)}
