@@ -9,15 +9,16 @@ STEM.md          the page: the tables as a person reads them, failures, and what
 STEM.png, .pdf   the figure, where there is one
 """
 
-from __future__ import annotations
-
 import os
 import time
 import traceback
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
+
+import pandas as pd
+from matplotlib.figure import Figure
 
 from bench.studies.columns import Record, Table
 from radar.imaging.device import describe
@@ -27,10 +28,6 @@ from radar.support.files import atomic_path, write_json, write_text
 from radar.support.progress import say, track
 from radar.support.store import versions
 from radar.warmup import compile_kernels
-
-if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.figure import Figure
 
 Key = TypeVar("Key", bound=Hashable)
 T = TypeVar("T")
