@@ -81,19 +81,15 @@ def explain(maps: Iterable[Scored]) -> dict[str, pd.DataFrame]:
     """The tables CAUSES and RELIABILITY of scored maps, those of a capture one after another: figures are formed for
     each capture and averaged over those that have pixels there, which are counted over all."""
     causes, reliability, last, surface = [], [], None, {}
+    places = ("x_m", "y_m", "reference_z_m")
     for one in maps:
         told = {"reference": one.reference, "method": one.method}
-        if last is None or not _same_surface(last.errors, one.errors):
-            last, surface = one, surface_causes(one.errors.x_m, one.errors.y_m, one.errors.reference_z_m)
+        here = [getattr(one.errors, name) for name in places]
+        if last is None or not all(np.array_equal(*both, equal_nan=True) for both in zip(last, here, strict=True)):
+            last, surface = here, surface_causes(*here)
         causes += [told | line for line in cause_lines(one, surface)]
         reliability += [told | line for line in reliability_lines(one.depth, one.errors)]
     return {"causes": _averaged(causes, CAUSES), "reliability": _averaged(reliability, RELIABILITY)}
-
-
-def _same_surface(a: ErrorMap, b: ErrorMap) -> bool:
-    return all(
-        np.array_equal(getattr(a, name), getattr(b, name), equal_nan=True) for name in ("x_m", "y_m", "reference_z_m")
-    )
 
 
 def _averaged(lines: list[dict[str, object]], schema: Schema) -> pd.DataFrame:

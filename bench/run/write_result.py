@@ -46,8 +46,9 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
             about_map = name, entry.id, reference
             _copy(results.errors_path(outcome.scores[name], *about_map), results.errors_path(folder, *about_map))
             if entry is on.methods[0]:  # references are drawn on the first method's grid
-                [error], [found] = (of(outcome, [name], entry.id, reference) for of in (errors, surfaces))
-                surface = Surface(error.x_m, error.y_m, found.z_m, found.sigma_m)
+                on_grid = [name], entry.id, reference
+                error, known = errors(outcome, *on_grid)[0], surfaces(outcome, *on_grid)[0]
+                surface = Surface(error.x_m, error.y_m, known.z_m, known.sigma_m)
                 results.write_surface(folder, name, reference, surface)
     for capture in on.captures:
         if capture.name in outcome.views:

@@ -47,7 +47,8 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
     rows = tuple(
         (
             s.title,
-            numbers.get(s.name) or _beaten(s, titles),
+            # On the front, where no number can say so, or by what it is beaten.
+            numbers.get(s.name) or ("front" if s.on_front else titles.get(s.dominated_by, s.dominated_by) or NONE),
             error_text(s),
             number(s.seen_percent, 2),
             seconds_text(s),
@@ -59,11 +60,6 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
     )
     caption = f"{about.title}: {len(best)} settings on the front, {len(rest)} beaten"
     return Grid(caption, ("setting", "number, or beaten by", error, *rest_of), rows, texts=2)
-
-
-def _beaten(setting: Setting, titles: dict[str, str]) -> str:
-    """By which setting; or that it is on the front, where no number can say so."""
-    return "front" if setting.on_front else titles.get(setting.dominated_by, setting.dominated_by) or NONE
 
 
 def claims_grid(found: Tradeoff) -> Grid | None:

@@ -59,9 +59,8 @@ def measure(case: Case, work: Path) -> Record:
         keep(folder / "capture", lambda temporary: write_photos(scene, temporary))
     photos = folder / "capture" / "photos"
     if not case.known:
-        given, photos = photos, folder / "unknown"
-        less = shutil.ignore_patterns("*cameras.json")
-        keep(photos, lambda temporary: shutil.copytree(given, temporary, dirs_exist_ok=True, ignore=less))
+        photos = folder / "unknown"
+        keep(photos, lambda temporary: _without_intrinsics(folder / "capture" / "photos", temporary))
     lens = None if case.known else False  # each rendered camera has a lens of its own, and none has EXIF data
     options = Options(quality=case.quality, box_m=box_m, shared_intrinsics=lens)
     with measured() as cost:
@@ -110,6 +109,10 @@ def record(case: Case, scored: Record, seconds: dict[str, float], peak_memory_mb
     }
     times = {f"{stage}_s": value for stage, value in seconds.items()}
     return {**about, **scored, **times, "all_s": sum(seconds.values()), "peak_memory_mb": peak_memory_mb}
+
+
+def _without_intrinsics(photos: Path, folder: Path) -> None:
+    shutil.copytree(photos, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*cameras.json"))
 
 
 COLOURS = (BLUE, ORANGE, GREEN, "#CC79A7", "#56B4E9")

@@ -126,6 +126,7 @@ def seen_cloud(case: Case) -> tuple[np.ndarray, np.ndarray]:
     """Points [n, 3] (metres, photo frame) and outward normals [n, 3] that two cameras or more see, behind no other
     sphere, and the plate's."""
     scene, target = case.scene, case.scene.target
+    assert target is not None  # a placement has one
     rng = np.random.default_rng([case.number, 8])
     aim_m = np.array([0.0, 0.0, scene.file.target.distance_m])
     cameras = rig(CAMERAS, 2400, 1600, aim_m, scene.radar_from_photo, scene.file.seed)

@@ -109,7 +109,8 @@ def shrink(photos: tuple[Photo, ...], long_px: int, folder: Path) -> None:
 
     folder.mkdir(parents=True)
     beside = photos[0].path.parent
-    sizes = {photo.name: _shrunk(photo, long_px) for photo in photos}
+    scales = {photo: min(1.0, long_px / max(photo.width, photo.height)) for photo in photos}
+    sizes = {photo.name: (round(scale * photo.width), round(scale * photo.height)) for photo, scale in scales.items()}
     for photo in photos:
         if sizes[photo.name] == (photo.width, photo.height):
             (folder / photo.name).symlink_to(photo.path.resolve())
@@ -122,11 +123,6 @@ def shrink(photos: tuple[Photo, ...], long_px: int, folder: Path) -> None:
         save_cameras(folder / CAMERAS, tuple(_rescaled(camera, *sizes[camera.name]) for camera in known))
     if (beside / BOARD).is_file():
         (folder / BOARD).symlink_to((beside / BOARD).resolve())
-
-
-def _shrunk(photo: Photo, long_px: int) -> tuple[int, int]:
-    scale = min(1.0, long_px / max(photo.width, photo.height))
-    return round(scale * photo.width), round(scale * photo.height)
 
 
 def _rescaled(camera: Camera, width: int, height: int) -> Camera:
