@@ -9,8 +9,7 @@ import numpy as np
 
 from groundtruth.cameras.cameras import Camera, registered
 from groundtruth.dense.fusion import Cloud
-from groundtruth.dense.plane import Plane, board_plane
-from groundtruth.dense.volume import Volume
+from groundtruth.dense.volume import Plane, Volume, board_plane
 from groundtruth.dense_stage import CLOUD
 from groundtruth.mesh.poisson import surface
 from groundtruth.mesh.surface import Surface

@@ -6,7 +6,7 @@ from bench.cli.options import free_folder
 from bench.datasets.simulated import simulate_capture
 from bench.scenes.build import load_scene
 from bench.scenes.echoes import choices
-from bench.scenes.photo_effects import choose
+from bench.scenes.photo_pilot import choose
 from bench.scenes.photographs import Studio
 from radar.simulation.selection import Choice
 from radar.support.errors import HandbenchError

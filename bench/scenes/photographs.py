@@ -10,9 +10,8 @@ import numpy as np
 from bench.scenes.bodies import Body, bodies, texture_seed
 from bench.scenes.build import Scene
 from bench.scenes.highlights import mirrored
-from bench.scenes.lamps import LAMPS, Light, bake, sunflower
+from bench.scenes.lamps import LAMPS, Light, Projector, bake, sunflower
 from bench.scenes.lens import ThinLens, blur_by_discs, line_kernel, near_edges
-from bench.scenes.projector import Projector
 from bench.scenes.scene_file import Photos
 from bench.scenes.sensor import MOTION, develop, generator
 from groundtruth.cameras.cameras import Camera

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from bench.datasets.native import ARRAY, ECHOES, EMPTY, MESH, PHOTOS, TARGET, TRANSFORM, TRUTH, CaptureFile
-from bench.validation.file_lines import Location
-from bench.validation.problems import Found, Problem, Sheet, attempt, parsed
+from bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed
 from calibration.array.array_file import load_array
 from calibration.target.description import Target
 from calibration.transforms import load_transform

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from groundtruth.dense.fusion import Cloud
-from groundtruth.dense.plane import Plane
+from groundtruth.dense.volume import Plane
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json
 from radar.support.progress import say

@@ -14,7 +14,7 @@ from reports.page import cause_section, rendering, scene3d, sections, tradeoff_s
 from reports.page.rendering import Image, render
 from reports.tables import latex, result_tables
 from reports.tables.blocks import caption
-from reports.tables.findings import findings
+from reports.tables.result_tables import findings
 
 ABREAST = 12  # captures on a page
 FIRST = 3  # captures on the first page where there are more
