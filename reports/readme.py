@@ -8,8 +8,6 @@ and the scenes those that the record names; a fresh result must agree with it to
 printed. Times are left out of that: they are the machine's.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json
@@ -28,8 +26,7 @@ from bench.results.tables import TABLE, each, frame, records
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, write_text
 from reports.tables.blocks import NONE, busy_note, decimals, interval, known, number, outstanding, paper
-from reports.tables.findings import findings
-from reports.tables.markdown import bold, escaped, table
+from reports.tables.result_tables import bold, escaped, findings, table
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = "photogrammetry"

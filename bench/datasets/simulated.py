@@ -1,7 +1,5 @@
 """Scene files, turned into capture folders: echoes, photographs, cameras, board, true surface, description."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +10,7 @@ import tomlkit
 from bench.datasets.native import DESCRIPTION, ECHOES, EMPTY, PHOTOS, TARGET, TRUE_TRANSFORM, TRUTH
 from bench.scenes.build import Scene
 from bench.scenes.echoes import echo_scene, echoes
-from bench.scenes.photo_effects import choose
+from bench.scenes.photo_pilot import choose
 from bench.scenes.photographs import Studio
 from bench.scenes.scene_file import HandTarget, MeshTarget
 from groundtruth.board.board import save_board

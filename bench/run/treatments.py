@@ -1,14 +1,12 @@
 """Depth maps for equal treatment: a method's map again, with every averaging filter as wide as all others'."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bench.evaluation.alike import OPEN_DB, SMOOTHING, Alike
+from bench.evaluation.equal_treatment import OPEN_DB, SMOOTHING, Alike
 from radar.data.depthmap import DepthMap
 from radar.methods.smoothing import masked_mean
 from radar.support.config import Config

@@ -1,7 +1,5 @@
 """The radar half of a scene: bodies, balls and causes for `radar.effects`, and the echoes that come of them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bench.scenes.bones import palmar

@@ -1,7 +1,5 @@
 """The content of a scene file: target, radar, cameras and stand, and the effects that its echoes show."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -45,8 +43,7 @@ class _Solid(_Placed):
     roughness: Roughness = Roughness()
 
 
-def _pose_kind(pose: Any) -> str:
-    return "letter" if isinstance(pose, str) else "Pose"
+_POSE_KIND = Discriminator(lambda pose: "letter" if isinstance(pose, str) else "Pose")
 
 
 class HandTarget(_Solid):
@@ -54,7 +51,7 @@ class HandTarget(_Solid):
     range of its palm's mid-plane; `person`: whose hand, by number; 0 is the mean hand."""
 
     kind: Literal["hand"]
-    pose: Annotated[Annotated[str, Tag("letter")] | Annotated[Pose, Tag("Pose")], Discriminator(_pose_kind)]
+    pose: Annotated[Annotated[str, Tag("letter")] | Annotated[Pose, Tag("Pose")], _POSE_KIND]
     distance_m: float = Field(default=0.31, gt=0, le=100)
     offset_m: tuple[Offset, Offset] = (0.0, -0.030)
     edge_m: float = Field(default=1e-3, ge=5e-4, le=5e-3)
@@ -142,7 +139,7 @@ class Sensor(SensorFaults):
     polarisation_deg: float = Field(default=90.0, ge=-360, le=360)  # of the antennas' field, from x towards y
 
     @model_validator(mode="after")
-    def _some_tone(self) -> Sensor:
+    def _some_tone(self) -> "Sensor":
         if not self.sweep and not self.tones_hz:
             raise ValueError("expected a sweep or tones_hz; the radar measures nothing")
         return self
@@ -230,7 +227,7 @@ class SceneFile(Config):
         return effects
 
     @model_validator(mode="after")
-    def _step_below_the_tones(self) -> SceneFile:
+    def _step_below_the_tones(self) -> "SceneFile":
         highest_hz = self.sensor.frequencies_hz.max()
         if self.depth_step_hz >= highest_hz:
             raise ValueError(
@@ -238,7 +235,7 @@ class SceneFile(Config):
             )
         return self
 
-    def of_person(self, number: int) -> SceneFile:
+    def of_person(self, number: int) -> "SceneFile":
         """The scene with a person's hand, placed as that person stands, with a name and a seed of its own. Another
         target than a hand is a HandbenchError."""
         if not isinstance(self.target, HandTarget):

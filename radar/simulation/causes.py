@@ -1,7 +1,5 @@
 """The causes that a scene names for its effects; the defaults cause nothing."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np
@@ -18,7 +16,7 @@ class Noise(Config):
     snr_db: float | None = Field(default=None, ge=-200, le=200)
 
     @model_validator(mode="after")
-    def _one_of_both(self) -> Noise:
+    def _one_of_both(self) -> "Noise":
         if self.phase_noise_rad and self.snr_db is not None:
             raise ValueError("give either phase_noise_rad or snr_db")
         return self

@@ -1,7 +1,5 @@
 """The scene of the echoes: bodies with their materials before an array, and the causes of effects."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -32,7 +30,7 @@ class Material(Config):
     wet: bool = False
 
     @model_validator(mode="after")
-    def _light_foam(self) -> Material:
+    def _light_foam(self) -> "Material":
         if self.kind == "foam" and self.real_permittivity > MOST_FOAM:
             raise ValueError(f"foam that rays pass straight has a permittivity of {MOST_FOAM} at most; call it plastic")
         return self

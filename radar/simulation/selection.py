@@ -1,8 +1,6 @@
 """All effects, and the rows that say which of them a scene is simulated with: those that are listed, or those that
 `radar.simulation.triage` leaves on."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal
 

@@ -5,8 +5,6 @@ rehearsed (radar.simulation.rehearsal) one by one and then all that is left out 
 than SHARE of the simulation: what is not worth its estimate is on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial

@@ -1,7 +1,5 @@
 """The look of every picture: fonts, colours and markers of the methods, how times are written."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal

@@ -1,8 +1,6 @@
 """ "auto" on scenes that differ in kind, embedded or of random seeds: whether it keeps its tolerance against everything
 that the scene has a cause for, what it costs, and what its estimates are worth."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Sampling × which effects are on: how near maps of simulated echoes come to those of exact ones, in millimetres."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from itertools import product
 from typing import Annotated, Any
@@ -15,7 +13,7 @@ from bench.studies.exact.cylinders import ALONG
 from bench.studies.exact.measure import LONG_M, maps, tones_hz
 from bench.studies.exact.solutions import kept_echoes
 from bench.studies.study import in_turns
-from bench.studies.tradeoff.section_lines import Context, line, section
+from bench.studies.tradeoff.opening import Context, line, section
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
 from radar.simulation.scene import EchoScene

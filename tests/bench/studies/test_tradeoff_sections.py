@@ -19,8 +19,8 @@ from bench.scenes.echoes import echo_scene
 from bench.scenes.scene_file import SceneFile
 from bench.studies.tradeoff import groundtruth_stage, registration_stage, simulation_stage
 from bench.studies.tradeoff.groundtruth_stage import GroundTruthKnobs
+from bench.studies.tradeoff.opening import Context
 from bench.studies.tradeoff.registration_stage import RegistrationKnobs
-from bench.studies.tradeoff.section_lines import Context
 from bench.studies.tradeoff.simulation_stage import SimulationKnobs, Way
 from calibration.registration.rigid_fit import Pairs
 from calibration.target.description import Candidate
