@@ -8,10 +8,9 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from bench.results import Section, Setting
-from bench.studies.exact.cases import Case, body, cases
+from bench.studies.exact.cases import Case, body, cases, kept_echoes
 from bench.studies.exact.cylinders import ALONG
 from bench.studies.exact.measure import LONG_M, maps, tones_hz
-from bench.studies.exact.solutions import kept_echoes
 from bench.studies.study import in_turns
 from bench.studies.tradeoff.opening import Context, line, section
 from radar.data.arrays import qar50
