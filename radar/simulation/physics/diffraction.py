@@ -247,7 +247,8 @@ def _creep(scratch, x, y, z, middle, creeping, wavenumber):  # type: ignore[no-u
     zero, one, two, six = np.float32(0), np.float32(1), np.float32(2), np.float32(1 / 6)
     for p in range(len(x)):
         px, py, pz = mx - x[p], my - y[p], mz - z[p]
-        sine = (px * nx + py * ny + pz * nz) / np.sqrt(px * px + py * py + pz * pz)
+        close = np.sqrt(px * px + py * py + pz * pz)
+        sine = (px * nx + py * ny + pz * nz) / max(close, np.float32(1e-6))
         bend = size * sine * (one + six * sine * sine)
         xi = min(max(bend, low), high)
         lit = min(two - two * xi / low, one)
