@@ -244,7 +244,7 @@ def _creep(scratch, x, y, z, middle, creeping, wavenumber):  # type: ignore[no-u
     r0, r1, r2, r3, r4, r5 = creeping[5], creeping[6], creeping[7], creeping[8], creeping[9], creeping[10]
     i0, i1, i2, i3, i4, i5 = creeping[11], creeping[12], creeping[13], creeping[14], creeping[15], creeping[16]
     low, high, arc = np.float32(LIT), np.float32(DEEP), np.float32(1 / (3 * wavenumber))
-    zero, one, two, six = np.float32(0), np.float32(1), np.float32(2), np.float32(1 / 6)
+    one, two, six = np.float32(1), np.float32(2), np.float32(1 / 6)
     for p in range(len(x)):
         px, py, pz = mx - x[p], my - y[p], mz - z[p]
         close = np.sqrt(px * px + py * py + pz * pz)
@@ -252,11 +252,11 @@ def _creep(scratch, x, y, z, middle, creeping, wavenumber):  # type: ignore[no-u
         bend = size * sine * (one + six * sine * sine)
         xi = min(max(bend, low), high)
         lit = min(two - two * xi / low, one)
-        weight = scratch[3, p] * min(scratch[4, p], nearest) * lit * lit * (one + two * (one - lit))
+        lit = lit * lit * (one + two * (one - lit))
+        weight = scratch[3, p] * min(scratch[4, p], nearest) * lit
         scratch[0, p] += weight * (r0 + xi * (r1 + xi * (r2 + xi * (r3 + xi * (r4 + xi * r5)))))
         scratch[1, p] += weight * (i0 + xi * (i1 + xi * (i2 + xi * (i3 + xi * (i4 + xi * i5)))))
-        deep = max(xi, zero)
-        scratch[2, p] += arc * deep * deep * deep
+        scratch[2, p] += lit * arc * xi * xi * xi
 
 
 @numba.njit(**FAST)
