@@ -18,11 +18,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numba
 import numpy as np
 from scipy.special import airy
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.simulation.physics.facets import face_vectors, unit, vertex_normals
+from radar.simulation.physics.facets import unit, vertex_normals
 from radar.simulation.physics.reflection import body_reflection
 from radar.simulation.scene import Body, EchoScene
 
@@ -94,20 +95,23 @@ def _roundness(scene: EchoScene, body: Body) -> Roundness:
     coefficients = np.stack([(powers @ one).T for one in (along, across)])
     normals = vertex_normals(body)
     wavenumber = 2 * np.pi * float(frequency_hz) / SPEED_OF_LIGHT_M_S
-    return Roundness(normals, _bends_per_m(body, normals), coefficients, scene.dipole, wavenumber)
+    return Roundness(normals, _bends_per_m(body.vertices_m, body.faces, normals), coefficients, scene.dipole, wavenumber)
 
 
-def _bends_per_m(body: Body, normals: np.ndarray) -> np.ndarray:
-    """Derivatives [n, 3, 3] of the normals in space along the surface at the vertices: the mean over the faces around
+@numba.njit(nogil=True, cache=True)
+def _bends_per_m(vertices_m, faces, normals):  # type: ignore[no-untyped-def]
+    """Derivatives [n, 3, 3] of the normals [n, 3] along the surface at the vertices: the mean over the faces around
     each, by their area."""
-    corners_m, vectors = body.vertices_m[body.faces], face_vectors(body.vertices_m, body.faces)
-    doubled_m2 = 2 * np.linalg.norm(vectors, axis=1)
-    opposite_m = np.roll(corners_m, -2, axis=1) - np.roll(corners_m, -1, axis=1)
-    slopes_m = np.cross(unit(vectors)[:, None], opposite_m)  # of each corner's share, times the doubled area
-    bends_m = np.einsum("mci,mcj->mij", slopes_m, normals[body.faces]).reshape(-1, 9)
-    summed, area_m2 = np.empty((len(normals), 9)), np.zeros(len(normals))
-    corner = body.faces.ravel()
-    area_m2 = np.bincount(corner, np.repeat(doubled_m2, 3), len(normals))
-    for n in range(9):
-        summed[:, n] = np.bincount(corner, np.repeat(bends_m[:, n], 3), len(normals))
-    return (summed / np.maximum(area_m2, 1e-30)[:, None]).reshape(-1, 3, 3)
+    summed_m, area_m2 = np.zeros((len(vertices_m), 3, 3)), np.full(len(vertices_m), 1e-30)
+    for face in faces:
+        a, b, c = vertices_m[face[0]], vertices_m[face[1]], vertices_m[face[2]]
+        vector = np.cross(b - a, c - a)
+        doubled_m2 = np.sqrt((vector * vector).sum())
+        across = vector / max(doubled_m2, 1e-30)
+        bend_m = np.zeros((3, 3))
+        for i, side_m in enumerate((c - b, a - c, b - a)):
+            bend_m += np.outer(np.cross(across, side_m), normals[face[i]])
+        for i in face:
+            summed_m[i] += bend_m
+            area_m2[i] += doubled_m2
+    return summed_m / area_m2.reshape(-1, 1, 1)

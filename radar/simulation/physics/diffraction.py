@@ -151,42 +151,51 @@ def edge_waves(
     if len(edges.start_m) > 0:
         start_m, middle = edges.start_m - antenna_m, float(wavenumbers.min() + wavenumbers.max()) / 2
         places = start_m, edges.along_m, np.cross(edges.along_m, start_m), edges.within_m, edges.creeping
-        _waves(antenna_m, *cells[1:], places, wavenumbers / (2 * np.pi), middle, farthest, widest, waves)
+        limits = farthest, widest, LIT, DEEP
+        _waves(antenna_m, *cells[1:], places, wavenumbers / (2 * np.pi), middle, limits, waves)
     found = np.empty(waves.shape[1:], np.complex64)
     found[:, cells.order] = waves[0] + np.complex64(1j) * waves[1]
     return found
 
 
 @numba.njit(**FAST)
-def _waves(  # type: ignore[no-untyped-def]
-    antenna_m, position_m, starts, centre_m, radius_m, edges, turns_per_m, wavenumber, farthest, widest, waves
-):
+def _waves(antenna_m, position_m, starts, centre_m, radius_m, edges, turns_per_m, wavenumber, limits, waves):  # type: ignore[no-untyped-def]
     """Fill in waves [2, k, n] cell by cell, with the edges that the points of a cell need. edges: their places from the
     antenna, normal_m2 [e, 3] = along × start."""
     start_m, along_m, normal_m2, within_m, creeping = edges
-    middle_m, latest_m = start_m + along_m / 2, farthest / wavenumber
+    farthest, widest, lit, deep = limits
+    middle_m, latest_m, near = start_m + along_m / 2, farthest / wavenumber, np.empty(len(start_m), np.bool_)
+    middles = np.ascontiguousarray(middle_m.T.astype(np.float32)), within_m.astype(np.float32)
     scratch, points = np.empty((5, np.diff(starts).max()), np.float32), position_m.astype(np.float32)
     for cell in range(len(starts) - 1):
-        here, radius, centre = slice(starts[cell], starts[cell + 1]), radius_m[cell], centre_m[cell] - antenna_m
-        way = np.sqrt((centre * centre).sum())
+        here, centre = slice(starts[cell], starts[cell + 1]), centre_m[cell] - antenna_m
         x, y, z = points[0, here], points[1, here], points[2, here]
-        for e in range(len(start_m)):
-            mx, my, mz = middle_m[e, 0], middle_m[e, 1], middle_m[e, 2]
-            before = (mx * centre[0] + my * centre[1] + mz * centre[2]) / way
-            behind, square = way + radius - before, mx * mx + my * my + mz * mz - before * before
-            reach = widest * behind + radius
-            if behind <= 0 or before <= 0 or square > reach * reach:
-                continue
-            off = max(np.sqrt(square) - radius, 0.0) ** 2
-            if off > latest_m * (latest_m + 2 * behind) or way - radius > within_m[e] + np.sqrt(square) + radius:
-                continue
+        _near(near, middles, centre, radius_m[cell], widest, latest_m)
+        for e in np.flatnonzero(near):
             edge = start_m[e], along_m[e], normal_m2[e], within_m[e]
             _angles(scratch, x, y, z, centre, edge, widest, wavenumber, farthest)
             if creeping[e, 3] > 0:
-                _creep(scratch, x, y, z, middle_m[e] - centre, creeping[e], wavenumber)
+                _creep(scratch, x, y, z, middle_m[e] - centre, creeping[e], wavenumber, lit, deep)
             for k in range(len(turns_per_m)):
                 _add(waves[0, k, here], waves[1, k, here], scratch, turns_per_m[k])
     return waves
+
+
+@numba.njit(**FAST)
+def _near(near, middles, centre, radius_m, widest, latest_m):  # type: ignore[no-untyped-def]
+    """Fill in the mask of the edges that some points of a cell need: they bend rays less than `widest` and delay them
+    by less than latest_m."""
+    (mx, my, mz), within_m = middles[0], middles[1]
+    way = np.float32(np.sqrt((centre * centre).sum()))
+    cx, cy, cz = np.float32(centre[0]) / way, np.float32(centre[1]) / way, np.float32(centre[2]) / way
+    radius, wide, latest, zero = np.float32(radius_m), np.float32(widest), np.float32(latest_m), np.float32(0)
+    for e in range(len(near)):
+        before = mx[e] * cx + my[e] * cy + mz[e] * cz
+        behind = way + radius - before
+        off = np.sqrt(max(mx[e] * mx[e] + my[e] * my[e] + mz[e] * mz[e] - before * before, zero))
+        past = max(off - radius, zero)
+        bent = (past > wide * behind) | (past * past > latest * (latest + np.float32(2) * behind))
+        near[e] = (behind > zero) & (before > zero) & ~bent & (way - radius < within_m[e] + off + radius)
 
 
 @numba.njit(**FAST)
@@ -237,13 +246,13 @@ def _angles(scratch, x, y, z, centre, edge, widest, wavenumber, farthest):  # ty
 
 
 @numba.njit(**FAST)
-def _creep(scratch, x, y, z, middle, creeping, wavenumber):  # type: ignore[no-untyped-def]
+def _creep(scratch, x, y, z, middle, creeping, wavenumber, least, most):  # type: ignore[no-untyped-def]
     """Add what creeps around an edge whose middle is there from the cell's centre, a row of `Roundness.of_edges`."""
     mx, my, mz = np.float32(middle[0]), np.float32(middle[1]), np.float32(middle[2])
     nx, ny, nz, size, nearest = creeping[0], creeping[1], creeping[2], creeping[3], creeping[4]
     r0, r1, r2, r3, r4, r5 = creeping[5], creeping[6], creeping[7], creeping[8], creeping[9], creeping[10]
     i0, i1, i2, i3, i4, i5 = creeping[11], creeping[12], creeping[13], creeping[14], creeping[15], creeping[16]
-    low, high, arc = np.float32(LIT), np.float32(DEEP), np.float32(1 / (3 * wavenumber))
+    low, high, arc = np.float32(least), np.float32(most), np.float32(1 / (3 * wavenumber))
     one, two, six = np.float32(1), np.float32(2), np.float32(1 / 6)
     for p in range(len(x)):
         px, py, pz = mx - x[p], my - y[p], mz - z[p]
