@@ -72,7 +72,7 @@ def roundness_of(scene: EchoScene, body: Body) -> Roundness:
 
 def pekeris(xi: np.ndarray, c: np.ndarray, s: np.ndarray) -> np.ndarray:
     """1/√π ∫ (cV' − sV)/(cW₂' − sW₂) e^{−jξτ} dτ [n, m] at ξ [n] for each c and s [m]: from infinity along the ray of
-    argument −2π/3, where V is W₁/2j and a term that adds nothing, to 0, and on along the real axis."""
+    argument −2π/3, where V is W₁/2j but for a term that is the knife edge's, to 0, and on along the real axis."""
     nodes, weights = np.polynomial.legendre.leggauss(40)
     nodes, weights, turn = 4 * (nodes + 1), 4 * weights[:, None], np.exp(1j * np.pi / 3)  # beyond 8 nothing is left
     found = np.zeros((len(xi), len(c)), complex)
@@ -95,7 +95,9 @@ def _roundness(scene: EchoScene, body: Body) -> Roundness:
     coefficients = np.stack([(powers @ one).T for one in (along, across)])
     normals = vertex_normals(body)
     wavenumber = 2 * np.pi * float(frequency_hz) / SPEED_OF_LIGHT_M_S
-    return Roundness(normals, _bends_per_m(body.vertices_m, body.faces, normals), coefficients, scene.dipole, wavenumber)
+    return Roundness(
+        normals, _bends_per_m(body.vertices_m, body.faces, normals), coefficients, scene.dipole, wavenumber
+    )
 
 
 @numba.njit(nogil=True, cache=True)

@@ -37,7 +37,8 @@ T0, T1, T2, T3, T4 = map(
 
 class Edges(NamedTuple):
     """Inner edges of a body: ends [e, 2] of vertices, in the order in which the first of both faces [e, 2] has them;
-    outwards [e, 3]: the mean of both faces' normals; sharp [e]: those with no curvature that the mesh tells; planes [m, 4]: every face's n·x > d in front of it."""
+    outwards [e, 3]: the mean of both faces' normals; sharp [e]: those whose faces are so far from parallel that the
+    mesh tells no radius; planes [m, 4]: every face's n·x > d in front of it."""
 
     ends: np.ndarray
     faces: np.ndarray
