@@ -44,11 +44,14 @@ def triage(scene: EchoScene, effects: Sequence[Effect], contained: dict[str, str
     """The effects (of those that the scene has a cause for) that together change no method's map by more than the
     tolerance; contained: effects that another one does, where that is on."""
     there = {effect.id for effect in effects}
+    own_s = {effect.id: effect.cost_s(scene) for effect in effects}
     # What another effect does takes no time of its own.
-    costs = {e.id: 0.0 if contained.get(e.id) in there else e.cost_s(scene) for e in effects}
+    costs = {name: 0.0 if contained.get(name) in there else seconds for name, seconds in own_s.items()}
     found, spent_mm, doubtful = Triage(costs_s=costs), 0.0, []
     whole_s = echo_s(scene) + sum(costs.values())
-    for effect in effects:
+    for effect in sorted(effects, key=lambda effect: effect.id in contained):
+        if contained.get(effect.id) in found.left_out:
+            costs[effect.id] = own_s[effect.id]
         part = costs[effect.id] / whole_s
         if part < LITTLE:
             found.reasons[effect.id] = f"on unasked, since it takes {100 * part:.0f} % of the time"
@@ -61,7 +64,8 @@ def triage(scene: EchoScene, effects: Sequence[Effect], contained: dict[str, str
             found.reasons[effect.id] = f"far above {tolerance_mm:g} mm: {_told(glance)}"
         else:
             doubtful.append(effect)
-    spare_s = SHARE * whole_s + sum(costs[name] for name in found.left_out)
+    instead_s = sum(costs[name] for name, container in contained.items() if container in found.left_out)
+    spare_s = SHARE * whole_s + sum(costs[name] for name in found.left_out) - instead_s
     price_s = REHEARSED * (echo_s(scene) * (2 + len(doubtful)) + sum(costs[effect.id] for effect in doubtful))
     if price_s > spare_s:
         why = f"on, since to rehearse what is in doubt would take about {price_s:.1f} of {whole_s:.1f} s"
