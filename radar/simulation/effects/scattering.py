@@ -96,7 +96,7 @@ class ShadowAntennas(_OfEachAntenna):
         surface.keep(np.asarray(tx.any(axis=0) & rx.any(axis=0)))
 
 
-OUTLINES, LOOKED_AT = 500, 4000  # points of an outline and facets, at most, at which a glance looks
+OUTLINES, LOOKED_AT = 500, 2000  # points of an outline and facets, at most, at which a glance looks
 
 
 class ShadowDiffraction(_OfEachAntenna):
