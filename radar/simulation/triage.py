@@ -42,11 +42,14 @@ def triage(scene: EchoScene, effects: Sequence[Effect], contained: dict[str, str
     """The effects (of those that the scene has a cause for) that together change no method's map by more than the
     tolerance; contained: effects that another one does, where that is on."""
     there = {effect.id for effect in effects}
+    own_s = {effect.id: effect.cost_s(scene) for effect in effects}
     # What another effect does takes no time of its own.
-    costs = {e.id: 0.0 if contained.get(e.id) in there else e.cost_s(scene) for e in effects}
+    costs = {name: 0.0 if contained.get(name) in there else seconds for name, seconds in own_s.items()}
     found, spent_mm, doubtful = Triage(costs_s=costs), 0.0, []
     whole_s = echo_s(scene) + sum(costs.values())
-    for effect in effects:
+    for effect in sorted(effects, key=lambda effect: effect.id in contained):
+        if contained.get(effect.id) in found.left_out:
+            costs[effect.id] = own_s[effect.id]
         part = costs[effect.id] / whole_s
         if part < LITTLE:
             found.reasons[effect.id] = f"on unasked, since it takes {100 * part:.0f} % of the time"
