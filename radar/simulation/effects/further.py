@@ -41,7 +41,7 @@ class Multipath(Effect):
 
     def cost_s(self, scene: EchoScene) -> float:
         count = _twice(scene)[1]
-        antennas = sum(len(nodes(leg.position_m)) for leg in scene.array.legs)
+        antennas = len(nodes(scene.array)[0]) + len(nodes(_exchanged(scene.array))[0])
         tubes = count * 4 * antennas  # the coarse surface's facets are twice as wide
         return SECONDS_PER_FACE * len(scene.body.faces) + SECONDS_PER_TUBE * tubes
 
@@ -59,13 +59,13 @@ class Multipath(Effect):
         if surface is None:
             return
         body, rays, layer = surface.body, rays_of(state.scene, surface.body), _layers(surface)
-        at = nodes(state.array.tx_m), nodes(state.array.rx_m)
-        few = AntennaArray(state.array.tx_m[at[0]], state.array.rx_m[at[1]])
-        mirrors = mirrors_of(rays, body, np.concatenate([few.tx_m, few.rx_m]), PATCH * state.scene.wavelength_m)
-        senses = [
-            Bundles(trace(rays, mirrors, array), layer, nodes_at, state.scene.dipole)
-            for array, nodes_at in ((few, at), (_exchanged(few), at[::-1]))
-        ]
+        longest_m = PATCH * state.scene.wavelength_m
+        mirrors = mirrors_of(rays, body, np.concatenate([leg.position_m for leg in state.array.legs]), longest_m)
+        senses = []
+        for array in (state.array, _exchanged(state.array)):
+            at = nodes(array)
+            few = AntennaArray(array.tx_m[at[0]], array.rx_m[at[1]])
+            senses.append(Bundles(trace(rays, mirrors, few), layer, at, state.scene.dipole))
         if not any(senses):
             return
 

@@ -23,16 +23,23 @@ from radar.simulation.physics.ray_tubes import Traced
 from radar.support.parallel import for_each
 
 TOLERANCE = 1e-3  # of the two-bounce echoes: for the tones that stand for the others
-NODES_M = 0.02  # between the antennas that stand for the others: a cell's waves oscillate over 25 mm, 0.3 m away
-CELL_M = 0.04  # edges of the cells
+# Between the antennas that stand for the others: a cell's waves oscillate over 25 mm, 0.3 m away. Those whose rays are
+# traced have tubes of their own, whose borders jump; the others share tubes.
+NODES_M = 0.02, 0.0125
+CELL_M = 0.03  # edges of the cells
 PROBES = 300  # points of a cell to which the weights of antennas are fitted
-RIDGE = 1e-3  # of the fit, against weights that amplify the nodes' own errors, which are those of tubes' borders
+RIDGES = 1e-3, 1e-6  # of the fit for either, against weights that amplify the nodes' own errors
 REACH_M = 5e-3  # steps of the differences between paths, so that bundles share their tones
 SUMS = 8  # partial sums, whatever the number of threads
 EVERY = np.zeros((0, 0), np.float32)  # weights that leave an axis as it is
 
 
-def nodes(antennas_m: np.ndarray, apart_m: float = NODES_M) -> np.ndarray:
+def nodes(array: AntennaArray) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the transmitters for which rays are traced, and of the receivers that stand for all."""
+    return _nodes(array.tx_m, NODES_M[0]), _nodes(array.rx_m, NODES_M[1])
+
+
+def _nodes(antennas_m: np.ndarray, apart_m: float) -> np.ndarray:
     """Indices of antennas [a, 3] about apart_m apart along each line, its ends included."""
     return np.concatenate([line[spaced(antennas_m[line], apart_m)[0]] for line in lines(antennas_m)])
 
@@ -64,11 +71,12 @@ class Ends(NamedTuple):
     weights: list[np.ndarray]
 
     @classmethod
-    def of(cls, cells: Cells, antennas_m: np.ndarray, at: np.ndarray, turns_per_m: float) -> Ends:
+    def of(cls, cells: Cells, antennas_m: np.ndarray, at: np.ndarray, turns_per_m: float, ridge: float) -> Ends:
         """Those of antennas [a, 3] with nodes at the indices `at`."""
         distance_m = np.linalg.norm(cells.centre_m[:, None] - antennas_m, axis=2)
         places = zip(cells.points_m, cells.centre_m, strict=True)
-        return cls(distance_m, [_weights(antennas_m, at, points_m, middle, turns_per_m) for points_m, middle in places])
+        weights = [_weights(antennas_m, at, points_m, middle, turns_per_m, ridge) for points_m, middle in places]
+        return cls(distance_m, weights)
 
 
 class Tones(NamedTuple):
@@ -144,8 +152,8 @@ class Bundles:
         pairs = (level[:, None] * level).reshape(-1, len(frequencies_hz)).astype(np.complex64)
         turns_per_m, legs = frequencies_hz / SPEED_OF_LIGHT_M_S, (array.tx_m, array.rx_m)
         tx, rx = ends = [
-            Ends.of(cells, leg, at, turns_per_m.max())
-            for cells, leg, at in zip(self._cells, legs, self._at, strict=True)
+            Ends.of(cells, leg, at, turns_per_m.max(), ridge)
+            for cells, leg, at, ridge in zip(self._cells, legs, self._at, RIDGES, strict=True)
         ]
         first, last = (list(cells) for cells in zip(*self._places, strict=True))
         before_m, after_m = tx.distance_m[first] + self._length_m[:, None], rx.distance_m[last]
@@ -197,12 +205,12 @@ class Bundles:
 
 
 def _weights(
-    antennas_m: np.ndarray, at: np.ndarray, points_m: np.ndarray, centre_m: np.ndarray, turns_per_m: float
+    antennas_m: np.ndarray, at: np.ndarray, points_m: np.ndarray, centre_m: np.ndarray, turns_per_m: float, ridge: float
 ) -> np.ndarray:
     """Weights [nodes, a] by which the antennas `at` stand for all in the waves of points [n, 3] about a centre."""
     if len(at) == len(antennas_m):
         return EVERY
     waves = steered_differences(antennas_m, np.full(len(points_m), turns_per_m), points_m, centre_m).astype(np.float64)
     gram = waves.T @ waves / len(points_m)
-    known = gram[np.ix_(at, at)] + RIDGE * np.eye(len(at))
+    known = gram[np.ix_(at, at)] + ridge * np.eye(len(at))
     return np.ascontiguousarray(np.linalg.solve(known, gram[at]), np.float32)

@@ -46,9 +46,7 @@ def facets_in_sight(rays: Rays, body: Body, facets: Facets, antennas_m: np.ndarr
     return seen
 
 
-def points_in_sight(
-    rays: Rays, points_m: np.ndarray, antennas_m: np.ndarray, stride_m: float = STRIDE_M
-) -> np.ndarray:
+def points_in_sight(rays: Rays, points_m: np.ndarray, antennas_m: np.ndarray, stride_m: float = STRIDE_M) -> np.ndarray:
     """Mask [a, n] of the antennas and points between which nothing stands; stride_m: between the first antennas."""
     clear = np.empty((len(antennas_m), len(points_m)), bool)
     for line in lines(antennas_m):
