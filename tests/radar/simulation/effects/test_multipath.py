@@ -102,14 +102,16 @@ def image_theory(width_m, height_m, edge_m, frequencies_hz, array, count=120) ->
 
 
 def test_a_near_dihedral_agrees_with_image_theory_at_every_antenna():
-    expected = image_theory(0.02, 0.03, np.array([0.01, 0.005, 0.33]), TONES_HZ[::5], SPARSE)
+    corner = 0.02, 0.03, np.array([0.01, 0.005, 0.33]), TONES_HZ[::5]
+    there, back = image_theory(*corner, SPARSE), image_theory(*corner, AntennaArray(SPARSE.rx_m, SPARSE.tx_m))
+    expected = (there + back.transpose(0, 2, 1)) / 2
     # Footprints end half a patch beside the plates' edges: 0.5 mm of 20.
     assert relative_error(twice(CORNER, TONES_HZ[::5]), expected) < 0.03
 
 
 def test_tones_and_antennas_between_the_nodes_are_interpolated():
     array = AntennaArray(qar50().tx_m[:47:2], qar50().rx_m[:47])
-    assert len(nodes(array.rx_m, 0.0125)) < 15
+    assert len(nodes(array)[1]) < 15
     whole = twice(CORNER, TONES_HZ, array)
     one_by_one = twice(CORNER, TONES_HZ[4:5], AntennaArray(array.tx_m, array.rx_m[20:21]))
     # Each transmitter has tubes of its own, whose borders jump by a patch from one to the next.
@@ -123,10 +125,7 @@ def test_flat_and_convex_bodies_have_no_second_bounce():
 
 def test_transmitters_and_receivers_can_be_swapped():
     there, back = twice(FINGERS), twice(FINGERS, TONES_HZ, AntennaArray(SPARSE.rx_m, SPARSE.tx_m))
-    # A mirror of finite size and a radiating surface are no reciprocal pair: alike, but not the same.
-    agreement = abs(np.vdot(there, back.transpose(0, 2, 1))) / np.linalg.norm(there) / np.linalg.norm(back)
-    assert agreement > 0.8
-    assert np.linalg.norm(there) == pytest.approx(np.linalg.norm(back), rel=0.1)
+    assert relative_error(back.transpose(0, 2, 1), there) < 1e-5
 
 
 def test_finer_patches_change_little(monkeypatch):
