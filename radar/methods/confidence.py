@@ -16,6 +16,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.ndimage import minimum_filter
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.data.depthmap import DepthMap
@@ -90,6 +91,13 @@ def wrap_probability(step_m: np.ndarray, sigma_m: np.ndarray, ambiguity_m: np.nd
     variance_m2 = np.maximum(sigma_m, TINY_M) ** 2
     with np.errstate(over="ignore"):
         return 1 / (1 + np.exp(2 * ambiguity_m * (ambiguity_m - np.abs(step_m)) / variance_m2))
+
+
+def beside_nearer(z_m: np.ndarray, reach_px: tuple[int, int], gap_m: float) -> np.ndarray:
+    """True where another depth of the map [ny, nx] within ±reach_px (y, x) is nearer by more than gap_m: at an outline
+    the lobes of what shines behind it are stronger than the dark edge itself."""
+    nearest_m = minimum_filter(np.where(np.isfinite(z_m), z_m, np.inf), [1 + 2 * n for n in reach_px])
+    return np.asarray(z_m > nearest_m + gap_m)
 
 
 class Review:

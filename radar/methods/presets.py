@@ -10,7 +10,7 @@ from pydantic import Field, create_model
 from radar.data.capture import RadarCapture
 from radar.methods.fsk import AnyConfig, n_tone
 from radar.methods.fsk_config import SETTLING, FskConfig, LadderConfig, ThreeToneConfig, TwoToneConfig
-from radar.methods.projection import BroadbandConfig, NarrowbandConfig, ProjectionConfig, project, volume
+from radar.methods.projection import AlignedConfig, BroadbandConfig, NarrowbandConfig, ProjectionConfig, project, volume
 from radar.methods.registry import PAPER, Reconstruction, register
 from radar.support.config import Config
 
@@ -48,4 +48,4 @@ _preset("3fsk-plus", ThreeToneConfig, "both, refined twice, without what may hav
 _preset("nfsk", LadderConfig, "a ladder of tones, each further away, corrects every pixel in turn")
 _preset("nfsk-plus", LadderConfig, "the ladder with all that 3fsk-plus has", **PLUS)
 _preset("broadband-subvoxel", BroadbandConfig, "broadband with depths between voxels", subvoxel=True)
-_preset("broadband-aligned", BroadbandConfig, "broadband with depths at which the tones' phases agree", aligned=True)
+_preset("broadband-aligned", AlignedConfig, "broadband with depths at which the tones' phases agree")
