@@ -12,6 +12,7 @@ target, since a window holds few independent values. Nothing is assumed about th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -93,7 +94,7 @@ def wrap_probability(step_m: np.ndarray, sigma_m: np.ndarray, ambiguity_m: np.nd
         return 1 / (1 + np.exp(2 * ambiguity_m * (ambiguity_m - np.abs(step_m)) / variance_m2))
 
 
-def beside_nearer(z_m: np.ndarray, reach_px: tuple[int, int], gap_m: float) -> np.ndarray:
+def beside_nearer(z_m: np.ndarray, reach_px: Sequence[int], gap_m: float) -> np.ndarray:
     """True where another depth of the map [ny, nx] within ±reach_px (y, x) is nearer by more than gap_m: at an outline
     the lobes of what shines behind it are stronger than the dark edge itself."""
     nearest_m = minimum_filter(np.where(np.isfinite(z_m), z_m, np.inf), [1 + 2 * n for n in reach_px])

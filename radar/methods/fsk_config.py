@@ -45,6 +45,17 @@ class FskConfig(Config):
         return PixelGrid(self.x.values_m(), self.y.values_m())
 
 
+class AgreementConfig(Config):
+    """Parameters of depths at which tones agree: which are kept, and how they are averaged."""
+
+    x: Axis = PAPER_LATERAL
+    y: Axis = PAPER_LATERAL
+    fine_filter_px: OddPixels = Field(default=5, description="filter of the result, weighted with power, pixels")
+    spread_px: OddPixels = Field(default=9, description="window of the predicted error, pixels: two resolution cells")
+    edge_m: float = Field(default=0.006, ge=0, description="what lies behind something so close to it is in doubt")
+    drop_doubtful: bool = Field(default=True, description="such pixels and those without coherence are dropped (NaN)")
+
+
 class TwoToneConfig(FskConfig):
     """2-FSK with the paper's parameters."""
 
@@ -97,6 +108,31 @@ class LadderConfig(RefinedConfig):
             raise ValueError("expected three tones or more; 2fsk makes do with two")
         if "phase_noise_rad" in info.data:  # else that is the error to report
             check_ladder(tones_hz, info.data["phase_noise_rad"])
+        return tones_hz
+
+
+class JointConfig(AgreementConfig, FskConfig):
+    """Any set of tones, all at once: the first pair finds the plane, all together each pixel's depth."""
+
+    off_axis: bool = Field(default=True, description="use the path's true derivative along z instead of 2")
+    tones_hz: tuple[Tone, ...] = Field(
+        default=(82.0e9, 81.8e9, 80.5e9, 77.0e9, 72.0e9), description="the closest pair first, then any others"
+    )
+    coarse_filter_px: OddPixels = Field(default=5, description="averaging filter before each search, pixels")
+    fine_refinements: int = Field(default=2, ge=1, description="times that all tones are imaged and searched")
+    reach_m: float = Field(default=0.03, gt=0, description="of the search before and behind each pixel's depth")
+    wrap_probability: float = Field(default=0.1, gt=0, lt=1, description="pixels likelier than this are flagged")
+
+    @property
+    def ladder_hz(self) -> tuple[float, ...]:
+        """The tones."""
+        return self.tones_hz
+
+    @field_validator("tones_hz")
+    @classmethod
+    def _enough(cls, tones_hz: tuple[float, ...]) -> tuple[float, ...]:
+        if len(set(tones_hz)) < max(3, len(tones_hz)):
+            raise ValueError("expected three different tones or more")
         return tones_hz
 
 

@@ -9,7 +9,8 @@ from pydantic import Field, create_model
 
 from radar.data.capture import RadarCapture
 from radar.methods.fsk import AnyConfig, n_tone
-from radar.methods.fsk_config import SETTLING, FskConfig, LadderConfig, ThreeToneConfig, TwoToneConfig
+from radar.methods.fsk_config import SETTLING, FskConfig, JointConfig, LadderConfig, ThreeToneConfig, TwoToneConfig
+from radar.methods.joint import joint
 from radar.methods.projection import AlignedConfig, BroadbandConfig, NarrowbandConfig, ProjectionConfig, project, volume
 from radar.methods.registry import PAPER, Reconstruction, register
 from radar.support.config import Config
@@ -29,6 +30,8 @@ def _preset(id: str, config: type[Config], summary: str, source: str = OURS, **d
 
     @register(id, config, summary, source, base=id.rpartition("-")[0] or None)
     def run(capture: RadarCapture, config: AnyConfig | ProjectionConfig, frame: int) -> Reconstruction:
+        if isinstance(config, JointConfig):
+            return Reconstruction(replace(joint(capture, config, frame), method=id))
         if isinstance(config, FskConfig):
             return Reconstruction(replace(n_tone(capture, config, frame), method=id))
         depth = project(capture, config, id, frame)
@@ -49,3 +52,4 @@ _preset("nfsk", LadderConfig, "a ladder of tones, each further away, corrects ev
 _preset("nfsk-plus", LadderConfig, "the ladder with all that 3fsk-plus has", **PLUS)
 _preset("broadband-subvoxel", BroadbandConfig, "broadband with depths between voxels", subvoxel=True)
 _preset("broadband-aligned", AlignedConfig, "broadband with depths at which the tones' phases agree")
+_preset("joint", JointConfig, "any tones, all at once: the depth at which they agree best")

@@ -17,19 +17,14 @@ from radar.data.depthmap import DepthMap, amplitude_db
 from radar.data.grid import Axis, VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
 from radar.imaging.cpu.executor import strongest_voxels
-from radar.methods.alignment import align
-from radar.methods.confidence import beside_nearer, least_coherence, spread_m
+from radar.methods.alignment import agreed, align
+from radar.methods.confidence import least_coherence
 from radar.methods.fsk import path_rise
-from radar.methods.fsk_config import PAPER_LATERAL, OddPixels
-from radar.methods.smoothing import masked_mean
+from radar.methods.fsk_config import PAPER_LATERAL, AgreementConfig
 from radar.support.config import Config
 
 CHECKED = 8  # tones imaged once more, to see whether a depth is an echo's: 3 to 8 % of the paper's frame
 FEWEST = 3  # tones that can be aligned and still tell how well they are
-ALIGNED = 0.9  # coherence of aligned tones below which two depths share a pixel,
-NONE = 0.8  # and below which a pixel has none
-LOCAL_PX = 5  # window that tells a pixel's own error from its neighbourhood's, where the filter is narrower
-OTHER_SURFACE_M = 0.003  # a filter that moves a pixel by more has met another surface, which no σ tells
 
 
 class _VolumeConfig(Config):
@@ -57,23 +52,14 @@ class BroadbandConfig(_VolumeConfig):
         return np.linspace(self.start_hz, self.stop_hz, self.count)
 
 
-class AlignedConfig(BroadbandConfig):
+class AlignedConfig(AgreementConfig, BroadbandConfig):
     """Broadband with depths at which some tones' phases agree."""
-
-    fine_filter_px: OddPixels = Field(default=5, description="filter of the result, weighted with power, pixels")
-    spread_px: OddPixels = Field(default=9, description="window of the predicted error, pixels: two resolution cells")
-    edge_m: float = Field(default=0.006, ge=0, description="what lies behind something so close to it is in doubt")
-    drop_doubtful: bool = Field(default=True, description="such pixels and those without coherence are dropped (NaN)")
 
     @model_validator(mode="after")
     def _alignable(self) -> AlignedConfig:
         if self.count < FEWEST:
             raise ValueError(f"count = {self.count}: aligned needs {FEWEST} tones or more")
         return self
-
-    def edge_px(self) -> tuple[int, int]:
-        """edge_m along y and x, in whole pixels."""
-        return int(self.edge_m / self.y.step_m + 1e-6), int(self.edge_m / self.x.step_m + 1e-6)
 
 
 class NarrowbandConfig(_VolumeConfig):
@@ -120,23 +106,7 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
     found = align(images, frequencies_hz[some], path_rise(points, capture.aperture))
     z_m, own_m = (grid.pixels.on_map(index, told) for told in (points[:, 2] + found.shift_m, found.sigma_m))
     coherence = grid.pixels.on_map(index, found.coherence, 1.0)
-    return _smoothed(replace(depth, z_m=z_m, sigma_m=own_m), coherence, config)
-
-
-def _smoothed(depth: DepthMap, coherence: np.ndarray, config: AlignedConfig) -> DepthMap:
-    """An aligned depth map without what is no depth, filtered. σ is that of the tones and, in quadrature, what the
-    filter takes away: speckle, of which the tones of one pixel do not tell."""
-    half_cell_m = SPEED_OF_LIGHT_M_S / (4 * (config.stop_hz - config.start_hz))
-    none = coherence < NONE
-    hidden = beside_nearer(np.where(none, np.nan, depth.z_m), config.edge_px(), half_cell_m)
-    doubtful = none | hidden if config.drop_doubtful else np.zeros(none.shape, bool)
-    z_m, power = np.where(doubtful, np.nan, depth.z_m), 10 ** (depth.amplitude_db.astype(np.float64) / 10)
-    distance_m = np.linalg.norm(config.grid().pixels.points_m(z_m), axis=-1)  # one in all of a scatterer's lobe
-    local_m = distance_m - masked_mean(distance_m, max(config.fine_filter_px, LOCAL_PX), power)
-    speckle_m = spread_m(np.clip(local_m, -OTHER_SURFACE_M, OTHER_SURFACE_M), np.sqrt(power), config.spread_px)
-    sigma_m = np.hypot(speckle_m, np.where(doubtful, np.nan, depth.sigma_m))
-    wrapped = np.isfinite(z_m) & (depth.wrapped | (coherence < ALIGNED) | hidden)
-    return replace(depth, z_m=masked_mean(z_m, config.fine_filter_px, power), sigma_m=sigma_m, wrapped=wrapped)
+    return agreed(replace(depth, z_m=z_m, sigma_m=own_m), coherence, np.ptp(frequencies_hz), config)
 
 
 @dataclass(frozen=True)
