@@ -114,7 +114,7 @@ class Review:
         """The depths to go on with: the look's, without those flagged if the configuration drops them."""
         if isinstance(self.config, RefinedConfig) and self.looks:
             self.wrapped = self._surface(look, self.looks[-1], self.config)
-        self.quadrature_m = _quadrature_m(look)
+        self.quadrature_m = quadrature_m(look)
         if not self.looks:
             self.wrapped = self._plane(look)
         self.looks.append(look)
@@ -148,7 +148,7 @@ class Review:
         # edge.
         below, half_period_m = look.below(), look.tones.period_m / 2
         steps_m = look.correction_m, look.correction_m - below.correction_m
-        sigmas_m = self._sigma_m(before, self.quadrature_m), self._sigma_m(below, _quadrature_m(below))
+        sigmas_m = self._sigma_m(before, self.quadrature_m), self._sigma_m(below, quadrature_m(below))
         ambiguity_m = half_period_m * look.factor
         probability = np.maximum(*map(wrap_probability, steps_m, map(look.at, sigmas_m), (ambiguity_m, ambiguity_m)))
         parted = np.ptp(look.steps_m(), axis=0) > half_period_m  # one of two has wrapped
@@ -158,7 +158,7 @@ class Review:
         return spread_m(quadrature_m, look.amplitude, self.config.spread_px)
 
 
-def _quadrature_m(look: Look) -> np.ndarray:
+def quadrature_m(look: Look) -> np.ndarray:
     """The quadrature step [ny, nx] of a look, as its depths have their step."""
     return look.on_map(look.steps_m(quadrature_step_m).mean(axis=0) * look.factor)
 

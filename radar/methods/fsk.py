@@ -27,6 +27,7 @@ from radar.methods.fsk_config import (
     FskConfig,
     JointConfig,
     LadderConfig,
+    PriorConfig,
     RefinedConfig,
     ThreeToneConfig,
     TwoToneConfig,
@@ -34,7 +35,7 @@ from radar.methods.fsk_config import (
 )
 from radar.methods.smoothing import bounding_box, masked_mean
 
-AnyConfig = TwoToneConfig | ThreeToneConfig | LadderConfig | JointConfig
+AnyConfig = TwoToneConfig | ThreeToneConfig | LadderConfig | JointConfig | PriorConfig
 Step = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 
 

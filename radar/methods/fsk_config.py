@@ -7,7 +7,7 @@ from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
-from pydantic import AfterValidator, Field, ValidationInfo, field_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from radar.data.grid import Axis, PixelGrid
 from radar.support.config import Config
@@ -134,6 +134,30 @@ class JointConfig(AgreementConfig, FskConfig):
         if len(set(tones_hz)) < max(3, len(tones_hz)):
             raise ValueError("expected three different tones or more")
         return tones_hz
+
+
+class PriorConfig(AgreementConfig, FskConfig):
+    """Two tones far apart about a first depth of each pixel, and a third that witnesses a wrong one."""
+
+    threshold_db: float = Field(default=-16.0, lt=0, description="pixels weaker than this are off target")
+    off_axis: bool = Field(default=True, description="use the path's true derivative along z instead of 2")
+    prior: str = Field(default="", description="depth map .npz on the same pixels; empty: the echoes' own coarse depth")
+    f1_hz: float = Field(default=82.0e9, gt=0, description="first tone")
+    far_hz: float = Field(default=77.0e9, gt=0, description="second tone; |f1 − far| sets what the prior may be off")
+    close_hz: float = Field(default=81.8e9, gt=0, description="witness: with f1 it tells a depth of another period")
+    coarse_filter_px: OddPixels = Field(default=5, description="averaging filter of the echoes' coarse depth, pixels")
+    wrap_probability: float = Field(default=0.1, gt=0, lt=1, description="pixels likelier than this are flagged")
+
+    @property
+    def ladder_hz(self) -> tuple[float, ...]:
+        """The tones, the close pair first."""
+        return self.f1_hz, self.close_hz, self.far_hz
+
+    @model_validator(mode="after")
+    def _apart(self) -> PriorConfig:
+        if not 0 < abs(self.f1_hz - self.close_hz) < abs(self.f1_hz - self.far_hz) / 3:
+            raise ValueError("close_hz is no witness; expected it within a third of far_hz's distance from f1_hz")
+        return self
 
 
 def check_ladder(tones_hz: tuple[float, ...], phase_noise_rad: float) -> None:

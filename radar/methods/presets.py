@@ -9,13 +9,23 @@ from pydantic import Field, create_model
 
 from radar.data.capture import RadarCapture
 from radar.methods.fsk import AnyConfig, n_tone
-from radar.methods.fsk_config import SETTLING, FskConfig, JointConfig, LadderConfig, ThreeToneConfig, TwoToneConfig
+from radar.methods.fsk_config import (
+    SETTLING,
+    FskConfig,
+    JointConfig,
+    LadderConfig,
+    PriorConfig,
+    ThreeToneConfig,
+    TwoToneConfig,
+)
 from radar.methods.joint import joint
+from radar.methods.prior import prior_two_tone
 from radar.methods.projection import AlignedConfig, BroadbandConfig, NarrowbandConfig, ProjectionConfig, project, volume
 from radar.methods.registry import PAPER, Reconstruction, register
 from radar.support.config import Config
 
 OURS = f"docs/methods.md, after {PAPER}"
+PRIOR = "docs/methods.md, after arXiv 2511.01405 (multimodal 2-FSK)"
 # Every improvement: the second refinement settles what the first one, out of focus, leaves.
 PLUS: dict[str, Any] = {"off_axis": True, "weighted": True, "fine_refinements": 2, "drop_wrapped": True}
 
@@ -30,8 +40,6 @@ def _preset(id: str, config: type[Config], summary: str, source: str = OURS, **d
 
     @register(id, config, summary, source, base=id.rpartition("-")[0] or None)
     def run(capture: RadarCapture, config: AnyConfig | ProjectionConfig, frame: int) -> Reconstruction:
-        if isinstance(config, JointConfig):
-            return Reconstruction(replace(joint(capture, config, frame), method=id))
         if isinstance(config, FskConfig):
             return Reconstruction(replace(n_tone(capture, config, frame), method=id))
         depth = project(capture, config, id, frame)
@@ -52,4 +60,13 @@ _preset("nfsk", LadderConfig, "a ladder of tones, each further away, corrects ev
 _preset("nfsk-plus", LadderConfig, "the ladder with all that 3fsk-plus has", **PLUS)
 _preset("broadband-subvoxel", BroadbandConfig, "broadband with depths between voxels", subvoxel=True)
 _preset("broadband-aligned", AlignedConfig, "broadband with depths at which the tones' phases agree")
-_preset("joint", JointConfig, "any tones, all at once: the depth at which they agree best")
+
+
+@register("joint", JointConfig, "any tones, all at once: the depth at which they agree best", OURS)
+def _joint(capture: RadarCapture, config: JointConfig, frame: int) -> Reconstruction:
+    return Reconstruction(joint(capture, config, frame))
+
+
+@register("prior-2fsk", PriorConfig, "two tones far apart, about another sensor's depth of each pixel", PRIOR)
+def _prior(capture: RadarCapture, config: PriorConfig, frame: int) -> Reconstruction:
+    return Reconstruction(prior_two_tone(capture, config, frame))
