@@ -90,7 +90,7 @@ def _tones(options: argparse.Namespace) -> None:
         float(bound_m(ladder_hz, options.noise)),
         drawn_wraps(ladder_hz, options.noise, reach_m, round(min(20_000, 10 / options.wraps))),
     )
-    lines = [
+    lines: list[tuple[str, ...]] = [
         (
             about,
             ", ".join(f"{f / 1e9:.4g}" for f in each.tones_hz),

@@ -84,12 +84,12 @@ def agreed(depth: DepthMap, coherence: np.ndarray, bandwidth_hz: float, config: 
     half_cell_m = SPEED_OF_LIGHT_M_S / (4 * bandwidth_hz)
     hidden = beside_nearer(np.where(none, np.nan, depth.z_m), reach_px, half_cell_m)
     dropped = (none | hidden) & config.drop_doubtful
-    z_m, own_m = (np.where(dropped, np.nan, told) for told in (depth.z_m, depth.sigma_m))
+    z_m, own_m = (np.where(dropped, np.nan, told) for told in (depth.z_m, np.asarray(depth.sigma_m)))
     power = 10 ** (depth.amplitude_db.astype(np.float64) / 10)
     distance_m = np.linalg.norm(grid.points_m(z_m), axis=-1)  # one in all of a scatterer's lobe
     local_m = distance_m - masked_mean(distance_m, max(config.fine_filter_px, LOCAL_PX), power)
     speckle_m = spread_m(np.clip(local_m, -OTHER_SURFACE_M, OTHER_SURFACE_M), np.sqrt(power), config.spread_px)
-    wrapped = np.isfinite(z_m) & (depth.wrapped | (coherence < ALIGNED) | hidden)
+    wrapped = np.isfinite(z_m) & (np.asarray(depth.wrapped) | (coherence < ALIGNED) | hidden)
     smooth_m = masked_mean(z_m, config.fine_filter_px, power)
     return replace(depth, z_m=smooth_m, sigma_m=np.hypot(speckle_m, own_m), wrapped=wrapped)
 

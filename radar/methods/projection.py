@@ -100,7 +100,7 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
     images = image_points(samples[some], frequencies_hz[some], capture.aperture, points, None, apart=True)
     power = len(frequencies_hz) ** 2 * np.mean(np.abs(images) ** 2, axis=0)  # of all tones, were they in phase
     incoherent = peaks.magnitude[1].ravel()[index] ** 2 < least * power
-    depth = replace(depth, wrapped=depth.wrapped | (grid.pixels.on_map(index, incoherent, 0.0) > 0))
+    depth = replace(depth, wrapped=np.asarray(depth.wrapped) | (grid.pixels.on_map(index, incoherent, 0.0) > 0))
     if not isinstance(config, AlignedConfig):
         return depth
     found = align(images, frequencies_hz[some], path_rise(points, capture.aperture))
