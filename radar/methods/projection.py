@@ -7,6 +7,7 @@ An engine that never holds a whole volume hands over its `Peaks`.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -18,6 +19,7 @@ from radar.data.grid import Axis, VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
 from radar.imaging.cpu.executor import strongest_voxels
 from radar.methods.alignment import agreed, align
+from radar.methods.along_z import capon, coherence_factor
 from radar.methods.confidence import least_coherence
 from radar.methods.fsk import path_rise
 from radar.methods.fsk_config import PAPER_LATERAL, AgreementConfig
@@ -55,6 +57,8 @@ class BroadbandConfig(_VolumeConfig):
 class AlignedConfig(AgreementConfig, BroadbandConfig):
     """Broadband with depths at which some tones' phases agree."""
 
+    estimator: Literal["phases", "capon", "coherence"] = Field(default="phases", description="of the shift along z")
+
     @model_validator(mode="after")
     def _alignable(self) -> AlignedConfig:
         if self.count < FEWEST:
@@ -90,7 +94,8 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
     samples, grid = near_one(samples), config.grid()
     peaks = Peaks(*project_volume(samples, frequencies_hz, capture.aperture, grid, config.tolerance))
     depth = maximum_projection(peaks, config, method)
-    some = np.unique(np.linspace(0, len(frequencies_hz) - 1, CHECKED).round().astype(int))
+    capons = isinstance(config, AlignedConfig) and config.estimator == "capon"
+    some = np.unique(np.linspace(0, len(frequencies_hz) - 1, CHECKED * (1 + capons)).round().astype(int))
     range_cells = 2 * np.ptp(frequencies_hz) * np.ptp(grid.z_m) / SPEED_OF_LIGHT_M_S
     least = least_coherence(len(frequencies_hz), len(some), range_cells)
     if least >= 1 and not isinstance(config, AlignedConfig):  # noise aligns so few tones as well as an echo does
@@ -104,7 +109,17 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
     if not isinstance(config, AlignedConfig):
         return depth
     found = align(images, frequencies_hz[some], path_rise(points, capture.aperture))
-    z_m, own_m = (grid.pixels.on_map(index, told) for told in (points[:, 2] + found.shift_m, found.sigma_m))
+    shift_m, reach_m = found.shift_m, SPEED_OF_LIGHT_M_S / (2 * np.ptp(frequencies_hz))
+    if config.estimator == "capon":
+        shift_m = capon(images, frequencies_hz[some], path_rise(points, capture.aperture), reach_m)
+    elif config.estimator == "coherence":
+        shift_m = coherence_factor(
+            lambda m: image_points(
+                samples[some], frequencies_hz[some], capture.aperture, points + [0, 0, m], config.tolerance, apart=True
+            ),
+            reach_m,
+        )
+    z_m, own_m = (grid.pixels.on_map(index, told) for told in (points[:, 2] + shift_m, found.sigma_m))
     coherence = grid.pixels.on_map(index, found.coherence, 1.0)
     return agreed(replace(depth, z_m=z_m, sigma_m=own_m), coherence, np.ptp(frequencies_hz), config)
 
