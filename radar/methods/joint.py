@@ -44,4 +44,7 @@ def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMa
     db, coherence = amplitude_db(placed(amplitude, 0.0)), placed(coherence, 1.0)
     depth = DepthMap(whole.x_m, whole.y_m, placed(z_m), db, "joint", config.model_dump(), placed(sigma_m))
     depth = replace(depth, wrapped=placed(doubtful, False) > 0)
-    return agreed(depth, coherence, float(np.ptp(tones.frequencies_hz)), config)
+    depth = agreed(depth, coherence, float(np.ptp(tones.frequencies_hz)), config)
+    seen = db >= config.threshold_db  # where it is, no longer in the first plane
+    z_m, sigma_m = (np.where(seen, told, np.nan) for told in (depth.z_m, np.asarray(depth.sigma_m)))
+    return replace(depth, z_m=z_m, sigma_m=sigma_m, wrapped=seen & np.asarray(depth.wrapped))
