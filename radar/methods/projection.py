@@ -6,8 +6,8 @@ An engine that never holds a whole volume hands over its `Peaks`.
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -18,15 +18,15 @@ from radar.data.depthmap import DepthMap, amplitude_db
 from radar.data.grid import Axis, VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
 from radar.imaging.cpu.executor import strongest_voxels
-from radar.methods.alignment import align
+from radar.methods.alignment import agreed, align
+from radar.methods.along_z import capon, coherence_factor
 from radar.methods.confidence import least_coherence
 from radar.methods.fsk import path_rise
-from radar.methods.fsk_config import PAPER_LATERAL
+from radar.methods.fsk_config import PAPER_LATERAL, AgreementConfig
 from radar.support.config import Config
 
 CHECKED = 8  # tones imaged once more, to see whether a depth is an echo's: 3 to 8 % of the paper's frame
 FEWEST = 3  # tones that can be aligned and still tell how well they are
-ALIGNED = 0.9  # coherence of aligned tones below which two depths share a pixel, or none is there
 
 
 class _VolumeConfig(Config):
@@ -48,15 +48,20 @@ class BroadbandConfig(_VolumeConfig):
     start_hz: float = Field(default=72e9, gt=0)
     stop_hz: float = Field(default=82e9, gt=0)
     count: int = Field(default=128, ge=2, description="stepped tones from start to stop, both included")
-    aligned: bool = Field(default=False, description="depth where some tones' phases agree (paper: most amplitude)")
 
     def tones_hz(self) -> np.ndarray:
         """The stepped tones."""
         return np.linspace(self.start_hz, self.stop_hz, self.count)
 
+
+class AlignedConfig(AgreementConfig, BroadbandConfig):
+    """Broadband with depths at which some tones' phases agree."""
+
+    estimator: Literal["phases", "capon", "coherence"] = Field(default="phases", description="of the shift along z")
+
     @model_validator(mode="after")
-    def _alignable(self) -> BroadbandConfig:
-        if self.aligned and self.count < FEWEST:
+    def _alignable(self) -> AlignedConfig:
+        if self.count < FEWEST:
             raise ValueError(f"count = {self.count}: aligned needs {FEWEST} tones or more")
         return self
 
@@ -89,23 +94,34 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
     samples, grid = near_one(samples), config.grid()
     peaks = Peaks(*project_volume(samples, frequencies_hz, capture.aperture, grid, config.tolerance))
     depth = maximum_projection(peaks, config, method)
-    some = np.unique(np.linspace(0, len(frequencies_hz) - 1, CHECKED).round().astype(int))
+    capons = isinstance(config, AlignedConfig) and config.estimator == "capon"
+    some = np.unique(np.linspace(0, len(frequencies_hz) - 1, CHECKED * (1 + capons)).round().astype(int))
     range_cells = 2 * np.ptp(frequencies_hz) * np.ptp(grid.z_m) / SPEED_OF_LIGHT_M_S
     least = least_coherence(len(frequencies_hz), len(some), range_cells)
-    aligned = isinstance(config, BroadbandConfig) and config.aligned
-    if least >= 1 and not aligned:  # noise aligns so few tones as well as an echo does
+    if least >= 1 and not isinstance(config, AlignedConfig):  # noise aligns so few tones as well as an echo does
         return depth
     index = np.flatnonzero(np.isfinite(depth.z_m))
     points = grid.pixels.points_at_m(index, grid.z_m[peaks.index.ravel()[index]])
     images = image_points(samples[some], frequencies_hz[some], capture.aperture, points, None, apart=True)
     power = len(frequencies_hz) ** 2 * np.mean(np.abs(images) ** 2, axis=0)  # of all tones, were they in phase
     incoherent = peaks.magnitude[1].ravel()[index] ** 2 < least * power
-    on_map = functools.partial(grid.pixels.on_map, index)
-    if aligned:
-        found = align(images, frequencies_hz[some], path_rise(points, capture.aperture))
-        incoherent |= found.coherence < ALIGNED
-        depth = replace(depth, z_m=on_map(points[:, 2] + found.shift_m), sigma_m=on_map(found.sigma_m))
-    return replace(depth, wrapped=(on_map(incoherent, 0.0) > 0) | np.asarray(depth.wrapped))
+    depth = replace(depth, wrapped=np.asarray(depth.wrapped) | (grid.pixels.on_map(index, incoherent, 0.0) > 0))
+    if not isinstance(config, AlignedConfig):
+        return depth
+    found = align(images, frequencies_hz[some], path_rise(points, capture.aperture))
+    shift_m, reach_m = found.shift_m, SPEED_OF_LIGHT_M_S / (2 * np.ptp(frequencies_hz))
+    if config.estimator == "capon":
+        shift_m = capon(images, frequencies_hz[some], path_rise(points, capture.aperture), reach_m)
+    elif config.estimator == "coherence":
+        shift_m = coherence_factor(
+            lambda m: image_points(
+                samples[some], frequencies_hz[some], capture.aperture, points + [0, 0, m], config.tolerance, apart=True
+            ),
+            reach_m,
+        )
+    z_m, own_m = (grid.pixels.on_map(index, told) for told in (points[:, 2] + shift_m, found.sigma_m))
+    coherence = grid.pixels.on_map(index, found.coherence, 1.0)
+    return agreed(replace(depth, z_m=z_m, sigma_m=own_m), coherence, np.ptp(frequencies_hz), config)
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,7 @@ class Answer:
 
 def quantity(text: str, units: dict[str, float], option: str) -> float:
     """A number with its unit, 2mm or 33 ms, in the unit whose factor is 1; a HandbenchError for anything else."""
-    found = re.fullmatch(r"\s*(\d+\.?\d*(?:e[+-]?\d+)?|\.\d+)\s*([a-zµ%]+)\s*", text)
+    found = re.fullmatch(r"\s*(\d+\.?\d*(?:e[+-]?\d+)?|\.\d+)\s*([a-zA-Zµ%]+)\s*", text)
     if found is None or found[2] not in units or not 0 < float(found[1]) < float("inf"):
         raise HandbenchError(f"{option}: is '{text}'; expected a number above 0 with its unit: {', '.join(units)}")
     return float(found[1]) * units[found[2]]
