@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from bench.studies.exact.solutions import exact_echoes
 
-from bench.studies.exact.cases import ALONG, SCENES, Case
+from bench.studies.exact.cases import ALONG, SCENES, Case, exact_echoes
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from radar.data.capture import RadarCapture
 from radar.methods.fsk import two_tone
