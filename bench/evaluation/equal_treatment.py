@@ -2,8 +2,7 @@
 
 Thresholds and filters of their own decide much of a method's error. Two measures are free of them: the error on the
 pixels that every method sees, and the risk–coverage curve (El-Yaniv & Wiener 2010; its area: Geifman et al. 2019), the
-error of a method's strongest pixels over the share of the surface that they are, whatever the threshold. The treatments
-stand first, with the maps that a method has under one of them.
+error of a method's strongest pixels over the share of the surface that they are, whatever the threshold.
 """
 
 from collections.abc import Mapping
@@ -11,22 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bench.evaluation.alike import Alike
 from bench.evaluation.metrics import HEADLINE, Values, pool
 from bench.results.error_map import ErrorMap
-
-WINDOW_PX = 5  # of the averaging filter that all are given
-SMOOTHING = {"none": 1, "window": WINDOW_PX}  # treatment → width of every averaging filter, pixels
-OPEN_DB = -20.0  # threshold of the maps whose pixels are ordered
-
-
-class Alike(NamedTuple):
-    """A method's depths of one capture under one treatment, all [ny, nx]: z_m above its own threshold, open_z_m above
-    OPEN_DB, NaN elsewhere; open_db: the amplitude by which these are ordered."""
-
-    z_m: np.ndarray
-    open_z_m: np.ndarray
-    open_db: np.ndarray
-
 
 SHARES_PERCENT = np.arange(0.5, 100.1, 0.5)  # of the surface, at which the curve is told
 FIGURES = (HEADLINE, "median_mm", "p95_mm", "max_mm", "bias_mm")  # on the common pixels

@@ -17,8 +17,9 @@ import numpy as np
 from bench.datasets.dataset import open_capture
 from bench.datasets.native import NativeCapture
 from bench.evaluation import scoring_protocols
+from bench.evaluation.alike import SMOOTHING, Alike
 from bench.evaluation.depth_errors import error_map
-from bench.evaluation.equal_treatment import SMOOTHING, Alike, treat
+from bench.evaluation.equal_treatment import treat
 from bench.evaluation.metrics import Values, figures_of_frame
 from bench.evaluation.scoring_protocols import Protocol
 from bench.results import errors_path, write_errors

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.evaluation.equal_treatment import SHARES_PERCENT, SMOOTHING
+from bench.evaluation.alike import SMOOTHING
+from bench.evaluation.equal_treatment import SHARES_PERCENT
 from bench.evaluation.metrics import HEADLINE, METRICS, TITLES, of_captures, over_frames
 from bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
 from bench.evaluation.scoring_protocols import protocol

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.evaluation.equal_treatment import OPEN_DB, SMOOTHING, Alike
+from bench.evaluation.alike import OPEN_DB, SMOOTHING, Alike
 from radar.data.depthmap import DepthMap
 from radar.methods.smoothing import masked_mean
 from radar.support.config import Config

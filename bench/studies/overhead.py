@@ -19,8 +19,8 @@ import pandas as pd
 import psutil
 
 from bench.datasets.native import ECHOES, TRUTH, CaptureFile, save_capture_file
+from bench.evaluation.alike import SMOOTHING
 from bench.evaluation.depth_errors import error_map
-from bench.evaluation.equal_treatment import SMOOTHING
 from bench.results import HEADLINE, errors_path, write_errors
 from bench.run import reconstruct_stage, scoring, tasks
 from bench.run.benchmark_file import BenchFile

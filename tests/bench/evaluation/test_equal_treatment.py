@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.evaluation.equal_treatment import SHARES_PERCENT, SMOOTHING, Alike, risk_mm, treat
+from bench.evaluation.alike import SMOOTHING, Alike
+from bench.evaluation.equal_treatment import SHARES_PERCENT, risk_mm, treat
 from bench.evaluation.metrics import figures_of_frame, over_frames
 from bench.results.about import TREATMENTS
 from reports.tables import blocks

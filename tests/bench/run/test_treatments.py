@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bench import results
-from bench.evaluation.equal_treatment import OPEN_DB, WINDOW_PX
+from bench.evaluation.alike import OPEN_DB, WINDOW_PX
 from bench.run.benchmark_file import load_benchmark
 from bench.run.reconstruct_stage import SETTLE_S, settled
 from bench.run.runner import run
