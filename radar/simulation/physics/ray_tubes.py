@@ -53,12 +53,13 @@ class Traced:
     def tubes(self, chosen: np.ndarray) -> Tubes:
         """The tubes around some of the hits, by index [n]."""
         transmitter, patch, face = (column[chosen] for column in self.hits[:3])
-        return _landed(transmitter, patch, face, self.mirrors.patches, self.mirrors.surface, self.array.tx_m)
+        return landed(transmitter, patch, face, self.mirrors.patches, self.mirrors.surface, self.array.tx_m)
 
 
-def _landed(
+def landed(
     transmitter: np.ndarray, patch: np.ndarray, face: np.ndarray, patches: Patches, surface: Patches, tx_m: np.ndarray
 ) -> Tubes:
+    """Tubes of transmitters, patches and faces by index [n]."""
     n = len(face)
     start_m, end_m, normal, longer_m = (np.empty((n, 3)) for _ in range(4))
     length_m, root_m2, edge_m, caustics = np.empty(n), np.empty(n), np.empty((n, 3, 3)), np.zeros(n, np.int8)
@@ -70,7 +71,7 @@ def _landed(
 def mirrors_of(rays: Rays, body: Body, antennas_m: np.ndarray, longest_m: float) -> Mirrors:
     """The patches that mirror some antennas [a, 3] onto the body, split until no edge is longer than longest_m; coarser
     ones that make no tube with a few of the antennas are left out."""
-    surface = _patches(body.vertices_m[body.faces], corner_normals(body))
+    surface = patches_of(body.vertices_m[body.faces], corner_normals(body))
     whole, whole_face = split(surface, COARSE * longest_m)
     chosen = np.flatnonzero(_lit_twice(rays, whole, surface, antennas_m))
     coarse = Patches(*(column[chosen] for column in whole))
@@ -105,10 +106,11 @@ def split(surface: Patches, longest_m: float) -> tuple[Patches, np.ndarray]:
         corners_m, normals = quarters(corners_m[long]), quarters(normals[long])
         normals = unit(normals)
     corners_m, normals, face = (np.concatenate(column) for column in zip(*done, strict=True))
-    return _patches(corners_m, normals), face
+    return patches_of(corners_m, normals), face
 
 
-def _patches(corners_m: np.ndarray, normals: np.ndarray) -> Patches:
+def patches_of(corners_m: np.ndarray, normals: np.ndarray) -> Patches:
+    """Patches by their corners and the unit normals there, both [m, 3, 3]."""
     a, b, c = (corners_m[:, i] for i in range(3))
     return Patches(corners_m, normals, corners_m.mean(axis=1), unit(normals.sum(axis=1)), np.cross(b - a, c - a) / 2)
 
@@ -129,7 +131,7 @@ def _lit_twice(rays: Rays, patches: Patches, surface: Patches, antennas_m: np.nd
         length_m = np.linalg.norm(np.ptp(antennas_m[line], axis=0))
         for n in np.unique(np.linspace(0, len(line) - 1, 2 + int(length_m / TRIAL_M)).astype(int)):
             patch, face, _ = _hits(rays, patches, antennas_m[line[n]], everything)
-            tubes = _landed(np.full(len(patch), line[n]), patch, face, patches, surface, antennas_m)
+            tubes = landed(np.full(len(patch), line[n]), patch, face, patches, surface, antennas_m)
             some[patch[tubes.root_m2 > 0]] = True
     return some
 
