@@ -46,9 +46,9 @@ def _nodes(antennas_m: np.ndarray, apart_m: float) -> np.ndarray:
 
 
 class Cells(NamedTuple):
-    """n points in c cells: index [n] of each one's cell; centre_m [c, 3]; some points_m of each."""
+    """n points in c cells: cell [n] of each one's cell; centre_m [c, 3]; some points_m of each."""
 
-    index: np.ndarray
+    cell: np.ndarray
     centre_m: np.ndarray
     points_m: list[np.ndarray]
 
@@ -114,16 +114,16 @@ class Bundles:
         self._layers, self._count = (layer[mirrors.face[hits.patch]], layer[hits.face]), 1 + int(layer.max())
         start_m = mirrors.patches.middle_m[hits.patch]
         self._cells = first, last = Cells.of(start_m), Cells.of(hits.end_m)
-        key = first.index * len(last.centre_m) + last.index
+        key = first.cell * len(last.centre_m) + last.cell
         order = np.argsort(key, kind="stable")  # the transmitters are in order
         self._bundles = [one for one in np.split(order, np.flatnonzero(np.diff(key[order])) + 1) if len(one)]
-        self._places = [(int(first.index[one[0]]), int(last.index[one[0]])) for one in self._bundles]
+        self._places = [(int(first.cell[one[0]]), int(last.cell[one[0]])) for one in self._bundles]
         length_m = np.linalg.norm(hits.end_m - start_m, axis=1)
         self._length_m = np.array([length_m[bundle].mean() for bundle in self._bundles])
         tx_m = traced.array.tx_m[hits.transmitter]
         path_m = np.linalg.norm(start_m - tx_m, axis=1) + length_m
-        path_m -= np.linalg.norm(first.centre_m[first.index] - tx_m, axis=1)
-        landed_m = np.linalg.norm(hits.end_m - last.centre_m[last.index], axis=1)
+        path_m -= np.linalg.norm(first.centre_m[first.cell] - tx_m, axis=1)
+        landed_m = np.linalg.norm(hits.end_m - last.centre_m[last.cell], axis=1)
         reach_m = [
             np.abs(path_m[one] - mean_m).max() + landed_m[one].max()
             for one, mean_m in zip(self._bundles, self._length_m, strict=True)
