@@ -30,6 +30,8 @@ ORDER = (  # as the paper's Fig. 3, then ours; each has its colour and marker ev
     "3fsk-plus",
     "nfsk-plus",
     "broadband-subvoxel",
+    "broadband-aligned",
+    "joint",
 )
 COLOURS = (  # Okabe and Ito, then Tol's muted ones
     "#0072B2",
