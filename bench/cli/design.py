@@ -68,8 +68,8 @@ def _tones(options: argparse.Namespace) -> None:
     from radar.methods.tone_sets import ToneSet, best_sets, bound_m, drawn_wraps
     from reports.tables.result_tables import terminal_table, wide_console
 
-    if options.result is not None or options.out is not None:
-        raise HandbenchError("design: --tones stands alone; leave out RESULT and -o")
+    if options.result is not None or options.out is not None or options.effect is not None:
+        raise HandbenchError("design: --tones stands alone; leave out RESULT, --effect and -o")
     ends = options.band.split(",")
     if len(ends) != 2:
         raise HandbenchError(f"--band: is '{options.band}'; expected two frequencies, as 72GHz,82GHz")
@@ -88,7 +88,7 @@ def _tones(options: argparse.Namespace) -> None:
     ladder = ToneSet(
         LadderConfig().tones_hz,
         float(bound_m(ladder_hz, options.noise)),
-        drawn_wraps(ladder_hz, options.noise, reach_m, round(min(20_000, 10 / options.wraps))),
+        drawn_wraps(ladder_hz, options.noise, reach_m, max(2000, round(min(20_000, 10 / options.wraps)))),
     )
     lines: list[tuple[str, ...]] = [
         (

@@ -133,6 +133,8 @@ class JointConfig(AgreementConfig, FskConfig):
     def _enough(cls, tones_hz: tuple[float, ...]) -> tuple[float, ...]:
         if len(set(tones_hz)) < max(3, len(tones_hz)):
             raise ValueError("expected three different tones or more")
+        if abs(tones_hz[0] - tones_hz[1]) > np.diff(np.sort(tones_hz)).min() + 1:
+            raise ValueError("its first two tones are not its closest ones, which find the plane; put those first")
         return tones_hz
 
 

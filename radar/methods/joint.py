@@ -33,7 +33,8 @@ def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMa
     for _ in range(config.fine_refinements):
         look = tones.surface(look.grid, masked_mean(z_m, config.coarse_filter_px, amplitude**2))
         points_m = look.grid.points_at_m(look.index, look.formed_m)
-        found = align(look.images, tones.frequencies_hz, path_rise(points_m, tones.aperture), reach_m)
+        rise = path_rise(points_m, tones.aperture) if config.off_axis else np.full(len(points_m), 2.0)
+        found = align(look.images, tones.frequencies_hz, rise, reach_m)
         z_m, sigma_m = (look.on_map(told) for told in (points_m[:, 2] + found.shift_m, found.sigma_m))
         coherence, amplitude = look.on_map(found.coherence, 0.0), look.amplitude
         doubtful = doubtful | look.on_map(found.other > config.wrap_probability, False)

@@ -61,8 +61,11 @@ class AlignedConfig(AgreementConfig, BroadbandConfig):
 
     @model_validator(mode="after")
     def _alignable(self) -> AlignedConfig:
-        if self.count < FEWEST:
-            raise ValueError(f"count = {self.count}: aligned needs {FEWEST} tones or more")
+        fewest = FEWEST + (self.estimator == "capon")  # whose spectrum of two subsets is flat
+        if self.count < fewest:
+            raise ValueError(f"count = {self.count}: aligned needs {fewest} tones or more")
+        if self.subvoxel:
+            raise ValueError("subvoxel does nothing to aligned depths, which are between voxels; leave it out")
         return self
 
 

@@ -75,7 +75,7 @@ def best_sets(
 ) -> list[ToneSet]:
     """The `kept` most accurate sets of `count` of the tones band_hz that wrap with at most that probability; fewer
     where there are no more. Each has both ends of the band and, if pair_hz > 0, the tone so far below the highest."""
-    tones_hz = np.sort(band_hz)[::-1]
+    tones_hz = np.unique([*band_hz, band_hz.max() - pair_hz])[::-1]
     fixed = {0, len(tones_hz) - 1}
     if pair_hz:
         fixed.add(int(np.abs(tones_hz - (tones_hz[0] - pair_hz)).argmin()))

@@ -69,6 +69,9 @@ def triage(scene: EchoScene, effects: Sequence[Effect], contained: dict[str, str
     elif doubtful:
         cast = [effect for effect in effects if effect in doubtful or costs[effect.id] < LITTLE * whole_s]
         _rehearse(found, Rehearsal(scene, cast, contained), [effect.id for effect in doubtful], tolerance_mm - spent_mm)
+        for name, container in contained.items():
+            if name in there and container in found.left_out and name not in found.left_out:
+                costs[name], found.reasons[name] = own_s[name], f"in place of {container}"
     return found
 
 

@@ -134,7 +134,7 @@ def measure(knobs: SimulationKnobs, context: Context) -> tuple[Section, list[Set
     }
     times, samples = in_turns(work, context.repeats, "simulation")
     true_m = {name: _depths(echoes, frequencies_hz) for name, echoes in exact.items()}
-    about = section("simulation", Way().name, {"scenes": "; ".join(knobs.scenes)})
+    about = section("simulation", ways(knobs)[0].name, {"scenes": "; ".join(knobs.scenes)})
     settings = []
     for way in ways(knobs):
         found = [compared(_depths(samples[way, name], frequencies_hz), true_m[name]) for name in chosen]
@@ -149,7 +149,8 @@ def ways(knobs: SimulationKnobs) -> list[Way]:
     facets, mirrors, nodes = knobs.facets_per_wavelength, knobs.mirrors_per_wavelength, knobs.nodes_apart
     first = facets[0], mirrors[0], nodes[0]
     listed = [Way(n, min(n, mirrors[0]), nodes[0], names) for n, names in product(facets, knobs.without)]
-    listed += [Way(first[0], n, first[2]) for n in mirrors] + [Way(*first[:2], n) for n in nodes]
+    usual = knobs.without[0] if knobs.without else ()
+    listed += [Way(first[0], n, first[2], usual) for n in mirrors] + [Way(*first[:2], n, usual) for n in nodes]
     listed += [Way(*first, tolerance_mm=mm) for mm in knobs.tolerance_mm]
     return list(dict.fromkeys(listed))
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.simulation.effects.base import Effect
-from radar.simulation.physics.facets import Facets, face_vectors, joined
+from radar.simulation.physics.facets import Facets, face_vectors, joined, volume_m3
 from radar.simulation.physics.reflection import dielectric_permittivity, echo_reflection
 from radar.simulation.physics.spheres import foam_delays_m, foam_echoes, has_foam
 from radar.simulation.pilot import CENTRE_M
@@ -52,11 +52,11 @@ class Dielectric(Effect):
 def far_wall_db(body: Body, frequency_hz: float) -> float:
     """The echo of a plastic body's far wall over that of its front, dB: both flat, met squarely and as far apart as its
     mean chord 4V/A (Cauchy), (1 − Γ²) e^{−2αl}."""
-    vectors, corner_m = face_vectors(body.vertices_m, body.faces), body.vertices_m[body.faces[:, 0]]
-    chord_m = 4 / 3 * abs((vectors * corner_m).sum()) / np.linalg.norm(vectors, axis=1).sum()
+    area_m2 = np.linalg.norm(face_vectors(body.vertices_m, body.faces), axis=1).sum()
+    chord_m = 4 * volume_m3(body) / area_m2
     wave = 2 * np.pi * frequency_hz / SPEED_OF_LIGHT_M_S * np.sqrt(dielectric_permittivity(body.material))
     entered = 1 - np.abs(echo_reflection(body.material, np.array([frequency_hz]))[0]) ** 2
-    return float(20 * np.log10(entered) - 40 * np.log10(np.e) * abs(wave.imag) * chord_m)
+    return float(20 * np.log10(entered) - 40 / np.log(10) * abs(wave.imag) * chord_m)
 
 
 def lost(scene: EchoScene) -> str:

@@ -9,7 +9,7 @@ from radar.simulation.effects.base import Effect, Glance
 from radar.simulation.physics.coarse import beside_outlines, visible_from
 from radar.simulation.physics.diffracted import NODES_M, by_rays, samples_of, sight_of
 from radar.simulation.physics.diffraction import kept_edges, outline
-from radar.simulation.physics.facets import Facets, face_vectors
+from radar.simulation.physics.facets import Facets, convex, face_vectors
 from radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
 from radar.simulation.physics.reflection import skin_layers_m, skin_reflection
 from radar.simulation.pilot import CENTRE_M, coarse_surface, seen_from_centre
@@ -108,8 +108,11 @@ class ShadowDiffraction(_OfEachAntenna):
     does = "shadows of each antenna are as blurred as diffraction makes them (sharp ones are then not used)"
     source = "Kirchhoff's integral along outlines: Miyamoto & Wolf 1962; waves that creep: Pathak 1979"
 
-    def glance(self, scene: EchoScene) -> Glance:
-        """The share of the surface that lies behind or beside an outline, as the corners of the array see it."""
+    def glance(self, scene: EchoScene) -> Glance | None:
+        """The share of the surface that lies behind or beside an outline, as the corners of the array see it. What
+        stands around the target lies behind its outline, and hollow places are too small to be told."""
+        if scene.room:
+            return None
         body, every = scene.body, require_facets(coarse_surface(scene, scene.body))
         facets, edges = every.where(np.arange(0, len(every), 1 + len(every) // LOOKED_AT)), kept_edges(scene, body)
         ratio = 0.0
@@ -121,6 +124,8 @@ class ShadowDiffraction(_OfEachAntenna):
                 near = beside_outlines(facets.position_m, facets.normal, outline_m, view_m, scene.wavelength_m)
                 faced_m2 = facets.area_m2 * np.maximum(((view_m - facets.position_m) * facets.normal).sum(axis=1), 0)
                 ratio += float(faced_m2[near].sum() / max(faced_m2.sum(), 1e-30)) / len(views_m)
+        if ratio == 0 and not convex(body):
+            return None
         return Glance.of_level(scene, ratio, f"{50 * ratio:.2g} % of the surface lies beside or behind outlines")
 
     def apply(self, state: EchoState) -> None:

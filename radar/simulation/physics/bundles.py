@@ -100,7 +100,7 @@ class Tones(NamedTuple):
 
 
 class Bundles:
-    """Traced hits in bundles: by the cells in which they start and land, and transmitter.
+    """Traced hits in bundles: by the cells in which they start and land.
 
     layer [faces]: of each face of the body; at: the indices of the antennas for which the rays were traced; dipole [3]:
     the antennas'.

@@ -51,7 +51,7 @@ class Roundness(NamedTuple):
         across = unit(across - (across * towards).sum(axis=1)[:, None] * towards)
         bend_per_m = np.einsum("ei,evij,ej->e", towards, self.bends_per_m[ends], towards) / 2
         size = np.cbrt(self.wavenumber / 2 / np.maximum(bend_per_m, 1e-9)).clip(*RADII[[0, -1]])
-        size[sharp | (2 * RADII[0] ** 3 * bend_per_m > self.wavenumber)] = 0
+        size[sharp | (bend_per_m <= 0) | (2 * RADII[0] ** 3 * bend_per_m > self.wavenumber)] = 0
         edge = np.cross(across, towards)  # counter-clockwise around what hides, as the antenna sees it
         field = unit(self.dipole - (towards @ self.dipole)[:, None] * towards)
         share = (field * edge).sum(axis=1)[:, None] ** 2
