@@ -76,11 +76,11 @@ def volume_m3(body: Body) -> float:
 
 
 def convex(body: Body) -> bool:
-    """True of one body without hollow places: it fills its hull."""
+    """True of one body without hollow places: it fills its hull, or is flat."""
     try:
         return volume_m3(body) > FILLED * ConvexHull(body.vertices_m).volume
     except QhullError:  # flat
-        return False
+        return True
 
 
 def vertex_normals(body: Body) -> np.ndarray:
