@@ -65,7 +65,7 @@ def _tones(options: argparse.Namespace) -> None:
     """The most accurate sets of tones that wrap seldom enough, shown beside the ladder of `nfsk`."""
     from bench.studies.tradeoff.answer import LENGTHS, quantity
     from radar.methods.fsk_config import LadderConfig
-    from radar.methods.tone_sets import ToneSet, best_sets, bound_m, drawn_wraps
+    from radar.methods.tone_sets import best_sets, tone_set
     from reports.tables.result_tables import terminal_table, wide_console
 
     if options.result is not None or options.out is not None or options.effect is not None:
@@ -84,12 +84,7 @@ def _tones(options: argparse.Namespace) -> None:
     sets = best_sets(options.tones, band_hz, pair_hz, options.noise, reach_m, options.wraps)
     if not sets:
         raise HandbenchError(f"--tones: no set of {options.tones} wraps in {options.wraps:g} or less; allow one more")
-    ladder_hz = np.array(LadderConfig().tones_hz)
-    ladder = ToneSet(
-        LadderConfig().tones_hz,
-        float(bound_m(ladder_hz, options.noise)),
-        drawn_wraps(ladder_hz, options.noise, reach_m, max(2000, round(min(20_000, 10 / options.wraps)))),
-    )
+    ladder = tone_set(np.array(LadderConfig().tones_hz), options.noise, reach_m, options.wraps)
     lines: list[tuple[str, ...]] = [
         (
             about,

@@ -31,9 +31,10 @@ def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple
     nothing. Returns the effects' rows."""
     with atomic_folder(folder) as temporary:
         say(f"{scene.file.name}: echoes")
-        if without := lost(echo_scene(scene)):
+        radar_scene = echo_scene(scene)
+        if without := lost(radar_scene):
             say(f"{scene.file.name}: {without}")
-        simulated = echoes(scene, frames)
+        simulated = echoes(scene, frames, radar_scene)
         save_capture(temporary / ECHOES, simulated.capture)
         if simulated.empty is not None:
             save_capture(temporary / EMPTY, simulated.empty)

@@ -259,7 +259,7 @@ class SceneFile(Config):
     def causes(self) -> Causes:
         """Everything that effects may come from."""
         faults = {name: getattr(self.sensor, name) for name in SensorFaults.model_fields}
-        rough = getattr(self.target, "roughness", Roughness())  # of a calibration target, none
+        rough = self.target.roughness if isinstance(self.target, _Solid) else Roughness()
         return Causes(noise=self.noise, motion=self.target.motion, roughness=rough, **faults)
 
 

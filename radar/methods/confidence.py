@@ -33,9 +33,8 @@ TINY_M = 1e-150  # its square is still a number: a point known exactly, exactly 
 NOISE_PASSES = 0.01  # share of noise's pixels that may pass for an echo's
 SIDELOBE = 0.05  # of sinc², the pulse of an even band: 0.047
 SHARPER = 1.15  # times as high a plane's peak shows the focus: speckle and gloss make up 1.1, a hand out of it 1.24
-WIDER = (
-    2.0  # times as wide, a plane is out of focus for all its peak: four fingers' is 5, a far target's own 0.2 to 1.4
-)
+# Times as wide, a plane is out of focus for all its peak: four fingers' is 5, a far target's own 0.2 to 1.4.
+WIDER = 2.0
 NOISY = 0.25  # share of a target without coherence from which on none of it is trusted; noise alone: 0.4 to 0.6
 UNRELATED_RAD = 2 * np.sqrt(np.pi - 3)  # rms of ρ between images that share nothing (Rayleigh amplitudes): its most
 

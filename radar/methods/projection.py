@@ -6,6 +6,7 @@ An engine that never holds a whole volume hands over its `Peaks`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -15,7 +16,7 @@ from pydantic import Field, model_validator
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.data.capture import RadarCapture, near_one
 from radar.data.depthmap import DepthMap, amplitude_db
-from radar.data.grid import Axis, VoxelGrid
+from radar.data.grid import Axis, PixelGrid, VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
 from radar.imaging.cpu.executor import strongest_voxels
 from radar.methods.alignment import agreed, align
@@ -111,20 +112,42 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
     depth = replace(depth, wrapped=np.asarray(depth.wrapped) | (grid.pixels.on_map(index, incoherent, 0.0) > 0))
     if not isinstance(config, AlignedConfig):
         return depth
-    found = align(images, frequencies_hz[some], path_rise(points, capture.aperture))
-    shift_m, reach_m = found.shift_m, SPEED_OF_LIGHT_M_S / (2 * np.ptp(frequencies_hz))
-    if config.estimator == "capon":
-        shift_m = capon(images, frequencies_hz[some], path_rise(points, capture.aperture), reach_m)
-    elif config.estimator == "coherence":
-        shift_m = coherence_factor(
-            lambda m: image_points(
-                samples[some], frequencies_hz[some], capture.aperture, points + [0, 0, m], config.tolerance, apart=True
-            ),
-            reach_m,
+
+    def image(shift_m: float) -> np.ndarray:
+        return image_points(
+            samples[some],
+            frequencies_hz[some],
+            capture.aperture,
+            points + [0, 0, shift_m],
+            config.tolerance,
+            apart=True,
         )
-    z_m, own_m = (grid.pixels.on_map(index, told) for told in (points[:, 2] + shift_m, found.sigma_m))
-    coherence = grid.pixels.on_map(index, found.coherence, 1.0)
-    return agreed(replace(depth, z_m=z_m, sigma_m=own_m), coherence, np.ptp(frequencies_hz), config)
+
+    return _aligned(depth, config, points, images, frequencies_hz[some], path_rise(points, capture.aperture), image)
+
+
+def _aligned(
+    depth: DepthMap,
+    config: AlignedConfig,
+    points_m: np.ndarray,
+    images: np.ndarray,
+    frequencies_hz: np.ndarray,
+    rise: np.ndarray,
+    image: Callable[[float], np.ndarray],
+) -> DepthMap:
+    """The map with depths at which the images [f, n] at its strongest voxels, points_m [n, 3], agree. image: makes
+    them anew at places shifted along z."""
+    pixels, bandwidth_hz = PixelGrid(depth.x_m, depth.y_m), np.ptp(frequencies_hz)
+    index, reach_m = np.flatnonzero(np.isfinite(depth.z_m)), SPEED_OF_LIGHT_M_S / (2 * bandwidth_hz)
+    found = align(images, frequencies_hz, rise)
+    shift_m = found.shift_m
+    if config.estimator == "capon":
+        shift_m = capon(images, frequencies_hz, rise, reach_m)
+    elif config.estimator == "coherence":
+        shift_m = coherence_factor(image, reach_m)
+    z_m, own_m = (pixels.on_map(index, told) for told in (points_m[:, 2] + shift_m, found.sigma_m))
+    coherence = pixels.on_map(index, found.coherence, 1.0)
+    return agreed(replace(depth, z_m=z_m, sigma_m=own_m), coherence, bandwidth_hz, config)
 
 
 @dataclass(frozen=True)

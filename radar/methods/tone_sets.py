@@ -94,10 +94,16 @@ def best_sets(
         if wrap_probability_of(tones_hz[tried[i]], noise_rad, reach_m) > wraps:
             continue
         drawn += 1
-        share = drawn_wraps(tones_hz[tried[i]], noise_rad, reach_m, max(2000, round(min(10 / wraps, MOST_DRAWS))))
-        if share <= wraps:
-            found.append(ToneSet(tuple(map(float, tones_hz[tried[i]])), float(bounds_m[i]), share))
+        one = tone_set(tones_hz[tried[i]], noise_rad, reach_m, wraps)
+        if one.wraps <= wraps:
+            found.append(one)
     return found
+
+
+def tone_set(tones_hz: np.ndarray, noise_rad: float, reach_m: float, wraps: float) -> ToneSet:
+    """A set with its bound, and its wraps by as many draws as tell a share of about `wraps`."""
+    share = drawn_wraps(tones_hz, noise_rad, reach_m, max(2000, round(min(10 / wraps, MOST_DRAWS))))
+    return ToneSet(tuple(map(float, tones_hz)), float(bound_m(tones_hz, noise_rad)), share)
 
 
 def drawn_wraps(tones_hz: np.ndarray, noise_rad: float, reach_m: float, draws: int = 4000, seed: int = 0) -> float:

@@ -123,20 +123,20 @@ class Way:
 
 def measure(knobs: SimulationKnobs, context: Context) -> tuple[Section, list[Setting]]:
     """Simulate the exact scenes every way, in turns. Exact echoes are kept in the work folder."""
-    frequencies_hz, known = tones_hz("few"), _cases()
+    frequencies_hz, known, listed = tones_hz("few"), _cases(), ways(knobs)
     chosen = {name: known[name] for name in knobs.scenes}
     exact = {name: kept_echoes(case, frequencies_hz, qar50(), context.work / "exact") for name, case in chosen.items()}
     compile_kernels()
     work = {
         (way, name): lambda way=way, case=case: way.simulate(case, frequencies_hz)
-        for way in ways(knobs)
+        for way in listed
         for name, case in chosen.items()
     }
     times, samples = in_turns(work, context.repeats, "simulation")
     true_m = {name: _depths(echoes, frequencies_hz) for name, echoes in exact.items()}
-    about = section("simulation", ways(knobs)[0].name, {"scenes": "; ".join(knobs.scenes)})
+    about = section("simulation", listed[0].name, {"scenes": "; ".join(knobs.scenes)})
     settings = []
-    for way in ways(knobs):
+    for way in listed:
         found = [compared(_depths(samples[way, name], frequencies_hz), true_m[name]) for name in chosen]
         error_mm, both = (float(figure) for figure in np.mean(found, axis=0))
         seconds = np.mean([times[way, name] for name in chosen], axis=0).tolist()

@@ -41,13 +41,13 @@ class SurfaceRoughness(Effect):
 
     def glance(self, scene: EchoScene) -> Glance:
         """The turn 2kσ of the facets' echoes, as if each were another's."""
-        turn = 2 * _wave_number(scene) * scene.causes.roughness.sigma_m
+        turn = 2 * _wavenumber(scene) * scene.causes.roughness.sigma_m
         return Glance.of_level(scene, min(turn, 1.0), f"heights turn echoes by {turn:.2g} rad")
 
     def apply(self, state: EchoState) -> None:
         if state.surface is not None:
             waves = waves_of(state.scene.causes.roughness, state.random(state.seed(self.id)))
-            state.surface.facets = roughened(state.surface.facets, *waves, _wave_number(state.scene))
+            state.surface.facets = roughened(state.surface.facets, *waves, _wavenumber(state.scene))
 
 
 def waves_of(rough: Roughness, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -61,7 +61,7 @@ def waves_of(rough: Roughness, random: np.random.Generator) -> tuple[np.ndarray,
 
 
 def roughened(
-    facets: Facets, vectors: np.ndarray, amplitude_m: np.ndarray, phase_rad: np.ndarray, wave_number: float
+    facets: Facets, vectors: np.ndarray, amplitude_m: np.ndarray, phase_rad: np.ndarray, wavenumber: float
 ) -> Facets:
     """The facets displaced along their normals, their areas times what finer relief leaves of their echo."""
     height_m, finer_m2 = np.zeros(len(facets)), np.zeros(len(facets))
@@ -71,9 +71,9 @@ def roughened(
         height_m += amplitude * kept * np.cos(facets.position_m @ vector + phase)
         finer_m2 += amplitude**2 / 2 * (1 - kept**2)
     position_m = facets.position_m + height_m[:, None] * facets.normal
-    left = np.exp(-2 * wave_number**2 * finer_m2)
+    left = np.exp(-2 * wavenumber**2 * finer_m2)
     return dataclasses.replace(facets, position_m=position_m, area_m2=facets.area_m2 * left)
 
 
-def _wave_number(scene: EchoScene) -> float:
+def _wavenumber(scene: EchoScene) -> float:
     return float(2 * np.pi * scene.frequencies_hz.mean() / SPEED_OF_LIGHT_M_S)

@@ -46,7 +46,7 @@ def _nodes(antennas_m: np.ndarray, apart_m: float) -> np.ndarray:
 
 
 class Cells(NamedTuple):
-    """n points in c cells: cell [n] of each one's cell; centre_m [c, 3]; some points_m of each."""
+    """n points in c cells: cell [n], the number of each one's; centre_m [c, 3]; some points_m of each."""
 
     cell: np.ndarray
     centre_m: np.ndarray
@@ -80,14 +80,14 @@ class Ends(NamedTuple):
         return cls(distance_m, weights)
 
 
-class Tones(NamedTuple):
+class FewTones(NamedTuple):
     """Tones that stand for others: their indices [k] and the weights [k, f], none where they are all."""
 
     chosen: np.ndarray
     weights: np.ndarray
 
     @classmethod
-    def of(cls, turns_per_m: np.ndarray, reach_m: float) -> Tones:
+    def of(cls, turns_per_m: np.ndarray, reach_m: float) -> FewTones:
         """Those of paths that differ by up to ±reach_m."""
         if len(turns_per_m) <= 2:
             return cls(np.arange(len(turns_per_m)), EVERY)
@@ -161,8 +161,8 @@ class Bundles:
         middle_m = before_m.mean(axis=0), after_m.mean(axis=0)
         before_m, after_m = before_m - middle_m[0], after_m - middle_m[1]
         reach_m = np.abs(before_m).max(axis=1) + np.abs(after_m).max(axis=1) + self._reach_m
-        whole = Tones.of(turns_per_m, float(reach_m.max()))
-        tones = {reach: Tones.of(turns_per_m, reach) for reach in np.unique(self._reach_m)}
+        whole = FewTones.of(turns_per_m, float(reach_m.max()))
+        tones = {reach: FewTones.of(turns_per_m, reach) for reach in np.unique(self._reach_m)}
         parts = np.zeros((SUMS, len(whole.chosen), 2, *array.channels), np.float32)
 
         def work(i: int) -> None:
