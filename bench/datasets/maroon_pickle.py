@@ -2,7 +2,9 @@
 
 A pickle is a program that may call whatever it can name. This reader lets it name five things, and none of them is
 numpy's own: stand-ins take the description of an array apart, check it, and build the array from its plain bytes.
-Python's own unpickler is used because the one in C reserves memory for any number that a file mentions.
+Python's own unpickler is used because the one in C reserves memory for any number that a file mentions. A few hundred
+bytes can also describe a tuple of 2⁶⁰ parts, each within the next twice, which anything that hashes, compares or prints
+it walks through; so keys are text, steps are counted, and only those are taken that arrays and plain values need.
 """
 
 import math
@@ -17,8 +19,8 @@ import numpy as np
 
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, require_file
+from radar.support.limits import MOST_STEPS, PICKLE_BYTES, read_bytes
 
-LARGEST_BYTES = 256 * 2**20  # 96 × 96 × 128 numbers of complex128 take 19 MB
 NUMBERS = re.compile(r"b1|[iu][1248]|f[248]|c(8|16)")  # what an array may hold
 PLAIN = (np.generic, bool, int, float, str, type(None))
 WHAT = "a radar frame of MAROON (a pickled dictionary of arrays of numbers)"
@@ -28,11 +30,9 @@ def read_dictionary(path: str | Path) -> dict[str, Any]:
     """The dictionary of a .npy file: arrays and scalars of numbers, text, None. Anything else is a HandbenchError, and
     nothing that the file names is ever called."""
     path = require_file(path, WHAT)
-    size = path.stat().st_size
-    if size > LARGEST_BYTES:
-        raise HandbenchError(f"{path}: has {size} bytes; expected {WHAT}, {LARGEST_BYTES} at most")
+    found = read_bytes(path, WHAT, PICKLE_BYTES)
     try:
-        content = _unpickle(path.read_bytes())
+        content = _unpickle(found)
     except Exception as error:  # broken pickles raise whatever the opcode at hand stumbles over
         reason = " ".join(str(error).split()) or type(error).__name__
         raise HandbenchError(f"{path}: is refused ({reason[:200]}); expected {WHAT}") from error
@@ -75,7 +75,7 @@ class _Dtype:
 
     def __init__(self, name: str, *_: bool) -> None:
         if name not in ("O", "O8") and not (isinstance(name, str) and NUMBERS.fullmatch(name)):
-            raise ValueError(f"numbers of type {name!r}")
+            raise ValueError(f"numbers of type {name[:40]!r}" if isinstance(name, str) else "numbers of no type")
         self.name, self.order = name, "="
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
@@ -100,7 +100,7 @@ class _Array:
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
         _, shape, dtype, by_column, content = state
-        if any(not isinstance(n, int) or n < 0 for n in shape) or not isinstance(dtype, _Dtype):
+        if len(shape) > 32 or any(not isinstance(n, int) or n < 0 for n in shape) or not isinstance(dtype, _Dtype):
             raise ValueError("an array without shape or type")
         if dtype.name.startswith("O"):
             if shape != () or not isinstance(content, list) or len(content) != 1:
@@ -136,10 +136,49 @@ NAMES = {("numpy", "dtype"): _Dtype, ("numpy", "ndarray"): _Array} | {
 }
 
 
+STEPS = (
+    "PROTO FRAME STOP MARK GLOBAL STACK_GLOBAL REDUCE BUILD PUT GET BINPUT BINGET LONG_BINPUT LONG_BINGET MEMOIZE "
+    "NONE NEWTRUE NEWFALSE INT BININT BININT1 BININT2 LONG1 BINFLOAT EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3 "
+    "EMPTY_LIST APPEND APPENDS EMPTY_DICT SETITEM SETITEMS BINUNICODE SHORT_BINUNICODE BINUNICODE8 "
+    "BINBYTES SHORT_BINBYTES BINBYTES8"
+)
+
+
 class _Unpickler(pickle._Unpickler):
-    """Knows the closed list of names."""
+    """Knows the closed list of names, and of steps; `dispatch` is asked once for each step that is taken."""
+
+    def __init__(self, stream: BytesIO) -> None:
+        super().__init__(stream)
+        known = {getattr(pickle, name)[0]: name for name in STEPS.split()}
+        self.dispatch = _Steps({code: self._step(code, name) for code, name in known.items()})
+
+    def _step(self, code: int, name: str) -> Callable[[pickle._Unpickler], None]:
+        """What a step does; of one that fills a dictionary, only if its keys are text."""
+        take = pickle._Unpickler.dispatch[code]
+        if name not in ("SETITEM", "SETITEMS"):
+            return take
+
+        def fill(unpickler: pickle._Unpickler) -> None:
+            for key in unpickler.stack[-2:-1] if name == "SETITEM" else unpickler.stack[::2]:
+                if not isinstance(key, str):
+                    raise ValueError(f"a key is {type(key).__name__}, not text")
+            take(unpickler)
+
+        return fill
 
     def find_class(self, module: str, name: str) -> _Name:
         if (module, name) not in NAMES:
-            raise ValueError(f"it names {module}.{name}")
+            raise ValueError(f"it names {module[:80]}.{name[:80]}")
         return _Name(NAMES[module, name])
+
+
+class _Steps(dict[int, Callable[[pickle._Unpickler], None]]):
+    """Each step's function by its code, asked for at most MOST_STEPS times."""
+
+    taken = 0
+
+    def __getitem__(self, code: int) -> Callable[[pickle._Unpickler], None]:
+        self.taken += 1
+        if self.taken > MOST_STEPS or code not in self:
+            raise ValueError(f"its program has {'too many steps' if code in self else f'the unknown step {code}'}")
+        return super().__getitem__(code)

@@ -156,9 +156,13 @@ def _pairs(
     """Each photograph with what bears its name: all of it, else without folders, else without suffix too (None:
     nothing). A HandbenchError where two things do."""
     short = (str, lambda name: PurePosixPath(name).name, lambda name: PurePosixPath(name).stem)
+    known: list[dict[str, list[Any]]] = [{} for _ in short]
+    for one in named:
+        for by_name, cut in zip(known, short, strict=True):
+            by_name.setdefault(cut(one.name), []).append(one)
     pairs = []
     for photo in photos:
-        found = next(filter(None, ([n for n in named if cut(n.name) == cut(photo.name)] for cut in short)), [None])
+        found = next((by[cut(photo.name)] for by, cut in zip(known, short, strict=True) if cut(photo.name) in by), [None])
         if len(found) > 1:
             raise HandbenchError(f"{where}: {' and '.join(n.name for n in found)} may both be {photo.name}; rename one")
         pairs.append((photo, found[0]))

@@ -22,8 +22,9 @@ import numpy as np
 from groundtruth.cameras.cameras import Camera
 from radar.support.errors import HandbenchError
 from radar.support.files import require_file
+from radar.support.limits import DEEPEST, MOST_ELEMENTS, XML_BYTES, read_bytes
 
-LARGEST_BYTES = 64 * 2**20
+MOST_PARTS = 100  # of a sensor, and of its calibration
 LARGEST = 1e12  # metres or pixels; nothing overflows
 NOT_IN_COLMAP = ("k4", "p3", "p4")
 SMALLEST_SKEW_PX = 0.05  # what B2 may move at the picture's edge and is left out
@@ -56,14 +57,28 @@ def read_metashape(path: str | Path) -> tuple[Camera, ...]:
 def _parse(path: Path) -> ElementTree.Element:
     """The file's root. Document types are refused: entities are what attacks by XML are made of."""
     try:
-        if path.stat().st_size > LARGEST_BYTES:
-            raise ValueError(f"more than {LARGEST_BYTES} bytes")
-        text = path.read_bytes().decode("utf-8-sig")
+        text = read_bytes(path, "cameras exported by Metashape", XML_BYTES).decode("utf-8-sig")
         if "<!DOCTYPE" in text.upper():
             raise ValueError("it holds a DOCTYPE")
-        return ElementTree.fromstring(text)
-    except (ValueError, OSError, ElementTree.ParseError) as error:
+        return ElementTree.fromstring(text, ElementTree.XMLParser(target=_Tree()))
+    except (ValueError, ElementTree.ParseError) as error:
         raise HandbenchError(f"{path}: is not readable as XML ({error}); export the cameras again") from error
+
+
+class _Tree(ElementTree.TreeBuilder):
+    """Builds the tree of a file's elements; ValueError once it is too deep or too large."""
+
+    depth = count = 0
+
+    def start(self, tag: str, attrs: dict[str, str]) -> ElementTree.Element:
+        self.depth, self.count = self.depth + 1, self.count + 1
+        if self.depth > DEEPEST or self.count > MOST_ELEMENTS:
+            raise ValueError(f"it has more than {DEEPEST} levels or {MOST_ELEMENTS} elements")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str) -> ElementTree.Element:
+        self.depth -= 1
+        return super().end(tag)
 
 
 def _camera(element: ElementTree.Element, sensors: dict[str, ElementTree.Element], world: Similarity | None) -> Camera:
@@ -86,6 +101,8 @@ def _intrinsics(sensor: ElementTree.Element, label: str) -> tuple[int, int, tupl
     calibration = calibrations.get("adjusted", calibrations.get("initial"))
     if calibration is None or {sensor.get("type", "frame"), calibration.get("type", "frame")} != {"frame"}:
         raise HandbenchError(f"camera {label}: has no calibration of type 'frame'; handbench reads no other")
+    if max(len(sensor), len(calibration)) > MOST_PARTS:  # each camera goes through them
+        raise ValueError(f"a sensor has more than {MOST_PARTS} parts")
     size = calibration.find("resolution")
     size = sensor.find("resolution") if size is None else size
     width, height = int(_id(size, "width")), int(_id(size, "height"))

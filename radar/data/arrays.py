@@ -1,6 +1,7 @@
 """Antenna arrays. Radar frame: origin at the aperture's centre, z away from the array, y up, x = y × z."""
 
 import csv
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from radar.support.errors import HandbenchError
 from radar.support.files import require_file
+from radar.support.limits import CSV_BYTES, read_bytes
 
 SPEED_OF_LIGHT_M_S = 299_792_458.0
 FARTHEST_M = 1e7  # float64 tells a path to 4e-9 m there, a phase at 80 GHz to 1e-5 rad, and worse beyond
@@ -93,12 +95,12 @@ def load_positions(path: str | Path) -> np.ndarray:
     """Antenna positions [n, 3] in metres from a CSV file with the header x_m,y_m,z_m."""
     path = require_file(path, "a CSV file with the columns x_m,y_m,z_m")
     try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            rows = list(csv.reader(stream))
+        text = read_bytes(path, "antenna positions", CSV_BYTES).decode("utf-8")
+        rows = list(csv.reader(io.StringIO(text, newline="")))
     except (UnicodeDecodeError, csv.Error) as error:
         raise HandbenchError(f"{path}: is no CSV file ({error}); expected the columns x_m,y_m,z_m") from None
     if not rows or rows[0] != ["x_m", "y_m", "z_m"]:
-        raise HandbenchError(f"{path}: the first line is {rows[:1]}; expected x_m,y_m,z_m")
+        raise HandbenchError(f"{path}: the first line is {str(rows[:1])[:80]}; expected x_m,y_m,z_m")
     try:
         return positions(str(path), np.array(rows[1:], dtype=np.float64))
     except ValueError as error:

@@ -122,7 +122,7 @@ def load_capture(path: str | Path) -> RadarCapture:
                 raise HandbenchError(f"{path}: has format {found}; expected ('{FORMAT}', {VERSION})")
             samples = _numbers(file, "samples", path, "iufc").astype(np.complex64, copy=False)
             frequencies_hz = _numbers(file, "frequencies_hz", path).astype(np.float64)
-            if "position_m" in file:
+            if file.get("position_m", getlink=True) is not None:
                 aperture: Aperture = PlanarScan(_numbers(file, "position_m", path))
             else:
                 aperture = AntennaArray(_numbers(file, "tx_m", path), _numbers(file, "rx_m", path))
@@ -138,11 +138,7 @@ def load_capture(path: str | Path) -> RadarCapture:
 
 def _numbers(file: h5py.File, name: str, path: Path, kinds: str = "iuf") -> np.ndarray:
     """A data set of numbers that lie in this very file; kinds: numpy's, of real numbers by default."""
-    import h5py
-
-    if isinstance(file.get(name, getlink=True), h5py.ExternalLink):
-        raise ValueError(f"'{name}' is a link into another file")
-    values = read(file[name], name, path)
+    values = read(file, name, path)
     if values.dtype.kind not in kinds:
         raise ValueError(f"'{name}' holds {values.dtype}, no {'' if 'c' in kinds else 'real '}numbers")
     return values

@@ -1,7 +1,6 @@
 """Strict configuration: every key known, every value checked, the nearest key suggested for a typo."""
 
 import difflib
-import re
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
@@ -10,10 +9,8 @@ import pydantic
 
 from radar.support.errors import HandbenchError
 from radar.support.files import require_file
+from radar.support.limits import LONG_KEY, MOST_PROBLEMS, TOML_BYTES, read_text, require_plain
 
-DEEP = re.compile(  # tomllib takes time and memory by the square of a key's parts
-    r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}"""
-)
 ConfigT = TypeVar("ConfigT", bound="Config")
 
 
@@ -37,12 +34,21 @@ def read_toml(path: str | Path, what: str) -> dict[str, Any]:
     """Parse a TOML file into plain values; a missing or broken file is a HandbenchError."""
     path = require_file(path, what)
     try:
-        text = path.read_text(encoding="utf-8")
-        if DEEP.search(text):
-            raise ValueError("a key has more than 100 parts")
-        return tomllib.loads(text)
-    except (ValueError, RecursionError, OSError) as error:  # whole numbers of 5000 digits are no TOMLDecodeError
+        return plain_toml(read_text(path, what, TOML_BYTES))
+    except ValueError as error:  # whole numbers of 5000 digits are no TOMLDecodeError
         raise HandbenchError(f"{path}: is not readable as TOML ({error}); expected {what}") from error
+
+
+def plain_toml(text: str) -> dict[str, Any]:
+    """TOML's plain values; ValueError for what is none, or too deep."""
+    if LONG_KEY.search(text):
+        raise ValueError("a key has too many parts")
+    try:
+        values = tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("its values are nested without end") from None
+    require_plain(values)
+    return values
 
 
 def load(model: type[ConfigT], path: str | Path, what: str) -> ConfigT:
@@ -57,6 +63,8 @@ def suggest(name: str, known: list[str]) -> str:
 
 
 def _one_line(model: type[Config], error: pydantic.ValidationError, where: str) -> str:
+    if error.error_count() > MOST_PROBLEMS:  # telling them apart takes a thousand times what finding them does
+        return f"{where}: {error.error_count()} of its values are wrong; is it the right file?"
     problems = error.errors()
     first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""

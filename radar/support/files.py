@@ -17,8 +17,9 @@ from typing import IO, Any
 import numpy as np
 
 from radar.support.errors import HandbenchError
+from radar.support.limits import ARRAY_BYTES, DIRECTORY_BYTES, JSON_BYTES, MOST_VALUES, read_text, require_plain
 
-LARGEST_BYTES = 2**30  # of the arrays read from one .npz file
+END_BYTES = 22 + 65_535  # of an archive: what its end takes, with the longest comment
 UNCHANGED = "nothing was changed: free the space or choose another place"
 NPY_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
@@ -123,12 +124,14 @@ def write_json(path: str | Path, content: Any) -> None:
     write_text(path, json.dumps(_finite(content), indent=2, allow_nan=False) + "\n")
 
 
-def read_json(path: str | Path, what: str) -> Any:
-    """Parse a JSON file; a missing or broken one is a HandbenchError naming the line."""
+def read_json(path: str | Path, what: str, most_bytes: int = JSON_BYTES, most_values: int = MOST_VALUES) -> Any:
+    """Parse a JSON file; a missing, broken or too large one is a HandbenchError naming the line."""
     path = require_file(path, what)
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError, OSError) as error:
+        values = json.loads(read_text(path, what, most_bytes))
+        require_plain(values, most_values)
+        return values
+    except (ValueError, RecursionError) as error:
         raise HandbenchError(f"{path}: is not readable as JSON ({error}); expected {what}") from error
 
 
@@ -138,11 +141,14 @@ def write_npz(path: str | Path, **arrays: Any) -> None:
         np.savez_compressed(stream, allow_pickle=False, **arrays)
 
 
-def read_npz(path: str | Path, names: tuple[str, ...], optional: tuple[str, ...] = ()) -> dict[str, np.ndarray]:
+def read_npz(
+    path: str | Path, names: tuple[str, ...], optional: tuple[str, ...] = (), most: int = ARRAY_BYTES
+) -> dict[str, np.ndarray]:
     """Read the arrays `names` from an .npz file, and those of `optional` that are there; pickled content is refused,
-    never run, and so is a file that says of itself what would take all memory."""
+    never run, and so are arrays of more than `most` bytes unpacked."""
     path = require_file(path, "an .npz file")
     try:
+        _require_short_directory(path)
         with zipfile.ZipFile(path) as archive:
             there = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             missing = [name for name in names if name not in there]
@@ -150,13 +156,25 @@ def read_npz(path: str | Path, names: tuple[str, ...], optional: tuple[str, ...]
                 raise HandbenchError(f"{path}: lacks {', '.join(missing)}; expected {', '.join(names)}")
             wanted = [name for name in (*names, *optional) if name in there]
             size = sum(there[name].file_size for name in wanted)
-            if size > LARGEST_BYTES:
-                raise ValueError(f"its arrays take {size} bytes; at most {LARGEST_BYTES} are read")
+            if size > most:
+                raise ValueError(f"its arrays take {size} bytes; at most {most} are read")
             return {name: _member(archive, there[name]) for name in wanted}
     except HandbenchError:
         raise
     except Exception as error:  # zip, zlib, header and pickle errors have no common base
         raise HandbenchError(f"{path}: is not a readable .npz file ({error}); write it again") from error
+
+
+def _require_short_directory(path: Path) -> None:
+    """ValueError for an archive whose list of members is long: zipfile reads all of it before it can be asked."""
+    with path.open("rb") as stream:
+        stream.seek(max(path.stat().st_size - END_BYTES, 0))
+        tail = stream.read(END_BYTES)
+    plain = tail[-22:-18] == b"PK\5\6" and tail[-2:] == b"\0\0"  # as zipfile looks for it
+    at = len(tail) - 22 if plain else tail.rfind(b"PK\5\6")
+    length = int.from_bytes(tail[at + 12 : at + 16], "little") if at >= 0 else 0
+    if length > DIRECTORY_BYTES or tail[max(at - 20, 0) :].startswith(b"PK\6\7"):  # which marks more than 4 GB
+        raise ValueError(f"its list of members takes more than {DIRECTORY_BYTES} bytes")
 
 
 def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
