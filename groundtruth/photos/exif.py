@@ -8,6 +8,8 @@ from typing import Any
 
 from PIL import Image
 
+from radar.support.pictures import FORMATS
+
 IFD = 0x8769
 MAKE, MODEL, ORIENTATION = 0x010F, 0x0110, 0x0112
 SERIAL_NUMBER, FOCAL_LENGTH, FOCAL_LENGTH_35MM = 0xA431, 0x920A, 0xA405
@@ -22,7 +24,7 @@ Exif = dict[int, Any]
 def read_exif(path: Path) -> Exif:
     """Tag → value of a picture file; empty where there are none or they are broken."""
     try:
-        with warnings.catch_warnings(action="ignore"), Image.open(path) as image:
+        with warnings.catch_warnings(action="ignore"), Image.open(path, formats=FORMATS) as image:
             exif = image.getexif()
             return {**exif, **exif.get_ifd(IFD)}
     except (OSError, SyntaxError, ValueError, TypeError, KeyError, struct.error):

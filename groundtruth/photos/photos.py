@@ -6,7 +6,6 @@ swapped against the stored ones belongs to the upright picture and is turned ins
 belong to the stored one: sizes cannot tell.
 """
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,11 +17,11 @@ from PIL import Image
 from groundtruth.photos.exif import body_of, focal_length_px, orientation_of, read_exif
 from radar.support.errors import HandbenchError
 from radar.support.files import require_folder
+from radar.support.pictures import is_deep, opened_picture
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 FEWEST = 3
-LARGEST_PX = 100_000_000  # a hundred megapixels take a GB to decode
-PACKED_PX = 10_000  # no picture packs more into a byte: a blank mask of one bit a pixel has 8000
+STRIP = 256  # rows of 16 bits a channel that become floats at once
 QUARTER_TURNS = {1: 0, 3: 2, 6: 1, 8: 3}  # EXIF orientation: clockwise, from the stored to the upright picture
 MIRRORED = (2, 4, 5, 7)  # EXIF orientations that no camera writes
 
@@ -83,14 +82,17 @@ def stored_picture(photo: Photo, upright: np.ndarray) -> np.ndarray:
 def _gray(image: Image.Image, path: Path) -> np.ndarray:
     if image.mode in ("I", "F"):
         raise HandbenchError(f"{path}: has 32 bits a pixel; expected 8 or 16 bits a channel, save it so")
-    if ";16" not in str(image.tile):  # how Pillow tells what it would shorten to 8 bits
+    if not is_deep(image):
         return np.asarray(image.convert("L"), dtype=np.float32) / 255
     image.load()  # complains of a truncated file, where OpenCV fills up
     deep = cv2.imread(str(path), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
     if deep is None:
         raise ValueError("OpenCV cannot read its 16 bits")
-    deep = deep.astype(np.float32) / 65535
-    return deep if deep.ndim == 2 else cv2.cvtColor(deep[..., :3], cv2.COLOR_BGR2GRAY)
+    gray = np.empty(deep.shape[:2], np.float32)
+    for start in range(0, len(deep), STRIP):
+        strip = deep[start : start + STRIP].astype(np.float32) / 65535
+        gray[start : start + STRIP] = strip if strip.ndim == 2 else cv2.cvtColor(strip[..., :3], cv2.COLOR_BGR2GRAY)
+    return gray
 
 
 def _colours(image: Image.Image, path: Path) -> np.ndarray:
@@ -100,23 +102,8 @@ def _colours(image: Image.Image, path: Path) -> np.ndarray:
 
 
 def _decode(path: Path, convert: Callable[[Image.Image], np.ndarray]) -> np.ndarray:
-    """convert(the opened picture); a HandbenchError for what Pillow cannot read."""
-    try:
-        with warnings.catch_warnings(action="ignore"), Image.open(path) as image:  # of odd EXIF data, of many pixels
-            _require_plausible(image, path.stat().st_size)
-            return convert(image)
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise HandbenchError(f"{path}: is not a readable photograph ({error}); replace or remove it") from error
-
-
-def _require_plausible(image: Image.Image, size_bytes: int) -> None:
-    """Refuse what would take long or much memory before a pixel of it is decoded."""
-    pixels = image.width * image.height
-    if pixels > min(LARGEST_PX, PACKED_PX * size_bytes):
-        raise ValueError(
-            f"it has {image.width} × {image.height} pixels in {size_bytes} bytes; at most {LARGEST_PX} are read, and "
-            f"{PACKED_PX} a byte"
-        )
+    with opened_picture(path) as image:
+        return convert(image)
 
 
 def _pictures(folder: Path) -> list[Path]:

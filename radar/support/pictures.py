@@ -1,0 +1,66 @@
+"""Picture files of strangers: what a header says is compared with the file before a pixel is decoded."""
+
+import mmap
+import re
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from PIL import Image
+
+from radar.support.errors import HandbenchError
+
+FORMATS = ("JPEG", "PNG", "TIFF")  # of what else Pillow knows, some starts programs
+LARGEST_PX = 100_000_000  # a hundred megapixels take a GB to decode
+SMALL_PX = 32_000_000  # half a second: what few bytes may hold, up to ...
+PACKED_PX = 10_000  # ... so many pixels in one: a blank mask of one bit a pixel has 8000
+DENSE_PX, DENSE_DEEP_PX = 1000, 10  # in a byte of a larger picture, and of one with 16 bits a channel
+MOST_SCANS = 32  # of a progressive JPEG, each of which goes over all pixels; programs write about ten
+MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]", re.DOTALL)  # that ends a scan
+TILE_SIDES = (322, 323)  # TIFF's tags
+
+
+@contextmanager
+def opened_picture(path: Path) -> Iterator[Image.Image]:
+    """A picture file, open and not decoded; a HandbenchError for one that cannot be, here or in the block, or whose
+    header promises what would take long or much memory."""
+    try:
+        with warnings.catch_warnings(action="ignore"), Image.open(path, formats=FORMATS) as image:
+            _require_plausible(image, path)
+            yield image
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise HandbenchError(f"{path}: is not a readable photograph ({error}); replace or remove it") from error
+
+
+def is_deep(image: Image.Image) -> bool:
+    """True for 16 bits a channel, as Pillow tells what it would shorten to 8 bits."""
+    return ";16" in str(image.tile)
+
+
+def _require_plausible(image: Image.Image, path: Path) -> None:
+    pixels, size = image.width * image.height, path.stat().st_size
+    dense_px = (DENSE_DEEP_PX if is_deep(image) else DENSE_PX) * size
+    if pixels > min(LARGEST_PX, PACKED_PX * size, max(SMALL_PX // (1 + is_deep(image)), dense_px)):
+        raise ValueError(
+            f"it has {image.width} × {image.height} pixels in {size} bytes; at most {LARGEST_PX} are read, and "
+            f"above {SMALL_PX} at most {dense_px // size} a byte"
+        )
+    if image.format in ("JPEG", "MPO") and (scans := _scans(path)) > MOST_SCANS:
+        raise ValueError(f"it has {scans} scans; at most {MOST_SCANS} are read: save it again")
+    sides = [getattr(image, "tag_v2", {}).get(tag, 1) for tag in TILE_SIDES]
+    if not all(isinstance(side, int) for side in sides) or sides[0] * sides[1] > max(SMALL_PX, pixels):
+        raise ValueError(f"its tiles have {' × '.join(map(str, sides))} pixels; save it again")
+
+
+def _scans(path: Path) -> int:
+    """Passes over a JPEG file's pixels, as its markers tell."""
+    count, at = 0, 2
+    with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        while found := MARKER.search(content, at):
+            kind, start = content[found.end() - 1], found.end()
+            if kind == 0xD9 or count > MOST_SCANS:
+                break
+            count += kind == 0xDA
+            at = start if kind in (0x01, 0xD8) else start + int.from_bytes(content[start : start + 2], "big")
+    return count
