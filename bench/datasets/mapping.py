@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from bench.datasets.native import CaptureFile, NativeCapture
 from radar.data.arrays import AntennaArray, PlanarScan
-from radar.data.capture import RadarCapture
+from radar.data.capture import RadarCapture, single
 from radar.support.config import Config, load
 from radar.support.errors import HandbenchError
 from radar.support.files import inside, require_file
@@ -173,7 +173,7 @@ class _Source:
         order = [axis for axis in ("frame", "frequency", "tx", "rx", "position") if axis in axes]
         values = values.transpose([axes.index(axis) for axis in order])
         values = values if "frame" in axes else values[None]
-        return np.ascontiguousarray(values.conj() if told.sign == "+" else values, np.complex64)
+        return single(values.conj() if told.sign == "+" else values)
 
     def _complex(self, told: Samples, parts: list[np.ndarray], axes: tuple[str, ...]) -> np.ndarray:
         if len(parts) == 2:

@@ -162,7 +162,9 @@ def _pairs(
             by_name.setdefault(cut(one.name), []).append(one)
     pairs = []
     for photo in photos:
-        found = next((by[cut(photo.name)] for by, cut in zip(known, short, strict=True) if cut(photo.name) in by), [None])
+        found = next(
+            (by[cut(photo.name)] for by, cut in zip(known, short, strict=True) if cut(photo.name) in by), [None]
+        )
         if len(found) > 1:
             raise HandbenchError(f"{where}: {' and '.join(n.name for n in found)} may both be {photo.name}; rename one")
         pairs.append((photo, found[0]))

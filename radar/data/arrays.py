@@ -13,6 +13,7 @@ from radar.support.files import require_file
 from radar.support.limits import CSV_BYTES, read_bytes
 
 SPEED_OF_LIGHT_M_S = 299_792_458.0
+HIGHEST_HZ = 1e13
 FARTHEST_M = 1e7  # float64 tells a path to 4e-9 m there, a phase at 80 GHz to 1e-5 rad, and worse beyond
 
 
@@ -107,9 +108,25 @@ def load_positions(path: str | Path) -> np.ndarray:
         raise HandbenchError(f"{path}: holds something that is no number ({error})") from None
 
 
+def tones(name: str, values: ArrayLike) -> np.ndarray:
+    """Frequencies [f] in hertz as float64, in any order; `name` is refused where one is no positive number."""
+    found = np.asarray(values)
+    if found.ndim != 1 or found.dtype.kind not in "iuf" or len(found) == 0:
+        raise HandbenchError(f"{name}: is {found.dtype} of shape {found.shape}; expected [f] hertz")
+    if not ((found > 0) & (found <= HIGHEST_HZ)).all():
+        wrong = found[~((found > 0) & (found <= HIGHEST_HZ))][0]
+        raise HandbenchError(
+            f"{name}: holds {wrong}; expected tones, positive and at most {HIGHEST_HZ:g} hertz"
+        )
+    return found.astype(np.float64)
+
+
 def positions(name: str, values: ArrayLike) -> np.ndarray:
     """Places [n, 3] in metres as float64; `name` is refused where it holds none, or such as no phase can be told of."""
-    values = np.ascontiguousarray(values, dtype=np.float64)
+    try:
+        values = np.ascontiguousarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise HandbenchError(f"{name}: are no real numbers; expected [n, 3] positions in metres") from None
     if values.ndim != 2 or values.shape[1] != 3 or len(values) == 0:
         raise HandbenchError(f"{name}: has shape {values.shape}; expected [n, 3] positions in metres")
     if not np.isfinite(values).all():

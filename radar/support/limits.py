@@ -13,9 +13,9 @@ from radar.support.errors import HandbenchError
 
 MB = 2**20
 TOML_BYTES = MB // 4
-JSON_BYTES = 8 * MB
-XML_BYTES = 8 * MB
-CSV_BYTES = 8 * MB
+JSON_BYTES = 4 * MB
+XML_BYTES = 4 * MB
+CSV_BYTES = 4 * MB
 PICKLE_BYTES = 256 * MB  # a frame of 96 × 96 × 128 numbers of complex128 takes 19 MB
 MODEL_BYTES = 256 * MB  # each file of a COLMAP model
 MESH_BYTES = 1024 * MB
@@ -24,7 +24,7 @@ MEMBER_BYTES = 64 * MB  # unpacked, of one file in an archive
 
 DEEPEST = 32  # lists and tables within each other
 MOST_VALUES = 200_000  # of a TOML or JSON file: checking them against a configuration takes a kB each
-RAW_BYTES, RAW_VALUES = 16 * MB, 1_000_000  # of a JSON file that is not: MAROON's holds more than is read
+RAW_BYTES, RAW_VALUES = 8 * MB, 500_000  # of a JSON file that is not: MAROON's holds more than is read
 MOST_CELLS = 500_000  # of a CSV file
 MOST_ELEMENTS = 200_000  # of an XML file
 MOST_PROBLEMS = 1000  # that are told apart in one file

@@ -35,6 +35,7 @@ READS = {
     "exception": "{}['missing']",
     "memory": "bytearray(10 * 2**30)",
     "hang": "time.sleep(60)",
+    "slow": "worker.LONGEST_S = -1.0",
     "crash": "os.kill(os.getpid(), 9)",
     "wrote": "open(folder.parent / 'elsewhere', 'w').close()",
 }
