@@ -1,10 +1,9 @@
 """Echoes in somebody else's HDF5 file (MATLAB v7.3 is HDF5), described by a `mapping.toml` beside it."""
 
-import itertools
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import h5py
 import numpy as np
@@ -211,15 +210,8 @@ class _Source:
     def _names(self) -> list[str]:
         """The first data sets of the file, among its first things."""
         names: list[str] = []
-        left = itertools.count(1000, -1)
-
-        def note(name: str, item: Any) -> bool | None:
-            if isinstance(item, h5py.Dataset):
-                names.append(name[:200])
-            return True if len(names) == 12 or not next(left) else None
-
-        self.file.visititems(note)
-        return names
+        self.file.visit(lambda name: names.append(name) or len(names) > 100 or None)
+        return [name[:200] for name in names if isinstance(self.file[name], h5py.Dataset)][:12]
 
     def _wrong(self, name: str, shape: tuple[int, ...], expected: str) -> HandbenchError:
         return HandbenchError(f"{self.path}: '{name}' has shape {shape}; expected {expected}; mend mapping.toml")

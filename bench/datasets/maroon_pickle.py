@@ -9,9 +9,11 @@ it walks through; so keys are text, steps are counted, and only those are taken 
 
 import math
 import pickle
+import pickletools
 import re
 from collections.abc import Callable
 from io import BytesIO
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +32,12 @@ def read_dictionary(path: str | Path) -> dict[str, Any]:
     """The dictionary of a .npy file: arrays and scalars of numbers, text, None. Anything else is a HandbenchError, and
     nothing that the file names is ever called."""
     path = require_file(path, WHAT)
-    found = read_bytes(path, WHAT, PICKLE_BYTES)
+    content = read_bytes(path, WHAT, PICKLE_BYTES)
     try:
-        content = _unpickle(found)
+        return _unpickle(content)
     except Exception as error:  # broken pickles raise whatever the opcode at hand stumbles over
         reason = " ".join(str(error).split()) or type(error).__name__
         raise HandbenchError(f"{path}: is refused ({reason[:200]}); expected {WHAT}") from error
-    return content
 
 
 def write_dictionary(path: str | Path, content: dict[str, Any]) -> None:
@@ -52,6 +53,10 @@ def _unpickle(content: bytes) -> dict[str, Any]:
     shape, _, dtype = read_header(stream)
     if not dtype.hasobject or dtype.names or shape != ():
         raise ValueError(f"it is an array {dtype} {shape}, not a dictionary")
+    start = stream.tell()
+    if sum(1 for _ in islice(pickletools.genops(stream), MOST_STEPS + 1)) > MOST_STEPS:
+        raise ValueError("its program has too many steps")
+    stream.seek(start)
     outermost = _Unpickler(stream).load()
     held = outermost.objects[0] if isinstance(outermost, _Array) and outermost.objects else None
     if not isinstance(held, dict):
@@ -66,7 +71,8 @@ def _checked(key: Any, value: Any) -> Any:
         return value.numbers
     if isinstance(value, PLAIN):
         return value
-    kind = "an array of objects" if isinstance(value, _Array) else type(value).__name__
+    kinds = {_Array: "an array of objects", _Table: "dict"}
+    kind = kinds.get(type(value), type(value).__name__)
     raise ValueError(f"'{key}' is {kind}")
 
 
@@ -136,7 +142,7 @@ NAMES = {("numpy", "dtype"): _Dtype, ("numpy", "ndarray"): _Array} | {
 }
 
 
-STEPS = (
+KNOWN = (
     "PROTO FRAME STOP MARK GLOBAL STACK_GLOBAL REDUCE BUILD PUT GET BINPUT BINGET LONG_BINPUT LONG_BINGET MEMOIZE "
     "NONE NEWTRUE NEWFALSE INT BININT BININT1 BININT2 LONG1 BINFLOAT EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3 "
     "EMPTY_LIST APPEND APPENDS EMPTY_DICT SETITEM SETITEMS BINUNICODE SHORT_BINUNICODE BINUNICODE8 "
@@ -144,41 +150,26 @@ STEPS = (
 )
 
 
+class _Table(dict[str, Any]):
+    """Takes text alone as keys: whatever else is never hashed."""
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        if not isinstance(key, str):
+            raise ValueError(f"a key is {type(key).__name__}, not text")
+        super().__setitem__(key, value)
+
+
+CODES = [getattr(pickle, name)[0] for name in KNOWN.split()]
+STEPS: dict[int, Callable[[Any], None]] = {code: pickle._Unpickler.dispatch[code] for code in CODES}
+STEPS[pickle.EMPTY_DICT[0]] = lambda unpickler: unpickler.append(_Table())
+
+
 class _Unpickler(pickle._Unpickler):
-    """Knows the closed list of names, and of steps; `dispatch` is asked once for each step that is taken."""
+    """Knows the closed list of names, and of steps."""
 
-    def __init__(self, stream: BytesIO) -> None:
-        super().__init__(stream)
-        known = {getattr(pickle, name)[0]: name for name in STEPS.split()}
-        self.dispatch = _Steps({code: self._step(code, name) for code, name in known.items()})
-
-    def _step(self, code: int, name: str) -> Callable[[pickle._Unpickler], None]:
-        """What a step does; of one that fills a dictionary, only if its keys are text."""
-        take = pickle._Unpickler.dispatch[code]
-        if name not in ("SETITEM", "SETITEMS"):
-            return take
-
-        def fill(unpickler: pickle._Unpickler) -> None:
-            for key in unpickler.stack[-2:-1] if name == "SETITEM" else unpickler.stack[::2]:
-                if not isinstance(key, str):
-                    raise ValueError(f"a key is {type(key).__name__}, not text")
-            take(unpickler)
-
-        return fill
+    dispatch = STEPS
 
     def find_class(self, module: str, name: str) -> _Name:
         if (module, name) not in NAMES:
             raise ValueError(f"it names {module[:80]}.{name[:80]}")
         return _Name(NAMES[module, name])
-
-
-class _Steps(dict[int, Callable[[pickle._Unpickler], None]]):
-    """Each step's function by its code, asked for at most MOST_STEPS times."""
-
-    taken = 0
-
-    def __getitem__(self, code: int) -> Callable[[pickle._Unpickler], None]:
-        self.taken += 1
-        if self.taken > MOST_STEPS or code not in self:
-            raise ValueError(f"its program has {'too many steps' if code in self else f'the unknown step {code}'}")
-        return super().__getitem__(code)

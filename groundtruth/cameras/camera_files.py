@@ -156,15 +156,11 @@ def _pairs(
     """Each photograph with what bears its name: all of it, else without folders, else without suffix too (None:
     nothing). A HandbenchError where two things do."""
     short = (str, lambda name: PurePosixPath(name).name, lambda name: PurePosixPath(name).stem)
-    known: list[dict[str, list[Any]]] = [{} for _ in short]
-    for one in named:
-        for by_name, cut in zip(known, short, strict=True):
-            by_name.setdefault(cut(one.name), []).append(one)
+    known = [(cut, [(cut(n.name), n) for n in named]) for cut in short]
     pairs = []
     for photo in photos:
-        found = next(
-            (by[cut(photo.name)] for by, cut in zip(known, short, strict=True) if cut(photo.name) in by), [None]
-        )
+        same = ([n for name, n in those if name == cut(photo.name)] for cut, those in known)
+        found = next(filter(None, same), [None])
         if len(found) > 1:
             raise HandbenchError(f"{where}: {' and '.join(n.name for n in found)} may both be {photo.name}; rename one")
         pairs.append((photo, found[0]))

@@ -22,7 +22,7 @@ import numpy as np
 from groundtruth.cameras.cameras import Camera
 from radar.support.errors import HandbenchError
 from radar.support.files import require_file
-from radar.support.limits import DEEPEST, MOST_ELEMENTS, XML_BYTES, read_bytes
+from radar.support.limits import MOST_ELEMENTS, XML_BYTES, read_bytes
 
 MOST_PARTS = 100  # of a sensor, and of its calibration
 LARGEST = 1e12  # metres or pixels; nothing overflows
@@ -60,25 +60,11 @@ def _parse(path: Path) -> ElementTree.Element:
         text = read_bytes(path, "cameras exported by Metashape", XML_BYTES).decode("utf-8-sig")
         if "<!DOCTYPE" in text.upper():
             raise ValueError("it holds a DOCTYPE")
-        return ElementTree.fromstring(text, ElementTree.XMLParser(target=_Tree()))
+        if text.count("<") + text.count("=") > MOST_ELEMENTS:
+            raise ValueError(f"it has more than {MOST_ELEMENTS} tags and attributes")
+        return ElementTree.fromstring(text)
     except (ValueError, ElementTree.ParseError) as error:
         raise HandbenchError(f"{path}: is not readable as XML ({error}); export the cameras again") from error
-
-
-class _Tree(ElementTree.TreeBuilder):
-    """Builds the tree of a file's elements; ValueError once it is too deep or too large."""
-
-    depth = count = 0
-
-    def start(self, tag: str, attrs: dict[str, str]) -> ElementTree.Element:
-        self.depth, self.count = self.depth + 1, self.count + 1
-        if self.depth > DEEPEST or self.count > MOST_ELEMENTS:
-            raise ValueError(f"it has more than {DEEPEST} levels or {MOST_ELEMENTS} elements")
-        return super().start(tag, attrs)
-
-    def end(self, tag: str) -> ElementTree.Element:
-        self.depth -= 1
-        return super().end(tag)
 
 
 def _camera(element: ElementTree.Element, sensors: dict[str, ElementTree.Element], world: Similarity | None) -> Camera:

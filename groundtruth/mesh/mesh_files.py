@@ -81,8 +81,8 @@ def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, 
     if path.suffix.lower() not in readers:
         raise HandbenchError(f"{path}: is no {', '.join(readers)} file; convert the mesh to one of them")
     read, times = readers[path.suffix.lower()]  # the memory that reading takes, over the file's size
-    require_size(path, "a triangle mesh", MESH_BYTES)
     require_free(times * path.stat().st_size, str(path), "end other programs, or simplify the mesh")
+    require_size(path, "a triangle mesh", MESH_BYTES)
     try:
         told, faces = read(path)
     except ValueError as error:

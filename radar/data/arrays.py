@@ -115,20 +115,16 @@ def tones(name: str, values: ArrayLike) -> np.ndarray:
         raise HandbenchError(f"{name}: is {found.dtype} of shape {found.shape}; expected [f] hertz")
     if not ((found > 0) & (found <= HIGHEST_HZ)).all():
         wrong = found[~((found > 0) & (found <= HIGHEST_HZ))][0]
-        raise HandbenchError(
-            f"{name}: holds {wrong}; expected tones, positive and at most {HIGHEST_HZ:g} hertz"
-        )
+        raise HandbenchError(f"{name}: holds {wrong}, not positive hertz; expected tones, at most {HIGHEST_HZ:g}")
     return found.astype(np.float64)
 
 
 def positions(name: str, values: ArrayLike) -> np.ndarray:
     """Places [n, 3] in metres as float64; `name` is refused where it holds none, or such as no phase can be told of."""
-    try:
-        values = np.ascontiguousarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise HandbenchError(f"{name}: are no real numbers; expected [n, 3] positions in metres") from None
-    if values.ndim != 2 or values.shape[1] != 3 or len(values) == 0:
-        raise HandbenchError(f"{name}: has shape {values.shape}; expected [n, 3] positions in metres")
+    given = np.asarray(values)
+    if given.ndim != 2 or given.shape[1] != 3 or len(given) == 0 or given.dtype.kind not in "biuf":
+        raise HandbenchError(f"{name}: has shape {given.shape}; expected [n, 3] positions in metres, numbers")
+    values = np.ascontiguousarray(given, np.float64)
     if not np.isfinite(values).all():
         raise HandbenchError(f"{name}: holds NaN or infinity; every antenna and point needs a position in metres")
     if np.abs(values).max() > FARTHEST_M:

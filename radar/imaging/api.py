@@ -98,11 +98,9 @@ def _scaled(function: Image) -> Image:
         if largest * samples.size > np.finfo(np.float64).max:
             raise HandbenchError(f"samples: reach {largest:.3g}; their sum is more than a number holds: scale them")
         near = near_one(samples.astype(np.complex128))
-        image = function(near, frequencies_hz, aperture, *others, **named)
-        factor = largest / largest_part(near)
-        if isinstance(image, tuple):
-            return image[0], image[1] * np.float64(factor)
-        return cast(np.ndarray, image) * np.complex128(factor)
+        factor = np.float64(largest / largest_part(near))
+        image: Any = function(near, frequencies_hz, aperture, *others, **named)
+        return (image[0], image[1] * factor) if isinstance(image, tuple) else image.astype(np.complex128) * factor
 
     return cast(Image, scaled)
 
@@ -122,10 +120,8 @@ def image_points(
     samples: [f, t, r] of an AntennaArray, [f, n] of a PlanarScan; tolerance: largest relative L2 error, None for exact.
     """
     check(tolerance)
-    points_m = np.asarray(points_m)
-    if points_m.ndim == 0 or points_m.shape[-1] != 3 or points_m.dtype.kind not in "iuf":
-        raise HandbenchError(f"points_m: is {points_m.dtype} of shape {points_m.shape}; expected [..., 3] metres")
-    points = points_m.astype(np.float64).reshape(-1, 3)
+    points_m = np.atleast_1d(points_m)
+    points = points_m.reshape(-1, points_m.shape[-1])
     shape = (len(samples), *points_m.shape[:-1]) if apart else points_m.shape[:-1]
     if len(points) == 0:
         return np.zeros(shape, np.complex64)

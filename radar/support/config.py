@@ -44,11 +44,9 @@ def plain_toml(text: str) -> dict[str, Any]:
     if LONG_KEY.search(text):
         raise ValueError("a key has too many parts")
     try:
-        values = tomllib.loads(text)
+        return require_plain(tomllib.loads(text))
     except RecursionError:
         raise ValueError("its values are nested without end") from None
-    require_plain(values)
-    return values
 
 
 def load(model: type[ConfigT], path: str | Path, what: str) -> ConfigT:

@@ -2,6 +2,7 @@
 
 import errno
 import hashlib
+import io
 import json
 import math
 import os
@@ -16,10 +17,9 @@ from typing import IO, Any
 
 import numpy as np
 
+from radar.support import limits
 from radar.support.errors import HandbenchError
-from radar.support.limits import ARRAY_BYTES, DIRECTORY_BYTES, JSON_BYTES, MOST_VALUES, read_text, require_plain
 
-END_BYTES = 22 + 65_535  # of an archive: what its end takes, with the longest comment
 UNCHANGED = "nothing was changed: free the space or choose another place"
 NPY_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
@@ -107,7 +107,10 @@ def require_folder(path: str | Path, what: str) -> Path:
 
 def inside(folder: Path, name: str, where: str) -> Path:
     """`folder / name`, refused when it would leave `folder` (names in TOML files and reports are untrusted)."""
-    target = (folder / name.replace("\0", "")).resolve()
+    try:
+        target = (folder / name.replace("\0", "")).resolve()
+    except (OSError, RuntimeError) as error:  # links that lead in a circle, or on and on
+        raise HandbenchError(f"{where}: '{name[:200]}' cannot be followed ({error}); use a file of its own") from None
     if "\0" in name or not target.is_relative_to(folder.resolve()):
         raise HandbenchError(f"{where}: '{name}' leaves the folder {folder}; use a path inside it")
     return target
@@ -124,13 +127,11 @@ def write_json(path: str | Path, content: Any) -> None:
     write_text(path, json.dumps(_finite(content), indent=2, allow_nan=False) + "\n")
 
 
-def read_json(path: str | Path, what: str, most_bytes: int = JSON_BYTES, most_values: int = MOST_VALUES) -> Any:
+def read_json(path: str | Path, what: str, most: int = limits.JSON_BYTES, values: int = limits.MOST_VALUES) -> Any:
     """Parse a JSON file; a missing, broken or too large one is a HandbenchError naming the line."""
     path = require_file(path, what)
     try:
-        values = json.loads(read_text(path, what, most_bytes))
-        require_plain(values, most_values)
-        return values
+        return limits.require_plain(json.loads(limits.read_text(path, what, most)), values)
     except (ValueError, RecursionError) as error:
         raise HandbenchError(f"{path}: is not readable as JSON ({error}); expected {what}") from error
 
@@ -142,14 +143,16 @@ def write_npz(path: str | Path, **arrays: Any) -> None:
 
 
 def read_npz(
-    path: str | Path, names: tuple[str, ...], optional: tuple[str, ...] = (), most: int = ARRAY_BYTES
+    path: str | Path, names: tuple[str, ...], optional: tuple[str, ...] = (), most: int = limits.ARRAY_BYTES
 ) -> dict[str, np.ndarray]:
     """Read the arrays `names` from an .npz file, and those of `optional` that are there; pickled content is refused,
     never run, and so are arrays of more than `most` bytes unpacked."""
     path = require_file(path, "an .npz file")
     try:
-        _require_short_directory(path)
-        with zipfile.ZipFile(path) as archive:
+        content = limits.read_bytes(path, "an .npz file", most)
+        if content.count(b"PK\1\2") > limits.MOST_MEMBERS:  # zipfile reads its list of them before it can be asked
+            raise ValueError(f"it has more than {limits.MOST_MEMBERS} members")
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
             there = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             missing = [name for name in names if name not in there]
             if missing:
@@ -163,18 +166,6 @@ def read_npz(
         raise
     except Exception as error:  # zip, zlib, header and pickle errors have no common base
         raise HandbenchError(f"{path}: is not a readable .npz file ({error}); write it again") from error
-
-
-def _require_short_directory(path: Path) -> None:
-    """ValueError for an archive whose list of members is long: zipfile reads all of it before it can be asked."""
-    with path.open("rb") as stream:
-        stream.seek(max(path.stat().st_size - END_BYTES, 0))
-        tail = stream.read(END_BYTES)
-    plain = tail[-22:-18] == b"PK\5\6" and tail[-2:] == b"\0\0"  # as zipfile looks for it
-    at = len(tail) - 22 if plain else tail.rfind(b"PK\5\6")
-    length = int.from_bytes(tail[at + 12 : at + 16], "little") if at >= 0 else 0
-    if length > DIRECTORY_BYTES or tail[max(at - 20, 0) :].startswith(b"PK\6\7"):  # which marks more than 4 GB
-        raise ValueError(f"its list of members takes more than {DIRECTORY_BYTES} bytes")
 
 
 def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:

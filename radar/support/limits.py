@@ -1,9 +1,5 @@
-"""Limits of what is read: a file of a stranger is refused in words before it costs seconds or gigabytes.
-
-Files grow by what they hold, and parsers by more: a byte of XML or JSON may become thirty of memory, a dotted key takes
-time by the square of its parts. Each limit is far above what handbench's own files and those of the known programs need
-(docs/files.md).
-"""
+"""Limits of what is read: a file of a stranger is refused in words before it costs seconds or gigabytes. Each is far
+above what handbench's own files and those of the known programs need (docs/files.md)."""
 
 import re
 from pathlib import Path
@@ -26,10 +22,10 @@ DEEPEST = 32  # lists and tables within each other
 MOST_VALUES = 200_000  # of a TOML or JSON file: checking them against a configuration takes a kB each
 RAW_BYTES, RAW_VALUES = 8 * MB, 500_000  # of a JSON file that is not: MAROON's holds more than is read
 MOST_CELLS = 500_000  # of a CSV file
-MOST_ELEMENTS = 200_000  # of an XML file
+MOST_ELEMENTS = 400_000  # tags and attributes of an XML file
 MOST_PROBLEMS = 1000  # that are told apart in one file
 MOST_STEPS = 10_000  # of a pickle's program: a frame of MAROON takes about a hundred
-DIRECTORY_BYTES = MB  # an archive's list of its members
+MOST_MEMBERS = 1000  # of an archive
 
 KEY = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*"""
 LONG_KEY = re.compile(rf"(?<![\w-])(?:{KEY}){{{DEEPEST}}}")  # before tomllib, whose time is the square of its parts
@@ -45,7 +41,7 @@ def read_bytes(path: Path, what: str, most: int) -> bytes:
     except OSError as error:
         raise HandbenchError(f"{path}: cannot be read ({error.strerror or error}); expected {what}") from error
     if len(content) > size:
-        raise HandbenchError(f"{path}: grows while it is read; expected {what}, whole: copy it, and read the copy")
+        raise HandbenchError(f"{path}: grows while it is read; expected {what}, whole: read a copy")
     return content
 
 
@@ -61,8 +57,8 @@ def require_size(path: Path, what: str, most: int) -> None:
         raise HandbenchError(f"{path}: has {size} bytes; expected {what}, {most} at most: is it the right file?")
 
 
-def require_plain(values: Any, most: int = MOST_VALUES) -> None:
-    """ValueError for a tree of plain values that is deeper than DEEPEST or holds more than `most`."""
+def require_plain(values: Any, most: int = MOST_VALUES) -> Any:
+    """The tree of plain values; ValueError where it is deeper than DEEPEST or holds more than `most`."""
     level, count = [values], 0
     for _ in range(DEEPEST + 1):
         inner = [part.values() if isinstance(part, dict) else part for part in level if isinstance(part, dict | list)]
@@ -71,5 +67,5 @@ def require_plain(values: Any, most: int = MOST_VALUES) -> None:
         if count > most:
             raise ValueError(f"it holds more than {most} values")
         if not level:
-            return
+            return values
     raise ValueError(f"its values are nested deeper than {DEEPEST} levels")

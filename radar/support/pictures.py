@@ -42,9 +42,9 @@ def _require_plausible(image: Image.Image, path: Path) -> None:
     pixels, size = image.width * image.height, path.stat().st_size
     dense_px = (DENSE_DEEP_PX if is_deep(image) else DENSE_PX) * size
     if pixels > min(LARGEST_PX, PACKED_PX * size, max(SMALL_PX // (1 + is_deep(image)), dense_px)):
+        said = f"it has {image.width} × {image.height} pixels in {size} bytes"
         raise ValueError(
-            f"it has {image.width} × {image.height} pixels in {size} bytes; at most {LARGEST_PX} are read, and "
-            f"above {SMALL_PX} at most {dense_px // size} a byte"
+            f"{said}; at most {LARGEST_PX} are read, and above {SMALL_PX} at most {dense_px // size} a byte"
         )
     if image.format in ("JPEG", "MPO") and (scans := _scans(path)) > MOST_SCANS:
         raise ValueError(f"it has {scans} scans; at most {MOST_SCANS} are read: save it again")

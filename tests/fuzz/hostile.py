@@ -291,16 +291,9 @@ def ply(content: bytes, rng: random.Random) -> bytes:
 
 def obj(content: bytes, rng: random.Random) -> bytes:
     """Many corners, and faces that name what there is not."""
-    size = rng.choice(SIZES)
-    lines = (
-        b"f 1 2 3\n",
-        b"v 0 0 0\n",
-        b"f" + b" 1" * 900 + b"\n",
-        b"f -1 -2 -3\n",
-        b"#" * 5000,
-        b"f 1/" + b"1" * 4000 + b" 2 3\n",
-    )
-    return content + rng.choice(lines) * (size // 100)
+    corners = rng.choice((b" 1 2 3", b" -1 -2 -3", b" 1" * 900, b" 1/" + b"1" * 4000 + b" 2 3", b" 1" * 3000))
+    line = rng.choice((b"f" + corners, b"v 0 0 0", b"#" * 5000, b"f 1" * 999)) + b"\n"
+    return content + line * (rng.choice(SIZES[:6]) // len(line))
 
 
 KNOWN: dict[str, Callable[[bytes, random.Random], bytes]] = {
