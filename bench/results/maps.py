@@ -8,7 +8,7 @@ import numpy as np
 from bench.results.error_map import ErrorMap
 from radar.support.config import checked_name
 from radar.support.errors import HandbenchError
-from radar.support.files import atomic_path, read_npz, require_file, write_npz
+from radar.support.files import atomic_path, read_npz, write_npz
 
 PHOTO_PX = 600
 
@@ -66,7 +66,7 @@ def write_photo(folder: Path, capture: str, source: str | Path) -> None:
 
     from radar.support.pictures import opened_picture
 
-    with opened_picture(require_file(source, "a photograph")) as image:
+    with opened_picture(Path(source)) as image:
         small = ImageOps.exif_transpose(image).convert("RGB")
     small.thumbnail((PHOTO_PX, PHOTO_PX))
     with atomic_path(photo_path(folder, capture)) as temporary:

@@ -10,6 +10,7 @@ from pathlib import Path
 from PIL import Image
 
 from radar.support.errors import HandbenchError
+from radar.support.files import require_file
 
 FORMATS = ("JPEG", "PNG", "TIFF")  # of what else Pillow knows, some starts programs
 LARGEST_PX = 100_000_000  # a hundred megapixels take a GB to decode
@@ -25,6 +26,7 @@ TILE_SIDES = (322, 323)  # TIFF's tags
 def opened_picture(path: Path) -> Iterator[Image.Image]:
     """A picture file, open and not decoded; a HandbenchError for one that cannot be, here or in the block, or whose
     header promises what would take long or much memory."""
+    require_file(path, "a photograph")  # no pipe, which would be waited for
     try:
         with warnings.catch_warnings(action="ignore"), Image.open(path, formats=FORMATS) as image:
             _require_plausible(image, path)
