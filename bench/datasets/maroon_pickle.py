@@ -2,9 +2,9 @@
 
 A pickle is a program that may call whatever it can name. This reader lets it name five things, and none of them is
 numpy's own: stand-ins take the description of an array apart, check it, and build the array from its plain bytes.
-Python's own unpickler is used because the one in C reserves memory for any number that a file mentions. A few hundred
-bytes can also describe a tuple of 2⁶⁰ parts, each within the next twice, which anything that hashes, compares or prints
-it walks through; so keys are text, steps are counted, and only those are taken that arrays and plain values need.
+Python's own unpickler is used because the one in C reserves memory for any number that a file mentions. As a few
+hundred bytes can make a tuple of 2⁶⁰ parts, which what hashes or prints it walks through, keys are text, and only those
+steps are taken, and counted, that arrays and plain values need.
 """
 
 import math
@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from radar.support.errors import HandbenchError
-from radar.support.files import atomic_path, require_file
-from radar.support.limits import MOST_STEPS, PICKLE_BYTES, read_bytes
+from radar.support.files import atomic_path, read_bytes
+from radar.support.limits import MOST_STEPS, PICKLE_BYTES
 
 NUMBERS = re.compile(r"b1|[iu][1248]|f[248]|c(8|16)")  # what an array may hold
 PLAIN = (np.generic, bool, int, float, str, type(None))
@@ -31,7 +31,6 @@ WHAT = "a radar frame of MAROON (a pickled dictionary of arrays of numbers)"
 def read_dictionary(path: str | Path) -> dict[str, Any]:
     """The dictionary of a .npy file: arrays and scalars of numbers, text, None. Anything else is a HandbenchError, and
     nothing that the file names is ever called."""
-    path = require_file(path, WHAT)
     content = read_bytes(path, WHAT, PICKLE_BYTES)
     try:
         return _unpickle(content)

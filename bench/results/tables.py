@@ -16,8 +16,8 @@ import numpy as np
 import pandas as pd
 
 from radar.support.errors import HandbenchError
-from radar.support.files import atomic_path, require_file
-from radar.support.limits import CSV_BYTES, MOST_CELLS, read_text
+from radar.support.files import atomic_path, read_text
+from radar.support.limits import CSV_BYTES, MOST_CELLS
 
 LEVEL = 0.95  # of every confidence interval
 KINDS: dict[str, type] = {"text": str, "real": float, "whole": int, "flag": bool, "list": tuple}
@@ -123,10 +123,9 @@ def records(table: pd.DataFrame) -> list[dict[str, Any]]:
 def read(path: Path, schema: Schema) -> pd.DataFrame:
     """Read a CSV file that `write` wrote. Other columns, and the first cell that is not of its kind, with its line, are
     a HandbenchError. An older file may lack the last columns, those that are optional."""
-    path = require_file(path, f"a CSV file with the columns {', '.join(schema.names)}")
     options: dict[str, Any] = {"header": None, "dtype": str, "keep_default_na": False, "skip_blank_lines": False}
     try:
-        text = read_text(path, "a table of a result", CSV_BYTES)
+        text = read_text(path, f"a CSV file with the columns {', '.join(schema.names)}", CSV_BYTES)
         if (cells := sum(map(text.count, ",\n"))) > MOST_CELLS:
             raise ValueError(f"it has about {cells} cells; at most {MOST_CELLS} are read")
         # The Python engine alone tells a short line from one with empty cells.

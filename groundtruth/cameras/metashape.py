@@ -21,8 +21,8 @@ import numpy as np
 
 from groundtruth.cameras.cameras import Camera
 from radar.support.errors import HandbenchError
-from radar.support.files import require_file
-from radar.support.limits import MOST_ELEMENTS, XML_BYTES, read_bytes
+from radar.support.files import read_bytes
+from radar.support.limits import MOST_ELEMENTS, XML_BYTES
 
 MOST_PARTS = 100  # of a sensor, and of its calibration
 LARGEST = 1e12  # metres or pixels; nothing overflows
@@ -36,7 +36,7 @@ def read_metashape(path: str | Path) -> tuple[Camera, ...]:
     """The file's cameras, named by their labels (which may lack the photographs' suffix). Cameras that were not aligned
     have no pose, and none has one in a project without a scale. A HandbenchError for lenses that COLMAP does not have.
     """
-    root = _parse(require_file(path, "cameras exported by Metashape"))
+    root = _parse(path)
     chunks = root.findall("chunk")
     if root.tag != "document" or len(chunks) != 1:
         raise HandbenchError(f"{path}: has {len(chunks)} Metashape chunks; expected one: export its cameras again")
@@ -54,7 +54,7 @@ def read_metashape(path: str | Path) -> tuple[Camera, ...]:
         raise HandbenchError(f"{path}: {error}") from error
 
 
-def _parse(path: Path) -> ElementTree.Element:
+def _parse(path: str | Path) -> ElementTree.Element:
     """The file's root. Document types are refused: entities are what attacks by XML are made of."""
     try:
         text = read_bytes(path, "cameras exported by Metashape", XML_BYTES).decode("utf-8-sig")

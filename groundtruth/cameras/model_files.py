@@ -8,7 +8,8 @@ from pathlib import Path
 
 from groundtruth.cameras.cameras import pycolmap
 from radar.support.errors import HandbenchError
-from radar.support.limits import MODEL_BYTES, read_bytes, require_size
+from radar.support.files import read_bytes, require_size
+from radar.support.limits import MODEL_BYTES
 
 KINDS = ("cameras", "images", "points3D", "rigs", "frames")
 

@@ -137,10 +137,7 @@ def _rows(element: Element, body: bytes, offset: int) -> tuple[dict[str, Any], i
         if all((rows[f"length of {name}"] == length).all() for name, length in lengths.items()):
             return {p.name: rows[p.name] for p in element.properties}, offset + rows.nbytes
     if element.count > MOST_WALKED:
-        raise ValueError(
-            f"its {element.count} of '{element.name}' have lists of different lengths; expected one length, or at most "
-            f"{MOST_WALKED}: triangulate the mesh"
-        )
+        raise ValueError(f"its {element.count} of '{element.name}' have lists of different lengths: triangulate it")
     walked, ends = zip(*_walk(element, body, offset, element.count), strict=True)
     columns = {p.name: [row[p.name] for row in walked] for p in element.properties}
     return {p.name: columns[p.name] if p.length else np.array(columns[p.name]) for p in element.properties}, ends[-1]

@@ -6,7 +6,6 @@ swapped against the stored ones belongs to the upright picture and is turned ins
 belong to the stored one: sizes cannot tell.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,7 +45,8 @@ class Photo:
 
     def colours(self) -> np.ndarray:
         """Colours [height, width, 3], uint8, red first."""
-        return _decode(self.path, lambda image: _colours(image, self.path))
+        with opened_picture(self.path) as image:
+            return _colours(image, self.path)
 
 
 def find_photos(folder: str | Path) -> tuple[Photo, ...]:
@@ -65,7 +65,8 @@ def find_photos(folder: str | Path) -> tuple[Photo, ...]:
 def read_gray(path: Path) -> np.ndarray:
     """A picture file as intensities [height, width], float32 in 0 … 1: grey, colours, a palette or CMYK, of 8 or 16
     bits a channel; transparency is ignored, as in COLMAP."""
-    return _decode(path, lambda image: _gray(image, path))
+    with opened_picture(path) as image:
+        return _gray(image, path)
 
 
 def sides_swapped(photo: Photo, width: int, height: int) -> bool:
@@ -99,11 +100,6 @@ def _colours(image: Image.Image, path: Path) -> np.ndarray:
     if image.mode.startswith("I"):
         return np.repeat((_gray(image, path) * 255).round().astype(np.uint8)[..., None], 3, axis=2)
     return np.asarray(image.convert("RGB"))
-
-
-def _decode(path: Path, convert: Callable[[Image.Image], np.ndarray]) -> np.ndarray:
-    with opened_picture(path) as image:
-        return convert(image)
 
 
 def _pictures(folder: Path) -> list[Path]:

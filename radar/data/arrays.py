@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from radar.support.errors import HandbenchError
-from radar.support.files import require_file
-from radar.support.limits import CSV_BYTES, read_bytes
+from radar.support.files import read_bytes
+from radar.support.limits import CSV_BYTES
 
 SPEED_OF_LIGHT_M_S = 299_792_458.0
 HIGHEST_HZ = 1e13
@@ -94,9 +94,8 @@ def qar50() -> AntennaArray:
 
 def load_positions(path: str | Path) -> np.ndarray:
     """Antenna positions [n, 3] in metres from a CSV file with the header x_m,y_m,z_m."""
-    path = require_file(path, "a CSV file with the columns x_m,y_m,z_m")
     try:
-        text = read_bytes(path, "antenna positions", CSV_BYTES).decode("utf-8")
+        text = read_bytes(path, "a CSV file with the columns x_m,y_m,z_m", CSV_BYTES).decode("utf-8")
         rows = list(csv.reader(io.StringIO(text, newline="")))
     except (UnicodeDecodeError, csv.Error) as error:
         raise HandbenchError(f"{path}: is no CSV file ({error}); expected the columns x_m,y_m,z_m") from None

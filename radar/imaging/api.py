@@ -62,28 +62,6 @@ def watch() -> Iterator[Laps]:
         _laps.reset(token)
 
 
-def _watched(function: Image) -> Image:
-    """Decorator of an imaging function (samples, frequencies_hz, aperture, points or grid, …). One that calls another
-    counts once."""
-
-    @wraps(function)
-    def timed(samples: np.ndarray, *others: object, **named: object) -> object:
-        laps = _laps.get()
-        if laps is None:
-            return function(samples, *others, **named)
-        token, start, where = _laps.set(None), time.perf_counter(), others[2]
-        try:
-            return function(samples, *others, **named)
-        finally:
-            _laps.reset(token)
-            laps.imaging_s += time.perf_counter() - start
-            points = where.size // 3 if isinstance(where, np.ndarray) else prod(cast(VoxelGrid, where).shape)
-            laps.terms += samples.size * points
-            laps.tones = max(laps.tones, len(samples))
-
-    return cast(Image, timed)
-
-
 def _scaled(function: Image) -> Image:
     """Decorator of an imaging function: samples and tones are arrays of what they should be, and samples whose sums
     float32 could not hold are imaged near 1; the image is scaled back, in complex128 (magnitudes in float64)."""
@@ -105,8 +83,31 @@ def _scaled(function: Image) -> Image:
     return cast(Image, scaled)
 
 
+def _watched(function: Image) -> Image:
+    """Decorator of an imaging function (samples, frequencies_hz, aperture, points or grid, …). One that calls another
+    counts once."""
+
+    function = _scaled(function)
+
+    @wraps(function)
+    def timed(samples: np.ndarray, *others: object, **named: object) -> object:
+        laps = _laps.get()
+        if laps is None:
+            return function(samples, *others, **named)
+        token, start, where = _laps.set(None), time.perf_counter(), others[2]
+        try:
+            return function(samples, *others, **named)
+        finally:
+            _laps.reset(token)
+            laps.imaging_s += time.perf_counter() - start
+            points = where.size // 3 if isinstance(where, np.ndarray) else prod(cast(VoxelGrid, where).shape)
+            laps.terms += samples.size * points
+            laps.tones = max(laps.tones, len(samples))
+
+    return cast(Image, timed)
+
+
 @_watched
-@_scaled
 def image_points(
     samples: np.ndarray,
     frequencies_hz: np.ndarray,
@@ -137,7 +138,6 @@ def image_points(
 
 
 @_watched
-@_scaled
 def image_volume(
     samples: np.ndarray,
     frequencies_hz: np.ndarray,
@@ -163,7 +163,6 @@ def image_volume(
 
 
 @_watched
-@_scaled
 def project_volume(
     samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, tolerance: float | None
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -90,17 +90,51 @@ def _umask() -> int:
 def require_file(path: str | Path, what: str) -> Path:
     """`path` as a Path if it is a file, else a HandbenchError that says `what` was expected there."""
     path = Path(path)
-    if not path.is_file():
-        found = "a folder" if path.is_dir() else "nothing"
+    if not stat.S_ISREG(mode := _mode(path)):
+        found = "a folder" if stat.S_ISDIR(mode) else "nothing"
         raise HandbenchError(f"{path}: expected {what}, found {found}; check the path")
     return path
+
+
+def _mode(path: Path) -> int:
+    """The kind of what stands at a path; 0 where nothing can (a name too long, links in a circle)."""
+    try:
+        return path.stat().st_mode
+    except (OSError, ValueError):
+        return 0
+
+
+def require_size(path: Path, what: str, most: int) -> int:
+    """The bytes of a file; a HandbenchError where there are more than `most`."""
+    size = path.stat().st_size
+    if size > most:
+        raise HandbenchError(f"{path}: has {size} bytes; expected {what}, {most} at most: is it the right file?")
+    return size
+
+
+def read_bytes(path: str | Path, what: str, most: int) -> bytes:
+    """The content of a file of at most `most` bytes; a HandbenchError where there is none, or it grows meanwhile."""
+    path = require_file(path, what)
+    try:
+        with path.open("rb") as stream:
+            content = stream.read(1 + (size := require_size(path, what, most)))
+    except OSError as error:
+        raise HandbenchError(f"{path}: cannot be read ({error.strerror or error}); expected {what}") from error
+    if len(content) > size:
+        raise HandbenchError(f"{path}: grows while it is read; expected {what}, whole: read a copy")
+    return content
+
+
+def read_text(path: str | Path, what: str, most: int) -> str:
+    """The same as UTF-8 text, its line ends as \\n; ValueError for bytes that are none."""
+    return read_bytes(path, what, most).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def require_folder(path: str | Path, what: str) -> Path:
     """`path` as a Path if it is a folder, else a HandbenchError that says `what` was expected there."""
     path = Path(path)
-    if not path.is_dir():
-        found = "a file" if path.is_file() else "nothing"
+    if not stat.S_ISDIR(mode := _mode(path)):
+        found = "a file" if stat.S_ISREG(mode) else "nothing"
         raise HandbenchError(f"{path}: expected a folder with {what}, found {found}; check the path")
     return path
 
@@ -127,11 +161,10 @@ def write_json(path: str | Path, content: Any) -> None:
     write_text(path, json.dumps(_finite(content), indent=2, allow_nan=False) + "\n")
 
 
-def read_json(path: str | Path, what: str, most: int = limits.JSON_BYTES, values: int = limits.MOST_VALUES) -> Any:
-    """Parse a JSON file; a missing, broken or too large one is a HandbenchError naming the line."""
-    path = require_file(path, what)
+def read_json(path: str | Path, what: str, most: int = limits.MOST_VALUES) -> Any:
+    """Parse a JSON file; a missing, broken or too large one, of more than `most` values, is a HandbenchError."""
     try:
-        return limits.require_plain(json.loads(limits.read_text(path, what, most)), values)
+        return limits.require_plain(json.loads(read_text(path, what, limits.JSON_BYTES)), most)
     except (ValueError, RecursionError) as error:
         raise HandbenchError(f"{path}: is not readable as JSON ({error}); expected {what}") from error
 
@@ -147,9 +180,8 @@ def read_npz(
 ) -> dict[str, np.ndarray]:
     """Read the arrays `names` from an .npz file, and those of `optional` that are there; pickled content is refused,
     never run, and so are arrays of more than `most` bytes unpacked."""
-    path = require_file(path, "an .npz file")
     try:
-        content = limits.read_bytes(path, "an .npz file", most)
+        content = read_bytes(path, "an .npz file", most)
         if content.count(b"PK\1\2") > limits.MOST_MEMBERS:  # zipfile reads its list of them before it can be asked
             raise ValueError(f"it has more than {limits.MOST_MEMBERS} members")
         with zipfile.ZipFile(io.BytesIO(content)) as archive:

@@ -90,17 +90,12 @@ def _check_pieces(found: h5py.Dataset, name: str) -> None:
     if not set(packed) <= FILTERS.keys() or len(set(packed)) < len(packed):
         raise ValueError(f"'{name}' is packed in a way other than {', '.join(FILTERS.values())}")
     declared = int(np.prod(found.chunks)) * found.dtype.itemsize
-    large: list[tuple[int, ...]] = []
-
-    def note(piece: Any) -> None:
+    pieces: list[Any] = []
+    found.id.chunk_iter(pieces.append)
+    for piece in pieces:
         if piece.size > 2 * declared + 1024:
             raise ValueError(f"a piece of '{name}' takes {piece.size} bytes for {declared}")
         if DEFLATE in packed and piece.size * PACKED > UNPACKED_BYTES:
-            large.append(piece.chunk_offset)
-
-    found.id.chunk_iter(note)
-    for place in large:
-        unpacker = zlib.decompressobj()
-        _, content = found.id.read_direct_chunk(place)
-        if len(unpacker.decompress(content, declared + 5)) > declared + 4:  # and a checksum
-            raise ValueError(f"a piece of '{name}' unpacks to more than its {declared} bytes")
+            _, content = found.id.read_direct_chunk(piece.chunk_offset)
+            if len(zlib.decompressobj().decompress(content, declared + 5)) > declared + 4:  # and a checksum
+                raise ValueError(f"a piece of '{name}' unpacks to more than its {declared} bytes")

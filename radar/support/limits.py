@@ -2,10 +2,7 @@
 above what handbench's own files and those of the known programs need (docs/files.md)."""
 
 import re
-from pathlib import Path
 from typing import Any
-
-from radar.support.errors import HandbenchError
 
 MB = 2**20
 TOML_BYTES = MB // 4
@@ -20,7 +17,7 @@ MEMBER_BYTES = 64 * MB  # unpacked, of one file in an archive
 
 DEEPEST = 32  # lists and tables within each other
 MOST_VALUES = 200_000  # of a TOML or JSON file: checking them against a configuration takes a kB each
-RAW_BYTES, RAW_VALUES = 8 * MB, 500_000  # of a JSON file that is not: MAROON's holds more than is read
+RAW_VALUES = 500_000  # of a JSON file that is not: MAROON's hold more than is read
 MOST_CELLS = 500_000  # of a CSV file
 MOST_ELEMENTS = 400_000  # tags and attributes of an XML file
 MOST_PROBLEMS = 1000  # that are told apart in one file
@@ -29,32 +26,6 @@ MOST_MEMBERS = 1000  # of an archive
 
 KEY = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*"""
 LONG_KEY = re.compile(rf"(?<![\w-])(?:{KEY}){{{DEEPEST}}}")  # before tomllib, whose time is the square of its parts
-
-
-def read_bytes(path: Path, what: str, most: int) -> bytes:
-    """The content of a file of at most `most` bytes; else, and where it grows meanwhile, a HandbenchError."""
-    try:
-        with path.open("rb") as stream:
-            require_size(path, what, most)
-            size = path.stat().st_size
-            content = stream.read(size + 1)
-    except OSError as error:
-        raise HandbenchError(f"{path}: cannot be read ({error.strerror or error}); expected {what}") from error
-    if len(content) > size:
-        raise HandbenchError(f"{path}: grows while it is read; expected {what}, whole: read a copy")
-    return content
-
-
-def read_text(path: Path, what: str, most: int) -> str:
-    """The same as UTF-8 text, its line ends as \\n; ValueError for bytes that are none."""
-    return read_bytes(path, what, most).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
-
-
-def require_size(path: Path, what: str, most: int) -> None:
-    """Refuse a file of more bytes."""
-    size = path.stat().st_size
-    if size > most:
-        raise HandbenchError(f"{path}: has {size} bytes; expected {what}, {most} at most: is it the right file?")
 
 
 def require_plain(values: Any, most: int = MOST_VALUES) -> Any:

@@ -16,7 +16,7 @@ from radar.data.capture import RadarCapture, load_capture, save_capture
 from radar.support import limits
 from radar.support.config import Config, parse, read_toml
 from radar.support.errors import HandbenchError
-from radar.support.files import inside, read_json, read_npz, write_npz
+from radar.support.files import inside, read_bytes, read_json, read_npz, write_npz
 from radar.support.pictures import opened_picture
 
 
@@ -75,7 +75,7 @@ def test_thousands_of_problems_are_one_line():
 
 def test_a_file_that_grows_and_a_pipe_are_not_waited_for(tmp_path):
     with pytest.raises(HandbenchError, match="grows while it is read"):
-        limits.read_bytes(tmp_path.joinpath("/proc/self/maps"), "text", 2**20)
+        read_bytes(tmp_path.joinpath("/proc/self/maps"), "text", 2**20)
     os.mkfifo(tmp_path / "a.png")
     with pytest.raises(HandbenchError, match="expected a photograph"), opened_picture(tmp_path / "a.png"):
         pass
