@@ -95,7 +95,8 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
     numbers += [camera.params for camera in model.cameras.values()]
     numbers += [point.xyz for point in model.points3D.values()]
     broken = not all(np.isfinite(part).all() for part in numbers) or not all(map(_is_rigid, registered(model)))
-    if broken or any(camera.has_bogus_params(*PLAUSIBLE) for camera in model.cameras.values()):
+    lenses = model.cameras.values()
+    if broken or any(min(c.width, c.height) == 0 or c.has_bogus_params(*PLAUSIBLE) for c in lenses):
         raise HandbenchError(f"{folder}: its cameras, poses or points are no sensible numbers; make the model again")
     return model
 

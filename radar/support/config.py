@@ -9,7 +9,7 @@ import pydantic
 
 from radar.support.errors import HandbenchError
 from radar.support.files import read_text
-from radar.support.limits import LONG_KEY, MOST_PROBLEMS, TOML_BYTES, require_plain
+from radar.support.limits import LONG_KEY, MOST_PROBLEMS, TOML_BYTES, require_shallow
 
 ConfigT = TypeVar("ConfigT", bound="Config")
 
@@ -43,7 +43,7 @@ def plain_toml(text: str) -> dict[str, Any]:
     if LONG_KEY.search(text):
         raise ValueError("a key has too many parts")
     try:
-        return require_plain(tomllib.loads(text))
+        return require_shallow(tomllib.loads(text))
     except RecursionError:
         raise ValueError("its values are nested without end") from None
 

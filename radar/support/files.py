@@ -164,7 +164,10 @@ def write_json(path: str | Path, content: Any) -> None:
 def read_json(path: str | Path, what: str, most: int = limits.MOST_VALUES) -> Any:
     """Parse a JSON file; a missing, broken or too large one, of more than `most` values, is a HandbenchError."""
     try:
-        return limits.require_plain(json.loads(read_text(path, what, limits.JSON_BYTES)), most)
+        text = read_text(path, what, limits.JSON_BYTES)
+        if sum(map(text.count, "[{,")) > most:  # before they are made: a value takes a byte here, 60 in memory
+            raise ValueError(f"it holds more than {most} values")
+        return limits.require_shallow(json.loads(text))
     except (ValueError, RecursionError) as error:
         raise HandbenchError(f"{path}: is not readable as JSON ({error}); expected {what}") from error
 

@@ -16,7 +16,7 @@ ARRAY_BYTES = 256 * MB  # unpacked, of all arrays that are read from one .npz fi
 MEMBER_BYTES = 64 * MB  # unpacked, of one file in an archive
 
 DEEPEST = 32  # lists and tables within each other
-MOST_VALUES = 200_000  # of a TOML or JSON file: checking them against a configuration takes a kB each
+MOST_VALUES = 200_000  # of a JSON file: checking them against a configuration takes a kB each
 RAW_VALUES = 500_000  # of a JSON file that is not: MAROON's hold more than is read
 MOST_CELLS = 500_000  # of a CSV file
 MOST_ELEMENTS = 400_000  # tags and attributes of an XML file
@@ -28,15 +28,12 @@ KEY = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*"""
 LONG_KEY = re.compile(rf"(?<![\w-])(?:{KEY}){{{DEEPEST}}}")  # before tomllib, whose time is the square of its parts
 
 
-def require_plain(values: Any, most: int = MOST_VALUES) -> Any:
-    """The tree of plain values; ValueError where it is deeper than DEEPEST or holds more than `most`."""
-    level, count = [values], 0
+def require_shallow(values: Any) -> Any:
+    """The tree of plain values; ValueError where it is deeper than DEEPEST."""
+    level = [values]
     for _ in range(DEEPEST + 1):
         inner = [part.values() if isinstance(part, dict) else part for part in level if isinstance(part, dict | list)]
         level = [value for part in inner for value in part]
-        count += len(level)
-        if count > most:
-            raise ValueError(f"it holds more than {most} values")
         if not level:
             return values
     raise ValueError(f"its values are nested deeper than {DEEPEST} levels")
