@@ -204,14 +204,14 @@ class _Source:
         try:
             return read(self.file, name, self.path)
         except ValueError as error:
-            there = ", ".join(self._names()) or "no data sets"
-            raise HandbenchError(f"{self.path}: {error}; it has {there}") from None
+            raise HandbenchError(f"{self.path}: {error}; it has {self._names()}") from None
 
-    def _names(self) -> list[str]:
+    def _names(self) -> str:
         """The first data sets of the file, among its first things."""
         names: list[str] = []
         self.file.visit(lambda name: names.append(name) or len(names) > 100 or None)
-        return [name[:200] for name in names if isinstance(self.file[name], h5py.Dataset)][:12]
+        found = [name[:200] for name in names if isinstance(self.file[name], h5py.Dataset)]
+        return ", ".join(found[:12]) or "no data sets"
 
     def _wrong(self, name: str, shape: tuple[int, ...], expected: str) -> HandbenchError:
         return HandbenchError(f"{self.path}: '{name}' has shape {shape}; expected {expected}; mend mapping.toml")

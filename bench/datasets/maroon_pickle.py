@@ -12,6 +12,7 @@ import pickle
 import pickletools
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
@@ -120,16 +121,14 @@ def _scalar(dtype: _Dtype, content: bytes) -> np.generic:
     return dtype.numbers(content, 1)[0]
 
 
+@dataclass(frozen=True)
 class _Name:
     """Stand-in for a name in the pickle: it can be called, and nothing else."""
 
-    __slots__ = ("_make",)
-
-    def __init__(self, make: Callable[..., Any]) -> None:
-        self._make = make
+    make: Callable[..., Any]
 
     def __call__(self, *arguments: Any) -> Any:
-        return self._make(*arguments)
+        return self.make(*arguments)
 
     def __setstate__(self, state: Any) -> None:
         raise ValueError("a name that is changed")

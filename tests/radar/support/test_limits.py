@@ -16,7 +16,7 @@ from radar.data.capture import RadarCapture, load_capture, save_capture
 from radar.support import limits
 from radar.support.config import Config, parse, read_toml
 from radar.support.errors import HandbenchError
-from radar.support.files import inside, read_bytes, read_json, read_npz, write_npz
+from radar.support.files import inside, read_bytes, read_json, read_npz, require_file, write_npz
 from radar.support.pictures import opened_picture
 
 
@@ -84,8 +84,8 @@ def test_a_file_that_grows_and_a_pipe_are_not_waited_for(tmp_path):
 def test_a_circle_of_links_is_one_line(tmp_path):
     (tmp_path / "a").symlink_to("b")
     (tmp_path / "b").symlink_to("a")
-    with pytest.raises(HandbenchError, match="cannot be followed"):
-        inside(tmp_path, "a", "mapping.toml")
+    with pytest.raises(HandbenchError, match="expected a file, found nothing"):
+        require_file(inside(tmp_path, "a", "mapping.toml"), "a file")
 
 
 def test_archives_of_many_members_are_refused(tmp_path):
