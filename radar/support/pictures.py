@@ -2,6 +2,7 @@
 
 import mmap
 import re
+import struct
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -31,7 +32,7 @@ def opened_picture(path: Path) -> Iterator[Image.Image]:
         with warnings.catch_warnings(action="ignore"), Image.open(path, formats=FORMATS) as image:
             _require_plausible(image, path)
             yield image
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+    except (OSError, SyntaxError, ValueError, TypeError, struct.error, Image.DecompressionBombError) as error:
         raise HandbenchError(f"{path}: is not a readable photograph ({error}); replace or remove it") from error
 
 
