@@ -38,7 +38,7 @@ def opened_picture(path: Path) -> Iterator[Image.Image]:
 
 def is_deep(image: Image.Image) -> bool:
     """True for 16 bits a channel, as Pillow tells what it would shorten to 8 bits."""
-    return ";16" in str(image.tile)
+    return ";16" in str(getattr(image, "tile", ""))
 
 
 def _require_plausible(image: Image.Image, path: Path) -> None:
