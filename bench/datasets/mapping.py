@@ -208,13 +208,8 @@ class _Source:
 
     def _names(self) -> str:
         """The first data sets of the file, among its first things."""
-        names: list[str] = []
-
-        def note(name: str) -> bool | None:
-            names.append(name)
-            return len(names) > 100 or None
-
-        self.file.visit(note)
+        names: dict[str, int] = {}
+        self.file.visit(lambda name: names.setdefault(name, len(names)) > 100 or None)
         found = [name[:200] for name in names if isinstance(self.file[name], h5py.Dataset)]
         return ", ".join(found[:12]) or "no data sets"
 

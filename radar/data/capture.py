@@ -75,9 +75,7 @@ def single(samples: np.ndarray) -> np.ndarray:
     """Samples as complex64; HandbenchError where that would make all of them zero, or one infinite."""
     largest = largest_part(samples)
     if samples.dtype != np.complex64 and (LOUDEST < largest < np.inf or 0 < largest < QUIETEST):
-        raise HandbenchError(
-            f"samples: reach {largest:.3g}; expected {QUIETEST:g} to {LOUDEST:g}: give them in another unit"
-        )
+        raise HandbenchError(f"samples: reach {largest:.3g}; expected {QUIETEST:g} to {LOUDEST:g}: take another unit")
     return np.ascontiguousarray(samples, np.complex64)
 
 

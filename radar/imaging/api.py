@@ -31,7 +31,6 @@ from radar.support.errors import HandbenchError
 from radar.support.progress import track
 
 TOLERANCES = (1e-6, 0.1)  # float32 ends before the one, the bounds' derivation before the other
-SINGLE = (1e-20, 1e20)  # samples whose images float32 surely holds
 CHUNK = 1 << 18  # voxels that the exact path images at once
 
 Made = TypeVar("Made")
@@ -71,7 +70,7 @@ def _scaled(function: Image) -> Image:
         samples, frequencies_hz = np.asarray(samples), tones("frequencies_hz", frequencies_hz)
         check_samples(samples, frequencies_hz, aperture)
         largest = largest_part(samples)
-        if largest == 0 or SINGLE[0] <= largest <= SINGLE[1]:
+        if largest == 0 or 1e-20 <= largest <= 1e20:  # whose sums float32 surely holds
             return function(samples, frequencies_hz, aperture, *others, **named)
         if largest * samples.size > np.finfo(np.float64).max:
             raise HandbenchError(f"samples: reach {largest:.3g}; their sum is more than a number holds: scale them")

@@ -34,18 +34,15 @@ def read_toml(path: str | Path, what: str) -> dict[str, Any]:
     """Parse a TOML file into plain values; a missing or broken file is a HandbenchError."""
     try:
         return plain_toml(read_text(path, what, TOML_BYTES))
-    except ValueError as error:  # whole numbers of 5000 digits are no TOMLDecodeError
+    except (ValueError, RecursionError) as error:  # whole numbers of 5000 digits are no TOMLDecodeError
         raise HandbenchError(f"{path}: is not readable as TOML ({error}); expected {what}") from error
 
 
 def plain_toml(text: str) -> dict[str, Any]:
-    """TOML's plain values; ValueError for what is none, or too deep."""
+    """TOML's plain values; ValueError or RecursionError for what is none, or too deep."""
     if LONG_KEY.search(text):
         raise ValueError("a key has too many parts")
-    try:
-        return require_shallow(tomllib.loads(text))
-    except RecursionError:
-        raise ValueError("its values are nested without end") from None
+    return require_shallow(tomllib.loads(text))
 
 
 def load(model: type[ConfigT], path: str | Path, what: str) -> ConfigT:

@@ -24,7 +24,6 @@ DEFLATE = 1
 FILTERS = {DEFLATE: "gzip", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}  # HDF5's numbers
 HEAP = b"GCOL\x01\0\0\0"  # begins a collection of texts and other things without a fixed length
 CHUNKS = 2**17  # of one data set
-DEEPEST = 32  # groups within each other
 
 
 @contextmanager
@@ -61,13 +60,12 @@ def read(file: h5py.File, name: str, path: Path) -> np.ndarray:
     import h5py
 
     found: Any = file
-    parts = [part for part in name.split("/") if part]
-    for part in parts[:DEEPEST]:
+    for part in filter(None, name.split("/")):
         link = found.get(part, getlink=True) if isinstance(found, h5py.Group) else None
         if not isinstance(link, h5py.HardLink):
             raise ValueError(f"has no '{name[:200]}' of its own")
         found = found[part]
-    if not isinstance(found, h5py.Dataset) or len(parts) > DEEPEST or found.external or found.is_virtual:
+    if not isinstance(found, h5py.Dataset) or found.external or found.is_virtual:
         raise ValueError(f"'{name[:200]}' is no data set of this file")
     if found.dtype.hasobject or found.shape is None:
         raise ValueError(f"'{name}' holds {str(found.dtype)[:80]}; expected numbers")
@@ -75,8 +73,6 @@ def read(file: h5py.File, name: str, path: Path) -> np.ndarray:
     stored = min(found.id.get_storage_size(), path.stat().st_size)
     if size > (stored if found.chunks is None else max(UNPACKED_BYTES, PACKED * stored)):
         raise ValueError(f"'{name}' has shape {found.shape}, {size} bytes, of which the file holds {stored}")
-    if found.chunks is not None and -(-found.size // max(int(np.prod(found.chunks)), 1)) > CHUNKS:
-        raise ValueError(f"'{name}' has shape {found.shape} in pieces of {found.chunks}; expected larger pieces")
     if found.chunks is not None:
         _check_pieces(found, name)
     require_free(2 * size, f"{path}: '{name}' {found.shape}", "end other programs, or cut the file into parts")
@@ -85,6 +81,8 @@ def read(file: h5py.File, name: str, path: Path) -> np.ndarray:
 
 def _check_pieces(found: h5py.Dataset, name: str) -> None:
     """ValueError where a piece of a data set unpacks to more than it declares: the library would take all memory."""
+    if -(-found.size // max(int(np.prod(found.chunks)), 1)) > CHUNKS:
+        raise ValueError(f"'{name}' has shape {found.shape} in pieces of {found.chunks}; expected larger pieces")
     packing = found.id.get_create_plist()
     packed = [packing.get_filter(k)[0] for k in range(packing.get_nfilters())]
     if not set(packed) <= FILTERS.keys() or len(set(packed)) < len(packed):

@@ -20,7 +20,6 @@ PACKED_PX = 10_000  # ... so many pixels in one: a blank mask of one bit a pixel
 DENSE_PX, DENSE_DEEP_PX = 1000, 10  # in a byte of a larger picture, and of one with 16 bits a channel
 MOST_SCANS = 32  # of a progressive JPEG, each of which goes over all pixels; programs write about ten
 MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]", re.DOTALL)  # that ends a scan
-TILE_SIDES = (322, 323)  # TIFF's tags
 
 
 @contextmanager
@@ -51,7 +50,7 @@ def _require_plausible(image: Image.Image, path: Path) -> None:
         )
     if image.format in ("JPEG", "MPO") and (scans := _scans(path)) > MOST_SCANS:
         raise ValueError(f"it has {scans} scans; at most {MOST_SCANS} are read: save it again")
-    sides = [getattr(image, "tag_v2", {}).get(tag, 1) for tag in TILE_SIDES]
+    sides = [getattr(image, "tag_v2", {}).get(tag, 1) for tag in (322, 323)]  # TIFF's
     if not all(isinstance(side, int) for side in sides) or sides[0] * sides[1] > max(SMALL_PX, pixels):
         raise ValueError(f"its tiles have {' × '.join(map(str, sides))} pixels; save it again")
 

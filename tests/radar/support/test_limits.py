@@ -73,9 +73,8 @@ def test_thousands_of_problems_are_one_line():
         parse(Empty, {f"k{n}": n for n in range(5000)}, "x.toml")
 
 
-def test_a_file_that_grows_and_a_pipe_are_not_waited_for(tmp_path):
-    with pytest.raises(HandbenchError, match="grows while it is read"):
-        read_bytes(tmp_path.joinpath("/proc/self/maps"), "text", 2**20)
+def test_a_file_without_end_and_a_pipe_are_not_waited_for(tmp_path):
+    assert read_bytes("/proc/self/maps", "text", 2**20) == b""  # its size says so
     os.mkfifo(tmp_path / "a.png")
     with pytest.raises(HandbenchError, match="expected a photograph"), opened_picture(tmp_path / "a.png"):
         pass
