@@ -18,9 +18,7 @@ MOST_ELEMENTS = 400_000  # tags and attributes of an XML file
 MOST_PROBLEMS = 1000  # that are told apart in one file
 MOST_STEPS = 10_000  # of a pickle's program: a frame of MAROON takes about a hundred
 MOST_MEMBERS = 1000  # of an archive
-LONG_KEY = re.compile(
-    r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){32}"""
-)  # tomllib's time: its square
+LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){32}""")  # tomllib is quadratic
 
 
 def require_shallow(values: Any) -> Any:
