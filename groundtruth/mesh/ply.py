@@ -11,7 +11,6 @@ import numpy as np
 
 MOST = 50_000_000  # vertices, and faces: ten times what the finest scans have, and a few GB of memory
 MOST_CORNERS = 1000  # of a polygon
-MOST_WALKED = 500_000  # rows of an element whose lists are not of one length: each is read by itself
 LONGEST_HEADER = 65_536  # bytes
 ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 LETTERS = "bBhHiIfd"  # of struct and numpy, for:
@@ -136,7 +135,7 @@ def _rows(element: Element, body: bytes, offset: int) -> tuple[dict[str, Any], i
         rows = np.frombuffer(body, dtype, element.count, offset)
         if all((rows[f"length of {name}"] == length).all() for name, length in lengths.items()):
             return {p.name: rows[p.name] for p in element.properties}, offset + rows.nbytes
-    if element.count > MOST_WALKED:
+    if element.count > 500_000:  # each is read by itself
         raise ValueError(f"its {element.count} of '{element.name}' have lists of different lengths: triangulate it")
     walked, ends = zip(*_walk(element, body, offset, element.count), strict=True)
     columns = {p.name: [row[p.name] for row in walked] for p in element.properties}
