@@ -55,7 +55,11 @@ def estimate_array(
     state, covariance = fitted(samples, begun, echoes, settings)
     before, after = (left_over(samples, s, echoes) for s in (raw, state))
     check(state, after, target, settings, source)
-    sides = zip(capture.aperture.legs, live, (state.tx, state.rx), _own_covariances(covariance, state), strict=True)
+    n_tx, n_rx, _ = state.counts
+    every = np.arange(n_tx + n_rx)  # antenna
+    antennas = covariance[: EACH * len(every), : EACH * len(every)].reshape(len(every), EACH, len(every), EACH)
+    own = np.split(antennas[every, :, every], [n_tx])  # each antenna's alone, by side
+    sides = zip(capture.aperture.legs, live, (state.tx, state.rx), own, strict=True)
     tx, rx = (_side(leg.position_m, lives, s, c, state.centres_m, echoes, settings) for leg, lives, s, c in sides)
     levels_db = {"residual_before_db": 10 * np.log10(before), "residual_after_db": 10 * np.log10(after)}
     return ArrayCalibration(source=source, reference_hz=echoes.reference_hz, tx=tx, rx=rx, **levels_db)
@@ -102,15 +106,6 @@ def left_over(samples: np.ndarray, state: State, echoes: Echoes) -> float:
     whole, rest = ((profile[near] - noise).sum() for profile in profiles)
     told = max(noise * np.sqrt(near.sum() / path_m.size), SINGLE**2 * whole)  # less than this cannot be told from noise
     return float(max(rest, told) / whole)
-
-
-def _own_covariances(covariance: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
-    """Covariances [n, 6, 6] of each antenna's own unknowns, of both sides."""
-    n_tx, n_rx, _ = state.counts
-    antennas = covariance[: EACH * (n_tx + n_rx), : EACH * (n_tx + n_rx)]
-    blocks = antennas.reshape(n_tx + n_rx, EACH, n_tx + n_rx, EACH)
-    own = blocks[np.arange(n_tx + n_rx), :, np.arange(n_tx + n_rx)]
-    return own[:n_tx], own[n_tx:]
 
 
 def _side(

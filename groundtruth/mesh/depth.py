@@ -5,10 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from calibration.transforms import Transform, perturbation_jacobian
-from groundtruth.mesh.mesh_files import mesh, raycasting_scene
 from groundtruth.mesh.surface import Surface
 from radar.support.errors import HandbenchError
-from radar.support.rays import TriangleMesh
+from radar.support.rays import TriangleMesh, embree
 
 CLEARANCE_M = 1e-3
 LARGEST_M = np.array([50.0, 50.0, 250.0])  # beside a radar, and in depth, which single precision tells to 0.06 mm
@@ -104,7 +103,7 @@ def _cast(vertices_m: np.ndarray, faces: np.ndarray, x_m: np.ndarray, y_m: np.nd
     rays[..., 0], rays[..., 1] = np.meshgrid(x_m - origin_m[0], y_m - origin_m[1])
     rays[..., 2] = -CLEARANCE_M
     rays[..., 5] = 1
-    found = raycasting_scene(mesh(vertices_m - origin_m, faces[shown])).cast_rays(rays)
+    found = embree(vertices_m - origin_m, faces[shown]).cast_rays(rays)
     hit = np.isfinite(found["t_hit"].numpy())
     return hit, shown[found["primitive_ids"].numpy().astype(np.int64)[hit]]
 

@@ -4,8 +4,6 @@ Gauss–Newton steps on the cameras after the points have been eliminated (Schur
 Marquardt; see `bundle` for what is adjusted and why COLMAP's own adjustment is not enough.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from groundtruth.board.markers import Corners
@@ -19,7 +17,7 @@ ROUNDS = 3  # of adjusting with the noise that the last one left
 
 
 def adjust(
-    model: pycolmap.Reconstruction,
+    model: "pycolmap.Reconstruction",
     corners: dict[str, Corners],
     corners_m: dict[int, np.ndarray],
     free: tuple[int, ...] = (),
@@ -54,7 +52,7 @@ def _descend(bundle: Bundle) -> None:
             damping *= 10
 
 
-def _triangulate_again(model: pycolmap.Reconstruction) -> None:
+def _triangulate_again(model: "pycolmap.Reconstruction") -> None:
     """Move all points, those left out too, to where the cameras see them now."""
     config = pycolmap.BundleAdjustmentConfig()
     for image in registered(model):

@@ -8,8 +8,6 @@ photographs show are left out: nothing contradicts a false one, as where two con
 bend the cameras. The normal matrix of the cameras, without the points, is the information on all of them together.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -35,7 +33,7 @@ class Seen(NamedTuple):
     """Observations of one photograph: pixels [n, 2], the numbers [n] of what they show among the model's points and,
     after these, the board's corners, and the pixels' standard deviations: noise_px times a spread [n, 1]."""
 
-    image: pycolmap.Image
+    image: "pycolmap.Image"
     pixels: np.ndarray
     numbers: np.ndarray
     spread: np.ndarray
@@ -62,7 +60,7 @@ class Normal(NamedTuple):
     cost: float
 
     @classmethod
-    def empty(cls, d: int, p: int) -> Normal:
+    def empty(cls, d: int, p: int) -> "Normal":
         """Nothing is seen yet."""
         return cls(np.zeros((d, d)), np.zeros(d), np.zeros((p, 3, 3)), np.zeros((p, 3)), np.zeros((p, d, 3)), 0.0)
 
@@ -85,7 +83,7 @@ class Bundle:
     place: photograph → its columns among all unknowns: its pose's six and then its camera's, which others may share.
     """
 
-    model: pycolmap.Reconstruction
+    model: "pycolmap.Reconstruction"
     corners: dict[str, Corners]
     corners_m: dict[int, np.ndarray]
     free: tuple[int, ...] = ()
@@ -227,13 +225,13 @@ class Bundle:
             intrinsics[camera_id][list(self.free)] += step[columns]
         self.restore((poses, intrinsics, xyz + points_step))
 
-    def state(self) -> tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]:
+    def state(self) -> "tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]":
         """Poses, intrinsics and points, to come back to."""
         poses = [image.cam_from_world() for image in self.images]
         intrinsics = {c: np.array(self.model.cameras[c].params) for c in self.intrinsics}
         return poses, intrinsics, self._xyz()[: len(self.points)]
 
-    def restore(self, state: tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]) -> None:
+    def restore(self, state: "tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]") -> None:
         """Go to a state."""
         poses, intrinsics, points = state
         for image, pose in zip(self.images, poses, strict=True):
@@ -244,7 +242,7 @@ class Bundle:
             point.xyz = xyz
 
 
-def _moved(pose: pycolmap.Rigid3d, step: np.ndarray) -> pycolmap.Rigid3d:
+def _moved(pose: "pycolmap.Rigid3d", step: np.ndarray) -> "pycolmap.Rigid3d":
     """The pose after a step [6]: x → x + τ + ω × x."""
     tau, omega = np.split(step, 2)
     turn = Rotation.from_rotvec(omega).as_matrix()

@@ -3,13 +3,11 @@
 Schönberger & Frahm, "Structure-from-Motion Revisited", CVPR 2016. CPU only; the same seed gives the same poses.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from groundtruth.cameras.cameras import pycolmap
 from groundtruth.photos.photos import Photo
-from groundtruth.sparse.features import DATABASE, Lenses, find_features, match
+from groundtruth.sparse.features import DATABASE, Lenses, find_features, match, pipeline_options
 from radar.support.errors import HandbenchError
 from radar.support.progress import say
 
@@ -21,26 +19,25 @@ NOTHING_KNOWN = Lenses()
 
 def structure_from_motion(
     photos: tuple[Photo, ...], folder: Path, lenses: Lenses = NOTHING_KNOWN, seed: int = 0
-) -> pycolmap.Reconstruction:
+) -> "pycolmap.Reconstruction":
     """Register the photographs; `folder` (empty) receives COLMAP's database.
 
     Known lenses are held fixed. So is a known focal length, since a plane and free focal lengths do not determine each
     other. Where nothing is known all but the principal point is estimated, from the focal lengths that EXIF data tell.
     HandbenchError when fewer than three photographs register.
     """
-    pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
-    pycolmap.set_random_seed(seed)
     database = folder / DATABASE
-    find_features(photos, database, lenses)
+    find_features(photos, database, lenses, seed)
     match(database, seed)
-    return _map(photos, database, folder, seed, lenses)
-
-
-def _map(photos: tuple[Photo, ...], database: Path, folder: Path, seed: int, lenses: Lenses) -> pycolmap.Reconstruction:
     say("registering")
     pictures, best = photos[0].path.parent, pycolmap.Reconstruction()
     for attempt in range(ATTEMPTS):
-        options = _mapping_options(seed + attempt, lenses)
+        options = pipeline_options(seed + attempt)
+        options.min_model_size, options.multiple_models = FEWEST_REGISTERED, False
+        options.ba_local_function_tolerance = options.ba_global_function_tolerance = CONVERGED
+        free_focal = not (lenses.known or lenses.intrinsics or lenses.focal_px)
+        options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = free_focal
+        options.ba_refine_extra_params = options.mapper.abs_pose_refine_extra_params = not lenses.known
         models = pycolmap.incremental_mapping(database, pictures, folder, options)
         best = max([*models.values(), best], key=lambda model: model.num_reg_images())
         registered = best.num_reg_images()
@@ -54,18 +51,3 @@ def _map(photos: tuple[Photo, ...], database: Path, folder: Path, seed: int, len
         )
     say(f"registered {registered} of {len(photos)} photographs")
     return best
-
-
-def _mapping_options(seed: int, lenses: Lenses) -> pycolmap.IncrementalPipelineOptions:
-    options = pycolmap.IncrementalPipelineOptions(
-        random_seed=seed, min_model_size=FEWEST_REGISTERED, multiple_models=False, extract_colors=False
-    )
-    options.num_threads = 1  # sums over threads would not repeat bit for bit
-    options.mapper.random_seed = seed
-    options.triangulation.random_seed = seed
-    options.triangulation.ignore_two_view_tracks = False
-    options.ba_local_function_tolerance = options.ba_global_function_tolerance = CONVERGED
-    free_focal = not (lenses.known or lenses.intrinsics or lenses.focal_px)
-    options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = free_focal
-    options.ba_refine_extra_params = options.mapper.abs_pose_refine_extra_params = not lenses.known
-    return options

@@ -1,7 +1,5 @@
 """Sparse points of photographs whose cameras and poses are known: matches that the poses explain, triangulated."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +7,7 @@ import numpy as np
 from groundtruth.cameras.camera_files import FEWEST_POINTS
 from groundtruth.cameras.cameras import Camera, pycolmap, registered, set_pose
 from groundtruth.photos.photos import FEWEST, Photo
-from groundtruth.sparse.features import DATABASE, Lenses, agreement, find_features, match
+from groundtruth.sparse.features import DATABASE, Lenses, agreement, find_features, match, pipeline_options
 from radar.support.errors import HandbenchError
 from radar.support.progress import say
 
@@ -18,33 +16,38 @@ LEAST_AGREEING = 0.5  # of the matches, with the poses: wrong ones have a quarte
 
 def triangulated(
     photos: tuple[Photo, ...], cameras: tuple[Camera, ...], folder: Path, seed: int = 0
-) -> pycolmap.Reconstruction:
+) -> "pycolmap.Reconstruction":
     """The model of photographs with known cameras (all with R, t), which stay as they are bit for bit; `folder` (empty)
     receives COLMAP's database.
 
     Photographs that see next to nothing are left out. HandbenchError when the features do not fit the poses.
     """
-    pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
-    pycolmap.set_random_seed(seed)
-    database = folder / DATABASE
-    find_features(photos, database, Lenses(cameras))
-    model = _without_points(database, {camera.name: camera for camera in cameras})
+    pictures, database, given = photos[0].path.parent, folder / DATABASE, {camera.name: camera for camera in cameras}
+    find_features(photos, database, Lenses(cameras), seed)
+    model = pycolmap.Reconstruction()  # of the cameras alone, with the database's numbers
+    with pycolmap.Database.open(database) as stored:
+        for camera in stored.read_all_cameras():
+            model.add_camera_with_trivial_rig(camera)
+        for image in stored.read_all_images():
+            model.add_image_with_trivial_frame(image, _pose(given[image.name]))
     match(database, seed)
-    _require_agreement(photos, agreement(database, model))
-    options = pycolmap.IncrementalPipelineOptions(random_seed=seed, extract_colors=False, num_threads=1)
-    options.mapper.random_seed = options.triangulation.random_seed = seed
-    options.triangulation.ignore_two_view_tracks = False
+    share = agreement(database, model)
+    if share < LEAST_AGREEING:
+        raise HandbenchError(
+            f"{pictures}: {share:.0%} of the matched features agree with the given poses, {LEAST_AGREEING:.0%} are "
+            "needed; check that R, t carry world to camera (x right, y down, z forward) and belong to these "
+            "photographs, or leave them out"
+        )
     say("triangulating")
-    model = pycolmap.triangulate_points(model, database, photos[0].path.parent, folder, options=options)
+    model = pycolmap.triangulate_points(model, database, pictures, folder, options=pipeline_options(seed))
     for image in registered(model):
         if image.num_points3D < FEWEST_POINTS:
             model.deregister_frame(image.frame_id)
     if len(registered(model)) < FEWEST:
         raise HandbenchError(
-            f"{photos[0].path.parent}: {len(registered(model))} of {len(photos)} photographs see {FEWEST_POINTS} "
+            f"{pictures}: {len(registered(model))} of {len(photos)} photographs see {FEWEST_POINTS} "
             f"points with the given poses, {FEWEST} are needed; take photographs with more overlap and texture"
         )
-    given = {camera.name: camera for camera in cameras}
     for image in registered(model):  # back to where it was given: COLMAP scales its models, and back
         set_pose(image, _pose(given[image.name]))
     error_px = model.compute_mean_reprojection_error()
@@ -54,31 +57,11 @@ def triangulated(
     return model
 
 
-def _without_points(database: Path, cameras: dict[str, Camera]) -> pycolmap.Reconstruction:
-    """The cameras as COLMAP's model, with the database's numbers."""
-    model = pycolmap.Reconstruction()
-    with pycolmap.Database.open(database) as stored:
-        for camera in stored.read_all_cameras():
-            model.add_camera_with_trivial_rig(camera)
-        for image in stored.read_all_images():
-            model.add_image_with_trivial_frame(image, _pose(cameras[image.name]))
-    return model
-
-
-def _pose(camera: Camera) -> pycolmap.Rigid3d:
+def _pose(camera: Camera) -> "pycolmap.Rigid3d":
     return pycolmap.Rigid3d(pycolmap.Rotation3d(camera.rotation), camera.translation_m)
 
 
-def _require_agreement(photos: tuple[Photo, ...], share: float) -> None:
-    if share < LEAST_AGREEING:
-        raise HandbenchError(
-            f"{photos[0].path.parent}: {share:.0%} of the matched features agree with the given poses, "
-            f"{LEAST_AGREEING:.0%} are needed; check that R, t carry world to camera (x right, y down, z forward) and "
-            "belong to these photographs, or leave them out"
-        )
-
-
-def changes(model: pycolmap.Reconstruction, cameras: tuple[Camera, ...]) -> tuple[np.ndarray, np.ndarray]:
+def changes(model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Distances [n] of a model's cameras from those given, and angles [n] between them, radians."""
     given = {camera.name: camera for camera in cameras}
     pairs = [(image, given[image.name]) for image in registered(model) if image.name in given]
@@ -87,7 +70,7 @@ def changes(model: pycolmap.Reconstruction, cameras: tuple[Camera, ...]) -> tupl
     return moved, np.array(turned_rad)
 
 
-def refinement(model: pycolmap.Reconstruction, cameras: tuple[Camera, ...]) -> str:
+def refinement(model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]) -> str:
     """The change of a model's cameras against those given, in words."""
     moved, turned_rad = changes(model, cameras)
     turned_deg = np.degrees(turned_rad)

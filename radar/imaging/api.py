@@ -131,7 +131,12 @@ def image_volume(
     require_memory(8 * count * int(np.prod(grid.shape)), f"volume of {count} × {grid.shape} voxels [nz, ny, nx]")
     shape = (count, *grid.shape) if apart else grid.shape
     if tolerance is None:
-        return _exact_volume(samples, frequencies_hz, aperture, grid, apart).reshape(shape)
+        volume, flat = np.empty((count, int(np.prod(grid.shape))), np.complex64), np.arange(int(np.prod(grid.shape)))
+        for start in track(range(0, len(flat), CHUNK), "exact volume"):
+            here = slice(start, start + CHUNK)
+            points_m = grid.points_at_m(flat[here])
+            volume[:, here] = _device().exact_images(samples, frequencies_hz, aperture, points_m, apart)
+        return volume.reshape(shape)
     imager = _grid_imager(frequencies_hz, aperture, grid, Family(tolerance, apart))
     return imager.upsampler.volume(*imager.nodes(samples, grid.z_m), carrier).reshape(shape)
 
@@ -174,7 +179,8 @@ class GridImager:
 
     def nodes(self, samples: np.ndarray, z_m: np.ndarray) -> tuple[VoxelGrid, np.ndarray]:
         """The coarse nodes and their images [k or 1, nz, ny, nx]; z_m: the grid's, or a plane's depth [1]."""
-        nodes = self._plan.nodes_at(z_m)
+        whole = self._plan.nodes
+        nodes = VoxelGrid(whole.x_m, whole.y_m, z_m) if self._plan.planes else whole
         if self._executor is None:
             frequencies_hz, aperture, apart = self._how
             images = _device().exact_images(samples, frequencies_hz, aperture, nodes.points_m().reshape(-1, 3), apart)
@@ -227,16 +233,3 @@ def _grid_imager(frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid
         return GridImager(plan, frequencies_hz, aperture, family.apart)
 
     return kept((chosen(), "volume", planes, grid.x_m, grid.y_m, z_m), frequencies_hz, aperture, family, build)
-
-
-def _exact_volume(
-    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, apart: bool
-) -> np.ndarray:
-    volume = np.empty((len(samples) if apart else 1, int(np.prod(grid.shape))), np.complex64)
-    flat = np.arange(volume.shape[1])
-    for start in track(range(0, len(flat), CHUNK), "exact volume"):
-        chunk = slice(start, start + CHUNK)
-        volume[:, chunk] = _device().exact_images(
-            samples, frequencies_hz, aperture, grid.points_at_m(flat[chunk]), apart
-        )
-    return volume

@@ -103,18 +103,14 @@ class GridPlan:
         nodes = (self.x.nodes_m, self.y.nodes_m, self.z.nodes_m)
         self.nodes = VoxelGrid(*nodes)
         along_x = self.nodes.shape[0] * self.nodes.shape[1] * len(grid.x_m)
-        images = len(frequencies_hz) if family.apart else 1
-        needed = images * (NODE_BYTES * int(np.prod(self.nodes.shape)) + 8 * along_x)
+        needed = NODE_BYTES * int(np.prod(self.nodes.shape)) + 8 * along_x
+        needed *= len(frequencies_hz) if family.apart else 1
         require_memory(needed, f"grid of {grid.shape} voxels [nz, ny, nx]")
         box = Box(*(np.array([axis[i] for axis in nodes]) for i in (0, -1)))
         self.tree = None if crowded(aperture) else TreePlan(frequencies_hz, aperture, box, family)
         self._sorted: Sorted | None = None
         middle = (np.min(frequencies_hz) + np.max(frequencies_hz)) / 2 / SPEED_OF_LIGHT_M_S
         self.carrier = (middle, *carriers(aperture), (low + high) / (4 * np.pi))
-
-    def nodes_at(self, z_m: np.ndarray) -> VoxelGrid:
-        """The nodes of the grid, or of the plane at z_m [1]."""
-        return VoxelGrid(self.nodes.x_m, self.nodes.y_m, z_m) if self.planes else self.nodes
 
     def sort(self, tree: TreePlan, nodes: VoxelGrid) -> Sorted:
         """The nodes in the order of the plan's tree, which no plane's depth changes while the leaves are one layer."""

@@ -3,14 +3,12 @@
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bench.results import MethodFacts, Result
 from bench.results.tables import each
-from reports.figures.style import Picture, log_axis, looks, methods
+from reports.figures.style import Picture, draw, log_axis, methods, side_by_side
 from reports.tables.blocks import AGAINST, DRAWN
 
 CAUSES = {
@@ -49,8 +47,7 @@ def by_cause(result: Result, causes: pd.DataFrame, reference: str) -> Picture:
         bins = list(dict.fromkeys(lines.sort_values(["low", "part"]).bin))
         for axis, value in zip(column, ROWS, strict=True):
             for method, mine in _of_methods(result, lines):
-                places = [bins.index(name) for name in mine.bin]
-                _line(result, axis, method, np.array(places), mine[value].to_numpy())
+                draw(result, axis, method, [bins.index(name) for name in mine.bin], mine[value], linewidth=0.9)
         column[1].axhline(0, color="0.6", linewidth=0.6)
         column[1].set_xticks(range(len(bins)), bins, rotation=45, ha="right", rotation_mode="anchor")
         column[1].set(xlim=(-0.5, len(bins) - 0.5), xlabel=CAUSES[cause])
@@ -74,12 +71,11 @@ def reliability(result: Result) -> Picture:
     """Share of all errors within the interval that each method's σ promises, over what it promises."""
     lines = result.reliability[result.reliability.pixels == "all"]
     references = [reference for reference in DRAWN if (lines.reference == reference).any()]
-    figure = Figure(figsize=(3.2 * len(references) + 1.6, 3.2), layout="constrained")
-    axes = figure.subplots(1, len(references), sharex=True, sharey=True, squeeze=False)[0]
+    figure, axes = side_by_side(len(references), 3.2)
     for axis, reference in zip(axes, references, strict=True):
         axis.plot((50, 100), (50, 100), color="0.6", linewidth=0.8)
         for method, mine in _of_methods(result, lines[lines.reference == reference]):
-            _line(result, axis, method, mine.nominal_percent.to_numpy(), mine.observed_percent.to_numpy())
+            draw(result, axis, method, mine.nominal_percent, mine.observed_percent, linewidth=0.9)
         axis.set(title=AGAINST[reference], xlabel="nominal coverage in %", xticks=sorted(set(lines.nominal_percent)))
     axes[0].set_ylabel("observed coverage in %")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", frameon=False)
@@ -98,9 +94,3 @@ def _of_methods(result: Result, lines: pd.DataFrame) -> Iterator[tuple[MethodFac
         mine = lines[lines.method == method.name]
         if len(mine):
             yield method, mine
-
-
-def _line(result: Result, axis: Axes, method: MethodFacts, x: np.ndarray, y: np.ndarray) -> None:
-    colour, marker = looks(m.name for m in methods(result))[method.name]
-    axis.plot(x, y, color=colour, marker=marker, markersize=4, linewidth=0.9, label=method.title)
-    axis.grid(alpha=0.25, linewidth=0.4)

@@ -8,7 +8,7 @@ from matplotlib.lines import Line2D
 
 from bench.results import HEADLINE, Result
 from bench.results.about import TREATMENTS
-from reports.figures.style import Picture, log_axis, looks, methods, time_text, whiskers
+from reports.figures.style import Picture, draw, log_axis, looks, methods, side_by_side, time_text, whiskers
 from reports.tables.blocks import AGAINST, DRAWN, floor_note
 
 EDGES_MM = np.geomspace(0.02, 100, 400)
@@ -30,7 +30,7 @@ def accuracy_against_time(result: Result) -> Picture:
     """Mean error over seconds per frame with both intervals; the paper's as an open marker at our time."""
     scored = set(result.table.reference[result.table.metric == HEADLINE])
     references = [reference for reference in DRAWN if reference in scored]
-    figure, axes = _side_by_side(len(references))
+    figure, axes = side_by_side(len(references))
     look = looks(m.name for m in methods(result))
     notes, handles = [], {}
     for axis, reference in zip(axes, references, strict=True):
@@ -65,17 +65,13 @@ def accuracy_against_time(result: Result) -> Picture:
 def error_distributions(result: Result) -> Picture:
     """Share of the observed pixels whose error is smaller than e: the whole distribution, not only its mean."""
     references = [r for r in DRAWN if any(r in capture.references for capture in result.scored())]
-    figure, axes = _side_by_side(len(references))
-    look = looks(m.name for m in methods(result))
+    figure, axes = side_by_side(len(references))
     for axis, reference in zip(axes, references, strict=True):
         for i, method in enumerate(methods(result)):
-            colour, marker = look[method.name]
-            share = _shares(result, method.name, reference)
             every = (4 * i % 40, 40)  # markers of different methods do not fall on each other
-            axis.plot(EDGES_MM, share, color=colour, marker=marker, markevery=every, markersize=4, label=method.title)
+            draw(result, axis, method, EDGES_MM, _shares(result, method.name, reference), markevery=every)
         log_axis(axis, "x")
         axis.set(xlim=EDGES_MM[[0, -1]], ylim=(0, 100), xlabel="|z − z_ref| in mm", title=AGAINST[reference])
-        axis.grid(alpha=0.25, linewidth=0.4)
     axes[0].set_ylabel("share of observed pixels in %")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", frameon=False)
     return Picture(
@@ -88,18 +84,14 @@ def error_distributions(result: Result) -> Picture:
 
 def risk_coverage(result: Result) -> Picture:
     """Error over completeness: each method's strongest pixels, as many as make up a share of the surface."""
-    figure, axes = _side_by_side(len(TREATMENTS))
-    look = looks(m.name for m in methods(result))
+    figure, axes = side_by_side(len(TREATMENTS))
     reference = result.curves.reference.iloc[0]
     for axis, (treatment, said) in zip(axes, TREATMENTS.items(), strict=True):
         for method in methods(result):
             curve = result.curves[(result.curves.method == method.name) & (result.curves.treatment == treatment)]
-            colour, marker = look[method.name]
-            style = {"color": colour, "marker": marker, "markevery": 10, "markersize": 4, "label": method.title}
-            axis.plot(curve.share_percent, curve.risk_mm, **style)
+            draw(result, axis, method, curve.share_percent, curve.risk_mm, markevery=10)
         log_axis(axis, "y")
         axis.set(xlabel="share of the surface in %", title=said)
-        axis.grid(alpha=0.25, linewidth=0.4)
     axes[0].set_ylabel(f"{result.title(HEADLINE)} in mm")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", frameon=False)
     return Picture(
@@ -151,8 +143,3 @@ def repeats(result: Result) -> Picture:
         "Scatter of the strongest scatterer's depth over the repeats, for each method and hand.",
         figure,
     )
-
-
-def _side_by_side(columns: int) -> tuple[Figure, np.ndarray]:
-    figure = Figure(figsize=(3.6 * columns + 1.6, 3.2), layout="constrained")
-    return figure, figure.subplots(1, columns, sharex=True, sharey=True, squeeze=False)[0]
