@@ -53,13 +53,8 @@ def prior(state: State, target: Target, settings: Settings) -> np.ndarray:
 def surprises(state: State, target: Target) -> np.ndarray:
     """Deviations [u] that the priors expect to be 0: the antennas' unknowns and the balls' misplacements."""
     strengths = np.zeros(2 * len(state.log_ball))
-    parts = state.tx.unknowns, state.rx.unknowns, misplaced_m(state.centres_m, target), strengths
+    parts = state.tx.unknowns, state.rx.unknowns, state.centres_m - placed(target, state.centres_m), strengths
     return np.concatenate([part.ravel() for part in parts])
-
-
-def misplaced_m(centres_m: np.ndarray, target: Target) -> np.ndarray:
-    """Displacements [i, 3] of the balls from the described target in its best-fitting pose."""
-    return centres_m - placed(target, centres_m)
 
 
 def shape_sigma_m(target: Target) -> float:
@@ -75,7 +70,7 @@ def check(state: State, left: float, target: Target, settings: Settings, source:
             f"{source}: the target explains {100 * (1 - left):.1f} % of its echoes' energy, expected at least "
             f"{100 * settings.least_explained:.0f} %; check the target's description and that nothing else echoes there"
         )
-    off_m = misplaced_m(state.centres_m, target)
+    off_m = state.centres_m - placed(target, state.centres_m)
     worst = int(np.linalg.norm(off_m, axis=1).argmax())
     if np.linalg.norm(off_m[worst]) > 2 * settings.most_sigmas * shape_sigma_m(target):
         raise HandbenchError(

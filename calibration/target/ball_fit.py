@@ -9,7 +9,6 @@ maximum likelihood in white noise), so that neither neighbours nor foam pull at 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations, product
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve
@@ -50,15 +49,14 @@ def fit_balls(
                 f"their radii, {1e3 * least_m:.3g} mm; check the target's description, and what else is in view"
             )
     try:
-        fit = _settle(capture, target, {i: ball.centre_m for i, ball in heard.items()}, others)
+        centres_m, inverse, rest = _settle(capture, target, {i: ball.centre_m for i, ball in heard.items()}, others)
     except LinAlgError as error:
         raise HandbenchError(
             f"echoes: those of balls {', '.join(str(i + 1) for i in heard)} cannot be told from one another, or there "
             "are none; expected an echo of each; check what is in view, or record it again"
         ) from error
-    inverse = cho_solve(fit.factor, np.eye(len(fit.unknowns)))
-    fitted, white = {}, float(np.mean(np.abs(fit.rest) ** 2))
-    for n, (i, centre_m) in enumerate(fit.centres_m.items()):
+    fitted, white = {}, float(np.mean(np.abs(rest) ** 2))
+    for n, (i, centre_m) in enumerate(centres_m.items()):
         moved_m = float(np.linalg.norm(centre_m - heard[i].centre_m))
         if not moved_m < FARTHEST_M:
             raise HandbenchError(
@@ -67,26 +65,19 @@ def fit_balls(
             )
         place = slice(7 * n + 2, 7 * n + 5)
         # Power of a sample of white noise that makes the image around the ball as bright as what is left does.
-        image = backproject(fit.rest, capture.frequencies_hz, mimo_array(capture), centre_m + AROUND_M)
-        noise = max(white, float(np.mean(np.abs(image) ** 2)) / fit.rest.size)
+        image = backproject(rest, capture.frequencies_hz, mimo_array(capture), centre_m + AROUND_M)
+        noise = max(white, float(np.mean(np.abs(image) ** 2)) / rest.size)
         shift_m = _polarisation_shift(capture, target, i, centre_m)
         covariance_m2 = inverse[place, place] * noise / 2 + np.outer(shift_m, shift_m)
         fitted[i] = replace(heard[i], centre_m=centre_m, covariance_m2=covariance_m2)
     return fitted
 
 
-class _Fit(NamedTuple):
-    """centres_m: of each element's ball; unknowns [u] and the Cholesky factor of their normal matrix, both of the last
-    step; rest [f, t, r]: what is left of the samples."""
-
-    centres_m: dict[int, np.ndarray]
-    unknowns: np.ndarray
-    factor: tuple[np.ndarray, bool]
-    rest: np.ndarray
-
-
-def _settle(capture: RadarCapture, target: Target, centres_m: Mapping[int, np.ndarray], others: Sequence[Ball]) -> _Fit:
-    """Gauss–Newton from centres near the balls until they move no more."""
+def _settle(
+    capture: RadarCapture, target: Target, centres_m: Mapping[int, np.ndarray], others: Sequence[Ball]
+) -> tuple[dict[int, np.ndarray], np.ndarray, np.ndarray]:
+    """Gauss–Newton from centres near the balls until they move no more: the elements' balls' centres, the inverse
+    normal matrix of all unknowns in the last step, and what is left of the samples [f, t, r]."""
     samples = capture.samples[0].reshape(-1)
     elements, places_m = list(centres_m), np.array(list(centres_m.values()))
     strangers = _strangers(capture, target, centres_m, others)
@@ -108,8 +99,8 @@ def _settle(capture: RadarCapture, target: Target, centres_m: Mapping[int, np.nd
         if np.abs(of_elements[:, 2:5]).max() < SETTLED_M:
             break
     rest = samples - (real @ unknowns).astype(np.complex64) @ columns
-    places = dict(zip(elements, places_m, strict=True))
-    return _Fit(places, unknowns, factor, rest.reshape(capture.samples[0].shape))
+    inverse = cho_solve(factor, np.eye(len(unknowns)))
+    return dict(zip(elements, places_m, strict=True)), inverse, rest.reshape(capture.samples[0].shape)
 
 
 def _polarisation_shift(capture: RadarCapture, target: Target, number: int, centre_m: np.ndarray) -> np.ndarray:

@@ -73,7 +73,9 @@ def reference_on_grid(
     hit, faces = _spread(met, seen, False), faces[seen]
     x, y = (axis[hit] for axis in np.meshgrid(x_m, y_m))
     corners = surface.vertices_m[faces]
-    z, slant = _depth_of_plane(corners, x, y), _slant(corners)
+    z, normal = _depth_of_plane(corners, x, y), _normal(corners)
+    least = STEEPEST * np.linalg.norm(normal, axis=1, keepdims=True)
+    slant = normal / np.copysign(np.maximum(np.abs(normal[:, 2:]), least), normal[:, 2:])  # n/n_z, ≤ 1/STEEPEST long
     mesh_sigma_m = surface.sigma_m[faces].mean(axis=1) * np.linalg.norm(slant, axis=1)
     found = Reference(_spread(hit, z, np.nan), _spread(hit, mesh_sigma_m, np.nan), None, None, met)
     if registration is None or registration.covariance is None:
@@ -122,13 +124,6 @@ def _spread(hit: np.ndarray, values: np.ndarray, elsewhere: float) -> np.ndarray
     grid = np.full((*hit.shape, *values.shape[1:]), elsewhere)
     grid[hit] = values
     return grid
-
-
-def _slant(corners: np.ndarray) -> np.ndarray:
-    """n/n_z [n, 3] of triangles [n, 3, 3], of length 1/STEEPEST at most."""
-    normal = _normal(corners)
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    return normal / np.copysign(np.maximum(np.abs(normal[:, 2:]), STEEPEST * length), normal[:, 2:])
 
 
 def _depth_of_plane(corners: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -93,9 +93,19 @@ def gather(folder: Path, options: Chosen) -> tuple[Inputs, Chosen]:
     photos = usable(photos)
     cameras = None if options.cameras is None else cameras_of(photos, options.cameras, options.metric)
     board = None if options.board is None else load_board(options.board)
-    _require_scale(folder, photos, options, cameras)
-    posed = cameras is not None and all(camera.posed for camera in cameras)
-    if options.refine_poses and options.model is None and not posed:
+    names = [photo.name for photo in photos]
+    for name in (name for distance in options.distances for name in (distance.first, distance.second)):
+        if name not in names:
+            raise HandbenchError(f"distances: {name} is none of the photographs used; {suggest(name, names)}")
+    posed = sum(camera.posed for camera in cameras or ())
+    metric = options.model is not None and options.metric
+    if not (options.board or options.distances or posed >= 3 or metric or options.unscaled):
+        raise HandbenchError(
+            f"{folder}: nothing gives the scale: no board.toml and no camera poses (R, t in cameras.json); add "
+            "--board, --cameras or --distance (--metric, if a COLMAP model is in metres), or give --unscaled for a "
+            "mesh of arbitrary size"
+        )
+    if options.refine_poses and options.model is None and posed < len(photos):
         raise HandbenchError("refine_poses: not all photographs have a pose; expected R, t of each in --cameras")
     corners: dict[str, Corners] = {}
     if board is not None:
@@ -125,22 +135,4 @@ def _require_consistent(photos: tuple[Photo, ...], options: SparseOptions) -> No
         raise HandbenchError(
             f"intrinsics: the photographs are of different sizes ({listed}), and one camera has one; give --cameras "
             "with a camera for each"
-        )
-
-
-def _require_scale(
-    folder: Path, photos: tuple[Photo, ...], options: SparseOptions, cameras: tuple[Camera, ...] | None
-) -> None:
-    """A HandbenchError when nothing tells how long a metre is."""
-    names = [photo.name for photo in photos]
-    for name in (name for distance in options.distances for name in (distance.first, distance.second)):
-        if name not in names:
-            raise HandbenchError(f"distances: {name} is none of the photographs used; {suggest(name, names)}")
-    posed = cameras is not None and sum(camera.posed for camera in cameras) >= 3
-    metric = options.model is not None and options.metric
-    if not (options.board or options.distances or posed or metric or options.unscaled):
-        raise HandbenchError(
-            f"{folder}: nothing gives the scale: no board.toml and no camera poses (R, t in cameras.json); add "
-            "--board, --cameras or --distance (--metric, if a COLMAP model is in metres), or give --unscaled for a "
-            "mesh of arbitrary size"
         )

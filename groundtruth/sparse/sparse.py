@@ -19,8 +19,7 @@ from groundtruth.sparse.covariance import CameraCovariance, camera_covariance
 from groundtruth.sparse.features import DATABASE, Lenses, scales_px
 from groundtruth.sparse.frame import Scale, apply, board_from_model, distances_from_model, poses_from_model
 from groundtruth.sparse.inputs import Inputs
-from groundtruth.sparse.sfm import structure_from_motion
-from groundtruth.sparse.triangulation import changes, refinement, triangulated
+from groundtruth.sparse.sfm import changes, refinement, structure_from_motion, triangulated
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json
 from radar.support.progress import say

@@ -1,17 +1,29 @@
-"""Charts of a whole result: errors against time, their distribution, and how far repeats scatter."""
+"""Charts of a whole result: errors against time, their distribution, how far repeats scatter, errors by cause, and the
+reliability of the methods' own σ."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from bench.results import HEADLINE, Result
+from bench.results import HEADLINE, MethodFacts, Result
 from bench.results.about import TREATMENTS
+from bench.results.tables import each
 from reports.figures.style import Picture, draw, log_axis, looks, methods, side_by_side, time_text, whiskers
 from reports.tables.blocks import AGAINST, DRAWN, floor_note
 
 EDGES_MM = np.geomspace(0.02, 100, 400)
+CAUSES = {
+    "incidence_deg": "incidence angle in °",
+    "below_maximum_db": "amplitude below the maximum in dB",
+    "part": "part of the hand",
+    "edge_distance_mm": "distance to an edge in mm",
+}
+ROWS = {"absolute_mm": "mean |z − z_ref| in mm", "mean_mm": "mean z − z_ref in mm"}
+LINEAR_MM = 1  # of signed means, up to which their scale is linear
 
 
 def overview(result: Result) -> Iterator[Picture]:
@@ -143,3 +155,78 @@ def repeats(result: Result) -> Picture:
         "Scatter of the strongest scatterer's depth over the repeats, for each method and hand.",
         figure,
     )
+
+
+def explained(result: Result) -> Iterator[Picture]:
+    """The pictures that the result has the data for."""
+    for reference in DRAWN:
+        causes = result.causes[result.causes.reference == reference]
+        if len(causes):
+            yield by_cause(result, causes, reference)
+    if len(result.reliability):
+        yield reliability(result)
+
+
+def bin_label(line: Any) -> str:
+    """The bin of a line of causes.csv, as it is printed."""
+    return line.part or (f"{line.low:g}–{line.high:g}" if line.high == line.high else f"≥ {line.low:g}")
+
+
+def by_cause(result: Result, causes: pd.DataFrame, reference: str) -> Picture:
+    """Mean absolute and signed error of each method over the bins of each cause."""
+    shown = [cause for cause in CAUSES if (causes.cause == cause).any()]
+    widths = [causes[causes.cause == cause].groupby(["part", "low"], dropna=False).ngroups + 1 for cause in shown]
+    figure = Figure(figsize=(2.6 * len(shown) + 1.6, 4.6), layout="constrained")
+    axes = figure.subplots(2, len(shown), sharex="col", sharey="row", squeeze=False, width_ratios=widths)
+    for column, cause in zip(axes.T, shown, strict=True):
+        lines = causes[causes.cause == cause].assign(bin=[bin_label(x) for x in each(causes[causes.cause == cause])])
+        bins = list(dict.fromkeys(lines.sort_values(["low", "part"]).bin))
+        for axis, value in zip(column, ROWS, strict=True):
+            for method, mine in _of_methods(result, lines):
+                draw(result, axis, method, [bins.index(name) for name in mine.bin], mine[value], linewidth=0.9)
+        column[1].axhline(0, color="0.6", linewidth=0.6)
+        column[1].set_xticks(range(len(bins)), bins, rotation=45, ha="right", rotation_mode="anchor")
+        column[1].set(xlim=(-0.5, len(bins) - 0.5), xlabel=CAUSES[cause])
+    for axis, label in zip(axes[:, 0], ROWS.values(), strict=True):
+        axis.set_ylabel(label)
+    log_axis(axes[0, 0], "y")
+    axes[1, 0].set_yscale("symlog", linthresh=LINEAR_MM)
+    axes[1, 0].yaxis.set_major_formatter("{x:g}")
+    figure.align_xlabels()
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right center", frameon=False)
+    return Picture(
+        f"causes__{reference}",
+        f"Errors by cause, {AGAINST[reference]}: means of the pixels in each bin, formed for each capture and averaged "
+        f"over those that have some. Signed means (below) are drawn linearly up to {LINEAR_MM} mm.",
+        f"Mean absolute and signed error of each method over {', '.join(CAUSES[cause] for cause in shown)}.",
+        figure,
+    )
+
+
+def reliability(result: Result) -> Picture:
+    """Share of all errors within the interval that each method's σ promises, over what it promises."""
+    lines = result.reliability[result.reliability.pixels == "all"]
+    references = [reference for reference in DRAWN if (lines.reference == reference).any()]
+    figure, axes = side_by_side(len(references), 3.2)
+    for axis, reference in zip(axes, references, strict=True):
+        axis.plot((50, 100), (50, 100), color="0.6", linewidth=0.8)
+        for method, mine in _of_methods(result, lines[lines.reference == reference]):
+            draw(result, axis, method, mine.nominal_percent, mine.observed_percent, linewidth=0.9)
+        axis.set(title=AGAINST[reference], xlabel="nominal coverage in %", xticks=sorted(set(lines.nominal_percent)))
+    axes[0].set_ylabel("observed coverage in %")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", frameon=False)
+    return Picture(
+        "reliability",
+        "Reliability of σ: share of all errors that lie within the normal interval about the depth; on the grey line σ "
+        "is right, below it too small.",
+        "Observed over nominal coverage of each method that predicts its own error.",
+        figure,
+    )
+
+
+def _of_methods(result: Result, lines: pd.DataFrame) -> Iterator[tuple[MethodFacts, pd.DataFrame]]:
+    """Each method with its lines, if it has some."""
+    for method in methods(result):
+        mine = lines[lines.method == method.name]
+        if len(mine):
+            yield method, mine
