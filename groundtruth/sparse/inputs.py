@@ -11,9 +11,8 @@ from groundtruth.board.markers import Corners, detect_corners, focal_length_px, 
 from groundtruth.cameras.camera_files import cameras_of
 from groundtruth.cameras.cameras import Camera, cuda_devices
 from groundtruth.options import Options, SparseOptions
-from groundtruth.photos.looks import usable
 from groundtruth.photos.masks import find_masks
-from groundtruth.photos.photos import Photo, find_photos
+from groundtruth.photos.photos import Photo, find_photos, usable
 from radar.support.config import suggest
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash

@@ -50,8 +50,8 @@ def structure_from_motion(
     if count < FEWEST:
         raise HandbenchError(
             f"{pictures}: only {count} of {len(photos)} photographs could be registered, {FEWEST} are needed; take "
-            "more photographs from different places, with more overlap and a textured surrounding, or give the cameras' "
-            "intrinsics"
+            "more photographs from different places, with more overlap and a textured surrounding, or give "
+            "the cameras' intrinsics"
         )
     say(f"registered {count} of {len(photos)} photographs")
     return best
