@@ -11,18 +11,7 @@ from typing import Any
 import numpy as np
 
 from calibration.array.array_file import ArrayCalibration, Side
-from calibration.array.model import (
-    DELAY,
-    EACH,
-    LEVEL,
-    PHASE,
-    PLACE,
-    Antennas,
-    Echoes,
-    State,
-    directions,
-    normal_equations,
-)
+from calibration.array.model import EACH, Antennas, Echoes, State, directions, normal_equations
 from calibration.array.prior import Settings, check, constrained_inverse, gauges, nominal_state, prior, start, surprises
 from calibration.target.description import Target
 from radar.data.arrays import AntennaArray
@@ -119,9 +108,9 @@ def _side(
 ) -> Side:
     """One side as the file holds it; of a dead antenna nothing is known but that it is weak."""
     toward = directions(centres_m.mean(axis=0, keepdims=True), found)[:, 0]
-    seen = np.zeros((len(found.delay_m), EACH))
-    seen[:, PHASE], seen[:, PLACE] = 1, -echoes.wavenumber.mean() * toward
-    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    none = np.zeros(len(toward))
+    seen = np.column_stack([none, none + 1, none, -echoes.wavenumber.mean() * toward])  # by the unknowns of `Antennas`
+    level_sigma, _, delay_sigma_m, *offset_sigma_m = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).T
     phase_sigma = np.sqrt(np.einsum("na,nab,nb->n", seen, covariance, seen))
 
     def all_of(values: np.ndarray, dead: float) -> list[Any]:
@@ -135,8 +124,8 @@ def _side(
         gain=all_of(np.column_stack([gain.real, gain.imag]), 0.0),
         delay_m=all_of(found.delay_m, 0.0),
         offset_m=all_of(found.offset_m, 0.0),
-        level_sigma=all_of(sigma[:, LEVEL], 1.0),
+        level_sigma=all_of(level_sigma, 1.0),
         phase_sigma_rad=all_of(phase_sigma, np.pi),
-        delay_sigma_m=all_of(sigma[:, DELAY], settings.delay_sigma_m),
-        offset_sigma_m=all_of(sigma[:, PLACE], settings.position_sigma_m),
+        delay_sigma_m=all_of(delay_sigma_m, settings.delay_sigma_m),
+        offset_sigma_m=all_of(np.stack(offset_sigma_m, axis=1), settings.position_sigma_m),
     )

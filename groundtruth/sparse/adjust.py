@@ -57,14 +57,9 @@ def _triangulate_again(model: "pycolmap.Reconstruction") -> None:
     config = pycolmap.BundleAdjustmentConfig()
     for image in registered(model):
         config.add_image(image.image_id)
-    options = pycolmap.BundleAdjustmentOptions(
-        refine_focal_length=False,
-        refine_principal_point=False,
-        refine_extra_params=False,
-        refine_rig_from_world=False,
-        refine_sensor_from_rig=False,
-        print_summary=False,
-    )
+    options = pycolmap.BundleAdjustmentOptions(print_summary=False)
+    options.refine_focal_length = options.refine_principal_point = options.refine_extra_params = False
+    options.refine_rig_from_world = options.refine_sensor_from_rig = False
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
     options.ceres.solver_options.function_tolerance = SETTLED
     options.ceres.solver_options.num_threads = 1  # sums over threads would not repeat bit for bit

@@ -40,12 +40,9 @@ class Seen(NamedTuple):
     noise_px: float = 1.0
 
     def off(self, xyz: np.ndarray) -> np.ndarray:
-        """As `off_px`, in standard deviations."""
-        return self.off_px(xyz) / (self.noise_px * self.spread)
-
-    def off_px(self, xyz: np.ndarray) -> np.ndarray:
-        """The pixels [n, 2] against where the photograph would show points, of which these [p, 3] are all."""
-        return self.pixels - project(self.image, xyz[self.numbers])
+        """The pixels [n, 2] against where the photograph would show points, of which these [p, 3] are all, in standard
+        deviations."""
+        return (self.pixels - project(self.image, xyz[self.numbers])) / (self.noise_px * self.spread)
 
 
 class Normal(NamedTuple):
@@ -107,40 +104,29 @@ class Bundle:
         self._count_unknowns()
 
     def _features(self) -> list[Seen]:
-        row = {image.image_id: i for i, image in enumerate(self.images)}
-        pairs: list[list[tuple[int, int]]] = [[] for _ in self.images]
+        shown: dict[int, list[tuple[int, int]]] = {image.image_id: [] for image in self.images}
         for number, point in enumerate(self.points):
             for element in point.track.elements:
-                pairs[row[element.image_id]].append((number, element.point2D_idx))
-        seen = [
-            Seen(
-                image,
-                np.array([image.points2D[k].xy for _, k in at]),
-                np.array([n for n, _ in at]),
-                self._spread(image.name, [k for _, k in at]),
-            )
-            for image, at in zip(self.images, pairs, strict=True)
-            if at
-        ]
+                shown[element.image_id].append((number, element.point2D_idx))
+        seen = []
+        for image in (image for image in self.images if shown[image.image_id]):
+            numbers, places = np.array(shown[image.image_id]).T
+            spread = np.ones(len(places))  # standard deviations of the features over that of the smallest
+            if image.name in self.scales_px:
+                spread = np.hypot(1.0, self.scales_px[image.name][places] / LOCATED_LIKE_PX)
+            pixels = np.array([image.points2D[k].xy for k in places.tolist()])
+            seen.append(Seen(image, pixels, numbers, spread[:, None]))
         return self._with_noise(seen)
-
-    def _spread(self, name: str, features: list[int]) -> np.ndarray:
-        """Standard deviations [n, 1] of some features of a photograph, over that of the smallest."""
-        if name not in self.scales_px:
-            return np.ones((len(features), 1))
-        return np.hypot(1.0, self.scales_px[name][features] / LOCATED_LIKE_PX)[:, None]
 
     def _known(self) -> list[Seen]:
         names = [(name, k) for name, places_m in self.corners_m.items() for k in range(len(places_m))]
         number = {corner: len(self.points) + n for n, corner in enumerate(names)}
-        found = [(image, self.corners.get(image.name, {})) for image in self.images]
-        return self._with_noise(
-            [
-                Seen(i, np.array([*at.values()]), np.array([number[corner] for corner in at]), np.ones((len(at), 1)))
-                for i, at in found
-                if at
-            ]
-        )
+        seen = []
+        for image in self.images:
+            if at := self.corners.get(image.name):
+                numbers = np.array([number[corner] for corner in at])
+                seen.append(Seen(image, np.array([*at.values()]), numbers, np.ones((len(at), 1))))
+        return self._with_noise(seen)
 
     def _with_noise(self, seen: list[Seen]) -> list[Seen]:
         """The observations, save of points behind the camera, with the noise that what is left of them shows."""

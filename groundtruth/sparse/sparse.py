@@ -119,13 +119,8 @@ def _given(inputs: Inputs, options: SparseOptions, scratch: Path) -> pycolmap.Re
 def _found(inputs: Inputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
     if inputs.posed and inputs.cameras is not None:
         return triangulated(inputs.photos, inputs.cameras, scratch, options.seed)
-    lenses = Lenses(
-        inputs.cameras,
-        options.intrinsics,
-        options.refine_distortion,
-        inputs.focal_lengths_px(),
-        options.shared_intrinsics,
-    )
+    found_px, shared = inputs.focal_lengths_px(), options.shared_intrinsics
+    lenses = Lenses(inputs.cameras, options.intrinsics, options.refine_distortion, found_px, shared)
     return structure_from_motion(inputs.photos, scratch, lenses, options.seed)
 
 
