@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from calibration.array import prior
 from calibration.array.array_file import ArrayCalibration, Side
 from calibration.array.model import EACH, Antennas, Echoes, State, directions, normal_equations
-from calibration.array.prior import Settings, check, constrained_inverse, gauges, nominal_state, prior, start, surprises
 from calibration.target.description import Target
 from radar.data.arrays import AntennaArray
 from radar.data.capture import RadarCapture
@@ -25,45 +25,42 @@ SINGLE = 1e-5  # samples in single precision carry no less noise than this part 
 GUARD_CELLS = 3  # of the sweep's range resolution, about the balls
 
 
-def estimate_array(
-    capture: RadarCapture, target: Target, settings: Settings | None = None, source: str = "target capture"
-) -> ArrayCalibration:
+def estimate_array(capture: RadarCapture, target: Target, source: str = "target capture") -> ArrayCalibration:
     """The array's calibration from the echoes of a target that stands still (frames are averaged). source: names the
     capture, in the file and in errors.
 
     Raises HandbenchError when a ball is not found, or when target and echoes contradict each other.
     """
-    settings = settings or Settings()
     if not isinstance(capture.aperture, AntennaArray):
         raise HandbenchError(f"{source}: a planar scan has no array to calibrate; expected a MIMO array's echoes")
     mean = replace(capture, samples=capture.samples.mean(axis=0, keepdims=True))
     samples = np.ascontiguousarray(np.moveaxis(mean.samples[0], 0, -1))
     echoes = Echoes(target, capture.frequencies_hz)
-    live, raw, begun = start(samples, nominal_state(mean, target), echoes, settings.weakest_db)
+    live, raw, begun = prior.start(samples, prior.nominal_state(mean, target), echoes)
     samples = samples[live[0]][:, live[1]]
-    state, covariance = fitted(samples, begun, echoes, settings)
+    state, covariance = fitted(samples, begun, echoes)
     before, after = (left_over(samples, s, echoes) for s in (raw, state))
-    check(state, after, target, settings, source)
+    prior.check(state, after, target, source)
     n_tx, n_rx, _ = state.counts
     every = np.arange(n_tx + n_rx)  # antenna
     antennas = covariance[: EACH * len(every), : EACH * len(every)].reshape(len(every), EACH, len(every), EACH)
     own = np.split(antennas[every, :, every], [n_tx])  # each antenna's alone, by side
     sides = zip(capture.aperture.legs, live, (state.tx, state.rx), own, strict=True)
-    tx, rx = (_side(leg.position_m, lives, s, c, state.centres_m, echoes, settings) for leg, lives, s, c in sides)
+    tx, rx = (_side(leg.position_m, lives, s, c, state.centres_m, echoes) for leg, lives, s, c in sides)
     levels_db = {"residual_before_db": 10 * np.log10(before), "residual_after_db": 10 * np.log10(after)}
     return ArrayCalibration(source=source, reference_hz=echoes.reference_hz, tx=tx, rx=rx, **levels_db)
 
 
-def fitted(samples: np.ndarray, state: State, echoes: Echoes, settings: Settings) -> tuple[State, np.ndarray]:
+def fitted(samples: np.ndarray, state: State, echoes: Echoes) -> tuple[State, np.ndarray]:
     """The most probable state for samples [t, r, f] and its covariance [u, u], the noise taken from what is left."""
     floor = SINGLE**2 * float(np.mean(np.abs(samples) ** 2)) / 2
-    information = prior(state, echoes.target, settings)
+    information = prior.prior_information(state, echoes.target)
     for _ in range(MAX_STEPS):
         normal, right, power = normal_equations(samples, state, echoes)
         freedom = 2 * samples.size - len(right)
         variance = max(power * samples.size / freedom, floor)  # of the real and of the imaginary part
-        pull = right / variance - information @ surprises(state, echoes.target)
-        inverse = constrained_inverse(normal / variance + information, gauges(state))
+        pull = right / variance - information @ prior.surprises(state, echoes.target)
+        inverse = prior.constrained_inverse(normal / variance + information, prior.gauges(state))
         step = inverse @ pull
         state = state.moved(step)
         if step @ pull < ENOUGH:
@@ -104,7 +101,6 @@ def _side(
     covariance: np.ndarray,
     centres_m: np.ndarray,
     echoes: Echoes,
-    settings: Settings,
 ) -> Side:
     """One side as the file holds it; of a dead antenna nothing is known but that it is weak."""
     toward = directions(centres_m.mean(axis=0, keepdims=True), found)[:, 0]
@@ -126,6 +122,6 @@ def _side(
         offset_m=all_of(found.offset_m, 0.0),
         level_sigma=all_of(level_sigma, 1.0),
         phase_sigma_rad=all_of(phase_sigma, np.pi),
-        delay_sigma_m=all_of(delay_sigma_m, settings.delay_sigma_m),
-        offset_sigma_m=all_of(np.stack(offset_sigma_m, axis=1), settings.position_sigma_m),
+        delay_sigma_m=all_of(delay_sigma_m, prior.DELAY_SIGMA_M),
+        offset_sigma_m=all_of(np.stack(offset_sigma_m, axis=1), prior.POSITION_SIGMA_M),
     )
