@@ -75,9 +75,8 @@ def stages(
     def staged(name: str, kind: type[Config], depends_on: list[Any], **earlier: Stage) -> Stage:
         folders = {each: str(made.folder(root)) for each, made in earlier.items()}
         given = {"photos": str(photos), "options": options.part(kind), **folders}
-        return stage(
-            name, f"groundtruth.{name}_stage:make", [*depends_on, options.part(kind, paths=False)], given, capture
-        )
+        depends_on = [*depends_on, options.part(kind, paths=False)]
+        return stage(name, f"groundtruth.{name}_stage:make", depends_on, given, capture)
 
     sparse = staged("sparse", SparseOptions, [content])
     dense = staged("dense", DenseOptions, [sparse.key, masks], sparse=sparse)
