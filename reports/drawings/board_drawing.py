@@ -131,6 +131,6 @@ def _sizes(board: "Board") -> str:
     if board.charuco is not None:
         c = board.charuco
         legacy = " (legacy)" if c.legacy else ""
-        sides = f"{MILLIMETRES * c.square_m:.1f}/{MILLIMETRES * c.marker_m:.1f} mm"
-        parts.append(f"{c.columns} × {c.rows} squares with {c.dictionary}{legacy}, {sides}")
+        size = f"{MILLIMETRES * c.square_m:.1f}/{MILLIMETRES * c.marker_m:.1f} mm"
+        parts.append(f"{c.columns} × {c.rows} squares with {c.dictionary}{legacy}, {size}")
     return "; ".join(parts)
