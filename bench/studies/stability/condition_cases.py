@@ -17,7 +17,7 @@ from bench.results.error_map import ErrorMap
 from bench.results.stability import Table
 from bench.studies.stability.condition_fsk import ARRAY, METHODS, amplification, expected, ranks
 from bench.studies.stability.registration_spheres import PLACE_M, RADIUS_M
-from bench.studies.stability.statistics_intervals import told
+from bench.studies.stability.statistics_cases import told
 from calibration.target.ball_fit import fit_balls
 from calibration.target.description import default_target
 from calibration.target.optical_detection import Cloud, fit_sphere

@@ -5,12 +5,10 @@ Every sweep is imaged exactly and to each tolerance, on white noise, and compare
 are told as shares of what was asked: a relative L2 error over the points and a few draws of samples.
 """
 
-import os
 from collections.abc import Callable, Iterator
 from functools import partial, wraps
 from itertools import product
 from typing import NamedTuple
-from unittest.mock import patch
 
 import numpy as np
 
@@ -215,13 +213,3 @@ def _unordered() -> Works:
 
 def _axis_nowhere() -> Works:
     return ((f"{axis}", partial(VoxelGrid, np.array(axis), UP, UP)) for axis in ([np.nan], [0, np.nan, 1]))
-
-
-def _memory() -> Works:
-    axis, samples = 1e-4 * np.arange(1000), white_noise((len(TONES_HZ), *array().channels), 0)
-    with patch.dict(os.environ, HANDBENCH_MEMORY_GB="1"):
-        yield "1 GB", partial(image_volume, samples, TONES_HZ, array(), VoxelGrid(axis, axis, 0.3 + axis), 1e-3)
-
-
-def _tolerances() -> Works:
-    return ((f"{t}", partial(_image, cloud(5, (0, 0, 0.3)), t)) for t in (np.nan, 0.11, 9e-7, 0.0))

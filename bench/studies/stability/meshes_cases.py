@@ -93,11 +93,6 @@ def _holes() -> Seen:
         yield place, int((~np.isclose(z_m, expected, 0, 1e-12, equal_nan=True)).sum())
 
 
-def _ball() -> Seen:
-    for rings, (name, flip) in product((16, 40, 100), (("outward", 1), ("turned", -1))):
-        yield f"{rings} rings, {name}", _ball_share(rings, flip, 0.0)
-
-
 def _ball_share(rings: int, flip: int, offset_m: float) -> float:
     radius_m, (vertices, faces) = 0.05, ball(rings)
     axis = radius_m * np.linspace(-0.95, 0.95, 41)
@@ -191,15 +186,6 @@ def _own_surface() -> Seen:
 def _far_scene() -> Works:
     vertices, faces = sheet(10)
     yield "600 m away", lambda: Rays(vertices + 600, faces)
-
-
-def _declared() -> Works:
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "a.ply"
-        xyz = "".join(f"property float {axis}\n" for axis in "xyz")
-        head = f"ply\nformat binary_little_endian 1.0\nelement vertex 3\n{xyz}element face 10000000\n"
-        file.write_bytes(f"{head}property list uchar int vertex_indices\nend_header\n".encode() + bytes(36))
-        yield file.name, lambda: read_triangles(file)
 
 
 def _beyond_memory() -> Works:

@@ -152,12 +152,6 @@ SIGMA_M = 1e-4  # of a corner, per axis
 GRID = np.array([[x, y, 0] for x in np.linspace(-0.1, 0.1, 5) for y in np.linspace(-0.07, 0.07, 4)])
 
 
-def _board_line() -> Works:
-    for width in (0.019, 1e-6, 1e-15, 0.0):
-        points_m = GRID * [1, width, 1]
-        yield f"{width:g} of its width", partial(trimmed_similarity, points_m, points_m, "board corners")
-
-
 def _wrong_corners() -> Seen:
     for size_m, apart in product(np.logspace(-5, 4, 28), (True, False)):
         rng = np.random.default_rng(3)

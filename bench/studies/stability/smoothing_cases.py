@@ -74,12 +74,6 @@ def _lone() -> Seen:
         yield f"a map of {hole}", _error(np.full((5, 5), hole), 3)
 
 
-def _infinities() -> Seen:
-    values = _map(7, 0.1)
-    values[3, 4], values[20, 20], values[0, 0] = np.inf, -np.inf, np.inf
-    return ((f"size {size}", _error(values, size)) for size in (3, 9))
-
-
 def _strong_and_weak() -> Seen:
     for decades, size in product((1, 6, 12, 16, 20, 40, 80, 166, 280), (3, 5, 9)):
         values = _map(decades, 0.1)
