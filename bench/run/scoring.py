@@ -24,8 +24,7 @@ from bench.evaluation.metrics import Values, figures_of_frame
 from bench.evaluation.scoring_protocols import Protocol
 from bench.results import errors_path, write_errors
 from bench.results.error_map import ErrorMap
-from bench.run.reconstruct_stage import FRAMES
-from bench.run.treatments import read_treated
+from bench.run.reconstruct_stage import FRAMES, read_treated
 from calibration.transforms import Transform
 from groundtruth.mesh.depth import Reference, reference_on_grid
 from groundtruth.mesh.surface import read_surface

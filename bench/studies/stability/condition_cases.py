@@ -16,7 +16,7 @@ from bench.evaluation.metrics import pool, precision
 from bench.results.error_map import ErrorMap
 from bench.results.stability import Table
 from bench.studies.stability.condition_fsk import ARRAY, METHODS, amplification, expected, ranks
-from bench.studies.stability.registration_spheres import PLACE_M, RADIUS_M
+from bench.studies.stability.registration_cases import PLACE_M, RADIUS_M
 from bench.studies.stability.statistics_cases import told
 from calibration.target.ball_fit import fit_balls
 from calibration.target.description import default_target
@@ -65,9 +65,13 @@ def amplifications() -> Iterator[Row]:
     for step_m in (1e-3, 2e-3):
         name = f"subvoxel depth, voxels of {1e3 * step_m:g} mm"
         yield Row(name, "relative amplitude of a neighbour", *_subvoxel(step_m), "m")
+    # The worst pattern for the centre is as the height without what a radius explains: √3/part for even points, whose
+    # heights deviate by 2·part/√12.
     for part in (0.45, 0.15, 0.1):
         name = f"centre of a {part:.0%} cap, free radius"
-        yield Row(name, "points' rms along the normal", _cap(part), np.sqrt(3) / part, "m/m")
+        yield Row(
+            name, "points' rms along the normal", _cap_fit(part, lambda h: h - h.mean())[0], np.sqrt(3) / part, "m/m"
+        )
     yield Row("radius of a 15% cap", "points' rms along the normal", *_cap_radius(0.15), "m/m")
     yield Row("ball in the echoes", "delay of all channels, one way", *_ball(), "m/m")
     yield from _rotation()
@@ -113,12 +117,6 @@ def _cap_fit(part: float, along: Callable[[np.ndarray], np.ndarray], size_m: flo
     points_m = (RADIUS_M + size_m * error / np.sqrt(np.mean(error**2)))[:, None] * outward
     found = fit_sphere(Cloud(points_m, outward, oriented=True), np.zeros(3), RADIUS_M, (0,), radius_sigma_m=1.0)
     return float(np.linalg.norm(found.centre_m)) / size_m, abs(found.radius_m - RADIUS_M) / size_m
-
-
-def _cap(part: float) -> float:
-    """The worst pattern for the centre: as its height without what a radius explains; √3/part for even points, whose
-    heights deviate by 2·part/√12."""
-    return _cap_fit(part, lambda height: height - height.mean())[0]
 
 
 def _cap_radius(part: float) -> tuple[float, float]:
