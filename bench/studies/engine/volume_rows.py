@@ -1,4 +1,6 @@
-"""Rows of the volume: the machine's ceiling, the textbook's ways, the exact path, and the fast engine."""
+"""Rows of the volume (the machine's ceiling, the textbook's ways, the exact path, the fast engine), of a 3-FSK frame
+and of the simulation of the hand's echoes.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -11,6 +13,7 @@ from bench.studies.engine import textbook
 from bench.studies.engine.reference import Reference, column_peaks, column_points_m, reference
 from bench.studies.engine.scope import Inputs
 from bench.studies.engine.turns import Case, Measured, Work, everything, interleaved, named
+from bench.studies.study import relative_error
 from radar.data.depthmap import DepthMap
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
@@ -87,11 +90,6 @@ def _rows(
         about["relative_error"] = about["relative_error"] if tolerance else None
         rows.append(timings.record(section, measured[named("fast", None)], **about, **fast))
     return rows
-
-
-def relative_error(found: np.ndarray, exact: np.ndarray) -> float:
-    """L2 of the difference over that of the exact values."""
-    return float(np.linalg.norm(found.astype(np.complex128) - exact) / np.linalg.norm(exact))
 
 
 SECTION = "volume"

@@ -15,6 +15,7 @@ from bench.results.stability import Table
 from bench.studies.stability.geometry_direct import image, waves
 from bench.studies.stability.meshes_cases import on_plane, plane_error_m
 from bench.studies.stability.scenes import LADDER_HZ, POINT_M, C, capture, depth_map, echoes, small_array, white_noise
+from bench.studies.study import relative_error
 from groundtruth.mesh.depth import depth_on_grid
 from groundtruth.mesh.mesh_files import mesh, read_triangles, write_mesh
 from radar.data.arrays import AntennaArray, Aperture, PlanarScan, qar50
@@ -29,6 +30,7 @@ from radar.simulation.forward import Scatterers, direct_echoes, simulate
 from radar.support.rays import Rays
 
 U = 2.0**-24  # rounding of single precision
+U_DOUBLE = 2.0**-53
 STEER = 4 * U  # a steering phase, radians: its remainder rounds to π/2·u, cosine and sine by 2u
 PAIR_MM = 1e3 * C / (4 * np.pi * 0.2e9)  # depth per radian between the closest tones
 TONES_HZ = np.linspace(72e9, 82e9, 16)
@@ -98,13 +100,13 @@ def of_fast() -> Iterator[Line]:
         bound = tolerance + fast_floor(len(TONES_HZ))
         where = f"weights, phases within a leaf, products; tolerance {tolerance:g}"
         volume = image_volume(samples, TONES_HZ, small_array(), GRID, tolerance).ravel()
-        yield image_line("fast volume", where, bound, relative(volume, exact))
+        yield image_line("fast volume", where, bound, relative_error(volume, exact))
         _, magnitude = project_volume(samples, TONES_HZ, small_array(), GRID, tolerance)
-        yield image_line("fast projection", where, bound, relative(magnitude[1], strongest))
+        yield image_line("fast projection", where, bound, relative_error(magnitude[1], strongest))
         points = GRID.points_m().reshape(-1, 3)[::7]
         uneven = white_noise((len(UNEVEN_HZ), *small_array().channels))
         found = image_points(uneven, UNEVEN_HZ, small_array(), points, tolerance)
-        error = relative(found, direct_sum(uneven, UNEVEN_HZ, small_array(), points))
+        error = relative_error(found, direct_sum(uneven, UNEVEN_HZ, small_array(), points))
         bound = tolerance + fast_floor(len(UNEVEN_HZ))
         yield image_line("fast points, tones unevenly spaced", where, bound, error)
 
@@ -136,7 +138,7 @@ def of_forward() -> Iterator[Line]:
     yield image_line("forward model, exact", "gains, steering, sums", 2 * STEER + (count + 6) * U, error)
     found = simulate(scatterers, TONES_HZ, small_array(), spreading=False, tolerance=1e-5)
     bound = 1e-5 + fast_floor(len(TONES_HZ)) + np.sqrt(count) * U
-    yield image_line("forward model, fast", "as fast volume; tolerance 1e-05", bound, relative(found, exact))
+    yield image_line("forward model, fast", "as fast volume; tolerance 1e-05", bound, relative_error(found, exact))
 
 
 def image_line(path: str, single: str, bound: float, measured: float) -> Line:
@@ -147,13 +149,6 @@ def image_line(path: str, single: str, bound: float, measured: float) -> Line:
 def _volume(samples: np.ndarray) -> np.ndarray:
     """The exact volume [n] in double precision."""
     return image(samples, waves(small_array(), TONES_HZ, GRID.points_m().reshape(-1, 3)))
-
-
-def relative(found: np.ndarray, exact: np.ndarray) -> float:
-    return float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
-
-
-U_DOUBLE = 2.0**-53
 
 
 def of_resampling() -> Iterator[Line]:
@@ -168,7 +163,7 @@ def of_resampling() -> Iterator[Line]:
         count = max((of.stop - of.start for _, of, _ in found.windows), default=1)
         bound = 0.6 * tolerance + AMPLIFICATION * (np.sqrt(count) + 2) * U
         where = f"nodes, weights and sums; tolerance {0.6 * tolerance:g}"
-        yield image_line("resampling", where, bound, relative(out, wave))
+        yield image_line("resampling", where, bound, relative_error(out, wave))
 
 
 def of_fsk() -> Iterator[Line]:

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from bench.evaluation.depth_errors import deviation_map, error_map
-from bench.evaluation.metrics import HEADLINE, averaged, of_captures, pool, precision, strongest_scatterer_z_m
+from bench.evaluation.metrics import HEADLINE, averaged, of_captures, pool, precision
 from bench.evaluation.statistics.intervals import mean_interval, median_interval, precision_interval
 from bench.evaluation.statistics.paired import compare, f_test, paired
 from bench.results.error_map import ErrorMap
@@ -25,7 +25,6 @@ BOUNDS = {
     "pooled_deviation": 1.5 * (np.log2(SIDE**2) + 1),
     "many_samples": 1.5 * (np.log2(SIDE**2) + 1) + 1112 / 2,
     "all_equal": EPS,
-    "not_finite": 1.5 * (np.log2(SIDE**2) + 1),
     "tiny_p": EPS**0.5,
 }
 
@@ -114,28 +113,6 @@ def _rounding_alone() -> Seen:
         a, b = (of_captures([error_map(x_m, x_m, slope_m + s * error_m, slope_m)] * captures) for s in (1, -1))
         lines = [compare({"a": a[key].to_numpy(), "b": b[key].to_numpy()}, "", key) for key in (HEADLINE, "rmse_mm")]
         yield f"{captures} captures, {1e3 * error_m:.3g} mm", sum(shown(line).sum() for line in lines)
-
-
-def _not_finite() -> Seen:
-    rng = np.random.default_rng(0)
-    for broken in (np.nan, np.inf, -np.inf):
-        for share in (0.01, 0.5, 0.999):
-            z_m, z_ref_m = DEPTH_M + 1e-3 * rng.standard_normal((SIDE, SIDE)), np.full((SIDE, SIDE), DEPTH_M)
-            z_m[rng.random(z_m.shape) < share] = broken
-            z_ref_m[rng.random(z_m.shape) < share / 2] = broken
-            error = (z_m - DEPTH_M)[np.isfinite(z_m) & np.isfinite(z_ref_m)].astype(np.longdouble)
-            x_m = PIXEL_M * np.arange(SIDE)
-            found = pool([error_map(x_m, x_m, z_m, z_ref_m)])
-            wanted = {"mae_mm": np.abs(error).mean(), "rmse_mm": np.sqrt((error**2).mean())}
-            wanted["median_mm"] = np.median(np.abs(error).astype(float))
-            for key, value in wanted.items():
-                yield f"{share:.1%} {broken}, {key}", float(abs(told(found[key]) / (1e3 * value) - 1) / EPS)
-        mixed = np.array([0.3, broken, 0.301, broken, 0.303])
-        off = told(precision([mixed])["precision_mm"]) / told(precision([mixed[::2]])["precision_mm"]) - 1
-        yield f"precision with {broken}", abs(off) / EPS
-        amplitude = np.array([[[1.0, broken, 2.0]]] * 2)
-        strongest = strongest_scatterer_z_m(np.array([[[0.3, 0.4, 0.5]]] * 2), amplitude)
-        yield f"strongest with {broken}", 0.0 if strongest[0] == (0.4 if broken == np.inf else 0.5) else np.inf
 
 
 def _student(t: float) -> float:
