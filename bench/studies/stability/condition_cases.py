@@ -90,19 +90,13 @@ def change(of: Callable[[float], Any], step: float) -> Any:
     return (of(step) - of(-step)) / (2 * step)
 
 
-# --- depth -----------------------------------------------------------------------------------------------------------
-
-
-def _subvoxel(step_m: float, band_hz: float = 10e9) -> tuple[float, float]:
+def _subvoxel(step_m: float) -> tuple[float, float]:
     """Change of the vertex with one neighbour's relative amplitude: of a main lobe sinc(2Bz/c), whose logarithm bends
     by π²/3 per resolution cell squared, 3ρ²/(2π²·step) with ρ = c/2B."""
-    cell_m = SPEED_OF_LIGHT_M_S / (2 * band_hz)
+    cell_m = SPEED_OF_LIGHT_M_S / (2 * 10e9)
     lobe = np.sinc(np.array([-1.0, 0.0, 1.0]) * step_m / cell_m)
     moved = change(lambda more: float(peak_offset(lobe * [1 + more, 1, 1])), 1e-4)
     return abs(moved) * step_m, 3 * cell_m**2 / (2 * np.pi**2 * step_m)
-
-
-# --- calibration -----------------------------------------------------------------------------------------------------
 
 
 def _cap_fit(part: float, along: Callable[[np.ndarray], np.ndarray], size_m: float = 1e-6) -> tuple[float, float]:
@@ -165,9 +159,6 @@ def _rotation() -> Iterator[Row]:
     name = "rotation of a narrow target"
     yield Row(f"{name}, worst axis", "centres, their norm", found[0], held_m2.min() ** -0.5, "rad/m")
     yield Row(f"{name}, worst to best axis", "centres", found[0] / found[2], condition_number(points_m, points_m), "1")
-
-
-# --- figures ---------------------------------------------------------------------------------------------------------
 
 
 def _precision(repeats: int) -> tuple[float, float]:

@@ -1,5 +1,5 @@
 """Hard cases of registration: centres nearly on a line, mirror images, symmetry, wrong pairs; and of the target's
-spheres: caps that shrink in photographs, balls that draw together in echoes.
+spheres: caps that shrink in photographs, balls that draw together in echoes; and of a board with wrong corners.
 
 Pairs fit exactly unless a case is about their errors, so that the transform that made them is the reference.
 """
@@ -23,6 +23,7 @@ from calibration.target.matching import match
 from calibration.target.optical_detection import Cloud, Sphere, fit_sphere
 from calibration.target.radar_detection import Ball
 from calibration.transforms import Transform
+from groundtruth.sparse.frame import trimmed_similarity
 from radar.simulation.physics.spheres import sphere_echo
 from radar.support.errors import HandbenchError
 
@@ -164,3 +165,25 @@ def _near_balls() -> Seen:
 def _one_place() -> Works:
     for gap_m in (0.0099, 0.005, 1e-3, 1e-5, 1e-7, 0.0):
         yield f"{gap_m:g} m apart", partial(heard, _apart(gap_m), noise=0.01, off_m=0.0)
+
+
+GRID = np.array([[x, y, 0] for x in np.linspace(-0.1, 0.1, 5) for y in np.linspace(-0.07, 0.07, 4)])  # of a board
+
+
+def _wrong_corners() -> Seen:
+    for size_m, apart in product(np.logspace(-5, 4, 28), (True, False)):
+        rng = np.random.default_rng(3)
+        chosen = 5 * np.arange(4) if apart else np.arange(4)
+        way = rng.standard_normal((4, 3)) if apart else np.array([[0.0, 0.0, 1.0]] * 4)
+        source = GRID + SIGMA_M * rng.standard_normal(GRID.shape)
+        source[chosen] += size_m * way / np.linalg.norm(way, axis=1, keepdims=True)
+        matrix = trimmed_similarity(source, GRID, "board corners")[0]
+        off_m = np.delete(GRID @ matrix[:3, :3].T + matrix[:3, 3] - GRID, chosen, axis=0)
+        place = f"{'each its own way' if apart else 'a whole side'}, {size_m:.2g} m off"
+        yield place, float(np.sqrt((off_m**2).sum(axis=1).mean()) / SIGMA_M)
+
+
+def _mirrored_board() -> Works:
+    for height_m in (0.004, 0.02, 0.05, 0.2):  # twice as far off as that: 3 % of the extent and more are refused
+        points_m = GRID + np.outer(np.arange(20) % 3 == 0, [0, 0, height_m])
+        yield f"{height_m} m high", partial(trimmed_similarity, points_m * [1, 1, -1], points_m, "board corners")
