@@ -70,20 +70,22 @@ def of_steering() -> Iterator[Line]:
 
 def of_exact() -> Iterator[Line]:
     points = GRID.points_m().reshape(-1, 3)[::40]
-    for name, array, tones in (
-        ("exact points, 94 + 94 antennas", qar50(), TONES_HZ[:4]),
-        ("exact points, tones unevenly spaced", small_array(), UNEVEN_HZ),
-        ("exact points, 4096 tones", AntennaArray(small_array().tx_m[:3], small_array().rx_m[:3]), MANY_HZ),
+    places_m = np.random.default_rng(2).uniform(-0.07, 0.07, (2, 300))
+    scan = PlanarScan(np.stack([*places_m, np.zeros(300)], axis=1))
+    few = AntennaArray(small_array().tx_m[:3], small_array().rx_m[:3])
+    added = "steering, products, sums over antennas and tones"
+    for name, single, array, tones, bound in (
+        ("exact points, 94 + 94 antennas", added, qar50(), TONES_HZ[:4], sums(qar50(), 4)),
+        ("exact points, tones unevenly spaced", added, small_array(), UNEVEN_HZ, sums(small_array(), len(UNEVEN_HZ))),
+        ("exact points, 4096 tones", added, few, MANY_HZ, sums(few, len(MANY_HZ))),
+        ("planar scan", "steering; sums over positions in double", scan, TONES_HZ[:4], STEER + 5 * U),
     ):
         samples = white_noise((len(tones), *array.channels))
-        found = backproject(samples, tones, array, points)
-        bound = sums(array, len(tones))
-        error = np.abs(found - direct_sum(samples, tones, array, points)).max() / np.abs(samples).sum()
-        yield image_line(name, "steering, products, sums over antennas and tones", bound, error)
+        off = np.abs(backproject(samples, tones, array, points) - direct_sum(samples, tones, array, points)).max()
+        yield image_line(name, single, bound, off / np.abs(samples).sum())
     samples = white_noise((len(TONES_HZ), *small_array().channels))
-    found = image_volume(samples, TONES_HZ, small_array(), GRID, None).ravel()
-    error = np.abs(found - _volume(samples)).max() / np.abs(samples).sum()
-    yield image_line("exact volume", "as exact points", sums(small_array(), len(TONES_HZ)), error)
+    off = np.abs(image_volume(samples, TONES_HZ, small_array(), GRID, None).ravel() - _volume(samples)).max()
+    yield image_line("exact volume", "as exact points", sums(small_array(), len(TONES_HZ)), off / np.abs(samples).sum())
 
 
 def sums(array: Aperture, tones: int) -> float:
@@ -93,22 +95,21 @@ def sums(array: Aperture, tones: int) -> float:
 
 
 def of_fast() -> Iterator[Line]:
-    samples = white_noise((len(TONES_HZ), *small_array().channels))
-    exact = _volume(samples)
-    strongest = np.abs(exact.reshape(GRID.shape)).max(axis=0)
+    array, points = small_array(), GRID.points_m().reshape(-1, 3)[::7]
+    samples = white_noise((len(TONES_HZ), *array.channels))
+    exact, at_points = _volume(samples), direct_sum(samples, UNEVEN_HZ, array, points)
     for tolerance in (1e-3, 1e-5):
-        bound = tolerance + fast_floor(len(TONES_HZ))
-        where = f"weights, phases within a leaf, products; tolerance {tolerance:g}"
-        volume = image_volume(samples, TONES_HZ, small_array(), GRID, tolerance).ravel()
-        yield image_line("fast volume", where, bound, relative_error(volume, exact))
-        _, magnitude = project_volume(samples, TONES_HZ, small_array(), GRID, tolerance)
-        yield image_line("fast projection", where, bound, relative_error(magnitude[1], strongest))
-        points = GRID.points_m().reshape(-1, 3)[::7]
-        uneven = white_noise((len(UNEVEN_HZ), *small_array().channels))
-        found = image_points(uneven, UNEVEN_HZ, small_array(), points, tolerance)
-        error = relative_error(found, direct_sum(uneven, UNEVEN_HZ, small_array(), points))
-        bound = tolerance + fast_floor(len(UNEVEN_HZ))
-        yield image_line("fast points, tones unevenly spaced", where, bound, error)
+        found = {
+            "volume": (image_volume(samples, TONES_HZ, array, GRID, tolerance).ravel(), exact),
+            "projection": (
+                project_volume(samples, TONES_HZ, array, GRID, tolerance)[1][1],
+                np.abs(exact.reshape(GRID.shape)).max(axis=0),
+            ),
+            "points, tones unevenly spaced": (image_points(samples, UNEVEN_HZ, array, points, tolerance), at_points),
+        }
+        for name, both in found.items():
+            single = f"weights, phases within a leaf, products; tolerance {tolerance:g}"
+            yield image_line(f"fast {name}", single, tolerance + fast_floor(len(TONES_HZ)), relative_error(*both))
 
 
 def fast_floor(tones: int) -> float:
@@ -116,15 +117,6 @@ def fast_floor(tones: int) -> float:
     whose roundings are independent, so that they grow with the root of their terms."""
     terms = 2 * sum(small_array().channels) + tones
     return 3 * (2 * STEER + np.sqrt(terms) * U)
-
-
-def of_scan() -> Iterator[Line]:
-    generator = np.random.default_rng(2)
-    scan = PlanarScan(np.stack([*generator.uniform(-0.07, 0.07, (2, 300)), np.zeros(300)], axis=1))
-    samples, points = white_noise((4, 300)), GRID.points_m().reshape(-1, 3)[::40]
-    exact = direct_sum(samples, TONES_HZ[:4], scan, points)
-    error = np.abs(backproject(samples, TONES_HZ[:4], scan, points) - exact).max() / np.abs(samples).sum()
-    yield image_line("planar scan", "steering; sums over positions in double", STEER + 5 * U, error)
 
 
 def of_forward() -> Iterator[Line]:
@@ -236,7 +228,7 @@ def of_meshes() -> Iterator[Line]:
             yield Line(f"mesh file, {name[-3:].upper()}", single, bound, error, "mm", error)
 
 
-IMAGES = (of_samples, of_steering, of_exact, of_fast, of_scan, of_forward)
+IMAGES = (of_samples, of_steering, of_exact, of_fast, of_forward)
 PATHS = (*IMAGES, of_resampling, of_fsk, of_smoothing, of_rays, of_meshes)
 
 
