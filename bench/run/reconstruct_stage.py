@@ -38,7 +38,7 @@ def reconstruct(
         seconds = imager.until_settled(found.seconds)
         depths = [result.depth for result in found.results]
         if seconds[0] < PLANNED_S:
-            write_treated(folder, imager.with_settings, imager.settings, depths[0])
+            write_treated(folder, lambda of: imager.method.run(imager.echoes, of, 0).depth, imager.settings, depths[0])
     depths[0].save(folder / DEPTH)
     if frames > 1:
         write_npz(folder / FRAMES, z_m=np.stack([depth.z_m for depth in depths]).astype(np.float32))
@@ -82,10 +82,6 @@ class Imager:
         while not settled(found) and time.perf_counter() + found[-1] < end:
             found.append(self._timed(len(found) % self.frames)[1])
         return found
-
-    def with_settings(self, settings: Config) -> DepthMap:
-        """The depth map of frame 0 by another configuration."""
-        return self.method.run(self.echoes, settings, 0).depth
 
     def _timed(self, frame: int) -> tuple[Reconstruction, float]:
         start = time.perf_counter()

@@ -122,7 +122,7 @@ def estimates(scene: Scene, radar_scene: EchoScene, everything: tuple[str, ...],
         for name, (estimate_mm, measured_mm) in {FINE: (row.depth_mm, changes[FINE].depth_mm), "worst": worst}.items():
             smaller, larger = sorted((measured_mm, estimate_mm or 0.0))
             within = "" if larger < SMALLEST_MM else "yes" if larger <= 2 * smaller else "no"
-            record = {"scene": scene.file.name, "effect": row.effect, "map": name, "estimate_mm": estimate_mm}
+            record: Record = {"scene": scene.file.name, "effect": row.effect, "map": name, "estimate_mm": estimate_mm}
             record |= {"measured_mm": measured_mm, "within_two": within}
             records.append(record | (shares if name == "worst" else {}))
     return records

@@ -102,13 +102,7 @@ def pinhole(camera: Camera) -> Camera:
 
 def record(case: Case, scored: Record, seconds: dict[str, float], peak_memory_mb: float) -> Record:
     """A case with its score, and the seconds by stage."""
-    about = {
-        "case": case.name,
-        "pose": case.pose,
-        "cameras": case.cameras,
-        "width": case.width,
-        "quality": case.quality,
-    }
+    about = {"case": case.name} | {name: getattr(case, name) for name in ("pose", "cameras", "width", "quality")}
     times = {f"{stage}_s": value for stage, value in seconds.items()}
     return {**about, **scored, **times, "all_s": sum(seconds.values()), "peak_memory_mb": peak_memory_mb}
 

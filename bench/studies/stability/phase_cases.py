@@ -139,17 +139,13 @@ def _first_depth_settled() -> Seen:
     return ((place, 1e3 * error.max()) for place, error, _ in _first_imaged(FSK, True, corrections=SETTLING))
 
 
-def _silent(ids: tuple[str, ...]) -> Seen:
+def _first_depth_beyond(ids: tuple[str, ...] = FSK[1:]) -> Seen:
     for place, error, wrapped in _first_imaged(ids, within=False):
         yield place, float(np.mean((error > 0.005) & ~wrapped))
 
 
-def _first_depth_beyond() -> Seen:
-    return _silent(FSK[1:])
-
-
 def _first_depth_beyond_two() -> Seen:
-    return _silent(FSK[:1])
+    return _first_depth_beyond(FSK[:1])
 
 
 def _two_maxima() -> Seen:
