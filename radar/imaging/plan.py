@@ -99,7 +99,7 @@ class GridPlan:
             Resampler(axis, ()) if planes and axis is grid.z_m else resampler(axis, half, UPSAMPLING * family.tolerance)
             for axis, half in zip(axes, (high - low) / 2, strict=True)
         )
-        self.grid, self.planes = grid, planes
+        self.grid, self.planes, self.tolerance = grid, planes, family.tolerance
         nodes = (self.x.nodes_m, self.y.nodes_m, self.z.nodes_m)
         self.nodes = VoxelGrid(*nodes)
         along_x = self.nodes.shape[0] * self.nodes.shape[1] * len(grid.x_m)
@@ -115,6 +115,16 @@ class GridPlan:
     def nodes_at(self, z_m: np.ndarray) -> VoxelGrid:
         """The nodes of the grid, or of the plane at z_m [1]."""
         return VoxelGrid(self.nodes.x_m, self.nodes.y_m, z_m) if self.planes else self.nodes
+
+    def carrier_at(self, grid: VoxelGrid) -> np.ndarray:
+        """What is taken out of an image between the nodes and put back: complex64 [nz, ny, nx]."""
+        turns_per_m, passes, reference_m, ramp = self.carrier
+        z, y, x = grid.z_m[:, None, None], grid.y_m[:, None], grid.x_m
+        turns = ramp[0] * x + ramp[1] * y + ramp[2] * z
+        for count, at in zip(passes, reference_m, strict=True):
+            turns = turns + turns_per_m * count * np.sqrt((x - at[0]) ** 2 + ((y - at[1]) ** 2 + (z - at[2]) ** 2))
+        radians = (2 * np.pi * (turns - np.rint(turns))).astype(np.float32)
+        return np.cos(radians) + np.complex64(1j) * np.sin(radians)
 
     def sort(self, tree: TreePlan, nodes: VoxelGrid) -> Sorted:
         """The nodes in the order of the plan's tree, which no plane's depth changes while the leaves are one layer."""
