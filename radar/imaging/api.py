@@ -109,7 +109,12 @@ def image_points(
         for near in clusters(points, frequencies_hz):
             family = Family(tolerance, apart)
             executor = points_executor(frequencies_hz, aperture, points[near], family, _device().Executor)
-            images[:, near] = executor.image(samples, executor.plan.sort(points[near]))
+            where = executor.plan.sort(points[near])
+            new = sum(limb not in executor.planned for limb in executor.plan.touched(where))
+            if executor.plan.worthwhile(new, samples.size * len(near)):
+                images[:, near] = executor.image(samples, where)
+            else:
+                images[:, near] = _device().exact_images(samples, frequencies_hz, aperture, points[near], apart)
     certificate.of_points(images, samples, frequencies_hz, aperture, points.__getitem__)
     return images.reshape(shape)
 

@@ -96,7 +96,9 @@ def of_nodes(
     ])  # fmt: skip
     points_m = np.stack([axis[voxel] for axis, voxel in zip(_axes(grid), voxels, strict=True)], axis=1)[:, ::-1]
     exact = exact_sums(samples, frequencies_hz, aperture, points_m, len(images) > 1)
-    found = np.stack([_voxel(plan, nodes, images, voxel, point) for voxel, point in zip(voxels.T, points_m, strict=True)], axis=1)
+    found = np.stack(
+        [_voxel(plan, nodes, images, voxel, point) for voxel, point in zip(voxels.T, points_m, strict=True)], axis=1
+    )
     certificate.add(found - exact, weight, power @ counts / counts.sum())
 
 
@@ -128,7 +130,8 @@ def _nearest(axis_m: np.ndarray, node_m: np.ndarray) -> np.ndarray:
 def _voxel(plan: GridPlan, nodes: VoxelGrid, images: np.ndarray, voxel: np.ndarray, point_m: np.ndarray) -> np.ndarray:
     """Images [f or 1] of the voxel [3] (z, y, x), from the nodes around it."""
     (z, of_z), (y, of_y), (x, of_x) = (
-        resampler.of(int(at), NEGLIGIBLE * plan.tolerance) for resampler, at in zip((plan.z, plan.y, plan.x), voxel, strict=True)
+        resampler.of(int(at), NEGLIGIBLE * plan.tolerance)
+        for resampler, at in zip((plan.z, plan.y, plan.x), voxel, strict=True)
     )
     envelopes = images[:, z, y, x] * plan.carrier_at(VoxelGrid(nodes.x_m[x], nodes.y_m[y], nodes.z_m[z])).conj()
     here = plan.carrier_at(VoxelGrid(*point_m[:, None]))

@@ -26,6 +26,9 @@ PROBES = 7  # points along each axis of a box at which the local band is looked 
 NODE_BYTES = 100  # a node's position, order and images
 UPSAMPLING = 0.6  # its share of the tolerance
 KEPT = 24  # plans; the oldest goes first
+# What planning a box costs, in terms of the exact sum: an antennas' Gram matrix, and what a small one takes. A plan may
+# cost PLANNED in any case (some 3 s; images share it), beyond that no more than the exact sum of the image it is for.
+SMALL_BOX, PLANNED = 5e5, 1e10
 
 Kept = TypeVar("Kept")
 
@@ -61,6 +64,13 @@ class TreePlan:
         begin = where.starts[:: self.leaves_per_limb]
         return [int(limb) for limb in np.flatnonzero(np.diff(begin))]
 
+    def worthwhile(self, limbs: int, terms: float) -> bool:
+        """True where so many limbs may be planned for an image whose exact sum has so many terms (point × tone ×
+        channel)."""
+        gram = sum(float(len(leg.position_m)) ** 3 for leg in self.trunk.legs)
+        cost = limbs * (1 + self.leaves_per_limb) * max(gram, SMALL_BOX)
+        return cost <= max(PLANNED, terms)
+
     def limb(self, limb: int) -> tuple[Node, list[Node]]:
         """A limb and its leaves, planned anew: executors keep what they need of those that points touch."""
         node = branch(self.root, self.boxes[limb], self.family)
@@ -81,7 +91,8 @@ class TreePlan:
 
 class GridPlan:
     """The coarse nodes of a voxel grid and how its axes x, y, z follow from them; with `planes`, of any one plane
-    between the grid's first and last z. tree: of the nodes, None where the aperture is too crowded for skeletons.
+    between the grid's first and last z. tree: of the nodes, None where skeletons would cost more than they save (too
+    many antennas, too few nodes).
 
     Between the nodes only the envelope is interpolated: with the carrier exp(jk_c Σ R_reference) and the middle of the
     band taken out, an image varies as slowly as the array's angles and bandwidth allow.
@@ -108,6 +119,9 @@ class GridPlan:
         require_memory(needed, f"grid of {grid.shape} voxels [nz, ny, nx]")
         box = Box(*(np.array([axis[i] for axis in nodes]) for i in (0, -1)))
         self.tree = None if crowded(aperture) else TreePlan(frequencies_hz, aperture, box, family)
+        terms = float(np.prod(self.nodes.shape)) * len(frequencies_hz) * np.prod(aperture.channels)
+        if self.tree is not None and not self.tree.worthwhile(len(self.tree.boxes), terms):
+            self.tree = None
         self._sorted: Sorted | None = None
         middle = (np.min(frequencies_hz) + np.max(frequencies_hz)) / 2 / SPEED_OF_LIGHT_M_S
         self.carrier = (middle, *carriers(aperture), (low + high) / (4 * np.pi))
