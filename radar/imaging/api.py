@@ -24,7 +24,7 @@ from radar.imaging.cpu import executor as cpu
 from radar.imaging.cpu.exact import check_samples, exact_sums
 from radar.imaging.device import chosen
 from radar.imaging.gpu import executor as gpu
-from radar.imaging.plan import GridPlan, TreePlan, kept, roomy
+from radar.imaging.plan import PLANNED, GridPlan, TreePlan, kept, roomy
 from radar.imaging.tree import Family, clusters, crowded
 from radar.support.cost import require_memory
 from radar.support.errors import HandbenchError
@@ -102,19 +102,17 @@ def image_points(
     if len(points) == 0:
         return np.zeros(shape, np.complex64)
     points = positions("points_m", points)
-    if tolerance is None or crowded(aperture):
+    parts = [] if tolerance is None or crowded(aperture) else clusters(points, frequencies_hz)
+    family = Family(tolerance or 0.0, apart)
+    planned = [points_executor(frequencies_hz, aperture, points[near], family, _device().Executor) for near in parts]
+    places = [executor.plan.sort(points[near]) for executor, near in zip(planned, parts, strict=True)]
+    cost = sum(executor.plan.cost(executor.new(where)) for executor, where in zip(planned, places, strict=True))
+    if not parts or cost > max(PLANNED, samples.size * len(points)):
         images = _device().exact_images(samples, frequencies_hz, aperture, points, apart)
     else:
         images = np.empty((len(samples) if apart else 1, len(points)), np.complex64)
-        for near in clusters(points, frequencies_hz):
-            family = Family(tolerance, apart)
-            executor = points_executor(frequencies_hz, aperture, points[near], family, _device().Executor)
-            where = executor.plan.sort(points[near])
-            new = sum(limb not in executor.planned for limb in executor.plan.touched(where))
-            if executor.plan.worthwhile(new, samples.size * len(near)):
-                images[:, near] = executor.image(samples, where)
-            else:
-                images[:, near] = _device().exact_images(samples, frequencies_hz, aperture, points[near], apart)
+        for executor, near, where in zip(planned, parts, places, strict=True):
+            images[:, near] = executor.image(samples, where)
     certificate.of_points(images, samples, frequencies_hz, aperture, points.__getitem__)
     return images.reshape(shape)
 

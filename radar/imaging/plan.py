@@ -64,12 +64,10 @@ class TreePlan:
         begin = where.starts[:: self.leaves_per_limb]
         return [int(limb) for limb in np.flatnonzero(np.diff(begin))]
 
-    def worthwhile(self, limbs: int, terms: float) -> bool:
-        """True where so many limbs may be planned for an image whose exact sum has so many terms (point × tone ×
-        channel)."""
+    def cost(self, limbs: int) -> float:
+        """What planning so many limbs takes, in terms (point × tone × channel) of the exact sum."""
         gram = sum(float(len(leg.position_m)) ** 3 for leg in self.trunk.legs)
-        cost = limbs * (1 + self.leaves_per_limb) * max(gram, SMALL_BOX)
-        return cost <= max(PLANNED, terms)
+        return limbs * (1 + self.leaves_per_limb) * max(gram, SMALL_BOX)
 
     def limb(self, limb: int) -> tuple[Node, list[Node]]:
         """A limb and its leaves, planned anew: executors keep what they need of those that points touch."""
@@ -120,7 +118,7 @@ class GridPlan:
         box = Box(*(np.array([axis[i] for axis in nodes]) for i in (0, -1)))
         self.tree = None if crowded(aperture) else TreePlan(frequencies_hz, aperture, box, family)
         terms = float(np.prod(self.nodes.shape)) * len(frequencies_hz) * np.prod(aperture.channels)
-        if self.tree is not None and not self.tree.worthwhile(len(self.tree.boxes), terms):
+        if self.tree is not None and self.tree.cost(len(self.tree.boxes)) > max(PLANNED, terms):
             self.tree = None
         self._sorted: Sorted | None = None
         middle = (np.min(frequencies_hz) + np.max(frequencies_hz)) / 2 / SPEED_OF_LIGHT_M_S

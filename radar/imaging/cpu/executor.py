@@ -28,7 +28,11 @@ class Executor:
 
     def __init__(self, plan: TreePlan) -> None:
         self.plan = plan
-        self.planned: dict[int, tuple[Node, Leaves]] = {}
+        self._limbs: dict[int, tuple[Node, Leaves]] = {}
+
+    def new(self, where: Sorted) -> int:
+        """Limbs that points lie in and that no points have touched before."""
+        return sum(limb not in self._limbs for limb in self.plan.touched(where))
 
     def image(self, samples: np.ndarray, where: Sorted) -> np.ndarray:
         """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n] at sorted points."""
@@ -67,11 +71,11 @@ class Executor:
 
     def _limb(self, limb: int, where: Sorted) -> tuple[Node, Leaves, np.ndarray]:
         """A limb, its leaves and where each one's points start."""
-        if limb not in self.planned:
+        if limb not in self._limbs:
             node, leaves = self.plan.limb(limb)
-            self.planned[limb] = node, pack(leaves)
+            self._limbs[limb] = node, pack(leaves)
         per_limb = self.plan.leaves_per_limb
-        return *self.planned[limb], where.starts[limb * per_limb : (limb + 1) * per_limb + 1]
+        return *self._limbs[limb], where.starts[limb * per_limb : (limb + 1) * per_limb + 1]
 
 
 class ToneSkeleton:

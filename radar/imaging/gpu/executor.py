@@ -56,7 +56,7 @@ class Executor:
         self.plan = plan
         self._xp = array_module()
         self._top = level(self._xp, [plan.root], [plan.trunk], [0])
-        self.planned: dict[int, tuple[Node, list[Node]]] = {}
+        self._planned: dict[int, tuple[Node, list[Node]]] = {}
         self._levels: tuple[Level, Level] | None = None
         self._last: tuple[Sorted | None, Placed | None] = None, None
         self._lock = Lock()
@@ -74,6 +74,10 @@ class Executor:
             placed = Placed(len(where.order), limbs, leaves, self._xp.asarray(rows), on_device)
             self._last = where, placed
         return placed
+
+    def new(self, where: Sorted) -> int:
+        """Limbs that points lie in and that no points have touched before."""
+        return sum(limb not in self._planned for limb in self.plan.touched(where))
 
     def image(self, samples: np.ndarray, where: Sorted) -> np.ndarray:
         """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n] at sorted points."""
@@ -111,10 +115,10 @@ class Executor:
     def _require(self, limbs: np.ndarray) -> tuple[Level, Level, np.ndarray]:
         """The levels of limbs and leaves with these limbs planned, and each limb's row there [limbs] (−1: none)."""
         with self._lock:
-            new = [int(limb) for limb in limbs if int(limb) not in self.planned]
+            new = [int(limb) for limb in limbs if int(limb) not in self._planned]
             if new or self._levels is None:
                 for_each(self._plan_limb, new)
-                nodes = [self.planned[limb] for limb in sorted(self.planned)]
+                nodes = [self._planned[limb] for limb in sorted(self._planned)]
                 above = [limb for limb, _ in nodes]
                 below = [leaf for _, leaves in nodes for leaf in leaves]
                 parent = [row for row, (_, leaves) in enumerate(nodes) for _ in leaves]
@@ -123,11 +127,11 @@ class Executor:
                     level(self._xp, below, above, parent),
                 )
             rows = np.full(len(self.plan.boxes), -1)
-            rows[sorted(self.planned)] = np.arange(len(self.planned))
+            rows[sorted(self._planned)] = np.arange(len(self._planned))
             return *self._levels, rows
 
     def _plan_limb(self, limb: int) -> None:
-        self.planned[limb] = self.plan.limb(limb)
+        self._planned[limb] = self.plan.limb(limb)
 
 
 class Upsampler:
