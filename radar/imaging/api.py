@@ -19,7 +19,7 @@ import numpy as np
 
 from radar.data.arrays import Aperture, positions
 from radar.data.grid import VoxelGrid
-from radar.imaging import certificate
+from radar.imaging.certificate import of_nodes, of_points, opened
 from radar.imaging.cpu import executor as cpu
 from radar.imaging.cpu.exact import check_samples, exact_sums
 from radar.imaging.device import chosen
@@ -113,7 +113,8 @@ def image_points(
         images = np.empty((len(samples) if apart else 1, len(points)), np.complex64)
         for executor, near, where in zip(planned, parts, places, strict=True):
             images[:, near] = executor.image(samples, where)
-    certificate.of_points(images, samples, frequencies_hz, aperture, points.__getitem__)
+    if (certificate := opened.get()) is not None:
+        of_points(certificate, images, samples, frequencies_hz, aperture, points.__getitem__)
     return images.reshape(shape)
 
 
@@ -140,7 +141,8 @@ def image_volume(
         return _exact_volume(samples, frequencies_hz, aperture, grid, apart).reshape(shape)
     imager = _grid_imager(frequencies_hz, aperture, grid, Family(tolerance, apart))
     nodes, images = imager.nodes(samples, grid.z_m)
-    certificate.of_nodes(imager.plan, nodes, images, samples, frequencies_hz, aperture)
+    if (certificate := opened.get()) is not None:
+        of_nodes(certificate, imager.plan, nodes, images, samples, frequencies_hz, aperture)
     return imager.upsampler.volume(nodes, images, carrier).reshape(shape)
 
 
@@ -155,7 +157,8 @@ def project_volume(
         return cpu.strongest_voxels(image_volume(samples, frequencies_hz, aperture, grid, None))
     imager = _grid_imager(frequencies_hz, aperture, grid, Family(tolerance, False))
     nodes, images = imager.nodes(samples, grid.z_m)
-    certificate.of_nodes(imager.plan, nodes, images, samples, frequencies_hz, aperture)
+    if (certificate := opened.get()) is not None:
+        of_nodes(certificate, imager.plan, nodes, images, samples, frequencies_hz, aperture)
     return imager.upsampler.project(nodes, images)
 
 
@@ -249,5 +252,6 @@ def _exact_volume(
         volume[:, chunk] = _device().exact_images(
             samples, frequencies_hz, aperture, grid.points_at_m(flat[chunk]), apart
         )
-    certificate.of_points(volume, samples, frequencies_hz, aperture, grid.points_at_m)
+    if (certificate := opened.get()) is not None:
+        of_points(certificate, volume, samples, frequencies_hz, aperture, grid.points_at_m)
     return volume

@@ -42,36 +42,38 @@ class Certificate:
         self.images += 1
 
 
-_open: ContextVar[Certificate | None] = ContextVar("certificate", default=None)
+# The certificate that images are made under, if any: imaging asks here before it calls anything.
+opened: ContextVar[Certificate | None] = ContextVar("certificate", default=None)
 
 
 @contextmanager
 def certified() -> Iterator[Certificate]:
     """Yield what the images made in the block, by this thread, are certified to."""
     certificate = Certificate()
-    token = _open.set(certificate)
+    token = opened.set(certificate)
     try:
         yield certificate
     finally:
-        _open.reset(token)
+        opened.reset(token)
 
 
 def of_points(
+    certificate: Certificate,
     images: np.ndarray,
     samples: np.ndarray,
     frequencies_hz: np.ndarray,
     aperture: Aperture,
     points_at_m: Callable[[np.ndarray], np.ndarray],
 ) -> None:
-    """Certify images [f or 1, n], where a certificate is open; points_at_m: index [k] → their points [k, 3]."""
-    if (certificate := _open.get()) is not None:
-        power = _power(images)
-        index, weight = picked(power.sum(axis=0), np.ones(images.shape[1]))
-        exact = exact_sums(samples, frequencies_hz, aperture, points_at_m(index), len(images) > 1)
-        certificate.add(images[:, index] - exact, weight, power.mean(axis=1, dtype=np.float64))
+    """Certify images [f or 1, n]; points_at_m: index [k] → their points [k, 3]."""
+    power = _power(images)
+    index, weight = picked(power.sum(axis=0), np.ones(images.shape[1]))
+    exact = exact_sums(samples, frequencies_hz, aperture, points_at_m(index), len(images) > 1)
+    certificate.add(images[:, index] - exact, weight, power.mean(axis=1, dtype=np.float64))
 
 
 def of_nodes(
+    certificate: Certificate,
     plan: GridPlan,
     nodes: VoxelGrid,
     images: np.ndarray,
@@ -79,9 +81,7 @@ def of_nodes(
     frequencies_hz: np.ndarray,
     aperture: Aperture,
 ) -> None:
-    """Certify the voxels that follow from the nodes' images [f or 1, nz, ny, nx], where a certificate is open."""
-    if (certificate := _open.get()) is None:
-        return
+    """Certify the voxels that follow from the nodes' images [f or 1, nz, ny, nx]."""
     grid = VoxelGrid(plan.grid.x_m, plan.grid.y_m, nodes.z_m) if plan.planes else plan.grid
     nearest = [_nearest(axis, node) for axis, node in zip(_axes(grid), _axes(nodes), strict=True)]  # z, y, x
     z, y, x = (np.bincount(near, minlength=len(node)) for near, node in zip(nearest, _axes(nodes), strict=True))
