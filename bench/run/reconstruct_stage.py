@@ -13,6 +13,7 @@ from bench.datasets.dataset import open_capture
 from bench.evaluation.alike import OPEN_DB, SMOOTHING, Alike
 from radar.data.capture import thinned
 from radar.data.depthmap import DepthMap
+from radar.imaging.certificate import certified
 from radar.imaging.device import use_device
 from radar.methods.registry import Reconstruction, method
 from radar.methods.smoothing import masked_mean
@@ -42,16 +43,18 @@ def reconstruct(
     depths[0].save(folder / DEPTH)
     if frames > 1:
         write_npz(folder / FRAMES, z_m=np.stack([depth.z_m for depth in depths]).astype(np.float32))
-    write_json(folder / TIMING, {"seconds": seconds, "plan_seconds": found.plan_s, "others_cores": busy[0]})
+    times = {"seconds": seconds, "plan_seconds": found.plan_s, "others_cores": busy[0]}
+    write_json(folder / TIMING, times | {"image_error": found.image_error})
 
 
 class Images(NamedTuple):
     """The frames' results; the seconds from echoes in memory to each depth map, the engine's plan being made; the
-    plan's own, where they are known."""
+    plan's own, where they are known; the relative error that frame 0's images have at most, by their certificate."""
 
     results: list[Reconstruction]
     seconds: list[float]
     plan_s: float | None
+    image_error: float
 
 
 class Imager:
@@ -69,11 +72,14 @@ class Imager:
     def images(self) -> Images:
         """Image every frame. The first image of a geometry plans the engine's skeletons, which a radar does once: the
         other frames' times count, or where there is none and a plan may matter, that of the first frame imaged again;
-        what the first image took more is the plan's."""
-        results, (first_s, *seconds) = zip(*map(self._timed, range(self.frames)), strict=True)
+        what the first image took more is the plan's, and its certificate's."""
+        with certified() as certificate:
+            first = self._timed(0)
+        results, (first_s, *seconds) = zip(first, *map(self._timed, range(1, self.frames)), strict=True)
         if not seconds and first_s < PLANNED_S:
             seconds = [self._timed(0)[1]]
-        return Images(list(results), seconds or [first_s], max(first_s - median(seconds), 0.0) if seconds else None)
+        plan_s = max(first_s - median(seconds), 0.0) if seconds else None
+        return Images(list(results), seconds or [first_s], plan_s, certificate.bound)
 
     def until_settled(self, seconds: list[float]) -> list[float]:
         """These times of the frames, and more of them, imaged again in turns until their median has settled or
