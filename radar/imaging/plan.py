@@ -65,7 +65,7 @@ class TreePlan:
         return [int(limb) for limb in np.flatnonzero(np.diff(begin))]
 
     def cost(self, limbs: int) -> float:
-        """What planning so many limbs takes, in terms (point × tone × channel) of the exact sum."""
+        """Cost of planning so many limbs, in terms (point × tone × channel) of the exact sum."""
         gram = sum(float(len(leg.position_m)) ** 3 for leg in self.trunk.legs)
         return limbs * (1 + self.leaves_per_limb) * max(gram, SMALL_BOX)
 
@@ -129,7 +129,7 @@ class GridPlan:
         return VoxelGrid(self.nodes.x_m, self.nodes.y_m, z_m) if self.planes else self.nodes
 
     def carrier_at(self, grid: VoxelGrid) -> np.ndarray:
-        """What is taken out of an image between the nodes and put back: complex64 [nz, ny, nx]."""
+        """The carrier that is taken out of an image between the nodes and put back: complex64 [nz, ny, nx]."""
         turns_per_m, passes, reference_m, ramp = self.carrier
         z, y, x = grid.z_m[:, None, None], grid.y_m[:, None], grid.x_m
         turns = ramp[0] * x + ramp[1] * y + ramp[2] * z
