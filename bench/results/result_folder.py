@@ -14,15 +14,8 @@ from radar.support.errors import HandbenchError
 from radar.support.files import read_bytes, require_folder, write_json, write_text
 from radar.support.limits import TOML_BYTES
 
-OPTIONAL = (
-    "repeats",
-    "comparisons",
-    "equal",
-    "curves",
-    "captures",
-    "causes",
-    "reliability",
-)  # which older folders may lack
+# Tables that older folders may lack.
+OPTIONAL = ("repeats", "comparisons", "equal", "curves", "captures", "causes", "reliability")
 TABLES = {name: SCHEMAS[name] for name in ("table", "tasks", *OPTIONAL)}
 BUSY = 0.25  # cores that other work may take before times are called disturbed
 UNSETTLED = 0.1  # of a median time: half an interval that is wider is told
