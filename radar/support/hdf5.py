@@ -51,7 +51,7 @@ def _check_heaps(content: mmap.mmap) -> None:
         at = content.find(HEAP, at + 8)
 
 
-def read(file: h5py.File, name: str, path: Path) -> np.ndarray:
+def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
     """The data set of that name, whole. Raises ValueError for what is no data set of numbers that lie in this very file
     (no link leads there), and where it declares more than the file can hold; HandbenchError where it is more than
     memory holds."""
@@ -77,7 +77,7 @@ def read(file: h5py.File, name: str, path: Path) -> np.ndarray:
     return found[()]
 
 
-def _check_pieces(found: h5py.Dataset, name: str) -> None:
+def _check_pieces(found: "h5py.Dataset", name: str) -> None:
     """ValueError where a piece of a data set unpacks to more than it declares: the library would take all memory."""
     if -(-found.size // max(int(np.prod(found.chunks)), 1)) > CHUNKS:
         raise ValueError(f"'{name}' has shape {found.shape} in pieces of {found.chunks}; expected larger pieces")
