@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import h5py
 
 PACKED = 1100  # deflate makes nothing smaller by more
-UNPACKED_BYTES = 2**26  # that a data set or a piece of it may have without being looked at so closely
+UNPACKED_BYTES = 2**24  # that a data set or a piece of it may have without being looked at so closely
 DEFLATE = 1
 FILTERS = {DEFLATE: "gzip", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}  # HDF5's numbers
 HEAP = b"GCOL\x01\0\0\0"  # begins a collection of texts and other things without a fixed length

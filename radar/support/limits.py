@@ -9,7 +9,7 @@ TOML_BYTES = MB // 4
 JSON_BYTES = XML_BYTES = CSV_BYTES = 4 * MB
 PICKLE_BYTES = MODEL_BYTES = 256 * MB  # a frame of MAROON has 19, of 96 × 96 × 128 numbers; each file of COLMAP's
 ARRAY_BYTES = 256 * MB  # unpacked, of what is read from one archive
-MESH_BYTES = 1024 * MB
+MESH_BYTES = PICTURE_BYTES = 1024 * MB
 DEEPEST = 32  # lists and tables within each other
 MOST_VALUES = 200_000  # of a JSON file: checking them against a configuration takes a kB each
 RAW_VALUES = 500_000  # of a JSON file that is not: MAROON's hold more than is read
