@@ -16,6 +16,7 @@ from radar.data.capture import thinned
 from radar.data.depthmap import DepthMap
 from radar.imaging.device import use_device
 from radar.methods.registry import Reconstruction, method
+from radar.methods.trust import with_trust
 from radar.support.config import Config
 from radar.support.cost import others
 from radar.support.errors import HandbenchError
@@ -39,7 +40,7 @@ def reconstruct(
         depths = [result.depth for result in found.results]
         if seconds[0] < PLANNED_S:
             write_treated(folder, imager.with_settings, imager.settings, depths[0])
-    depths[0].save(folder / DEPTH)
+    imager.trusted(depths[0]).save(folder / DEPTH)
     if frames > 1:
         write_npz(folder / FRAMES, z_m=np.stack([depth.z_m for depth in depths]).astype(np.float32))
     write_json(folder / TIMING, {"seconds": seconds, "plan_seconds": found.plan_s, "others_cores": busy[0]})
@@ -82,6 +83,10 @@ class Imager:
         while not settled(found) and time.perf_counter() + found[-1] < end:
             found.append(self._timed(len(found) % self.frames)[1])
         return found
+
+    def trusted(self, depth: DepthMap) -> DepthMap:
+        """The depth map of frame 0 with p_gross, whose time is none of the method's."""
+        return with_trust(depth, self.echoes, self.settings)
 
     def with_settings(self, settings: Config) -> DepthMap:
         """The depth map of frame 0 by another configuration."""

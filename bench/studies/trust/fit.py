@@ -1,0 +1,50 @@
+"""Logistic weights by maximum likelihood, and what a probability is worth: its reliability, and the risk that is left
+where the least trusted pixels are dropped."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import minimize
+
+PENALTY = 1e-4  # of a squared standardised weight, per pixel: keeps features that say the same from large opposite weights
+BINS = np.array([0, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0])
+DROPPED_PERCENT = (0, 1, 2, 5, 10, 15, 20)
+
+
+def fitted(found: np.ndarray, wrong: np.ndarray, share: np.ndarray | None = None) -> np.ndarray:
+    """Weights [1 + k], the constant first, that make wrong [n] likeliest given features [n, k]; share [n]: of each
+    pixel in the likelihood (default alike)."""
+    share = np.full(len(wrong), 1 / len(wrong)) if share is None else share / share.sum()
+    mean, scale = found.mean(axis=0), found.std(axis=0)
+    scale = np.where(scale > 1e-6, scale, np.inf)  # what never changes gets no weight
+    known = np.column_stack([np.ones(len(found)), (found - mean) / scale])
+    sign = np.where(wrong, 1.0, -1.0)
+
+    def loss(weights: np.ndarray) -> tuple[float, np.ndarray]:
+        margin = sign * (known @ weights)
+        slope = -share * sign / (1 + np.exp(np.clip(margin, -500, 500)))
+        penalised = np.r_[0.0, weights[1:]]
+        value = share @ np.logaddexp(0, -margin) + PENALTY * penalised @ penalised
+        return float(value), slope @ known + 2 * PENALTY * penalised
+
+    weights = minimize(loss, np.zeros(known.shape[1]), jac=True, method="L-BFGS-B", options={"maxiter": 500}).x
+    slopes = weights[1:] / scale
+    return np.r_[weights[0] - slopes @ mean, slopes]
+
+
+def brier(p: np.ndarray, wrong: np.ndarray) -> float:
+    """Mean of (p − wrong)²."""
+    return float(np.mean((p - wrong) ** 2))
+
+
+def silent_percent(p: np.ndarray, wrong: np.ndarray) -> list[float]:
+    """Of the pixels that are left once the DROPPED_PERCENT with the largest p are dropped, the percentage wrong."""
+    left = wrong[np.argsort(p, kind="stable")]
+    return [100 * float(left[: max(1, round(len(left) * (1 - d / 100)))].mean()) for d in DROPPED_PERCENT]
+
+
+def reliability(p: np.ndarray, wrong: np.ndarray) -> list[tuple[float, float, int]]:
+    """Mean p, share wrong and number of the pixels in each of BINS that has any."""
+    place = np.clip(np.searchsorted(BINS, p, side="right") - 1, 0, len(BINS) - 2)
+    chosen = [place == i for i in range(len(BINS) - 1)]
+    return [(float(p[c].mean()), float(wrong[c].mean()), int(c.sum())) for c in chosen if c.any()]
