@@ -12,7 +12,11 @@ import numpy as np
 from radar.support.errors import HandbenchError
 from radar.support.files import read_npz, write_npz
 
-OPTIONAL = {"sigma_m": "f", "wrapped": "b", "p_gross": "f"}  # arrays that not every method knows, with their kinds of number
+OPTIONAL = {
+    "sigma_m": "f",
+    "wrapped": "b",
+    "p_gross": "f",
+}  # arrays that not every method knows, with their kinds of number
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,9 @@ def features(depth: DepthMap, capture: RadarCapture, config: Config, frame: int 
     else:
         tones = _tones(depth, capture, config, frame, index)
     own_m = tones["noise"] if depth.sigma_m is None else depth.sigma_m.ravel()[index]
-    logs = {name: _log(value_m / GROSS_M) for name, value_m in ({"sigma": own_m} | tones).items() if name != "incoherence"}
+    logs = {
+        name: _log(value_m / GROSS_M) for name, value_m in ({"sigma": own_m} | tones).items() if name != "incoherence"
+    }
     logs["incoherence"] = _log(tones["incoherence"])
     beside = _neighbours(depth, index)
     logs |= {name: _log(beside[name] / GROSS_M) for name in ("apart", "spread")}
@@ -150,6 +152,7 @@ def _neighbours(depth: DepthMap, index: np.ndarray) -> dict[str, np.ndarray]:
     box = bounding_box(on)
     y, x = np.unravel_index(index, on.shape)
     y, x, half = y - box[0].start, x - box[1].start, WINDOW_PX // 2
+
     def windows(values: np.ndarray) -> np.ndarray:
         padded = np.pad(values, half, constant_values=np.nan)
         return sliding_window_view(padded, (WINDOW_PX, WINDOW_PX))[y, x].reshape(len(y), -1)

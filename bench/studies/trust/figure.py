@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from bench.studies.trust.fit import DROPPED_PERCENT
 
 LEAST = 1e-4  # of p_gross, and of shares, that are shown
-GROUPS = ("calibration", "other surfaces", "hands", "assorted")
+GROUPS = ("calibration", "other surfaces", "hands", "assorted", "captures")
 
 
 def draw(frames: dict[str, pd.DataFrame]) -> Figure:

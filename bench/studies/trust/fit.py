@@ -6,7 +6,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import minimize
 
-PENALTY = 1e-4  # of a squared standardised weight, per pixel: keeps features that say the same from large opposite weights
+PENALTY = (
+    1e-4  # of a squared standardised weight, per pixel: keeps features that say the same from large opposite weights
+)
 BINS = np.array([0, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0])
 DROPPED_PERCENT = (0, 1, 2, 5, 10, 15, 20)
 

@@ -34,13 +34,13 @@ OFF_CENTRE_M = 0.015  # of a volume from the target's middle, at most
 HANDS, ASSORTED = 40, 60  # scenes of points to one hand, and to one assorted scene
 
 
-def study(work: Path, scenes: int, methods: str, fit: bool, seed: int) -> Study:
-    """So many scenes of points, and a few hands and assorted scenes to them."""
+def study(work: Path, scenes: int, methods: str, captures: list[Path], fit: bool, seed: int) -> Study:
+    """So many scenes of points, a few hands and assorted scenes to them, and captures."""
     chosen = tuple(methods.split(",")) if methods else METHODS
     return Study(
         "trust",
         "Trust in depths",
-        cases(scenes, -(-scenes // HANDS), -(-scenes // ASSORTED)),
+        cases(scenes, -(-scenes // HANDS), -(-scenes // ASSORTED), captures),
         lambda case: measured(case, chosen, seed, work),
         partial(tables, fit=fit),
         draw,
@@ -70,7 +70,9 @@ def measured(case: Case, methods: tuple[str, ...], seed: int, work: Path) -> lis
         flag = np.zeros(depth.z_m.shape, bool) if depth.wrapped is None else depth.wrapped
         seconds = {"method_s": between - start, "trust_s": end - between}
         pixels = {"found": found.astype(np.float32), "wrong": wrong, "flag": flag.ravel()[index]}
-        records.append({"family": case.family, "kind": case.kind, "number": case.number, "method": id} | pixels | seconds)
+        records.append(
+            {"family": case.family, "kind": case.kind, "number": case.number, "method": id} | pixels | seconds
+        )
     return records
 
 
@@ -98,7 +100,11 @@ def tables(records: list[Record], fit: bool) -> list[Table]:
             rows.append(facts | figures(p, [r["wrong"] for r in these], [r["flag"] for r in these]) | _cost(these))
             told = reliability(np.concatenate(p), np.concatenate([r["wrong"] for r in these]))
             bins += [facts | {"p_gross": mean, "wrong": share, "pixels": count} for mean, share, count in told]
-    named = [{"method": id, "feature": n, "weight": w} for id in of for n, w in zip(("constant", *FEATURES), weights[id], strict=True)]
+    named = [
+        {"method": id, "feature": n, "weight": w}
+        for id in of
+        for n, w in zip(("constant", *FEATURES), weights[id], strict=True)
+    ]
     return [
         Table("rows", columns("trust.rows"), rows, by="group"),
         Table("reliability", columns("trust.reliability"), bins, shown=False),
@@ -133,7 +139,10 @@ def _flagged(which: str, flag: np.ndarray, wrong: np.ndarray) -> Record:
 
 
 def _cost(records: list[Record]) -> Record:
-    return {name.replace("_s", "_ms"): 1e3 * float(np.median([r[name] for r in records])) for name in ("method_s", "trust_s")}
+    return {
+        name.replace("_s", "_ms"): 1e3 * float(np.median([r[name] for r in records]))
+        for name in ("method_s", "trust_s")
+    }
 
 
 def _pooled(records: list[Record]) -> tuple[np.ndarray, np.ndarray]:
@@ -141,7 +150,9 @@ def _pooled(records: list[Record]) -> tuple[np.ndarray, np.ndarray]:
     known_to = [r for r in records if group(r) == "calibration"]
     if not known_to:
         raise HandbenchError("study trust: no scene calibrates; ask for more --scenes, or leave out --only")
-    return np.concatenate([r["found"] for r in known_to]).astype(np.float64), np.concatenate([r["wrong"] for r in known_to])
+    return np.concatenate([r["found"] for r in known_to]).astype(np.float64), np.concatenate(
+        [r["wrong"] for r in known_to]
+    )
 
 
 def as_toml(weights: dict[str, np.ndarray]) -> str:

@@ -1,5 +1,6 @@
-"""Scenes whose true surface is known, of four families: clouds of random points on surfaces (calibration, and surfaces
-that it leaves out), smooth meshed hands, and scenes with every effect of the simulation and imperfect antennas."""
+"""Scenes whose true surface is known, of several families: clouds of random points on surfaces (for calibration, and
+surfaces that it leaves out), smooth meshed hands, scenes with every effect of the simulation and imperfect antennas, and
+captures whose truth is known."""
 
 from __future__ import annotations
 
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
+from bench.datasets.native import NativeCapture
 from bench.scenes.echoes import echo_scene, echoes
 from bench.scenes.hand import hand_mesh
 from bench.scenes.hand_pose import POSES
@@ -20,11 +22,12 @@ from bench.studies.smoothness import HAND_M, visible_facets
 from bench.studies.stability.random_scenes import AXIS, KINDS, POINTS, TROUBLES, WITHIN_M, recorded, scattered
 from bench.studies.stability.scenes import small_array
 from groundtruth.mesh.depth import depth_on_grid
-from groundtruth.mesh.mesh_files import mesh
+from groundtruth.mesh.mesh_files import mesh, read_mesh
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.methods.fsk_config import LadderConfig
 from radar.simulation.forward import simulate
+from radar.support.errors import HandbenchError
 
 if TYPE_CHECKING:
     import open3d as o3d
@@ -59,7 +62,7 @@ class Known:
     true surface, metres."""
 
     capture: RadarCapture
-    axis: dict[str, float]
+    axis: dict[str, float] | None  # None: every setting is the method's default
     first_depth_m: float
     middle_m: float
     off_m: Callable[[DepthMap], np.ndarray]
@@ -67,6 +70,8 @@ class Known:
 
     def values(self, method: str, middle_m: float) -> dict[str, Any]:
         """A method's settings; middle_m: of the volume's depths."""
+        if self.axis is None:
+            return {}
         known = {"x": self.axis, "y": self.axis, "tolerance": self.tolerance}
         if "band" not in method:
             return known | {"first_depth_m": self.first_depth_m}
@@ -74,17 +79,20 @@ class Known:
         return known | {"z": z} | ({"count": SWEPT} if "broad" in method else {})
 
 
-def cases(points: int, hands: int, assorted: int) -> list[Case]:
-    """So many scenes of each family."""
+def cases(points: int, hands: int, assorted: int, captures: list[Path]) -> list[Case]:
+    """So many scenes of each family, and folders of captures whose true surface lies beside the echoes."""
     kinds = list(KINDS)
     found = [Case("points", f"{kinds[n % 4]}, {TROUBLES[n // 4 % len(TROUBLES)]}", n) for n in range(points)]
     found += [Case("hands", list(POSES)[n * 7 % len(POSES)], n) for n in range(hands)]
-    return found + [Case("assorted", "", n) for n in range(assorted)]
+    found += [Case("assorted", "", n) for n in range(assorted)]
+    return found + [Case("captures", str(folder), n) for n, folder in enumerate(captures)]
 
 
 def known(case: Case, seed: int, work: Path) -> Known:
     """The scene of a case."""
     rng = np.random.default_rng([seed, case.number, len(case.family)])
+    if case.family == "captures":
+        return _captured(NativeCapture(Path(case.kind)))
     if case.family == "points":
         return _points(*case.kind.split(", "), rng)
     return _hand(case.kind, rng) if case.family == "hands" else _assorted(case.number + seed, rng, work)
@@ -145,12 +153,21 @@ def _assorted(seed: int, rng: np.random.Generator, work: Path) -> Known:
     return Known(capture, ASSORTED_AXIS, first_m, nearest_m + 0.025, lambda depth: off_mesh_m(depth, surface))
 
 
+def _captured(capture: NativeCapture) -> Known:
+    if capture.truth is None:
+        raise HandbenchError(f"{capture.folder}: has no truth.ply; expected a simulated capture")
+    surface = read_mesh(capture.truth)
+    return Known(capture.echoes(1), None, 0.0, 0.0, lambda depth: off_mesh_m(depth, surface))
+
+
 def off_mesh_m(depth: DepthMap, surface: o3d.geometry.TriangleMesh) -> np.ndarray:
     """|z − the nearest depth of a mesh within the pixel's resolution cell| [ny, nx]; beside the mesh that of its
     nearest part, infinite further away than BESIDE_M."""
     step_m = float(depth.x_m[1] - depth.x_m[0]) / FINE
     around = int(np.ceil(WITHIN_M[-1] / step_m))
-    fine = [axis[0] + step_m * np.arange(-around, FINE * (len(axis) - 1) + around + 1) for axis in (depth.x_m, depth.y_m)]
+    fine = [
+        axis[0] + step_m * np.arange(-around, FINE * (len(axis) - 1) + around + 1) for axis in (depth.x_m, depth.y_m)
+    ]
     z_m = depth_on_grid(surface, *fine)
     away, nearest = distance_transform_edt(np.isnan(z_m), return_indices=True)
     z_m = np.where(away * step_m <= BESIDE_M, z_m[tuple(nearest)], np.nan)

@@ -1,4 +1,4 @@
-"""The probability that a depth is grossly wrong: its features on maps that are known, and what it says of plain cases."""
+"""The probability that a depth is grossly wrong: its features on known maps, and what it says of plain cases."""
 
 from dataclasses import replace
 
