@@ -35,9 +35,11 @@ FEATURES = (
     "sigma",  # log10 of the method's own σ over 5 mm; its tones' where it has none
     "noise",  # log10 of the σ that the tones' amplitudes tell, over 5 mm
     "close_step",  # log10 of the step from the found depth that the two closest tones ask for, over 5 mm
+    "pulled",  # by how much the closest tones' step exceeds 5 mm and three of its own σ; log10, never below 0
     "far_step",  # the same of the two tones furthest apart
     "incoherence",  # log10(1 − |Σ O|² / (N Σ |O|²)) of the tones at the found depth
     "apart",  # log10 of |z − median of the 7 × 7 neighbours| over 5 mm
+    "jump",  # `apart` where it is positive
     "spread",  # log10 of the range that the middle half of the neighbours takes, over 5 mm
     "empty",  # share of the neighbours that are off target
     "weak",  # amplitude below the map's peak, in tens of dB
@@ -86,22 +88,22 @@ def features(depth: DepthMap, capture: RadarCapture, config: Config, frame: int 
         return index, np.zeros((0, len(FEATURES)))
     flag = np.zeros(len(index)) if depth.wrapped is None else depth.wrapped.ravel()[index].astype(np.float64)
     if flag.mean() > LOST:
-        tones = dict.fromkeys(("noise", "close_step", "far_step", "incoherence"), np.full(len(index), np.inf))
+        tones = dict.fromkeys(("noise", "close_step", "pulled", "far_step", "incoherence"), np.full(len(index), np.inf))
     else:
         tones = _tones(depth, capture, config, frame, index)
     own_m = tones["noise"] if depth.sigma_m is None else depth.sigma_m.ravel()[index]
-    logs = {
-        name: _log(value_m / GROSS_M) for name, value_m in ({"sigma": own_m} | tones).items() if name != "incoherence"
-    }
-    logs["incoherence"] = _log(tones["incoherence"])
     beside = _neighbours(depth, index)
-    logs |= {name: _log(beside[name] / GROSS_M) for name in ("apart", "spread")}
+    lengths_m = {"sigma": own_m, "apart": beside["apart"], "spread": beside["spread"]}
+    lengths_m |= {name: tones[name] for name in ("noise", "close_step", "far_step")}
+    logs = {name: _log(value_m / GROSS_M) for name, value_m in lengths_m.items()}
+    logs |= {"incoherence": _log(tones["incoherence"]), "pulled": np.maximum(_log(tones["pulled"]), 0)}
+    logs["jump"] = np.maximum(logs["apart"], 0)
     whole = {
-        "flags": _log(flag.mean()),
+        "flags": _log(np.asarray(flag.mean())),
         "scene_noise": np.median(logs["noise"]),
         "scene_step": np.median(logs["close_step"]),
         "scene_incoherence": np.median(logs["incoherence"]),
-        "scene_apart": _log(np.mean(beside["apart"] > GROSS_M)),
+        "scene_apart": _log(np.asarray(np.mean(beside["apart"] > GROSS_M))),
     }
     weak = np.minimum(-depth.amplitude_db.ravel()[index] / 10, 3)
     values = logs | whole | {"empty": beside["empty"], "weak": weak, "below": beside["below"], "flag": flag}
@@ -126,17 +128,20 @@ def _tones(
     power = np.maximum((magnitude**2).mean(axis=0), np.finfo(float).tiny)
     order = np.argsort(np.abs(f - f[0]))
     ripple = magnitude.std(axis=0, ddof=1) / np.sqrt(power) if len(f) > 1 else np.ones(len(index))
-    steps = [_step_m(images[0], images[other], f[0] - f[other]) for other in (order[min(1, len(f) - 1)], order[-1])]
+    others = order[min(1, len(f) - 1)], order[-1]
+    close_m, far_m = (_depth_m(np.angle(images[0] * np.conj(images[i])), f[0] - f[i]) for i in others)
     return {
-        "noise": SPEED_OF_LIGHT_M_S * ripple / (4 * np.pi * np.ptp(f) + 1e-9),
-        "close_step": np.abs(steps[0]),
-        "far_step": np.abs(steps[1]),
+        "noise": _depth_m(ripple, np.ptp(f)),
+        "close_step": close_m,
+        "pulled": close_m / np.maximum(GROSS_M, 3 * _depth_m(ripple, f[0] - f[others[0]])),
+        "far_step": far_m,
         "incoherence": 1 - np.abs(images.mean(axis=0)) ** 2 / power,
     }
 
 
-def _step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float) -> np.ndarray:
-    return SPEED_OF_LIGHT_M_S * np.angle(image_b * np.conj(image_a)) / (4 * np.pi * (abs(difference_hz) + 1e-9))
+def _depth_m(phase_rad: np.ndarray, difference_hz: float) -> np.ndarray:
+    """The depth, without its sign, that a phase between tones stands for."""
+    return np.asarray(SPEED_OF_LIGHT_M_S * np.abs(phase_rad) / (4 * np.pi * (abs(difference_hz) + 1e-9)))
 
 
 def _tones_hz(capture: RadarCapture, config: Config) -> np.ndarray:

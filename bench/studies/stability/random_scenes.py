@@ -120,6 +120,7 @@ def scene(seed: int, number: int) -> list[tuple[str | int, ...]]:
 
 
 def _count(depth: DepthMap, surface: Surface, middle_m: float) -> tuple[int, ...]:
+    assert depth.sigma_m is not None and depth.wrapped is not None  # of every FSK method
     given = np.isfinite(depth.z_m)
     y, x = (depth.y_m[:, None] + WITHIN_M[:, None, None, None], depth.x_m + WITHIN_M[:, None, None])
     within_m = middle_m + surface(*np.broadcast_arrays(x, y))

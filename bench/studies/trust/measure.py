@@ -9,6 +9,7 @@ truth with nothing that the methods know.
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -19,7 +20,8 @@ from bench.studies.columns import Record, Table, columns
 from bench.studies.study import Study
 from bench.studies.trust.figure import draw
 from bench.studies.trust.fit import DROPPED_PERCENT, brier, fitted, reliability, silent_percent
-from bench.studies.trust.scenes import CALIBRATED, LADDER_HZ, Case, cases, known
+from bench.studies.trust.scenes import BLOCK, CALIBRATED, LADDER_HZ, Case, cases, known
+from radar.data.depthmap import DepthMap
 from radar.methods.registry import method
 from radar.methods.trust import FEATURES, FLAGGED, GROSS_M, WEIGHTS, features, known_weights, probability, weights_of
 from radar.support.errors import HandbenchError
@@ -28,10 +30,12 @@ from radar.support.files import write_text
 FSK = ("2fsk", "3fsk", "3fsk-plus", "nfsk", "nfsk-plus")
 VOLUMES = ("broadband", "broadband-aligned", "narrowband")
 METHODS = (*FSK, *VOLUMES)
-VOLUMES_EVERY = 3  # of 20 scenes of points, one of each kind, volumes are formed of these alone: they take longest
+VOLUMES_EVERY = 3  # of the blocks of one scene of each kind, volumes are formed of these alone: they take longest
+TAMPERED_EVERY = 5  # of these blocks: calibrating maps in which some depths are moved
+MOVED_M, MOVED_PX = (0.01, 0.08), 3  # by how much, and within which radius
 SILENT = 0.01  # p_gross below which nobody doubts a depth
 OFF_CENTRE_M = 0.015  # of a volume from the target's middle, at most
-HANDS, ASSORTED = 40, 60  # scenes of points to one hand, and to one assorted scene
+HANDS, ASSORTED = 40, 100  # scenes of points to one hand, and to one assorted scene
 
 
 def study(work: Path, scenes: int, methods: str, captures: list[Path], fit: bool, seed: int) -> Study:
@@ -55,7 +59,7 @@ def measured(case: Case, methods: tuple[str, ...], seed: int, work: Path) -> lis
     for id in methods:
         middle_m = scene.middle_m + rng.uniform(-OFF_CENTRE_M, OFF_CENTRE_M)
         swept = len(scene.capture.frequencies_hz) > len(LADDER_HZ)
-        seldom = case.family == "points" and case.number // 20 % VOLUMES_EVERY
+        seldom = case.family == "points" and case.number // BLOCK % VOLUMES_EVERY
         if id in VOLUMES and (seldom or (id != "narrowband" and not swept)):
             continue
         config, start = method(id).configure(scene.values(id, middle_m), str(case)), time.perf_counter()
@@ -63,6 +67,8 @@ def measured(case: Case, methods: tuple[str, ...], seed: int, work: Path) -> lis
             depth = method(id).run(scene.capture, config, 0).depth
         except HandbenchError:  # refused: no map, no wrong depth
             continue
+        if calibrates(case.family, case.kind) and case.number // BLOCK % TAMPERED_EVERY == TAMPERED_EVERY - 1:
+            depth = tampered(depth, rng)
         between = time.perf_counter()
         index, found = features(depth, scene.capture, config)
         end = time.perf_counter()
@@ -76,11 +82,28 @@ def measured(case: Case, methods: tuple[str, ...], seed: int, work: Path) -> lis
     return records
 
 
+def tampered(depth: DepthMap, rng: np.random.Generator) -> DepthMap:
+    """The map with the depths about one of its pixels put off, as a wrong period would, of which neither its σ nor its
+    flags know."""
+    on = np.flatnonzero(np.isfinite(depth.z_m))
+    if not len(on):
+        return depth
+    row, column = np.unravel_index(rng.choice(on), depth.z_m.shape)
+    y, x = np.ogrid[: depth.z_m.shape[0], : depth.z_m.shape[1]]
+    moved_m = rng.uniform(*MOVED_M) * rng.choice([-1, 1])
+    return replace(depth, z_m=depth.z_m + np.where(np.hypot(y - row, x - column) <= MOVED_PX, moved_m, 0.0))
+
+
+def calibrates(family: str, kind: str) -> bool:
+    """True for scenes that the weights are fitted to."""
+    return family == "points" and kind.split(", ")[-1] in CALIBRATED
+
+
 def group(record: Record) -> str:
     """The part of the study that a record belongs to."""
-    if record["family"] != "points":
-        return str(record["family"])
-    return "calibration" if record["kind"].split(",")[0] in CALIBRATED else "other surfaces"
+    if calibrates(record["family"], record["kind"]):
+        return "calibration"
+    return "other surfaces" if record["family"] == "points" else str(record["family"])
 
 
 def tables(records: list[Record], fit: bool) -> list[Table]:

@@ -1,5 +1,5 @@
-"""Scenes whose true surface is known, of several families: clouds of random points on surfaces (for calibration, and
-surfaces that it leaves out), smooth meshed hands, scenes with every effect of the simulation and imperfect antennas, and
+"""Scenes whose true surface is known, of several families: points on surfaces, rough and smooth, for calibration and of
+kinds that it leaves out; smooth meshed hands; scenes with every effect of the simulation and imperfect antennas; and
 captures whose truth is known."""
 
 from __future__ import annotations
@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,14 +20,24 @@ from bench.scenes.hand import hand_mesh
 from bench.scenes.hand_pose import POSES
 from bench.studies.ablation.assorted_scenes import assorted_scene
 from bench.studies.smoothness import HAND_M, visible_facets
-from bench.studies.stability.random_scenes import AXIS, KINDS, POINTS, TROUBLES, WITHIN_M, recorded, scattered
+from bench.studies.stability.random_scenes import (
+    AXIS,
+    HALF_M,
+    KINDS,
+    POINTS,
+    TROUBLES,
+    WITHIN_M,
+    Surface,
+    recorded,
+    scattered,
+)
 from bench.studies.stability.scenes import small_array
 from groundtruth.mesh.depth import depth_on_grid
 from groundtruth.mesh.mesh_files import mesh, read_mesh
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.methods.fsk_config import LadderConfig
-from radar.simulation.forward import simulate
+from radar.simulation.forward import Scatterers, simulate
 from radar.support.errors import HandbenchError
 
 if TYPE_CHECKING:
@@ -35,7 +46,9 @@ if TYPE_CHECKING:
 LADDER_HZ = LadderConfig().tones_hz
 SWEPT = 32  # tones of the volumes: as wide a band as the paper's 128, repeated in depth after 0.47 m
 TONES_HZ = np.unique(np.concatenate([np.linspace(72e9, 82e9, SWEPT), LADDER_HZ]))
-CALIBRATED = ("tilted", "step")  # surfaces
+CALIBRATED = ("tilted", "step", "patches")  # surfaces
+PITCH_M = 1e-3  # of smooth surfaces' points: a quarter of the wavelength
+BLOCK = 50  # scenes of points: one of each kind
 HAND_AXIS = {"start_m": -0.1, "stop_m": 0.1, "step_m": 0.001}
 ASSORTED_AXIS = {"start_m": -0.15, "stop_m": 0.15, "step_m": 0.001}
 HAND_EDGE_M = 3e-3
@@ -79,10 +92,25 @@ class Known:
         return known | {"z": z} | ({"count": SWEPT} if "broad" in method else {})
 
 
+def patches(rng: np.random.Generator) -> Surface:
+    """Two curved patches side by side, up to 40 mm apart in depth, hollow or round."""
+    curvature_per_m, place_m, height_m = rng.uniform(-20, 20, 2), rng.uniform(-0.01, 0.01), rng.uniform(0, 0.04)
+
+    def z_m(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        left, right = (curvature / 2 * (x**2 + y**2) for curvature in curvature_per_m)
+        return np.where(x > place_m, height_m + right, left)
+
+    return z_m
+
+
+SURFACES = {"patches": patches} | KINDS
+FINISHES = ("rough", "smooth")
+
+
 def cases(points: int, hands: int, assorted: int, captures: list[Path]) -> list[Case]:
     """So many scenes of each family, and folders of captures whose true surface lies beside the echoes."""
-    kinds = list(KINDS)
-    found = [Case("points", f"{kinds[n % 4]}, {TROUBLES[n // 4 % len(TROUBLES)]}", n) for n in range(points)]
+    kinds = [", ".join(kind) for kind in product(FINISHES, TROUBLES, SURFACES)]
+    found = [Case("points", kinds[n % BLOCK], n) for n in range(points)]
     found += [Case("hands", list(POSES)[n * 7 % len(POSES)], n) for n in range(hands)]
     found += [Case("assorted", "", n) for n in range(assorted)]
     return found + [Case("captures", str(folder), n) for n, folder in enumerate(captures)]
@@ -94,14 +122,18 @@ def known(case: Case, seed: int, work: Path) -> Known:
     if case.family == "captures":
         return _captured(NativeCapture(Path(case.kind)))
     if case.family == "points":
-        return _points(*case.kind.split(", "), rng)
+        finish, trouble, kind = case.kind.split(", ")
+        return _points(finish, trouble, kind, rng)
     return _hand(case.kind, rng) if case.family == "hands" else _assorted(case.number + seed, rng, work)
 
 
-def _points(kind: str, trouble: str, rng: np.random.Generator) -> Known:
-    surface, middle_m = KINDS[kind](rng), float(rng.uniform(0.25, 0.35))
+def _points(finish: str, trouble: str, kind: str, rng: np.random.Generator) -> Known:
+    surface, middle_m = SURFACES[kind](rng), float(rng.uniform(0.25, 0.35))
     points = scattered(surface, middle_m, trouble, rng)
-    capture, clutter_m = recorded(points, trouble, rng, TONES_HZ), points.position_m[POINTS:]
+    clutter_m = points.position_m[POINTS:]
+    if finish == "smooth":
+        points = _even(points, lambda x, y: middle_m + surface(x, y))
+    capture = recorded(points, trouble, rng, TONES_HZ)
 
     def off_m(depth: DepthMap) -> np.ndarray:
         y, x = (depth.y_m[:, None] + WITHIN_M[:, None, None, None], depth.x_m + WITHIN_M[:, None, None])
@@ -114,17 +146,27 @@ def _points(kind: str, trouble: str, rng: np.random.Generator) -> Known:
     return Known(capture, AXIS, middle_m + float(rng.uniform(-0.1, 0.1)), middle_m, off_m, None)
 
 
+def _even(points: Scatterers, z_m: Surface) -> Scatterers:
+    """The surface's points even and alike, which makes it a mirror; with the first of the random ones, which may glint,
+    and the clutter."""
+    along_m = np.arange(-HALF_M, HALF_M, PITCH_M)
+    x, y = (values.ravel() for values in np.meshgrid(along_m, along_m))
+    kept = np.r_[0, POINTS : len(points.position_m)]
+    places_m = np.vstack([points.position_m[kept], np.column_stack([x, y, z_m(x, y)])])
+    return Scatterers(places_m, np.concatenate([points.weight[kept], np.ones(len(x))]))
+
+
 def _hand(letter: str, rng: np.random.Generator) -> Known:
     surface = mesh_of(letter)
-    turned = surface.rotate(surface.get_rotation_matrix_from_xyz(np.radians(rng.uniform(-20, 20, 3))), np.zeros(3))
-    facets = visible_facets(turned)
+    surface.rotate(surface.get_rotation_matrix_from_xyz(np.radians(rng.uniform(-20, 20, 3))), np.zeros(3))
+    facets = visible_facets(surface)
     samples = simulate(facets, TONES_HZ, small_array(2))
     level = np.sqrt(np.mean(np.abs(samples) ** 2)) * 10 ** (rng.uniform(*HAND_NOISE_DB) / 20)
     noise = rng.standard_normal((2, *samples.shape)) * level / np.sqrt(2)
     capture = RadarCapture((samples + noise[0] + 1j * noise[1])[None].astype(np.complex64), TONES_HZ, small_array(2))
-    placed = turned.translate(HAND_M)
+    surface.translate(HAND_M)
     first_m = HAND_M[2] + float(rng.uniform(-0.1, 0.1))
-    return Known(capture, HAND_AXIS, first_m, HAND_M[2] - 0.01, lambda depth: off_mesh_m(depth, placed))
+    return Known(capture, HAND_AXIS, first_m, HAND_M[2] - 0.01, lambda depth: off_mesh_m(depth, surface))
 
 
 @cache
