@@ -118,8 +118,8 @@ def _log(ratio: np.ndarray) -> np.ndarray:
 def _tones(
     depth: DepthMap, capture: RadarCapture, config: Config, frame: int, index: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """What the method's tones tell at the depths that it found, each [n]: noise, close_step, far_step in metres, and
-    incoherence."""
+    """Features that the method's tones tell at the depths that it found, each [n]: noise, close_step and far_step in
+    metres, pulled and incoherence as ratios."""
     samples, f = capture.tones(_tones_hz(capture, config), frame)
     points_m = PixelGrid(depth.x_m, depth.y_m).points_at_m(index, depth.z_m.ravel()[index])
     exact = getattr(config, "tolerance", TOLERANCE) is None

@@ -18,9 +18,9 @@ import numpy as np
 
 from bench.studies.columns import Record, Table, columns
 from bench.studies.study import Study
+from bench.studies.trust.cases import BLOCK, CALIBRATED, LADDER_HZ, Case, cases, known
 from bench.studies.trust.figure import draw
 from bench.studies.trust.fit import DROPPED_PERCENT, brier, fitted, reliability, silent_percent
-from bench.studies.trust.scenes import BLOCK, CALIBRATED, LADDER_HZ, Case, cases, known
 from radar.data.depthmap import DepthMap
 from radar.methods.registry import method
 from radar.methods.trust import FEATURES, FLAGGED, GROSS_M, WEIGHTS, features, known_weights, probability, weights_of
@@ -136,7 +136,7 @@ def tables(records: list[Record], fit: bool) -> list[Table]:
 
 
 def figures(p: list[np.ndarray], wrong: list[np.ndarray], flag: list[np.ndarray]) -> Record:
-    """What p_gross is worth in some scenes, of each of which there are p [n], wrong [n] and the method's flag [n]."""
+    """The worth of p_gross in some scenes, of each of which there are p [n], wrong [n] and the method's flag [n]."""
     silent = np.sort([np.count_nonzero(w & (q < SILENT)) for q, w in zip(p, wrong, strict=True)])[::-1]
     every, off, old = np.concatenate(p), np.concatenate(wrong), np.concatenate(flag)
     left = dict(zip((f"left_{d}_percent" for d in DROPPED_PERCENT), silent_percent(every, off), strict=True))

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from bench.scenes.shapes import plate_mesh
+from bench.studies.trust.cases import BESIDE_M, off_mesh_m
 from bench.studies.trust.fit import BINS, DROPPED_PERCENT, brier, fitted, reliability, silent_percent
 from bench.studies.trust.measure import as_toml, figures
-from bench.studies.trust.scenes import BESIDE_M, off_mesh_m
 from radar.data.depthmap import DepthMap
 from radar.methods.trust import FEATURES, probability
 

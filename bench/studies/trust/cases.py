@@ -157,7 +157,7 @@ def _even(points: Scatterers, z_m: Surface) -> Scatterers:
 
 
 def _hand(letter: str, rng: np.random.Generator) -> Known:
-    surface = mesh_of(letter)
+    surface = mesh(*_vertices_faces(_hand_mesh(letter)))
     surface.rotate(surface.get_rotation_matrix_from_xyz(np.radians(rng.uniform(-20, 20, 3))), np.zeros(3))
     facets = visible_facets(surface)
     samples = simulate(facets, TONES_HZ, small_array(2))
@@ -172,12 +172,6 @@ def _hand(letter: str, rng: np.random.Generator) -> Known:
 @cache
 def _hand_mesh(letter: str) -> o3d.geometry.TriangleMesh:
     return hand_mesh(POSES[letter], HAND_EDGE_M)
-
-
-def mesh_of(letter: str) -> o3d.geometry.TriangleMesh:
-    """A hand of its own, to be moved."""
-    made = _hand_mesh(letter)
-    return type(made)(made)
 
 
 def _vertices_faces(surface: o3d.geometry.TriangleMesh) -> tuple[np.ndarray, np.ndarray]:
