@@ -1,7 +1,5 @@
 """Similarity transforms between named frames."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from itertools import combinations
 from math import comb
@@ -62,7 +60,7 @@ class Transform:
             raise HandbenchError(f"transform {self.target}_from_{self.source}: carries no covariance; calibrate again")
         return self.covariance
 
-    def require(self, source: str, target: str, where: object) -> Transform:
+    def require(self, source: str, target: str, where: object) -> "Transform":
         """The transform itself if it leads from `source` to `target`; `where` (its file) opens the error otherwise."""
         if (self.source, self.target) != (source, target):
             raise HandbenchError(
@@ -70,7 +68,7 @@ class Transform:
             )
         return self
 
-    def inverse(self) -> Transform:
+    def inverse(self) -> "Transform":
         """The transform the other way; it carries no covariance."""
         matrix = np.eye(4)
         matrix[:3, :3] = self.rotation.T / self.scale

@@ -11,8 +11,7 @@ import numpy as np
 
 from bench.datasets.simulated import write_photos
 from bench.scenes.build import Scene, build
-from bench.scenes.photo_effects import without
-from bench.scenes.photo_pilot import Pilot
+from bench.scenes.photo_pilot import Pilot, without
 from bench.scenes.photographs import Studio
 from bench.studies.photogrammetry.cases import Case
 from groundtruth.mesh.mesh_files import raycasting_scene

@@ -1,7 +1,5 @@
 """The second stage of a reconstruction: registered photographs → depth maps → one fused cloud."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +8,7 @@ import numpy as np
 from groundtruth.dense import completion, cuda
 from groundtruth.dense.dense import choose_sources, depth_maps, open_views
 from groundtruth.dense.fusion import Cloud, fuse
-from groundtruth.dense.plane import board_plane
-from groundtruth.dense.volume import narrowed, volume, warn_of_cuts
+from groundtruth.dense.volume import board_plane, narrowed, volume, warn_of_cuts
 from groundtruth.mesh.poisson import clean
 from groundtruth.options import DenseOptions, Effort
 from groundtruth.photos.masks import Masks, find_masks

@@ -1,7 +1,5 @@
 """The last stage of a reconstruction: the fused cloud → a surface that says how well it is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -11,8 +9,7 @@ import numpy as np
 
 from groundtruth.cameras.cameras import Camera, registered
 from groundtruth.dense.fusion import Cloud
-from groundtruth.dense.plane import Plane, board_plane
-from groundtruth.dense.volume import Volume
+from groundtruth.dense.volume import Plane, Volume, board_plane
 from groundtruth.dense_stage import CLOUD
 from groundtruth.mesh.poisson import surface
 from groundtruth.mesh.surface import Surface

@@ -1,7 +1,5 @@
 """Options of `handbench groundtruth`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 

@@ -1,7 +1,5 @@
 """Photographs to a metric mesh: three stages, each kept in a store (`radar.support.store`)."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The first stage of a reconstruction: photographs → cameras and points in the metric frame."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

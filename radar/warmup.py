@@ -1,7 +1,5 @@
 """Compiling the kernels before anything is timed: some twenty seconds, once per machine; afterwards they are cached."""
 
-from __future__ import annotations
-
 from threading import Timer
 
 import numpy as np

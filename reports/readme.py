@@ -8,8 +8,6 @@ and the scenes those that the record names; a fresh result must agree with it to
 printed. Times are left out of that: they are the machine's.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json
@@ -28,8 +26,7 @@ from bench.results.tables import TABLE, each, frame, records
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, write_text
 from reports.tables.blocks import NONE, busy_note, decimals, interval, known, number, outstanding, paper
-from reports.tables.findings import findings
-from reports.tables.markdown import bold, escaped, table
+from reports.tables.result_tables import bold, escaped, findings, table
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = "photogrammetry"
@@ -38,7 +35,7 @@ SPREAD = {"max_mm": "frames_max_deviation_mm"}  # figures that stand with their 
 EXTENDED = ("max_mm",)  # those that stand against the completed reference as well
 EQUAL = {"none": ("common_percent", HEADLINE, "aurc_mm"), "window": (HEADLINE, "aurc_mm")}  # by treatment
 WITH_INTERVAL = (HEADLINE, "floor_mm", "precision_mm")
-METHODS = ("2fsk", "3fsk", "broadband", "narrowband", "3fsk-plus", "nfsk-plus")  # the columns
+METHODS = ("2fsk", "3fsk", "broadband", "narrowband", "nfsk-plus", "joint", "broadband-aligned")  # the columns
 FITTED = ("precision_mm", "2fsk")  # the figure to which the benchmark's phase noise was fitted
 FIGURES = {"docs/depth_F.png": "report/figures/depth_F.png"}  # the README's, and where a result's report has it
 MACHINE = ("processor", "cores", "memory_gb", "gemm_gflops", "imaging_device")

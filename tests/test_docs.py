@@ -21,7 +21,7 @@ import pytest
 from bench.cli import main
 from bench.datasets.dataset import open_capture
 from bench.datasets.mapping import Mapping
-from bench.evaluation.metrics import error_map
+from bench.evaluation.depth_errors import error_map
 from bench.run.benchmark_file import BenchFile
 from bench.scenes.scene_file import HandTarget, Mount, SceneFile
 from calibration.transforms import load_transform

@@ -1,7 +1,5 @@
 """`handbench calibrate`: where the photographs' frame lies in the radar's."""
 
-from __future__ import annotations
-
 import argparse
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`handbench compare`: what differs between two results."""
 
-from __future__ import annotations
-
 import argparse
 
 from bench.cli.options import free

@@ -1,4 +1,4 @@
-"""`handbench design`: how many hands show a difference between methods."""
+"""`handbench design`: how many hands show a difference between methods, and which tones tell a depth best."""
 
 from __future__ import annotations
 
@@ -16,11 +16,16 @@ if TYPE_CHECKING:
     from bench.evaluation.statistics.sample_size import Components
     from bench.results import Result
 
+GRID = 128  # tones of a band that is designed for: those of the paper's sweep
+FREQUENCIES = {"GHz": 1e9, "MHz": 1e6}
 UNSURE = 5  # captures: with fewer, the answer is hardly more than its order of magnitude
 
 
 def run(options: argparse.Namespace) -> None:
-    """Every pair of a result's methods: the hands that show the effect, shown; and written where -o asks for it."""
+    """Every pair of a result's methods: the hands that show the effect, shown; and written where -o asks for it. With
+    --tones instead: sets of tones."""
+    if options.tones is not None:
+        return _tones(options)
     from bench.evaluation.metrics import AVERAGED, METRICS
     from bench.evaluation.statistics.sample_size import components, design
     from bench.results import load
@@ -29,7 +34,9 @@ def run(options: argparse.Namespace) -> None:
     from radar.support.config import suggest
 
     if options.result is None or options.effect is None:
-        raise HandbenchError("design: expected a result folder and an effect, as in RESULT --effect 0.2mm")
+        raise HandbenchError(
+            "design: expected a result folder and an effect, as in RESULT --effect 0.2mm; or --tones 5"
+        )
     if options.metric not in (*AVERAGED, "aurc_mm"):
         known = suggest(options.metric, list(AVERAGED))
         raise HandbenchError(f"--metric: '{options.metric}' is no figure of single captures; {known}")
@@ -52,6 +59,43 @@ def run(options: argparse.Namespace) -> None:
     about = f"{metric.title} against {reference}, {said}, {parts.captures} hands; differences in {metric.unit}"
     question = f"Hands that show {effect:g} {metric.unit} with a power of {100 * options.power:g} %"
     show(pairs, parts, titles, about, question)
+
+
+def _tones(options: argparse.Namespace) -> None:
+    """The most accurate sets of tones that wrap seldom enough, shown beside the ladder of `nfsk`."""
+    from bench.studies.tradeoff.answer import LENGTHS, quantity
+    from radar.methods.fsk_config import LadderConfig
+    from radar.methods.tone_sets import best_sets, tone_set
+    from reports.tables.result_tables import terminal_table, wide_console
+
+    if options.result is not None or options.out is not None or options.effect is not None:
+        raise HandbenchError("design: --tones stands alone; leave out RESULT, --effect and -o")
+    ends = options.band.split(",")
+    if len(ends) != 2:
+        raise HandbenchError(f"--band: is '{options.band}'; expected two frequencies, as 72GHz,82GHz")
+    low_hz, high_hz = sorted(quantity(end, FREQUENCIES, "--band") for end in ends)
+    pair_hz = 0.0 if options.pair == "0" else quantity(options.pair, FREQUENCIES, "--pair")
+    reach_m = 1e-3 * quantity(options.reach, LENGTHS, "--reach")
+    if not 0 < options.noise <= 1 or not 1e-4 <= options.wraps < 1 or low_hz == high_hz or pair_hz >= high_hz - low_hz:
+        raise HandbenchError(
+            "design: expected --noise above 0 to 1 rad, --wraps 1e-4 to 1, and a band wider than --pair"
+        )
+    band_hz = np.linspace(low_hz, high_hz, GRID)
+    sets = best_sets(options.tones, band_hz, pair_hz, options.noise, reach_m, options.wraps)
+    if not sets:
+        raise HandbenchError(f"--tones: no set of {options.tones} wraps in {options.wraps:g} or less; allow one more")
+    ladder = tone_set(np.array(LadderConfig().tones_hz), options.noise, reach_m, options.wraps)
+    lines: list[tuple[str, ...]] = [
+        (
+            about,
+            ", ".join(f"{f / 1e9:.4g}" for f in each.tones_hz),
+            f"{1e3 * each.bound_m:.3f}",
+            f"{100 * each.wraps:.2f}",
+        )
+        for about, each in [*((f"{i}", each) for i, each in enumerate(sets, start=1)), ("ladder of nfsk", ladder)]
+    ]
+    heading = f"Sets of {options.tones} tones at a phase noise of {options.noise:g} rad, within ±{1e3 * reach_m:g} mm"
+    wide_console().print(terminal_table(heading, ("", "tones GHz", "σ of the bound mm", "wraps %"), lines))
 
 
 def _figures(result: Result, metric: str, treatment: str) -> tuple[str, dict[str, np.ndarray], str]:

@@ -1,7 +1,5 @@
 """`handbench doctor`: what this machine has, and what each missing piece costs."""
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import os

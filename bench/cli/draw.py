@@ -1,7 +1,5 @@
 """`handbench draw`: a target or a board, to print."""
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 from pathlib import Path

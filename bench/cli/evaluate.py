@@ -1,7 +1,5 @@
 """`handbench evaluate`: how far a depth map is from a mesh."""
 
-from __future__ import annotations
-
 import argparse
 import json
 

@@ -1,7 +1,5 @@
 """`handbench export`: captures in another data set's layout."""
 
-from __future__ import annotations
-
 import argparse
 
 from radar.support.progress import say

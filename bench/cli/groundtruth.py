@@ -1,7 +1,5 @@
 """`handbench groundtruth`: photographs, or a foreign mesh, as a metric mesh."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from typing import Any
@@ -43,21 +41,10 @@ def _take_over(options: argparse.Namespace) -> None:
 
 
 def _values(options: argparse.Namespace) -> dict[str, Any]:
-    same: tuple[str, ...] = (
-        "cameras",
-        "model",
-        "metric",
-        "board",
-        "unscaled",
-        "quality",
-        "dense",
-        "masks",
-        "mask",
-        "components",
-        "seed",
-    )
-    same += ("refine_poses", "refine_distortion", "shared_intrinsics")
-    return {name: getattr(options, name) for name in same} | {
+    """The options' values by the names of the configuration."""
+    from groundtruth.options import Options
+
+    return {name: value for name, value in vars(options).items() if name in Options.model_fields} | {
         "intrinsics": numbers(options.intrinsics, 4, "--intrinsics"),
         "box_m": numbers(options.box, 6, "--box"),
         "distances": tuple(_distance(text) for text in options.distances),

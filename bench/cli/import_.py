@@ -1,7 +1,5 @@
 """`handbench import`: foreign data as a capture folder, a foreign hand as a scene."""
 
-from __future__ import annotations
-
 import argparse
 
 from bench.cli.options import free_folder

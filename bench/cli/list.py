@@ -1,7 +1,5 @@
 """`handbench list`: methods with their defaults and sources, metrics, benchmarks, effects, poses."""
 
-from __future__ import annotations
-
 import argparse
 import json
 

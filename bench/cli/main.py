@@ -1,7 +1,5 @@
 """The command line: handbench COMMAND. Nothing heavy is imported before a command is chosen."""
 
-from __future__ import annotations
-
 import argparse
 import errno
 import os

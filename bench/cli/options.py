@@ -1,7 +1,5 @@
 """Options as commands.toml and studies.toml declare them, and refusals to overwrite."""
 
-from __future__ import annotations
-
 import argparse
 import tomllib
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """`handbench reconstruct`: one capture imaged by one method."""
 
-from __future__ import annotations
-
 import argparse
 import tomllib
 from typing import Any

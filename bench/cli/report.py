@@ -1,7 +1,5 @@
 """`handbench report`: what there is to read of results."""
 
-from __future__ import annotations
-
 import argparse
 
 from radar.support.errors import HandbenchError

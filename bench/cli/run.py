@@ -1,7 +1,5 @@
 """`handbench run`: the main job."""
 
-from __future__ import annotations
-
 import argparse
 
 

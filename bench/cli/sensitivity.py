@@ -1,7 +1,5 @@
 """`handbench sensitivity`: what would have to be true for the paper's table."""
 
-from __future__ import annotations
-
 import argparse
 
 

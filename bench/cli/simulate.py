@@ -1,19 +1,12 @@
 """`handbench simulate`: a scene's capture, and the table of its effects."""
 
-from __future__ import annotations
-
 import argparse
-
-from rich import box
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from bench.cli.options import free_folder
 from bench.datasets.simulated import simulate_capture
 from bench.scenes.build import load_scene
 from bench.scenes.echoes import choices
-from bench.scenes.photo_effects import choose
+from bench.scenes.photo_pilot import choose
 from bench.scenes.photographs import Studio
 from radar.simulation.selection import Choice
 from radar.support.errors import HandbenchError
@@ -37,12 +30,9 @@ def run(options: argparse.Namespace) -> None:
 def show(rows: tuple[Choice, ...]) -> None:
     """Print the effects on stdout, as wide as the table needs: estimate, on or off, why, and what each took; pixels %:
     lost and gained, of a depth map's pixels or of photographs' matches."""
-    console = Console(highlight=False)
-    if not console.is_terminal:  # a pipe or a file has no width to keep to
-        console.width = 200
-    table = Table(box=box.SIMPLE, pad_edge=False)
-    for heading in ("effect", "depth mm", "worst mm", "pixels %", "level dB", "on", "seconds", "why"):
-        table.add_column(heading, justify="left" if heading in ("effect", "on", "why") else "right")
+    from reports.tables.result_tables import terminal_table, wide_console
+
+    lines = []
     for row in rows:
         seconds = row.cost_s if row.seconds is None else row.seconds
         mark = "~" if row.seconds is None and seconds else ""
@@ -56,8 +46,9 @@ def show(rows: tuple[Choice, ...]) -> None:
             mark + _number(seconds, 2),
             row.why,
         )
-        table.add_row(*map(Text, cells))
-    console.print(table)
+        lines.append(cells)
+    headings = ("effect", "depth mm", "worst mm", "pixels %", "level dB", "on", "seconds", "why")
+    wide_console().print(terminal_table("", headings, lines, texts=("effect", "on", "why")))
 
 
 def _number(value: float | None, digits: int) -> str:

@@ -1,7 +1,5 @@
 """`handbench stability`: the catalogue of hard cases, measured."""
 
-from __future__ import annotations
-
 import argparse
 
 from radar.support.errors import HandbenchError

@@ -1,7 +1,5 @@
 """`handbench study NAME`: the studies of bench/studies/studies.toml, their options, and how one is run."""
 
-from __future__ import annotations
-
 import argparse
 from importlib import import_module
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`handbench tradeoff`: accuracy against time."""
 
-from __future__ import annotations
-
 import argparse
 
 from radar.support.errors import HandbenchError
@@ -11,9 +9,8 @@ def run(options: argparse.Namespace) -> None:
     """The sweep and its fronts, their report, and the answer to what was asked: a HandbenchError where no setting is
     one, when all else is there."""
     from bench.run.benchmark_file import load_benchmark
-    from bench.studies.tradeoff.answer import LENGTHS, TIMES, answer, quantity
+    from bench.studies.tradeoff.answer import LENGTHS, TIMES, answer, quantity, say_answer, show
     from bench.studies.tradeoff.run import run as sweep
-    from bench.studies.tradeoff.show import say_answer, show
     from reports.page.tradeoff_section import build
 
     error_mm = None if options.max_mae is None else quantity(options.max_mae, LENGTHS, "--max-mae")

@@ -1,7 +1,5 @@
 """`handbench validate`: what is wrong with inputs, before hours are spent."""
 
-from __future__ import annotations
-
 import argparse
 
 

@@ -1,7 +1,5 @@
 """Captures of any data set, through one interface: what lies in a folder tells which adapter reads it."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Sequence
 from pathlib import Path

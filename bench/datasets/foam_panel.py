@@ -5,8 +5,6 @@ step along x and y, and distance. Each tone's mean (what does not move with the 
 correction is added, and E = I − jQ focuses with e^{+jkR}, as everywhere in handbench.
 """
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Echoes in somebody else's HDF5 file (MATLAB v7.3 is HDF5), described by a `mapping.toml` beside it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -41,7 +39,7 @@ class Samples(Config):
     sign: Literal["-", "+"]
 
     @model_validator(mode="after")
-    def _told_once(self) -> Samples:
+    def _told_once(self) -> "Samples":
         pair = self.real is not None and self.imag is not None
         if (self.dataset is not None) == pair or (self.real is None) != (self.imag is None):
             raise ValueError('give either dataset = "…" or both real = "…" and imag = "…"')
@@ -84,7 +82,7 @@ class Mapping(Config):
     position: Positions | None = None
 
     @model_validator(mode="after")
-    def _positions_of_the_axes(self) -> Mapping:
+    def _positions_of_the_axes(self) -> "Mapping":
         for name in ("tx", "rx", "position"):
             if (getattr(self, name) is not None) != (name in self.samples.axes):
                 raise ValueError(f'the table [{name}] is there if, and only if, samples.axes name "{name}"')

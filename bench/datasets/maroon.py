@@ -9,8 +9,6 @@ here, transforms there, and the antennas stay where they are. What the echoes ar
 `bench.datasets.maroon_frame`.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from functools import cached_property

@@ -17,8 +17,6 @@ It holds 4×4 matrices in row order under `SOURCE2DEST`, applied to columns [p, 
 - Their `spatial_alignment.transform` takes `SOURCE2DEST` if it is there, else `SOURCE2radar` and inverses.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The way back: a capture as one object at one distance of MAROON, for their tools and for tests of ours."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -98,11 +96,7 @@ def _write_surfaces(capture: NativeCapture, folder: Path) -> None:
             carried = transform.inverse().points(vertices_m), faces
             surfaces = {"synthetic": carried} | (surfaces or dict.fromkeys(("whole", "masked"), carried))
     for kind, (vertices_m, faces) in surfaces.items():
-        _write_obj(folder / PHOTOGRAMMETRY / MESHES[kind], vertices_m, faces)
-
-
-def _write_obj(file: Path, vertices_m: np.ndarray, faces: np.ndarray) -> None:
-    """Wavefront OBJ, to a nanometre."""
-    with atomic_path(file) as temporary, temporary.open("w", encoding="ascii") as stream:
-        np.savetxt(stream, vertices_m, "v %.9f %.9f %.9f")
-        np.savetxt(stream, faces + 1, "f %d %d %d")
+        file = folder / PHOTOGRAMMETRY / MESHES[kind]
+        with atomic_path(file) as temporary, temporary.open("w", encoding="ascii") as stream:
+            np.savetxt(stream, vertices_m, "v %.9f %.9f %.9f")  # to a nanometre
+            np.savetxt(stream, faces + 1, "f %d %d %d")

@@ -5,8 +5,6 @@ are `radar.data.arrays.qar50` in its order; their image is Σ xr·e^{+j2πfτ}, 
 and nothing is conjugated. Pairs of antennas that the radar could not use may be zero; they stay so.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Mask of the pixels of a depth map that MAROON scores: those in the object's box, away from the map's edges."""
 
-from __future__ import annotations
-
 import numpy as np
 
 FEWEST_PX = 10  # an erosion that leaves no more than these is tried again with a smaller kernel

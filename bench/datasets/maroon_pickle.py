@@ -5,8 +5,6 @@ numpy's own: stand-ins take the description of an array apart, check it, and bui
 Python's own unpickler is used because the one in C reserves memory for any number that a file mentions.
 """
 
-from __future__ import annotations
-
 import math
 import pickle
 import re

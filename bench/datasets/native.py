@@ -1,7 +1,5 @@
 """Capture folders: handbench's own form of one scene's data."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Scene files, turned into capture folders: echoes, photographs, cameras, board, true surface, description."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,14 +9,15 @@ import tomlkit
 
 from bench.datasets.native import DESCRIPTION, ECHOES, EMPTY, PHOTOS, TARGET, TRUE_TRANSFORM, TRUTH
 from bench.scenes.build import Scene
-from bench.scenes.echoes import echoes
-from bench.scenes.photo_effects import choose
+from bench.scenes.echoes import echo_scene, echoes
+from bench.scenes.photo_pilot import choose
 from bench.scenes.photographs import Studio
 from bench.scenes.scene_file import HandTarget, MeshTarget
 from groundtruth.board.board import save_board
 from groundtruth.cameras.cameras import Camera, load_pycolmap, save_cameras
 from groundtruth.mesh.mesh_files import write_mesh
 from radar.data.capture import save_capture
+from radar.simulation.effects.dielectric import lost
 from radar.simulation.selection import Choice
 from radar.support.files import atomic_folder, atomic_path, write_text
 from radar.support.parallel import for_each
@@ -32,7 +31,10 @@ def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple
     nothing. Returns the effects' rows."""
     with atomic_folder(folder) as temporary:
         say(f"{scene.file.name}: echoes")
-        simulated = echoes(scene, frames)
+        radar_scene = echo_scene(scene)
+        if without := lost(radar_scene):
+            say(f"{scene.file.name}: {without}")
+        simulated = echoes(scene, frames, radar_scene)
         save_capture(temporary / ECHOES, simulated.capture)
         if simulated.empty is not None:
             save_capture(temporary / EMPTY, simulated.empty)

@@ -1,7 +1,5 @@
 """The treatments that make methods equal, and the maps that a method has under one of them."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

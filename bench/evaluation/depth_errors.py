@@ -1,7 +1,5 @@
 """A depth map against a reference, pixel by pixel: errors along z and distances between the two surfaces."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bench.results.error_map import ErrorMap

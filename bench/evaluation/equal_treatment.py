@@ -5,8 +5,6 @@ pixels that every method sees, and the risk–coverage curve (El-Yaniv & Wiener 
 error of a method's strongest pixels over the share of the surface that they are, whatever the threshold.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

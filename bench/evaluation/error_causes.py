@@ -2,21 +2,54 @@
 
 An edge lies between two neighbouring pixels of which only one has a reference, or whose depths are more than JUMP_M
 apart. No slope is taken across an edge. What the image's border cuts off is no edge.
-"""
 
-from __future__ import annotations
+Reliability of a depth map's own σ: the share of the errors that its intervals hold, and the errors' likelihood.
+"""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from statistics import NormalDist
 
 import numpy as np
 import pandas as pd
 
-from bench.evaluation.reliability import reliability_lines
 from bench.results.error_map import ErrorMap
 from bench.results.tables import CAUSES, RELIABILITY, Schema, frame
 from radar.data.depthmap import DepthMap
+
+NOMINAL_PERCENT = (50, 68, 80, 90, 95, 99)
+
+
+def reliability_lines(depth: DepthMap, errors: ErrorMap) -> Iterator[dict[str, object]]:
+    """A capture's lines of RELIABILITY, for all pixels and for those that are not flagged as doubtful; none where the
+    map has no σ. The reference's σ is added in quadrature where it is known."""
+    if depth.sigma_m is None:
+        return
+    reference_m = np.full(errors.error_m.shape, np.nan) if errors.sigma_m is None else errors.sigma_m
+    sigma_mm = 1e3 * np.hypot(depth.sigma_m, np.nan_to_num(reference_m))
+    told = np.isfinite(errors.error_m) & np.isfinite(sigma_mm) & (sigma_mm > 0)
+    known = bool(np.isfinite(reference_m[told]).all())
+    sure = told if depth.wrapped is None else told & ~depth.wrapped
+    for pixels, chosen in (("all", told), ("not flagged", sure)):
+        error_mm, spread_mm = 1e3 * errors.error_m[chosen], sigma_mm[chosen]
+        facts = {"pixels": pixels, "reference_sigma": known, "n_pixels": len(error_mm)}
+        facts |= {"nll": negative_log_likelihood(error_mm, spread_mm)}
+        for nominal in NOMINAL_PERCENT:
+            yield facts | {"nominal_percent": nominal, "observed_percent": covered(error_mm / spread_mm, nominal)}
+
+
+def covered(deviations: np.ndarray, nominal_percent: float) -> float:
+    """Percentage of errors over their σ [n] that the normal interval of nominal_percent about 0 holds; NaN of none."""
+    reach = NormalDist().inv_cdf(0.5 + nominal_percent / 200)
+    return 100 * float(np.mean(np.abs(deviations) <= reach)) if len(deviations) else np.nan
+
+
+def negative_log_likelihood(error_mm: np.ndarray, sigma_mm: np.ndarray) -> float:
+    """Mean of −ln N(e; 0, σ²) of errors [n] in mm: ½ ln(2πe σ²) where all σ are equal and right; NaN of none."""
+    each = 0.5 * (np.log(2 * np.pi * sigma_mm**2) + (error_mm / sigma_mm) ** 2)
+    return float(each.mean()) if len(each) else np.nan
+
 
 JUMP_M = 5e-3  # a smooth surface that rises as much within 1 mm is inclined by 79°
 PALM_RADIUS_M = 22e-3  # two fingers side by side are 40 mm wide, a palm 70 to 100 mm
@@ -48,19 +81,15 @@ def explain(maps: Iterable[Scored]) -> dict[str, pd.DataFrame]:
     """The tables CAUSES and RELIABILITY of scored maps, those of a capture one after another: figures are formed for
     each capture and averaged over those that have pixels there, which are counted over all."""
     causes, reliability, last, surface = [], [], None, {}
+    places = ("x_m", "y_m", "reference_z_m")
     for one in maps:
         told = {"reference": one.reference, "method": one.method}
-        if last is None or not _same_surface(last.errors, one.errors):
-            last, surface = one, surface_causes(one.errors.x_m, one.errors.y_m, one.errors.reference_z_m)
+        here = [getattr(one.errors, name) for name in places]
+        if last is None or not all(np.array_equal(*both, equal_nan=True) for both in zip(last, here, strict=True)):
+            last, surface = here, surface_causes(*here)
         causes += [told | line for line in cause_lines(one, surface)]
         reliability += [told | line for line in reliability_lines(one.depth, one.errors)]
     return {"causes": _averaged(causes, CAUSES), "reliability": _averaged(reliability, RELIABILITY)}
-
-
-def _same_surface(a: ErrorMap, b: ErrorMap) -> bool:
-    return all(
-        np.array_equal(getattr(a, name), getattr(b, name), equal_nan=True) for name in ("x_m", "y_m", "reference_z_m")
-    )
 
 
 def _averaged(lines: list[dict[str, object]], schema: Schema) -> pd.DataFrame:

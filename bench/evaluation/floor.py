@@ -5,8 +5,6 @@ hang together. How far it scatters about that does depend on it: the registratio
 that it carries, by one rigid motion; a mesh errs by patches.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -19,12 +17,6 @@ ABSOLUTE = np.sqrt(2 / np.pi)  # mean of |e| over σ, for a normal e
 PARTS = ("mesh", "registration")
 BLOCK_M = 0.015  # a mesh errs alike over three lateral resolutions of the paper's aperture
 SPAN = 1 << 20  # more blocks than a row can have
-
-
-def block_numbers(m: ErrorMap) -> np.ndarray:
-    """The number [ny, nx] of the spatial block of BLOCK_M in which each pixel lies: SPAN · row + column."""
-    column, row = (np.floor(axis / BLOCK_M + 1e-9).astype(np.int64) for axis in (m.x_m, m.y_m))
-    return SPAN * row[:, None] + column
 
 
 def floor_mm(maps: Sequence[ErrorMap], references: Sequence[Reference]) -> float | None:
@@ -72,7 +64,8 @@ def floor_interval(
 def _absolute_sum_m(m: ErrorMap, r: Reference, motions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Sum [draws] of |e| over a capture's observed pixels, for errors `motions` [draws, 6 or 7] of the registration."""
     observed = np.isfinite(m.error_m)
-    names, block = np.unique(block_numbers(m)[observed], return_inverse=True)
+    column, row = (np.floor(axis / BLOCK_M + 1e-9).astype(np.int64) for axis in (m.x_m, m.y_m))
+    names, block = np.unique((SPAN * row[:, None] + column)[observed], return_inverse=True)
     patches = rng.standard_normal((len(motions), len(names)))
     assert r.leverage is not None  # comes with the registration
     leverage, mesh_sigma_m = r.leverage[observed].T, r.mesh_sigma_m[observed]

@@ -1,7 +1,5 @@
 """The metrics: each one's unit, direction and definition, and its value for a depth map."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +9,6 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from bench.evaluation.depth_errors import error_map
 from bench.results.about import HEADLINE as HEADLINE
 from bench.results.error_map import ErrorMap as ErrorMap
 
@@ -34,22 +31,10 @@ class Metric:
     paper: dict[str, float] = field(default_factory=dict)
 
 
-def _registry() -> dict[str, Metric]:
-    """The metrics of metrics.toml, which defines them in the order of the tables."""
-    known = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
-    return {key: Metric(key, **facts) for key, facts in known.items()}
-
-
-METRICS = _registry()
+_KNOWN = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))  # in the order of the tables
+METRICS = {key: Metric(key, **facts) for key, facts in _KNOWN.items()}
 TITLES: dict[str, str] = tomllib.loads(Path(__file__).with_name("titles.toml").read_text("utf-8"))  # of methods, by id
 PAPER = {(m.key, method): value for m in METRICS.values() for method, value in m.paper.items()}  # and its figures
-
-
-def score(z_m: np.ndarray, reference_z_m: np.ndarray) -> Values:
-    """Metrics of one depth map against a reference of its shape, metres, on pixels of 1 mm; NaN: not observed, no
-    surface."""
-    y_m, x_m = (1e-3 * np.arange(n) for n in z_m.shape)
-    return pool([error_map(x_m, y_m, z_m, reference_z_m, met=np.isfinite(reference_z_m))])
 
 
 def terms(m: ErrorMap) -> Terms:

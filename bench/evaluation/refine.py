@@ -9,8 +9,6 @@ What it aligns to is the radar itself: a bias of the radar is taken for a motion
 calls this; whoever does says so in the transform that comes of it.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple

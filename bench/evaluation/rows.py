@@ -1,7 +1,5 @@
 """The lines of the table: each figure with its interval, its unit and the paper's figure."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -3,8 +3,6 @@
 A protocol is named and versioned in every result. Figures of two protocols, or of two versions, do not compare.
 """
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path

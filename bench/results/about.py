@@ -1,7 +1,5 @@
 """Content of result.json: names, facts of captures, methods and metrics, failures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, Literal
 

@@ -4,8 +4,6 @@ compare.json  both sides, the basis, every difference, times and what differs in
 compare.csv   one line a method, metric and reference: `DIFFERENCES` in `bench.results.tables`
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Signed errors of a depth map, as a result folder keeps them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Maps and photographs of a result folder: depths, signed errors, small pictures, and where each lies."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import asdict, dataclass
 from pathlib import Path

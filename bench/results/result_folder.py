@@ -1,7 +1,5 @@
 """The result folder as a whole: written by the runner, read by the reports."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any

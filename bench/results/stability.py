@@ -5,8 +5,6 @@ stability.json   schema_version, tables beside the cases (float32 errors, amplif
                  versions, machine
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, Literal
 

@@ -4,8 +4,6 @@ written here as pandas DataFrames.
 A figure that is not known is NaN in a DataFrame and an empty cell in a file. Text is never missing: it may be empty.
 """
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -7,8 +7,6 @@ config.toml     the benchmark with its sweep, resolved
 settings/       NAME.toml: each imaging setting as a benchmark that `handbench run` takes
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass

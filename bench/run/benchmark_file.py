@@ -1,7 +1,5 @@
 """Benchmark files: what a run does, and the protocol by which it is scored."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -44,7 +42,7 @@ class Origin(Config):
     photos: bool = True
 
     @model_validator(mode="after")
-    def _one_of_both(self) -> Origin:
+    def _one_of_both(self) -> "Origin":
         if (self.scene is None) == (self.path is None):
             raise ValueError('give either scene = "FILE.toml" or path = "CAPTURE_FOLDER"')
         return self
@@ -59,12 +57,12 @@ class Source(Origin):
     persons: Persons | None = None
 
     @model_validator(mode="after")
-    def _persons_of_a_scene(self) -> Source:
+    def _persons_of_a_scene(self) -> "Source":
         if self.persons and self.scene is None:
             raise ValueError('persons need a scene; give scene = "FILE.toml" instead of path')
         return self
 
-    def each(self) -> tuple[Source, ...]:
+    def each(self) -> "tuple[Source, ...]":
         """Its captures, one a person."""
         return tuple(self.model_copy(update={"persons": (one,)}) for one in self.persons or ()) or (self,)
 
@@ -131,13 +129,13 @@ class BenchFile(Config):
         return [given] if isinstance(given, dict) else given
 
     @model_validator(mode="after")
-    def _something_to_run(self) -> BenchFile:
+    def _something_to_run(self) -> "BenchFile":
         if not self.capture and not self.dataset:
             raise ValueError("there is nothing to run; add [[capture]] or [[dataset]]")
         return self
 
     @model_validator(mode="after")
-    def _something_to_measure(self) -> BenchFile:
+    def _something_to_measure(self) -> "BenchFile":
         measures = [source.measures for source in self.capture] + [found.measures for found in self.dataset or ()]
         if not any("accuracy" in measured for measured in measures):
             raise ValueError("no capture measures the accuracy, without which there is no table; add one that does")
@@ -146,7 +144,7 @@ class BenchFile(Config):
         return self
 
     @model_validator(mode="after")
-    def _known_methods(self) -> BenchFile:
+    def _known_methods(self) -> "BenchFile":
         ids = [entry.id for entry in self.method]
         for entry in self.method:
             if ids.count(entry.id) > 1:

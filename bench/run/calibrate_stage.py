@@ -1,7 +1,5 @@
 """The stage that registers the sensors: captures of one target, photographed and imaged → radar_from_photo."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -62,7 +62,8 @@ class Cluster:
         """See `Executor`."""
         from distributed import as_completed
 
-        size = self._group_size(len(jobs))
+        threads = max(sum(self.client.nthreads().values()), 1)
+        size = min(max(len(jobs) // (GROUPS_A_THREAD * threads), 1), LARGEST_GROUP)
         waiting = [tuple(range(first, min(first + size, len(jobs)))) for first in range(0, len(jobs), size)][::-1]
         groups: dict[str, Group] = {}  # those that the scheduler knows of
 
@@ -86,10 +87,6 @@ class Cluster:
                     ending.update(submit())
         finally:
             self.client.cancel(list(ending.futures))
-
-    def _group_size(self, jobs: int) -> int:
-        threads = sum(self.client.nthreads().values())
-        return min(max(jobs // (GROUPS_A_THREAD * max(threads, 1)), 1), LARGEST_GROUP)
 
     def _outcomes(
         self, ended: list[tuple[Group, Future]], jobs: Sequence[Stage]

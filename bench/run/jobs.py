@@ -5,8 +5,6 @@ rounds, `sparse` and `dense`; then `calibration`, `meshing` and `imaging`, which
 `scoring`, of the captures that have a reference.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from bench.datasets.dataset import open_capture

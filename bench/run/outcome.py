@@ -1,7 +1,5 @@
 """The outcome of a run: what its stages have found, and the captures and methods that its table stands on."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """A capture's photographs, as a run and `handbench calibrate` reconstruct them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The stage that images a capture by one method: echoes → depth map, and the time that it took."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from statistics import median

@@ -1,7 +1,5 @@
 """The stage that images a capture's repeats by one method: how far the depths scatter."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -4,8 +4,6 @@ The stages run in the rounds of `bench.run.jobs`. Whoever carries them out, the 
 table is made of these. What fails is said, recorded and done without.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
@@ -164,7 +162,9 @@ class Run:
                     frames = max(frames, self.bench.repeats)
                 stage = plan.opening(self.bench, self.base, source, frames, photos="accuracy" in source.measures)
                 opening.append((source, stage))
-        _check_names([stage.capture for _, stage in opening])
+        names = [stage.capture for _, stage in opening]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise HandbenchError(f"capture: two captures are named '{twice[0]}'; give each its own name")
         for target in self.bench.calibration:
             opening.append((target, plan.opening(self.bench, self.base, target, frames=1)))
         captures: list[Capture] = []
@@ -235,12 +235,6 @@ def references(
             "(radar_from_photo.json or the benchmark's [calibration]), or truth.ply"
         )
     return {name: available[name] for name in REFERENCES if name in available}
-
-
-def _check_names(names: list[str]) -> None:
-    for name in names:
-        if names.count(name) > 1:
-            raise HandbenchError(f"capture: two captures are named '{name}'; give each its own name")
 
 
 def _task(stage: Stage, stamp: Stamp, cached: bool, folder: Path) -> outcome.Line:

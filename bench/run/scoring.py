@@ -7,8 +7,6 @@ frames.json   reference → method → metric → its figure in each frame
 alike.json    reference → treatment → method → "figures" and "curve_mm" of `bench.evaluation.equal_treatment`
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

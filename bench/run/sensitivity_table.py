@@ -12,8 +12,6 @@ draws from the values where there are none between them (windows, materials). A 
 benchmark has it.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal

@@ -1,7 +1,5 @@
 """The stage that simulates a scene: its description → a capture folder."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -13,8 +13,6 @@ several keys multiply. A value may itself be a list (tones_hz = [[…], […]]).
 key, with commas: "x.step_m,y.step_m".
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cache

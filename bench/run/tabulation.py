@@ -1,7 +1,5 @@
 """The tables of a run: figures with their intervals, comparisons, and both under equal treatment."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -71,7 +69,9 @@ def tabulate(outcome: Outcome, on: Basis, figures: Figures) -> pd.DataFrame:
         if entry.precision and precise and "precision_mm" in chosen.metrics:
             several = [name for name in precise if (name, method) in outcome.deviations]
             spread = deviations(outcome, several, method) if several else None
-            rows.append(precision_rows(method, reference, _strongest(repeats, precise, method), spread))
+            mine = repeats[repeats.method == method]
+            strongest_m = [mine.z_m[mine.capture == name].to_numpy() for name in precise]
+            rows.append(precision_rows(method, reference, strongest_m, spread))
         seconds = [s for capture in on.all_captures for s in outcome.seconds.get((capture.name, method), [])]
         rows.append(time_rows(method, reference, seconds, seed))
     table = pd.concat(rows)
@@ -152,9 +152,3 @@ def _titles(on: Basis) -> dict[str, str]:
 def _kept(outcome: Outcome, capture: str, file: str) -> Any:
     """The content of a JSON file that the stage that scored a capture left."""
     return read_json(outcome.scores[capture] / file, "a scored capture's figures")
-
-
-def _strongest(repeats: pd.DataFrame, names: list[str], method_id: str) -> list[np.ndarray]:
-    """Each capture's depths of the strongest scatterer [repeats]."""
-    mine = repeats[repeats.method == method_id]
-    return [mine.z_m[mine.capture == name].to_numpy() for name in names]

@@ -1,7 +1,5 @@
 """A worker's part: it finds the folder of a stage ready, or makes it, and answers with a small record."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import dataclass
 from functools import cache

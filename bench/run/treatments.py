@@ -1,7 +1,5 @@
 """Depth maps for equal treatment: a method's map again, with every averaging filter as wide as all others'."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,7 +14,7 @@ from radar.support.files import read_npz, write_npz
 
 ALIKE = "alike.npz"
 FILTERS, DROPS = "_filter_px", "drop_"  # end and beginning of a configuration's names
-THRESHOLD, TOLERANCE = "threshold_db", "tolerance"
+THRESHOLD, TOLERANCE, VOLUME = "threshold_db", "tolerance", "z"
 
 
 def write_treated(folder: Path, image: Callable[[Config], DepthMap], settings: Config, own: DepthMap) -> None:
@@ -32,7 +30,7 @@ def write_treated(folder: Path, image: Callable[[Config], DepthMap], settings: C
             changed: dict[str, Any] = {**kept, **dict.fromkeys(filters, size_px)}
             if opened and THRESHOLD in known:
                 changed[THRESHOLD] = min(OPEN_DB, getattr(settings, THRESHOLD))
-            if opened and filters and TOLERANCE in known:
+            if opened and filters and TOLERANCE in known and VOLUME not in known:
                 changed[TOLERANCE] = None  # weak pixels' depths are so wild that a plan of their box costs more
             config = settings.model_copy(update=changed)
             if (key := config.model_dump_json()) not in made:

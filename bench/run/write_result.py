@@ -1,7 +1,5 @@
 """The result folder of a run: everything scored, then written."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from itertools import product
@@ -48,7 +46,10 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
             about_map = name, entry.id, reference
             _copy(results.errors_path(outcome.scores[name], *about_map), results.errors_path(folder, *about_map))
             if entry is on.methods[0]:  # references are drawn on the first method's grid
-                results.write_surface(folder, name, reference, _surface(outcome, *about_map))
+                on_grid = [name], entry.id, reference
+                error, known = errors(outcome, *on_grid)[0], surfaces(outcome, *on_grid)[0]
+                surface = Surface(error.x_m, error.y_m, known.z_m, known.sigma_m)
+                results.write_surface(folder, name, reference, surface)
     for capture in on.captures:
         if capture.name in outcome.views:
             results.write_photo(folder, capture.name, outcome.views[capture.name])
@@ -72,12 +73,6 @@ def _scored(outcome: Outcome, on: Basis) -> Iterator[Scored]:
 def _copy(source: Path, path: Path) -> None:
     with atomic_path(path) as temporary:
         shutil.copyfile(source, temporary)
-
-
-def _surface(outcome: Outcome, capture: str, method: str, reference: str) -> Surface:
-    """The reference on the method's grid."""
-    error, found = errors(outcome, [capture], method, reference)[0], surfaces(outcome, [capture], method, reference)[0]
-    return Surface(error.x_m, error.y_m, found.z_m, found.sigma_m)
 
 
 def about(outcome: Outcome, on: Basis, captures: pd.DataFrame) -> About:

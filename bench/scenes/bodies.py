@@ -1,7 +1,5 @@
 """Bodies in view of the cameras: target, printed plate and block with their reflectances, in the photo frame."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

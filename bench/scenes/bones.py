@@ -5,8 +5,6 @@ the thumb lies on the -x side. The hand frame has the same origin; the pose's tu
 (without a turn both are one). Metres.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,12 +51,12 @@ class Bone:
         lateral = np.cross(self.axis, self.palmar)
         return self.start_m + along_m * self.axis + palmar_m * self.palmar + lateral_m * lateral
 
-    def child(self, flexion_deg: float, length_m: float) -> Bone:
+    def child(self, flexion_deg: float, length_m: float) -> "Bone":
         """The next bone outwards, bent towards the palm."""
         c, s = np.cos(np.radians(flexion_deg)), np.sin(np.radians(flexion_deg))
         return Bone(self.end_m, c * self.axis + s * self.palmar, c * self.palmar - s * self.axis, length_m)
 
-    def turned(self, rotation: np.ndarray) -> Bone:
+    def turned(self, rotation: np.ndarray) -> "Bone":
         """The bone after a rotation [3, 3] about the origin."""
         return Bone(rotation @ self.start_m, rotation @ self.axis, rotation @ self.palmar, self.length_m)
 

@@ -1,10 +1,7 @@
 """Scenes with their true geometry, built from scene files."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,9 +29,7 @@ from groundtruth.mesh.mesh_files import mesh, read_mesh
 from radar.support.config import load
 from radar.support.errors import HandbenchError
 from radar.support.files import inside
-
-if TYPE_CHECKING:
-    import open3d as o3d
+from radar.support.rays import TriangleMesh
 
 CROP_MARGIN_M = 0.004
 BLOCK_GAP_M = 0.003  # the crop box ends this far above the block
@@ -49,7 +44,7 @@ class Scene:
     [2, 3], likewise in the photo frame, is what the forearm stands on (None for other targets and raised forearms)."""
 
     file: SceneFile
-    target_mesh: o3d.geometry.TriangleMesh  # radar frame
+    target_mesh: TriangleMesh  # radar frame
     radar_from_target: Transform
     radar_from_photo: Transform
     board: Board
@@ -122,7 +117,7 @@ def named_files(file: SceneFile, folder: str | Path) -> list[Path]:
     return paths
 
 
-def _surface(spec: AnyTarget, target: Target | None, folder: Path) -> o3d.geometry.TriangleMesh:
+def _surface(spec: AnyTarget, target: Target | None, folder: Path) -> TriangleMesh:
     match spec:
         case HandTarget():
             return hand_mesh(spec.angles, spec.edge_m, spec.build)
@@ -140,7 +135,7 @@ def _surface(spec: AnyTarget, target: Target | None, folder: Path) -> o3d.geomet
     return spheres(target)
 
 
-def spheres(target: Target) -> o3d.geometry.TriangleMesh:
+def spheres(target: Target) -> TriangleMesh:
     """The foam spheres' surfaces as one mesh in the target's frame, flat to 0.01 mm."""
     whole = mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32))
     for element in target.element:

@@ -1,7 +1,5 @@
 """The radar half of a scene: bodies, balls and causes for `radar.effects`, and the echoes that come of them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bench.scenes.bones import palmar
@@ -20,9 +18,9 @@ from radar.support.files import inside
 ROOM_STEP_M = 5e-3
 
 
-def echoes(scene: Scene, frames: int = 1) -> SimulatedCapture:
+def echoes(scene: Scene, frames: int = 1, radar_scene: EchoScene | None = None) -> SimulatedCapture:
     """The scene's echoes with the effects that its file asks for; frames differ in what is random in time alone."""
-    radar_scene, stand = echo_scene(scene), scene.file.stand
+    radar_scene, stand = radar_scene or echo_scene(scene), scene.file.stand
     simulated = simulate_scene(radar_scene, choices(scene, radar_scene), frames, empty=stand.empty or stand.subtract)
     return simulated.subtracted() if stand.subtract else simulated
 

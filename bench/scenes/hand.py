@@ -1,10 +1,7 @@
 """A parametric hand: skin as the zero set of round cones laid over a posed skeleton, melted together."""
 
-from __future__ import annotations
-
 import itertools
 from functools import lru_cache, reduce
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,9 +20,7 @@ from bench.scenes.hand_pose import Pose, WristPose
 from bench.scenes.implicit import Field, round_cone, smooth_minimum, smooth_union, zero_set
 from bench.scenes.people import MEAN, Person
 from groundtruth.mesh.mesh_files import mesh
-
-if TYPE_CHECKING:
-    import open3d as o3d
+from radar.support.rays import TriangleMesh
 
 # Flesh radii of each digit, millimetres: at the base of the proximal phalanx, its joints, and the tip.
 RADII_MM = {
@@ -43,7 +38,7 @@ CONTACT_MM, WEB_MM = 2.5, 11.0  # blend of fingers that merely touch (a narrow g
 WEB_REACH_MM = {name: (14.0, 34.0) for name in FINGERS} | {"thumb": (6.0, 22.0)}  # the web fades, from the knuckle
 
 
-def hand_mesh(pose: Pose, edge_m: float = 1e-3, person: Person = MEAN) -> o3d.geometry.TriangleMesh:
+def hand_mesh(pose: Pose, edge_m: float = 1e-3, person: Person = MEAN) -> TriangleMesh:
     """The skin of a right hand in the hand frame (origin at the palm's centre; without a turn +y towards the
     fingertips, palm facing -z), metres: closed, one component, outward-oriented, edges of about `edge_m`."""
     vertices_m, faces = _skin(pose, edge_m, person)

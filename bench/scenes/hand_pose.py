@@ -4,8 +4,6 @@ letters.toml holds.
 The bounds are those of a supple healthy hand: what no hand can do is refused.
 """
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import Annotated

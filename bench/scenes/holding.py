@@ -1,7 +1,5 @@
 """A letter as a person holds it: joint angles at which the digits touch where the mean hand's do, and nowhere else."""
 
-from __future__ import annotations
-
 import itertools
 from functools import cache
 

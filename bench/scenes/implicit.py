@@ -1,7 +1,5 @@
 """Implicit surfaces: signed distances, smooth unions, and the zero set as a well-shaped mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

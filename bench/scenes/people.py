@@ -12,8 +12,6 @@ thickness) that breadth does not tell 4 %, each finger's own 1.5 %, the palm's o
 (`placement`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

@@ -3,8 +3,6 @@
 What real photographs add can be switched on: highlights, speckle, defocus, motion blur, spread of the exposures.
 """
 
-from __future__ import annotations
-
 from copy import copy
 
 import numpy as np
@@ -12,9 +10,8 @@ import numpy as np
 from bench.scenes.bodies import Body, bodies, texture_seed
 from bench.scenes.build import Scene
 from bench.scenes.highlights import mirrored
-from bench.scenes.lamps import LAMPS, Light, bake, sunflower
+from bench.scenes.lamps import LAMPS, Light, Projector, bake, sunflower
 from bench.scenes.lens import ThinLens, blur_by_discs, line_kernel, near_edges
-from bench.scenes.projector import Projector
 from bench.scenes.scene_file import Photos
 from bench.scenes.sensor import MOTION, develop, generator
 from groundtruth.cameras.cameras import Camera
@@ -43,7 +40,7 @@ class Studio:
             self.rays.add_triangles(body.vertices_m.astype(np.float32), body.faces.astype(np.uint32))
         self.light = [bake(self.rays, body) for body in self.bodies]
 
-    def taking(self, photos: Photos) -> Studio:
+    def taking(self, photos: Photos) -> "Studio":
         """The same lit scene, photographed with other effects."""
         result = copy(self)
         result.photos, result.projector = photos, _projector(self.scene, photos, self.aim_m)

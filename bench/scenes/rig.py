@@ -1,7 +1,5 @@
 """Eight calibrated cameras on the radar's side, around the radar."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -1,7 +1,5 @@
 """The content of a scene file: target, radar, cameras and stand, and the effects that its echoes show."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -12,7 +10,7 @@ from bench.scenes.hand_pose import POSES, Pose
 from bench.scenes.holding import held
 from bench.scenes.people import MOST_PEOPLE, Person, person, placement
 from calibration.transforms import Transform
-from radar.simulation.causes import Causes, Motion, Noise, SensorFaults
+from radar.simulation.causes import Causes, Motion, Noise, Roughness, SensorFaults
 from radar.simulation.scene import DEPTH_STEP_HZ, Material
 from radar.simulation.selection import check_names
 from radar.support.config import Config, Name, suggest
@@ -39,13 +37,13 @@ class _Placed(Config):
 
 
 class _Solid(_Placed):
-    """A target of one material."""
+    """A target of one material, whose surface has relief that its mesh does not show."""
 
     material: Material = Material()
+    roughness: Roughness = Roughness()
 
 
-def _pose_kind(pose: Any) -> str:
-    return "letter" if isinstance(pose, str) else "Pose"
+_POSE_KIND = Discriminator(lambda pose: "letter" if isinstance(pose, str) else "Pose")
 
 
 class HandTarget(_Solid):
@@ -53,7 +51,7 @@ class HandTarget(_Solid):
     range of its palm's mid-plane; `person`: whose hand, by number; 0 is the mean hand."""
 
     kind: Literal["hand"]
-    pose: Annotated[Annotated[str, Tag("letter")] | Annotated[Pose, Tag("Pose")], Discriminator(_pose_kind)]
+    pose: Annotated[Annotated[str, Tag("letter")] | Annotated[Pose, Tag("Pose")], _POSE_KIND]
     distance_m: float = Field(default=0.31, gt=0, le=100)
     offset_m: tuple[Offset, Offset] = (0.0, -0.030)
     edge_m: float = Field(default=1e-3, ge=5e-4, le=5e-3)
@@ -141,7 +139,7 @@ class Sensor(SensorFaults):
     polarisation_deg: float = Field(default=90.0, ge=-360, le=360)  # of the antennas' field, from x towards y
 
     @model_validator(mode="after")
-    def _some_tone(self) -> Sensor:
+    def _some_tone(self) -> "Sensor":
         if not self.sweep and not self.tones_hz:
             raise ValueError("expected a sweep or tones_hz; the radar measures nothing")
         return self
@@ -229,7 +227,7 @@ class SceneFile(Config):
         return effects
 
     @model_validator(mode="after")
-    def _step_below_the_tones(self) -> SceneFile:
+    def _step_below_the_tones(self) -> "SceneFile":
         highest_hz = self.sensor.frequencies_hz.max()
         if self.depth_step_hz >= highest_hz:
             raise ValueError(
@@ -237,7 +235,7 @@ class SceneFile(Config):
             )
         return self
 
-    def of_person(self, number: int) -> SceneFile:
+    def of_person(self, number: int) -> "SceneFile":
         """The scene with a person's hand, placed as that person stands, with a name and a seed of its own. Another
         target than a hand is a HandbenchError."""
         if not isinstance(self.target, HandTarget):
@@ -261,7 +259,8 @@ class SceneFile(Config):
     def causes(self) -> Causes:
         """Everything that effects may come from."""
         faults = {name: getattr(self.sensor, name) for name in SensorFaults.model_fields}
-        return Causes(noise=self.noise, motion=self.target.motion, **faults)
+        rough = self.target.roughness if isinstance(self.target, _Solid) else Roughness()
+        return Causes(noise=self.noise, motion=self.target.motion, roughness=rough, **faults)
 
 
 def name_of_person(scene: str, number: int) -> str:

@@ -1,7 +1,5 @@
 """Sensor of the camera: exposure, photon and read noise, white balance, 8-bit sRGB."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bench.scenes.scene_file import Photos

@@ -1,38 +1,37 @@
 """Targets with a closed form: sphere, plate and dihedral, as closed meshes in the target's frame, metres."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from bench.scenes.stand import cuboid
 from groundtruth.mesh.mesh_files import mesh
 from radar.simulation.physics.facets import MOST_FACETS
 from radar.support.errors import HandbenchError
-from radar.support.rays import load_open3d
-
-if TYPE_CHECKING:
-    import open3d as o3d
+from radar.support.rays import TriangleMesh, load_open3d
 
 BACK_M = 5e-3  # thickness of a dihedral behind its fold
 
 
-def sphere_mesh(radius_m: float, edge_m: float) -> o3d.geometry.TriangleMesh:
+def sphere_mesh(radius_m: float, edge_m: float) -> TriangleMesh:
     """A sphere about the origin."""
     _check_faces(4 * np.pi * radius_m**2, edge_m)
     resolution = max(8, int(np.ceil(np.pi * radius_m / edge_m)))
     return load_open3d().geometry.TriangleMesh.create_sphere(radius_m, resolution=resolution)
 
 
-def plate_mesh(width_m: float, height_m: float, thickness_m: float, edge_m: float) -> o3d.geometry.TriangleMesh:
+def cylinder_mesh(radius_m: float, length_m: float, around: int, along: int) -> TriangleMesh:
+    """A closed cylinder about the y axis, in so many steps around and along it."""
+    made = load_open3d().geometry.TriangleMesh.create_cylinder(radius_m, length_m, around, along)
+    return mesh(np.asarray(made.vertices)[:, [1, 2, 0]], np.asarray(made.triangles))  # its axis is z
+
+
+def plate_mesh(width_m: float, height_m: float, thickness_m: float, edge_m: float) -> TriangleMesh:
     """A plate whose front is z = 0, facing -z."""
     _check_faces(2 * width_m * height_m, edge_m)
     half = np.array([width_m, height_m]) / 2
     return mesh(*cuboid(np.array([[*-half, 0.0], [*half, thickness_m]]), edge_m))
 
 
-def dihedral_mesh(side_m: float, edge_m: float) -> o3d.geometry.TriangleMesh:
+def dihedral_mesh(side_m: float, edge_m: float) -> TriangleMesh:
     """A block with a notch of 90° that opens towards -z; its fold is the y axis, its flanks are side_m × side_m."""
     _check_faces(4 * side_m**2, edge_m)
     reach, half = side_m / np.sqrt(2), side_m / 2

@@ -1,7 +1,5 @@
 """The marks that photographs show on a hand: flexion creases, the lines of the palm, nails."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 Photo frame: the board's frame; origin at the plate's centre, the print in x and y, z towards the cameras. Metres.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from groundtruth.board.board import Board, Marker

@@ -1,7 +1,5 @@
 """The tables of a study: records of plain values, columns (columns.toml) that say what they hold, both as Markdown."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +17,7 @@ def columns(name: str) -> tuple[Column, ...]:
     return SCHEMAS[name].columns
 
 
-def rows(study: str) -> Callable[[list[Record]], list[Table]]:
+def rows(study: str) -> "Callable[[list[Record]], list[Table]]":
     """A study's one table: of all records, by the columns STUDY.rows."""
     return lambda records: [Table("rows", columns(f"{study}.rows"), records)]
 

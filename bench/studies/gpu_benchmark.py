@@ -4,8 +4,6 @@ The echoes are those of a bumpy surface at 0.28 m; grid, tones and array are the
 the processor, numpy in CuPy's place.
 """
 
-from __future__ import annotations
-
 import statistics
 import time
 from collections.abc import Callable

@@ -5,8 +5,6 @@ table shows the fitted value; --repeats takes more draws than the benchmark does
 many.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

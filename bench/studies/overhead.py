@@ -5,8 +5,6 @@ small files of a stage: a first run, and a second one, whose tasks are all cache
 each with maps of a hand's size.
 """
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Iterator, Sequence

@@ -2,10 +2,7 @@
 onto the true surface changes in the echoes and in the depths that three tones tell: the table of docs/hand.md.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,10 +16,7 @@ from groundtruth.mesh.mesh_files import mesh, raycasting_scene
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from radar.imaging.cpu.exact import tone_images
 from radar.simulation.forward import Scatterers, simulate
-from radar.support.rays import load_open3d
-
-if TYPE_CHECKING:
-    import open3d as o3d
+from radar.support.rays import TriangleMesh, load_open3d
 
 TONES_HZ = np.array([79.5e9, 81.8e9, 82.0e9])  # of 3-FSK
 DEPTH_M_PER_RAD = SPEED_OF_LIGHT_M_S / (4 * np.pi * (TONES_HZ[-1] - TONES_HZ[0]))  # 9.5 mm
@@ -46,11 +40,11 @@ def study(work: Path, letters: str, edge_mm: float) -> Study:
 def smoothness(pose: Pose, edge_m: float = 1e-3) -> Record:
     """The figures of a pose's mesh: see COLUMNS."""
     surface = hand_mesh(pose, edge_m)
-    vertices_m = np.asarray(surface.vertices)
-    angles_deg, ends = facet_angles(vertices_m, np.asarray(surface.triangles))
+    vertices_m, faces = np.asarray(surface.vertices), np.asarray(surface.triangles)
+    angles_deg, ends = facet_angles(vertices_m, faces)
     echo_change, depth_change_m = radar_change(surface, subdivided(surface, pose))
     return {
-        "crossing": crossing_facets(surface),
+        "crossing": crossing_faces(vertices_m, faces),
         "largest_deg": float(angles_deg.max()),
         "permille_deg": float(np.percentile(angles_deg, 99.9)),
         "where": parts_at(pose, vertices_m[ends[angles_deg.argmax()]].mean(axis=0)),
@@ -73,18 +67,13 @@ def facet_angles(vertices_m: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray,
     return 2 * np.degrees(np.arcsin(np.minimum(chord / 2, 1))), edges[first]
 
 
-def crossing_facets(surface: o3d.geometry.TriangleMesh) -> int:
-    """The number of facets that cut another one."""
-    return crossing_faces(np.asarray(surface.vertices), np.asarray(surface.triangles))
-
-
-def subdivided(surface: o3d.geometry.TriangleMesh, pose: Pose) -> o3d.geometry.TriangleMesh:
+def subdivided(surface: TriangleMesh, pose: Pose) -> TriangleMesh:
     """Every facet split into four, the new vertices moved onto the pose's true surface."""
     finer = surface.subdivide_midpoint(1)
     return mesh(project(hand_field(pose), np.asarray(finer.vertices)), np.asarray(finer.triangles))
 
 
-def radar_change(one: o3d.geometry.TriangleMesh, other: o3d.geometry.TriangleMesh) -> tuple[float, float]:
+def radar_change(one: TriangleMesh, other: TriangleMesh) -> tuple[float, float]:
     """Relative change of the echoes and root-mean-square change of the depths, metres, from one hand to the other."""
     array, surfaces = qar50(), [visible_facets(one), visible_facets(other)]
     samples = np.stack([simulate(facets, TONES_HZ, array) for facets in surfaces])
@@ -97,7 +86,7 @@ def radar_change(one: o3d.geometry.TriangleMesh, other: o3d.geometry.TriangleMes
     return float(echo_change), float(np.sqrt((depth_m**2).mean()))
 
 
-def visible_facets(surface: o3d.geometry.TriangleMesh) -> Scatterers:
+def visible_facets(surface: TriangleMesh) -> Scatterers:
     """Facets that face the array's centre and are not in another's shadow, split to a quarter of the wavelength."""
     surface = load_open3d().geometry.TriangleMesh(surface).translate(HAND_M)
     surface.compute_vertex_normals()

@@ -1,7 +1,7 @@
 """One study: cases → measure(case) → tables, a figure and a page, with what they stand on.
 
-A study's folder holds what is its own: cases.py (data), measure.py (a function of one case, and the columns of what it
-returns) and figure.py. `run` does the rest: progress, the failures of single cases, and the files.
+A study's folder holds what is its own: cases.py (data) and measure.py (a function of one case, the columns of what it
+returns, the figure). `run` does the rest: progress, the failures of single cases, and the files.
 
 STEM.csv         the first table, values as they are
 STEM.json        study, command, seed, minutes, load, machine, versions, definitions of columns, every table, failures
@@ -9,15 +9,16 @@ STEM.md          the page: the tables as a person reads them, failures, and what
 STEM.png, .pdf   the figure, where there is one
 """
 
-from __future__ import annotations
-
 import os
 import time
 import traceback
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
+
+import pandas as pd
+from matplotlib.figure import Figure
 
 from bench.studies.columns import Record, Table
 from radar.imaging.device import describe
@@ -27,10 +28,6 @@ from radar.support.files import atomic_path, write_json, write_text
 from radar.support.progress import say, track
 from radar.support.store import versions
 from radar.warmup import compile_kernels
-
-if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.figure import Figure
 
 Key = TypeVar("Key", bound=Hashable)
 T = TypeVar("T")

@@ -1,7 +1,5 @@
 """Problems of capture folders."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -11,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from bench.datasets.native import ARRAY, ECHOES, EMPTY, MESH, PHOTOS, TARGET, TRANSFORM, TRUTH, CaptureFile
-from bench.validation.file_lines import Location
-from bench.validation.problems import Found, Problem, Sheet, attempt, parsed
+from bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed
 from calibration.array.array_file import load_array
 from calibration.target.description import Target
 from calibration.transforms import load_transform
@@ -49,7 +46,7 @@ class Seen:
     @classmethod
     def of(
         cls, about: CaptureFile | None, echoes: RadarCapture | None, scored: tuple[bool, bool], lacks: tuple[str, ...]
-    ) -> Seen:
+    ) -> "Seen":
         """The facts of a capture, of which some could not be read."""
         name, methods = (about.name, about.methods) if about else (None, None)
         frequencies_hz, frames = (echoes.frequencies_hz, len(echoes.samples)) if echoes else (None, None)

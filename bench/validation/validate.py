@@ -1,7 +1,5 @@
 """Everything that can be wrong with a benchmark or a data set, found before hours are spent."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -13,8 +11,7 @@ from bench.results.about import MEASURES
 from bench.run.benchmark_file import BenchFile, DataSet, find_benchmark
 from bench.scenes.scene_file import BUILT_IN_ARRAY, SceneFile, name_of_person
 from bench.validation.capture_problems import Seen, capture_problems, method_problems
-from bench.validation.file_lines import Location
-from bench.validation.problems import Found, Problem, Sheet, attempt, parsed, sheet
+from bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed, sheet
 from calibration.target.description import Target, load_target
 from calibration.transforms import load_transform
 from groundtruth.board.board import Board

@@ -1,7 +1,5 @@
 """Calibration of an array's antennas: its file `array.json`, and its application to captures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -38,7 +36,7 @@ class Side(Config):
     offset_sigma_m: tuple[tuple[Sigma, Sigma, Sigma], ...]
 
     @model_validator(mode="after")
-    def _one_of_each(self) -> Side:
+    def _one_of_each(self) -> "Side":
         for name in type(self).model_fields:
             if len(getattr(self, name)) != len(self.nominal_m):
                 raise ValueError(
@@ -92,7 +90,8 @@ class ArrayCalibration(Config):
         """
         self._require_nominal(capture, where)
         f_hz = capture.frequencies_hz
-        tx, rx = (_inverse(side.response(f_hz, self.reference_hz)) for side in (self.tx, self.rx))
+        responses = (side.response(f_hz, self.reference_hz) for side in (self.tx, self.rx))
+        tx, rx = (np.divide(1, r, out=np.zeros_like(r), where=r != 0) for r in responses)
         samples = capture.samples * tx[:, :, None] * rx[:, None]
         return RadarCapture(samples.astype(np.complex64), f_hz, self.array)
 
@@ -131,11 +130,6 @@ def load_array(path: str | Path) -> ArrayCalibration:
     if not isinstance(content, dict):
         raise HandbenchError(f"{path}: is a {type(content).__name__}; expected an array calibration (array.json)")
     return parse(ArrayCalibration, content, str(path))
-
-
-def _inverse(response: np.ndarray) -> np.ndarray:
-    """1 / response, 0 where it is 0."""
-    return np.divide(1, response, out=np.zeros_like(response), where=response != 0)
 
 
 def _same(one: AntennaArray, other: AntennaArray) -> bool:

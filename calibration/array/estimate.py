@@ -5,8 +5,6 @@ far a ball lies from where the described target, placed as well as it can be, ha
 echoes do not show: offsets along the line of sight are hardly told from phases.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -6,8 +6,6 @@ with the antennas' gains a, b (level, phase, delay), their true places t, r, the
 strengths c_i: the foam's index is not known to a hundredth of a wavelength.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -40,7 +38,7 @@ class Antennas:
         """[n, 6]: log level, phase, delay, offset."""
         return np.column_stack([self.log_gain.real, self.log_gain.imag, self.delay_m, self.offset_m])
 
-    def moved(self, step: np.ndarray) -> Antennas:
+    def moved(self, step: np.ndarray) -> "Antennas":
         """Changed by a step of the unknowns [n, 6]."""
         log_gain = self.log_gain + step[:, LEVEL] + 1j * step[:, PHASE]
         return Antennas(self.nominal_m, log_gain, self.delay_m + step[:, DELAY], self.offset_m + step[:, PLACE])
@@ -65,7 +63,7 @@ class State:
         """Number of transmitters, receivers and balls."""
         return len(self.tx.delay_m), len(self.rx.delay_m), len(self.log_ball)
 
-    def moved(self, step: np.ndarray) -> State:
+    def moved(self, step: np.ndarray) -> "State":
         """Changed by a step of all unknowns [u]."""
         tx, rx, centres, (level, phase) = split(step, *self.counts)
         return State(self.tx.moved(tx), self.rx.moved(rx), self.centres_m + centres, self.log_ball + level + 1j * phase)

@@ -1,8 +1,6 @@
 """Before the array's estimate: prior knowledge of array and target, the gauge freedoms that no echo determines, and the
 start, which is the target's pose in the raw image with gains by alternating least squares."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -5,8 +5,6 @@ each counted by its own covariance) names that majority. From it a forward searc
 by pair joins, the nearest first, as long as it lies within reach of what those inside predict.
 """
 
-from __future__ import annotations
-
 from math import ceil
 
 import numpy as np

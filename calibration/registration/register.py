@@ -9,8 +9,6 @@ share (waves that creep round them) is the same in every capture: it cancels in 
 it away.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations

@@ -4,8 +4,6 @@ All is reckoned about the pairs' own middle: far from it, a turn and a shift loo
 them apart.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -35,7 +33,7 @@ class Pairs:
     names: tuple[str, ...]
 
     @classmethod
-    def of(cls, source: Sequence[Candidate], target: Sequence[Candidate], names: Sequence[str] = ()) -> Pairs:
+    def of(cls, source: Sequence[Candidate], target: Sequence[Candidate], names: Sequence[str] = ()) -> "Pairs":
         """Pairs of candidates. Raises HandbenchError for fewer than three of them, for numbers that are not finite and
         for covariances that are not positive."""
         if len(source) != len(target) or len(source) < 3:
@@ -56,17 +54,17 @@ class Pairs:
     def __len__(self) -> int:
         return len(self.names)
 
-    def __getitem__(self, chosen: np.ndarray | Sequence[int]) -> Pairs:
+    def __getitem__(self, chosen: np.ndarray | Sequence[int]) -> "Pairs":
         """The pairs of these indices, or where a mask [n] is true."""
         chosen = np.arange(len(self))[np.asarray(chosen)]
         sides = {side: getattr(self, side)[chosen] for side in SIDES}
         return Pairs(**sides, names=tuple(self.names[i] for i in chosen))
 
-    def __add__(self, other: Pairs) -> Pairs:
+    def __add__(self, other: "Pairs") -> "Pairs":
         both = {side: np.concatenate([getattr(self, side), getattr(other, side)]) for side in SIDES}
         return Pairs(**both, names=self.names + other.names)
 
-    def mirrored(self) -> Pairs:
+    def mirrored(self) -> "Pairs":
         """The same, with the source as a mirror shows it."""
         flip = np.array([1.0, 1.0, -1.0])
         return replace(self, source_m=self.source_m * flip, source_m2=self.source_m2 * np.outer(flip, flip))

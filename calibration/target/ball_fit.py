@@ -6,8 +6,6 @@ resolution. Places and complex strengths of all of them are fitted to the sample
 maximum likelihood in white noise), so that neither neighbours nor foam pull at a ball.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations, product

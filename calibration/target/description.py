@@ -4,8 +4,6 @@ After Wirth et al. 2024 (arXiv 2403.10981); sizes are parameters, since theirs a
 the square's symmetry.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Matching of candidates to the target's elements, by distances alone; ambiguous matches are refused."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import TypeVar
 

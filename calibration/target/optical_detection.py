@@ -6,8 +6,6 @@ others may hide a part of it, so that a cap of 15 % of its surface has to do. Ov
 for one another: the radius is held by how well the target was made.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
@@ -53,7 +51,7 @@ class Cloud:
     normals: np.ndarray
     oriented: bool
 
-    def __getitem__(self, chosen: np.ndarray) -> Cloud:
+    def __getitem__(self, chosen: np.ndarray) -> "Cloud":
         return Cloud(self.points_m[chosen], self.normals[chosen], self.oriented)
 
 
@@ -77,7 +75,10 @@ def find_spheres(
         for centre_m in meeting_points(cloud, radius_m):
             near = cloud[np.abs(distances(cloud.points_m, centre_m) - radius_m) < 2 * GATE * radius_m]
             sphere = fit_sphere(near, centre_m, radius_m, elements, target.sphere_radius_sigma_m)
-            if sphere is not None and all(_apart(sphere, other) for other in found):
+            if sphere is not None and all(  # foam spheres cannot share more than a little of their space
+                np.linalg.norm(sphere.centre_m - other.centre_m) > 0.5 * (sphere.radius_m + other.radius_m)
+                for other in found
+            ):
                 whole_m2 = (WHOLE_PX * pixel_m) ** 2 * np.eye(3)
                 found.append(replace(sphere, covariance_m2=sphere.covariance_m2 + whole_m2))
     return sorted(found, key=lambda sphere: -sphere.inliers)
@@ -214,11 +215,6 @@ def _coverage(outward: np.ndarray) -> float:
     z, azimuth = 1 - 2 * i / n, np.pi * (1 + np.sqrt(5)) * i
     lattice = np.stack([np.sqrt(1 - z**2) * np.cos(azimuth), np.sqrt(1 - z**2) * np.sin(azimuth), z], axis=1)
     return len(np.unique(cKDTree(lattice).query(outward)[1])) / n
-
-
-def _apart(one: Sphere, other: Sphere) -> bool:
-    """Two foam spheres cannot share more than a little of their space."""
-    return bool(np.linalg.norm(one.centre_m - other.centre_m) > 0.5 * (one.radius_m + other.radius_m))
 
 
 def _cells(points_m: np.ndarray, size_m: float, shift: np.ndarray | float = 0.0) -> np.ndarray:

@@ -6,8 +6,6 @@ Peaks of the image are found one after another, each in what the others leave ov
 side lobes are neither taken for balls nor pull at them; then each peak is carried to the centre of a ball.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Boards of ArUco markers and ChArUco boards: the metric scale and the frame of photographs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +35,7 @@ class Charuco(Config):
     legacy: bool = False
 
     @model_validator(mode="after")
-    def _fits(self) -> Charuco:
+    def _fits(self) -> "Charuco":
         if self.marker_m >= self.square_m:
             raise ValueError(f"marker_m is {self.marker_m}; a marker is smaller than its square, {self.square_m}")
         return self
@@ -76,7 +74,7 @@ class Board(Config):
         return markers
 
     @model_validator(mode="after")
-    def _names_something(self) -> Board:
+    def _names_something(self) -> "Board":
         if not self.marker and self.charuco is None:
             raise ValueError("names neither a [[marker]] nor a [charuco] board")
         if self.charuco is not None and self.charuco.dictionary == self.dictionary:

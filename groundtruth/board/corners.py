@@ -5,8 +5,6 @@ edge into the dark: together half a pixel. A straight line through the middle of
 once the tones are proportional to light.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

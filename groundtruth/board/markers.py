@@ -1,7 +1,5 @@
 """The board's corners in photographs."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

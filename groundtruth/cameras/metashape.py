@@ -14,8 +14,6 @@ COLMAP's p2 and p1, f + B1 is the focal length along x, and K3 needs COLMAP's FU
 to the world by X ↦ scale · rotation · X + translation, in metres where the project has a scale.
 """
 
-from __future__ import annotations
-
 from pathlib import Path, PureWindowsPath
 from xml.etree import ElementTree
 

@@ -4,8 +4,6 @@ A thin column that the sweep missed in one view was found in another. Its points
 PatchMatch starts there, and the pixels of every view are matched and filtered again as before.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 

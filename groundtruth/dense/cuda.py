@@ -14,8 +14,6 @@ COLMAP's `stereo_fusion` is left out. It takes depths for equal within 1 % (5 mm
 and gives medians, without the views' spread that `uncertainty` is made of.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -5,8 +5,6 @@ face the camera do not match on a floor that it sees at a low angle, and PatchMa
 not get there by itself. Of several sweeps each pixel takes the one whose planes match best.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

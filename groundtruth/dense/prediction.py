@@ -1,7 +1,5 @@
 """The cost of depth maps, predicted: work counted on the views, times this machine's rates measured on a small part."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import NamedTuple

@@ -123,17 +123,12 @@ def open_view(
         near = np.maximum(near, depth_range_m[0] / 4)  # for a camera that stands in the box
     outside = ((seen < 0) | (seen > (width - 1, height - 1))).any(axis=2) | ~(near < far)
     if mask is not None:
-        outside |= ~_at(mask, (seen + 0.5) * shrink)
+        column, row = np.moveaxis(np.floor((seen + 0.5) * shrink).astype(int), -1, 0)  # beyond its edges: what is there
+        outside |= ~mask[row.clip(0, mask.shape[0] - 1), column.clip(0, mask.shape[1] - 1)]
     near[outside] = far[outside] = np.nan
     if outside.all():
         return None
     return View(photo.name, np.clip(gray, 0, 1), K, R, t, near.astype(np.float32), far.astype(np.float32))
-
-
-def _at(mask: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """The mask [height, width] at pixels [..., 2] (COLMAP's convention); beyond its edges, what is at the edge."""
-    column, row = np.moveaxis(np.floor(pixels).astype(int), -1, 0)
-    return mask[row.clip(0, mask.shape[0] - 1), column.clip(0, mask.shape[1] - 1)]
 
 
 def _rays(K: np.ndarray, height: int, width: int) -> np.ndarray:

@@ -1,8 +1,6 @@
 """Depth of a surface on the radar's grid: what the radar's depth maps are compared with."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,9 +8,7 @@ from calibration.transforms import Transform, perturbation_jacobian
 from groundtruth.mesh.mesh_files import mesh, raycasting_scene
 from groundtruth.mesh.surface import Surface
 from radar.support.errors import HandbenchError
-
-if TYPE_CHECKING:
-    import open3d as o3d
+from radar.support.rays import TriangleMesh
 
 CLEARANCE_M = 1e-3
 LARGEST_M = np.array([50.0, 50.0, 250.0])  # beside a radar, and in depth, which single precision tells to 0.06 mm
@@ -49,7 +45,7 @@ class Reference(NamedTuple):
         return np.hypot(self.mesh_sigma_m, self.registration_sigma_m)
 
 
-def depth_on_grid(surface: o3d.geometry.TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
+def depth_on_grid(surface: TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
     """Orthographic depth z [ny, nx] (metres, float64) of a mesh, in the radar frame, seen from the radar (from −z).
 
     NaN where a ray along +z at (x, y) meets nothing but triangles on edge. HandbenchError for a mesh that spans more

@@ -4,12 +4,9 @@ They are read with numpy alone. The libraries that know more formats believe wha
 header that lies crashes it), or read past it in silence (trimesh: text with numbers missing, OBJ's relative indices).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,15 +15,12 @@ from groundtruth.mesh.ply import MOST, MOST_CORNERS, read_ply
 from radar.support.cost import require_free
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, require_file
-from radar.support.rays import embree, load_open3d
-
-if TYPE_CHECKING:
-    import open3d as o3d
+from radar.support.rays import PointCloud, RaycastingScene, TriangleMesh, embree, load_open3d
 
 SMALLEST_M, LONGEST_M = 5e-3, 50.0  # of what anybody puts before a radar
 
 
-def mesh(vertices_m: np.ndarray, faces: np.ndarray) -> o3d.geometry.TriangleMesh:
+def mesh(vertices_m: np.ndarray, faces: np.ndarray) -> TriangleMesh:
     """A mesh from vertices [n, 3] in metres and vertex indices [m, 3], counter-clockwise seen from outside."""
     o3d = load_open3d()
     return o3d.geometry.TriangleMesh(
@@ -35,7 +29,7 @@ def mesh(vertices_m: np.ndarray, faces: np.ndarray) -> o3d.geometry.TriangleMesh
     )
 
 
-def point_cloud(points_m: np.ndarray, normals: np.ndarray) -> o3d.geometry.PointCloud:
+def point_cloud(points_m: np.ndarray, normals: np.ndarray) -> PointCloud:
     """A cloud from points [n, 3] in metres and normals [n, 3]."""
     o3d = load_open3d()
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points_m))
@@ -43,13 +37,13 @@ def point_cloud(points_m: np.ndarray, normals: np.ndarray) -> o3d.geometry.Point
     return cloud
 
 
-def read_mesh(path: str | Path) -> o3d.geometry.TriangleMesh:
+def read_mesh(path: str | Path) -> TriangleMesh:
     """`read_triangles` as an Open3D mesh."""
     vertices_m, faces, _ = read_triangles(path)
     return mesh(vertices_m, faces)
 
 
-def metric_mesh(path: str | Path, unit_m: float) -> o3d.geometry.TriangleMesh:
+def metric_mesh(path: str | Path, unit_m: float) -> TriangleMesh:
     """A mesh file (PLY, OBJ, STL) whose numbers are in units of `unit_m` metres, in metres, repaired and its triangles
     turned alike; a HandbenchError for one without triangles, with broken numbers, or of a size that tells of another
     unit."""
@@ -66,7 +60,7 @@ def metric_mesh(path: str | Path, unit_m: float) -> o3d.geometry.TriangleMesh:
     return surface
 
 
-def repair(mesh: o3d.geometry.TriangleMesh) -> o3d.geometry.TriangleMesh:
+def repair(mesh: TriangleMesh) -> TriangleMesh:
     """The mesh itself, without what ray casting and scoring stumble over: duplicates, triangles without area, edges of
     more than two triangles, vertices of none."""
     for kind in ("duplicated_vertices", "degenerate_triangles", "duplicated_triangles", "non_manifold_edges"):
@@ -181,7 +175,7 @@ def _by_axis(points: np.ndarray) -> dict[str, np.ndarray]:
     return dict(zip("xyz", points.reshape(-1, 3).T, strict=True))
 
 
-def write_mesh(path: str | Path, surface: o3d.geometry.TriangleMesh) -> None:
+def write_mesh(path: str | Path, surface: TriangleMesh) -> None:
     """Write a mesh as binary PLY, atomically."""
     _write(path, load_open3d().io.write_triangle_mesh, surface)
 
@@ -201,6 +195,6 @@ def _write(path: str | Path, write: Callable[..., bool], what: object) -> None:
             raise OSError("what was written is cut short; is there space left on the disk?") from error
 
 
-def raycasting_scene(surface: o3d.geometry.TriangleMesh) -> o3d.t.geometry.RaycastingScene:
+def raycasting_scene(surface: TriangleMesh) -> RaycastingScene:
     """An Embree scene of one mesh, for `cast_rays` (rows [ox, oy, oz, dx, dy, dz], float32, metres)."""
     return embree(np.asarray(surface.vertices), np.asarray(surface.triangles))

@@ -1,7 +1,5 @@
 """PLY files, read with numpy alone: what a header promises is compared with the file before anything is believed."""
 
-from __future__ import annotations
-
 import struct
 import warnings
 from collections.abc import Iterator

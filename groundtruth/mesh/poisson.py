@@ -4,10 +4,7 @@ Poisson reconstruction (Kazhdan & Hoppe, TOG 2013) closes holes; what it invents
 again. Thresholds are in pixels of the depth maps.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -16,10 +13,7 @@ from groundtruth.dense.fusion import Cloud
 from groundtruth.mesh.mesh_files import point_cloud, repair
 from radar.support.errors import HandbenchError
 from radar.support.progress import say
-from radar.support.rays import load_open3d
-
-if TYPE_CHECKING:
-    import open3d as o3d
+from radar.support.rays import TriangleMesh, load_open3d
 
 VOXEL_PX = 1.0
 NEIGHBOURS, OUTLIER_SIGMA = 20, 2.0
@@ -67,7 +61,7 @@ def _one_per_voxel(cloud: Cloud) -> Cloud:
     )
 
 
-def surface(cloud: Cloud, box_m: np.ndarray | None = None) -> o3d.geometry.TriangleMesh:
+def surface(cloud: Cloud, box_m: np.ndarray | None = None) -> TriangleMesh:
     """The cloud's surface: Poisson, cut where no point is near and at the box [2, 3], manifold."""
     o3d = load_open3d()
     say(f"surface of {len(cloud.points_m)} points")

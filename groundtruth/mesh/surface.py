@@ -1,19 +1,14 @@
 """A surface that knows how far to trust each of its points."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibration.transforms import Transform
 from groundtruth.mesh.mesh_files import mesh, read_triangles
 from radar.support.files import atomic_path
-
-if TYPE_CHECKING:
-    import open3d as o3d
+from radar.support.rays import TriangleMesh
 
 VERTEX = np.dtype([("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("sigma_m", "<f4"), ("observed", "u1")])
 FACE = np.dtype([("count", "u1"), ("vertices", "<i4", (3,))])
@@ -34,11 +29,11 @@ class Surface:
     observed: np.ndarray
 
     @property
-    def mesh(self) -> o3d.geometry.TriangleMesh:
+    def mesh(self) -> TriangleMesh:
         """The triangles alone."""
         return mesh(self.vertices_m, self.faces)
 
-    def moved(self, transform: Transform) -> Surface:
+    def moved(self, transform: Transform) -> "Surface":
         """The surface in the transform's target frame; the transform's own uncertainty is not added."""
         sigma_m = self.sigma_m * transform.scale
         return Surface(transform.points(self.vertices_m), self.faces, sigma_m, self.observed)
@@ -60,7 +55,7 @@ class Surface:
             temporary.write_bytes(header.encode() + vertices.tobytes() + faces.tobytes())
 
 
-def read_surface(file: str | Path) -> Surface:
+def read_surface(file: str | Path) -> "Surface":
     """Read a mesh (PLY, OBJ, STL; metres) with what it says of itself; a mesh without sigma_m and observed was observed
     everywhere, with unknown uncertainty."""
     vertices_m, faces, told = read_triangles(file)

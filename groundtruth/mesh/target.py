@@ -1,21 +1,17 @@
 """The target among what was photographed, and what is dropped for it, with its share."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from groundtruth.dense.fusion import Cloud
-from groundtruth.dense.plane import Plane
+from groundtruth.dense.volume import Plane
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json
 from radar.support.progress import say
-
-if TYPE_CHECKING:
-    import open3d as o3d
+from radar.support.rays import TriangleMesh
 
 FILE = "target.json"
 OFF_PX = 6.0  # a point nearer to the board's plane may be the board's
@@ -42,7 +38,7 @@ class Target:
         write_json(folder / FILE, asdict(self))
 
     @classmethod
-    def load(cls, folder: Path) -> Target:
+    def load(cls, folder: Path) -> "Target":
         """Read what `save` wrote."""
         return cls(**read_json(folder / FILE, "the target of a mesh stage"))
 
@@ -64,7 +60,7 @@ def off_board(cloud: Cloud, plane: Plane) -> Cloud:
     return cloud.at(off)
 
 
-def keep_target(mesh: o3d.geometry.TriangleMesh, components: Components, plane: Plane | None, least_m: float) -> Target:
+def keep_target(mesh: TriangleMesh, components: Components, plane: Plane | None, least_m: float) -> "Target":
     """Drop, in place, the parts of a surface that are not wanted, and those that are tiny against the largest; with the
     board's plane, those too that nowhere rise above it far beyond least_m."""
     label, triangles, area = (np.asarray(part) for part in mesh.cluster_connected_triangles())

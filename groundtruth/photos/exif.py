@@ -1,7 +1,5 @@
 """EXIF data of a photograph: camera body, orientation, focal length."""
 
-from __future__ import annotations
-
 import math
 import struct
 import warnings

@@ -1,7 +1,5 @@
 """Checks of photographs before the work: repeated, blurred and untextured ones."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2
@@ -66,7 +64,9 @@ def look_at(photo: Photo) -> Look:
     scale = LOOK_PX / max(gray.shape)
     if scale < 1:
         gray = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    sharpness = min(_sharpness(gray, angle_rad) for angle_rad in np.linspace(0, np.pi, DIRECTIONS, endpoint=False))
+    angles_rad = np.linspace(0, np.pi, DIRECTIONS, endpoint=False)
+    slopes = ((_slope(gray, angle_rad), angle_rad) for angle_rad in angles_rad)
+    sharpness = min(float(_slope(slope, angle_rad).var() / max(slope.var(), 1e-12)) for slope, angle_rad in slopes)
     return Look(pixels, sharpness, _features((gray * 255).round().astype(np.uint8)))
 
 
@@ -76,11 +76,6 @@ def _features(gray: np.ndarray) -> int:
     sift = cv2.SIFT_create()
     middle = len(sift.detect(gray[h // 4 : h - h // 4, w // 4 : w - w // 4], None))
     return middle if middle >= FEWEST_FEATURES else len(sift.detect(gray, None))
-
-
-def _sharpness(gray: np.ndarray, angle_rad: float) -> float:
-    slope = _slope(gray, angle_rad)
-    return float(_slope(slope, angle_rad).var() / max(slope.var(), 1e-12))
 
 
 def _slope(picture: np.ndarray, angle_rad: float) -> np.ndarray:

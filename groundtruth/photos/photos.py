@@ -6,8 +6,6 @@ swapped against the stored ones belongs to the upright picture and is turned ins
 belong to the stored one: sizes cannot tell.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass

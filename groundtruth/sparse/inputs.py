@@ -1,7 +1,5 @@
 """The inputs of a reconstruction, gathered and checked: what can be refused is refused before the work starts."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -87,7 +85,8 @@ def gather(folder: Path, options: Chosen) -> tuple[Inputs, Chosen]:
     cameras = None if options.cameras is None else cameras_of(photos, options.cameras, options.metric)
     board = None if options.board is None else load_board(options.board)
     _require_scale(folder, photos, options, cameras)
-    if options.refine_poses and options.model is None and not _all_posed(cameras):
+    posed = cameras is not None and all(camera.R is not None and camera.t is not None for camera in cameras)
+    if options.refine_poses and options.model is None and not posed:
         raise HandbenchError("refine_poses: not all photographs have a pose; expected R, t of each in --cameras")
     corners: dict[str, Corners] = {}
     if board is not None:
@@ -140,10 +139,6 @@ def _require_consistent(photos: tuple[Photo, ...], options: SparseOptions) -> No
             f"intrinsics: the photographs are of different sizes ({listed}), and one camera has one; give --cameras "
             "with a camera for each"
         )
-
-
-def _all_posed(cameras: tuple[Camera, ...] | None) -> bool:
-    return cameras is not None and all(camera.R is not None and camera.t is not None for camera in cameras)
 
 
 def _require_scale(

@@ -94,20 +94,16 @@ def check_geometry(model: pycolmap.Reconstruction) -> None:
     and carry no depth."""
     images = [image for image in registered(model) if image.num_points3D]
     centres = np.array([image.projection_center() for image in images])
-    reach = [np.linalg.norm(centres - image.projection_center(), axis=1).max() for image in images]
-    moved = np.median([far / _depth(image, model) for far, image in zip(reach, images, strict=True)] or [0])
+    reach = [np.linalg.norm(centres - centre, axis=1).max() for centre in centres]
+    seen = [[model.points3D[p.point3D_id].xyz for p in image.points2D if p.has_point3D()] for image in images]
+    depths = [np.median(np.linalg.norm(np.array(xyz) - c, axis=1)) for xyz, c in zip(seen, centres, strict=True)]
+    moved = np.median([far / depth for far, depth in zip(reach, depths, strict=True)] or [0])
     if moved < SMALLEST_BASELINE:
         raise HandbenchError(
             f"photographs: the cameras moved by {moved:.2%} of the distance to the scene only, {SMALLEST_BASELINE:.0%} "
             "are needed; turning a camera on the spot shows no depth: take the photographs from different places, 10° "
             "to 30° apart"
         )
-
-
-def _depth(image: pycolmap.Image, model: pycolmap.Reconstruction) -> float:
-    """Median distance of the points that a photograph sees."""
-    points = np.array([model.points3D[p.point3D_id].xyz for p in image.points2D if p.has_point3D()])
-    return float(np.median(np.linalg.norm(points - image.projection_center(), axis=1)))
 
 
 def _given(inputs: Inputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:

@@ -44,7 +44,9 @@ def triangulated(
             f"{photos[0].path.parent}: {len(registered(model))} of {len(photos)} photographs see {FEWEST_POINTS} "
             f"points with the given poses, {FEWEST} are needed; take photographs with more overlap and texture"
         )
-    _hold(model, {camera.name: camera for camera in cameras})
+    given = {camera.name: camera for camera in cameras}
+    for image in registered(model):  # back to where it was given: COLMAP scales its models, and back
+        set_pose(image, _pose(given[image.name]))
     error_px = model.compute_mean_reprojection_error()
     say(
         f"{model.num_points3D()} points of {len(registered(model))} photographs with known poses, {error_px:.2f} px off"
@@ -61,12 +63,6 @@ def _without_points(database: Path, cameras: dict[str, Camera]) -> pycolmap.Reco
         for image in stored.read_all_images():
             model.add_image_with_trivial_frame(image, _pose(cameras[image.name]))
     return model
-
-
-def _hold(model: pycolmap.Reconstruction, cameras: dict[str, Camera]) -> None:
-    """Put the poses back where they were given: COLMAP scales its models for the numbers' sake, and back."""
-    for image in registered(model):
-        set_pose(image, _pose(cameras[image.name]))
 
 
 def _pose(camera: Camera) -> pycolmap.Rigid3d:

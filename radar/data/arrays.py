@@ -1,7 +1,5 @@
 """Antenna arrays. Radar frame: origin at the aperture's centre, z away from the array, y up, x = y × z."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Depth maps: what every method returns and what is scored."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path

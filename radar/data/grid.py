@@ -1,7 +1,5 @@
 """Pixel and voxel grids: regular axes in the radar frame, metres."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +18,7 @@ class Axis(Config):
     step_m: float = Field(gt=0)
 
     @model_validator(mode="after")
-    def _ascending(self) -> Axis:
+    def _ascending(self) -> "Axis":
         if self.stop_m < self.start_m:
             raise ValueError("stop_m lies before start_m; swap them")
         return self
@@ -54,11 +52,11 @@ class PixelGrid:
         whole.ravel()[index] = values
         return whole
 
-    def part(self, box: tuple[slice, slice]) -> PixelGrid:
+    def part(self, box: tuple[slice, slice]) -> "PixelGrid":
         """Some rows and columns."""
         return PixelGrid(self.x_m[box[1]], self.y_m[box[0]])
 
-    def placed(self, part: PixelGrid, values: np.ndarray, elsewhere: float = np.nan) -> np.ndarray:
+    def placed(self, part: "PixelGrid", values: np.ndarray, elsewhere: float = np.nan) -> np.ndarray:
         """The map [ny, nx] that a part's values are of, with the value `elsewhere` beyond it."""
         if part is self:
             return values

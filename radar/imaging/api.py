@@ -6,8 +6,6 @@ is summed. One plan (`radar.imaging.plan`) serves the processor's cores (`radar.
 devices (`radar.imaging.gpu`).
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -5,8 +5,6 @@ The choice holds for the whole process. It is kept in HANDBENCH_DEVICE, so that 
 child process inherits it; the command line sets it from --device.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

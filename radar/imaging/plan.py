@@ -4,8 +4,6 @@ A plan touches no samples. Executors (`radar.imaging.cpu.executor`, `radar.imagi
 of points, their adjoint, and volumes by band-limited upsampling. What has been planned is kept per geometry.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections import OrderedDict
 from collections.abc import Callable, Iterator

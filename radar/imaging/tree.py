@@ -9,8 +9,6 @@ and O(p) = Σ_m Σ_ab e^{jk_mΔR_a(p)} M[m, a, b] e^{jk_mΔR_b(p)} for every p o
 1996; Candès, Demanet & Ying 2009). L, X and Y are the real weights of interpolative decompositions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

@@ -12,10 +12,12 @@ target, since a window holds few independent values. Nothing is assumed about th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.ndimage import minimum_filter
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.data.depthmap import DepthMap
@@ -31,6 +33,8 @@ TINY_M = 1e-150  # its square is still a number: a point known exactly, exactly 
 NOISE_PASSES = 0.01  # share of noise's pixels that may pass for an echo's
 SIDELOBE = 0.05  # of sinc², the pulse of an even band: 0.047
 SHARPER = 1.15  # times as high a plane's peak shows the focus: speckle and gloss make up 1.1, a hand out of it 1.24
+# Times as wide, a plane is out of focus for all its peak: four fingers' is 5, a far target's own 0.2 to 1.4.
+WIDER = 2.0
 NOISY = 0.25  # share of a target without coherence from which on none of it is trusted; noise alone: 0.4 to 0.6
 UNRELATED_RAD = 2 * np.sqrt(np.pi - 3)  # rms of ρ between images that share nothing (Rayleigh amplitudes): its most
 
@@ -92,6 +96,13 @@ def wrap_probability(step_m: np.ndarray, sigma_m: np.ndarray, ambiguity_m: np.nd
         return 1 / (1 + np.exp(2 * ambiguity_m * (ambiguity_m - np.abs(step_m)) / variance_m2))
 
 
+def beside_nearer(z_m: np.ndarray, reach_px: Sequence[int], gap_m: float) -> np.ndarray:
+    """True where another depth of the map [ny, nx] within ±reach_px (y, x) is nearer by more than gap_m: at an outline
+    the lobes of what shines behind it are stronger than the dark edge itself."""
+    nearest_m = minimum_filter(np.where(np.isfinite(z_m), z_m, np.inf), [1 + 2 * n for n in reach_px])
+    return np.asarray(z_m > nearest_m + gap_m)
+
+
 class Review:
     """Follows `radar.methods.fsk.fsk` from look to look: what the amplitudes tell takes the way of the depth through
     all filters, and flags gather where a phase may have wrapped. Both maps [ny, nx] are of the looks' grid."""
@@ -105,7 +116,7 @@ class Review:
         """The depths to go on with: the look's, without those flagged if the configuration drops them."""
         if isinstance(self.config, RefinedConfig) and self.looks:
             self.wrapped = self._surface(look, self.looks[-1], self.config)
-        self.quadrature_m = _quadrature_m(look)
+        self.quadrature_m = quadrature_m(look)
         if not self.looks:
             self.wrapped = self._plane(look)
         self.looks.append(look)
@@ -139,7 +150,7 @@ class Review:
         # edge.
         below, half_period_m = look.below(), look.tones.period_m / 2
         steps_m = look.correction_m, look.correction_m - below.correction_m
-        sigmas_m = self._sigma_m(before, self.quadrature_m), self._sigma_m(below, _quadrature_m(below))
+        sigmas_m = self._sigma_m(before, self.quadrature_m), self._sigma_m(below, quadrature_m(below))
         ambiguity_m = half_period_m * look.factor
         probability = np.maximum(*map(wrap_probability, steps_m, map(look.at, sigmas_m), (ambiguity_m, ambiguity_m)))
         parted = np.ptp(look.steps_m(), axis=0) > half_period_m  # one of two has wrapped
@@ -149,27 +160,32 @@ class Review:
         return spread_m(quadrature_m, look.amplitude, self.config.spread_px)
 
 
-def _quadrature_m(look: Look) -> np.ndarray:
+def quadrature_m(look: Look) -> np.ndarray:
     """The quadrature step [ny, nx] of a look, as its depths have their step."""
     return look.on_map(look.steps_m(quadrature_step_m).mean(axis=0) * look.factor)
 
 
 def _sharper_elsewhere(look: Look, grid: PixelGrid) -> bool:
-    """True where the plane a period before or behind the look's, where the pair's phase is the same, has a higher
-    peak."""
-    z_m, period_m = float(look.formed_m), look.tones.period_m
-    planes_m = [there_m for there_m in (z_m - period_m, z_m + period_m) if there_m > 0]
-    return any(_peak(look.tones.first(1), grid, there_m) > SHARPER * look.peak for there_m in planes_m)
+    """True where the plane a period before or behind the look's, where the pair's phase is the same, has a higher peak
+    and spreads no wider: a plane further away gathers the echoes of several places in its wider cells."""
+    tone, z_m, period_m = look.tones.first(1), float(look.formed_m), look.tones.period_m
+    planes = [_focus(tone, grid, there_m) for there_m in (z_m - period_m, z_m + period_m) if there_m > 0]
+    higher = [spread_m2 for peak, spread_m2 in planes if peak > SHARPER * look.peak]
+    return bool(higher) and min(higher) < WIDER * _focus(tone, grid, z_m)[1]
 
 
-def _peak(tone: Tones, grid: PixelGrid, z_m: float) -> float:
-    """The highest amplitude of one tone on a plane: of points a resolution cell λz/2D apart, then about the highest.
-    Exact: points that change from frame to frame are too few to be worth a plan."""
+def _focus(tone: Tones, grid: PixelGrid, z_m: float) -> tuple[float, float]:
+    """The highest amplitude of one tone on a plane, of points a resolution cell λz/2D apart, then about the highest;
+    and the area (∫P)² / ∫P² of these points' power P, m². Exact: points that change from frame to frame are too few to
+    be worth a plan."""
     wide_m = max(np.ptp(leg.position_m, axis=0).max() for leg in tone.aperture.legs)
     cells_per_m = 2 * wide_m * tone.frequencies_hz[0] / (SPEED_OF_LIGHT_M_S * np.hypot(z_m, wide_m))
     counts = [min(len(axis), 2 + int(np.ptp(axis) * cells_per_m)) for axis in (grid.x_m, grid.y_m)]
     x_m, y_m = (np.linspace(axis[0], axis[-1], n) for axis, n in zip((grid.x_m, grid.y_m), counts, strict=True))
     points = PixelGrid(x_m, y_m).points_m(z_m).reshape(-1, 3)
-    highest = points[np.abs(tone.images(points, None)).argmax()]
+    power = np.abs(tone.images(points, None)[0]).astype(np.float64) ** 2
+    area_m2 = float(np.ptp(x_m) * np.ptp(y_m)) / len(power)
+    spread_m2 = power.sum() ** 2 / max((power**2).sum(), TINY_M) * area_m2
     about = [np.linspace(-0.5, 0.5, 5) * (axis[1] - axis[0] if len(axis) > 1 else 0.0) for axis in (x_m, y_m)]
-    return float(np.abs(tone.images(highest + PixelGrid(*about).points_m(0.0).reshape(-1, 3), None)).max())
+    near = points[power.argmax()] + PixelGrid(*about).points_m(0.0).reshape(-1, 3)
+    return float(np.abs(tone.images(near, None)).max()), float(spread_m2)

@@ -23,10 +23,19 @@ from radar.data.grid import PixelGrid, VoxelGrid
 from radar.imaging.api import image_points, image_volume
 from radar.imaging.cpu.steering import mean_rise
 from radar.methods.confidence import Review
-from radar.methods.fsk_config import LadderConfig, RefinedConfig, ThreeToneConfig, TwoToneConfig, reach_hz
+from radar.methods.fsk_config import (
+    FskConfig,
+    JointConfig,
+    LadderConfig,
+    PriorConfig,
+    RefinedConfig,
+    ThreeToneConfig,
+    TwoToneConfig,
+    reach_hz,
+)
 from radar.methods.smoothing import bounding_box, masked_mean
 
-AnyConfig = TwoToneConfig | ThreeToneConfig | LadderConfig
+AnyConfig = TwoToneConfig | ThreeToneConfig | LadderConfig | JointConfig | PriorConfig
 Step = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 
 
@@ -36,18 +45,7 @@ def fsk(
     """The paper's 2-FSK and 3-FSK, and the same with further tones. `review` hears of every look at the target and
     says with which depths [ny, nx] to go on; None: with those that the look tells."""
     tones, grid, review = Tones.of(capture, config, frame), config.grid(), review or (lambda look: look.z_m)
-    # Step 1: the plane z_e is imaged at f1 and f2.
-    z_e = config.first_depth_m
-    plane = tones.first(2).plane(grid, z_e)
-    for done in range(config.corrections):
-        # Step 2: the phase at the strongest pixel corrects z_e, in the paper once, and the plane there is imaged.
-        [correction_m] = plane.only(np.array([plane.amplitude.argmax()])).correction_m
-        if done > 0 and abs(correction_m) < config.settled_m:
-            break
-        z_e += correction_m
-        plane = tones.first(2).plane(grid, z_e)
-    # Step 3: every pixel above the threshold takes the depth that its phase tells.
-    look = plane.only(np.flatnonzero(amplitude_db(plane.amplitude) >= config.threshold_db))
+    look = first_look(tones, config)
     if isinstance(config, RefinedConfig):
         z_m = review(look := look.cropped())
         for count in range(3, len(tones) + 1):
@@ -64,6 +62,22 @@ def fsk(
         z_m = review(look)
     z_m, amplitude = grid.placed(look.grid, z_m), grid.placed(look.grid, look.amplitude, 0.0)
     return DepthMap(grid.x_m, grid.y_m, z_m, amplitude_db(amplitude), f"{len(tones)}fsk", config.model_dump())
+
+
+def first_look(tones: Tones, config: FskConfig) -> Look:
+    """Steps 1 to 3: the look at the pixels on target in the plane that the first two tones find."""
+    # Step 1: the plane z_e is imaged at f1 and f2.
+    grid, z_e = config.grid(), config.first_depth_m
+    plane = tones.first(2).plane(grid, z_e)
+    for done in range(config.corrections):
+        # Step 2: the phase at the strongest pixel corrects z_e, in the paper once, and the plane there is imaged.
+        [correction_m] = plane.only(np.array([plane.amplitude.argmax()])).correction_m
+        if done > 0 and abs(correction_m) < config.settled_m:
+            break
+        z_e += correction_m
+        plane = tones.first(2).plane(grid, z_e)
+    # Step 3: every pixel above the threshold takes the depth that its phase tells.
+    return plane.only(np.flatnonzero(amplitude_db(plane.amplitude) >= config.threshold_db))
 
 
 def n_tone(capture: RadarCapture, config: AnyConfig, frame: int = 0) -> DepthMap:

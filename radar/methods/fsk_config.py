@@ -7,7 +7,7 @@ from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
-from pydantic import AfterValidator, Field, ValidationInfo, field_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from radar.data.grid import Axis, PixelGrid
 from radar.support.config import Config
@@ -43,6 +43,17 @@ class FskConfig(Config):
     def grid(self) -> PixelGrid:
         """The pixels."""
         return PixelGrid(self.x.values_m(), self.y.values_m())
+
+
+class AgreementConfig(Config):
+    """Parameters of depths at which tones agree: which are kept, and how they are averaged."""
+
+    x: Axis = PAPER_LATERAL
+    y: Axis = PAPER_LATERAL
+    fine_filter_px: OddPixels = Field(default=5, description="filter of the result, weighted with power, pixels")
+    spread_px: OddPixels = Field(default=9, description="window of the predicted error, pixels: two resolution cells")
+    edge_m: float = Field(default=0.006, ge=0, description="what lies behind something so close to it is in doubt")
+    drop_doubtful: bool = Field(default=True, description="such pixels and those without coherence are dropped (NaN)")
 
 
 class TwoToneConfig(FskConfig):
@@ -98,6 +109,57 @@ class LadderConfig(RefinedConfig):
         if "phase_noise_rad" in info.data:  # else that is the error to report
             check_ladder(tones_hz, info.data["phase_noise_rad"])
         return tones_hz
+
+
+class JointConfig(AgreementConfig, FskConfig):
+    """Any set of tones, all at once: the first pair finds the plane, all together each pixel's depth."""
+
+    off_axis: bool = Field(default=True, description="use the path's true derivative along z instead of 2")
+    tones_hz: tuple[Tone, ...] = Field(
+        default=(82.0e9, 81.8e9, 80.5e9, 77.0e9, 72.0e9), description="the closest pair first, then any others"
+    )
+    coarse_filter_px: OddPixels = Field(default=5, description="averaging filter before each search, pixels")
+    fine_refinements: int = Field(default=2, ge=1, description="times that all tones are imaged and searched")
+    reach_m: float = Field(default=0.03, gt=0, description="of the search before and behind each pixel's depth")
+    wrap_probability: float = Field(default=0.1, gt=0, lt=1, description="pixels likelier than this are flagged")
+
+    @property
+    def ladder_hz(self) -> tuple[float, ...]:
+        """The tones."""
+        return self.tones_hz
+
+    @field_validator("tones_hz")
+    @classmethod
+    def _enough(cls, tones_hz: tuple[float, ...]) -> tuple[float, ...]:
+        if len(set(tones_hz)) < max(3, len(tones_hz)):
+            raise ValueError("expected three different tones or more")
+        if abs(tones_hz[0] - tones_hz[1]) > np.diff(np.sort(tones_hz)).min() + 1:
+            raise ValueError("its first two tones are not its closest ones, which find the plane; put those first")
+        return tones_hz
+
+
+class PriorConfig(AgreementConfig, FskConfig):
+    """Two tones far apart about a first depth of each pixel, and a third that witnesses a wrong one."""
+
+    threshold_db: float = Field(default=-16.0, lt=0, description="pixels weaker than this are off target")
+    off_axis: bool = Field(default=True, description="use the path's true derivative along z instead of 2")
+    prior: str = Field(default="", description="depth map .npz on the same pixels; empty: the echoes' own coarse depth")
+    f1_hz: float = Field(default=82.0e9, gt=0, description="first tone")
+    far_hz: float = Field(default=77.0e9, gt=0, description="second tone; |f1 − far| sets what the prior may be off")
+    close_hz: float = Field(default=81.8e9, gt=0, description="witness: with f1 it tells a depth of another period")
+    coarse_filter_px: OddPixels = Field(default=5, description="averaging filter of the echoes' coarse depth, pixels")
+    wrap_probability: float = Field(default=0.1, gt=0, lt=1, description="pixels likelier than this are flagged")
+
+    @property
+    def ladder_hz(self) -> tuple[float, ...]:
+        """The tones, the close pair first."""
+        return self.f1_hz, self.close_hz, self.far_hz
+
+    @model_validator(mode="after")
+    def _apart(self) -> PriorConfig:
+        if not 0 < abs(self.f1_hz - self.close_hz) < abs(self.f1_hz - self.far_hz) / 3:
+            raise ValueError("close_hz is no witness; expected it within a third of far_hz's distance from f1_hz")
+        return self
 
 
 def check_ladder(tones_hz: tuple[float, ...], phase_noise_rad: float) -> None:

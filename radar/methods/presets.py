@@ -9,22 +9,36 @@ from pydantic import Field, create_model
 
 from radar.data.capture import RadarCapture
 from radar.methods.fsk import AnyConfig, n_tone
-from radar.methods.fsk_config import SETTLING, FskConfig, LadderConfig, ThreeToneConfig, TwoToneConfig
-from radar.methods.projection import BroadbandConfig, NarrowbandConfig, ProjectionConfig, project, volume
+from radar.methods.fsk_config import (
+    SETTLING,
+    FskConfig,
+    JointConfig,
+    LadderConfig,
+    PriorConfig,
+    ThreeToneConfig,
+    TwoToneConfig,
+)
+from radar.methods.joint import joint
+from radar.methods.optical_prior import prior_two_tone
+from radar.methods.projection import AlignedConfig, BroadbandConfig, NarrowbandConfig, ProjectionConfig, project, volume
 from radar.methods.registry import PAPER, Reconstruction, register
 from radar.support.config import Config
 
 OURS = f"docs/methods.md, after {PAPER}"
+ALONG_Z = "radar/methods/along_z.py, after Capon 1969 and Mallart & Fink 1994"
+PRIOR = "docs/methods.md, after arXiv 2511.01405 (multimodal 2-FSK)"
 # Every improvement: the second refinement settles what the first one, out of focus, leaves.
 PLUS: dict[str, Any] = {"off_axis": True, "weighted": True, "fine_refinements": 2, "drop_wrapped": True}
 
 
-def _preset(id: str, config: type[Config], summary: str, source: str = OURS, **defaults: bool | int) -> None:
+def _preset(id: str, config: type[Config], summary: str, source: str = OURS, **defaults: bool | int | str) -> None:
     """Register a method by its configuration, with these defaults instead of the configuration's own; a variant's id
     begins with that of the method that it varies."""
     if defaults:
         known = config.model_fields  # whose limits hold on
-        fields: dict[str, Any] = {k: (Annotated[type(v), *known[k].metadata, Field()], v) for k, v in defaults.items()}
+        fields: dict[str, Any] = {
+            k: (Annotated[known[k].annotation, *known[k].metadata, Field()], v) for k, v in defaults.items()
+        }
         config = create_model(config.__name__, __base__=config, **fields)
 
     @register(id, config, summary, source, base=id.rpartition("-")[0] or None)
@@ -48,4 +62,16 @@ _preset("3fsk-plus", ThreeToneConfig, "both, refined twice, without what may hav
 _preset("nfsk", LadderConfig, "a ladder of tones, each further away, corrects every pixel in turn")
 _preset("nfsk-plus", LadderConfig, "the ladder with all that 3fsk-plus has", **PLUS)
 _preset("broadband-subvoxel", BroadbandConfig, "broadband with depths between voxels", subvoxel=True)
-_preset("broadband-aligned", BroadbandConfig, "broadband with depths at which the tones' phases agree", aligned=True)
+_preset("broadband-aligned", AlignedConfig, "broadband with depths at which the tones' phases agree")
+_preset("broadband-capon", AlignedConfig, "the same by Capon's spectrum of the tones", ALONG_Z, estimator="capon")
+_preset("broadband-coherence", AlignedConfig, "the same by the coherence factor", ALONG_Z, estimator="coherence")
+
+
+@register("joint", JointConfig, "any tones, all at once: the depth at which they agree best", OURS)
+def _joint(capture: RadarCapture, config: JointConfig, frame: int) -> Reconstruction:
+    return Reconstruction(joint(capture, config, frame))
+
+
+@register("prior-2fsk", PriorConfig, "two tones far apart, about another sensor's depth of each pixel", PRIOR)
+def _prior(capture: RadarCapture, config: PriorConfig, frame: int) -> Reconstruction:
+    return Reconstruction(prior_two_tone(capture, config, frame))

@@ -6,8 +6,9 @@ An engine that never holds a whole volume hands over its `Peaks`.
 
 from __future__ import annotations
 
-import functools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -15,18 +16,18 @@ from pydantic import Field, model_validator
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.data.capture import RadarCapture, near_one
 from radar.data.depthmap import DepthMap, amplitude_db
-from radar.data.grid import Axis, VoxelGrid
+from radar.data.grid import Axis, PixelGrid, VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
 from radar.imaging.cpu.executor import strongest_voxels
-from radar.methods.alignment import align
+from radar.methods.alignment import agreed, align
+from radar.methods.along_z import capon, coherence_factor
 from radar.methods.confidence import least_coherence
 from radar.methods.fsk import path_rise
-from radar.methods.fsk_config import PAPER_LATERAL
+from radar.methods.fsk_config import PAPER_LATERAL, AgreementConfig
 from radar.support.config import Config
 
 CHECKED = 8  # tones imaged once more, to see whether a depth is an echo's: 3 to 8 % of the paper's frame
 FEWEST = 3  # tones that can be aligned and still tell how well they are
-ALIGNED = 0.9  # coherence of aligned tones below which two depths share a pixel, or none is there
 
 
 class _VolumeConfig(Config):
@@ -48,16 +49,24 @@ class BroadbandConfig(_VolumeConfig):
     start_hz: float = Field(default=72e9, gt=0)
     stop_hz: float = Field(default=82e9, gt=0)
     count: int = Field(default=128, ge=2, description="stepped tones from start to stop, both included")
-    aligned: bool = Field(default=False, description="depth where some tones' phases agree (paper: most amplitude)")
 
     def tones_hz(self) -> np.ndarray:
         """The stepped tones."""
         return np.linspace(self.start_hz, self.stop_hz, self.count)
 
+
+class AlignedConfig(AgreementConfig, BroadbandConfig):
+    """Broadband with depths at which some tones' phases agree."""
+
+    estimator: Literal["phases", "capon", "coherence"] = Field(default="phases", description="of the shift along z")
+
     @model_validator(mode="after")
-    def _alignable(self) -> BroadbandConfig:
-        if self.aligned and self.count < FEWEST:
-            raise ValueError(f"count = {self.count}: aligned needs {FEWEST} tones or more")
+    def _alignable(self) -> AlignedConfig:
+        fewest = FEWEST + (self.estimator == "capon")  # whose spectrum of two subsets is flat
+        if self.count < fewest:
+            raise ValueError(f"count = {self.count}: aligned needs {fewest} tones or more")
+        if self.subvoxel:
+            raise ValueError("subvoxel does nothing to aligned depths, which are between voxels; leave it out")
         return self
 
 
@@ -89,23 +98,56 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
     samples, grid = near_one(samples), config.grid()
     peaks = Peaks(*project_volume(samples, frequencies_hz, capture.aperture, grid, config.tolerance))
     depth = maximum_projection(peaks, config, method)
-    some = np.unique(np.linspace(0, len(frequencies_hz) - 1, CHECKED).round().astype(int))
+    capons = isinstance(config, AlignedConfig) and config.estimator == "capon"
+    some = np.unique(np.linspace(0, len(frequencies_hz) - 1, CHECKED * (1 + capons)).round().astype(int))
     range_cells = 2 * np.ptp(frequencies_hz) * np.ptp(grid.z_m) / SPEED_OF_LIGHT_M_S
     least = least_coherence(len(frequencies_hz), len(some), range_cells)
-    aligned = isinstance(config, BroadbandConfig) and config.aligned
-    if least >= 1 and not aligned:  # noise aligns so few tones as well as an echo does
+    if least >= 1 and not isinstance(config, AlignedConfig):  # noise aligns so few tones as well as an echo does
         return depth
     index = np.flatnonzero(np.isfinite(depth.z_m))
     points = grid.pixels.points_at_m(index, grid.z_m[peaks.index.ravel()[index]])
     images = image_points(samples[some], frequencies_hz[some], capture.aperture, points, None, apart=True)
     power = len(frequencies_hz) ** 2 * np.mean(np.abs(images) ** 2, axis=0)  # of all tones, were they in phase
     incoherent = peaks.magnitude[1].ravel()[index] ** 2 < least * power
-    on_map = functools.partial(grid.pixels.on_map, index)
-    if aligned:
-        found = align(images, frequencies_hz[some], path_rise(points, capture.aperture))
-        incoherent |= found.coherence < ALIGNED
-        depth = replace(depth, z_m=on_map(points[:, 2] + found.shift_m), sigma_m=on_map(found.sigma_m))
-    return replace(depth, wrapped=(on_map(incoherent, 0.0) > 0) | np.asarray(depth.wrapped))
+    depth = replace(depth, wrapped=np.asarray(depth.wrapped) | (grid.pixels.on_map(index, incoherent, 0.0) > 0))
+    if not isinstance(config, AlignedConfig):
+        return depth
+
+    def image(shift_m: float) -> np.ndarray:
+        return image_points(
+            samples[some],
+            frequencies_hz[some],
+            capture.aperture,
+            points + [0, 0, shift_m],
+            config.tolerance,
+            apart=True,
+        )
+
+    return _aligned(depth, config, points, images, frequencies_hz[some], path_rise(points, capture.aperture), image)
+
+
+def _aligned(
+    depth: DepthMap,
+    config: AlignedConfig,
+    points_m: np.ndarray,
+    images: np.ndarray,
+    frequencies_hz: np.ndarray,
+    rise: np.ndarray,
+    image: Callable[[float], np.ndarray],
+) -> DepthMap:
+    """The map with depths at which the images [f, n] at its strongest voxels, points_m [n, 3], agree. image: makes
+    them anew at places shifted along z."""
+    pixels, bandwidth_hz = PixelGrid(depth.x_m, depth.y_m), np.ptp(frequencies_hz)
+    index, reach_m = np.flatnonzero(np.isfinite(depth.z_m)), SPEED_OF_LIGHT_M_S / (2 * bandwidth_hz)
+    found = align(images, frequencies_hz, rise)
+    shift_m = found.shift_m
+    if config.estimator == "capon":
+        shift_m = capon(images, frequencies_hz, rise, reach_m)
+    elif config.estimator == "coherence":
+        shift_m = coherence_factor(image, reach_m)
+    z_m, own_m = (pixels.on_map(index, told) for told in (points_m[:, 2] + shift_m, found.sigma_m))
+    coherence = pixels.on_map(index, found.coherence, 1.0)
+    return agreed(replace(depth, z_m=z_m, sigma_m=own_m), coherence, bandwidth_hz, config)
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
 """The causes that a scene names for its effects; the defaults cause nothing."""
 
-from __future__ import annotations
+from typing import Annotated
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from radar.support.config import Config
 
@@ -16,7 +16,7 @@ class Noise(Config):
     snr_db: float | None = Field(default=None, ge=-200, le=200)
 
     @model_validator(mode="after")
-    def _one_of_both(self) -> Noise:
+    def _one_of_both(self) -> "Noise":
         if self.phase_noise_rad and self.snr_db is not None:
             raise ValueError("give either phase_noise_rad or snr_db")
         return self
@@ -41,6 +41,16 @@ class Oscillator(Config):
         return 0.0 if self.level_dbc_hz is None else 10 ** (self.level_dbc_hz / 10)
 
 
+Direction = tuple[float, float, float]
+
+
+def somewhere(direction: Direction) -> Direction:
+    """Refuse a direction without a length."""
+    if not 1e-6 < sum(part**2 for part in direction) < 1e6:
+        raise ValueError("expected a direction as [0, 0, 1]")
+    return direction
+
+
 class Motion(Config):
     """Motion of the target as a whole along `direction` (radar frame): a sine of tremor (peak amplitude_m,
     frequency_hz, its phase at random) and a steady velocity_m_s. The first tone of each frame meets it in its place."""
@@ -48,14 +58,24 @@ class Motion(Config):
     amplitude_m: float = Field(default=0.0, ge=0, le=0.01)
     frequency_hz: float = Field(default=9.0, gt=0)
     velocity_m_s: float = Field(default=0.0, ge=-100, le=100)
-    direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    direction: Annotated[Direction, AfterValidator(somewhere)] = (0.0, 0.0, 1.0)
 
-    @field_validator("direction")
-    @classmethod
-    def _somewhere(cls, direction: tuple[float, float, float]) -> tuple[float, float, float]:
-        if not 1e-6 < sum(part**2 for part in direction) < 1e6:
-            raise ValueError("expected a direction as [0, 0, 1]")
-        return direction
+
+class Roughness(Config):
+    """Relief of the target that its mesh does not have: heights of standard deviation rms_m, whose correlation falls as
+    exp(−r²/correlation_m²); and a print's layer lines, layer_depth_m from ridge to valley and layer_pitch_m apart along
+    `layers_along` (radar frame)."""
+
+    rms_m: float = Field(default=0.0, ge=0, le=1e-3)
+    correlation_m: float = Field(default=1e-3, ge=1e-5, le=1)
+    layer_depth_m: float = Field(default=0.0, ge=0, le=1e-3)
+    layer_pitch_m: float = Field(default=2e-4, ge=1e-5, le=1)
+    layers_along: Annotated[Direction, AfterValidator(somewhere)] = (0.0, 1.0, 0.0)
+
+    @property
+    def sigma_m(self) -> float:
+        """Standard deviation of all heights; the lines' profile is a sine."""
+        return float(np.hypot(self.rms_m, self.layer_depth_m / np.sqrt(8)))
 
 
 class Pattern(Config):
@@ -128,3 +148,4 @@ class Causes(SensorFaults):
 
     noise: Noise = Noise()
     motion: Motion = Motion()
+    roughness: Roughness = Roughness()

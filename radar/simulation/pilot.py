@@ -1,8 +1,6 @@
 """Quick looks at a scene, which glances and rehearsals share: the target's surface as coarse facets, and what of it the
 aperture's centre sees."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from radar.data.arrays import AntennaArray

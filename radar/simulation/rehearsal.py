@@ -5,8 +5,6 @@ The effects themselves are applied, each together with all others that are on, s
 (obliquity and skin to echoes over two places) is in it, and an effect needs nothing of its own to be rehearsed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -43,7 +41,7 @@ class Change:
     pixels: float
 
     @classmethod
-    def between(cls, whole_m: np.ndarray, without_m: np.ndarray) -> Change:
+    def between(cls, whole_m: np.ndarray, without_m: np.ndarray) -> "Change":
         """Of depths [ny, nx], NaN off target."""
         there, still = np.isfinite(whole_m), np.isfinite(without_m)
         moved_m = np.abs(whole_m - without_m)[there & still]

@@ -1,7 +1,5 @@
 """The scene of the echoes: bodies with their materials before an array, and the causes of effects."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -32,7 +30,7 @@ class Material(Config):
     wet: bool = False
 
     @model_validator(mode="after")
-    def _light_foam(self) -> Material:
+    def _light_foam(self) -> "Material":
         if self.kind == "foam" and self.real_permittivity > MOST_FOAM:
             raise ValueError(f"foam that rays pass straight has a permittivity of {MOST_FOAM} at most; call it plastic")
         return self
@@ -78,7 +76,8 @@ class EchoScene:
     target: what is measured (it may be None where there are balls alone); room: what stands around it and stays when
     it is taken away; depth_step_hz: the step between tones by which an effect's phase is told in millimetres;
     polarisation_deg: the antennas' electric field, from x towards y (balls and echoes over two places mind it);
-    coarser: by how much surfaces are sampled more coarsely.
+    coarser: by how much surfaces are sampled more coarsely; mirrors_coarser: the mirrors of two bounces beyond that;
+    nodes_apart: by how much farther apart the antennas are for which two bounces are traced.
     """
 
     array: AntennaArray
@@ -92,6 +91,8 @@ class EchoScene:
     depth_step_hz: float = DEPTH_STEP_HZ
     polarisation_deg: float = 90.0
     coarser: float = 1.0
+    mirrors_coarser: float = 1.0
+    nodes_apart: float = 1.0
     _kept: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property

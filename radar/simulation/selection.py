@@ -1,8 +1,6 @@
 """All effects, and the rows that say which of them a scene is simulated with: those that are listed, or those that
 `radar.simulation.triage` leaves on."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal
 
@@ -13,6 +11,7 @@ from radar.simulation.effects.base import Effect
 from radar.simulation.effects.dielectric import Dielectric
 from radar.simulation.effects.further import Clutter, Multipath
 from radar.simulation.effects.motion import TargetMotion
+from radar.simulation.effects.roughness import SurfaceRoughness
 from radar.simulation.rehearsal import FINE, Rehearsal
 from radar.simulation.scene import EchoScene
 from radar.simulation.triage import Triage, triage
@@ -29,6 +28,7 @@ EFFECTS: tuple[Effect, ...] = (
     scattering.ShadowDiffraction(),
     scattering.Skin(),
     Dielectric(),
+    SurfaceRoughness(),
     Multipath(),
     TargetMotion(),
     antennas.AntennaCoupling(),

@@ -1,7 +1,5 @@
 """Scene → echoes, through the effects that are on."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -48,7 +46,7 @@ class SimulatedCapture:
     rows: tuple[Choice, ...]
     empty: RadarCapture | None = None
 
-    def subtracted(self) -> SimulatedCapture:
+    def subtracted(self) -> "SimulatedCapture":
         """The capture with the empty room's samples taken from each frame."""
         if self.empty is None:
             raise ValueError("the empty room was not simulated")

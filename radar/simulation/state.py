@@ -1,7 +1,5 @@
 """The state of a simulation that effects change one after another, from the array to the recorded samples."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass

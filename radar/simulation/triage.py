@@ -2,10 +2,8 @@
 
 An effect that takes no time is on, unasked. Of the others a glance tells which are nothing or far too much. The rest is
 rehearsed (radar.simulation.rehearsal) one by one and then all that is left out together, but only where that takes less
-than SHARE of the simulation and what has been saved already: what is not worth its estimate is on.
+than SHARE of the simulation: what is not worth its estimate is on.
 """
-
-from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -44,11 +42,14 @@ def triage(scene: EchoScene, effects: Sequence[Effect], contained: dict[str, str
     """The effects (of those that the scene has a cause for) that together change no method's map by more than the
     tolerance; contained: effects that another one does, where that is on."""
     there = {effect.id for effect in effects}
+    own_s = {effect.id: effect.cost_s(scene) for effect in effects}
     # What another effect does takes no time of its own.
-    costs = {e.id: 0.0 if contained.get(e.id) in there else e.cost_s(scene) for e in effects}
+    costs = {name: 0.0 if contained.get(name) in there else seconds for name, seconds in own_s.items()}
     found, spent_mm, doubtful = Triage(costs_s=costs), 0.0, []
     whole_s = echo_s(scene) + sum(costs.values())
-    for effect in effects:
+    for effect in sorted(effects, key=lambda effect: effect.id in contained):
+        if contained.get(effect.id) in found.left_out:
+            costs[effect.id] = own_s[effect.id]
         part = costs[effect.id] / whole_s
         if part < LITTLE:
             found.reasons[effect.id] = f"on unasked, since it takes {100 * part:.0f} % of the time"
@@ -61,14 +62,16 @@ def triage(scene: EchoScene, effects: Sequence[Effect], contained: dict[str, str
             found.reasons[effect.id] = f"far above {tolerance_mm:g} mm: {_told(glance)}"
         else:
             doubtful.append(effect)
-    spare_s = SHARE * whole_s + sum(costs[name] for name in found.left_out)
     price_s = REHEARSED * (echo_s(scene) * (2 + len(doubtful)) + sum(costs[effect.id] for effect in doubtful))
-    if price_s > spare_s:
+    if price_s > SHARE * whole_s:
         why = f"on, since to rehearse what is in doubt would take about {price_s:.1f} of {whole_s:.1f} s"
         found.reasons |= {effect.id: why for effect in doubtful}
     elif doubtful:
         cast = [effect for effect in effects if effect in doubtful or costs[effect.id] < LITTLE * whole_s]
         _rehearse(found, Rehearsal(scene, cast, contained), [effect.id for effect in doubtful], tolerance_mm - spent_mm)
+        for name, container in contained.items():
+            if name in there and container in found.left_out and name not in found.left_out:
+                costs[name], found.reasons[name] = own_s[name], f"in place of {container}"
     return found
 
 

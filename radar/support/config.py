@@ -1,7 +1,5 @@
 """Strict configuration: every key known, every value checked, the nearest key suggested for a typo."""
 
-from __future__ import annotations
-
 import difflib
 import re
 import tomllib

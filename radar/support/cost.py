@@ -1,8 +1,6 @@
 """The cost of work: wall-clock time, CPU time and peak memory; the machine that it ran on, and the memory that it may
 take, asked before it is taken."""
 
-from __future__ import annotations
-
 import os
 import platform
 import threading

@@ -1,7 +1,5 @@
 """Reading and writing files so that a crash, a full disk or a stranger's file does no harm."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import json

@@ -5,8 +5,6 @@ link, a device or a pipe, and what belongs to another user, is refused in words,
 path is what the user wrote, and may lead through links.)
 """
 
-from __future__ import annotations
-
 import fcntl
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Threads over independent blocks; results never depend on how many there are."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, wait

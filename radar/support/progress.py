@@ -1,7 +1,5 @@
 """Progress of long work: a bar on a terminal, plain lines elsewhere."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sized
@@ -31,10 +29,8 @@ def track(items: Iterable[Item], description: str, total: int | None = None) -> 
         now = time.monotonic()
         if now - last > PLAIN_INTERVAL_S:
             left_s = (now - start) * (total - done) / done if total and done else None
-            say(("" if left_s is None else _left(left_s)) + f"{description}: {done}" + (f"/{total}" if total else ""))
+            short = left_s is not None and left_s < 120
+            left = "" if left_s is None else f"{left_s:.0f} s left, " if short else f"{left_s / 60:.0f} min left, "
+            say(f"{left}{description}: {done}" + (f"/{total}" if total else ""))
             last = now
         yield item
-
-
-def _left(seconds: float) -> str:
-    return f"{seconds:.0f} s left, " if seconds < 120 else f"{seconds / 60:.0f} min left, "

@@ -1,20 +1,18 @@
 """Rays against triangles: open3d's Embree, and the one place that imports open3d."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 from functools import cache
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from radar.support.errors import HandbenchError
 
-if TYPE_CHECKING:
-    import open3d as o3d
-
+TriangleMesh: TypeAlias = Any  # open3d's classes: they have no types, and their import takes a second
+PointCloud: TypeAlias = Any
+RaycastingScene: TypeAlias = Any
 FARTHEST_M = 500.0  # single precision tells places to 3e-5 m there, well below the next:
 OWN_SURFACE_M = 2e-4  # what is hit closer than this to a ray's end is the surface that the end lies on
 
@@ -35,7 +33,7 @@ def load_open3d() -> ModuleType:
     return open3d
 
 
-def embree(vertices_m: np.ndarray, faces: np.ndarray) -> o3d.t.geometry.RaycastingScene:
+def embree(vertices_m: np.ndarray, faces: np.ndarray) -> RaycastingScene:
     """An Embree scene of triangles: vertices [n, 3], faces [m, 3]."""
     core = load_open3d()
     scene = core.t.geometry.RaycastingScene()
@@ -69,7 +67,7 @@ class Rays:
         start = points_m + towards * (OWN_SURFACE_M / np.sqrt(np.einsum("ni,ni->n", towards, towards))[:, None])
         return ~self._scene.test_occlusions(self._tensor(start, origins_m - start), 0.0, 1.0).numpy()
 
-    def _tensor(self, origins_m: np.ndarray, directions: np.ndarray) -> o3d.core.Tensor:
+    def _tensor(self, origins_m: np.ndarray, directions: np.ndarray) -> Any:
         Rays.cast += len(origins_m)
         rays = np.empty((len(origins_m), 6), np.float32)
         rays[:, :3], rays[:, 3:] = origins_m, directions

@@ -8,8 +8,6 @@ A folder appears complete or not at all, so that work that was killed goes on wh
 of its files, so that a flipped bit is found before it is taken for a result, and a stamp that says what it cost.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import zlib

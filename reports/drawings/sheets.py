@@ -4,8 +4,6 @@ A drawing is painted in millimetres. Each sheet shows a window of it on axes of 
 that tells whether the printer kept the scale.
 """
 
-from __future__ import annotations
-
 import re
 import textwrap
 from collections.abc import Callable, Sequence
@@ -182,7 +180,10 @@ def save(path: str | Path, figures: Sequence[Figure]) -> None:
     with matplotlib.rc_context(STYLE), atomic_path(path) as temporary:
         if svg:
             figures[0].savefig(temporary, format="svg", metadata={"Date": None})
-            temporary.write_text(_in_millimetres(temporary.read_text("utf-8"), figures[0]), encoding="utf-8")
+            width, height = figures[0].get_size_inches() * INCH_MM
+            size = f'width="{width:.6g}mm" height="{height:.6g}mm"'  # some programs take matplotlib's points for pixels
+            svg_text = re.sub(r'width="[\d.]+pt" height="[\d.]+pt"', size, temporary.read_text("utf-8"), count=1)
+            temporary.write_text(svg_text, encoding="utf-8")
             return
         with PdfPages(temporary, metadata={"CreationDate": None}) as pages:
             for figure in figures:
@@ -193,9 +194,3 @@ def check_suffix(path: Path, known: Sequence[str]) -> None:
     """Refuse a file whose suffix names none of the `known` formats."""
     if path.suffix.lower() not in known:
         raise HandbenchError(f"{path}: ends in '{path.suffix}'; expected {', '.join(known)}")
-
-
-def _in_millimetres(svg: str, figure: Figure) -> str:
-    """matplotlib gives the page in points, which some programs take for pixels."""
-    width, height = figure.get_size_inches() * INCH_MM
-    return re.sub(r'width="[\d.]+pt" height="[\d.]+pt"', f'width="{width:.6g}mm" height="{height:.6g}mm"', svg, count=1)

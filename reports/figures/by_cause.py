@@ -1,7 +1,5 @@
 """Errors by cause, in small multiples, and the reliability of the methods' own σ."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Charts of a whole result: errors against time, their distribution, and how far repeats scatter."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

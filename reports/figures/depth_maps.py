@@ -1,7 +1,5 @@
 """Depth maps and error maps, as seen from the array: x grows to the left, so that they look like the photograph."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -68,7 +66,10 @@ def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture
     shown = [(title, Surface(e.x_m, e.y_m, e.error_m)) for title, (_, e) in zip(titles, maps, strict=True)]
     figure, axes, bar = _panels(shown, ERROR_COLOURS, error_scale(), "z − z_ref in mm", box)
     for axis, (_, errors) in zip(axes, maps, strict=False):
-        _outline(axis, errors.x_m, errors.y_m, errors.reference_z_m)
+        covered = np.isfinite(errors.reference_z_m)
+        if covered.any() and not covered.all():  # the reference's outline: where a sparse map lies on the hand
+            x_mm, y_mm = 1e3 * errors.x_m, 1e3 * errors.y_m
+            axis.contour(x_mm, y_mm, covered, levels=[0.5], colors="0.35", linewidths=0.4)
     bar.set_ticks(ERROR_TICKS_MM, labels=[f"{tick:+d}".replace("-", "−").replace("+0", "0") for tick in ERROR_TICKS_MM])
     bar.minorticks_off()
     first = next(r for r in DRAWN if r in capture.references)
@@ -170,10 +171,3 @@ def _edges_mm(centres_m: np.ndarray) -> tuple[float, float]:
     """Outer edges of the first and the last pixel."""
     half_m = (centres_m[-1] - centres_m[0]) / (len(centres_m) - 1) / 2
     return 1e3 * (centres_m[0] - half_m), 1e3 * (centres_m[-1] + half_m)
-
-
-def _outline(axis: Axes, x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> None:
-    """A thin line around what the reference covers: where a sparse map lies on the hand."""
-    covered = np.isfinite(z_m)
-    if covered.any() and not covered.all():
-        axis.contour(1e3 * x_m, 1e3 * y_m, covered, levels=[0.5], colors="0.35", linewidths=0.4)

@@ -1,7 +1,5 @@
 """Pictures of a trade-off: error against time of every setting, the front that none beats, and where time goes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from textwrap import wrap
 

@@ -1,7 +1,5 @@
 """The look of every picture: fonts, colours and markers of the methods, how times are written."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
@@ -32,6 +30,8 @@ ORDER = (  # as the paper's Fig. 3, then ours; each has its colour and marker ev
     "3fsk-plus",
     "nfsk-plus",
     "broadband-subvoxel",
+    "broadband-aligned",
+    "joint",
 )
 COLOURS = (  # Okabe and Ito, then Tol's muted ones
     "#0072B2",

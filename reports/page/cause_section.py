@@ -1,7 +1,5 @@
 """The section on where the errors come from: pictures and tables of causes.csv and reliability.csv."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

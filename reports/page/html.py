@@ -1,7 +1,5 @@
 """The report: tables, figures and pages that need nothing else."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -16,7 +14,7 @@ from reports.page import cause_section, rendering, scene3d, sections, tradeoff_s
 from reports.page.rendering import Image, render
 from reports.tables import latex, result_tables
 from reports.tables.blocks import caption
-from reports.tables.findings import findings
+from reports.tables.result_tables import findings
 
 ABREAST = 12  # captures on a page
 FIRST = 3  # captures on the first page where there are more
@@ -30,7 +28,8 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     report are replaced, its further pages removed, others left alone. Returns the path of index.html.
     """
     folder, out = Path(folder), Path(out)
-    sweep = _sweep(folder) if sweep is None else Path(sweep)
+    places = (folder, folder / "tradeoff") if sweep is None else ()
+    sweep = Path(sweep) if sweep else next((place for place in places if (place / "tradeoff.json").exists()), None)
     if sweep == folder and not (folder / "result.json").exists():
         return tradeoff_section.build(folder, out)
     result = load(folder)
@@ -52,11 +51,6 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
             causes = cause_section.section(result, out / "figures")
             write_text(out / "index.html", render("index.html", **_summary(result, overview, swept, causes), **facts))
     return out / "index.html"
-
-
-def _sweep(folder: Path) -> Path | None:
-    """The trade-off that `folder` is or holds."""
-    return next((place for place in (folder, folder / "tradeoff") if (place / "tradeoff.json").exists()), None)
 
 
 def pages(captures: Sequence[CaptureFacts]) -> list[tuple[CaptureFacts, ...]]:

@@ -1,7 +1,5 @@
 """Pages that need nothing but themselves: templates, pictures inside, and a policy that lets nothing else in."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import io

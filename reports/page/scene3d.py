@@ -1,7 +1,5 @@
 """Content of the 3-D view: each capture's reference and radar surfaces, small enough to lie inside the page."""
 
-from __future__ import annotations
-
 import base64
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """Sections of the page besides tables and pictures: findings in words, effects, uncertainty, stability, provenance."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The trade-off of a sweep as tables, pictures and a page."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -49,23 +47,19 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
     rows = tuple(
         (
             s.title,
-            numbers.get(s.name) or _beaten(s, titles),
+            # On the front, where no number can say so, or by what it is beaten.
+            numbers.get(s.name) or ("front" if s.on_front else titles.get(s.dominated_by, s.dominated_by) or NONE),
             error_text(s),
             number(s.seen_percent, 2),
             seconds_text(s),
             number(s.ratio, three_digits(s.ratio)),
-            _count(s.operations),
+            f"{s.operations:.2g}" if known(s.operations) else NONE,
             number(s.peak_memory_mb, 0),
         )
         for s in (*best, *rest)
     )
     caption = f"{about.title}: {len(best)} settings on the front, {len(rest)} beaten"
     return Grid(caption, ("setting", "number, or beaten by", error, *rest_of), rows, texts=2)
-
-
-def _beaten(setting: Setting, titles: dict[str, str]) -> str:
-    """By which setting; or that it is on the front, where no number can say so."""
-    return "front" if setting.on_front else titles.get(setting.dominated_by, setting.dominated_by) or NONE
 
 
 def claims_grid(found: Tradeoff) -> Grid | None:
@@ -80,7 +74,3 @@ def claims_grid(found: Tradeoff) -> Grid | None:
 
 def _factor(value: float | None) -> str:
     return (f"× {value:.3g}" if value < 1000 else f"× {value:.0f}") if known(value) else NONE
-
-
-def _count(value: float | None) -> str:
-    return f"{value:.2g}" if known(value) else NONE

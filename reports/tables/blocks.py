@@ -1,7 +1,5 @@
 """The figures of a result in blocks of lines, ready to read: every table is made of them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Two results side by side, as `handbench compare` found them: on the terminal, as Markdown and as LaTeX."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +8,7 @@ from bench.results.tables import each
 from radar.support.files import write_text
 from reports.tables import latex
 from reports.tables.blocks import NONE, figure, number, p_text
-from reports.tables.markdown import bold, escaped, table
-from reports.tables.result_tables import terminal_table, wide_console
+from reports.tables.result_tables import bold, escaped, table, terminal_table, wide_console
 
 CHANGES = 12  # of one kind are shown; compare.json has all
 HEAD = ("A", "B", "B − A", "p")

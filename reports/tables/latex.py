@@ -4,8 +4,6 @@ Each text is a row of floats to \input: the document needs \usepackage{booktabs}
 and no particular encoding, for every character that is not ASCII is written as a command.
 """
 
-from __future__ import annotations
-
 import unicodedata
 from collections.abc import Iterable
 from itertools import groupby, pairwise

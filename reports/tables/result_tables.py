@@ -1,21 +1,83 @@
-"""The tables of a result as Markdown, CSV and on the terminal (LaTeX: `reports.tables.latex`)."""
+"""The tables of a result as Markdown, in which nothing of a stranger's is markup, CSV and on the terminal (LaTeX:
+`reports.tables.latex`); and one sentence for each claim that a reader of the table needs."""
 
-from __future__ import annotations
-
-from itertools import zip_longest
-from typing import TYPE_CHECKING
+import html
+import re
+from collections.abc import Collection, Iterable, Sequence
+from itertools import groupby, zip_longest
+from typing import Any
 
 import pandas as pd
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
-from bench.results import HEADLINES, Result, Tradeoff
-from bench.results.tables import each
+from bench.results import HEADLINE, HEADLINES, Result, Tradeoff
+from bench.results.about import TREATMENTS
+from bench.results.tables import LEVEL, each
 from reports.tables.blocks import best_note, blocks, caption, figure, known, number, p_text, ratio, three_digits
-from reports.tables.findings import findings
-from reports.tables.markdown import bold, escaped, table
 
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
+PAIRS = (("3fsk", "2fsk"), ("3fsk", "broadband"), ("nfsk-plus", "broadband"), ("broadband", "narrowband"))
+OVER = "aurc_mm"
+
+
+def findings(result: Result) -> list[str]:
+    """A sentence for each of PAIRS that the result compares under equal treatment."""
+    return [sentence for pair in PAIRS if (sentence := _claim(result, *pair))]
+
+
+def _claim(result: Result, first: str, second: str) -> str:
+    lines = result.comparisons
+    lines = lines[(lines.treatment != "") & (lines.better.isin((first, second)) & lines.worse.isin((first, second)))]
+    if lines.empty:
+        return ""
+    titles = {method.name: method.title for method in result.about.methods}
+    told = {(line.metric, line.treatment): _ahead(line, titles) for line in each(lines)}
+    common = [told[key] for treatment in TREATMENTS if (key := (HEADLINE, treatment)) in told]
+    over = [told[key] for treatment in TREATMENTS if (key := (OVER, treatment)) in told]
+    untested = lines.p_corrected.isna().all()
+    few = f" (on these {lines.n_captures.iloc[0]} captures, too few to tell of others)" if untested else ""
+    said = [_joined(told) or "not compared" for told in (common, over)]
+    between = f"{titles[first]} and {titles[second]}"
+    return f"{between}, on the pixels that all see: {said[0]}; over completeness: {said[1]}{few}"
+
+
+def _joined(told: list[tuple[str, str]]) -> str:
+    """Findings (who, by how much) in words; who is ahead twice is named once."""
+    groups = groupby(told, key=lambda finding: finding[0])
+    return ", ".join(f"{who} {' and '.join(amount for _, amount in of)}" for who, of in groups)
+
+
+def _ahead(line: Any, titles: dict[str, str]) -> tuple[str, str]:
+    places = 1 if line.difference >= 1 else 2
+    amount, how = f"{number(line.difference, places)} mm", TREATMENTS[line.treatment]
+    if not known(line.p_corrected):
+        return f"{titles[line.better]} ahead by", f"{amount} {how}"
+    if line.p_corrected < 1 - LEVEL:
+        ends = f"[{number(line.low, places)}, {number(line.high, places)}]"
+        return f"{titles[line.better]} better by", f"{amount} {how} {ends}"
+    return "no difference shown", f"{how} ({amount})"
+
+
+def table(headings: Sequence[str], lines: Iterable[Sequence[str]], texts: int = 1) -> str:
+    """A table of cells that are Markdown already; the first `texts` columns to the left, the others to the right."""
+    rule = "|" + "---|" * texts + "--:|" * (len(headings) - texts)
+    return "\n".join([_line(headings), rule, *map(_line, lines)]) + "\n"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def escaped(text: str) -> str:
+    """`text` as it is, on one line."""
+    return re.sub(r"([\\`*_\[\]|#~$])", r"\\\1", html.escape(" ".join(text.split()), quote=False))
+
+
+def bold(text: str) -> str:
+    """Markdown `text` in bold."""
+    return f"**{text}**"
 
 
 def markdown(result: Result) -> str:
@@ -109,23 +171,19 @@ def show(result: Result) -> None:
 
 def wide_console() -> Console:
     """A rich console on stdout; a pipe or a file has no width to keep to."""
-    from rich.console import Console
-
     console = Console(highlight=False)
     if not console.is_terminal:
         console.width = 200
     return console
 
 
-def terminal_table(heading: str, columns: tuple[str, ...], lines: list[tuple[str, ...]]) -> Table:
-    """A rich table; columns without a heading are texts, the others numbers."""
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
-    grid = Table(title=Text(heading), title_justify="left", box=box.SIMPLE, pad_edge=False)
+def terminal_table(
+    heading: str, columns: Sequence[str], lines: Iterable[Sequence[str]], texts: Collection[str] = ("",)
+) -> Table:
+    """A rich table; texts: the columns that are no numbers, by default those without a heading."""
+    grid = Table(title=Text(heading) if heading else None, title_justify="left", box=box.SIMPLE, pad_edge=False)
     for column in columns:
-        grid.add_column(Text(column), justify="right" if column else "left")
+        grid.add_column(Text(column), justify="left" if column in texts else "right")
     for cells in lines:
         grid.add_row(*map(Text, cells))
     return grid

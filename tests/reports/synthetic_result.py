@@ -11,9 +11,9 @@ from PIL import Image
 
 from bench import results
 from bench.evaluation.alike import SMOOTHING, Alike
+from bench.evaluation.depth_errors import error_map
 from bench.evaluation.equal_treatment import treat
 from bench.evaluation.floor import budget
-from bench.evaluation.metrics import error_map
 from bench.evaluation.rows import accuracy_rows, metric_facts, precision_rows, time_rows
 from bench.results.tables import CURVES, EQUAL, REPEATS, TASKS, frame
 from bench.run.tabulation import curve_rows, figure_rows

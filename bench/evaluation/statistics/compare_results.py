@@ -6,8 +6,6 @@ compared by the F test of their variances. Holm's correction spans all lines. Ti
 tested, for the repeats of one run do not know how two runs differ.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

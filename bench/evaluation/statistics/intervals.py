@@ -7,8 +7,6 @@ transformation", J. R. Stat. Soc. B 54) does. Fewer than FEWEST captures tell to
 then. `tests/bench/evaluation/test_statistics.py` measures how often the intervals hold the true value.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Tests whose unit is the capture: of two methods on the same captures, and of one method on different ones."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Differences in what two results stand on: configuration, settings of the methods, versions, machines, inputs."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -65,11 +63,7 @@ def _leaves(value: Any, key: str) -> Iterator[tuple[str, Any]]:
             yield from _leaves(item, f"{key}.{name}" if key else str(name))
     elif isinstance(value, list) and value and all(isinstance(item, Mapping) for item in value):
         for place, item in enumerate(value):
-            yield from _leaves(item, f"{key}.{_label(item, place)}")
+            name = next((item[label] for label in ("id", "name", "scene", "path") if label in item), place)
+            yield from _leaves(item, f"{key}.{name}")
     else:
         yield key, value
-
-
-def _label(item: Mapping[str, Any], place: int) -> Any:
-    """The name of a table in a list: a method's id, a capture's file."""
-    return next((item[name] for name in ("id", "name", "scene", "path") if name in item), place)

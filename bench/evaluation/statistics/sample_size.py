@@ -4,8 +4,6 @@ The figure of method m on capture c is y_mc = μ + method + capture + method × 
 free of the capture's part; one between different captures, or different hands, bears it twice.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 from itertools import combinations

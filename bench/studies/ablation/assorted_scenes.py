@@ -3,26 +3,20 @@
 Sizes of causes are spread evenly over decades, so that each effect is anything between all and nothing.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from bench.scenes.build import Scene, build
 from bench.scenes.hand_pose import POSES
 from bench.scenes.scene_file import SceneFile
-from bench.scenes.shapes import sphere_mesh
+from bench.scenes.shapes import cylinder_mesh, sphere_mesh
 from groundtruth.mesh.mesh_files import mesh, write_mesh
 from radar.support.config import parse
-from radar.support.rays import load_open3d
-
-if TYPE_CHECKING:
-    import open3d as o3d
+from radar.support.rays import TriangleMesh
 
 EDGE_M, WIRE_M = 2e-3, 0.08
-Z_TO_Y = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 TONES = {"sweep": [], "tones_hz": [82e9, 81.8e9, 81.3e9, 79.5e9, 72e9]}
 SKIN, PLASTIC = {"kind": "skin"}, {"kind": "plastic", "permittivity": 2.7, "loss_tangent": 0.01}
 KINDS = ("hand", "bowl", "sphere", "printed hand", "plate", "wires", "moving hand", "skin spheres", "dihedral", "board")
@@ -47,7 +41,7 @@ def assorted_scene(seed: int, folder: Path) -> Scene:
     return build(parse(SceneFile, values | around, name), folder)
 
 
-def _target(kind: str, draw: np.random.Generator) -> tuple[dict[str, Any], o3d.geometry.TriangleMesh | None]:
+def _target(kind: str, draw: np.random.Generator) -> tuple[dict[str, Any], TriangleMesh | None]:
     """The target's table, and its mesh where it needs one."""
     if "hand" in kind:
         pose = str(draw.choice(list(POSES)))
@@ -105,7 +99,7 @@ def _decades(draw: np.random.Generator, low: float, high: float) -> float:
     return float(low * (high / low) ** draw.random())
 
 
-def bowl(radius_m: float, half_angle_deg: float, thick_m: float = 2e-3) -> o3d.geometry.TriangleMesh:
+def bowl(radius_m: float, half_angle_deg: float, thick_m: float = 2e-3) -> TriangleMesh:
     """A part of a spherical shell, open towards -z, up to half_angle_deg from its deepest point at the origin: a sphere
     whose front half is pushed into the other."""
     surface = sphere_mesh(radius_m, EDGE_M)
@@ -117,10 +111,7 @@ def bowl(radius_m: float, half_angle_deg: float, thick_m: float = 2e-3) -> o3d.g
     return mesh((radii_m * np.array(shell)).T - [0, 0, radius_m], np.asarray(surface.triangles))
 
 
-def wire(radius_m: float, x_m: float) -> o3d.geometry.TriangleMesh:
+def wire(radius_m: float, x_m: float) -> TriangleMesh:
     """A cylinder along y."""
-    made = load_open3d().geometry.TriangleMesh
     along, around = int(WIRE_M / EDGE_M), max(16, int(2 * np.pi * radius_m / EDGE_M))
-    surface = made.create_cylinder(radius_m, WIRE_M, around, along)
-    surface.rotate(Z_TO_Y, np.zeros(3)).translate([x_m, 0.0, 0.0])
-    return surface
+    return cylinder_mesh(radius_m, WIRE_M, around, along).translate([x_m, 0.0, 0.0])

@@ -1,7 +1,5 @@
 """The cases: one hand scene with a plausible cause for every effect, and what is switched in each case."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +10,7 @@ from radar.simulation.selection import IDS
 from radar.support.config import parse
 
 CAUSES: dict[str, Any] = tomllib.loads(Path(__file__).with_name("causes.toml").read_text("utf-8"))
+ROUGH = {"rms_m": 3e-5, "correlation_m": 1e-3}
 TREMOR = {"amplitude_m": 5e-5, "frequency_hz": 9.0}
 SKIN, PRINTED = {"kind": "skin"}, {"kind": "plastic", "permittivity": 2.7, "loss_tangent": 0.01}
 REFERENCE = ("obliquity", "shadow_antennas", "skin", "multipath", "noise")  # what a hand before absorber calls for
@@ -45,6 +44,6 @@ def _without(name: str) -> tuple[str, ...]:
 
 def scene_file(pose: str, case: Case, seed: int = 1) -> SceneFile:
     """The case's scene file."""
-    target = {"kind": "hand", "pose": pose, "material": case.material, "motion": TREMOR}
+    target = {"kind": "hand", "pose": pose, "material": case.material, "motion": TREMOR, "roughness": ROUGH}
     values = {"version": 1, "name": pose, "seed": seed, "target": target, "effects": list(case.effects), **CAUSES}
     return parse(SceneFile, values, f"case '{case.name}'")

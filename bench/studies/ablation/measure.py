@@ -1,13 +1,13 @@
 """Each effect's case simulated, imaged by each method and scored against the true surface."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
 
 from bench.evaluation.depth_errors import error_map
 from bench.evaluation.metrics import HEADLINE, METRICS, pool, precision
@@ -16,9 +16,8 @@ from bench.run.repeat_stage import strongest_z_m
 from bench.scenes.build import Scene, build
 from bench.scenes.echoes import choices, echo_scene
 from bench.studies.ablation.cases import Case, cases, scene_file
-from bench.studies.ablation.figure import draw
 from bench.studies.columns import Record, Table, columns
-from bench.studies.study import Study
+from bench.studies.study import BLUE, GREY, VERMILION, Study
 from groundtruth.mesh.depth import depth_on_grid
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
@@ -117,3 +116,27 @@ def _pooled(shown: list[Record], reference: list[Record]) -> dict[str, Any]:
         **{f"{m}_{key}": values[m][key] for m in METHODS for key in SHOWN},
         **{f"{m}_precision_mm": value for m, value in precise.items()},
     }
+
+
+SMALLEST_MM = 1e-4  # what is smaller stands at the axis
+
+
+def draw(frames: dict[str, pd.DataFrame]) -> Figure:
+    """Left: the change of the depth map; right: seconds."""
+    rows = frames["rows"]
+    effects = rows[rows.case != "reference"].sort_values("change_mm", kind="stable")
+    figure = Figure(figsize=(9.5, 5.2), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(3, 2), sharey=True)
+    places = np.arange(len(effects))
+    measured, estimated = (effects[key].astype(float).clip(SMALLEST_MM) for key in ("change_mm", "estimate_mm"))
+    left.barh(places, measured, color=BLUE, height=0.6, label="measured, mean |Δz| of the 3-FSK map")
+    left.plot(estimated, places, "D", color=VERMILION, label="estimated")
+    left.axvline(0.1, color=GREY, linestyle="--", linewidth=0.8)
+    left.annotate("0.1 mm", (0.1, len(effects) - 0.4), color=GREY, ha="center", va="bottom", annotation_clip=False)
+    left.set_yticks(places, effects.case)
+    left.set(xscale="log", xlabel="change of the depth map, mm", xlim=(SMALLEST_MM, 20))
+    right.barh(places, effects.simulate_s, color="0.85", label="whole simulation")
+    right.barh(places, effects.effect_s, color=BLUE, label="the effect")
+    right.set(xlabel="seconds per pose, 130 tones", title="what it costs")
+    figure.legend(loc="outside lower center", ncols=4, frameon=False)
+    return figure

@@ -2,8 +2,6 @@
 results do not depend on the threads, kernels compile in seconds, and the engine is as fast and as exact as it says.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Rows of a 3-FSK frame and of the simulation of the hand's echoes: exact, and at two tolerances."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

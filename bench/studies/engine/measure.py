@@ -3,18 +3,21 @@
 Seconds drift with the machine; ratio_to_exact, within one run, is what counts.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bench.results.tables import each
 from bench.studies.columns import Record, Table, columns
 from bench.studies.engine.checks import bars, compilation, growth, thread_differences
-from bench.studies.engine.figure import draw
 from bench.studies.engine.frame_rows import frame_rows, simulation_rows
 from bench.studies.engine.scope import QUICK, Inputs, Scope
 from bench.studies.engine.volume_rows import volume_rows
-from bench.studies.study import Study
+from bench.studies.study import BLUE, GREEN, GREY, VERMILION, Study
 
 SECTIONS = {
     "compilation": compilation,
@@ -43,3 +46,58 @@ def tables(records: list[Record]) -> list[Table]:
         Table("growth", columns("engine.growth"), of_growth),
         Table("bars", columns("engine.bars"), bars(records)),
     ]
+
+
+DOUBLE = 1e-9  # errors that single precision cannot have
+
+
+def draw(frames: dict[str, pd.DataFrame]) -> Figure | None:
+    """Left: the errors of the volume; right: growth with the voxels; None where either was not measured."""
+    rows, growth = frames["rows"].query("section == 'volume'"), frames["growth"]
+    if rows.empty or growth.empty:
+        return None
+    figure = Figure(figsize=(9.5, 4.0), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    _errors(left, rows)
+    _growth(right, growth[growth.what.str.startswith("voxels")].to_dict("records"))
+    return figure
+
+
+def _errors(axes: Axes, rows: pd.DataFrame) -> None:
+    """Relative error over seconds per volume; open markers are extrapolated."""
+    for what, colour, marker in (("volume", BLUE, "o"), ("projection", GREEN, "s")):
+        some = rows[rows.tolerance.notna() & rows.method.str.contains(what)]
+        axes.plot(some.seconds, some.relative_error, marker + "-", color=colour, markersize=5)
+        if what == "volume":
+            axes.plot(some.seconds, some.noise_error, marker + ":", color=colour, markersize=3)
+            for row in each(some):
+                text = f"  {row.tolerance:.0e}".replace("e-0", "e-")
+                axes.annotate(text, (row.seconds, row.noise_error), va="bottom", color=colour, fontsize=8)
+    for i, row in enumerate(each(rows[rows.extrapolated | (rows.method == "exact")])):
+        error, name = row.relative_error, row.method.replace(", ", ",\n")
+        text = f"{name}\n{row.seconds:,.0f} s" if row.seconds >= 100 else f"{name}\n{row.seconds:.3g} s"
+        if not error > DOUBLE:  # in double precision: exact on this scale
+            axes.axvline(row.seconds, color=GREY, linestyle="--", linewidth=0.8)
+            axes.annotate(
+                text, (row.seconds, 0.97 - 0.3 * i), (-3, 0), ("data", "axes fraction"), "offset points",
+                ha="right", va="top", bbox={"facecolor": "white", "edgecolor": "none", "pad": 1},
+            )  # fmt: skip
+            continue
+        axes.plot(row.seconds, error, "D", color=VERMILION, fillstyle="none" if row.extrapolated else "full")
+        at = (row.seconds, error)
+        axes.annotate(text, at, xytext=(0, 7), textcoords="offset points", ha="center", va="bottom")
+    axes.set(xscale="log", yscale="log", xlabel="seconds per volume", ylabel="relative error of the volume")
+    axes.set(ylim=(2e-8, 5e-2))
+
+
+def _growth(axes: Axes, series: list[Record]) -> None:
+    """Seconds over voxels, with proportional growth for comparison."""
+    for entry, colour, marker in zip(series, (BLUE, VERMILION), ("o", "s"), strict=False):
+        sizes, seconds = np.array(entry["sizes"], float), np.array(entry["seconds"])
+        axes.plot(sizes, seconds, marker + "-", color=colour, markersize=5)
+        name = entry["what"].removeprefix("voxels, ")
+        text = f"{name}: exponent {entry['exponent']:.2f}"
+        axes.annotate(text, (0.05, 0.93 - 0.07 * (colour == VERMILION)), xycoords="axes fraction", color=colour)
+    sizes, seconds = np.array(series[0]["sizes"], float), series[0]["seconds"]
+    axes.plot(sizes, seconds[0] * sizes / sizes[0], color=GREY, linestyle=":", linewidth=0.8)
+    axes.set(xscale="log", yscale="log", xlabel="voxels", ylabel="seconds at a tolerance of 1e-3")

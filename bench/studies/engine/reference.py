@@ -3,8 +3,6 @@
 Errors are relative to the whole volume's root mean square, so that random voxels speak for the whole volume.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,7 +62,7 @@ def reference(inputs: Inputs) -> Reference:
     scope, grid, array, tones_hz = inputs.scope, inputs.grid, inputs.array, inputs.tones_hz
     random = np.random.default_rng(0)
     voxels = random.choice(int(np.prod(grid.shape)), scope.checked_voxels, replace=False)
-    points_m = voxel_points_m(grid, voxels)
+    points_m = grid.points_at_m(voxels)
     exact, rms, stand_in = {}, {}, {}
     for source, samples in inputs.samples.items():
         exact[source] = backproject(samples, tones_hz, array, points_m)
@@ -93,16 +91,10 @@ def depth_m(peaks: Peaks, grid: VoxelGrid, subvoxel: bool) -> np.ndarray:
     return z_m + np.diff(grid.z_m)[0] * peak_offset(peaks.magnitude) if subvoxel else z_m
 
 
-def voxel_points_m(grid: VoxelGrid, voxels: np.ndarray) -> np.ndarray:
-    """Centres [n, 3] of the voxels with flat indices [n]."""
-    z, y, x = np.unravel_index(voxels, grid.shape)
-    return np.stack([grid.x_m[x], grid.y_m[y], grid.z_m[z]], axis=1)
-
-
 def column_points_m(grid: VoxelGrid, pixels: np.ndarray) -> np.ndarray:
     """Centres [nz · p, 3] of all voxels behind the pixels with flat indices [p]."""
     layer = np.prod(grid.shape[1:])
-    return voxel_points_m(grid, (np.arange(grid.shape[0])[:, None] * layer + pixels).ravel())
+    return grid.points_at_m((np.arange(grid.shape[0])[:, None] * layer + pixels).ravel())
 
 
 def column_peaks(images: np.ndarray, grid: VoxelGrid) -> Peaks:

@@ -1,8 +1,6 @@
 """The scope of the measurement: the paper's volume, tones and array, and the echoes of a hand; and how much of it in
 how long."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 

@@ -2,8 +2,6 @@
 in turns, so that a machine that gets slower does so for all of them.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import time
@@ -68,7 +66,7 @@ class Measured:
         part_s = float(of(self.repeats_s or [self.first.seconds]))
         return self.fixed_s + max(part_s - self.fixed_s, 0.0) / self.case.fraction
 
-    def record(self, section: str, exact: Measured | None = None, **known: Any) -> Record:
+    def record(self, section: str, exact: "Measured | None" = None, **known: Any) -> Record:
         """The case's record; `exact`: the timings of the exact path; of what else is known, None is left out."""
         fraction = {"fraction": self.case.fraction} if self.case.fraction < 1 else {}
         return {

@@ -1,7 +1,5 @@
 """Rows of the volume: the machine's ceiling, the textbook's ways, the exact path, and the fast engine."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -10,7 +8,7 @@ import numpy as np
 
 from bench.studies.columns import Record
 from bench.studies.engine import textbook
-from bench.studies.engine.reference import Reference, column_peaks, column_points_m, reference, voxel_points_m
+from bench.studies.engine.reference import Reference, column_peaks, column_points_m, reference
 from bench.studies.engine.scope import Inputs
 from bench.studies.engine.turns import Case, Measured, Work, everything, interleaved, named
 from radar.data.grid import VoxelGrid
@@ -39,7 +37,7 @@ def _textbook(inputs: Inputs, checked: Reference) -> list[Case]:
     """On the first of the checked voxels; interpolation on one plane, since it lives on neighbouring voxels."""
     grid, scope = inputs.grid, inputs.scope
     plane = _planes(grid, 1).points_m().reshape(-1, 3)
-    points_m = voxel_points_m(grid, checked.voxels)
+    points_m = grid.points_at_m(checked.voxels)
 
     def case(method: str, image: Callable[..., Any], points_m: np.ndarray, fixed: int = 0) -> Case:
         """fixed: points that tell what is done for none."""
@@ -95,7 +93,7 @@ def _compressed_accuracy(inputs: Inputs, checked: Reference) -> Record:
     def image(source: str, points_m: np.ndarray) -> np.ndarray:
         return textbook.range_compressed(inputs.samples[source], inputs.tones_hz, inputs.array, points_m)
 
-    points_m = voxel_points_m(inputs.grid, checked.voxels)
+    points_m = inputs.grid.points_at_m(checked.voxels)
     columns = image("hand", column_points_m(inputs.grid, checked.pixels))
     return {
         "relative_error": checked.error(image("hand", points_m)),

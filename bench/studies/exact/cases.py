@@ -1,16 +1,19 @@
 """The scenes: fingers and a palm as cylinders, and spheres, of metal or of what skin is at 80 GHz, as meshes and as
-axes or centres."""
+axes or centres; and their exact echoes, kept in files: they need not be made again when the simulation changes."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from bench.studies.exact.cylinders import ACROSS, ALONG, Cylinder
-from bench.studies.exact.mie_series import Sphere
+from bench.scenes.shapes import cylinder_mesh, sphere_mesh
+from bench.studies.exact.cylinders import ACROSS, ALONG, Cylinder, cylinder_echoes
+from bench.studies.exact.mie_series import Sphere, sphere_echoes
+from radar.data.arrays import AntennaArray
+from radar.simulation.physics.reflection import HORNY, dielectric_permittivity, skin_permittivity
 from radar.simulation.scene import Body, Material
-from radar.support.rays import load_open3d
+from radar.support.errors import HandbenchError
+from radar.support.files import content_hash, read_npz, write_npz
 
 HALF_LENGTH_M = 0.16  # of the meshes; no specular point of the array lies beyond a third of it
 AROUND_M, ALONG_M = 0.5e-3, 2e-3  # edges of the meshes: 4 µm inside the cylinder
@@ -19,6 +22,8 @@ MATERIALS = {
     "metal": Material(),
     "skin": Material(kind="plastic", permittivity=6.4, loss_tangent=1.35),
     "palm": Material(kind="skin", palm_thickness_m=0.4e-3),  # under its horny layer
+    "print": Material(kind="plastic", permittivity=2.7, loss_tangent=0.01),
+    "lossy print": Material(kind="plastic", permittivity=2.7, loss_tangent=0.1),
 }
 
 Shape = Cylinder | Sphere
@@ -56,17 +61,18 @@ SCENES: dict[str, tuple[Shape, ...]] = {
     "finger before palm, 12 mm aside": _before_palm(12e-3),
     **{f"sphere of {1e3 * r_m:.0f} mm": (Sphere((0.0, 0.0, 0.29), r_m),) for r_m in (10e-3, 5e-3, 2e-3)},
 }
-COATED = "sphere of 10 mm"  # the scene that is also measured of a palm's material
+# The scenes that are also measured of further materials.
+FURTHER = {"palm": "sphere of 10 mm", "print": "one finger", "lossy print": "one finger"}
 
 
 def cases(polarisations: str) -> list[Case]:
-    """All scenes of both materials, and a sphere of the palm's."""
+    """All scenes of metal and skin, and those of further materials."""
     wanted = polarisations.split(",")
     return [
         Case(name, bodies, material, polarisation)
         for name, bodies in SCENES.items()
         for material in MATERIALS
-        if material != "palm" or name == COATED
+        if FURTHER.get(material, name) == name
         for polarisation in (ALONG, ACROSS)
         if polarisation in wanted
     ]
@@ -102,13 +108,49 @@ def tube(cylinder: Cylinder) -> tuple[np.ndarray, np.ndarray]:
     """Vertices [n, 3] on a cylinder and faces [m, 3], counter-clockwise seen from outside; fans close its ends."""
     around = int(np.ceil(2 * np.pi * cylinder.radius_m / AROUND_M))
     along = int(np.ceil(2 * HALF_LENGTH_M / ALONG_M))
-    made = load_open3d().geometry.TriangleMesh.create_cylinder(cylinder.radius_m, 2 * HALF_LENGTH_M, around, along)
-    turned_m = np.asarray(made.vertices)[:, [1, 2, 0]]  # its axis is z
-    return turned_m + [cylinder.x_m, 0.0, cylinder.z_m], np.asarray(made.triangles)
+    made = cylinder_mesh(cylinder.radius_m, 2 * HALF_LENGTH_M, around, along)
+    return np.asarray(made.vertices) + [cylinder.x_m, 0.0, cylinder.z_m], np.asarray(made.triangles)
 
 
 def ball(sphere: Sphere) -> tuple[np.ndarray, np.ndarray]:
     """Vertices [n, 3] on a sphere and faces [m, 3], counter-clockwise seen from outside."""
-    steps = int(np.ceil(np.pi * sphere.radius_m / (AROUND_M / 2)))  # from pole to pole
-    made = load_open3d().geometry.TriangleMesh.create_sphere(sphere.radius_m, steps)
+    made = sphere_mesh(sphere.radius_m, AROUND_M / 2)
     return np.asarray(made.vertices) + sphere.centre_m, np.asarray(made.triangles)
+
+
+def exact_echoes(case: Case, frequencies_hz: np.ndarray, array: AntennaArray) -> np.ndarray:
+    """Samples complex128 [f, t, r] of a case."""
+    filling, coat = fillings(case, frequencies_hz)
+    if coat is None and all(isinstance(one, Cylinder) for one in case.bodies):
+        cylinders = [one for one in case.bodies if isinstance(one, Cylinder)]
+        return cylinder_echoes(cylinders, frequencies_hz, array, case.polarisation, filling)
+    one, *further = case.bodies
+    if not isinstance(one, Sphere) or further:
+        raise HandbenchError(f"{case}: no exact solution; expected bare cylinders or one sphere")
+    dipole = np.array([0.0, 1.0, 0.0] if case.polarisation == ALONG else [1.0, 0.0, 0.0])
+    if coat is not None:
+        one = replace(one, coat_m=MATERIALS[case.material].palm_thickness_m)
+    return sphere_echoes(one, frequencies_hz, array, dipole, filling, coat)
+
+
+def fillings(case: Case, frequencies_hz: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Permittivity [f] of the bodies, None for metal, and that of their coat, None for none."""
+    material = MATERIALS[case.material]
+    if material.kind == "metal":
+        return None, None
+    if material.kind == "skin":
+        return skin_permittivity(frequencies_hz, material.wet), HORNY.permittivity(frequencies_hz)
+    return np.full(len(frequencies_hz), dielectric_permittivity(material)), None
+
+
+def kept_echoes(case: Case, frequencies_hz: np.ndarray, array: AntennaArray, folder: Path) -> np.ndarray:
+    """The same as complex64 from the folder, where they lie for these tones, antennas and bodies, or made and kept."""
+    about = (str(case.bodies), case.polarisation, *fillings(case, frequencies_hz))
+    key = content_hash(*about, array.tx_m, array.rx_m, frequencies_hz)
+    path = folder / f"{str(case).replace(', ', '-').replace(' ', '_')}-{key[:16]}.npz"
+    if path.exists():
+        return read_npz(path, ("samples",))["samples"]
+    samples = exact_echoes(case, frequencies_hz, array).astype(np.complex64)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_npz(path, samples=samples, frequencies_hz=frequencies_hz)
+    return samples

@@ -9,8 +9,6 @@ Wait, The scattering of electromagnetic waves from dielectric cylinders, Can. J.
 by two cylinders, Radio Sci. 5 (1970) 1351; Abramowitz & Stegun 9.1.27 (derivatives), 9.1.79 (Graf).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ Tai, Dyadic Green Functions in Electromagnetic Theory, 2nd ed. 1994, chapter 10;
 Scattering of Light by Small Particles, 1983, chapters 4 and 8 (with e^{−iωt}).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple

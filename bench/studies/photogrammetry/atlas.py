@@ -1,7 +1,5 @@
 """A bitmap as a target's skin: facets that face the same way share a chart of it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +30,7 @@ class Atlas:
     chart_origin: np.ndarray
 
     @classmethod
-    def of(cls, vertices_m: np.ndarray, faces: np.ndarray, seed: int) -> Atlas:
+    def of(cls, vertices_m: np.ndarray, faces: np.ndarray, seed: int) -> "Atlas":
         """A mesh's charts, one below the other, with a random pattern whose amplitude falls with its frequency."""
         corners = vertices_m[faces]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

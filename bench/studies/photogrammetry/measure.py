@@ -1,7 +1,5 @@
 """Photographs of hands rendered, reconstructed as a user would, and scored against the truth."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,6 +7,8 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
 
 from bench.datasets.simulated import write_photographs, write_photos
 from bench.scenes.build import Scene, build
@@ -16,10 +16,9 @@ from bench.scenes.photographs import Studio
 from bench.studies.columns import Record, rows
 from bench.studies.photogrammetry.atlas import Atlas
 from bench.studies.photogrammetry.cases import Case, bars, renderers, sweep
-from bench.studies.photogrammetry.figure import draw
 from bench.studies.photogrammetry.path_tracer import PathTracer
 from bench.studies.photogrammetry.score import score
-from bench.studies.study import Study
+from bench.studies.study import BLUE, GREEN, ORANGE, Study
 from groundtruth.cameras.cameras import Camera
 from groundtruth.options import Options
 from groundtruth.pipeline import reconstruct
@@ -114,3 +113,32 @@ def record(case: Case, scored: Record, seconds: dict[str, float], peak_memory_mb
 
 def _without_intrinsics(photos: Path, folder: Path) -> None:
     shutil.copytree(photos, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*cameras.json"))
+
+
+COLOURS = (BLUE, ORANGE, GREEN, "#CC79A7", "#56B4E9")
+MARKERS = {"draft": "o", "normal": "s", "high": "^"}
+
+
+def draw(frames: dict[str, pd.DataFrame]) -> Figure:
+    """Colour: views, size: of the photographs, shape: quality."""
+    rows = frames["rows"].sort_values("all_s")
+    figure = Figure(figsize=(9.5, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    colour = dict(zip(sorted(rows.cameras.unique()), COLOURS, strict=False))
+    sizes = {width: 20 + 25 * i for i, width in enumerate(sorted(rows.width.unique()))}
+    for (cameras, width, quality), some in rows.groupby(["cameras", "width", "quality"]):
+        look = {"color": colour[cameras], "s": sizes[width], "marker": MARKERS[str(quality)], "alpha": 0.8}
+        left.scatter(some.all_s, 1e3 * some.rms_m, **look)
+        right.scatter(some.all_s, 100 * some.complete, **look)
+    for cameras, name in colour.items():
+        left.scatter([], [], color=name, label=f"{cameras} views")
+    for quality, marker in MARKERS.items():
+        left.scatter([], [], color="0.3", marker=marker, label=quality)
+    for width, size in sizes.items():
+        left.scatter([], [], color="0.7", s=size, label=f"{width} px wide")
+    left.step(rows.all_s, 1e3 * rows.rms_m.cummin(), where="post", color="0.5", linewidth=0.8, zorder=0)
+    left.set(xscale="log", yscale="log", xlabel="seconds, two cores", ylabel="RMS of the mesh in mm", title="error")
+    right.set(xscale="log", xlabel="seconds, two cores", ylabel="% of the radar's side within 1 mm")
+    right.set_title("completeness")
+    figure.legend(loc="outside lower center", ncols=5, frameon=False)
+    return figure

@@ -1,7 +1,5 @@
 """Photographs by Mitsuba, which shares no line with handbench's own: its rays, light, textures, filter and film."""
 
-from __future__ import annotations
-
 from types import ModuleType
 from typing import Any
 

@@ -1,9 +1,5 @@
 """A reconstruction against the true scene: error, completeness, scale, and the honesty of its error bars."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from bench.evaluation.metrics import BAND
@@ -14,9 +10,7 @@ from groundtruth.cameras.cameras import Camera
 from groundtruth.mesh.depth import depth_on_grid
 from groundtruth.mesh.mesh_files import raycasting_scene
 from groundtruth.pipeline import Result
-
-if TYPE_CHECKING:
-    import open3d as o3d
+from radar.support.rays import TriangleMesh
 
 GRID_M = 5e-4  # of the rays from the radar's side that sample the true surface
 COMPLETE_M = 1e-3
@@ -58,7 +52,7 @@ def completeness(points_m: np.ndarray, side_m: np.ndarray) -> float:
 
 
 def radar_side(
-    surface: o3d.geometry.TriangleMesh, radar_from_photo: Transform, box_m: np.ndarray | None
+    surface: TriangleMesh, radar_from_photo: Transform, box_m: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The places of the true surface that rays along +z meet first, in the radar frame, one per cell of a grid: x_m
     [nx], y_m [ny], z_m [ny, nx], NaN beside the surface and outside the crop box [2, 3] of the photo frame."""

@@ -1,7 +1,5 @@
 """Placements of the calibration target simulated, calibrated as a user would, and compared with the truth."""
 
-from __future__ import annotations
-
 import shutil
 import time
 from collections.abc import Callable
@@ -9,17 +7,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from scipy.stats import chi2
 
 from bench.datasets.native import TARGET
 from bench.datasets.simulated import simulate_capture
 from bench.run.photogrammetry import calibrate_captures
 from bench.scenes.echoes import choices, echo_scene
 from bench.studies.columns import Record, Table, columns
-from bench.studies.registration.cases import FAULTS, Case, case, only
-from bench.studies.registration.cloud import seen_cloud
-from bench.studies.registration.figure import draw
+from bench.studies.registration.cases import FAULTS, Case, case, only, seen_cloud
 from bench.studies.registration.score import score, summary
-from bench.studies.study import Study
+from bench.studies.study import BLUE, Study
 from calibration.registration.register import calibrate
 from calibration.target.description import save_target
 from calibration.transforms import Transform
@@ -130,3 +129,27 @@ def _clutter(scene: EchoScene, number: int) -> Ball:
         centre_m = rng.uniform((-0.12, -0.12, 0.24), (0.12, 0.12, 0.40))
         if min(np.linalg.norm(centre_m - ball.centre_m) for ball in scene.balls) > APART_M:
             return Ball(centre_m, rng.uniform(*CLUTTER_M))
+
+
+def draw(frames: dict[str, pd.DataFrame]) -> Figure | None:
+    """Error, error in the hand's volume over its prediction, and the distribution of the normalised squared error, of
+    the placements that were calibrated; None without one."""
+    rows = frames["rows"].query("refused == ''")
+    if rows.empty:
+        return None
+    figure = Figure(figsize=(9.5, 3.4), layout="constrained")
+    left, middle, right = figure.subplots(1, 3)
+    left.scatter(1e3 * rows.shift_m, np.degrees(rows.turn_rad), s=14, color=BLUE)
+    left.set(xlabel="shift at the hand's centre in mm", ylabel="turn in °", xlim=0, ylim=0, title="error")
+    middle.scatter(1e3 * rows.predicted_rms_m, 1e3 * rows.tre_rms_m, s=14, color=BLUE)
+    end = 1.05e3 * rows[["tre_rms_m", "predicted_rms_m"]].to_numpy().max()
+    middle.plot([0, end], [0, end], color="0.5", linewidth=0.8)
+    middle.set(xlabel="predicted, RMS over the volume in mm", ylabel="seen in mm", xlim=(0, end), ylim=(0, end))
+    middle.set_title("error in the hand's volume")
+    nees = np.sort(rows.nees)
+    x = np.linspace(0, max(20, nees[-1]), 200)
+    right.plot(x, chi2.cdf(x, 6), color="0.5", linewidth=0.8, label="χ² of 6: honest")
+    right.step(nees, (np.arange(len(nees)) + 0.5) / len(nees), where="mid", color=BLUE, label="seen")
+    right.set(xlabel="normalised squared error", ylabel="share of the trials", title="honesty")
+    right.legend(frameon=False, loc="lower right")
+    return figure

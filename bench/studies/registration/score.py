@@ -1,7 +1,5 @@
 """Errors of a registration whose truth is known, and whether its covariance told them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product

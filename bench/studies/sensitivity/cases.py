@@ -1,7 +1,5 @@
 """The settings: the benchmark as it is, each factor by itself, and a joint design over all of them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 

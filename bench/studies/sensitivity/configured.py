@@ -1,7 +1,5 @@
 """The paper's methods in a benchmark, and their configurations under a setting."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bench.evaluation.metrics import HEADLINE, METRICS

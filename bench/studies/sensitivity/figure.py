@@ -1,8 +1,6 @@
 """Tornadoes of the figures over each factor's values, and the distance to the paper over the two factors that matter
 most."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

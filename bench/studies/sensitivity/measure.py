@@ -2,13 +2,13 @@
 
 Every capture is scored as `handbench run` scores it: figures per capture, then averaged, and the precision of the
 hands that measure it. Only what a setting changes is made again: echoes are kept (`placement`), and images of the same
-samples by the same configuration as in the benchmark itself are taken from there.
+samples by the same configuration as in the benchmark itself are taken from there. The receiver comes last (`received`):
+what noise, the oscillator, the antennas and the calibration add to echoes without noise.
 """
 
-from __future__ import annotations
-
 import json
-from collections.abc import Sequence
+import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -24,17 +24,17 @@ from bench.run.repeat_stage import strongest_z_m
 from bench.run.sensitivity_table import completed
 from bench.scenes.scene_file import SceneFile, Sensor
 from bench.studies.columns import Record
-from bench.studies.sensitivity.cases import BASE, Case
+from bench.studies.sensitivity.cases import BASE, Case, Value
 from bench.studies.sensitivity.configured import configured, grid_of, paper_methods, tones_of
 from bench.studies.sensitivity.nearness import BROADBAND, FSK, KEYS, PAPER, agreeing, distance
 from bench.studies.sensitivity.placement import Clean, Hand, smooth_field
-from bench.studies.sensitivity.reception import received
 from groundtruth.mesh.depth import depth_on_grid
 from radar.data.capture import RadarCapture, thinned
 from radar.data.depthmap import DepthMap
 from radar.methods.fsk_config import ThreeToneConfig
 from radar.methods.registry import Method, method
 from radar.methods.smoothing import masked_mean
+from radar.simulation.effects.receiver import ThermalNoise, thermal_noise
 from radar.support.config import Config, load
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash, inside
@@ -200,3 +200,45 @@ class Measurement:
         if not any(hand.accuracy for hand in hands):
             raise HandbenchError("sensitivity: the benchmark simulates no scene that measures the accuracy; add one")
         return hands
+
+
+def received(
+    clean: Clean,
+    values: Mapping[str, Value],
+    noise_rad: float,
+    late_hz: tuple[float, float],
+    seed: int,
+    frame: int,
+    draw: int,
+) -> np.ndarray:
+    """Samples complex64 [f, t, r] of one frame of a scene with this seed. noise_rad: the benchmark's own; late_hz: f2
+    and f3, where phases are left; draw: which errors the antennas have, the same in all frames of a capture.
+
+    Thermal noise is that of `handbench simulate`, draw for draw, and keeps its level where antennas err.
+    """
+    f, samples = clean.frequencies_hz, clean.samples
+    phase_rad, gain_db = (float(values.get(name, 0.0)) for name in ("antenna_phase_rad", "antenna_gain_db"))
+    if phase_rad or gain_db:
+        tx, rx = (
+            10 ** (gain_db * gain / 20) * np.exp(1j * phase_rad * phase)
+            for gain, phase in (
+                _normal(seed, f"antennas {leg}", draw, (2, n)) for leg, n in enumerate(samples.shape[1:])
+            )
+        )
+        samples = samples * (tx[:, None] * rx)
+    turn_rad = float(values.get("common_phase_rad", 0.0)) / np.sqrt(2) * _normal(seed, "tones", frame, f.shape)
+    for name, tone_hz in zip(("f2_phase_rad", "f3_phase_rad"), late_hz, strict=True):
+        turn_rad[f == tone_hz] += float(values.get(name, 0.0))
+    if turn_rad.any():
+        samples = samples * np.exp(1j * turn_rad)[:, None, None]
+    sigma_rad = float(values.get("phase_noise_rad", noise_rad))
+    samples = samples.astype(np.complex64, copy=False)
+    if sigma_rad == 0:
+        return samples
+    return thermal_noise(samples, f, sigma_rad, clean.strongest, (seed, zlib.crc32(ThermalNoise.id.encode()), 0, frame))
+
+
+def _normal(seed: int, what: str, number: int, shape: tuple[int, ...]) -> np.ndarray:
+    """Normal numbers that depend on nothing but these."""
+    sequence = np.random.SeedSequence((seed, zlib.crc32(what.encode()), number))
+    return np.random.default_rng(sequence).standard_normal(shape)

@@ -1,7 +1,5 @@
 """The distance of a table's figures to the paper's, and what the settings of a joint design say about it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

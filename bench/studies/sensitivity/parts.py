@@ -1,7 +1,5 @@
 """The two parts of the study: each factor by itself, and a joint design, with the tables of each."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from math import ceil

@@ -1,12 +1,9 @@
 """Scenes as the simulated factors change them, and their echoes without noise, which are kept."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,10 +23,8 @@ from radar.simulation.state import EchoState, require_facets
 from radar.support.config import load
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash, read_npz, write_npz
+from radar.support.rays import TriangleMesh
 from radar.support.store import code_hash, keep
-
-if TYPE_CHECKING:
-    import open3d as o3d
 
 WAVES = 300  # of a smooth random field: with so many it is normal to three standard deviations
 PRINTS = ("permittivity", "layer_m")  # factors of printed hands alone
@@ -48,7 +43,7 @@ class Clean:
     array: AntennaArray
     points_m: np.ndarray
     strongest: float
-    surface: o3d.geometry.TriangleMesh
+    surface: TriangleMesh
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,6 @@ of that refusal alone]). A bound holds on every machine, for the reason beside i
 the module's BOUNDS.
 """
 
-from __future__ import annotations
-
 import time
 import tomllib
 from collections.abc import Callable, Iterable

@@ -5,8 +5,6 @@ A perturbation is small against what bends the estimator and large against round
 theory is a formula that is written here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, NamedTuple

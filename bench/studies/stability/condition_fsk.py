@@ -1,7 +1,5 @@
 """Amplification of phase errors by FSK's depth, and the rank correlation of its σ with its errors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple

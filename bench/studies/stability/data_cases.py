@@ -2,8 +2,6 @@
 noise that drowns the echo.
 """
 
-from __future__ import annotations
-
 from functools import cache, partial
 from itertools import product
 from typing import Any
@@ -118,15 +116,12 @@ def _steps(samples: np.ndarray, bits: int) -> np.ndarray:
 
 
 def _four_bits() -> Seen:
+    differences_hz = {"2fsk": 0.2e9, "nfsk": 9.3e9}
     for id, bits in product(METHODS, (12, 8, 6, 4)):
         phase = np.sqrt(2) * 2 / 2**bits / np.sqrt(12 * 144)
-        sigma_mm = 1e3 * C / (4 * np.pi * _difference_hz(id)) * phase
+        sigma_mm = 1e3 * C / (4 * np.pi * differences_hz.get(id, FINE_HZ)) * phase
         allowed = 4 * sigma_mm + (0.0 if id in FSK else VOXEL_MM)
         yield f"{id}, {bits} bits", _off_mm(id, _steps(_point(), bits)) / allowed
-
-
-def _difference_hz(id: str) -> float:
-    return {"2fsk": 0.2e9, "nfsk": 9.3e9}.get(id, FINE_HZ)
 
 
 def _saturated() -> Seen:

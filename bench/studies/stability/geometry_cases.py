@@ -5,8 +5,6 @@ Every sweep is imaged exactly and to each tolerance, on white noise, and compare
 are told as shares of what was asked: a relative L2 error over the points and a few draws of samples.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator
 from functools import partial, wraps
@@ -155,15 +153,6 @@ def _grid_share(grid: VoxelGrid, tolerance: float | None) -> float:
     found = image_volume(samples, TONES_HZ, array(), grid, tolerance).ravel()[chosen]
     size = max(np.linalg.norm(expected), np.linalg.norm(samples) * np.sqrt(len(chosen)))  # they may cancel by chance
     return np.linalg.norm(found - expected) / size / (tolerance or EXACT)
-
-
-def _moved() -> Seen:
-    points, samples = cloud(40, (0, 0, 0.3)), white_noise((len(TONES_HZ), *array().channels), 0)
-    at_origin = image_points(samples, TONES_HZ, array(), points, None)
-    for offset_m in (1.0, 1e3, 1e6, 9.9e6):
-        moved = AntennaArray(array().tx_m + offset_m, array().rx_m + offset_m)
-        found = image_points(samples, TONES_HZ, moved, points + offset_m, None)
-        yield f"offset {offset_m:g} m", np.linalg.norm(found - at_origin) / np.linalg.norm(at_origin)
 
 
 def _echoes() -> Seen:

@@ -3,8 +3,6 @@
 Written apart from the product, of which only the formula is shared: O(p) = Σ S e^{+j2πf(|p−t|+|p−r|)/c}.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from radar.data.arrays import AntennaArray

@@ -1,7 +1,5 @@
 """The stability study: every hard case, then the tables of errors that no single case shows."""
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Iterable, Sequence

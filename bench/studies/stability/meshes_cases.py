@@ -2,8 +2,6 @@
 meet a mesh at its vertices and edges, obliquely, from far away, or on their own surface; files of 10⁷ faces.
 """
 
-from __future__ import annotations
-
 import tempfile
 import tracemalloc
 from itertools import product

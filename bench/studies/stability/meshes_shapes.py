@@ -1,7 +1,5 @@
 """Triangles of a plane and of a sphere, whose depth is known in closed form, and what their cases share."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from groundtruth.mesh.depth import reference_on_grid

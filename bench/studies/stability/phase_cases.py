@@ -2,8 +2,6 @@
 wrong, points that tie, points at the edge of what is imaged and outside.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 from itertools import permutations, product

@@ -2,8 +2,6 @@
 double precision or the closed form.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path

@@ -7,8 +7,6 @@ such pixels are counted, by what makes the scene hard. Off means: from every dep
 pixel's resolution cell, for at an edge none of them is wrong.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 

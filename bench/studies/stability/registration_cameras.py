@@ -5,8 +5,6 @@ Five photographs of loose points before a board of five markers, with seeded noi
 deviation, which has to grow where the geometry tells less.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from itertools import product

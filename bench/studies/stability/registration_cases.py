@@ -3,8 +3,6 @@
 Pairs fit exactly unless a case is about their errors, so that the transform that made them is the reference.
 """
 
-from __future__ import annotations
-
 import io
 from contextlib import redirect_stderr
 from functools import partial
@@ -19,7 +17,7 @@ from calibration.registration.register import solve
 from calibration.registration.rigid_fit import HUBER, Pairs
 from calibration.target.description import Candidate, Element, Target, default_target
 from calibration.target.matching import match
-from calibration.transforms import Transform, condition_number, umeyama
+from calibration.transforms import Transform, condition_number
 from radar.support.errors import HandbenchError
 
 EPS = np.finfo(float).eps
@@ -108,12 +106,6 @@ def _shrinking_mirror() -> Seen:
             yield f"height {height_m:g} m", float(found.residuals_m.max() / (np.sqrt(2) * SIGMA_M))
 
 
-def _mirror() -> Works:
-    for height_m in (0.01, 0.02, 0.1):
-        points_m = _solid(height_m)
-        yield f"height {height_m} m", partial(registered, points_m, points_m * [1, 1, -1] @ TURN.T)
-
-
 def _triangle(skew_m: float) -> Target:
     places = ((-HALF_M, 0.0, 0.0), (HALF_M, 0.0, 0.0), (skew_m / 2, 0.09, 0.0))
     return Target(element=tuple(Element(centre_m=p, sphere_radius_m=0.02, ball_radius_m=0.005) for p in places))
@@ -158,7 +150,3 @@ def _two_wrong() -> Works:
     bent = np.array([[1, 0, 0], [0, -1, 1], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
     for size_m in (0.01, 0.03, 0.3, 30.0, 3e3, 1e6):
         yield f"{size_m:g} m off", partial(registered, FIVE, FIVE + SHIFT_M + size_m * bent)
-
-
-def _coinciding() -> Works:
-    yield "all at one place", partial(umeyama, np.ones((5, 3)), FIVE, with_scale=True)

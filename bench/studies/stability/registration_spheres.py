@@ -1,7 +1,5 @@
 """Hard cases of the target's spheres: caps that shrink in photographs, balls that draw together in echoes."""
 
-from __future__ import annotations
-
 from functools import partial
 from itertools import product
 

@@ -1,8 +1,6 @@
 """Scenes of the hard cases: a small array, scatterers whose depth is known, and methods run on the pixels about
 them. Echoes are formed in float64."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cache
 from typing import Any

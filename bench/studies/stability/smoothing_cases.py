@@ -1,7 +1,5 @@
 """Hard maps for the averaging filter: holes, borders, lone pixels, long rows, and weights that differ without end."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -3,8 +3,6 @@
 What intervals and tests make of the figures is in `statistics_intervals`.
 """
 
-from __future__ import annotations
-
 import tracemalloc
 from collections.abc import Iterable
 from itertools import product
@@ -146,12 +144,14 @@ def _not_finite() -> Seen:
 
 
 def _empty() -> Seen:
+    x_m, surface = PIXEL_M * np.arange(40), np.full((40, 40), DEPTH_M)
+    unobserved = error_map(x_m, x_m, np.full((40, 40), np.inf), surface, met=np.ones((40, 40), bool))
     nothing = [
         ("no map", []),
         ("no pixel", [a_map(np.empty((0, 0)))]),
         ("no row", [a_map(np.empty((0, 5)))]),
         ("all NaN", [a_map(np.full((40, 40), np.nan))] * 3),
-        ("all unobserved", [_unobserved()] * 6),
+        ("all unobserved", [unobserved] * 6),
     ]
 
     def given(maps: list[ErrorMap]) -> Iterable[object]:
@@ -166,11 +166,6 @@ def _empty() -> Seen:
             yield "floor"
 
     return ((name, float(len(list(given(maps))))) for name, maps in nothing)
-
-
-def _unobserved() -> ErrorMap:
-    x_m, surface = PIXEL_M * np.arange(40), np.full((40, 40), DEPTH_M)
-    return error_map(x_m, x_m, np.full((40, 40), np.inf), surface, met=np.ones((40, 40), bool))
 
 
 def _known(m: ErrorMap, sigma_m: float = 1e-3) -> Reference:

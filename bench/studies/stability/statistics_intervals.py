@@ -1,7 +1,5 @@
 """Hard cases of intervals and tests: three captures, three repeats, p-values that underflow, ties, any size."""
 
-from __future__ import annotations
-
 from itertools import combinations, product
 from math import sqrt
 

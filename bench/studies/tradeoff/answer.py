@@ -1,4 +1,4 @@
-"""The settings that are worth their time, and which of them to take.
+"""The settings that are worth their time, which of them to take, and both in the terminal.
 
 On the front stand those that nothing else beats: nothing is at least as fast, accurate and complete, and better in one.
 A map that shows twice as much of a hand is not beaten by a more accurate one of half of it.
@@ -8,14 +8,14 @@ upper end of its error's interval, and to a tenth more than the slowest of its r
 is one more draw, keeps what this one promised. Too few captures have no interval: the error is then that of these.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 from bench.evaluation.metrics import METRICS
-from bench.results import HEADLINE, Setting, Tradeoff
+from bench.results import HEADLINE, Section, Setting, Tradeoff
+from bench.studies.columns import Record, Table, columns
+from bench.studies.tradeoff.settings import setting_path
 from radar.support.errors import HandbenchError
 
 LENGTHS = {"mm": 1.0, "um": 1e-3, "µm": 1e-3, "cm": 10.0, "m": 1e3}  # in millimetres
@@ -71,7 +71,7 @@ class Answer:
 
 def quantity(text: str, units: dict[str, float], option: str) -> float:
     """A number with its unit, 2mm or 33 ms, in the unit whose factor is 1; a HandbenchError for anything else."""
-    found = re.fullmatch(r"\s*(\d+\.?\d*(?:e[+-]?\d+)?|\.\d+)\s*([a-zµ%]+)\s*", text)
+    found = re.fullmatch(r"\s*(\d+\.?\d*(?:e[+-]?\d+)?|\.\d+)\s*([a-zA-Zµ%]+)\s*", text)
     if found is None or found[2] not in units or not 0 < float(found[1]) < float("inf"):
         raise HandbenchError(f"{option}: is '{text}'; expected a number above 0 with its unit: {', '.join(units)}")
     return float(found[1]) * units[found[2]]
@@ -118,3 +118,58 @@ def _excess(setting: Setting, max_error_mm: float | None, max_seconds: float | N
 def _slowest_s(setting: Setting) -> float:
     """The time that a later run may take."""
     return HEADROOM * setting.seconds_high
+
+
+def show(tradeoff: Tradeoff, count_acquisition: bool = False) -> None:
+    """Print all sections; with the acquisition counted, the imaging front is that of frame and acquisition together."""
+    for section in tradeoff.facts.sections:
+        settings = tradeoff.section(section.name)
+        counted = count_acquisition and section.name == "imaging"
+        if counted:
+            settings = tuple(with_acquisition(s) for s in settings if s.acquisition_s is not None)
+        print(f"{section.title}: {section.metric} against {'frame and acquisition' if counted else 'time'}")
+        print(_front(section, settings).markdown())
+        print(*_dominated(settings, [s.name for s in front(settings)]), "", sep="\n")
+    for claim in tradeoff.facts.claims:
+        counted_factor, measured = ("–" if f is None else f"{f:.4g}" for f in (claim.counted, claim.measured))
+        print(f"{claim.text}: the paper says {claim.paper:.4g}, counted {counted_factor}, measured {measured}")
+
+
+def say_answer(tradeoff: Tradeoff, answer: Answer) -> None:
+    """Print an answer, and the command that runs it."""
+    s, title = answer.setting, METRICS[HEADLINE].title
+    print(
+        f"{answer.asked}: {s.name}, {title} {s.error:.3g} mm ({_range(s.low, s.high)}), {1e3 * s.seconds:.3g} ms "
+        f"({_range(s.seconds_low, s.seconds_high, 1e3)})"
+    )
+    print(f"handbench run {setting_path(tradeoff.folder, s.name)} -o RESULTS")
+
+
+def _front(section: Section, settings: tuple[Setting, ...]) -> Table:
+    """The front, and the settings that are the best of their own method alone."""
+    best = [s.name for s in front(settings)]
+    unit = next((s.seconds for s in settings if s.name == section.reference), None)
+    shown = sorted((s for s in settings if s.name in best or s.on_method_front), key=lambda s: s.seconds)
+    known = [replace(c, heading=section.unit) if c.name == "error" else c for c in columns("tradeoff.front")]
+    records: list[Record] = [
+        {
+            **asdict(s),
+            "interval": _range(s.low, s.high),
+            "range": _range(s.seconds_low, s.seconds_high, 1e3),
+            "over": unit and s.seconds / unit,
+            "front": "front" if s.name in best else "its method's",
+        }
+        for s in shown
+    ]
+    return Table("front", known, records)
+
+
+def _dominated(settings: tuple[Setting, ...], best: list[str]) -> list[str]:
+    under = {name: [s.name for s in settings if s.dominated_by == name and s.name not in best] for name in best}
+    unknown = [s.name for s in settings if s.error is None or s.seconds is None]
+    lines = [f"dominated by {name}: {', '.join(names)}" for name, names in under.items() if names]
+    return lines + ([f"without a figure: {', '.join(unknown)}"] if unknown else [])
+
+
+def _range(low: float | None, high: float | None, scale: float = 1) -> str:
+    return f"{scale * low:.3g}–{scale * high:.3g}" if low is not None and high is not None else ""

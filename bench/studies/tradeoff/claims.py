@@ -14,8 +14,6 @@ engine reaches the same images with fewer operations, of which it keeps no count
 exact sum, of both methods alike and as a few planes of the volume, scaled; and this engine.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

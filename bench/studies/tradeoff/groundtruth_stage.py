@@ -1,7 +1,5 @@
 """Photographs × their size × quality of the depth maps: how near the measured surface comes to the true one."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -9,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from psutil import Process
@@ -22,7 +20,7 @@ from bench.evaluation.metrics import pool
 from bench.results import Section, Setting
 from bench.results.error_map import ErrorMap
 from bench.studies.photogrammetry.score import GRID_M, radar_side
-from bench.studies.tradeoff.section_lines import Context, line, section
+from bench.studies.tradeoff.opening import Context, line, section
 from calibration.transforms import Transform, load_transform
 from groundtruth.cameras.cameras import Camera, load_cameras, save_cameras
 from groundtruth.mesh.depth import reference_on_grid
@@ -34,9 +32,7 @@ from radar.support.config import Config
 from radar.support.cost import Cost, measured
 from radar.support.errors import HandbenchError
 from radar.support.progress import say, track
-
-if TYPE_CHECKING:
-    import open3d as o3d
+from radar.support.rays import RaycastingScene
 
 CAMERAS, BOARD = "cameras.json", "board.toml"
 
@@ -58,7 +54,7 @@ class Subject:
     name: str
     photos: tuple[Photo, ...]
     box_m: tuple[float, ...] | None
-    truth: o3d.t.geometry.RaycastingScene
+    truth: RaycastingScene
     radar_from_photo: Transform
     x_m: np.ndarray
     y_m: np.ndarray
@@ -113,7 +109,8 @@ def shrink(photos: tuple[Photo, ...], long_px: int, folder: Path) -> None:
 
     folder.mkdir(parents=True)
     beside = photos[0].path.parent
-    sizes = {photo.name: _shrunk(photo, long_px) for photo in photos}
+    scales = {photo: min(1.0, long_px / max(photo.width, photo.height)) for photo in photos}
+    sizes = {photo.name: (round(scale * photo.width), round(scale * photo.height)) for photo, scale in scales.items()}
     for photo in photos:
         if sizes[photo.name] == (photo.width, photo.height):
             (folder / photo.name).symlink_to(photo.path.resolve())
@@ -126,11 +123,6 @@ def shrink(photos: tuple[Photo, ...], long_px: int, folder: Path) -> None:
         save_cameras(folder / CAMERAS, tuple(_rescaled(camera, *sizes[camera.name]) for camera in known))
     if (beside / BOARD).is_file():
         (folder / BOARD).symlink_to((beside / BOARD).resolve())
-
-
-def _shrunk(photo: Photo, long_px: int) -> tuple[int, int]:
-    scale = min(1.0, long_px / max(photo.width, photo.height))
-    return round(scale * photo.width), round(scale * photo.height)
 
 
 def _rescaled(camera: Camera, width: int, height: int) -> Camera:

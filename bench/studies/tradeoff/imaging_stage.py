@@ -2,8 +2,6 @@
 after one that makes its plan.
 """
 
-from __future__ import annotations
-
 import ctypes
 import time
 from collections.abc import Callable, Sequence
@@ -28,8 +26,7 @@ from bench.run.reconstruct_stage import configuration
 from bench.run.scoring import Files, compare, read_errors, reference_depth
 from bench.run.sweep import ImagingSetting, Sweep, imaging_settings, known_configs
 from bench.studies.tradeoff.claims import claims
-from bench.studies.tradeoff.opening import Opened
-from bench.studies.tradeoff.section_lines import Context, line, section
+from bench.studies.tradeoff.opening import Context, Opened, line, section
 from groundtruth.mesh.depth import Reference
 from radar.data.capture import RadarCapture, thinned
 from radar.data.grid import PixelGrid
@@ -83,7 +80,8 @@ def _timed(capture: Capture, setting: ImagingSetting) -> tuple[dict[str, float],
             result = chosen.run(echoes, config, 0)
             return result, time.perf_counter() - start, laps
 
-    _give_back()
+    with suppress(OSError, AttributeError):  # glibc alone gives memory back that a frame would take without growing
+        ctypes.CDLL(None).malloc_trim(0)
     before_mb = psutil.Process().memory_info().rss / 1e6
     with measured() as cost:
         _, first_s, _ = once()
@@ -91,13 +89,6 @@ def _timed(capture: Capture, setting: ImagingSetting) -> tuple[dict[str, float],
     plan_s, memory_mb = max(first_s - seconds, 0.0), max(cost.peak_memory_mb - before_mb, 0.0)
     counts = {"imaging_s": laps.imaging_s, "terms": laps.terms, "tones": laps.tones}
     return {"seconds": seconds, "plan_s": plan_s, "memory_mb": memory_mb, **counts}, result
-
-
-def _give_back() -> None:
-    """Free memory that the allocator holds back, which a frame would take without the process growing; only glibc
-    can."""
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 @lru_cache(maxsize=OPEN)

@@ -1,13 +1,11 @@
 """The number of combined captures of the calibration target, and the transform's error where hands are."""
 
-from __future__ import annotations
-
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import numpy as np
 from pydantic import Field
@@ -16,10 +14,9 @@ from bench.evaluation.statistics.intervals import Interval, mean_interval
 from bench.results import Section, Setting
 from bench.scenes.build import build
 from bench.scenes.echoes import echoes
-from bench.studies.registration.cases import Case, case
-from bench.studies.registration.cloud import seen_cloud
+from bench.studies.registration.cases import Case, case, seen_cloud
 from bench.studies.registration.score import VOLUME_M, score
-from bench.studies.tradeoff.section_lines import Context, line, section
+from bench.studies.tradeoff.opening import Context, line, section
 from calibration.registration import register as registration
 from calibration.registration.register import combine
 from calibration.registration.rigid_fit import Pairs
@@ -28,6 +25,7 @@ from radar.support.errors import HandbenchError
 from radar.support.progress import say, track
 from radar.warmup import compile_kernels
 
+Made = TypeVar("Made")
 MOST = 100  # captures of a rig, and rigs: numbers that are drawn from do not meet
 
 
@@ -49,13 +47,9 @@ class Measured:
     seconds: float
 
 
-@dataclass(frozen=True)
-class Combined:
-    """Several captures of one rig as one transform: mean square of its error over the hand's volume (None: refused),
-    and the seconds of all of it."""
-
-    square_m2: float | None
-    seconds: float
+# Several captures of one rig as one transform: mean square of its error over the hand's volume, m² (None: refused), and
+# the seconds of all of it.
+Combined = tuple[float | None, float]
 
 
 def measure(knobs: RegistrationKnobs, context: Context) -> tuple[Section, list[Setting]]:
@@ -68,7 +62,7 @@ def measure(knobs: RegistrationKnobs, context: Context) -> tuple[Section, list[S
     acquisition_s = 0.0
     with tempfile.TemporaryDirectory(dir=context.work, prefix=".registration-") as folder:
         for number in track(numbers, "registration"):
-            measured = [m for m in (_measured(one) for one in placements(number, most, Path(folder))) if m is not None]
+            measured = list(filter(None, map(_measured, placements(number, most, Path(folder)))))
             for count in counts:
                 groups = [measured[i : i + count] for i in range(0, len(measured) - count + 1, count)]
                 found[count].append([_combined(group) for group in groups])
@@ -94,35 +88,34 @@ def placements(number: int, count: int, folder: Path) -> list[Case]:
 def _measured(chosen: Case) -> Measured | None:
     points_m, normals = seen_cloud(chosen)
     heard = echoes(chosen.scene).capture
-    start = time.perf_counter()
-    try:
-        pairs, common_m2 = registration.measure(points_m, normals, heard, chosen.described)
-    except HandbenchError as error:
-        say(f"tradeoff: registration, placement {chosen.number}: {error}")
-        return None
-    return Measured(chosen, pairs, common_m2, time.perf_counter() - start)
+    found, seconds = _timed(chosen, lambda: registration.measure(points_m, normals, heard, chosen.described))
+    return None if found is None else Measured(chosen, *found, seconds)
 
 
 def _combined(group: Sequence[Measured]) -> Combined:
-    first = group[0].case
-    start = time.perf_counter()
-    try:
-        common_m2 = np.mean([one.common_m2 for one in group], axis=0)
-        offset_m = first.described.ball_offset_sigma_m
-        found = combine([one.pairs for one in group], common_m2=common_m2, ball_offset_sigma_m=offset_m)
-    except HandbenchError as error:
-        say(f"tradeoff: registration, placement {first.number}: {error}")
-        found = None
-    seconds = time.perf_counter() - start + sum(one.seconds for one in group)
+    first, common_m2 = group[0].case, np.mean([one.common_m2 for one in group], axis=0)
+    known = {"common_m2": common_m2, "ball_offset_sigma_m": first.described.ball_offset_sigma_m}
+    found, seconds = _timed(first, lambda: combine([one.pairs for one in group], **known))
+    seconds += sum(one.seconds for one in group)
     if found is None:
-        return Combined(None, seconds)
-    return Combined(float((score(found, first.scene.radar_from_photo).tre_m ** 2).mean()), seconds)
+        return None, seconds
+    return float((score(found, first.scene.radar_from_photo).tre_m ** 2).mean()), seconds
+
+
+def _timed(chosen: Case, work: Callable[[], Made]) -> tuple[Made | None, float]:
+    """The result of `work`, None where it is refused, as is said; and its seconds."""
+    start, found = time.perf_counter(), None
+    try:
+        found = work()
+    except HandbenchError as error:
+        say(f"tradeoff: registration, placement {chosen.number}: {error}")
+    return found, time.perf_counter() - start
 
 
 def _setting(about: Section, count: int, rigs: list[list[Combined]], acquisition_s: float) -> Setting:
     """rigs: the combinations of each."""
     tried = [one for rig in rigs for one in rig]
-    known = [[one.square_m2 for one in rig if one.square_m2 is not None] for rig in rigs]
+    known = [[square_m2 for square_m2, _ in rig if square_m2 is not None] for rig in rigs]
     square_m2 = np.array([np.mean(rig) for rig in known if rig])
     refused = len(tried) - sum(map(len, known))
     note = f" ({refused} of {len(tried)} refused)" if refused else ""
@@ -133,7 +126,7 @@ def _setting(about: Section, count: int, rigs: list[list[Combined]], acquisition
         {"captures": count},
         1e3 * float(np.sqrt(square_m2.mean())) if len(square_m2) else None,
         rms_interval_mm(square_m2),
-        [one.seconds for one in tried],
+        [seconds for _, seconds in tried],
         acquisition_s=acquisition_s,
     )
 

@@ -1,7 +1,5 @@
 """The sweep: sections one after the other, and the folder that they fill."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -15,8 +13,7 @@ from bench.run.sweep import Sweep, completed, imaging_settings, known_configs
 from bench.studies.study import carried_out, stand
 from bench.studies.tradeoff import imaging_stage
 from bench.studies.tradeoff.answer import front, rank, with_acquisition
-from bench.studies.tradeoff.opening import Opened, opened
-from bench.studies.tradeoff.section_lines import Context
+from bench.studies.tradeoff.opening import Context, Opened, opened
 from bench.studies.tradeoff.settings import FOLDER, write_settings
 from radar.support.config import parse
 from radar.support.errors import HandbenchError

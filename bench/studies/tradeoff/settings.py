@@ -1,7 +1,5 @@
 """Every imaging setting as a benchmark file that `handbench run` takes, beside the captures that it was measured on."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Iterable

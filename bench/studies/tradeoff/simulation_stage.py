@@ -1,9 +1,6 @@
-"""Sampling of surfaces × which effects are on: how near simulated echoes come to those of the finest simulation."""
+"""Sampling × which effects are on: how near maps of simulated echoes come to those of exact ones, in millimetres."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass, fields
 from itertools import product
 from typing import Annotated, Any
 
@@ -11,30 +8,35 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from bench.results import Section, Setting
-from bench.scenes.build import Scene, load_scene
-from bench.scenes.echoes import echo_scene
+from bench.studies.exact.cases import Case, body, cases, kept_echoes
+from bench.studies.exact.cylinders import ALONG
+from bench.studies.exact.measure import LONG_M, maps, tones_hz
 from bench.studies.study import in_turns
-from bench.studies.tradeoff.section_lines import Context, line, section
-from radar.simulation.causes import Noise
+from bench.studies.tradeoff.opening import Context, line, section
+from radar.data.arrays import qar50
+from radar.data.capture import RadarCapture
 from radar.simulation.scene import EchoScene
 from radar.simulation.selection import CONTAINED, EFFECTS, Choice, check_names, choose
 from radar.simulation.simulate import simulate_scene
-from radar.support.config import Config
+from radar.support.config import Config, suggest
 from radar.support.errors import HandbenchError
-from radar.support.files import inside
-from radar.support.progress import say
 from radar.warmup import compile_kernels
 
-ORDINARY = 4.0  # facets to a wavelength in every simulation
+ORDINARY = 4.0  # facets, and mirrors of two bounces, to a wavelength in every simulation
+METHOD = "3fsk"
+Positive = Annotated[float, Field(gt=0)]
 
 
 class SimulationKnobs(Config):
-    """facets_per_wavelength: how many edges of facets, or of the mirrors of two bounces, fit into the shortest
-    wavelength, at least. without: lists of effects that are left out of all that the scene has a cause for, noise
-    aside; [] leaves out none. tolerance_mm: of `effects = "auto"`, at the ordinary four facets. finest: the sampling of
-    the simulation that the others are held against, which has all effects on."""
+    """scenes: of `handbench study exact`, dipoles along the cylinders. Facets' and mirrors' edges that fit into the
+    shortest wavelength, at least, and how much farther apart than in every simulation the antennas are for which two
+    bounces are traced. without: lists of effects that are left out of all; [] leaves out none. tolerance_mm: of
+    `effects = "auto"`. The first of each is combined with the others' first, and facets with all of `without`."""
 
-    facets_per_wavelength: tuple[Annotated[float, Field(gt=0)], ...] = Field(default=(2.0, 4.0), min_length=1)
+    scenes: tuple[str, ...] = Field(("fingers 6 mm apart, skin", "finger before palm, skin"), min_length=1)
+    facets_per_wavelength: tuple[Positive, ...] = Field((ORDINARY, 2.0), min_length=1)
+    mirrors_per_wavelength: tuple[Positive, ...] = Field((ORDINARY, 2.0, 8.0), min_length=1)
+    nodes_apart: tuple[Positive, ...] = Field((1.0, 2.0, 0.5), min_length=1)
     without: tuple[tuple[str, ...], ...] = (
         (),
         ("multipath",),
@@ -42,8 +44,15 @@ class SimulationKnobs(Config):
         ("multipath", "shadow_diffraction", "shadow_antennas"),
         ("multipath", "shadow_diffraction", "shadow_antennas", "shadow_centre"),
     )
-    tolerance_mm: tuple[Annotated[float, Field(gt=0)], ...] = (0.1, 1.0)
-    finest: float = Field(default=8.0, gt=0)
+    tolerance_mm: tuple[Positive, ...] = (0.1, 1.0)
+
+    @field_validator("scenes")
+    @classmethod
+    def _there(cls, scenes: tuple[str, ...]) -> tuple[str, ...]:
+        for name in scenes:
+            if name not in _cases():
+                raise ValueError(f"'{name}' is no exact scene; {suggest(name, list(_cases()))}")
+        return scenes
 
     @field_validator("without")
     @classmethod
@@ -58,73 +67,108 @@ class SimulationKnobs(Config):
 
 @dataclass(frozen=True)
 class Way:
-    """One way to simulate: the sampling, and the effects by what is left out or, by a tolerance, as auto chooses."""
+    """One way to simulate: the samplings, and the effects by what is left out or, by a tolerance, as auto chooses."""
 
-    facets_per_wavelength: float
+    facets_per_wavelength: float = ORDINARY
+    mirrors_per_wavelength: float = ORDINARY
+    nodes_apart: float = 1.0
     without: tuple[str, ...] = ()
     tolerance_mm: float | None = None
 
     @property
-    def words(self) -> tuple[str, str]:
-        """The sampling and the effects."""
-        effects = f"without {', '.join(self.without)}" if self.without else "all effects"
+    def words(self) -> str:
+        """The sampling, where it is not the ordinary one, and the effects."""
+        words = {
+            "facets_per_wavelength": "{:g} facets per wavelength",
+            "mirrors_per_wavelength": "{:g} mirrors per wavelength",
+            "nodes_apart": "nodes {:g} times as far apart",
+        }
+        said = [text.format(self.knobs[key]) for key, text in words.items() if key in self.knobs]
         if self.tolerance_mm is not None:
-            effects = f"auto at {self.tolerance_mm:g} mm"
-        return f"{self.facets_per_wavelength:g} facets per wavelength", effects
+            return ", ".join([*said, f"auto at {self.tolerance_mm:g} mm"])
+        return ", ".join([*said, f"without {', '.join(self.without)}" if self.without else "all effects"])
 
     @property
     def name(self) -> str:
-        """The setting's name, as 4-facets-all-effects."""
-        return "-".join(self.words).replace(" per wavelength", "").replace(",", "").replace(" ", "-")
+        """The setting's name, as 2-facets-all-effects."""
+        return self.words.replace(" per wavelength", "").replace(",", "").replace(" ", "-")
 
     @property
     def knobs(self) -> dict[str, Any]:
-        """The name that tells it from the others."""
-        effects = {"without": self.without} if self.tolerance_mm is None else {"tolerance_mm": self.tolerance_mm}
-        return {"facets_per_wavelength": self.facets_per_wavelength, **effects}
+        """Its values that are not the ordinary ones."""
+        usual = Way()
+        given = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {key: value for key, value in given.items() if value != getattr(usual, key)}
 
-    def simulate(self, scene: Scene) -> np.ndarray:
+    def simulate(self, case: Case, frequencies_hz: np.ndarray) -> np.ndarray:
         """One frame's samples [f, tx, rx]."""
-        sampled = replace(echo_scene(scene), coarser=ORDINARY / self.facets_per_wavelength)
-        return simulate_scene(sampled, self._choices(sampled)).capture.samples[0]
+        scene = EchoScene(
+            qar50(),
+            frequencies_hz,
+            np.zeros(len(frequencies_hz)),
+            body(case),
+            coarser=ORDINARY / self.facets_per_wavelength,
+            mirrors_coarser=self.facets_per_wavelength / self.mirrors_per_wavelength,
+            nodes_apart=self.nodes_apart,
+        )
+        return simulate_scene(scene, self.choices(scene)).capture.samples[0]
 
-    def _choices(self, scene: EchoScene) -> tuple[Choice, ...]:
+    def choices(self, scene: EchoScene) -> tuple[Choice, ...]:
+        """The rows of the effects."""
         if self.tolerance_mm is not None:
             return choose(scene, "auto", self.tolerance_mm)
         left = [effect.id for effect in EFFECTS if not effect.missing(scene) and effect.id not in self.without]
         return choose(scene, tuple(id for id in left if CONTAINED.get(id) not in left), tolerance_mm=0.0)
 
 
-def measure(knobs: SimulationKnobs, context: Context) -> tuple[Section, list[Setting]] | None:
-    """Simulate the benchmark's first scene every way, in turns; the finest, which is slow, once. None where all its
-    captures are recorded."""
-    source = next((source for source in context.bench.capture if source.scene is not None), None)
-    if source is None:
-        say("tradeoff: simulation left out: the benchmark simulates no capture")
-        return None
-    scene = load_scene(inside(context.base, source.scene, "capture.scene"))
-    scene = replace(scene, file=scene.file.model_copy(update={"noise": Noise()}))
+def measure(knobs: SimulationKnobs, context: Context) -> tuple[Section, list[Setting]]:
+    """Simulate the exact scenes every way, in turns. Exact echoes are kept in the work folder."""
+    frequencies_hz, known, listed = tones_hz("few"), _cases(), ways(knobs)
+    chosen = {name: known[name] for name in knobs.scenes}
+    exact = {name: kept_echoes(case, frequencies_hz, qar50(), context.work / "exact") for name, case in chosen.items()}
     compile_kernels()
-    finest = Way(knobs.finest)
-    seconds, found = in_turns({finest: partial(finest.simulate, scene)}, 1, "simulation, the finest")
-    exact = found[finest]
-    more_s, others = in_turns({way: partial(way.simulate, scene) for way in ways(knobs)}, context.repeats, "simulation")
-    errors = {way: difference_percent(samples, exact) for way, samples in others.items()}
-    about = section("simulation", finest.name, {"scene": scene.file.name, "finest": " and ".join(finest.words)})
-    return about, [
-        line(about, way.name, ", ".join(way.words), way.knobs, errors.get(way), seconds=times)
-        for way, times in {**seconds, **more_s}.items()
-    ]
+    work = {
+        (way, name): lambda way=way, case=case: way.simulate(case, frequencies_hz)
+        for way in listed
+        for name, case in chosen.items()
+    }
+    times, samples = in_turns(work, context.repeats, "simulation")
+    true_m = {name: _depths(echoes, frequencies_hz) for name, echoes in exact.items()}
+    about = section("simulation", listed[0].name, {"scenes": "; ".join(knobs.scenes)})
+    settings = []
+    for way in listed:
+        found = [compared(_depths(samples[way, name], frequencies_hz), true_m[name]) for name in chosen]
+        error_mm, both = (float(figure) for figure in np.mean(found, axis=0))
+        seconds = np.mean([times[way, name] for name in chosen], axis=0).tolist()
+        settings.append(line(about, way.name, way.words, way.knobs, error_mm, seconds=seconds, seen_percent=100 * both))
+    return about, settings
 
 
 def ways(knobs: SimulationKnobs) -> list[Way]:
-    """All but the finest."""
-    listed = [Way(n, names) for n, names in product(knobs.facets_per_wavelength, knobs.without)]
-    listed += [Way(ORDINARY, tolerance_mm=mm) for mm in knobs.tolerance_mm]
-    return [way for way in dict.fromkeys(listed) if way != Way(knobs.finest)]
+    """Each once."""
+    facets, mirrors, nodes = knobs.facets_per_wavelength, knobs.mirrors_per_wavelength, knobs.nodes_apart
+    first = facets[0], mirrors[0], nodes[0]
+    listed = [Way(n, min(n, mirrors[0]), nodes[0], names) for n, names in product(facets, knobs.without)]
+    usual = knobs.without[0] if knobs.without else ()
+    listed += [Way(first[0], n, first[2], usual) for n in mirrors] + [Way(*first[:2], n, usual) for n in nodes]
+    listed += [Way(*first, tolerance_mm=mm) for mm in knobs.tolerance_mm]
+    return list(dict.fromkeys(listed))
 
 
-def difference_percent(samples: np.ndarray, exact: np.ndarray) -> float:
-    """Root of the energy of the difference over that of the exact samples, both complex [f, tx, rx], in percent."""
-    difference = (samples - exact).astype(np.complex128)
-    return 100 * float(np.linalg.norm(difference) / np.linalg.norm(exact.astype(np.complex128)))
+def compared(ours_m: np.ndarray, exact_m: np.ndarray) -> tuple[float, float]:
+    """Mean |Δz| in mm of the pixels that both maps have, and these over those that either has."""
+    here, there = np.isfinite(ours_m), np.isfinite(exact_m)
+    both, either = here & there, here | there
+    off_mm = 1e3 * np.abs(ours_m - exact_m)[both]
+    return float(off_mm.mean()) if len(off_mm) else np.inf, float(both.sum() / max(either.sum(), 1))
+
+
+def _depths(samples: np.ndarray, frequencies_hz: np.ndarray) -> np.ndarray:
+    """Depths of the 3-FSK map where the cylinders' ends do not count."""
+    depth = maps(RadarCapture(samples[None], frequencies_hz, qar50()), (METHOD,))[METHOD]
+    return depth.z_m[np.abs(depth.y_m) < LONG_M]
+
+
+def _cases() -> dict[str, Case]:
+    """The exact scenes by name and material."""
+    return {f"{case.name}, {case.material}": case for case in cases(ALONG)}

@@ -5,8 +5,6 @@ A planar scan is an array whose second leg is one antenna that the wave meets ze
 and reduced in the precision in which they come before the float32 sine.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from types import ModuleType
 

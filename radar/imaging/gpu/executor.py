@@ -5,8 +5,6 @@ tone, as in `radar.imaging.cpu.descent`: ΔR in float64 against a reference poin
 images pass through the processor's memory: there are thirty times fewer of them than voxels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from threading import Lock

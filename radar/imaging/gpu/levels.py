@@ -4,8 +4,6 @@ boxes descend by a few batched products.
 Padding is zero: a tone or an antenna that a box does not have gets samples of zero, which add nothing to any image.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from types import ModuleType
 

@@ -9,12 +9,12 @@ import numpy as np
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.simulation.effects.base import Effect, Glance
 from radar.simulation.forward import Scatterers
-from radar.simulation.physics.bundles import RX_NODES_M, TX_NODES_M, Bundles, nodes
+from radar.simulation.physics.bundles import Bundles, nodes
 from radar.simulation.physics.coarse import double_bounce, single_bounce
 from radar.simulation.physics.diffracted import by_rays, samples_of, sight_of
 from radar.simulation.physics.facets import face_vectors
 from radar.simulation.physics.line_of_sight import rays_of
-from radar.simulation.physics.ray_tubes import trace
+from radar.simulation.physics.ray_tubes import mirrors_of, trace
 from radar.simulation.physics.reflection import body_reflection, echo_reflection, oblique_ratios
 from radar.simulation.pilot import CENTRE_M, LONGEST, body_echoes, visible_surface
 from radar.simulation.scene import Body, EchoScene, Material
@@ -27,9 +27,10 @@ NODES_M, SAMPLES_M = 0.03, 8e-3  # between antennas and points of the room for w
 
 
 class Multipath(Effect):
-    """Two bounces on the target's own surface, the first as a mirror and the second by physical optics.
+    """Two bounces on the target's own surface: the mean of the first as a mirror and the second by physical optics, and
+    of the same from the receivers, so that transmitters and receivers can be exchanged.
 
-    Left out: more bounces, edges, the reflection's dependence on the angle, the field's quarter turn at caustics."""
+    Left out: more bounces, edges."""
 
     id = "multipath"
     does = "echoes over two places of the target, such as two fingers"
@@ -40,7 +41,8 @@ class Multipath(Effect):
 
     def cost_s(self, scene: EchoScene) -> float:
         count = _twice(scene)[1]
-        tubes = count * 4 * len(nodes(scene.array.tx_m, TX_NODES_M))  # the coarse surface's facets are twice as wide
+        antennas = len(nodes(scene.array)[0]) + len(nodes(_exchanged(scene.array))[0])
+        tubes = count * 4 * antennas  # the coarse surface's facets are twice as wide
         return SECONDS_PER_FACE * len(scene.body.faces) + SECONDS_PER_TUBE * tubes
 
     def glance(self, scene: EchoScene) -> Glance:
@@ -56,21 +58,32 @@ class Multipath(Effect):
         surface = state.surface
         if surface is None:
             return
-        body, longest_m = surface.body, PATCH * state.scene.wavelength_m
-        array = state.array
-        at = nodes(array.tx_m, TX_NODES_M), nodes(array.rx_m, RX_NODES_M)
-        few = AntennaArray(array.tx_m[at[0]], array.rx_m[at[1]])
-        traced = trace(rays_of(state.scene, body), body, few, longest_m)
-        if len(traced.hits.face) == 0:
+        body, rays, layer = surface.body, rays_of(state.scene, surface.body), _layers(surface)
+        longest_m = PATCH * state.scene.wavelength_m * state.scene.mirrors_coarser
+        mirrors = mirrors_of(rays, body, np.concatenate([leg.position_m for leg in state.array.legs]), longest_m)
+        senses = []
+        for array in (state.array, _exchanged(state.array)):
+            at = nodes(array, state.scene.nodes_apart)
+            few = AntennaArray(array.tx_m[at[0]], array.rx_m[at[1]])
+            senses.append(Bundles(trace(rays, mirrors, few), layer, at, state.scene.dipole))
+        if not any(senses):
             return
-        bundles = Bundles(traced, _layers(surface), at, state.scene.dipole)
 
         def echo() -> np.ndarray:
             material = Material() if surface.reflection is None else body.material  # where it is off, that of metal
             ratios = oblique_ratios(material, float(state.scene.frequencies_hz.mean()))
-            return bundles.echo(state.scene.frequencies_hz, state.array, surface.reflection, state.pattern, ratios)
+            there, back = (
+                bundles.echo(state.scene.frequencies_hz, array, surface.reflection, state.pattern, ratios)
+                for bundles, array in zip(senses, (state.array, _exchanged(state.array)), strict=True)
+            )
+            return np.asarray((there + back.swapaxes(1, 2)) / 2)
 
         state.extra.append(echo)
+
+
+def _exchanged(array: AntennaArray) -> AntennaArray:
+    """Transmitters as receivers and the other way round."""
+    return AntennaArray(array.rx_m, array.tx_m)
 
 
 def _twice(scene: EchoScene) -> tuple[float, int]:

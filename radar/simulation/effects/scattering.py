@@ -6,14 +6,15 @@ import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.simulation.effects.base import Effect, Glance
-from radar.simulation.physics.coarse import visible_from
+from radar.simulation.physics.coarse import beside_outlines, visible_from
 from radar.simulation.physics.diffracted import NODES_M, by_rays, samples_of, sight_of
-from radar.simulation.physics.facets import Facets, face_vectors
+from radar.simulation.physics.diffraction import kept_edges, outline
+from radar.simulation.physics.facets import Facets, convex, face_vectors
 from radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
 from radar.simulation.physics.reflection import skin_layers_m, skin_reflection
 from radar.simulation.pilot import CENTRE_M, coarse_surface, seen_from_centre
 from radar.simulation.scene import Body, EchoScene
-from radar.simulation.state import EchoState, facing
+from radar.simulation.state import EchoState, facing, require_facets
 
 
 class Obliquity(Effect):
@@ -95,13 +96,37 @@ class ShadowAntennas(_OfEachAntenna):
         surface.keep(np.asarray(tx.any(axis=0) & rx.any(axis=0)))
 
 
+OUTLINES, LOOKED_AT = 500, 2000  # points of an outline and facets, at most, at which a glance looks
+
+
 class ShadowDiffraction(_OfEachAntenna):
-    """Waves bend around the outline of what hides. Left out: what creeps around curved edges, polarisation, waves that
-    bend twice, and angles beyond some 40°; where a path bounces twice, its shadows stay sharp."""
+    """Waves bend around the outline of what hides, and creep around what is round of it, each polarisation by itself.
+    Left out: waves that bend twice or turn their polarisation, and angles beyond some 40°; where a path bounces twice,
+    its shadows stay sharp."""
 
     id = "shadow_diffraction"
     does = "shadows of each antenna are as blurred as diffraction makes them (sharp ones are then not used)"
-    source = "Kirchhoff's integral along outlines: Miyamoto & Wolf 1962"
+    source = "Kirchhoff's integral along outlines: Miyamoto & Wolf 1962; waves that creep: Pathak 1979"
+
+    def glance(self, scene: EchoScene) -> Glance | None:
+        """The share of the surface that lies behind or beside an outline, as the corners of the array see it. What
+        stands around the target lies behind its outline, and hollow places are too small to be told."""
+        if scene.room:
+            return None
+        body, every = scene.body, require_facets(coarse_surface(scene, scene.body))
+        facets, edges = every.where(np.arange(0, len(every), 1 + len(every) // LOOKED_AT)), kept_edges(scene, body)
+        ratio = 0.0
+        for leg in scene.array.legs:
+            views_m = leg.position_m[np.unique([line[[0, -1]] for line in lines(leg.position_m)])]
+            for view_m in views_m:
+                middle_m = outline(body, edges, view_m).beside_m
+                outline_m = middle_m[:: 1 + len(middle_m) // OUTLINES]
+                near = beside_outlines(facets.position_m, facets.normal, outline_m, view_m, scene.wavelength_m)
+                faced_m2 = facets.area_m2 * np.maximum(((view_m - facets.position_m) * facets.normal).sum(axis=1), 0)
+                ratio += float(faced_m2[near].sum() / max(faced_m2.sum(), 1e-30)) / len(views_m)
+        if ratio == 0 and not convex(body):
+            return None
+        return Glance.of_level(scene, ratio, f"{50 * ratio:.2g} % of the surface lies beside or behind outlines")
 
     def apply(self, state: EchoState) -> None:
         surface, scene = state.surface, state.scene

@@ -6,9 +6,9 @@ the angle of incidence; with physical optics' integrand, shared evenly by both l
 
     S_f[t, r] = Σ_tubes √(A_p A_q) / R_t · √cos θ_qr / R_r · D · exp(−j2πf(R_t + |pq| + R_r)/c),
 
-which has no singularity at caustics, where A_q vanishes (the field's quarter turn beyond them is left out). D is what
-the phase, which is not the same all over a footprint, leaves of it: see `radiate`. Shooting and bouncing rays: Ling,
-Chou & Lee, IEEE Trans. Antennas Propag. 37 (1989) 194.
+which has no singularity at caustics, where A_q vanishes; beyond each, the field is a quarter turn ahead (Balanis,
+Advanced Engineering Electromagnetics, sec. 13.2). D is what the phase, which is not the same all over a footprint,
+leaves of it: see `radiate`. Shooting and bouncing rays: Ling, Chou & Lee, IEEE Trans. Antennas Propag. 37 (1989) 194.
 """
 
 from __future__ import annotations
@@ -19,15 +19,18 @@ import numba
 import numpy as np
 
 from radar.imaging.cpu.steering import FAST, cis_small
+from radar.simulation.physics.vectors import ahead, cross, direction, dot, minus, mirrored, norm, vec
 
 WIDEST = 100.0  # footprint over patch, at most: what is wider leaves a caustic or grazes, and D silences it
+FAINT = 0.02  # of a footprint's phases left over, for the receiver that sees most of it: counts nothing
 STEEPEST = 1.4  # rise of the path along the surface (at most 2) beyond which a tube counts nothing
 
 
 class Tubes(NamedTuple):
     """n tubes: transmitter, patch (mirror) and face (where it lands) [n]; start_m [n, 3] p; end_m [n, 3] q; normal
     [n, 3] of the surface at q; length_m [n] |pq|; root_m2 [n] √(A_p A_q), 0 for what is no tube; edge_m [n, 3, 3]: from
-    q to the footprint's corners; longer_m [n, 3]: by how much their rays are longer than the middle's."""
+    q to the footprint's corners; longer_m [n, 3]: by how much their rays are longer than the middle's; caustics [n]:
+    how many lie on |pq|, 0 to 2."""
 
     transmitter: np.ndarray
     patch: np.ndarray
@@ -39,6 +42,7 @@ class Tubes(NamedTuple):
     root_m2: np.ndarray
     edge_m: np.ndarray
     longer_m: np.ndarray
+    caustics: np.ndarray
 
 
 class Patches(NamedTuple):
@@ -53,17 +57,17 @@ class Patches(NamedTuple):
 
 
 @numba.njit(**FAST)
-def mirror(patches, antenna_m, chosen, direction):  # type: ignore[no-untyped-def]
-    """Fill in the direction [n, 3] in which the middle of each chosen patch [n] mirrors an antenna [3]; whether the
-    patch turns its front to both, bool [n]."""
+def mirror(patches, antenna_m, chosen, onward):  # type: ignore[no-untyped-def]
+    """Fill in the directions onward [n, 3] in which the middle of each chosen patch [n] mirrors an antenna [3]; whether
+    the patch turns its front to both, bool [n]."""
     front = np.empty(len(chosen), np.bool_)
-    antenna = _vector(antenna_m)
+    antenna = vec(antenna_m)
     for n in range(len(chosen)):
-        flat = _vector(patches.flat_m2[chosen[n]])
-        incoming, _ = _unit(_minus(_vector(patches.middle_m[chosen[n]]), antenna))
-        bounced = _mirrored(incoming, _vector(patches.normal[chosen[n]]))
-        direction[n, 0], direction[n, 1], direction[n, 2] = bounced
-        front[n] = _dot(incoming, flat) < 0 and _dot(bounced, flat) > 0
+        flat = vec(patches.flat_m2[chosen[n]])
+        incoming, _ = direction(minus(vec(patches.middle_m[chosen[n]]), antenna))
+        bounced = mirrored(incoming, vec(patches.normal[chosen[n]]))
+        onward[n, 0], onward[n, 1], onward[n, 2] = bounced
+        front[n] = dot(incoming, flat) < 0 and dot(bounced, flat) > 0
     return front
 
 
@@ -74,104 +78,73 @@ def land(tubes, patches, tx_m, surface):  # type: ignore[no-untyped-def]
     the direction in which it would be mirrored towards the transmitter that the neighbours' echoes cancel its own."""
     for n in range(len(tubes.face)):
         patch, face = tubes.patch[n], tubes.face[n]
-        antenna, start = _vector(tx_m[tubes.transmitter[n]]), _vector(patches.middle_m[patch])
-        flat = _vector(surface.flat_m2[face])
-        incoming, distance = _unit(_minus(start, antenna))
-        bounced = _mirrored(incoming, _vector(patches.normal[patch]))
+        antenna, start = vec(tx_m[tubes.transmitter[n]]), vec(patches.middle_m[patch])
+        flat = vec(surface.flat_m2[face])
+        incoming, distance = direction(minus(start, antenna))
+        bounced = mirrored(incoming, vec(patches.normal[patch]))
         for axis in range(3):
             tubes.start_m[n, axis], tubes.end_m[n, axis] = start[axis], start[axis]
         tubes.length_m[n] = tubes.root_m2[n] = 0.0
-        towards = _dot(bounced, flat)
+        towards = dot(bounced, flat)
         if towards >= 0:
             continue
-        length = _dot(_minus(_vector(surface.corners_m[face, 0]), start), flat) / towards
-        end = _along(start, length, bounced)
+        length = dot(minus(vec(surface.corners_m[face, 0]), start), flat) / towards
+        end = ahead(start, length, bounced)
         normal = _interpolated(end, surface.corners_m[face], surface.normals[face], flat)
-        if _dot(bounced, normal) >= 0:
-            normal, _ = _unit(flat)
-        rise = _minus(bounced, _unit(_minus(antenna, end))[0])  # of the path per metre along the surface
-        missed = _length(_along(rise, -_dot(rise, normal), normal)) > STEEPEST
+        if dot(bounced, normal) >= 0:
+            normal, _ = direction(flat)
+        rise = minus(bounced, direction(minus(antenna, end))[0])  # of the path per metre along the surface
+        missed = norm(ahead(rise, -dot(rise, normal), normal)) > STEEPEST
         for i in range(3):
-            corner = _vector(patches.corners_m[patch, i])
-            ray, way = _unit(_minus(corner, antenna))
-            ray = _mirrored(ray, _vector(patches.normals[patch, i]))
-            falling = _dot(ray, normal)
-            reach = _dot(_minus(end, corner), normal) / falling if falling < 0 else 0.0
+            corner = vec(patches.corners_m[patch, i])
+            ray, way = direction(minus(corner, antenna))
+            ray = mirrored(ray, vec(patches.normals[patch, i]))
+            falling = dot(ray, normal)
+            reach = dot(minus(end, corner), normal) / falling if falling < 0 else 0.0
             missed |= falling >= 0
-            edge = _minus(_along(corner, reach, ray), end)
+            edge = minus(ahead(corner, reach, ray), end)
             tubes.edge_m[n, i, 0], tubes.edge_m[n, i, 1], tubes.edge_m[n, i, 2] = edge
             tubes.longer_m[n, i] = way + reach - distance - length
         tubes.length_m[n] = length
         for axis in range(3):
             tubes.end_m[n, axis], tubes.normal[n, axis] = end[axis], normal[axis]
         if not missed:
-            edges = tubes.edge_m[n]
-            origin = _vector(edges[0])
-            twice = _length(_cross(_minus(_vector(edges[1]), origin), _minus(_vector(edges[2]), origin)))
-            patch_m2 = -_dot(_vector(patches.flat_m2[patch]), incoming)
-            tubes.root_m2[n] = np.sqrt(patch_m2 * min(twice / 2, WIDEST * patch_m2))
+            patch_m2 = -dot(vec(patches.flat_m2[patch]), incoming)
+            twice_m2, alike = _mapped(patches.corners_m[patch], tubes.edge_m[n], start, bounced, normal)
+            tubes.root_m2[n] = np.sqrt(patch_m2 * min(abs(twice_m2) / 2, WIDEST * patch_m2))
+            tubes.caustics[n] = 1 if twice_m2 < 0 else (2 if alike < 0 else 0)
+
+
+@numba.njit(inline="always")
+def _mapped(corners, edges, start, bounced, normal):  # type: ignore[no-untyped-def]
+    """Twice a footprint's area, negative where the tube is turned over, as beyond one caustic; and the scalar product
+    of the patch's and the footprint's shapes across the ray, negative where it is upside down, as beyond two."""
+    alike = 0.0
+    for i in range(3):
+        corner = minus(vec(corners[i]), start)
+        alike += dot(ahead(corner, -dot(corner, bounced), bounced), vec(edges[i]))
+    origin = vec(edges[0])
+    area = cross(minus(vec(edges[2]), origin), minus(vec(edges[1]), origin))
+    return dot(area, normal), alike
 
 
 @numba.njit(inline="always")
 def _interpolated(point, corners, normals, flat):  # type: ignore[no-untyped-def]
     """The unit normal at a point of a triangle (corners [3, 3]) between those at its corners [3, 3]."""
-    a, b, c = _minus(_vector(corners[0]), point), _minus(_vector(corners[1]), point), _minus(_vector(corners[2]), point)
-    u, v, w = max(_dot(_cross(b, c), flat), 0.0), max(_dot(_cross(c, a), flat), 0.0), max(_dot(_cross(a, b), flat), 0.0)
-    mixed = _along((0.0, 0.0, 0.0), u, _vector(normals[0]))
-    mixed = _along(mixed, v, _vector(normals[1]))
-    return _unit(_along(mixed, w, _vector(normals[2])))[0]
-
-
-@numba.njit(inline="always")
-def _vector(array):  # type: ignore[no-untyped-def]
-    return array[0], array[1], array[2]  # tuples stay in registers
-
-
-@numba.njit(inline="always")
-def _minus(a, b):  # type: ignore[no-untyped-def]
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@numba.njit(inline="always")
-def _along(start, length, direction):  # type: ignore[no-untyped-def]
-    return start[0] + length * direction[0], start[1] + length * direction[1], start[2] + length * direction[2]
-
-
-@numba.njit(inline="always")
-def _dot(a, b):  # type: ignore[no-untyped-def]
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@numba.njit(inline="always")
-def _cross(a, b):  # type: ignore[no-untyped-def]
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@numba.njit(inline="always")
-def _length(a):  # type: ignore[no-untyped-def]
-    return np.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
-
-
-@numba.njit(inline="always")
-def _unit(a):  # type: ignore[no-untyped-def]
-    """The unit vector, and the length."""
-    length = _length(a)
-    scale = 1 / max(length, 1e-30)
-    return (a[0] * scale, a[1] * scale, a[2] * scale), length
-
-
-@numba.njit(inline="always")
-def _mirrored(incoming, normal):  # type: ignore[no-untyped-def]
-    return _along(incoming, -2 * _dot(incoming, normal), normal)
+    a, b, c = minus(vec(corners[0]), point), minus(vec(corners[1]), point), minus(vec(corners[2]), point)
+    u, v, w = max(dot(cross(b, c), flat), 0.0), max(dot(cross(c, a), flat), 0.0), max(dot(cross(a, b), flat), 0.0)
+    mixed = ahead((0.0, 0.0, 0.0), u, vec(normals[0]))
+    mixed = ahead(mixed, v, vec(normals[1]))
+    return direction(ahead(mixed, w, vec(normals[2])))[0]
 
 
 @numba.njit(**FAST)
 def radiate(  # type: ignore[no-untyped-def]
-    tubes, factor, starts, tx_m, rx_m, before_m, after_m, turns_per_m, middle, pattern, seen
+    tubes, factor, pair, reflection, starts, tx_m, rx_m, before_m, after_m, turns_per_m, middle, pattern, seen
 ):
     """Samples [k, 2, t, r] of tubes sorted by transmitter (t has starts[t]:starts[t + 1]), without the phase of the
-    paths before_m [t] + after_m [r]. factor complex64 [n]: of each tube's amplitude. seen [faces, r] float32: 1 where
-    receiver r sees the face.
+    paths before_m [t] + after_m [r]. factor complex64 [n]: of each tube's amplitude, with the row pair[n] of
+    reflection, complex64 [pairs, k]. seen [faces, r] float32: 1 where receiver r sees the face.
 
     D = (1 + v/8)⁻⁴, v the variance of the phase over the footprint, taken as linear between its corners, at the middle
     frequency (in turns per metre): the footprint's own pattern to second order (1 − v/2), which fades where it would
@@ -180,40 +153,55 @@ def radiate(  # type: ignore[no-untyped-def]
     """
     samples = np.zeros((len(turns_per_m), 2, len(tx_m), len(rx_m)), np.float32)
     gain, path = np.empty(len(rx_m), np.float32), np.empty(len(rx_m), np.float32)
-    square = (2 * np.pi * middle) ** 2
+    x_m, y_m, z_m = rx_m[:, 0].astype(np.float32), rx_m[:, 1].astype(np.float32), rx_m[:, 2].astype(np.float32)
+    behind_m, zero, one, twelfth = after_m.astype(np.float32), np.float32(0), np.float32(1), np.float32(1 / 12)
+    eighth = np.float32((2 * np.pi * middle) ** 2 / 8)
     for t in range(len(tx_m)):
         for n in range(starts[t], starts[t + 1]):
             if tubes.root_m2[n] == 0:
                 continue
-            way = _minus(_vector(tubes.start_m[n]), _vector(tx_m[t]))
-            distance = _length(way)
+            way = minus(vec(tubes.start_m[n]), vec(tx_m[t]))
+            distance = norm(way)
             amplitude = tubes.root_m2[n] / distance
             if pattern != 0:
                 amplitude *= max(way[2] / distance, 0.0) ** pattern
-            base = distance + tubes.length_m[n] - before_m[t]
-            end, normal, edge, longer = tubes.end_m[n], tubes.normal[n], tubes.edge_m[n], tubes.longer_m[n]
-            sight, real, imag = seen[tubes.face[n]], factor[n].real, factor[n].imag
+            level, base = np.float32(amplitude), np.float32(distance + tubes.length_m[n] - before_m[t])
+            x, y, z = _single(tubes.end_m[n])
+            nx, ny, nz = _single(tubes.normal[n])
+            ax, ay, az = _single(tubes.edge_m[n, 0])
+            bx, by, bz = _single(tubes.edge_m[n, 1])
+            cx, cy, cz = _single(tubes.edge_m[n, 2])
+            longer_a, longer_b, longer_c = _single(tubes.longer_m[n])
+            sight, clearest = seen[tubes.face[n]], zero
             for r in range(len(rx_m)):
-                ux, uy, uz = rx_m[r, 0] - end[0], rx_m[r, 1] - end[1], rx_m[r, 2] - end[2]
+                ux, uy, uz = x_m[r] - x, y_m[r] - y, z_m[r] - z
                 length = np.sqrt(ux * ux + uy * uy + uz * uz)
-                scale = 1 / length
+                scale = one / length
                 ux, uy, uz = ux * scale, uy * scale, uz * scale
-                a = longer[0] - ux * edge[0, 0] - uy * edge[0, 1] - uz * edge[0, 2]
-                b = longer[1] - ux * edge[1, 0] - uy * edge[1, 1] - uz * edge[1, 2]
-                c = longer[2] - ux * edge[2, 0] - uy * edge[2, 1] - uz * edge[2, 2]
-                whole = a + b + c
-                path[r] = base + length - after_m[r] + whole / 12
-                variance = square * ((a * a + b * b + c * c) / 12 - whole * whole / 36)
-                fade = 1 / (1 + variance / 8)
+                a = longer_a - ux * ax - uy * ay - uz * az
+                b = longer_b - ux * bx - uy * by - uz * bz
+                c = longer_c - ux * cx - uy * cy - uz * cz
+                mean = (a + b + c) * twelfth
+                path[r] = base + (length - behind_m[r]) + mean
+                fade = one / (one + eighth * ((a * a + b * b + c * c) * twelfth - np.float32(4) * mean * mean))
                 fade *= fade
-                cosine = max(normal[0] * ux + normal[1] * uy + normal[2] * uz, 0.0)
-                gain[r] = amplitude * scale * np.sqrt(cosine) * fade * fade * sight[r]
+                cosine = max(nx * ux + ny * uy + nz * uz, zero)
+                gain[r] = level * scale * np.sqrt(cosine) * fade * fade * sight[r]
                 if pattern != 0:
-                    gain[r] *= max(-uz, 0.0) ** pattern
+                    gain[r] *= max(-uz, zero) ** pattern
+                clearest = max(clearest, fade * sight[r])
+            if clearest * clearest < FAINT:
+                continue
             for m in range(len(turns_per_m)):
-                turns = np.float32(-turns_per_m[m])
+                turns, weight = np.float32(-turns_per_m[m]), factor[n] * reflection[pair[n], m]
+                real, imag = weight.real, weight.imag
                 for r in range(len(rx_m)):
                     cosine, sine = cis_small(turns * path[r])
                     samples[m, 0, t, r] += gain[r] * (real * cosine - imag * sine)
                     samples[m, 1, t, r] += gain[r] * (real * sine + imag * cosine)
     return samples
+
+
+@numba.njit(inline="always")
+def _single(array):  # type: ignore[no-untyped-def]
+    return np.float32(array[0]), np.float32(array[1]), np.float32(array[2])

@@ -1,12 +1,13 @@
 """Echoes of ray tubes, bundle by bundle.
 
 What starts in one small cell of the target and lands in another tells few tones and few antennas all there is to know:
-the rest of both is interpolated, as in `radar.imaging.tree`. Rays are only traced for those antennas (`nodes`).
+the rest of both is interpolated, as in `radar.imaging.tree`. Rays are only traced for those antennas (`nodes`). Bundles
+are added up at the tones that tell all of the target's.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,24 +22,85 @@ from radar.simulation.physics.polarisation import tube_factors
 from radar.simulation.physics.ray_tubes import Traced
 from radar.support.parallel import for_each
 
-TOLERANCE = 1e-4  # of the two-bounce echoes: for the tones that stand for the others
-# Between the antennas that stand for the others: a cell's waves oscillate over more than 25 mm. Each transmitter has
-# tubes of its own, whose errors are not smooth, so that more of them are better; receivers share tubes.
-TX_NODES_M, RX_NODES_M = 0.0075, 0.0125
-START_M, END_M = 0.08, 0.03  # edges of the cells
-PROBES = 300  # tubes of a bundle to which the weights of antennas are fitted
-RIDGE = 1e-6  # of the fit, against weights that amplify noise
-SUMS = 8  # partial sums per pair of layers, whatever the number of threads
+TOLERANCE = 1e-3  # of the two-bounce echoes: for the tones that stand for the others
+# Between the antennas that stand for the others: a cell's waves oscillate over 25 mm, 0.3 m away. Those whose rays are
+# traced have tubes of their own, whose borders jump; the others share tubes.
+NODES_M = 0.015, 0.0125
+CELL_M = 0.03  # edges of the cells
+PROBES = 300  # points of a cell to which the weights of antennas are fitted
+RIDGES = 1e-3, 1e-6  # of the fit for either, against weights that amplify the nodes' own errors
+REACH_M = 5e-3  # steps of the differences between paths, so that bundles share their tones
+SUMS = 8  # partial sums, whatever the number of threads
 EVERY = np.zeros((0, 0), np.float32)  # weights that leave an axis as it is
 
 
-def nodes(antennas_m: np.ndarray, apart_m: float) -> np.ndarray:
+def nodes(array: AntennaArray, apart: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the transmitters for which rays are traced, and of the receivers that stand for all; apart: so many
+    times as far from each other as usual."""
+    return _nodes(array.tx_m, apart * NODES_M[0]), _nodes(array.rx_m, apart * NODES_M[1])
+
+
+def _nodes(antennas_m: np.ndarray, apart_m: float) -> np.ndarray:
     """Indices of antennas [a, 3] about apart_m apart along each line, its ends included."""
     return np.concatenate([line[spaced(antennas_m[line], apart_m)[0]] for line in lines(antennas_m)])
 
 
+class Cells(NamedTuple):
+    """n points in c cells: cell [n], the number of each one's; centre_m [c, 3]; some points_m of each."""
+
+    cell: np.ndarray
+    centre_m: np.ndarray
+    points_m: list[np.ndarray]
+
+    @classmethod
+    def of(cls, points_m: np.ndarray) -> Cells:
+        """The cells, CELL_M wide, in which points [n, 3] lie."""
+        corner = np.floor(points_m / CELL_M).astype(int)
+        corner -= corner.min(axis=0, initial=0)
+        key = np.ravel_multi_index(tuple(corner.T), tuple(corner.max(axis=0, initial=0) + 1))
+        _, index, count = np.unique(key, return_inverse=True, return_counts=True)
+        centre_m = np.stack([np.bincount(index, column) / count for column in points_m.T], axis=1)
+        members = np.split(np.argsort(index, kind="stable"), np.cumsum(count)[:-1])
+        return cls(index, centre_m, [points_m[one[:: 1 + len(one) // PROBES]] for one in members])
+
+
+class Ends(NamedTuple):
+    """One leg of the paths: distance_m [c, a] of each cell's centre to each antenna, weights [nodes, a] by which the
+    nodes stand for all antennas in each cell."""
+
+    distance_m: np.ndarray
+    weights: list[np.ndarray]
+
+    @classmethod
+    def of(cls, cells: Cells, antennas_m: np.ndarray, at: np.ndarray, turns_per_m: float, ridge: float) -> Ends:
+        """Those of antennas [a, 3] with nodes at the indices `at`."""
+        distance_m = np.linalg.norm(cells.centre_m[:, None] - antennas_m, axis=2)
+        places = zip(cells.points_m, cells.centre_m, strict=True)
+        weights = [_weights(antennas_m, at, points_m, middle, turns_per_m, ridge) for points_m, middle in places]
+        return cls(distance_m, weights)
+
+
+class FewTones(NamedTuple):
+    """Tones that stand for others: their indices [k] and the weights [k, f], none where they are all."""
+
+    chosen: np.ndarray
+    weights: np.ndarray
+
+    @classmethod
+    def of(cls, turns_per_m: np.ndarray, reach_m: float) -> FewTones:
+        """Those of paths that differ by up to ±reach_m."""
+        if len(turns_per_m) <= 2:
+            return cls(np.arange(len(turns_per_m)), EVERY)
+        chosen, weights = band_skeleton(2 * np.pi * turns_per_m[:, None], np.array([reach_m]), TOLERANCE)
+        return cls(chosen, np.ascontiguousarray(weights, np.float32))
+
+    def at(self, chosen: np.ndarray) -> np.ndarray:
+        """The weights of some of the others [k, n]."""
+        return self.weights if self.weights.size == 0 else np.ascontiguousarray(self.weights[:, chosen])
+
+
 class Bundles:
-    """Traced hits in bundles: by the layers of their mirror and of where they land, the cells of both, and transmitter.
+    """Traced hits in bundles: by the cells in which they start and land.
 
     layer [faces]: of each face of the body; at: the indices of the antennas for which the rays were traced; dipole [3]:
     the antennas'.
@@ -47,15 +109,29 @@ class Bundles:
     def __init__(
         self, traced: Traced, layer: np.ndarray, at: tuple[np.ndarray, np.ndarray], dipole: np.ndarray
     ) -> None:
-        hits, start_m = traced.hits, traced.patches.middle_m[traced.hits.patch]
-        first, second, layers = layer[traced.patch_face[hits.patch]], layer[hits.face], 1 + int(layer.max())
-        cells = np.concatenate([np.floor(start_m / START_M), np.floor(hits.end_m / END_M)], axis=1).astype(int)
-        cells -= cells.min(axis=0)
-        key = np.ravel_multi_index((first, second, *cells.T), (layers, layers, *(cells.max(axis=0) + 1)))
+        hits, mirrors = traced.hits, traced.mirrors
         self._traced, self._at, self._dipole = traced, at, dipole
+        self._layers, self._count = (layer[mirrors.face[hits.patch]], layer[hits.face]), 1 + int(layer.max())
+        start_m = mirrors.patches.middle_m[hits.patch]
+        self._cells = first, last = Cells.of(start_m), Cells.of(hits.end_m)
+        key = first.cell * len(last.centre_m) + last.cell
         order = np.argsort(key, kind="stable")  # the transmitters are in order
-        self._bundles = np.split(order, np.flatnonzero(np.diff(key[order])) + 1)
-        self._layers = [(int(first[bundle[0]]), int(second[bundle[0]])) for bundle in self._bundles]
+        self._bundles = [one for one in np.split(order, np.flatnonzero(np.diff(key[order])) + 1) if len(one)]
+        self._places = [(int(first.cell[one[0]]), int(last.cell[one[0]])) for one in self._bundles]
+        length_m = np.linalg.norm(hits.end_m - start_m, axis=1)
+        self._length_m = np.array([length_m[bundle].mean() for bundle in self._bundles])
+        tx_m = traced.array.tx_m[hits.transmitter]
+        path_m = np.linalg.norm(start_m - tx_m, axis=1) + length_m
+        path_m -= np.linalg.norm(first.centre_m[first.cell] - tx_m, axis=1)
+        landed_m = np.linalg.norm(hits.end_m - last.centre_m[last.cell], axis=1)
+        reach_m = [
+            np.abs(path_m[one] - mean_m).max() + landed_m[one].max()
+            for one, mean_m in zip(self._bundles, self._length_m, strict=True)
+        ]
+        self._reach_m = REACH_M * np.ceil(np.array(reach_m) / REACH_M)
+
+    def __len__(self) -> int:
+        return len(self._bundles)
 
     def echo(
         self,
@@ -71,77 +147,71 @@ class Bundles:
 
         A metal mirror's −1 is one more than the single echo has, to which the forward model's amplitudes are referred.
         """
-        total = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
-        for layers in sorted(set(self._layers)):
-            chosen = [bundle for bundle, meets in zip(self._bundles, self._layers, strict=True) if meets == layers]
-            both_ratios = tuple(ratios[min(layer, len(ratios) - 1)] for layer in layers)
-            samples = self._sum(chosen, both_ratios, frequencies_hz, array, pattern)
-            both = 1 if reflection is None else np.prod(reflection[list(layers)], axis=0)[:, None, None]
-            total -= (samples * both).astype(np.complex64)
-        return total
-
-    def _sum(
-        self,
-        bundles: list[np.ndarray],
-        ratios: tuple[np.ndarray, ...],
-        frequencies_hz: np.ndarray,
-        array: AntennaArray,
-        pattern: float,
-    ) -> np.ndarray:
-        parts: list[Any] = [0] * min(SUMS, len(bundles))
+        if len(self) == 0:
+            return np.zeros((len(frequencies_hz), *array.channels), np.complex64)
+        level = np.ones((self._count, len(frequencies_hz))) if reflection is None else reflection
+        pairs = (level[:, None] * level).reshape(-1, len(frequencies_hz)).astype(np.complex64)
+        turns_per_m, legs = frequencies_hz / SPEED_OF_LIGHT_M_S, (array.tx_m, array.rx_m)
+        tx, rx = ends = [
+            Ends.of(cells, leg, at, turns_per_m.max(), ridge)
+            for cells, leg, at, ridge in zip(self._cells, legs, self._at, RIDGES, strict=True)
+        ]
+        first, last = (list(cells) for cells in zip(*self._places, strict=True))
+        before_m, after_m = tx.distance_m[first] + self._length_m[:, None], rx.distance_m[last]
+        middle_m = before_m.mean(axis=0), after_m.mean(axis=0)
+        before_m, after_m = before_m - middle_m[0], after_m - middle_m[1]
+        reach_m = np.abs(before_m).max(axis=1) + np.abs(after_m).max(axis=1) + self._reach_m
+        whole = FewTones.of(turns_per_m, float(reach_m.max()))
+        tones = {reach: FewTones.of(turns_per_m, reach) for reach in np.unique(self._reach_m)}
+        parts = np.zeros((SUMS, len(whole.chosen), 2, *array.channels), np.float32)
 
         def work(i: int) -> None:
-            for bundle in bundles[i :: len(parts)]:
-                parts[i] = parts[i] + self._bundle(bundle, ratios, frequencies_hz, array, pattern)
+            for n in range(i, len(self._bundles), SUMS):
+                own, places = tones[self._reach_m[n]], self._places[n]
+                few = self._few(n, turns_per_m, own.chosen, array, pairs, pattern, ratios)
+                weights = [leg.weights[cell] for leg, cell in zip(ends, places, strict=True)]
+                some_per_m = turns_per_m[whole.chosen]
+                parts[i] += ascend(few, some_per_m, before_m[n], after_m[n], own.at(whole.chosen), *weights)
 
-        for_each(work, range(len(parts)))
-        return complex_samples(sum(parts))  # in order: no result depends on the threads
+        for_each(work, range(SUMS))
+        # Summed in order: no result depends on the threads.
+        samples = ascend(parts.sum(axis=0), turns_per_m, *middle_m, whole.weights, EVERY, EVERY)
+        return -complex_samples(samples)
 
-    def _bundle(
+    def _few(
         self,
-        bundle: np.ndarray,
-        ratios: tuple[np.ndarray, ...],
-        frequencies_hz: np.ndarray,
+        n: int,
+        turns_per_m: np.ndarray,
+        chosen: np.ndarray,
         array: AntennaArray,
+        pairs: np.ndarray,
         pattern: float,
+        ratios: np.ndarray,
     ) -> np.ndarray:
-        """Samples [f, 2, t, r] of the hits of one bundle."""
+        """Samples [k, 2, t, r] of the hits of bundle n at the chosen tones and the nodes, without the phase of the
+        paths over the cells' centres."""
+        bundle, (first, last) = self._bundles[n], self._places[n]
         tubes = self._traced.tubes(bundle)
-        turns_per_m = frequencies_hz / SPEED_OF_LIGHT_M_S
-        at_tx, at_rx = self._at
-        tx_m, rx_m = array.tx_m[at_tx], array.rx_m[at_rx]
-        first_m, last_m = tubes.start_m.mean(axis=0), tubes.end_m.mean(axis=0)
-        before_m = np.linalg.norm(array.tx_m - first_m, axis=1) + tubes.length_m.mean()
-        after_m = np.linalg.norm(array.rx_m - last_m, axis=1)
-        path_m = np.linalg.norm(tubes.start_m - tx_m[tubes.transmitter], axis=1) + tubes.length_m
-        reach_m = np.abs(path_m - before_m[at_tx][tubes.transmitter]).max()
-        reach_m += np.linalg.norm(tubes.end_m - last_m, axis=1).max()
-        tones, weights = _tones(turns_per_m, reach_m)
+        tx_m, rx_m = array.tx_m[self._at[0]], array.rx_m[self._at[1]]
+        before_m = np.linalg.norm(tx_m - self._cells[0].centre_m[first], axis=1) + self._length_m[n]
+        after_m = np.linalg.norm(rx_m - self._cells[1].centre_m[last], axis=1)
+        layers = self._layers[0][bundle], self._layers[1][bundle]
+        materials = tuple(np.minimum(layer, len(ratios) - 1) for layer in layers)
+        factor = tube_factors(tubes, tx_m, self._dipole, ratios, materials)
+        reflection = factor, self._count * layers[0] + layers[1], pairs[:, chosen]
         starts = np.searchsorted(tubes.transmitter, np.arange(len(tx_m) + 1))
-        few_m, few_turns, middle = (before_m[at_tx], after_m[at_rx]), turns_per_m[tones], turns_per_m.mean()
-        factor = tube_factors(tubes, tx_m, self._dipole, ratios)
-        few = radiate(tubes, factor, starts, tx_m, rx_m, *few_m, few_turns, middle, pattern, self._traced.seen)
-        weights_tx = _weights(array.tx_m, at_tx, tubes.start_m, first_m, turns_per_m.max())
-        weights_rx = _weights(array.rx_m, at_rx, tubes.end_m, last_m, turns_per_m.max())
-        return ascend(few, turns_per_m, before_m, after_m, weights, weights_tx, weights_rx)
-
-
-def _tones(turns_per_m: np.ndarray, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """The tones that stand for all where paths differ by up to reach_m, and their weights [k, f]."""
-    if len(turns_per_m) <= 2:
-        return np.arange(len(turns_per_m)), EVERY
-    tones, weights = band_skeleton(2 * np.pi * turns_per_m[:, None], np.array([reach_m]), TOLERANCE)
-    return tones, np.ascontiguousarray(weights, np.float32)
+        tones = turns_per_m[chosen], turns_per_m.mean()
+        seen = self._traced.seen
+        return np.asarray(radiate(tubes, *reflection, starts, tx_m, rx_m, before_m, after_m, *tones, pattern, seen))
 
 
 def _weights(
-    antennas_m: np.ndarray, at: np.ndarray, points_m: np.ndarray, centre_m: np.ndarray, turns_per_m: float
+    antennas_m: np.ndarray, at: np.ndarray, points_m: np.ndarray, centre_m: np.ndarray, turns_per_m: float, ridge: float
 ) -> np.ndarray:
     """Weights [nodes, a] by which the antennas `at` stand for all in the waves of points [n, 3] about a centre."""
     if len(at) == len(antennas_m):
         return EVERY
-    probes = points_m[:: max(1, len(points_m) // PROBES)]
-    waves = steered_differences(antennas_m, np.full(len(probes), turns_per_m), probes, centre_m).astype(np.float64)
-    gram = waves.T @ waves / len(probes)
-    known = gram[np.ix_(at, at)] + RIDGE * np.eye(len(at))
+    waves = steered_differences(antennas_m, np.full(len(points_m), turns_per_m), points_m, centre_m).astype(np.float64)
+    gram = waves.T @ waves / len(points_m)
+    known = gram[np.ix_(at, at)] + ridge * np.eye(len(at))
     return np.ascontiguousarray(np.linalg.solve(known, gram[at]), np.float32)

@@ -12,6 +12,8 @@ from radar.simulation.physics.facets import Facets
 BUFFER_CELLS = 1 << 22  # at most
 STEEPEST = 6.0  # tangent of incidence up to which a cell's own surface is told from what stands before it
 CELL_M = 2e-3  # of the grid of normals
+ZONES = 2.0  # Fresnel's radii √(λL) from an outline within which it counts
+HORIZON = 0.05  # wavelengths above a facet's plane within which an outline is of the same surface
 FIRST = 2.0  # cells from a facet to where its ray may meet another one
 GRID_CELLS = 1 << 24  # at most
 WIDE = 2.0  # the area in which rays are counted over the aperture's width: more of them, and they scatter widely
@@ -65,6 +67,27 @@ def _visible(position_m, normal, view_m, frame, range_m, cell_m, most_cells):  #
             steep = min(np.sqrt(1 - min(cosine[p] * cosine[p], 1.0)) / cosine[p], STEEPEST)
             visible[p] = distance[p] <= nearest[place[p]] + cell_m * (1 + steep)
     return visible
+
+
+@numba.njit(nogil=True, cache=True)
+def beside_outlines(position_m, normal, outline_m, view_m, wavelength_m):  # type: ignore[no-untyped-def]
+    """Mask [p] of the facets that face a point view_m [3] and lie farther away than some of the points outline_m
+    [n, 3], behind or beside them by less than ZONES, and below them: on a convex body nothing is above a facet's plane.
+    """
+    ways, places = outline_m - view_m, position_m - view_m
+    near = np.zeros(len(places), np.bool_)
+    lengths = np.sqrt((ways * ways).sum(axis=1))
+    for p in range(len(places)):
+        x, y, z = places[p, 0], places[p, 1], places[p, 2]
+        length, level = np.sqrt(x * x + y * y + z * z), normal[p, 0] * x + normal[p, 1] * y + normal[p, 2] * z
+        for n in range(len(ways)):
+            if near[p] or level >= 0:
+                break
+            a, b, c, zone = ways[n, 0], ways[n, 1], ways[n, 2], 1 / lengths[n] - 1 / length
+            cosine = (a * x + b * y + c * z) / (length * lengths[n])
+            above_m = normal[p, 0] * a + normal[p, 1] * b + normal[p, 2] * c - level
+            near[p] = above_m > HORIZON * wavelength_m and 2 * (1 - cosine) < ZONES * ZONES * wavelength_m * zone
+    return near
 
 
 def double_bounce(facets: Facets, array: AntennaArray, view_m: np.ndarray) -> tuple[float, int]:

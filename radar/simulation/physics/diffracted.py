@@ -15,6 +15,7 @@ from scipy.interpolate import CubicSpline
 from radar.data.arrays import AntennaArray
 from radar.imaging.cpu.ascent import Sight
 from radar.simulation.physics import diffraction
+from radar.simulation.physics.creeping import roundness_of
 from radar.simulation.physics.diffraction import Outline, cells_of, edge_waves, kept_edges
 from radar.simulation.physics.facets import Facets, quarters
 from radar.simulation.physics.line_of_sight import lines, spaced
@@ -46,7 +47,8 @@ def sight_of(
     """The sight of facets behind a body at tones f/c by that of antennas up to apart_m apart, and the mask [p] of the
     facets of which some transmitter and some receiver see anything."""
     points_m, corner, share, _ = samples
-    edges, cells = kept_edges(scene, hiding), cells_of(points_m, CELL * samples.apart_m)
+    edges, roundness = kept_edges(scene, hiding), roundness_of(scene, hiding)
+    cells = cells_of(points_m, CELL * samples.apart_m)
     middle, half = (turns.max() + turns.min()) / 2, np.ptp(turns) / 2 + 1e-6 * turns.max()
     wavenumbers = 2 * np.pi * (middle + half * np.array([-1.0, 0.0, 1.0]))
     tables: list[np.ndarray] = []
@@ -59,7 +61,7 @@ def sight_of(
 
         def work(node: tuple[np.ndarray, np.ndarray]) -> None:
             factors, antenna_m = node
-            part, visible = look(antenna_m, diffraction.outline(hiding, edges, antenna_m))
+            part, visible = look(antenna_m, diffraction.outline(hiding, edges, antenna_m, roundness))
             low, middle, high = edge_waves(antenna_m, cells, part, wavenumbers)
             factors[:] = visible + middle, (high - low) / 2, (high + low) / 2 - middle
 

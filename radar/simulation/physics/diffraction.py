@@ -21,6 +21,7 @@ import numba
 import numpy as np
 
 from radar.imaging.cpu.steering import FAST, cis_small
+from radar.simulation.physics.creeping import DEEP, LIT, SHARP, TERMS, Roundness
 from radar.simulation.physics.facets import face_vectors, unit
 from radar.simulation.scene import Body, EchoScene
 from radar.support.rays import Rays
@@ -36,28 +37,34 @@ T0, T1, T2, T3, T4 = map(
 
 class Edges(NamedTuple):
     """Inner edges of a body: ends [e, 2] of vertices, in the order in which the first of both faces [e, 2] has them;
-    outwards [e, 3]: the mean of both faces' normals; planes [m, 4]: every face's n·x > d in front of it."""
+    outwards [e, 3]: the mean of both faces' normals; sharp [e]: those whose faces are so far from parallel that the
+    mesh tells no radius; planes [m, 4]: every face's n·x > d in front of it."""
 
     ends: np.ndarray
     faces: np.ndarray
     outwards: np.ndarray
+    sharp: np.ndarray
     planes: np.ndarray
 
 
 class Outline(NamedTuple):
     """Edges start_m [n, 3] + along_m [n, 3] between a face that an antenna sees from the front and one that it sees
     from behind, counter-clockwise around what hides, as the antenna sees it; beside_m [n, 3]: points right beside them,
-    not hidden by their own faces; within_m [n]: how far from the antenna what they count for may lie."""
+    not hidden by their own faces; within_m [n]: how far from the antenna what they count for may lie; creeping [n, 17]:
+    what round edges add, as `Roundness.of_edges` has it."""
 
     start_m: np.ndarray
     along_m: np.ndarray
     beside_m: np.ndarray
     within_m: np.ndarray
+    creeping: np.ndarray
 
     def where(self, chosen: np.ndarray, within_m: np.ndarray | float = np.inf) -> Outline:
         """Some of the edges, by mask [n], and how far away what all [n] count for may lie."""
         limits_m = np.broadcast_to(within_m, len(chosen))[chosen]
-        return Outline(self.start_m[chosen], self.along_m[chosen], self.beside_m[chosen], limits_m)
+        return Outline(
+            self.start_m[chosen], self.along_m[chosen], self.beside_m[chosen], limits_m, self.creeping[chosen]
+        )
 
 
 class Cells(NamedTuple):
@@ -81,7 +88,9 @@ def edges_of(body: Body) -> Edges:
     faces = np.stack([one, other], axis=1) // 3
     normals = unit(face_vectors(body.vertices_m, body.faces))
     planes = np.column_stack([normals, (normals * body.vertices_m[body.faces[:, 0]]).sum(axis=1)])
-    return Edges(directed[one], faces, unit(normals[faces].sum(axis=1)), planes)
+    outwards = normals[faces].sum(axis=1)
+    sharp = (outwards**2).sum(axis=1) < 2 * (1 + SHARP)
+    return Edges(directed[one], faces, unit(outwards), sharp, planes)
 
 
 def kept_edges(scene: EchoScene, body: Body) -> Edges:
@@ -89,8 +98,9 @@ def kept_edges(scene: EchoScene, body: Body) -> Edges:
     return scene.kept(("edges", id(body)), lambda: edges_of(body))
 
 
-def outline(body: Body, edges: Edges, antenna_m: np.ndarray) -> Outline:
-    """The whole outline of a body towards an antenna, with what the body itself hides of it."""
+def outline(body: Body, edges: Edges, antenna_m: np.ndarray, roundness: Roundness | None = None) -> Outline:
+    """The whole outline of a body towards an antenna, with what the body itself hides of it; a knife's edge unless its
+    roundness is given."""
     front = edges.planes @ [*antenna_m, -1.0] > 0
     first, second = front[edges.faces].T
     ends = np.concatenate([edges.ends[first & ~second], edges.ends[second & ~first][:, ::-1]])
@@ -99,7 +109,11 @@ def outline(body: Body, edges: Edges, antenna_m: np.ndarray) -> Outline:
     middle_m = (start_m + end_m) / 2
     towards = unit(middle_m - antenna_m)
     across = unit(outwards - (outwards * towards).sum(axis=1)[:, None] * towards)
-    return Outline(start_m, end_m - start_m, middle_m + BESIDE_M * across, np.full(len(ends), np.inf))
+    along_m, creeping = end_m - start_m, np.zeros((len(ends), 5 + 2 * TERMS), np.float32)
+    if roundness is not None:
+        sharp = np.concatenate([edges.sharp[first & ~second], edges.sharp[second & ~first]])
+        creeping = roundness.of_edges(ends, along_m, towards, sharp)
+    return Outline(start_m, along_m, middle_m + BESIDE_M * across, np.full(len(ends), np.inf), creeping)
 
 
 def seen_outline(whole: Outline, rays: Rays, antenna_m: np.ndarray) -> Outline:
@@ -131,87 +145,135 @@ def edge_waves(
     farthest: float = FARTHEST,
     widest: float = WIDEST,
 ) -> np.ndarray:
-    """(1/2π) Σ ∫ e^{−jkδ} dφ at the points for each wavenumber [k]: complex64 [k, n], in the points' own order. Waves
-    fade from half of kδ = farthest on, and from half of the tangent `widest` of the angle by which they bend."""
+    """(1/2π) Σ ∫ e^{−jkδ} dφ, and what creeps around round edges, at the points for each wavenumber [k]: complex64
+    [k, n], in the points' own order. Waves fade from half of kδ = farthest on, and from half of the tangent `widest` of
+    the angle by which they bend. Their amplitudes are those of the middle wavenumber."""
     waves = np.zeros((2, len(wavenumbers), len(cells.order)), np.float32)
     if len(edges.start_m) > 0:
-        start_m = edges.start_m - antenna_m
-        places = start_m, edges.along_m, np.cross(edges.along_m, start_m), edges.within_m
-        _waves(antenna_m, *cells[1:], places, wavenumbers / (2 * np.pi), farthest, widest, waves)
+        start_m, middle = edges.start_m - antenna_m, float(wavenumbers.min() + wavenumbers.max()) / 2
+        places = start_m, edges.along_m, np.cross(edges.along_m, start_m), edges.within_m, edges.creeping
+        limits = farthest, widest, LIT, DEEP
+        _waves(antenna_m, *cells[1:], places, wavenumbers / (2 * np.pi), middle, limits, waves)
     found = np.empty(waves.shape[1:], np.complex64)
     found[:, cells.order] = waves[0] + np.complex64(1j) * waves[1]
     return found
 
 
 @numba.njit(**FAST)
-def _waves(antenna_m, position_m, starts, centre_m, radius_m, edges, turns_per_m, farthest, widest, waves):  # type: ignore[no-untyped-def]
+def _waves(antenna_m, position_m, starts, centre_m, radius_m, edges, turns_per_m, wavenumber, limits, waves):  # type: ignore[no-untyped-def]
     """Fill in waves [2, k, n] cell by cell, with the edges that the points of a cell need. edges: their places from the
     antenna, normal_m2 [e, 3] = along × start."""
-    start_m, along_m, normal_m2, within_m = edges
-    middle_m = start_m + along_m / 2
-    scratch, points = np.empty((3, np.diff(starts).max()), np.float32), position_m.astype(np.float32)
+    start_m, along_m, normal_m2, within_m, creeping = edges
+    farthest, widest, lit, deep = limits
+    middle_m, latest_m, near = start_m + along_m / 2, farthest / wavenumber, np.empty(len(start_m), np.bool_)
+    middles = np.ascontiguousarray(middle_m.T.astype(np.float32)), within_m.astype(np.float32)
+    scratch, points = np.empty((5, np.diff(starts).max()), np.float32), position_m.astype(np.float32)
     for cell in range(len(starts) - 1):
-        here, radius, centre = slice(starts[cell], starts[cell + 1]), radius_m[cell], centre_m[cell] - antenna_m
-        way = np.sqrt((centre * centre).sum())
-        for e in range(len(start_m)):
-            mx, my, mz = middle_m[e, 0], middle_m[e, 1], middle_m[e, 2]
-            before = (mx * centre[0] + my * centre[1] + mz * centre[2]) / way
-            behind, square = way + radius - before, mx * mx + my * my + mz * mz - before * before
-            reach = widest * behind + radius
-            if behind <= 0 or before <= 0 or square > reach * reach:
-                continue
-            if way - radius < within_m[e] + np.sqrt(square) + radius:
-                x, y, z = points[0, here], points[1, here], points[2, here]
-                _angles(scratch, x, y, z, centre, start_m[e], along_m[e], normal_m2[e], within_m[e], widest)
-                for k in range(len(turns_per_m)):
-                    _add(waves[0, k, here], waves[1, k, here], scratch, turns_per_m[k], farthest)
+        here, centre = slice(starts[cell], starts[cell + 1]), centre_m[cell] - antenna_m
+        x, y, z = points[0, here], points[1, here], points[2, here]
+        _near(near, middles, centre, radius_m[cell], widest, latest_m)
+        for e in np.flatnonzero(near):
+            edge = start_m[e], along_m[e], normal_m2[e], within_m[e]
+            _angles(scratch, x, y, z, centre, edge, widest, wavenumber, farthest)
+            if creeping[e, 3] > 0:
+                _creep(scratch, x, y, z, middle_m[e] - centre, creeping[e], wavenumber, lit, deep)
+            for k in range(len(turns_per_m)):
+                _add(waves[0, k, here], waves[1, k, here], scratch, turns_per_m[k])
     return waves
 
 
 @numba.njit(**FAST)
-def _angles(scratch, x, y, z, centre, start, along, normal, within, widest):  # type: ignore[no-untyped-def]
-    """For an edge and each of n points, x, y, z from their cell's centre: the edge's angle around the ray over 2π, 0
-    where it does not count; its detour; and half of the detours' difference between its ends."""
+def _near(near, middles, centre, radius_m, widest, latest_m):  # type: ignore[no-untyped-def]
+    """Fill in the mask of the edges that some points of a cell need: they bend rays less than `widest` and delay them
+    by less than latest_m."""
+    (mx, my, mz), within_m = middles[0], middles[1]
+    way = np.float32(np.sqrt((centre * centre).sum()))
+    cx, cy, cz = np.float32(centre[0]) / way, np.float32(centre[1]) / way, np.float32(centre[2]) / way
+    radius, wide, latest, zero = np.float32(radius_m), np.float32(widest), np.float32(latest_m), np.float32(0)
+    for e in range(len(near)):
+        before = mx[e] * cx + my[e] * cy + mz[e] * cz
+        behind = way + radius - before
+        off = np.sqrt(max(mx[e] * mx[e] + my[e] * my[e] + mz[e] * mz[e] - before * before, zero))
+        past = max(off - radius, zero)
+        bent = (past > wide * behind) | (past * past > latest * (latest + np.float32(2) * behind))
+        near[e] = (behind > zero) & (before > zero) & ~bent & (way - radius < within_m[e] + off + radius)
+
+
+@numba.njit(**FAST)
+def _angles(scratch, x, y, z, centre, edge, widest, wavenumber, farthest):  # type: ignore[no-untyped-def]
+    """For an edge and each of n points, x, y, z from their cell's centre: the edge's angle around the ray over 2π; 0;
+    its detour; the weight of its waves, faded by the turn of the phase from one end to the other by its sinc, and 0
+    where it does not count; and 1/L."""
+    start, along, normal, within = edge
     cx, cy, cz = np.float32(centre[0]), np.float32(centre[1]), np.float32(centre[2])
     ax, ay, az = np.float32(start[0] - centre[0]), np.float32(start[1] - centre[1]), np.float32(start[2] - centre[2])
     tx, ty, tz = np.float32(along[0]), np.float32(along[1]), np.float32(along[2])
     nx, ny, nz = np.float32(normal[0]), np.float32(normal[1]), np.float32(normal[2])
     limit, length, wide = np.float32(within), tx * tx + ty * ty + tz * tz, np.float32(widest)
     zero, one, two, half, tiny = np.float32(0), np.float32(1), np.float32(2), np.float32(0.5), np.float32(1e-20)
+    late, turned = np.float32(2 * wavenumber / farthest), np.float32(wavenumber * wavenumber / 6)
     for p in range(len(x)):
         dx, dy, dz = cx + x[p], cy + y[p], cz + z[p]
         px, py, pz = ax - x[p], ay - y[p], az - z[p]
         way = np.sqrt(dx * dx + dy * dy + dz * dz)
-        dx, dy, dz = dx / way, dy / way, dz / way
+        inverse = one / way
+        dx, dy, dz = dx * inverse, dy * inverse, dz * inverse
         pd, td = px * dx + py * dy + pz * dz, tx * dx + ty * dy + tz * dz
         pp, pt, tt = px * px + py * py + pz * pz - pd * pd, px * tx + py * ty + pz * tz - pd * td, length - td * td
         behind = max(-pd - half * td, np.float32(1e-6))
         before = max(way - behind, np.float32(1e-6))
         square = max(pp + pt + half * half * tt, zero)
-        fade = max(two * min(np.sqrt(square) / behind / wide, one) - one, zero)
-        counts = one - fade * fade * (one + two * (one - fade))
-        counts = counts if way < limit + np.sqrt(square) else zero
+        off = np.sqrt(square)
+        far, close = np.sqrt(before * before + square), np.sqrt(behind * behind + square)
+        detour = square / (far + before) + square / (close + behind)
+        spread = one / far + one / close
+        rise = half * (pt + half * tt) * spread
+        wide_fade = max(two * min(off / behind / wide, one) - one, zero)
+        late_fade = min(max(detour * late - one, zero), one)
+        weight = one - wide_fade * wide_fade * (one + two * (one - wide_fade))
+        weight *= (one - late_fade * late_fade * (one + two * (one - late_fade))) / (one + turned * rise * rise)
         sine, cosine = dx * nx + dy * ny + dz * nz, pp + pt
         s = min(abs(cosine), abs(sine)) / max(max(abs(cosine), abs(sine)), tiny)
         q = s * s
         turn = s * (T0 + q * (T1 + q * (T2 + q * (T3 + q * T4))))
         turn = half * half - turn if abs(sine) > abs(cosine) else turn
         turn = half - turn if cosine < zero else turn
-        far, close = np.sqrt(before * before + square), np.sqrt(behind * behind + square)
-        scratch[0, p] = (-turn if sine < zero else turn) * counts
-        scratch[1, p] = square / (far + before) + square / (close + behind)
-        scratch[2, p] = half * (pt + half * tt) * (one / far + one / close)
+        weight = weight if way < limit + off else zero
+        scratch[0, p] = (-turn if sine < zero else turn) * weight
+        scratch[1, p] = zero
+        scratch[2, p] = detour
+        scratch[3, p] = weight
+        scratch[4, p] = spread
 
 
 @numba.njit(**FAST)
-def _add(re, im, scratch, turns_per_m, farthest):  # type: ignore[no-untyped-def]
-    """Add an edge's waves; the turn of the phase from one end to the other fades it by its sinc."""
-    scale, zero, one, two = np.float32(turns_per_m), np.float32(0), np.float32(1), np.float32(2)
-    late, turned = np.float32(4 * np.pi * turns_per_m / farthest), np.float32((2 * np.pi * turns_per_m) ** 2 / 6)
+def _creep(scratch, x, y, z, middle, creeping, wavenumber, least, most):  # type: ignore[no-untyped-def]
+    """Add what creeps around an edge whose middle is there from the cell's centre, a row of `Roundness.of_edges`."""
+    mx, my, mz = np.float32(middle[0]), np.float32(middle[1]), np.float32(middle[2])
+    nx, ny, nz, size, nearest = creeping[0], creeping[1], creeping[2], creeping[3], creeping[4]
+    r0, r1, r2, r3, r4, r5 = creeping[5], creeping[6], creeping[7], creeping[8], creeping[9], creeping[10]
+    i0, i1, i2, i3, i4, i5 = creeping[11], creeping[12], creeping[13], creeping[14], creeping[15], creeping[16]
+    low, high, arc = np.float32(least), np.float32(most), np.float32(1 / (3 * wavenumber))
+    one, two, six = np.float32(1), np.float32(2), np.float32(1 / 6)
+    for p in range(len(x)):
+        px, py, pz = mx - x[p], my - y[p], mz - z[p]
+        close = np.sqrt(px * px + py * py + pz * pz)
+        sine = (px * nx + py * ny + pz * nz) / max(close, np.float32(1e-6))
+        bend = size * sine * (one + six * sine * sine)
+        xi = min(max(bend, low), high)
+        lit = min(two - two * xi / low, one)
+        lit = lit * lit * (one + two * (one - lit))
+        weight = scratch[3, p] * min(scratch[4, p], nearest) * lit
+        scratch[0, p] += weight * (r0 + xi * (r1 + xi * (r2 + xi * (r3 + xi * (r4 + xi * r5)))))
+        scratch[1, p] += weight * (i0 + xi * (i1 + xi * (i2 + xi * (i3 + xi * (i4 + xi * i5)))))
+        scratch[2, p] += lit * arc * xi * xi * xi
+
+
+@numba.njit(**FAST)
+def _add(re, im, scratch, turns_per_m):  # type: ignore[no-untyped-def]
+    """Add an edge's waves."""
+    scale = np.float32(turns_per_m)
     for p in range(len(re)):
-        detour, rise = scratch[1, p], scratch[2, p]
-        fade = min(max(detour * late - one, zero), one)
-        amplitude = scratch[0, p] * (one - fade * fade * (one + two * (one - fade))) / (one + turned * rise * rise)
-        cosine, sine = cis_small(scale * detour)
-        re[p] += amplitude * cosine
-        im[p] -= amplitude * sine
+        cosine, sine = cis_small(scale * scratch[2, p])
+        re[p] += scratch[0, p] * cosine + scratch[1, p] * sine
+        im[p] += scratch[1, p] * cosine - scratch[0, p] * sine

@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from radar.simulation.forward import Scatterers
 from radar.simulation.scene import Body
 from radar.support.errors import HandbenchError
 
 MOST_FACETS = 4_000_000
+FILLED = 0.99  # of its hull's volume, a convex body that is rounded by facets
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,20 @@ def face_vectors(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Each face's outward normal times its area [m, 3]."""
     a, b, c = (vertices_m[faces[:, i]] for i in range(3))
     return np.cross(b - a, c - a) / 2
+
+
+def volume_m3(body: Body) -> float:
+    """The volume of a closed body."""
+    vectors = face_vectors(body.vertices_m, body.faces)
+    return abs(float((vectors * body.vertices_m[body.faces[:, 0]]).sum())) / 3
+
+
+def convex(body: Body) -> bool:
+    """True of one body without hollow places: it fills its hull, or is flat."""
+    try:
+        return volume_m3(body) > FILLED * ConvexHull(body.vertices_m).volume
+    except QhullError:  # flat
+        return True
 
 
 def vertex_normals(body: Body) -> np.ndarray:

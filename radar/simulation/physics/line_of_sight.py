@@ -46,12 +46,12 @@ def facets_in_sight(rays: Rays, body: Body, facets: Facets, antennas_m: np.ndarr
     return seen
 
 
-def points_in_sight(rays: Rays, points_m: np.ndarray, antennas_m: np.ndarray) -> np.ndarray:
-    """Mask [a, n] of the antennas and points between which nothing stands."""
+def points_in_sight(rays: Rays, points_m: np.ndarray, antennas_m: np.ndarray, stride_m: float = STRIDE_M) -> np.ndarray:
+    """Mask [a, n] of the antennas and points between which nothing stands; stride_m: between the first antennas."""
     clear = np.empty((len(antennas_m), len(points_m)), bool)
     for line in lines(antennas_m):
         step_m = np.linalg.norm(np.diff(antennas_m[line], axis=0), axis=1).max(initial=0)
-        stride = max(1, int(STRIDE_M / step_m)) if step_m > 0 else 1
+        stride = max(1, int(stride_m / step_m)) if step_m > 0 else 1
         first = [*range(0, len(line) - 1, stride), len(line) - 1]
         for n in first:
             clear[line[n]] = rays.in_sight(points_m, antennas_m[line[n]])

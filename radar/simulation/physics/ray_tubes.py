@@ -16,7 +16,8 @@ from radar.support.rays import OWN_SURFACE_M, Rays
 
 CREASE = 0.85  # cosine between a face and its corner's normal below which the corner lies on an edge of the body
 COARSE = 2  # times as long are the patches that are tried first,
-TRIAL_M = 0.02  # with transmitters so far apart
+TRIAL_M = 0.2  # with antennas so far apart, the ends of all lines among them
+STRIDE_M = 0.08  # between the antennas whose sight is asked first
 
 
 class Hits(NamedTuple):
@@ -29,55 +30,69 @@ class Hits(NamedTuple):
     end_m: np.ndarray
 
 
+class Mirrors(NamedTuple):
+    """m mirrors as patches; part [m]: the coarse patch that each is a part of; face [m]: the body's face; all of the
+    body's faces as patches."""
+
+    patches: Patches
+    coarse: Patches
+    part: np.ndarray
+    face: np.ndarray
+    surface: Patches
+
+
 @dataclass(frozen=True)
 class Traced:
-    """Hits in the order of the transmitters tx_m; the mirrors as patches, and the body's face that each is part of; all
-    of the body's faces as patches; seen float32 [faces, r]: 1 where a receiver sees the face."""
+    """Hits in the order of the transmitters of an array; seen float32 [faces, r]: 1 where a receiver sees the face."""
 
     hits: Hits
-    patches: Patches
-    patch_face: np.ndarray
-    surface: Patches
+    mirrors: Mirrors
     seen: np.ndarray
-    tx_m: np.ndarray
+    array: AntennaArray
 
     def tubes(self, chosen: np.ndarray) -> Tubes:
         """The tubes around some of the hits, by index [n]."""
         transmitter, patch, face = (column[chosen] for column in self.hits[:3])
-        return _landed(transmitter, patch, face, self.patches, self.surface, self.tx_m)
+        return landed(transmitter, patch, face, self.mirrors.patches, self.mirrors.surface, self.array.tx_m)
 
 
-def _landed(
+def landed(
     transmitter: np.ndarray, patch: np.ndarray, face: np.ndarray, patches: Patches, surface: Patches, tx_m: np.ndarray
 ) -> Tubes:
+    """Tubes of transmitters, patches and faces by index [n]."""
     n = len(face)
     start_m, end_m, normal, longer_m = (np.empty((n, 3)) for _ in range(4))
-    length_m, root_m2 = (np.empty(n) for _ in range(2))
-    tubes = Tubes(transmitter, patch, face, start_m, end_m, normal, length_m, root_m2, np.empty((n, 3, 3)), longer_m)
+    length_m, root_m2, edge_m, caustics = np.empty(n), np.empty(n), np.empty((n, 3, 3)), np.zeros(n, np.int8)
+    tubes = Tubes(transmitter, patch, face, start_m, end_m, normal, length_m, root_m2, edge_m, longer_m, caustics)
     land(tubes, patches, tx_m, surface)
     return tubes
 
 
-def trace(rays: Rays, body: Body, array: AntennaArray, longest_m: float) -> Traced:
-    """All hits.
-
-    longest_m: patches are split until no edge is longer. Coarser ones that make no tube with a few of the transmitters
-    are left out. Both legs to the antennas are clear of the body, by the patches' and faces' middles.
-    """
-    surface = _patches(body.vertices_m[body.faces], corner_normals(body))
+def mirrors_of(rays: Rays, body: Body, antennas_m: np.ndarray, longest_m: float) -> Mirrors:
+    """The patches that mirror some antennas [a, 3] onto the body, split until no edge is longer than longest_m; coarser
+    ones that make no tube with a few of the antennas are left out."""
+    surface = patches_of(body.vertices_m[body.faces], corner_normals(body))
     whole, whole_face = split(surface, COARSE * longest_m)
-    mirrors = np.flatnonzero(_mirrors(rays, whole, surface, array.tx_m))
-    patches, part = split(Patches(*(column[mirrors] for column in whole)), longest_m)
-    clear = points_in_sight(rays, patches.middle_m, array.tx_m)
+    chosen = np.flatnonzero(_lit_twice(rays, whole, surface, antennas_m))
+    coarse = Patches(*(column[chosen] for column in whole))
+    patches, part = split(coarse, longest_m)
+    return Mirrors(patches, coarse, part, whole_face[chosen[part]], surface)
+
+
+def trace(rays: Rays, mirrors: Mirrors, array: AntennaArray) -> Traced:
+    """All hits. Both legs to the antennas are clear of the body, by the middles of coarse patches and of faces."""
+    surface = mirrors.surface
+    clear = points_in_sight(rays, mirrors.coarse.middle_m, array.tx_m, STRIDE_M)
     found = [
-        _hits(rays, patches, antenna_m, np.flatnonzero(seen)) for antenna_m, seen in zip(array.tx_m, clear, strict=True)
+        _hits(rays, mirrors.patches, antenna_m, np.flatnonzero(seen[mirrors.part]))
+        for antenna_m, seen in zip(array.tx_m, clear, strict=True)
     ]
     transmitter = np.repeat(np.arange(len(found)), [len(face) for _, face, _ in found])
     hits = Hits(transmitter, *(np.concatenate(column) for column in zip(*found, strict=True)))
-    seen = np.zeros((len(body.faces), len(array.rx_m)), np.float32)
+    seen = np.zeros((len(surface.normal), len(array.rx_m)), np.float32)
     faces = np.unique(hits.face)
-    seen[faces] = points_in_sight(rays, surface.middle_m[faces], array.rx_m).T
-    return Traced(hits, patches, whole_face[mirrors[part]], surface, seen, array.tx_m)
+    seen[faces] = points_in_sight(rays, surface.middle_m[faces], array.rx_m, STRIDE_M).T
+    return Traced(hits, mirrors, seen, array)
 
 
 def split(surface: Patches, longest_m: float) -> tuple[Patches, np.ndarray]:
@@ -91,10 +106,11 @@ def split(surface: Patches, longest_m: float) -> tuple[Patches, np.ndarray]:
         corners_m, normals = quarters(corners_m[long]), quarters(normals[long])
         normals = unit(normals)
     corners_m, normals, face = (np.concatenate(column) for column in zip(*done, strict=True))
-    return _patches(corners_m, normals), face
+    return patches_of(corners_m, normals), face
 
 
-def _patches(corners_m: np.ndarray, normals: np.ndarray) -> Patches:
+def patches_of(corners_m: np.ndarray, normals: np.ndarray) -> Patches:
+    """Patches by their corners and the unit normals there, both [m, 3, 3]."""
     a, b, c = (corners_m[:, i] for i in range(3))
     return Patches(corners_m, normals, corners_m.mean(axis=1), unit(normals.sum(axis=1)), np.cross(b - a, c - a) / 2)
 
@@ -107,15 +123,15 @@ def corner_normals(body: Body) -> np.ndarray:
     return np.where(crease[:, :, None], flat[:, None], smooth)
 
 
-def _mirrors(rays: Rays, patches: Patches, surface: Patches, tx_m: np.ndarray) -> np.ndarray:
-    """Mask [m] of the patches that make tubes with some of a few transmitters."""
+def _lit_twice(rays: Rays, patches: Patches, surface: Patches, antennas_m: np.ndarray) -> np.ndarray:
+    """Mask [m] of the patches that make tubes with some of a few antennas."""
     some = np.zeros(len(patches.normal), bool)
     everything = np.arange(len(some))
-    for line in lines(tx_m):
-        length_m = np.linalg.norm(np.ptp(tx_m[line], axis=0))
+    for line in lines(antennas_m):
+        length_m = np.linalg.norm(np.ptp(antennas_m[line], axis=0))
         for n in np.unique(np.linspace(0, len(line) - 1, 2 + int(length_m / TRIAL_M)).astype(int)):
-            patch, face, _ = _hits(rays, patches, tx_m[line[n]], everything)
-            tubes = _landed(np.full(len(patch), line[n]), patch, face, patches, surface, tx_m)
+            patch, face, _ = _hits(rays, patches, antennas_m[line[n]], everything)
+            tubes = landed(np.full(len(patch), line[n]), patch, face, patches, surface, antennas_m)
             some[patch[tubes.root_m2 > 0]] = True
     return some
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from bench.evaluation.error_causes import Scored, explain
-from bench.evaluation.reliability import NOMINAL_PERCENT, covered, negative_log_likelihood
+from bench.evaluation.error_causes import NOMINAL_PERCENT, Scored, covered, explain, negative_log_likelihood
 from bench.results.error_map import ErrorMap
 from radar.data.depthmap import DepthMap
 

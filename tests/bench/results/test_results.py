@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from bench import results
-from bench.evaluation.metrics import error_map
+from bench.evaluation.depth_errors import error_map
 from bench.evaluation.rows import accuracy_rows, metric_facts, precision_rows, time_rows
 from bench.results.tables import REPEATS, TASKS, frame
 from radar.support.errors import HandbenchError

@@ -17,7 +17,7 @@ from calibration.transforms import identity
 from groundtruth.mesh.depth import Reference
 from radar.data.depthmap import DepthMap
 from radar.methods.fsk_config import ThreeToneConfig
-from radar.methods.projection import NarrowbandConfig
+from radar.methods.projection import AlignedConfig, NarrowbandConfig
 
 AXIS_M = 1e-3 * np.arange(9.0)
 
@@ -51,6 +51,19 @@ def test_a_projection_is_averaged_afterwards(tmp_path):
         near = z_m[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1]
         assert found["window"].z_m[y, x] == pytest.approx(np.nanmean(near), rel=1e-7)
     assert np.isnan(found["window"].z_m[np.isnan(z_m)]).all()
+
+
+def test_a_filtered_projection_is_never_summed_exactly(tmp_path):
+    """Its volume would take hours; a volume's voxels are where they are, however weak the pixels."""
+    asked = []
+
+    def image(config: AlignedConfig) -> DepthMap:
+        asked.append(config)
+        return depth(np.full((9, 9), 0.3))
+
+    write_treated(tmp_path, image, AlignedConfig(threshold_db=-12), depth(np.zeros((9, 9))))
+    widths = [(c.fine_filter_px, c.threshold_db, c.drop_doubtful, c.tolerance) for c in asked]
+    assert widths == [(p, db, False, 1e-5) for p in (1, WINDOW_PX) for db in (-12, OPEN_DB)]
 
 
 def test_the_completed_reference_is_the_truth_where_there_is_no_mesh():

@@ -14,10 +14,9 @@ from pydantic import ValidationError
 from bench.scenes.bones import HAND_AXES, LENGTHS_MM, PALMAR, RADIAL, hand_from_palm, skeleton
 from bench.scenes.hand import hand_field, hand_mesh
 from bench.scenes.hand_pose import POSES, FingerPose, Pose, ThumbPose, WristPose
-from bench.scenes.implicit import triangle_quality
+from bench.scenes.implicit import crossing_faces, triangle_quality
 from bench.scenes.skin_texture import Skin
 from bench.scenes.textures import skin
-from bench.studies.smoothness import crossing_facets
 from groundtruth.mesh.mesh_files import load_open3d, raycasting_scene
 
 if TYPE_CHECKING:
@@ -27,6 +26,10 @@ COARSE_M = 2e-3
 COARSER_M = 3e-3  # enough for shape and topology
 PALM_M = np.array([0.0, -0.030, 0.310])  # in the scenes
 WRIST_M = -0.050  # the wrist's crease, where anthropometry starts to measure
+
+
+def crossing_facets(surface) -> int:
+    return crossing_faces(np.asarray(surface.vertices), np.asarray(surface.triangles))
 
 
 def seen_from_the_array(surface: o3d.geometry.TriangleMesh) -> np.ndarray:

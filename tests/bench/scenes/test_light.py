@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from bench.scenes.highlights import SKIN_REFLECTANCE, ggx, mirrored
+from bench.scenes.lamps import Projector
 from bench.scenes.photographs import Studio
-from bench.scenes.projector import Projector
 from bench.scenes.stand import MARKER_CENTRES_M
 from radar.support.errors import HandbenchError
 

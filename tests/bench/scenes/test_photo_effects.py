@@ -13,8 +13,7 @@ import pytest
 from bench.cli import simulate
 from bench.datasets.native import NativeCapture
 from bench.datasets.simulated import write_photos
-from bench.scenes.photo_effects import WITHOUT, choose, without
-from bench.scenes.photo_pilot import Change, Pilot
+from bench.scenes.photo_pilot import WITHOUT, Change, Pilot, choose, without
 from bench.scenes.photographs import Studio
 from radar.simulation.selection import Choice
 

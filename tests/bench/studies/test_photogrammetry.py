@@ -6,8 +6,7 @@ import pytest
 from bench.scenes.rig import rig
 from bench.studies.columns import Table, columns
 from bench.studies.photogrammetry.cases import bars, sweep
-from bench.studies.photogrammetry.figure import draw
-from bench.studies.photogrammetry.measure import record
+from bench.studies.photogrammetry.measure import draw, record
 from bench.studies.photogrammetry.score import completeness, scale_error
 from calibration.transforms import identity
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.studies.registration.cases import FAULTS, case, made, wrong
-from bench.studies.registration.cloud import seen_cloud
-from bench.studies.registration.figure import draw
-from bench.studies.registration.measure import tables, tried
+from bench.studies.registration.cases import FAULTS, case, made, seen_cloud, wrong
+from bench.studies.registration.measure import draw, tables, tried
 from bench.studies.registration.score import score, summary
 from calibration.target.description import default_target
 from calibration.target.matching import match

@@ -8,7 +8,8 @@ import pytest
 from bench.scenes.bones import skeleton
 from bench.scenes.hand import hand_field, hand_mesh
 from bench.scenes.hand_pose import POSES
-from bench.studies.smoothness import TONES_HZ, crossing_facets, facet_angles, parts_at, radar_change, subdivided
+from bench.scenes.implicit import crossing_faces
+from bench.studies.smoothness import TONES_HZ, facet_angles, parts_at, radar_change, subdivided
 from groundtruth.mesh.mesh_files import load_open3d
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 
@@ -19,6 +20,10 @@ def test_angles_of_a_box() -> None:
     assert sorted(angles_deg) == pytest.approx([0] * 6 + [90] * 12)  # the faces' diagonals and the box's edges
     lengths = np.linalg.norm(np.diff(np.asarray(box.vertices)[ends], axis=1)[:, 0], axis=1)
     assert lengths[angles_deg > 45] == pytest.approx(1)
+
+
+def crossing_facets(surface) -> int:
+    return crossing_faces(np.asarray(surface.vertices), np.asarray(surface.triangles))
 
 
 def test_crossing_facets_are_found() -> None:

@@ -13,15 +13,14 @@ import pytest
 
 from bench.datasets.dataset import open_capture
 from bench.datasets.simulated import write_photos
-from bench.run.benchmark_file import load_benchmark
 from bench.run.outcome import Capture
 from bench.scenes.build import build, load_scene
 from bench.scenes.echoes import echo_scene
 from bench.scenes.scene_file import SceneFile
 from bench.studies.tradeoff import groundtruth_stage, registration_stage, simulation_stage
 from bench.studies.tradeoff.groundtruth_stage import GroundTruthKnobs
+from bench.studies.tradeoff.opening import Context
 from bench.studies.tradeoff.registration_stage import RegistrationKnobs
-from bench.studies.tradeoff.section_lines import Context
 from bench.studies.tradeoff.simulation_stage import SimulationKnobs, Way
 from calibration.registration.rigid_fit import Pairs
 from calibration.target.description import Candidate
@@ -162,24 +161,19 @@ def test_views_are_spread_over_the_rig(ball):
 # --- simulation -----------------------------------------------------------------------------------------------------
 
 
-def test_echoes_of_a_ball_come_nearer_with_more_facets_and_effects(small_bench, tmp_path):
-    bench, base = load_benchmark(str(small_bench))
-    knobs = SimulationKnobs(facets_per_wavelength=(1, 4), without=((), NO_SHADOWS), tolerance_mm=(0.1,), finest=6)
-    section, settings = simulation_stage.measure(knobs, context(tmp_path, bench=bench, base=base, repeats=2))
+def test_maps_of_a_sphere_are_held_against_exact_ones(tmp_path):
+    """Mie's series is the reference: of a sphere of metal, two bounces change nothing and shadows little."""
+    knobs = SimulationKnobs(
+        scenes=("sphere of 5 mm, metal",), facets_per_wavelength=(4, 1), mirrors_per_wavelength=(4,), nodes_apart=(1, 2)
+    )
+    section, settings = simulation_stage.measure(knobs, context(tmp_path, repeats=2))
     found = {setting.name: setting for setting in settings}
-    assert section.reference == settings[0].name == "6-facets-all-effects"
-    assert found.pop(section.reference).error is None  # what the others are held against
-    errors = {name: setting.error for name, setting in found.items()}
-    assert set(errors) == {
-        "1-facets-all-effects",
-        "1-facets-without-shadow_diffraction-shadow_antennas-shadow_centre",
-        "4-facets-all-effects",
-        "4-facets-without-shadow_diffraction-shadow_antennas-shadow_centre",
-        "4-facets-auto-at-0.1-mm",
-    }
-    assert errors["4-facets-all-effects"] < errors["1-facets-all-effects"] < 100
-    assert errors["4-facets-all-effects"] < errors["4-facets-without-shadow_diffraction-shadow_antennas-shadow_centre"]
-    assert all(s.seconds_low <= s.seconds <= s.seconds_high and s.low is None for s in found.values())
+    assert section.reference == settings[0].name == "all-effects"
+    assert {"1-facets-1-mirrors-all-effects", "nodes-2-times-as-far-apart-all-effects", "auto-at-0.1-mm"} <= set(found)
+    assert found["all-effects"].error < 0.05 < found["1-facets-1-mirrors-all-effects"].error + 0.05
+    assert all(0 < setting.seen_percent <= 100 for setting in settings)
+    assert all(s.seconds_low <= s.seconds <= s.seconds_high and s.low is None for s in settings)
+    assert list((tmp_path / "exact").iterdir())  # kept: another run makes none
 
 
 def test_sampling_is_of_facets(small_bench):
@@ -190,31 +184,13 @@ def test_sampling_is_of_facets(small_bench):
     assert counts[0] < counts[1] < counts[2]
 
 
-def test_noise_is_no_error(small_bench, tmp_path, monkeypatch):
-    """The scene has noise in this benchmark; two simulations that differ in nothing else are the same."""
-    scene_file = small_bench.parent / "ball.toml"
-    scene_file.write_text(scene_file.read_text() + "[noise]\nphase_noise_rad = 0.5\n")
-    bench, base = load_benchmark(str(small_bench))
-    monkeypatch.setattr(
-        simulation_stage.Way,
-        "simulate",
-        lambda way, scene: np.array([1.0 + bool(scene.file.causes.noise.between_tones_rad)]),
-    )
-    knobs = SimulationKnobs(facets_per_wavelength=(4,), without=((),), tolerance_mm=())
-    _, settings = simulation_stage.measure(knobs, context(tmp_path, bench=bench, base=base))
-    assert [setting.error for setting in settings] == [None, 0.0]
-    assert simulation_stage.difference_percent(np.array([3 + 4j, 0]), np.array([3 + 4j, 5])) == pytest.approx(
-        100 / 2**0.5
-    )
-
-
 def test_what_another_does_is_not_listed_beside_it(small_bench):
     """Diffracted shadows contain each antenna's sharp ones, and these the centre's, which are on where the former are
     left out."""
     scene = echo_scene(load_scene(small_bench.parent / "ball.toml"))
 
     def on(*without: str) -> set[str]:
-        return {choice.effect for choice in Way(4.0, without)._choices(scene) if choice.on}
+        return {choice.effect for choice in Way(without=without).choices(scene) if choice.on}
 
     shadows = set(NO_SHADOWS)
     assert on() & shadows == {"shadow_diffraction"}
@@ -224,11 +200,16 @@ def test_what_another_does_is_not_listed_beside_it(small_bench):
     assert "noise" not in on()  # the scene has no cause for it
 
 
-def test_recorded_captures_cannot_be_simulated(small_bench, tmp_path, capsys):
-    bench, base = load_benchmark(str(small_bench))
-    recorded = bench.model_copy(update={"capture": ()})
-    assert simulation_stage.measure(SimulationKnobs(), context(tmp_path, bench=recorded, base=base)) is None
-    assert "simulates no capture" in capsys.readouterr().err
+def test_pixels_that_one_map_has_are_told():
+    ours, exact = np.array([1.0, 2.0, np.nan, 4.0]), np.array([1.001, np.nan, 3.0, 4.003])
+    error_mm, both = simulation_stage.compared(ours, exact)
+    assert error_mm == pytest.approx(2.0) and both == 0.5
+    assert simulation_stage.compared(ours, np.full(4, np.nan)) == (np.inf, 0.0)
+
+
+def test_an_unknown_scene_is_refused():
+    with pytest.raises(HandbenchError, match="no exact scene; did you mean 'one finger, skin'"):
+        parse(SimulationKnobs, {"scenes": ["one fingr, skin"]}, "tradeoff.simulation")
 
 
 def test_an_unknown_effect_is_refused():

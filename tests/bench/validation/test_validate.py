@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bench.datasets.native import CaptureFile, save_capture_file
-from bench.validation.file_lines import line_of, lines_of
+from bench.validation.problems import line_of, lines_of
 from bench.validation.validate import problems_of, show
 from calibration.target.description import default_target, save_target
 from calibration.transforms import Transform

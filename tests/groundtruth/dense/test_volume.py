@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from groundtruth.cameras.cameras import Camera
-from groundtruth.dense.plane import board_plane, plane_through
-from groundtruth.dense.volume import Volume, in_common_field, narrowed, volume, warn_of_cuts
+from groundtruth.dense.volume import Volume, board_plane, in_common_field, narrowed, plane_through, volume, warn_of_cuts
 from groundtruth.sparse.frame import Scale
 from tests.groundtruth.mesh.test_mesh import cloud_of
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from groundtruth.dense.plane import plane_through
+from groundtruth.dense.volume import plane_through
 from groundtruth.mesh.poisson import clean, surface
 from groundtruth.mesh.target import Target, keep_target, margin_m, off_board
 from radar.support.errors import HandbenchError

@@ -147,7 +147,7 @@ def test_how_strongly_a_target_echoes_is_never_left_out(kind):
 
 
 def test_every_effect_says_what_it_is():
-    assert len(set(IDS)) == len(EFFECTS) == 17
+    assert len(set(IDS)) == len(EFFECTS) == 18
     for known in EFFECTS:
         assert known.does and known.source
 

@@ -8,8 +8,7 @@ from bench import results
 from bench.results.tables import COMPARISONS, frame
 from reports.figures.charts import risk_coverage
 from reports.tables.blocks import blocks, busy_note
-from reports.tables.findings import findings
-from reports.tables.result_tables import markdown
+from reports.tables.result_tables import findings, markdown
 from tests.reports.synthetic_result import write_synthetic
 
 

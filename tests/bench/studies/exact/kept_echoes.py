@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from bench.studies.columns import Record
-from bench.studies.exact.cases import MATERIALS, SCENES, Case, body
+from bench.studies.exact.cases import MATERIALS, SCENES, Case, body, exact_echoes
 from bench.studies.exact.cylinders import ALONG
 from bench.studies.exact.measure import REFLECTION, compared, echo_error, maps
-from bench.studies.exact.solutions import exact_echoes
 from radar.data.arrays import AntennaArray, qar50
 from radar.data.capture import RadarCapture
 from radar.simulation.scene import EchoScene

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.studies.exact import measure, solutions
+from bench.studies.exact import cases as scenes
+from bench.studies.exact import measure
 from bench.studies.exact.cases import SCENES, Case, cases, front_m
-from bench.studies.exact.figure import draw
+from bench.studies.exact.measure import draw
 from radar.data.arrays import AntennaArray
 from radar.support.errors import HandbenchError
 
@@ -16,20 +17,20 @@ SMALL = Case("sphere of 2 mm", SCENES["sphere of 2 mm"], "skin", "along")
 
 def test_echoes_are_made_once_for_the_same_tones_antennas_and_bodies(tmp_path, monkeypatch):
     array, tones_hz = AntennaArray(np.zeros((1, 3)), np.zeros((2, 3))), np.array([80e9])
-    first = solutions.kept_echoes(SMALL, tones_hz, array, tmp_path)
+    first = scenes.kept_echoes(SMALL, tones_hz, array, tmp_path)
     made = []
-    monkeypatch.setattr(solutions, "exact_echoes", lambda *given: made.append(given) or np.zeros((1, 1, 2)))
-    np.testing.assert_array_equal(solutions.kept_echoes(SMALL, tones_hz, array, tmp_path), first)
+    monkeypatch.setattr(scenes, "exact_echoes", lambda *given: made.append(given) or np.zeros((1, 1, 2)))
+    np.testing.assert_array_equal(scenes.kept_echoes(SMALL, tones_hz, array, tmp_path), first)
     assert not made
     metal = Case(SMALL.name, SMALL.bodies, "metal", "along")
     for case, tone_hz in ((SMALL, 81e9), (metal, 80e9)):
-        assert not solutions.kept_echoes(case, np.array([tone_hz]), array, tmp_path).any()
+        assert not scenes.kept_echoes(case, np.array([tone_hz]), array, tmp_path).any()
 
 
 def test_what_has_no_exact_solution_is_refused():
     coated_finger = Case("finger", SCENES["one finger"], "palm", "along")
     with pytest.raises(HandbenchError, match="no exact solution"):
-        solutions.exact_echoes(coated_finger, np.array([80e9]), AntennaArray(np.zeros((1, 3)), np.zeros((1, 3))))
+        scenes.exact_echoes(coated_finger, np.array([80e9]), AntennaArray(np.zeros((1, 3)), np.zeros((1, 3))))
 
 
 def test_the_front_is_the_nearest_surface():

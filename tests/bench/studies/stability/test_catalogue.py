@@ -11,7 +11,7 @@ import pytest
 
 from bench.results.stability import StabilityFacts, Table, load_stability, write_stability
 from bench.studies.stability import random_scenes
-from bench.studies.stability.cases import GROUPS, Case, Refused, Worst, cases, measured, refused, worst
+from bench.studies.stability.cases import GROUPS, Case, Refused, Seen, Works, Worst, cases, measured, refused, worst
 from bench.studies.stability.measure import run_stability
 from radar.support.errors import HandbenchError
 
@@ -37,7 +37,7 @@ def test_no_measuring_function_is_forgotten():
     modules = [module for name, module in sys.modules.items() if name.startswith("bench.studies.stability.")]
     functions = {f for module in modules for f in vars(module).values() if inspect.isfunction(f)}
     measuring = {
-        f for f in functions if f.__annotations__.get("return") in ("Seen", "Works") and not f.__code__.co_argcount
+        f for f in functions if f.__annotations__.get("return") in (Seen, Works) and not f.__code__.co_argcount
     }
     assert {f.__qualname__ for f in measuring if "<locals>" not in f.__qualname__ and id(f) not in given} == set()
 

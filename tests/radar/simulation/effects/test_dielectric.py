@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
-from radar.simulation.effects.dielectric import Dielectric, inside_m
+from radar.simulation.effects.dielectric import Dielectric, far_wall_db, inside_m, lost
 from radar.simulation.effects.scattering import Obliquity, ShadowCentre
 from radar.simulation.physics.reflection import body_reflection, fresnel, layered
 from radar.simulation.physics.spheres import foam_delays_m, foam_echoes
@@ -55,6 +55,21 @@ def test_plastic_reflects_by_fresnel_alone():
     assert np.allclose(samples, metal * ((n - 1) / (n + 1)), rtol=1e-5, atol=1e-6 * np.abs(metal).max())
     changes, _ = rehearsed(scene, "obliquity", "dielectric", without="dielectric")
     assert changes["3fsk"].depth_mm < 1e-3  # the same phase at all tones
+
+
+def test_what_plastic_lets_through_is_said():
+    """Low-loss closed form: α = (π/λ)√ε·tan δ along the mean chord of a sphere, 4r/3; Γ² of 2.7 is −12.3 dB."""
+    sphere = sphere_body(8e-3, 4)
+
+    def scene(loss_tangent):
+        material = Material(kind="plastic", permittivity=2.7, loss_tangent=loss_tangent)
+        return bead_scene(target=Body(sphere.vertices_m + [0, 0, 0.3], sphere.faces, material))
+
+    wave_m = SPEED_OF_LIGHT_M_S / TONES_HZ.mean()
+    expected_db = 20 * np.log10((1 - 10**-1.23) * np.exp(-2 * np.pi / wave_m * np.sqrt(2.7) * 0.01 * 4 / 3 * 8e-3))
+    assert far_wall_db(scene(0.01).body, TONES_HZ.mean()) == pytest.approx(expected_db, abs=0.05)
+    assert f"about {expected_db:.0f} dB" in lost(scene(0.01))
+    assert lost(scene(0.2)) == lost(bead_scene()) == ""
 
 
 def test_a_slab_of_foam_is_a_layer():

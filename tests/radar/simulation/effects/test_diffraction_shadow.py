@@ -11,6 +11,7 @@ from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from radar.simulation.effects.further import _seen_behind
 from radar.simulation.effects.scattering import Obliquity, ShadowAntennas, ShadowDiffraction
 from radar.simulation.forward import simulate
+from radar.simulation.physics.creeping import DEEP, LIT, pekeris
 from radar.simulation.physics.diffraction import FARTHEST, WIDEST
 from radar.simulation.rehearsal import Rehearsal
 from radar.simulation.scene import EchoScene
@@ -25,6 +26,8 @@ TONES_HZ = np.array([72e9, 75e9, 79.5e9, 82e9])
 FINGER = cylinder((0.0, 0.0, 0.27), 8e-3, 0.06, along=30)
 SHEET = plate((-0.02, -0.015, 0.30), (0, 0.03, 0), (0.04, 0, 0), 24)  # its front is towards the array
 BODY = joined(FINGER, SHEET)
+XI = np.linspace(LIT, DEEP, 400)
+PEKERIS = XI, pekeris(XI, np.zeros(1), np.ones(1))[:, 0]  # of metal, for a field along the edge
 
 
 def state(body, array=ARRAY, effect=ShadowDiffraction, tones_hz=TONES_HZ) -> EchoState:
@@ -39,19 +42,26 @@ def smooth_step(x):
 
 
 def field(points_m, antenna_m):
-    """V + (1/2π) Σ ∫ e^{−jkδ} dφ [f, p] in float64 behind the finger as a cylinder: its outline are the two lines along
-    y where planes through the antenna touch it, in pieces of 0.2 mm. The fades are those of the formula's limits."""
+    """V + (1/2π) Σ ∫ e^{−jkδ} dφ − Σ ∫ m p*(mθ)/√π e^{−jkδ} dl/L [f, p] in float64 behind the finger as a cylinder: its
+    outline are the two lines along y where planes through the antenna touch it, in pieces of 0.2 mm, and δ is longer by
+    the arc aθ³/6. The field of dipoles along y is along them. The fades are those of the formula's limits."""
     to_axis = np.array([0.0, 0.27]) - antenna_m[[0, 2]]
     far2 = to_axis @ to_axis
     across = 8e-3 * np.sqrt(far2 - 8e-3**2) / far2 * np.array([-to_axis[1], to_axis[0]])
     height_m = np.linspace(-0.03, 0.03, 301)
-    starts_m, ends_m = [], []
+    starts_m, ends_m, normals = [], [], []
     for side in (1, -1):  # on the left upwards, on the right downwards
         x, z = np.array([0.0, 0.27]) - 8e-3**2 / far2 * to_axis + side * across
+        normals += [[x / 8e-3, 0.0, (z - 0.27) / 8e-3]] * 300
         line_m = np.stack([np.full(301, x), side * height_m, np.full(301, z)], axis=1) - antenna_m
         starts_m.append(line_m[:-1])
         ends_m.append(line_m[1:])
-    start_m, end_m = np.concatenate(starts_m), np.concatenate(ends_m)
+    start_m, end_m, normal = np.concatenate(starts_m), np.concatenate(ends_m), np.array(normals)
+    middle_m = (start_m + end_m) / 2
+    sine2 = 1 - middle_m[:, 1] ** 2 / (middle_m**2).sum(axis=1)  # of the ray's angle to the axis
+    middle_hz = (TONES_HZ.min() + TONES_HZ.max()) / 2
+    size = np.cbrt(np.pi * middle_hz / SPEED_OF_LIGHT_M_S * 8e-3 / sine2)  # m, whose a is that along the ray
+    lengths_m = np.linalg.norm(end_m - start_m, axis=1) * np.sqrt(sine2)
     waves = np.zeros((len(TONES_HZ), len(points_m)), complex)
     for n, point_m in enumerate(points_m):
         way_m = np.linalg.norm(point_m - antenna_m)
@@ -65,8 +75,15 @@ def field(points_m, antenna_m):
         behind_m = way_m - before_m
         detour_m = np.hypot(before_m, off_m) + np.hypot(behind_m, off_m) - way_m
         turned *= 1 - smooth_step(2 * off_m / behind_m / WIDEST - 1)
+        leaving_m = point_m - antenna_m - middle_m
+        xi = np.clip(-size * np.arcsin((leaving_m * normal).sum(axis=1) / np.linalg.norm(leaving_m, axis=1)), LIT, DEEP)
+        spread = 1 / np.hypot(before_m, off_m) + 1 / np.hypot(behind_m, off_m)
+        fade = (1 - smooth_step(2 * off_m / behind_m / WIDEST - 1)) * smooth_step(2 - 2 * xi / LIT)
+        creeping = -size / np.sqrt(np.pi) * np.interp(xi, *PEKERIS) * lengths_m * spread * fade
+        late = 4 * np.pi * middle_hz / SPEED_OF_LIGHT_M_S * detour_m / FARTHEST - 1
+        detour_m = detour_m + SPEED_OF_LIGHT_M_S / (6 * np.pi * middle_hz) * xi**3 * smooth_step(2 - 2 * xi / LIT)
         phase = 2 * np.pi * TONES_HZ[:, None] / SPEED_OF_LIGHT_M_S * detour_m
-        waves[:, n] = (turned * (1 - smooth_step(2 * phase / FARTHEST - 1)) * np.exp(-1j * phase)).sum(axis=1)
+        waves[:, n] = ((turned + creeping) * (1 - smooth_step(late)) * np.exp(-1j * phase)).sum(axis=1)
         waves[:, n] += not hidden
     return waves
 

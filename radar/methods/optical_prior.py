@@ -1,0 +1,82 @@
+"""Two tones far apart, about a first depth of each pixel that another sensor found.
+
+A pair Δf apart tells a depth to cσ/(4πΔf), but only within ±c/(4Δf) of a first one. Multimodal 2-FSK takes that from an
+optical sensor (arXiv 2511.01405) and saves the coarse tones' images. Here a third, close tone is kept as a witness: its
+phase is unambiguous within ±c/(4 · 200 MHz), too rough for a depth, yet its mean over a few resolution cells tells a
+prior that is a period off, and its median one that is wrong as a whole.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+
+import numpy as np
+
+from radar.data.arrays import SPEED_OF_LIGHT_M_S
+from radar.data.capture import RadarCapture
+from radar.data.depthmap import DepthMap, amplitude_db, load_depthmap
+from radar.data.grid import PixelGrid
+from radar.methods.alignment import agreed
+from radar.methods.confidence import quadrature_m, spread_m, wrap_probability
+from radar.methods.fsk import Look, Tones, first_look
+from radar.methods.fsk_config import PriorConfig
+from radar.methods.smoothing import bounding_box, masked_mean
+from radar.support.errors import HandbenchError
+
+MOST_OFF = 2 / 3  # of half a period: so far off a prior may be on the whole, and its pixels still have room for theirs
+WITNESS_PX = 15  # window of the close pair's mean: some ten resolution cells
+
+
+def prior_two_tone(capture: RadarCapture, config: PriorConfig, frame: int = 0) -> DepthMap:
+    """Depth map of a frame, with σ and flags. HandbenchError for a prior on other pixels, without depths, or so far
+    from the echoes' own depth, on the whole, that its pixels would be taken for those of another period."""
+    tones, whole = Tones.of(capture, config, frame), config.grid()
+    grid, first_m = _first_depths_m(tones, config, whole)
+    look = tones.surface(grid, first_m)
+    seen = look.at(amplitude_db(look.amplitude)) >= config.threshold_db
+    look = replace(
+        look, index=look.index[seen], formed_m=first_m.ravel()[look.index[seen]], images=look.images[:, seen]
+    )
+    placed = functools.partial(whole.placed, grid)
+    db, half_period_m = amplitude_db(placed(look.amplitude, 0.0)), tones.period_m / 2
+    sigma_m = spread_m(quadrature_m(look), look.amplitude, config.spread_px)
+    depth = DepthMap(
+        *(whole.x_m, whole.y_m, placed(look.z_m), db, "prior-2fsk", config.model_dump(mode="json")),
+        sigma_m=placed(sigma_m),
+        wrapped=placed(_another_period(look, half_period_m, config), False) > 0,
+    )
+    return agreed(depth, np.ones(whole.shape), SPEED_OF_LIGHT_M_S / (4 * half_period_m), config)
+
+
+def _first_depths_m(tones: Tones, config: PriorConfig, whole: PixelGrid) -> tuple[PixelGrid, np.ndarray]:
+    """The part of the grid where the prior tells a depth, and these [ny, nx]: the file's, or the echoes' own."""
+    if not config.prior:
+        look = first_look(tones, config).cropped()
+        return look.grid, masked_mean(look.z_m, config.coarse_filter_px, look.amplitude**2)
+    prior = load_depthmap(config.prior)
+    same = prior.z_m.shape == whole.shape and np.allclose(prior.x_m, whole.x_m) and np.allclose(prior.y_m, whole.y_m)
+    if not same or not np.isfinite(prior.z_m).any():
+        raise HandbenchError(
+            f"{config.prior}: is a map of {prior.z_m.shape[1]} × {prior.z_m.shape[0]} pixels, "
+            f"{np.isfinite(prior.z_m).sum()} of them with a depth; expected depths on the method's x and y"
+        )
+    box = bounding_box(np.isfinite(prior.z_m))
+    return whole.part(box), prior.z_m[box].astype(np.float64)
+
+
+def _another_period(look: Look, half_period_m: float, config: PriorConfig) -> np.ndarray:
+    """True [ny, nx] where the close pair, or the neighbours, say that the depth is one of another period."""
+    close, power = look.below(), look.amplitude**2
+    apart_m = look.on_map(close.correction_m - look.correction_m)
+    whole_m = np.median(close.correction_m)
+    if config.prior and abs(whole_m) > MOST_OFF * half_period_m:
+        raise HandbenchError(
+            f"{config.prior}: lies {1e3 * abs(whole_m):.0f} mm {'before' if whole_m > 0 else 'behind'} the depths that "
+            f"close tones tell (median); expected {1e3 * MOST_OFF * half_period_m:.0f} mm or less: check its frame"
+        )
+    mean_m, q_m = (masked_mean(told, WITNESS_PX, power) for told in (apart_m, quadrature_m(close)))
+    with np.errstate(invalid="ignore"):
+        wrapped = wrap_probability(mean_m, spread_m(q_m, look.amplitude, config.spread_px), half_period_m)
+    alone = np.abs(look.z_m - masked_mean(look.z_m, config.coarse_filter_px, power)) > half_period_m / 2
+    return (wrapped > config.wrap_probability) | alone
