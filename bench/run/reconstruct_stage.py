@@ -38,7 +38,7 @@ def reconstruct(
         depths = [result.depth for result in found.results]
         if seconds[0] < PLANNED_S:
             write_treated(folder, imager.with_settings, imager.settings, depths[0])
-    imager.trusted(depths[0]).save(folder / DEPTH)
+    with_trust(depths[0], imager.echoes, imager.settings).save(folder / DEPTH)  # whose time is none of the method's
     if frames > 1:
         write_npz(folder / FRAMES, z_m=np.stack([depth.z_m for depth in depths]).astype(np.float32))
     write_json(folder / TIMING, {"seconds": seconds, "plan_seconds": found.plan_s, "others_cores": busy[0]})
@@ -81,10 +81,6 @@ class Imager:
         while not settled(found) and time.perf_counter() + found[-1] < end:
             found.append(self._timed(len(found) % self.frames)[1])
         return found
-
-    def trusted(self, depth: DepthMap) -> DepthMap:
-        """The depth map of frame 0 with p_gross, whose time is none of the method's."""
-        return with_trust(depth, self.echoes, self.settings)
 
     def with_settings(self, settings: Config) -> DepthMap:
         """The depth map of frame 0 by another configuration."""

@@ -10,11 +10,7 @@ import numpy as np
 from radar.support.errors import HandbenchError
 from radar.support.files import read_npz, write_npz
 
-OPTIONAL = {
-    "sigma_m": "f",
-    "wrapped": "b",
-    "p_gross": "f",
-}  # arrays that not every method knows, with their kinds of number
+OPTIONAL = {"sigma_m": "f", "wrapped": "b", "p_gross": "f"}  # not known to every method; kinds of number
 
 
 @dataclass(frozen=True)
@@ -37,7 +33,7 @@ class DepthMap:
     wrapped: np.ndarray | None = None
     p_gross: np.ndarray | None = None
 
-    def trusted(self, most: float) -> DepthMap:
+    def trusted(self, most: float) -> "DepthMap":
         """The map without the depths whose p_gross is above `most`; HandbenchError where it has none."""
         if self.p_gross is None or not 0 <= most <= 1:
             has = "the depth map has no p_gross" if self.p_gross is None else f"p_gross: is to be at most {most:g}"

@@ -103,7 +103,7 @@ def scene(seed: int, number: int) -> list[tuple[str | int, ...]]:
     rng = np.random.default_rng([seed, number])
     kind, trouble = list(KINDS)[number % len(KINDS)], TROUBLES[number // len(KINDS) % len(TROUBLES)]
     surface, middle_m = KINDS[kind](rng), rng.uniform(0.25, 0.35)
-    capture = recorded(scattered(surface, middle_m, trouble, rng), trouble, rng)
+    capture, _ = recorded(surface, middle_m, trouble, rng)
     first_m = middle_m + rng.uniform(-0.1, 0.1)
     known = {"x": AXIS, "y": AXIS, "off_axis": True, "first_depth_m": first_m, "tolerance": None}
     methods = {"2fsk": (two_tone, TwoToneConfig(**known)), "3fsk": (three_tone, ThreeToneConfig(**known))}
@@ -118,7 +118,6 @@ def scene(seed: int, number: int) -> list[tuple[str | int, ...]]:
 
 
 def _count(depth: DepthMap, surface: Surface, middle_m: float) -> tuple[int, ...]:
-    assert depth.sigma_m is not None and depth.wrapped is not None  # of every FSK method
     given = np.isfinite(depth.z_m)
     y, x = (depth.y_m[:, None] + WITHIN_M[:, None, None, None], depth.x_m + WITHIN_M[:, None, None])
     within_m = middle_m + surface(*np.broadcast_arrays(x, y))
@@ -131,8 +130,10 @@ def _count(depth: DepthMap, surface: Surface, middle_m: float) -> tuple[int, ...
     return tuple(int(pixels.sum()) for pixels in (given, beyond, flagged, gross))
 
 
-def scattered(surface: Surface, middle_m: float, trouble: str, rng: np.random.Generator) -> Scatterers:
-    """POINTS random points of the surface, and behind them those of clutter where that makes the scene hard."""
+def recorded(
+    surface: Surface, middle_m: float, trouble: str, rng: np.random.Generator, tones_hz: np.ndarray = TONES_HZ
+) -> tuple[RadarCapture, np.ndarray]:
+    """Echoes of the surface with noise, and what else makes them hard; places [n, 3] of clutter that is none of it."""
     xy = rng.uniform(-HALF_M, HALF_M, (POINTS, 2))
     points_m = np.column_stack([xy, middle_m + surface(*xy.T)])
     weight = rng.standard_normal(POINTS)
@@ -141,14 +142,7 @@ def scattered(surface: Surface, middle_m: float, trouble: str, rng: np.random.Ge
     if trouble == "clutter":
         points_m = np.vstack([points_m, rng.uniform((-0.1, -0.1, 0.2), (0.1, 0.1, 0.5), (5, 3))])
         weight = np.append(weight, 10 * rng.standard_normal(5))
-    return Scatterers(points_m, weight)
-
-
-def recorded(
-    points: Scatterers, trouble: str, rng: np.random.Generator, tones_hz: np.ndarray = TONES_HZ
-) -> RadarCapture:
-    """Echoes of the points with noise, and what else makes them hard."""
-    samples = simulate(points, tones_hz, ARRAY, spreading=False, tolerance=None)
+    samples = simulate(Scatterers(points_m, weight), tones_hz, ARRAY, spreading=False, tolerance=None)
     level = np.sqrt(np.mean(np.abs(samples) ** 2)) * 10 ** (rng.uniform(*NOISE_DB) / 20)
     noise = rng.standard_normal((2, *samples.shape)) * level / np.sqrt(2)
     samples = samples + noise[0] + 1j * noise[1]
@@ -157,4 +151,4 @@ def recorded(
     if trouble == "clipped":
         most = np.abs(samples).max() * rng.uniform(0.2, 0.8)
         samples = np.clip(samples.view(float), -most, most).view(complex)
-    return RadarCapture(samples[None].astype(np.complex64), tones_hz, ARRAY)
+    return RadarCapture(samples[None].astype(np.complex64), tones_hz, ARRAY), points_m[POINTS:]

@@ -1,186 +1,128 @@
-"""Trust in depths: p_gross is calibrated on random scenes of some kinds, and tested on those of other kinds, on hands,
+"""Trust in depths: p_gross is calibrated on some random scenes and hands, and tested on other surfaces, on other hands,
 and on scenes of a generator that the calibration never saw.
 
 A pixel is wrong where its depth is more than 5 mm from the nearest depth that the true surface has within the pixel's
 resolution cell: a depth between two surfaces is wrong. What is measured shares the features with the product, and the
-truth with nothing that the methods know.
+truth with nothing that the methods know. Scenes are kept in the work folder: a study goes on where it stopped.
 """
 
-from __future__ import annotations
-
-import time
-from dataclasses import replace
 from functools import partial
 from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
 
 from bench.studies.columns import Record, Table, columns
 from bench.studies.study import Study
-from bench.studies.trust.cases import BLOCK, CALIBRATED, LADDER_HZ, Case, cases, known
-from bench.studies.trust.figure import draw
-from bench.studies.trust.fit import DROPPED_PERCENT, brier, fitted, reliability, silent_percent
-from radar.data.depthmap import DepthMap
-from radar.methods.registry import method
+from bench.studies.trust.cases import Case, cases, known
+from bench.studies.trust.worth import DROPPED_PERCENT, draw, fitted, reliability, silent_percent
+from radar.methods.registry import method, method_key
 from radar.methods.trust import FEATURES, FLAGGED, GROSS_M, WEIGHTS, features, known_weights, probability, weights_of
+from radar.support.closure import key_of
 from radar.support.errors import HandbenchError
-from radar.support.files import write_text
+from radar.support.files import content_hash, read_npz, write_npz, write_text
 
-FSK = ("2fsk", "3fsk", "3fsk-plus", "nfsk", "nfsk-plus")
-VOLUMES = ("broadband", "broadband-aligned", "narrowband")
-METHODS = (*FSK, *VOLUMES)
-VOLUMES_EVERY = 3  # of the blocks of one scene of each kind, volumes are formed of these alone: they take longest
-TAMPERED_EVERY = 5  # of these blocks: calibrating maps in which some depths are moved
-MOVED_M, MOVED_PX = (0.01, 0.08), 3  # by how much, and within which radius
+FSK = ("2fsk", "3fsk", "3fsk-plus", "nfsk", "nfsk-plus", "joint", "prior-2fsk")
+VOLUMES = ("broadband", "broadband-aligned", "broadband-capon", "broadband-coherence", "narrowband")
+VOLUMES_EVERY = 5  # scenes of points, volumes are formed of one alone: they take longest
 SILENT = 0.01  # p_gross below which nobody doubts a depth
-OFF_CENTRE_M = 0.015  # of a volume from the target's middle, at most
-HANDS, ASSORTED = 40, 100  # scenes of points to one hand, and to one assorted scene
+HANDS, ASSORTED = 6, 30  # scenes of points to one hand, and to one assorted scene
+PARTS = ("found", "wrong", "flag", "held")
 
 
 def study(work: Path, scenes: int, methods: str, captures: list[Path], fit: bool, seed: int) -> Study:
-    """So many scenes of points, a few hands and assorted scenes to them, and captures."""
-    chosen = tuple(methods.split(",")) if methods else METHODS
-    return Study(
-        "trust",
-        "Trust in depths",
-        cases(scenes, -(-scenes // HANDS), -(-scenes // ASSORTED), captures),
-        lambda case: measured(case, chosen, seed, work),
-        partial(tables, fit=fit),
-        draw,
-        seed=seed,
-        text=(__doc__ or "").partition("\n\n")[2],
-    )
+    """So many scenes of points, some hands and assorted scenes to them, and captures."""
+    chosen = tuple(methods.split(",")) if methods else FSK + VOLUMES
+    code = [key_of("bench.studies.trust.cases"), key_of("radar.methods.trust"), *map(method_key, chosen)]
+    folder = work / content_hash(*code, *chosen, seed)[:16]
+    drawn = cases(scenes, -(-scenes // HANDS), -(-scenes // ASSORTED), captures)
+    measure, text = partial(measured, methods=chosen, seed=seed, work=folder), (__doc__ or "").partition("\n\n")[2]
+    return Study("trust", "Trust in depths", drawn, measure, partial(tables, fit=fit), draw, seed=seed, text=text)
 
 
 def measured(case: Case, methods: tuple[str, ...], seed: int, work: Path) -> list[Record]:
-    """The pixels of one scene, by each method: their features, which are wrong, and which the method flags."""
-    scene, rng, records = known(case, seed, work), np.random.default_rng([seed, case.number]), []
+    """The pixels of one scene, by each method: features found [n, k], which are wrong [n], which the method flags, and
+    whether 2σ holds the error (1, 0; −1: unknown)."""
+    file = work / f"{case.family}-{content_hash(str(case))[:12]}.npz"
+    if not file.is_file():
+        write_npz(file, **_pixels(case, methods, seed, work))
+    kept = read_npz(file, (), tuple(f"{id} {part}" for id in methods for part in PARTS))
+    facts, there = {"group": case.group, "family": case.family}, [id for id in methods if f"{id} wrong" in kept]
+    return [facts | {"method": id} | {part: kept[f"{id} {part}"] for part in PARTS} for id in there]
+
+
+def _pixels(case: Case, methods: tuple[str, ...], seed: int, work: Path) -> dict[str, np.ndarray]:
+    scene, found = known(case, seed, work), {}
     for id in methods:
-        middle_m = scene.middle_m + rng.uniform(-OFF_CENTRE_M, OFF_CENTRE_M)
-        swept = len(scene.capture.frequencies_hz) > len(LADDER_HZ)
-        seldom = case.family == "points" and case.number // BLOCK % VOLUMES_EVERY
-        if id in VOLUMES and (seldom or (id != "narrowband" and not swept)):
+        few = len(scene.capture.frequencies_hz) < 2 * len(FSK)  # no sweep
+        if id in VOLUMES and (few or (case.family == "points" and case.number % VOLUMES_EVERY)):
             continue
-        config, start = method(id).configure(scene.values(id, middle_m), str(case)), time.perf_counter()
+        config = method(id).configure(scene.values(id), str(case))
         try:
             depth = method(id).run(scene.capture, config, 0).depth
         except HandbenchError:  # refused: no map, no wrong depth
             continue
-        if calibrates(case.family, case.kind) and case.number // BLOCK % TAMPERED_EVERY == TAMPERED_EVERY - 1:
-            depth = tampered(depth, rng)
-        between = time.perf_counter()
-        index, found = features(depth, scene.capture, config)
-        end = time.perf_counter()
-        wrong = scene.off_m(depth).ravel()[index] > GROSS_M
-        flag = np.zeros(depth.z_m.shape, bool) if depth.wrapped is None else depth.wrapped
-        seconds = {"method_s": between - start, "trust_s": end - between}
-        pixels = {"found": found.astype(np.float32), "wrong": wrong, "flag": flag.ravel()[index]}
-        records.append(
-            {"family": case.family, "kind": case.kind, "number": case.number, "method": id} | pixels | seconds
+        index, values = features(depth, scene.capture, config)
+        nearest_m, own_m = (off_m.ravel()[index] for off_m in scene.off_m(depth))
+        flag, sigma_m = (
+            np.zeros(len(index)) if told is None else told.ravel()[index] for told in (depth.wrapped, depth.sigma_m)
         )
-    return records
-
-
-def tampered(depth: DepthMap, rng: np.random.Generator) -> DepthMap:
-    """The map with the depths about one of its pixels put off, as a wrong period would, of which neither its σ nor its
-    flags know."""
-    on = np.flatnonzero(np.isfinite(depth.z_m))
-    if not len(on):
-        return depth
-    row, column = np.unravel_index(rng.choice(on), depth.z_m.shape)
-    y, x = np.ogrid[: depth.z_m.shape[0], : depth.z_m.shape[1]]
-    moved_m = rng.uniform(*MOVED_M) * rng.choice([-1, 1])
-    return replace(depth, z_m=depth.z_m + np.where(np.hypot(y - row, x - column) <= MOVED_PX, moved_m, 0.0))
-
-
-def calibrates(family: str, kind: str) -> bool:
-    """True for scenes that the weights are fitted to."""
-    return family == "points" and kind.split(", ")[-1] in CALIBRATED
-
-
-def group(record: Record) -> str:
-    """The part of the study that a record belongs to."""
-    if calibrates(record["family"], record["kind"]):
-        return "calibration"
-    return "other surfaces" if record["family"] == "points" else str(record["family"])
+        held = np.where(np.isfinite(own_m) & (sigma_m > 0), own_m <= 2 * sigma_m, -1).astype(np.int8)
+        pixels = (values.astype(np.float16), nearest_m > GROSS_M, flag > 0, held)
+        found |= {f"{id} {part}": value for part, value in zip(PARTS, pixels, strict=True)}
+    return found
 
 
 def tables(records: list[Record], fit: bool) -> list[Table]:
-    """Figures by method and group, their reliability, and the weights."""
-    methods = list(dict.fromkeys(record["method"] for record in records))
-    of = {id: [r for r in records if r["method"] == id and len(r["wrong"])] for id in methods}
-    weights = {id: fitted(*_pooled(rs)) for id, rs in of.items()} if fit else {id: weights_of(id) for id in methods}
+    """Figures by group and method, and their reliability; the weights are fitted anew and written if so wished."""
+    rows, bins, by, weights = [], [], itemgetter("group", "method"), {}
+    records = [record for record in records if len(record["wrong"])]
     if fit:
-        whole = [record for rs in of.values() for record in rs]
-        write_text(WEIGHTS, as_toml(known_weights() | weights | {"any": fitted(*_pooled(whole))}))
-    rows, bins = [], []
-    for id, rs in of.items():
-        for name, part in groupby(sorted(rs, key=group), group):
-            these = list(part)
-            facts = {"method": id, "group": name}
-            p = [probability(r["found"].astype(np.float64), weights[id]) for r in these]
-            rows.append(facts | figures(p, [r["wrong"] for r in these], [r["flag"] for r in these]) | _cost(these))
-            told = reliability(np.concatenate(p), np.concatenate([r["wrong"] for r in these]))
-            bins += [facts | {"p_gross": mean, "wrong": share, "pixels": count} for mean, share, count in told]
-    named = [
-        {"method": id, "feature": n, "weight": w}
-        for id in of
-        for n, w in zip(("constant", *FEATURES), weights[id], strict=True)
-    ]
-    return [
-        Table("rows", columns("trust.rows"), rows, by="group"),
-        Table("reliability", columns("trust.reliability"), bins, shown=False),
-        Table("weights", columns("trust.weights"), named, shown=False),
-    ]
+        weights = {id: _fitted([r for r in records if r["method"] == id]) for id in {r["method"] for r in records}}
+        weights = known_weights() | dict(sorted(weights.items())) | {"any": _fitted(records)}
+        write_text(WEIGHTS, as_toml(weights))
+    for (group, id), part in groupby(sorted(records, key=by), by):
+        these, facts, used = list(part), {"group": group, "method": id}, weights.get(id, weights_of(id))
+        p = [probability(r["found"].astype(np.float64), used) for r in these]
+        rows.append(facts | figures(p, *([r[name] for r in these] for name in PARTS[1:])))
+        told = reliability(np.concatenate(p), np.concatenate([r["wrong"] for r in these]))
+        bins += [facts | {"p_gross": mean, "wrong": share, "pixels": count} for mean, share, count in told]
+    shown = Table("rows", columns("trust.rows"), rows, by="group")
+    return [shown, Table("reliability", columns("trust.reliability"), bins, shown=False)]
 
 
-def figures(p: list[np.ndarray], wrong: list[np.ndarray], flag: list[np.ndarray]) -> Record:
-    """The worth of p_gross in some scenes, of each of which there are p [n], wrong [n] and the method's flag [n]."""
+def figures(p: list[np.ndarray], wrong: list[np.ndarray], flag: list[np.ndarray], held: list[np.ndarray]) -> Record:
+    """The worth of p_gross and of σ in some scenes, of each of which there are p, wrong, flag and held, [n] each."""
     silent = np.sort([np.count_nonzero(w & (q < SILENT)) for q, w in zip(p, wrong, strict=True)])[::-1]
-    every, off, old = np.concatenate(p), np.concatenate(wrong), np.concatenate(flag)
-    left = dict(zip((f"left_{d}_percent" for d in DROPPED_PERCENT), silent_percent(every, off), strict=True))
-    return {
-        "scenes": len(p),
-        "pixels": len(off),
-        "wrong_percent": 100 * float(off.mean()),
-        "brier": brier(every, off),
-        "brier_constant": float(off.mean() * (1 - off.mean())),
-        **left,
-        "doubted_percent": 100 * float(np.mean(every >= SILENT)),
-        "silent_percent": 100 * float(np.mean(off & (every < SILENT))),
-        "concentrated_percent": 100 * float(silent[: -(-len(silent) // 10)].sum() / max(silent.sum(), 1)),
-        **_flagged("", every > FLAGGED, off),
-        **_flagged("old_", old, off),
-    }
+    every, off, flagged, within = map(np.concatenate, (p, wrong, flag, held))
+    told: Record = {"scenes": len(p), "pixels": len(off), "brier": float(np.mean((every - off) ** 2))}
+    told |= zip((f"left_{d}_percent" for d in DROPPED_PERCENT), silent_percent(every, off), strict=True)
+    told["doubted_percent"] = 100 * float(np.mean(every >= SILENT))
+    told["silent_percent"] = _percent(silent.sum(), len(off))
+    told["concentrated_percent"] = _percent(silent[: -(-len(silent) // 10)].sum(), silent.sum())
+    told["held_percent"] = _percent((within > 0).sum(), (within >= 0).sum())
+    for name, chosen in (("", every > FLAGGED), ("old_", flagged)):
+        told[f"{name}precision_percent"] = _percent((chosen & off).sum(), chosen.sum())
+        told[f"{name}recall_percent"] = _percent((chosen & off).sum(), off.sum())
+    return told
 
 
-def _flagged(which: str, flag: np.ndarray, wrong: np.ndarray) -> Record:
-    both = np.count_nonzero(flag & wrong)
-    precision, recall = (100 * both / n if n else None for n in map(np.count_nonzero, (flag, wrong)))
-    return {f"{which}precision_percent": precision, f"{which}recall_percent": recall}
+def _percent(part: int, whole: int) -> float | None:
+    return 100 * float(part) / float(whole) if whole else None
 
 
-def _cost(records: list[Record]) -> Record:
-    return {
-        name.replace("_s", "_ms"): 1e3 * float(np.median([r[name] for r in records]))
-        for name in ("method_s", "trust_s")
-    }
-
-
-def _pooled(records: list[Record]) -> tuple[np.ndarray, np.ndarray]:
-    """Features [n, k] and wrong [n] of the scenes that calibrate."""
-    known_to = [r for r in records if group(r) == "calibration"]
-    if not known_to:
-        raise HandbenchError("study trust: no scene calibrates; ask for more --scenes, or leave out --only")
-    return np.concatenate([r["found"] for r in known_to]).astype(np.float64), np.concatenate(
-        [r["wrong"] for r in known_to]
-    )
+def _fitted(records: list[Record]) -> np.ndarray:
+    """The weights that calibrating scenes have, points and hands alike in all."""
+    families = [[r for r in records if r["group"] == "calibration" and r["family"] == f] for f in ("points", "hands")]
+    counts = [sum(len(r["wrong"]) for r in family) for family in families]
+    found, wrong = (np.concatenate([r[name] for family in families for r in family]) for name in ("found", "wrong"))
+    return fitted(found.astype(np.float64), wrong, np.repeat([1 / max(count, 1) for count in counts], counts))
 
 
 def as_toml(weights: dict[str, np.ndarray]) -> str:
     """The file of weights [1 + k] by method."""
-    lines = ["# Weights of radar/methods/trust.py, written by `handbench study trust --fit`, which tells of what."]
+    parts = ["# Weights of radar/methods/trust.py, written by `handbench study trust --fit`, which tells of what.\n"]
     for id, values in weights.items():
-        lines += ["", f"[{id}]", *(f"{n} = {w:.4f}" for n, w in zip(("constant", *FEATURES), values, strict=True))]
-    return "\n".join(lines) + "\n"
+        parts += [f"\n[{id}]\n", *(f"{n} = {w:.4f}\n" for n, w in zip(("constant", *FEATURES), values, strict=True))]
+    return "".join(parts)
