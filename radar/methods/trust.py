@@ -43,7 +43,6 @@ FEATURES = (
     "below",  # amplitude below the strongest neighbour's, in tens of dB
     "island",  # amplitude of the strongest pixel that steps below 5 mm lead to, below the map's peak, in tens of dB
     "flag",  # 1 where the method itself is in doubt
-    "scene_close",  # mean of `close` over the scene
     "scene_incoherence",  # mean of `incoherence` over the scene
     "scene_range",  # mean of `range` over the scene
 )
@@ -87,7 +86,7 @@ def features(depth: DepthMap, capture: RadarCapture, config: Config, frame: int 
     else:
         told |= _of_tones(depth, capture, config, frame, index)
     told["sigma"] = told["noise"] if depth.sigma_m is None else _log(depth.sigma_m[on] / GROSS_M)
-    told |= {f"scene_{name}": told[name].mean() for name in ("close", "incoherence", "range")}
+    told |= {f"scene_{name}": told[name].mean() for name in ("incoherence", "range")}
     return index, np.stack([np.broadcast_to(told[name], len(index)) for name in FEATURES], axis=1)
 
 
