@@ -6,6 +6,7 @@ resolution cell: a depth between two surfaces is wrong. What is measured shares 
 truth with nothing that the methods know. Scenes are kept in the work folder: a study goes on where it stopped.
 """
 
+from dataclasses import replace
 from functools import partial
 from itertools import groupby
 from operator import itemgetter
@@ -17,6 +18,7 @@ from bench.studies.columns import Record, Table, columns
 from bench.studies.study import Study
 from bench.studies.trust.cases import Case, cases, known
 from bench.studies.trust.worth import DROPPED_PERCENT, draw, fitted, reliability, silent_percent
+from radar.data.depthmap import DepthMap
 from radar.methods.registry import method, method_key
 from radar.methods.trust import FEATURES, FLAGGED, GROSS_M, WEIGHTS, features, known_weights, probability, weights_of
 from radar.support.closure import key_of
@@ -28,6 +30,7 @@ VOLUMES = ("broadband", "broadband-aligned", "broadband-capon", "broadband-coher
 VOLUMES_EVERY = 5  # scenes of points, volumes are formed of one alone: they take longest
 SILENT = 0.01  # p_gross below which nobody doubts a depth
 HANDS, ASSORTED = 10, 30  # scenes of points to one hand, and to one assorted scene
+MOVED_EVERY, MOVED_M, MOVED_PX = 2, (0.01, 0.08), 3  # rounds of kinds: calibrating maps in which some depths move
 PARTS = ("found", "wrong", "flag", "held")
 
 
@@ -63,6 +66,8 @@ def _pixels(case: Case, methods: tuple[str, ...], seed: int, work: Path) -> dict
             depth = method(id).run(scene.capture, config, 0).depth
         except HandbenchError:  # refused: no map, no wrong depth
             continue
+        if case.group == "calibration" and case.family == "points" and case.number // 20 % MOVED_EVERY == 0:
+            depth = moved(depth, case.number)
         index, values = features(depth, scene.capture, config)
         nearest_m, own_m = (off_m.ravel()[index] for off_m in scene.off_m(depth))
         flag, sigma_m = (
@@ -72,6 +77,16 @@ def _pixels(case: Case, methods: tuple[str, ...], seed: int, work: Path) -> dict
         pixels = (values.astype(np.float16), nearest_m > GROSS_M, flag > 0, held)
         found |= {f"{id} {part}": value for part, value in zip(PARTS, pixels, strict=True)}
     return found
+
+
+def moved(depth: DepthMap, seed: int) -> DepthMap:
+    """The map with the depths about one of its pixels put off, as a wrong period would, of which neither its σ nor its
+    flags know."""
+    rng, on = np.random.default_rng(seed), np.argwhere(np.isfinite(depth.z_m))
+    row, column = rng.choice(on) if len(on) else (0, 0)
+    y, x = np.ogrid[: depth.z_m.shape[0], : depth.z_m.shape[1]]
+    off_m = rng.uniform(*MOVED_M) * rng.choice([-1, 1]) * (np.hypot(y - row, x - column) <= MOVED_PX)
+    return replace(depth, z_m=depth.z_m + off_m)
 
 
 def tables(records: list[Record], fit: bool) -> list[Table]:
