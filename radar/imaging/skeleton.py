@@ -106,6 +106,15 @@ class Resampler:
             np.dot(weights, nodes[of], out=fine[out])
         return fine
 
+    def of(self, fine: int, least: float = 0.0) -> tuple[slice, np.ndarray]:
+        """The nodes that one fine sample follows from, and their weights; those below `least` at the ends are left."""
+        for here, of, weights in self.windows:
+            if fine < here.stop:
+                row = weights[fine - here.start]
+                kept = np.flatnonzero(np.abs(row) >= least)
+                return slice(of.start + kept[0], of.start + kept[-1] + 1), row[kept[0] : kept[-1] + 1]
+        return slice(fine, fine + 1), np.ones(1, np.float32)
+
     def rows(self, most: int) -> list[tuple[slice, slice, np.ndarray | None]]:
         """The windows in pieces of at most `most` fine samples: (fine slice, node slice, weights or None)."""
 
