@@ -72,11 +72,14 @@ class Known:
         """A method's settings."""
         if self.axis is None:
             return {}
-        known = {"x": self.axis, "y": self.axis, "tolerance": None if self.axis is AXIS else 1e-3}
+        known: dict[str, Any] = {"x": self.axis, "y": self.axis, "tolerance": None if self.axis is AXIS else 1e-3}
         if "band" in method:
             z = {"start_m": round(self.middle_m - 0.04, 4), "stop_m": round(self.middle_m + 0.04, 4), "step_m": 0.002}
             return known | {"z": z} | ({"count": SWEPT} if "broad" in method else {})
-        tones = {"joint": {"tones_hz": LadderConfig().tones_hz}, "prior-2fsk": {"far_hz": 79.5e9}}  # of all captures
+        tones: dict[str, dict[str, Any]] = {
+            "joint": {"tones_hz": LadderConfig().tones_hz},
+            "prior-2fsk": {"far_hz": 79.5e9},
+        }  # of all captures
         return known | {"first_depth_m": self.first_depth_m} | tones.get(method, {})
 
 
@@ -92,7 +95,7 @@ def known(case: Case, seed: int, work: Path) -> Known:
     """The scene of a case; work: where assorted scenes keep meshes."""
     rng = np.random.default_rng([seed, case.number, len(case.family)])
     if case.family == "points":
-        return _points(*case.kind.split(", "), rng)
+        return _points(case.kind, rng)
     if case.family == "captures":
         capture = NativeCapture(Path(case.kind))
         if capture.truth is None:
@@ -102,7 +105,8 @@ def known(case: Case, seed: int, work: Path) -> Known:
     return _built(_hand(case.kind, rng) if case.family == "hands" else assorted_scene(case.number + seed, work), rng)
 
 
-def _points(trouble: str, kind: str, rng: np.random.Generator) -> Known:
+def _points(trouble_kind: str, rng: np.random.Generator) -> Known:
+    trouble, kind = trouble_kind.split(", ")
     surface, middle_m = KINDS[kind](rng), float(rng.uniform(0.25, 0.35))
     capture, clutter_m = recorded(surface, middle_m, trouble, rng, TONES_HZ)
 

@@ -56,7 +56,7 @@ def measured(case: Case, methods: tuple[str, ...], seed: int, work: Path) -> lis
 
 
 def _pixels(case: Case, methods: tuple[str, ...], seed: int, work: Path) -> dict[str, np.ndarray]:
-    scene, found = known(case, seed, work), {}
+    scene, found = known(case, seed, work), dict[str, np.ndarray]()
     for id in methods:
         few = len(scene.capture.frequencies_hz) < 2 * len(FSK)  # no sweep
         if id in VOLUMES and (few or (case.family == "points" and case.number % VOLUMES_EVERY)):
