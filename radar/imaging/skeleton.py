@@ -6,8 +6,6 @@ fine = W · nodes, W = K_fn (K_nn + λI)⁻¹ and K(Δ) = J₀(wΔ): least squar
 where an even one (sinc) errs three times more.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numba

@@ -194,7 +194,8 @@ def family_skeleton(
     if n > DIRECT:
         order = np.argsort(leg.position_m[:, np.argmax(np.ptp(leg.position_m, axis=0))], kind="stable")
         halves = np.array_split(order, 2)
-        parts = [family_skeleton(_only(leg, half), box, turns_per_m, pattern, tolerance) for half in halves]
+        legs = (LocalLeg(leg.position_m[half], leg.passes, leg.length_m[half]) for half in halves)
+        parts = [family_skeleton(part, box, turns_per_m, pattern, tolerance) for part in legs]
         weights = np.empty((sum(len(index) for index, _ in parts), n))
         weights[:, order] = block_diag(parts[0][1], parts[1][1])
         return np.concatenate([half[index] for half, (index, _) in zip(halves, parts, strict=True)]), weights
@@ -203,10 +204,6 @@ def family_skeleton(
     if pattern is not None:
         waves *= np.tile(probe_gains(points_m, leg.position_m, pattern), (2, 1))
     return skeleton(waves.T @ waves / len(points_m), tolerance)
-
-
-def _only(leg: LocalLeg, index: np.ndarray) -> LocalLeg:
-    return LocalLeg(leg.position_m[index], leg.passes, leg.length_m[index])
 
 
 def _probes(box: Box, turns_per_m: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

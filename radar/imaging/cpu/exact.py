@@ -6,8 +6,6 @@ The double sum over antennas is a bilinear form aᵀ S b, so that one matrix pro
 t·r exponentials per point.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numba

@@ -1,8 +1,6 @@
 """Execution on the processor: limbs on all cores, leaves by compiled code; volumes by matrix products along x, y and z
 that make every voxel of the coarse nodes, so that a projection along z never holds the volume."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import product
 
