@@ -26,6 +26,7 @@ from radar.support.errors import HandbenchError
 from radar.support.parallel import for_each
 
 CHUNK = 2048  # scatterers per matrix product
+SIGHT_TOLERANCE = 1e-3  # of the echoes that diffract, at least
 NEAR = 5.0  # wavelengths from the array within which 1/R changes by a fifth and more from one antenna to the next
 
 
@@ -80,9 +81,10 @@ def simulate(
         alike = np.flatnonzero(kind == whole)
         for near in clusters(position[alike], frequencies_hz) if len(alike) else []:
             chosen = alike[near]
-            family = family._replace(whole=whole > 0)
+            family = family._replace(whole=whole == 1)
             if sight is not None and whole == 2:
-                family = family._replace(delay_m=delay_m + 2 * sight.detour_m)
+                coarse = max(tolerance, SIGHT_TOLERANCE)
+                family = Family(coarse, False, delay_m + 2 * sight.detour_m, False, family.pattern, sight.beside)
             executor = points_executor(frequencies_hz, array, position[chosen], family, Executor)
             where = executor.plan.sort(position[chosen])
             part = scatterers.where(chosen[where.order])
@@ -140,15 +142,16 @@ def _bent(scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArra
     bent = np.linalg.norm(beside_m, axis=1) < NEAR * SPEED_OF_LIGHT_M_S / np.min(frequencies_hz)
     if scatterers.normal is None and pattern == 0:
         return bent
-    towards = box.corners_m - scatterers.position_m[:, None]
-    distance = np.linalg.norm(towards, axis=2)
-    if scatterers.normal is not None:
-        cosine = np.einsum("pci,pi->pc", towards, scatterers.normal) / distance
-        bent |= (cosine.min(axis=1) < GRAZING) & (cosine.max(axis=1) > 0)
-    if pattern != 0:
-        cosine = -towards[:, :, 2] / distance
-        bent |= cosine.min(axis=1) < least_cosine(pattern)
-    return bent
+    least, most, ahead = np.full(len(bent), np.inf), np.full(len(bent), -np.inf), np.full(len(bent), np.inf)
+    for corner_m in np.unique(box.corners_m, axis=0):
+        towards = corner_m - scatterers.position_m
+        distance = np.sqrt(np.einsum("pi,pi->p", towards, towards))
+        ahead = np.minimum(ahead, -towards[:, 2] / distance)
+        if scatterers.normal is not None:
+            cosine = np.einsum("pi,pi->p", towards, scatterers.normal) / distance
+            least, most = np.minimum(least, cosine), np.maximum(most, cosine)
+    bent |= (least < GRAZING) & (most > 0)
+    return bent | (ahead < least_cosine(pattern)) if pattern != 0 else bent
 
 
 def direct_echoes(

@@ -19,6 +19,7 @@ from radar.simulation.physics.reflection import body_reflection, echo_reflection
 from radar.simulation.pilot import CENTRE_M, LONGEST, body_echoes, visible_surface
 from radar.simulation.scene import Body, EchoScene, Material
 from radar.simulation.state import EchoState, Surface, facing
+from radar.support.parallel import for_each
 from radar.support.rays import Rays
 
 PATCH = 0.25  # longest edge of a mirror, wavelengths
@@ -61,20 +62,24 @@ class Multipath(Effect):
         body, rays, layer = surface.body, rays_of(state.scene, surface.body), _layers(surface)
         longest_m = PATCH * state.scene.wavelength_m * state.scene.mirrors_coarser
         mirrors = mirrors_of(rays, body, np.concatenate([leg.position_m for leg in state.array.legs]), longest_m)
-        senses = []
-        for array in (state.array, _exchanged(state.array)):
+        senses: dict[bool, Bundles] = {}
+
+        def bounce(exchanged: bool) -> None:
+            array = _exchanged(state.array) if exchanged else state.array
             at = nodes(array, state.scene.nodes_apart)
             few = AntennaArray(array.tx_m[at[0]], array.rx_m[at[1]])
-            senses.append(Bundles(trace(rays, mirrors, few), layer, at, state.scene.dipole))
-        if not any(senses):
+            senses[exchanged] = Bundles(trace(rays, mirrors, few), layer, at, state.scene.dipole)
+
+        for_each(bounce, (False, True))
+        if not any(map(len, senses.values())):
             return
 
         def echo() -> np.ndarray:
             material = Material() if surface.reflection is None else body.material  # where it is off, that of metal
             ratios = oblique_ratios(material, float(state.scene.frequencies_hz.mean()))
             there, back = (
-                bundles.echo(state.scene.frequencies_hz, array, surface.reflection, state.pattern, ratios)
-                for bundles, array in zip(senses, (state.array, _exchanged(state.array)), strict=True)
+                senses[exchanged].echo(state.scene.frequencies_hz, array, surface.reflection, state.pattern, ratios)
+                for exchanged, array in ((False, state.array), (True, _exchanged(state.array)))
             )
             return np.asarray((there + back.swapaxes(1, 2)) / 2)
 

@@ -7,6 +7,7 @@ are added up at the tones that tell all of the target's.
 
 from __future__ import annotations
 
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -58,9 +59,10 @@ class Cells(NamedTuple):
         corner = np.floor(points_m / CELL_M).astype(int)
         corner -= corner.min(axis=0, initial=0)
         key = np.ravel_multi_index(tuple(corner.T), tuple(corner.max(axis=0, initial=0) + 1))
-        _, index, count = np.unique(key, return_inverse=True, return_counts=True)
+        among = np.bincount(key)
+        index, count = (np.cumsum(among > 0) - 1)[key], among[among > 0]
         centre_m = np.stack([np.bincount(index, column) / count for column in points_m.T], axis=1)
-        members = np.split(np.argsort(index, kind="stable"), np.cumsum(count)[:-1])
+        members = np.split(_sorting(index), np.cumsum(count)[:-1])
         return cls(index, centre_m, [points_m[one[:: 1 + len(one) // PROBES]] for one in members])
 
 
@@ -112,23 +114,25 @@ class Bundles:
         hits, mirrors = traced.hits, traced.mirrors
         self._traced, self._at, self._dipole = traced, at, dipole
         self._layers, self._count = (layer[mirrors.face[hits.patch]], layer[hits.face]), 1 + int(layer.max())
-        start_m = mirrors.patches.middle_m[hits.patch]
+        start_m = mirrors.patches.middle_m
         self._cells = first, last = Cells.of(start_m), Cells.of(hits.end_m)
-        key = first.cell * len(last.centre_m) + last.cell
-        order = np.argsort(key, kind="stable")  # the transmitters are in order
+        key = last.cell * len(first.centre_m) + first.cell[hits.patch]
+        order = _sorting(key)  # the transmitters are in order
         self._bundles = [one for one in np.split(order, np.flatnonzero(np.diff(key[order])) + 1) if len(one)]
-        self._places = [(int(first.cell[one[0]]), int(last.cell[one[0]])) for one in self._bundles]
-        length_m = np.linalg.norm(hits.end_m - start_m, axis=1)
-        self._length_m = np.array([length_m[bundle].mean() for bundle in self._bundles])
-        tx_m = traced.array.tx_m[hits.transmitter]
-        path_m = np.linalg.norm(start_m - tx_m, axis=1) + length_m
-        path_m -= np.linalg.norm(first.centre_m[first.cell] - tx_m, axis=1)
-        landed_m = np.linalg.norm(hits.end_m - last.centre_m[last.cell], axis=1)
-        reach_m = [
-            np.abs(path_m[one] - mean_m).max() + landed_m[one].max()
-            for one, mean_m in zip(self._bundles, self._length_m, strict=True)
-        ]
-        self._reach_m = REACH_M * np.ceil(np.array(reach_m) / REACH_M)
+        self._places = [divmod(int(key[one[0]]), len(first.centre_m))[::-1] for one in self._bundles]
+        self._length_m, reach_m = np.zeros(len(self)), np.zeros(len(self))
+
+        def measure(n: int) -> None:
+            chosen, (begin, end) = self._bundles[n], self._places[n]
+            tx_m, from_m = traced.array.tx_m[hits.transmitter[chosen]], start_m[hits.patch[chosen]]
+            length_m = _lengths(hits.end_m[chosen] - from_m)
+            path_m = _lengths(from_m - tx_m) - _lengths(first.centre_m[begin] - tx_m)
+            self._length_m[n] = length_m.mean()
+            late_m = np.abs(path_m + length_m - self._length_m[n]).max()
+            reach_m[n] = late_m + _lengths(hits.end_m[chosen] - last.centre_m[end]).max()
+
+        for_each(measure, range(len(self)))
+        self._reach_m = REACH_M * np.ceil(reach_m / REACH_M)
 
     def __len__(self) -> int:
         return len(self._bundles)
@@ -152,10 +156,10 @@ class Bundles:
         level = np.ones((self._count, len(frequencies_hz))) if reflection is None else reflection
         pairs = (level[:, None] * level).reshape(-1, len(frequencies_hz)).astype(np.complex64)
         turns_per_m, legs = frequencies_hz / SPEED_OF_LIGHT_M_S, (array.tx_m, array.rx_m)
-        tx, rx = ends = [
+        tx, rx = (
             Ends.of(cells, leg, at, turns_per_m.max(), ridge)
             for cells, leg, at, ridge in zip(self._cells, legs, self._at, RIDGES, strict=True)
-        ]
+        )
         first, last = (list(cells) for cells in zip(*self._places, strict=True))
         before_m, after_m = tx.distance_m[first] + self._length_m[:, None], rx.distance_m[last]
         middle_m = before_m.mean(axis=0), after_m.mean(axis=0)
@@ -164,14 +168,19 @@ class Bundles:
         whole = FewTones.of(turns_per_m, float(reach_m.max()))
         tones = {reach: FewTones.of(turns_per_m, reach) for reach in np.unique(self._reach_m)}
         parts = np.zeros((SUMS, len(whole.chosen), 2, *array.channels), np.float32)
+        alike = [list(group) for _, group in groupby(range(len(self)), lambda n: last[n])]
+        some_per_m, unmoved_m = turns_per_m[whole.chosen], [np.zeros(len(at)) for at in (array.tx_m, self._at[1])]
 
         def work(i: int) -> None:
-            for n in range(i, len(self._bundles), SUMS):
-                own, places = tones[self._reach_m[n]], self._places[n]
-                few = self._few(n, turns_per_m, own.chosen, array, pairs, pattern, ratios)
-                weights = [leg.weights[cell] for leg, cell in zip(ends, places, strict=True)]
-                some_per_m = turns_per_m[whole.chosen]
-                parts[i] += ascend(few, some_per_m, before_m[n], after_m[n], own.at(whole.chosen), *weights)
+            for group in alike[i::SUMS]:  # that land in one cell share the step to all receivers
+                landed = np.zeros((len(some_per_m), 2, len(array.tx_m), len(self._at[1])), np.float32)
+                for n in group:
+                    own = tones[self._reach_m[n]]
+                    few = self._few(n, turns_per_m, own.chosen, array, pairs, pattern, ratios)
+                    mixed, weights = own.at(whole.chosen), tx.weights[first[n]]
+                    landed += ascend(few, some_per_m, before_m[n], unmoved_m[1], mixed, weights, EVERY)
+                weights = rx.weights[last[group[0]]]
+                parts[i] += ascend(landed, some_per_m, unmoved_m[0], after_m[group[0]], EVERY, EVERY, weights)
 
         for_each(work, range(SUMS))
         # Summed in order: no result depends on the threads.
@@ -203,6 +212,16 @@ class Bundles:
         tones = turns_per_m[chosen], turns_per_m.mean()
         seen = self._traced.seen
         return np.asarray(radiate(tubes, *reflection, starts, tx_m, rx_m, before_m, after_m, *tones, pattern, seen))
+
+
+def _sorting(key: np.ndarray) -> np.ndarray:
+    """Indices [n] in the order of small keys [n], equal ones as they come."""
+    return np.argsort(key.astype(np.min_scalar_type(key.max(initial=0))), kind="stable")
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    """Of vectors [n, 3]."""
+    return np.asarray(np.sqrt(np.einsum("ni,ni->n", vectors, vectors)))
 
 
 def _weights(

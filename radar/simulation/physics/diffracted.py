@@ -47,6 +47,7 @@ def sight_of(
     """The sight of facets behind a body at tones f/c by that of antennas up to apart_m apart, and the mask [p] of the
     facets of which some transmitter and some receiver see anything."""
     points_m, corner, share, _ = samples
+    for_each(lambda find: find(scene, hiding), (kept_edges, roundness_of))  # both at once
     edges, roundness = kept_edges(scene, hiding), roundness_of(scene, hiding)
     cells = cells_of(points_m, CELL * samples.apart_m)
     middle, half = (turns.max() + turns.min()) / 2, np.ptp(turns) / 2 + 1e-6 * turns.max()
@@ -73,7 +74,8 @@ def sight_of(
     seen_any = some[corner].any(axis=0)
     corner[:, ~partial[corner].any(axis=0)] = -1
     detour_m = 0.75 * diffraction.FARTHEST / wavenumbers[-1]  # whose wave has half faded
-    sight = Sight(corner, share, tables[0], spreads[0], tables[1], spreads[1], middle, half, detour_m)
+    beside = 1 / (4 * turns.max() * apart_m)  # waves from there turn by π/2 from node to node
+    sight = Sight(corner, share, tables[0], spreads[0], tables[1], spreads[1], middle, half, detour_m, beside)
     return sight, seen_any
 
 
