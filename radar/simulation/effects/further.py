@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+from itertools import product
 
 import numpy as np
 
@@ -14,7 +16,7 @@ from radar.simulation.physics.coarse import double_bounce, single_bounce
 from radar.simulation.physics.diffracted import by_rays, samples_of, sight_of
 from radar.simulation.physics.facets import face_vectors
 from radar.simulation.physics.line_of_sight import rays_of
-from radar.simulation.physics.ray_tubes import mirrors_of, trace
+from radar.simulation.physics.ray_tubes import mirrors_of, mirrors_onward, trace
 from radar.simulation.physics.reflection import body_reflection, echo_reflection, oblique_ratios
 from radar.simulation.pilot import CENTRE_M, LONGEST, body_echoes, visible_surface
 from radar.simulation.scene import Body, EchoScene, Material
@@ -22,6 +24,8 @@ from radar.simulation.state import EchoState, Surface, facing
 from radar.support.parallel import for_each
 from radar.support.rays import Rays
 
+BOUNCES = int(os.environ.get("BOUNCES", "1"))
+FINER = float(os.environ.get("FINER", "1"))
 PATCH = 0.25  # longest edge of a mirror, wavelengths
 SECONDS_PER_FACE, SECONDS_PER_TUBE, SECONDS_PER_FACET = 3e-6, 3e-6, 7e-6
 NODES_M, SAMPLES_M = 0.03, 8e-3  # between antennas and points of the room for which the diffraction is computed
@@ -61,16 +65,20 @@ class Multipath(Effect):
             return
         body, rays, layer = surface.body, rays_of(state.scene, surface.body), _layers(surface)
         longest_m = PATCH * state.scene.wavelength_m * state.scene.mirrors_coarser
-        mirrors = mirrors_of(rays, body, np.concatenate([leg.position_m for leg in state.array.legs]), longest_m)
-        senses: dict[bool, Bundles] = {}
+        antennas_m = np.concatenate([leg.position_m for leg in state.array.legs])
+        mirrors = [mirrors_of(rays, body, antennas_m, longest_m)]
+        for bounces in range(2, BOUNCES + 1):
+            mirrors.append(mirrors_onward(rays, mirrors[-1], antennas_m, FINER * longest_m, bounces))
+        senses: dict[tuple[bool, int], Bundles] = {}
 
-        def bounce(exchanged: bool) -> None:
+        def bounce(sense: tuple[bool, int]) -> None:
+            exchanged, order = sense
             array = _exchanged(state.array) if exchanged else state.array
             at = nodes(array, state.scene.nodes_apart)
             few = AntennaArray(array.tx_m[at[0]], array.rx_m[at[1]])
-            senses[exchanged] = Bundles(trace(rays, mirrors, few), layer, at, state.scene.dipole)
+            senses[sense] = Bundles(trace(rays, mirrors[order], few, order + 1), layer, at, state.scene.dipole)
 
-        for_each(bounce, (False, True))
+        for_each(bounce, product((False, True), range(BOUNCES)))
         if not any(map(len, senses.values())):
             return
 
@@ -78,7 +86,12 @@ class Multipath(Effect):
             material = Material() if surface.reflection is None else body.material  # where it is off, that of metal
             ratios = oblique_ratios(material, float(state.scene.frequencies_hz.mean()))
             there, back = (
-                senses[exchanged].echo(state.scene.frequencies_hz, array, surface.reflection, state.pattern, ratios)
+                sum(
+                    senses[exchanged, order].echo(
+                        state.scene.frequencies_hz, array, surface.reflection, state.pattern, ratios
+                    )
+                    for order in range(BOUNCES)
+                )
                 for exchanged, array in ((False, state.array), (True, _exchanged(state.array)))
             )
             return np.asarray((there + back.swapaxes(1, 2)) / 2)

@@ -113,7 +113,8 @@ class Bundles:
     ) -> None:
         hits, mirrors = traced.hits, traced.mirrors
         self._traced, self._at, self._dipole = traced, at, dipole
-        self._layers, self._count = (layer[mirrors.face[hits.patch]], layer[hits.face]), 1 + int(layer.max())
+        self._layers = np.column_stack([layer[mirrors.face[hits.patch]], layer[hits.faces]])
+        self._count = 1 + int(layer.max())
         start_m = mirrors.patches.middle_m
         self._cells = first, last = Cells.of(start_m), Cells.of(hits.end_m)
         key = last.cell * len(first.centre_m) + first.cell[hits.patch]
@@ -125,7 +126,7 @@ class Bundles:
         def measure(n: int) -> None:
             chosen, (begin, end) = self._bundles[n], self._places[n]
             tx_m, from_m = traced.array.tx_m[hits.transmitter[chosen]], start_m[hits.patch[chosen]]
-            length_m = _lengths(hits.end_m[chosen] - from_m)
+            length_m = hits.length_m[chosen]
             path_m = _lengths(from_m - tx_m) - _lengths(first.centre_m[begin] - tx_m)
             self._length_m[n] = length_m.mean()
             late_m = np.abs(path_m + length_m - self._length_m[n]).max()
@@ -149,12 +150,14 @@ class Bundles:
         stationary with respect to the mirror's point. reflection [layers, f]: amplitude against metal's at normal
         incidence; ratios: `oblique_ratios`, of all layers or of the one material.
 
-        A metal mirror's −1 is one more than the single echo has, to which the forward model's amplitudes are referred.
+        A metal mirror's −1 is one more for each bounce than the single echo has, to which amplitudes are referred.
         """
         if len(self) == 0:
             return np.zeros((len(frequencies_hz), *array.channels), np.complex64)
         level = np.ones((self._count, len(frequencies_hz))) if reflection is None else reflection
-        pairs = (level[:, None] * level).reshape(-1, len(frequencies_hz)).astype(np.complex64)
+        products = level
+        for _ in range(places := self._layers.shape[1] - 1):
+            products = (products[:, None] * level).reshape(-1, len(frequencies_hz))
         turns_per_m, legs = frequencies_hz / SPEED_OF_LIGHT_M_S, (array.tx_m, array.rx_m)
         tx, rx = (
             Ends.of(cells, leg, at, turns_per_m.max(), ridge)
@@ -176,7 +179,7 @@ class Bundles:
                 landed = np.zeros((len(some_per_m), 2, len(array.tx_m), len(self._at[1])), np.float32)
                 for n in group:
                     own = tones[self._reach_m[n]]
-                    few = self._few(n, turns_per_m, own.chosen, array, pairs, pattern, ratios)
+                    few = self._few(n, turns_per_m, own.chosen, array, products, pattern, ratios)
                     mixed, weights = own.at(whole.chosen), tx.weights[first[n]]
                     landed += ascend(few, some_per_m, before_m[n], unmoved_m[1], mixed, weights, EVERY)
                 weights = rx.weights[last[group[0]]]
@@ -185,7 +188,7 @@ class Bundles:
         for_each(work, range(SUMS))
         # Summed in order: no result depends on the threads.
         samples = ascend(parts.sum(axis=0), turns_per_m, *middle_m, whole.weights, EVERY, EVERY)
-        return -complex_samples(samples)
+        return np.asarray((-1) ** places * complex_samples(samples))
 
     def _few(
         self,
@@ -193,7 +196,7 @@ class Bundles:
         turns_per_m: np.ndarray,
         chosen: np.ndarray,
         array: AntennaArray,
-        pairs: np.ndarray,
+        products: np.ndarray,
         pattern: float,
         ratios: np.ndarray,
     ) -> np.ndarray:
@@ -204,10 +207,10 @@ class Bundles:
         tx_m, rx_m = array.tx_m[self._at[0]], array.rx_m[self._at[1]]
         before_m = np.linalg.norm(tx_m - self._cells[0].centre_m[first], axis=1) + self._length_m[n]
         after_m = np.linalg.norm(rx_m - self._cells[1].centre_m[last], axis=1)
-        layers = self._layers[0][bundle], self._layers[1][bundle]
-        materials = tuple(np.minimum(layer, len(ratios) - 1) for layer in layers)
-        factor = tube_factors(tubes, tx_m, self._dipole, ratios, materials)
-        reflection = factor, self._count * layers[0] + layers[1], pairs[:, chosen]
+        layers = self._layers[bundle]
+        factor = tube_factors(tubes, tx_m, self._dipole, ratios, np.minimum(layers, len(ratios) - 1))
+        row = layers @ self._count ** np.arange(layers.shape[1])[::-1]
+        reflection = factor, row, products[:, chosen].astype(np.complex64)
         starts = np.searchsorted(tubes.transmitter, np.arange(len(tx_m) + 1))
         tones = turns_per_m[chosen], turns_per_m.mean()
         seen = self._traced.seen
