@@ -16,8 +16,8 @@ class Sight(NamedTuple):
     """The part of each antenna's wave that reaches each point: complex, and smooth from point to point, from antenna to
     antenna and in frequency. corner [3, n]: samples around each point, −1 in full sight of all antennas, with the share
     [3, n] of each; table_a [samples, 3, nodes] complex64: factors of 1, u and u² at some antennas, from which spread_a
-    [a, nodes] makes all, u = (f/c − middle)/half; the same for b; detour_m: by how much later waves come, beside: by what sine of an angle from
-    beside a point."""
+    [a, nodes] makes all, u = (f/c − middle)/half; the same for b; detour_m: by how much later waves come, and beside:
+    the sine of the angle from beside a point under which they come."""
 
     corner: np.ndarray
     share: np.ndarray

@@ -125,7 +125,7 @@ def apply(weights, samples):  # type: ignore[no-untyped-def]
 
 @numba.njit(**FAST)
 def leaf_of(leaves, i, shape):  # type: ignore[no-untyped-def]
-    """((weights of tones, a, b), (shifts of a, b), turns per metre, (centre, lengths, positions and numbers of a, b))."""
+    """((weights of tones, a, b), (shifts of a, b), turns per metre, (centre; length, position, number of a, of b))."""
     k, n_a, n_b = leaves.sizes[i, 0], leaves.sizes[i, 1], leaves.sizes[i, 2]
     tones, at = _weights(leaves.single, leaves.sizes[i, 6], k, shape[0], leaves.sizes[i, 3])
     weights_a, at = _weights(leaves.single, at, n_a, shape[2], leaves.sizes[i, 4])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from itertools import product
 
 import numpy as np
@@ -24,21 +23,21 @@ from radar.simulation.state import EchoState, Surface, facing
 from radar.support.parallel import for_each
 from radar.support.rays import Rays
 
-BOUNCES = int(os.environ.get("BOUNCES", "1"))
-FINER = float(os.environ.get("FINER", "1"))
+BOUNCES = 4  # at most: places that a wave meets
+FINER = 0.7  # times that of mirrors that mirror onto others: each spreads what the one before has spread
 PATCH = 0.25  # longest edge of a mirror, wavelengths
 SECONDS_PER_FACE, SECONDS_PER_TUBE, SECONDS_PER_FACET = 3e-6, 3e-6, 7e-6
 NODES_M, SAMPLES_M = 0.03, 8e-3  # between antennas and points of the room for which the diffraction is computed
 
 
 class Multipath(Effect):
-    """Two bounces on the target's own surface: the mean of the first as a mirror and the second by physical optics, and
-    of the same from the receivers, so that transmitters and receivers can be exchanged.
+    """Two to four bounces on the target's own surface: the mean of all but the last as mirrors and the last by physical
+    optics, and of the same from the receivers, so that transmitters and receivers can be exchanged.
 
     Left out: more bounces, edges."""
 
     id = "multipath"
-    does = "echoes over two places of the target, such as two fingers"
+    does = "echoes over two to four places of the target, such as two fingers"
     source = "shooting and bouncing rays: Ling, Chou & Lee 1989; the bound: the energy that geometrical optics returns"
 
     def missing(self, scene: EchoScene) -> str:
@@ -67,34 +66,33 @@ class Multipath(Effect):
         longest_m = PATCH * state.scene.wavelength_m * state.scene.mirrors_coarser
         antennas_m = np.concatenate([leg.position_m for leg in state.array.legs])
         mirrors = [mirrors_of(rays, body, antennas_m, longest_m)]
-        for bounces in range(2, BOUNCES + 1):
-            mirrors.append(mirrors_onward(rays, mirrors[-1], antennas_m, FINER * longest_m, bounces))
-        senses: dict[tuple[bool, int], Bundles] = {}
+        while mirrors[-1].face.size and len(mirrors) < BOUNCES - 1:
+            mirrors.append(mirrors_onward(rays, mirrors[-1], antennas_m, FINER * longest_m, len(mirrors) + 1))
+        wavenumber = 2 * np.pi / state.scene.wavelength_m if surface.sight is not None else 0.0
+        arrays = {1: state.array, -1: _exchanged(state.array)}
+        found: dict[tuple[int, int], Bundles] = {}
 
-        def bounce(sense: tuple[bool, int]) -> None:
-            exchanged, order = sense
-            array = _exchanged(state.array) if exchanged else state.array
+        def bounce(way: tuple[int, int]) -> None:
+            array, bounces = arrays[way[0]], way[1]
             at = nodes(array, state.scene.nodes_apart)
             few = AntennaArray(array.tx_m[at[0]], array.rx_m[at[1]])
-            senses[sense] = Bundles(trace(rays, mirrors[order], few, order + 1), layer, at, state.scene.dipole)
+            traced = trace(rays, mirrors[bounces - 1], few, bounces, wavenumber)
+            found[way] = Bundles(traced, layer, at, state.scene.dipole)
 
-        for_each(bounce, product((False, True), range(BOUNCES)))
-        if not any(map(len, senses.values())):
+        ways = list(product(arrays, range(1, len(mirrors) + 1)))
+        for_each(bounce, ways)
+        if not any(map(len, found.values())):
             return
 
         def echo() -> np.ndarray:
             material = Material() if surface.reflection is None else body.material  # where it is off, that of metal
             ratios = oblique_ratios(material, float(state.scene.frequencies_hz.mean()))
-            there, back = (
-                sum(
-                    senses[exchanged, order].echo(
-                        state.scene.frequencies_hz, array, surface.reflection, state.pattern, ratios
-                    )
-                    for order in range(BOUNCES)
-                )
-                for exchanged, array in ((False, state.array), (True, _exchanged(state.array)))
-            )
-            return np.asarray((there + back.swapaxes(1, 2)) / 2)
+            echoes = np.zeros((len(state.scene.frequencies_hz), *state.array.channels), np.complex64)
+            for sense, bounces in ways:
+                bundles, array = found[sense, bounces], arrays[sense]
+                one = bundles.echo(state.scene.frequencies_hz, array, surface.reflection, state.pattern, ratios)
+                echoes += (one if sense > 0 else one.swapaxes(1, 2)) / 2
+            return echoes
 
         state.extra.append(echo)
 

@@ -73,10 +73,12 @@ def mirror(patches, antenna_m, chosen, onward):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(**FAST)
-def land(tubes, patches, tx_m, surface):  # type: ignore[no-untyped-def]
+def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-untyped-def]
     """Fill in tubes from their transmitter, patch and faces of the surface (the whole body as patches). What lands on a
     back, or with a corner's ray that misses the surface's plane, gets root_m2 = 0, and so does what lands so far from
-    the direction in which it would be mirrored towards the transmitter that the neighbours' echoes cancel its own."""
+    the direction in which it would be mirrored towards the transmitter that the neighbours' echoes cancel its own. The
+    share of waves that creep around the mirror's edge, as `radar.simulation.physics.creeping` has them down to the
+    argument `lit` < 0, is taken out at a wavenumber above 0."""
     corners, rays, late = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     bounces = tubes.faces.shape[1]
     for n in range(len(tubes.faces)):
@@ -130,7 +132,24 @@ def land(tubes, patches, tx_m, surface):  # type: ignore[no-untyped-def]
             continue
         patch_m2 = -dot(vec(patches.flat_m2[patch]), incoming)
         tubes.root_m2[n] = np.sqrt(patch_m2 * min(abs(twice_m2) / 2, WIDEST * patch_m2))
+        if wavenumber > 0:
+            tubes.root_m2[n] *= _mirrored_share(patches, patch, incoming, wavenumber, lit)
         tubes.caustics[n] = crossed
+
+
+@numba.njit(inline="always")
+def _mirrored_share(patches, patch, incoming, wavenumber, lit):  # type: ignore[no-untyped-def]
+    """1 less the weight with which waves that creep have the ray that a convex patch mirrors."""
+    flat, normal, middle = vec(patches.flat_m2[patch]), vec(patches.normal[patch]), vec(patches.middle_m[patch])
+    sine = -dot(incoming, normal)
+    along = direction(ahead(incoming, sine, normal))[0]
+    step_m = np.sqrt(norm(flat))
+    there = _interpolated(ahead(middle, step_m, along), patches.corners_m[patch], patches.normals[patch], flat, -BEYOND)
+    bend_per_m = dot(minus(there, normal), along) / step_m
+    if bend_per_m <= 1e-9 or 1.024 * bend_per_m > wavenumber:
+        return 1.0
+    ahead_of = min(max(-4 * np.cbrt(wavenumber / 2 / bend_per_m) * np.arcsin(min(sine, 1.0)) / lit - 1, 0.0), 1.0)
+    return ahead_of * ahead_of * (3 - 2 * ahead_of)
 
 
 @numba.njit(inline="always")
@@ -159,7 +178,11 @@ def _interpolated(point, corners, normals, flat, least):  # type: ignore[no-unty
     beyond, to coordinates of `least`."""
     a, b, c = minus(vec(corners[0]), point), minus(vec(corners[1]), point), minus(vec(corners[2]), point)
     square = least * dot(flat, flat) * 2
-    u, v, w = max(dot(cross(b, c), flat), square), max(dot(cross(c, a), flat), square), max(dot(cross(a, b), flat), square)
+    u, v, w = (
+        max(dot(cross(b, c), flat), square),
+        max(dot(cross(c, a), flat), square),
+        max(dot(cross(a, b), flat), square),
+    )
     mixed = ahead((0.0, 0.0, 0.0), u, vec(normals[0]))
     mixed = ahead(mixed, v, vec(normals[1]))
     return direction(ahead(mixed, w, vec(normals[2])))[0]

@@ -9,6 +9,7 @@ import numpy as np
 
 from radar.data.arrays import AntennaArray
 from radar.simulation.physics.bounces import Patches, Tubes, land, mirror
+from radar.simulation.physics.creeping import LIT
 from radar.simulation.physics.facets import face_vectors, quarters, unit, vertex_normals
 from radar.simulation.physics.line_of_sight import lines, points_in_sight
 from radar.simulation.scene import Body
@@ -48,36 +49,40 @@ class Mirrors(NamedTuple):
 
 @dataclass(frozen=True)
 class Traced:
-    """Hits in the order of the transmitters of an array; seen float32 [faces, r]: 1 where a receiver sees the face."""
+    """Hits in the order of the transmitters of an array; seen float32 [faces, r]: 1 where a receiver sees the face;
+    wavenumber: above 0 where waves creep around edges."""
 
     hits: Hits
     mirrors: Mirrors
     seen: np.ndarray
     array: AntennaArray
+    wavenumber: float
 
     def tubes(self, chosen: np.ndarray) -> Tubes:
         """The tubes around some of the hits, by index [n]."""
-        return landed(self.hits.where(chosen), self.mirrors.patches, self.mirrors.surface, self.array.tx_m)
+        return landed(
+            self.hits.where(chosen), self.mirrors.patches, self.mirrors.surface, self.array.tx_m, self.wavenumber
+        )
 
 
-def landed(hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray) -> Tubes:
-    """Tubes around hits [n]."""
+def landed(hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray, wavenumber: float = 0.0) -> Tubes:
+    """Tubes around hits [n], without what creeps at a wavenumber above 0."""
     n, b = hits.faces.shape
     points_m, normal, longer_m = np.empty((n, b + 1, 3)), np.empty((n, 3)), np.empty((n, 3))
     length_m, root_m2, edge_m, caustics = np.empty(n), np.empty(n), np.empty((n, 3, 3)), np.zeros(n, np.int8)
     tubes = Tubes(*hits[:3], points_m, normal, length_m, root_m2, edge_m, longer_m, caustics)
-    land(tubes, patches, tx_m, surface)
+    land(tubes, patches, tx_m, surface, wavenumber, LIT)
     return tubes
 
 
 def mirrored_on(rays: Rays, hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray) -> Hits:
-    """Those of the hits whose tubes meet the body once more where they are mirrored at their end."""
+    """Those of the hits that meet the body once more where they are mirrored at their end."""
     tubes = landed(hits, patches, surface, tx_m)
     before = unit(tubes.points_m[:, -1] - tubes.points_m[:, -2])
     onward = before - 2 * (before * tubes.normal).sum(axis=1)[:, None] * tubes.normal
     start_m = tubes.points_m[:, -1] + OWN_SURFACE_M * onward
     distance, face = rays.first_hits(start_m, onward)
-    chosen = np.flatnonzero(np.isfinite(distance) & (tubes.root_m2 > 0))
+    chosen = np.flatnonzero(np.isfinite(distance) & (tubes.length_m > 0))
     faces = np.column_stack([hits.faces, face])[chosen].astype(np.int64)
     end_m = (start_m + np.where(np.isfinite(distance), distance, 0)[:, None] * onward)[chosen]
     return Hits(hits.transmitter[chosen], hits.patch[chosen], faces, end_m, (hits.length_m + distance)[chosen])
@@ -112,7 +117,7 @@ def _finer(
     return Mirrors(patches, coarse, part, face[chosen[part]], surface)
 
 
-def trace(rays: Rays, mirrors: Mirrors, array: AntennaArray, bounces: int = 1) -> Traced:
+def trace(rays: Rays, mirrors: Mirrors, array: AntennaArray, bounces: int, wavenumber: float) -> Traced:
     """All hits after so many bounces. Both legs to the antennas are clear of the body, by the middles of coarse patches
     and of faces."""
     surface = mirrors.surface
@@ -125,7 +130,7 @@ def trace(rays: Rays, mirrors: Mirrors, array: AntennaArray, bounces: int = 1) -
     seen = np.zeros((len(surface.normal), len(array.rx_m)), np.float32)
     faces = np.unique(hits.faces[:, -1])
     seen[faces] = points_in_sight(rays, surface.middle_m[faces], array.rx_m, STRIDE_M).T
-    return Traced(hits, mirrors, seen, array)
+    return Traced(hits, mirrors, seen, array, wavenumber)
 
 
 def split(surface: Patches, longest_m: float) -> tuple[Patches, np.ndarray]:
@@ -164,7 +169,9 @@ def _lit(rays: Rays, patches: Patches, surface: Patches, antennas_m: np.ndarray,
         length_m = np.linalg.norm(np.ptp(antennas_m[line], axis=0))
         for n in np.unique(np.linspace(0, len(line) - 1, 2 + int(length_m / TRIAL_M)).astype(int)):
             hits = _hits(rays, patches, surface, antennas_m, int(line[n]), everything, bounces)
-            some[hits.patch[landed(hits, patches, surface, antennas_m).root_m2 > 0]] = True
+            # Wide tubes lose corners on the way over several mirrors, where finer ones do not.
+            made = landed(hits, patches, surface, antennas_m).root_m2 > 0 if bounces == 1 else slice(None)
+            some[hits.patch[made]] = True
     return some
 
 

@@ -9,7 +9,7 @@ from radar.simulation.effects.base import Glance
 from radar.simulation.effects.further import Multipath
 from radar.simulation.effects.motion import echoes_of_moving
 from radar.simulation.physics.bundles import Bundles, nodes
-from radar.simulation.physics.ray_tubes import landed, mirrors_of, patches_of, trace
+from radar.simulation.physics.ray_tubes import Hits, landed, mirrors_of, patches_of, trace
 from radar.simulation.physics.reflection import oblique_ratios
 from radar.simulation.scene import Body, EchoScene, Material
 from radar.simulation.state import EchoState
@@ -115,7 +115,7 @@ def forth(array: AntennaArray, frequencies_hz: np.ndarray) -> np.ndarray:
     """The corner's echoes by rays from the transmitters alone."""
     rays, at = Rays(CORNER.vertices_m, CORNER.faces), nodes(array)
     mirrors = mirrors_of(rays, CORNER, array.tx_m, further.PATCH * WAVELENGTH_M)
-    traced = trace(rays, mirrors, AntennaArray(array.tx_m[at[0]], array.rx_m[at[1]]))
+    traced = trace(rays, mirrors, AntennaArray(array.tx_m[at[0]], array.rx_m[at[1]]), 1, 0.0)
     bundles = Bundles(traced, np.zeros(len(CORNER.faces), int), at, np.eye(3)[1])
     return bundles.echo(frequencies_hz, array, None, 0.0, oblique_ratios(Material(), TONE_HZ[0]))
 
@@ -144,7 +144,8 @@ def test_a_tube_that_crosses_a_caustic_is_a_quarter_turn_ahead():
                 np.tile(np.eye(3)[2], (1, 3, 1)),
             )
             zero = np.zeros(1, int)
-            tubes = landed(zero, zero, zero, mirror, wall, np.array([[0.0, 0, -500]]))
+            hits = Hits(zero, zero, zero[:, None], np.zeros((1, 3)), np.zeros(1))
+            tubes = landed(hits, mirror, wall, np.array([[0.0, 0, -500]]))
             assert tubes.caustics[0] == count
 
 
@@ -158,7 +159,9 @@ def test_transmitters_and_receivers_can_be_swapped():
     assert relative_error(back.transpose(0, 2, 1), there) < 1e-5
 
 
-def test_finer_patches_change_little(monkeypatch):
+@pytest.mark.parametrize(("bounces", "bound"), [(2, 0.3), (4, 0.4)])
+def test_finer_patches_change_little(bounces, bound, monkeypatch):
+    monkeypatch.setattr(further, "BOUNCES", bounces)
     echoes = {}
     for patch in (0.5, 0.25, 0.125, 0.0625):
         monkeypatch.setattr(further, "PATCH", patch)
@@ -166,7 +169,7 @@ def test_finer_patches_change_little(monkeypatch):
     errors = [relative_error(echoes[patch], echoes[0.0625]) for patch in (0.5, 0.25, 0.125)]
     # Of the first order, by what lies on the border of what is lit twice; 0.15 on a hand with patches of 0.25.
     assert errors[2] < 0.6 * errors[1] < 0.6 * errors[0]
-    assert errors[1] < 0.3
+    assert errors[1] < bound
 
 
 def test_no_result_depends_on_the_threads(monkeypatch):
