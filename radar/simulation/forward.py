@@ -26,7 +26,6 @@ from radar.support.errors import HandbenchError
 from radar.support.parallel import for_each
 
 CHUNK = 2048  # scatterers per matrix product
-SIGHT_TOLERANCE = 1e-3  # of the echoes that diffract, at least
 NEAR = 5.0  # wavelengths from the array within which 1/R changes by a fifth and more from one antenna to the next
 
 
@@ -59,11 +58,13 @@ def simulate(
     spreading: bool = True,
     tolerance: float | None = 1e-5,
     pattern: float = 0.0,
+    sight_tolerance: float = 0.0,
 ) -> np.ndarray:
     """Noise-free samples complex64 [f, t, r]. spreading=False leaves out g: the exact adjoint of backprojection.
     pattern: exponent q of the antennas' amplitude pattern cosᵠθ, θ from the z axis; a factor of g.
 
     tolerance: relative L2 error of the fast chain (see `radar.imaging.api`); None sums every tone of every scatterer.
+    sight_tolerance: the same of what is in partial sight, if that is larger: few antennas then stand for all there too.
     """
     scatterers, partly = _in_sight(scatterers)
     if len(scatterers.position_m) > 0:
@@ -81,10 +82,11 @@ def simulate(
         alike = np.flatnonzero(kind == whole)
         for near in clusters(position[alike], frequencies_hz) if len(alike) else []:
             chosen = alike[near]
-            family = family._replace(whole=whole == 1)
+            family = family._replace(whole=whole > 0)
             if sight is not None and whole == 2:
-                coarse = max(tolerance, SIGHT_TOLERANCE)
-                family = Family(coarse, False, delay_m + 2 * sight.detour_m, False, family.pattern, sight.beside)
+                family = family._replace(delay_m=delay_m + 2 * sight.detour_m)
+                if sight_tolerance > tolerance:
+                    family = family._replace(tolerance=sight_tolerance, whole=False, beside=sight.beside)
             executor = points_executor(frequencies_hz, array, position[chosen], family, Executor)
             where = executor.plan.sort(position[chosen])
             part = scatterers.where(chosen[where.order])

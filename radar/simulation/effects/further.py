@@ -24,7 +24,6 @@ from radar.support.parallel import for_each
 from radar.support.rays import Rays
 
 BOUNCES = 4  # at most: places that a wave meets
-FINER = 0.7  # times that of mirrors that mirror onto others: each spreads what the one before has spread
 PATCH = 0.25  # longest edge of a mirror, wavelengths
 SECONDS_PER_FACE, SECONDS_PER_TUBE, SECONDS_PER_FACET = 3e-6, 3e-6, 7e-6
 NODES_M, SAMPLES_M = 0.03, 8e-3  # between antennas and points of the room for which the diffraction is computed
@@ -67,7 +66,7 @@ class Multipath(Effect):
         antennas_m = np.concatenate([leg.position_m for leg in state.array.legs])
         mirrors = [mirrors_of(rays, body, antennas_m, longest_m)]
         while mirrors[-1].face.size and len(mirrors) < BOUNCES - 1:
-            mirrors.append(mirrors_onward(rays, mirrors[-1], antennas_m, FINER * longest_m, len(mirrors) + 1))
+            mirrors.append(mirrors_onward(rays, mirrors[-1], antennas_m, longest_m, len(mirrors) + 1))
         wavenumber = 2 * np.pi / state.scene.wavelength_m if surface.sight is not None else 0.0
         arrays = {1: state.array, -1: _exchanged(state.array)}
         found: dict[tuple[int, int], Bundles] = {}

@@ -28,7 +28,7 @@ from radar.simulation.physics.reflection import body_reflection
 from radar.simulation.physics.vectors import cross, direction, minus, vec
 from radar.simulation.scene import Body, EchoScene
 
-LIT, DEEP = -2.0, 3.0  # ξ between which p* is fitted; it fades between the first and half of it
+LIT, DEEP = -1.0, 3.0  # ξ between which p* is fitted; it fades between the first and half of it
 TERMS = 6  # of the polynomials in ξ: within 0.006 of m·p*
 RADII = np.geomspace(0.8, 4.5, 8)  # m for which they are fitted: radii of 0.6 to 110 mm at 80 GHz
 SHARP = np.cos(np.radians(30))  # cosine of the angle between faces beyond which an edge is a knife's

@@ -76,13 +76,13 @@ def landed(hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray, wav
 
 
 def mirrored_on(rays: Rays, hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray) -> Hits:
-    """Those of the hits that meet the body once more where they are mirrored at their end."""
+    """Those of the hits whose tubes meet the body once more where they are mirrored at their end."""
     tubes = landed(hits, patches, surface, tx_m)
     before = unit(tubes.points_m[:, -1] - tubes.points_m[:, -2])
     onward = before - 2 * (before * tubes.normal).sum(axis=1)[:, None] * tubes.normal
     start_m = tubes.points_m[:, -1] + OWN_SURFACE_M * onward
     distance, face = rays.first_hits(start_m, onward)
-    chosen = np.flatnonzero(np.isfinite(distance) & (tubes.length_m > 0))
+    chosen = np.flatnonzero(np.isfinite(distance) & (tubes.root_m2 > 0))
     faces = np.column_stack([hits.faces, face])[chosen].astype(np.int64)
     end_m = (start_m + np.where(np.isfinite(distance), distance, 0)[:, None] * onward)[chosen]
     return Hits(hits.transmitter[chosen], hits.patch[chosen], faces, end_m, (hits.length_m + distance)[chosen])
@@ -169,9 +169,7 @@ def _lit(rays: Rays, patches: Patches, surface: Patches, antennas_m: np.ndarray,
         length_m = np.linalg.norm(np.ptp(antennas_m[line], axis=0))
         for n in np.unique(np.linspace(0, len(line) - 1, 2 + int(length_m / TRIAL_M)).astype(int)):
             hits = _hits(rays, patches, surface, antennas_m, int(line[n]), everything, bounces)
-            # Wide tubes lose corners on the way over several mirrors, where finer ones do not.
-            made = landed(hits, patches, surface, antennas_m).root_m2 > 0 if bounces == 1 else slice(None)
-            some[hits.patch[made]] = True
+            some[hits.patch[landed(hits, patches, surface, antennas_m).root_m2 > 0]] = True
     return some
 
 
