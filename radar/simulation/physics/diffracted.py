@@ -47,7 +47,6 @@ def sight_of(
     """The sight of facets behind a body at tones f/c by that of antennas up to apart_m apart, and the mask [p] of the
     facets of which some transmitter and some receiver see anything."""
     points_m, corner, share, _ = samples
-    for_each(lambda find: find(scene, hiding), (kept_edges, roundness_of))  # both at once
     edges, roundness = kept_edges(scene, hiding), roundness_of(scene, hiding)
     cells = cells_of(points_m, CELL * samples.apart_m)
     middle, half = (turns.max() + turns.min()) / 2, np.ptp(turns) / 2 + 1e-6 * turns.max()

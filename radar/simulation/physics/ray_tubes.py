@@ -182,7 +182,7 @@ def _hits(
     chosen: np.ndarray,
     bounces: int,
 ) -> Hits:
-    """What an antenna, by index, sends over those of the chosen patches that mirror it onto the body."""
+    """The hits of an antenna, by index, over those of the chosen patches that mirror it onto the body."""
     direction = np.empty((len(chosen), 3))
     front = mirror(patches, antennas_m[antenna], chosen, direction)
     chosen, direction = chosen[front], direction[front]
