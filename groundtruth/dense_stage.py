@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from groundtruth.dense import completion, cuda
-from groundtruth.dense.dense import choose_sources, depth_maps, open_views
+from groundtruth.dense.dense import depth_maps, open_views
 from groundtruth.dense.fusion import Cloud, fuse
 from groundtruth.dense.volume import board_plane, narrowed, volume, warn_of_cuts
 from groundtruth.mesh.poisson import clean
@@ -15,9 +15,10 @@ from groundtruth.photos.masks import Masks, find_masks
 from groundtruth.photos.photos import Photo, find_photos
 from groundtruth.sparse.sparse import Sparse
 from radar.support.config import parse
+from radar.support.files import write_json
 from radar.support.progress import say
 
-CLOUD = "cloud.npz"
+CLOUD, VOLUME = "cloud.npz", "volume.json"
 COARSER = 4  # pixels of the depth maps that tell where the target is
 
 
@@ -35,7 +36,7 @@ def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> Non
     cloud = dense_cloud(registered, solved, chosen, bounds.box())
     warn_of_cuts(bounds, cloud, plane)
     cloud.save(folder / CLOUD)
-    bounds.save(folder)
+    write_json(folder / VOLUME, vars(bounds))
 
 
 def dense_cloud(
@@ -50,12 +51,10 @@ def _fused(
 ) -> Cloud:
     """The points on which the photographs' depth maps agree."""
     masks = Masks({} if options.masks is None else find_masks(options.masks, photos), options.mask == "colour")
-    views, tracks, points_m = open_views(photos, sparse.model, effort.shrink, box_m, masks, options.box())
+    views, sources = open_views(photos, sparse.model, effort.shrink, box_m, masks, options.box())
     if options.dense == "cuda":
-        maps = cuda.depth_maps(views, tracks, points_m, options.quality)
-    else:
-        maps = depth_maps(views, tracks, points_m, effort.iterations, options.seed, effort.thorough)
-        if effort.thorough:
-            maps = completion.completed(maps, choose_sources(views, tracks, points_m), options.seed)
-            return fuse(maps, box_m, completion.CONFIRMATIONS)
+        return fuse(cuda.depth_maps(views, sources, options.quality), box_m)
+    maps = depth_maps(views, sources, effort.iterations, options.seed, effort.thorough)
+    if effort.thorough:
+        return fuse(completion.completed(maps, sources, options.seed), box_m, completion.CONFIRMATIONS)
     return fuse(maps, box_m)

@@ -10,7 +10,7 @@ import numpy as np
 from groundtruth.cameras.cameras import Camera, registered
 from groundtruth.dense.fusion import Cloud
 from groundtruth.dense.volume import Plane, Volume, board_plane
-from groundtruth.dense_stage import CLOUD
+from groundtruth.dense_stage import CLOUD, VOLUME
 from groundtruth.mesh.poisson import surface
 from groundtruth.mesh.surface import Surface
 from groundtruth.mesh.target import Components, Target, keep_target, margin_m, off_board
@@ -19,19 +19,20 @@ from groundtruth.options import MeshOptions
 from groundtruth.photos.photos import find_photos
 from groundtruth.sparse.sparse import Sparse
 from radar.support.config import parse
+from radar.support.files import read_json, write_json
 
-MESH, VIEW = "mesh.ply", "view.jpg"
+MESH, TARGET, VIEW = "mesh.ply", "target.json", "view.jpg"
 
 
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str, dense: str) -> None:
     """The surface of the dense stage's cloud in the photo frame → MESH, what was kept of it, and the first photograph,
     cut to the box → VIEW; sparse, dense: these stages' folders."""
     chosen, solved = parse(MeshOptions, options, "groundtruth"), Sparse.load(Path(sparse))
-    box_m = Volume.load(Path(dense)).box()
+    box_m = Volume(**read_json(Path(dense) / VOLUME, "the volume of a dense stage")).box()
     plane = board_plane(Path(photos), chosen.board, solved) if chosen.components == "target" else None
     made, target = measured_surface(Cloud.load(Path(dense) / CLOUD), solved, chosen.components, plane, box_m)
     made.save(folder / MESH)
-    target.save(folder)
+    write_json(folder / TARGET, vars(target))
     _write_view(Path(photos), solved.cameras()[0], box_m, folder / VIEW)
 
 

@@ -105,11 +105,7 @@ class MeshOptions(Region):
 class Options(SparseOptions, DenseOptions, MeshOptions):
     """Options of a reconstruction: those of its three stages, each of which is given its own alone."""
 
-    def part(self, kind: type[Config]) -> dict[str, Any]:
-        """The plain values of one stage's options."""
-        return self.model_dump(mode="json", include=set(kind.model_fields))
-
-    def depends_on(self, kind: type[Config]) -> dict[str, Any]:
-        """As `part`, without the paths: their files' content tells more."""
-        paths = {name for name in kind.model_fields if isinstance(getattr(self, name), Path)}
-        return self.model_dump(mode="json", include=set(kind.model_fields) - paths)
+    def part(self, kind: type[Config], paths: bool = True) -> dict[str, Any]:
+        """The plain values of one stage's options, with the paths or without: their files' content tells more."""
+        wanted = {name for name in kind.model_fields if paths or not isinstance(getattr(self, name), Path)}
+        return self.model_dump(mode="json", include=wanted)

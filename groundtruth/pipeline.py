@@ -13,11 +13,11 @@ from groundtruth.cameras.cameras import Camera
 from groundtruth.cameras.model_files import write_model
 from groundtruth.dense.fusion import Cloud
 from groundtruth.dense.volume import Volume
-from groundtruth.dense_stage import CLOUD
+from groundtruth.dense_stage import CLOUD, VOLUME
 from groundtruth.mesh.mesh_files import write_cloud
 from groundtruth.mesh.surface import Surface, read_surface
 from groundtruth.mesh.target import Target
-from groundtruth.mesh_stage import MESH
+from groundtruth.mesh_stage import MESH, TARGET
 from groundtruth.options import DenseOptions, MeshOptions, Options, SparseOptions
 from groundtruth.sparse.frame import Scale
 from groundtruth.sparse.inputs import content, resolve
@@ -75,7 +75,8 @@ def stages(
     def staged(name: str, kind: type[Config], depends_on: list[Any], **earlier: Stage) -> Stage:
         folders = {each: str(made.folder(root)) for each, made in earlier.items()}
         given = {"photos": str(photos), "options": options.part(kind), **folders}
-        return stage(name, f"groundtruth.{name}_stage:make", [*depends_on, options.depends_on(kind)], given, capture)
+        depends_on = [*depends_on, options.part(kind, paths=False)]
+        return stage(name, f"groundtruth.{name}_stage:make", depends_on, given, capture)
 
     sparse = staged("sparse", SparseOptions, [content])
     dense = staged("dense", DenseOptions, [sparse.key, masks], sparse=sparse)
@@ -93,10 +94,16 @@ def reconstruct(photos: str | Path, options: Options, workdir: str | Path | None
         sparse, cloud, surface = Sparse.load(solved), Cloud.load(fused / CLOUD), read_surface(made / MESH)
         count = len(read_json(solved / PHOTOGRAPHS, "a sparse stage's photographs"))
         error_px = sparse.model.compute_mean_reprojection_error()
-        chosen = Volume.load(fused), Target.load(made)
-        result = Result(surface, cloud, sparse.cameras(), count, error_px, sparse.scale, *chosen, seconds)
+        volume = Volume(**read_json(fused / VOLUME, "the volume of a dense stage"))
+        target = Target(**read_json(made / TARGET, "the target of a mesh stage"))
+        result = Result(surface, cloud, sparse.cameras(), count, error_px, sparse.scale, volume, target, seconds)
         if workdir is not None:
-            _write(Path(workdir), result, sparse, options)
+            workdir, facts = Path(workdir), {"version": SUMMARY_VERSION, "options": options.model_dump(mode="json")}
+            with atomic_folder(workdir / "sparse") as folder:
+                write_model(sparse.model, folder)
+            write_cloud(workdir / "dense.ply", cloud.points_m, cloud.normals)
+            write_json(workdir / "summary.json", facts | result.summary())
+            say(f"{workdir}: sparse/, dense.ply and summary.json written")
         return result
 
 
@@ -124,14 +131,3 @@ def _made(
                 say(f"{each.name}: cached")
             seconds[each.name] = stamp.seconds
         yield options, [each.folder(root) for each in chain], seconds
-
-
-def _write(workdir: Path, result: Result, sparse: Sparse, options: Options) -> None:
-    with atomic_folder(workdir / "sparse") as folder:
-        write_model(sparse.model, folder)
-    write_cloud(workdir / "dense.ply", result.cloud.points_m, result.cloud.normals)
-    write_json(
-        workdir / "summary.json",
-        {"version": SUMMARY_VERSION, "options": options.model_dump(mode="json"), **result.summary()},
-    )
-    say(f"{workdir}: sparse/, dense.ply and summary.json written")

@@ -53,6 +53,11 @@ def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
     undefined = {metric for metric, _ in shown} - result.about.metrics.keys()
     if undefined or lines.value.isna().all():
         raise HandbenchError(f"{result.folder}: has no figure of the README's table; expected a run of paper_table")
+    pairs = [(metric, treatment) for treatment, metrics in EQUAL.items() for metric in metrics if len(result.equal)]
+    best_alike = {
+        f"{metric}, {treatment}": sorted(outstanding(result, metric, result.equal.reference.iloc[0], treatment))
+        for metric, treatment in pairs
+    }
     return {
         "name": result.about.name,
         "protocol": {key: result.about.protocol.get(key) for key in ("id", "version")},
@@ -65,20 +70,10 @@ def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
         "busy": busy_note(result),
         "rows": records(lines),
         "equal": records(alike),
-        "best": {metric: sorted(outstanding(result, metric, REFERENCE)) for metric in METRICS} | _best_alike(result),
+        "best": {metric: sorted(outstanding(result, metric, REFERENCE)) for metric in METRICS} | best_alike,
         "sentences": findings(result),
         "figures": {name: _sha256(result.folder / source) for name, source in FIGURES.items()},
     }
-
-
-def _best_alike(result: Result) -> dict[str, list[str]]:
-    """The methods that stand out in each line under equal treatment."""
-    found = {}
-    for treatment, metrics in EQUAL.items():
-        for metric in metrics if len(result.equal) else ():
-            best = outstanding(result, metric, result.equal.reference.iloc[0], treatment)
-            found[f"{metric}, {treatment}"] = sorted(best)
-    return found
 
 
 def render(recorded: dict[str, Any]) -> str:
@@ -104,14 +99,14 @@ def render(recorded: dict[str, Any]) -> str:
 
 def _own_lines(recorded: dict[str, Any]) -> Iterator[tuple[str, ...]]:
     """The lines of each method as it is."""
-    rows = _by_figure(recorded)
+    rows = _figures(recorded)
     for metric in METRICS:
         facts, stars = recorded["metrics"][metric], recorded["best"][metric]
         for reference in (REFERENCE, "completed") if metric in EXTENDED else (REFERENCE,):
             cells = []
             for method in METHODS:
-                cell = _cell(rows.get((metric, method, reference)), method in stars)
-                spread = rows.get((SPREAD.get(metric, ""), method, reference))
+                cell = _cell(rows.get((metric, reference, method)), method in stars)
+                spread = rows.get((SPREAD.get(metric, ""), reference, method))
                 cells.append(f"{cell} ± {number(spread.value, 1)}" if spread and known(spread.value) else cell)
             title = facts["title"] + (", mesh completed by the truth" if reference == "completed" else "")
             yield (f"{title} ({facts['unit']})", *cells)
@@ -119,7 +114,7 @@ def _own_lines(recorded: dict[str, Any]) -> Iterator[tuple[str, ...]]:
 
 def _equal_lines(recorded: dict[str, Any]) -> Iterator[tuple[str, ...]]:
     """The lines under equal treatment."""
-    rows = _alike(recorded)
+    rows = _figures(recorded)
     for treatment, metrics in EQUAL.items():
         for metric in metrics:
             found = [rows.get((metric, treatment, method)) for method in METHODS]
@@ -131,14 +126,11 @@ def _equal_lines(recorded: dict[str, Any]) -> Iterator[tuple[str, ...]]:
                 yield (f"{facts['title']}{on_common_pixels(metric)}{how} ({facts['unit']})", *cells)
 
 
-def _by_figure(recorded: dict[str, Any]) -> dict[tuple[str, str, str], Any]:
-    """The recorded lines by metric, method and reference."""
-    return {(row.metric, row.method, row.reference): row for row in each(frame(TABLE, recorded["rows"]))}
-
-
-def _alike(recorded: dict[str, Any]) -> dict[tuple[str, str, str], Any]:
-    """The recorded lines under equal treatment by metric, treatment and method."""
-    return {(row.metric, row.treatment, row.method): row for row in each(frame(EQUAL_TABLE, recorded["equal"]))}
+def _figures(recorded: dict[str, Any]) -> dict[tuple[str, str, str], Any]:
+    """The recorded lines by metric, reference or, of those under equal treatment, treatment, and method."""
+    own = {(row.metric, row.reference, row.method): row for row in each(frame(TABLE, recorded["rows"]))}
+    alike = each(frame(EQUAL_TABLE, recorded["equal"]))
+    return own | {(row.metric, row.treatment, row.method): row for row in alike}
 
 
 def _cell(row: Any, star: bool) -> str:
@@ -188,19 +180,14 @@ def stale(root: Path = ROOT) -> list[str]:
 def disagreements(result: Result, root: Path = ROOT) -> list[str]:
     """Figures of a fresh result that do not print as was recorded, a sentence each; times aside."""
     recorded, fresh = _recorded(root), record(result, root)
-    problems, rows = [], _by_figure(fresh)
-    for (metric, method, reference), old in _by_figure(recorded).items():
-        new = rows.pop((metric, method, reference), None)
-        if metric != "seconds" and not _agree(old, new):
+    problems, rows = [], _figures(fresh)
+    for (metric, kind, method), old in _figures(recorded).items():
+        new, how = rows.pop((metric, kind, method), None), f", {kind}," if kind in EQUAL else ""
+        if metric in EQUAL.get(kind, (metric,)) and metric != "seconds" and not _agree(old, new):
             found = None if new is None else new.value
-            problems.append(f"{metric} of {method}: {old.value} was recorded, {found} found")
-    problems += [f"{metric} of {method}: was not recorded" for metric, method, _ in rows if metric != "seconds"]
-    alike = _alike(fresh)
-    for (metric, treatment, method), old in _alike(recorded).items():
-        new = alike.get((metric, treatment, method))
-        if metric in EQUAL[treatment] and not _agree(old, new):
-            found = None if new is None else new.value
-            problems.append(f"{metric}, {treatment}, of {method}: {old.value} was recorded, {found} found")
+            problems.append(f"{metric}{how} of {method}: {old.value} was recorded, {found} found")
+    unknown = [(metric, method) for metric, kind, method in rows if metric != "seconds" and kind not in EQUAL]
+    problems += [f"{metric} of {method}: was not recorded" for metric, method in unknown]
     if fresh["best"] != recorded["best"]:
         problems.append(f"best: {recorded['best']} was recorded, {fresh['best']} found")
     return problems

@@ -11,14 +11,16 @@ from bench.datasets.dataset import open_capture
 from bench.run.reconstruct_stage import configuration
 from radar.data.capture import RadarCapture
 from radar.imaging import api
+from radar.imaging.certificate import Certificate, certified
 from radar.imaging.device import describe
-from radar.methods.registry import method
+from radar.methods.registry import Method, Reconstruction, method
 from radar.support.errors import HandbenchError
 from radar.support.files import write_npz
 from radar.support.progress import say
 from radar.warmup import compile_kernels
 
 EXACT = 1e-5  # what the exact sum is good to, in single precision
+FINER = 10.0  # times, when a certificate does not keep the tolerance
 
 
 def run(options: argparse.Namespace) -> None:
@@ -36,7 +38,7 @@ def run(options: argparse.Namespace) -> None:
     if (options.volume is not None or options.check) and "z" not in chosen.config.model_fields:
         raise HandbenchError(f"--volume, --check: '{chosen.id}' makes no volume; choose broadband or narrowband")
     compile_kernels()
-    result = chosen.run(echoes, settings, options.frame)
+    result, settings, certificate = _imaged(chosen, echoes, settings, options)
     result.depth.save(options.out)
     if result.volume is not None and (options.volume is not None or options.check):
         volume = result.volume()
@@ -45,7 +47,27 @@ def run(options: argparse.Namespace) -> None:
         if options.check:
             _check(volume, echoes, settings, options)
     on_target = int((result.depth.z_m == result.depth.z_m).sum())
-    say(f"{options.out}: {on_target} pixels on target, imaged on {describe()}")
+    say(
+        f"{options.out}: {on_target} pixels on target, imaged on {describe()}; images' relative error at most "
+        f"{certificate.bound:.1e}"
+    )
+
+
+def _imaged(
+    chosen: Method, echoes: RadarCapture, settings: Any, options: argparse.Namespace
+) -> tuple[Reconstruction, Any, Certificate]:
+    """The method's result with the settings that it took, and its images' certificate, which keeps the tolerance where
+    that is relative to the image: by a tolerance ten times finer, or by the exact sum."""
+    asked = getattr(settings, "tolerance", None)
+    while True:
+        with certified() as certificate:
+            result = chosen.run(echoes, settings, options.frame)
+        now = getattr(settings, "tolerance", None)
+        if options.relative_to == "samples" or now is None or certificate.bound <= asked:
+            return result, settings, certificate
+        finer = now / FINER if now / FINER >= api.TOLERANCES[0] else None
+        say(f"images' relative error is at most {certificate.bound:.1e}: imaging anew, {finer or 'exactly'}")
+        settings = settings.model_copy(update={"tolerance": finer})
 
 
 def _check(volume: np.ndarray, echoes: RadarCapture, settings: Any, options: argparse.Namespace) -> None:

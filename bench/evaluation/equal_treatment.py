@@ -34,9 +34,11 @@ def treat(maps: Mapping[str, Alike], reference_z_m: np.ndarray) -> dict[str, Tre
     risks_mm = {method: risk_mm(alike, reference_z_m) for method, alike in maps.items()}
     reached = min(map(len, risks_mm.values()), default=0)
     surface = np.isfinite(reference_z_m).sum()
+    y, x = (np.arange(n, dtype=float) for n in common.shape)
     found = {}
     for method, alike in maps.items():
-        figures = _on(common, alike.z_m, reference_z_m)
+        pooled = pool([ErrorMap(x, y, np.where(common, alike.z_m - reference_z_m, np.nan), reference_z_m)])
+        figures = {key: pooled[key] for key in FIGURES}
         figures["common_percent"] = 100 * float(common.sum() / surface) if surface else None
         figures["aurc_mm"] = float(risks_mm[method][:reached].mean()) if reached else None
         figures["aurc_to_percent"] = 100 * float(reached / surface) if surface else None
@@ -51,12 +53,6 @@ def risk_mm(alike: Alike, reference_z_m: np.ndarray) -> np.ndarray:
     error_mm = 1e3 * np.abs(alike.open_z_m - reference_z_m)[seen]
     order = np.argsort(-alike.open_db[seen], kind="stable")
     return np.cumsum(error_mm[order]) / np.arange(1, len(order) + 1)
-
-
-def _on(common: np.ndarray, z_m: np.ndarray, reference_z_m: np.ndarray) -> Values:
-    y, x = (np.arange(n, dtype=float) for n in common.shape)
-    found = pool([ErrorMap(x, y, np.where(common, z_m - reference_z_m, np.nan), reference_z_m)])
-    return {key: found[key] for key in FIGURES}
 
 
 def _at_shares(risk: np.ndarray, surface: int) -> np.ndarray:

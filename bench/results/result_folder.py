@@ -13,15 +13,8 @@ from bench.results.tables import LEVEL, SCHEMAS, each, frame, read, write
 from radar.support.errors import HandbenchError
 from radar.support.files import require_file, require_folder, write_json, write_text
 
-OPTIONAL = (
-    "repeats",
-    "comparisons",
-    "equal",
-    "curves",
-    "captures",
-    "causes",
-    "reliability",
-)  # which older folders may lack
+# Tables that older folders may lack.
+OPTIONAL = ("repeats", "comparisons", "equal", "curves", "captures", "causes", "reliability")
 TABLES = {name: SCHEMAS[name] for name in ("table", "tasks", *OPTIONAL)}
 BUSY = 0.25  # cores that other work may take before times are called disturbed
 UNSETTLED = 0.1  # of a median time: half an interval that is wider is told

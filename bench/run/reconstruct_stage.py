@@ -1,6 +1,7 @@
 """The stage that images a capture by one method: echoes → depth map, and the time that it took."""
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
@@ -9,15 +10,17 @@ import numpy as np
 from scipy.stats import binom
 
 from bench.datasets.dataset import open_capture
-from bench.run.treatments import write_treated
+from bench.evaluation.alike import OPEN_DB, SMOOTHING, Alike
 from radar.data.capture import thinned
 from radar.data.depthmap import DepthMap
+from radar.imaging.certificate import certified
 from radar.imaging.device import use_device
 from radar.methods.registry import Reconstruction, method
+from radar.methods.smoothing import masked_mean
 from radar.support.config import Config
 from radar.support.cost import others
 from radar.support.errors import HandbenchError
-from radar.support.files import write_json, write_npz
+from radar.support.files import read_npz, write_json, write_npz
 from radar.warmup import compile_kernels
 
 DEPTH, FRAMES, TIMING = "depth.npz", "frames.npz", "timing.json"
@@ -36,20 +39,22 @@ def reconstruct(
         seconds = imager.until_settled(found.seconds)
         depths = [result.depth for result in found.results]
         if seconds[0] < PLANNED_S:
-            write_treated(folder, imager.with_settings, imager.settings, depths[0])
+            write_treated(folder, lambda of: imager.method.run(imager.echoes, of, 0).depth, imager.settings, depths[0])
     depths[0].save(folder / DEPTH)
     if frames > 1:
         write_npz(folder / FRAMES, z_m=np.stack([depth.z_m for depth in depths]).astype(np.float32))
-    write_json(folder / TIMING, {"seconds": seconds, "plan_seconds": found.plan_s, "others_cores": busy[0]})
+    times = {"seconds": seconds, "plan_seconds": found.plan_s, "others_cores": busy[0]}
+    write_json(folder / TIMING, times | {"image_error": found.image_error})
 
 
 class Images(NamedTuple):
     """The frames' results; the seconds from echoes in memory to each depth map, the engine's plan being made; the
-    plan's own, where they are known."""
+    plan's own, where they are known; the relative error that frame 0's images have at most, by their certificate."""
 
     results: list[Reconstruction]
     seconds: list[float]
     plan_s: float | None
+    image_error: float
 
 
 class Imager:
@@ -67,11 +72,14 @@ class Imager:
     def images(self) -> Images:
         """Image every frame. The first image of a geometry plans the engine's skeletons, which a radar does once: the
         other frames' times count, or where there is none and a plan may matter, that of the first frame imaged again;
-        what the first image took more is the plan's."""
-        results, (first_s, *seconds) = zip(*map(self._timed, range(self.frames)), strict=True)
+        what the first image took more is the plan's, and its certificate's."""
+        with certified() as certificate:
+            first = self._timed(0)
+        results, (first_s, *seconds) = zip(first, *map(self._timed, range(1, self.frames)), strict=True)
         if not seconds and first_s < PLANNED_S:
             seconds = [self._timed(0)[1]]
-        return Images(list(results), seconds or [first_s], max(first_s - median(seconds), 0.0) if seconds else None)
+        plan_s = max(first_s - median(seconds), 0.0) if seconds else None
+        return Images(list(results), seconds or [first_s], plan_s, certificate.bound)
 
     def until_settled(self, seconds: list[float]) -> list[float]:
         """These times of the frames, and more of them, imaged again in turns until their median has settled or
@@ -80,10 +88,6 @@ class Imager:
         while not settled(found) and time.perf_counter() + found[-1] < end:
             found.append(self._timed(len(found) % self.frames)[1])
         return found
-
-    def with_settings(self, settings: Config) -> DepthMap:
-        """The depth map of frame 0 by another configuration."""
-        return self.method.run(self.echoes, settings, 0).depth
 
     def _timed(self, frame: int) -> tuple[Reconstruction, float]:
         start = time.perf_counter()
@@ -108,3 +112,42 @@ def configuration(capture: Path, method_id: str, config: dict[str, Any]) -> Conf
     chosen = method(method_id)
     asked = {**of_sensor.get(chosen.base, {}), **of_sensor.get(method_id, {})}
     return chosen.configure({**asked, **config}, f"method '{method_id}'")
+
+
+ALIKE = "alike.npz"
+FILTERS, DROPS = "_filter_px", "drop_"  # end and beginning of a configuration's names
+THRESHOLD, TOLERANCE, VOLUME = "threshold_db", "tolerance", "z"
+
+
+def write_treated(folder: Path, image: Callable[[Config], DepthMap], settings: Config, own: DepthMap) -> None:
+    """Write the maps of every treatment → ALIKE. image: makes the capture's depth map by a configuration of the method;
+    own: the one by its own `settings`."""
+    made: dict[str, DepthMap] = {settings.model_dump_json(): own}
+    arrays: dict[str, np.ndarray] = {}
+    known = type(settings).model_fields
+    filters = [name for name in known if name.endswith(FILTERS)]
+    kept = dict.fromkeys((name for name in known if name.startswith(DROPS)), False)  # no pixel is left out in doubt
+    for treatment, size_px in SMOOTHING.items():
+        for opened in (False, True):
+            changed: dict[str, Any] = {**kept, **dict.fromkeys(filters, size_px)}
+            if opened and THRESHOLD in known:
+                changed[THRESHOLD] = min(OPEN_DB, getattr(settings, THRESHOLD))
+            if opened and filters and TOLERANCE in known and VOLUME not in known:
+                changed[TOLERANCE] = None  # weak pixels' depths are so wild that a plan of their box costs more
+            config = settings.model_copy(update=changed)
+            if (key := config.model_dump_json()) not in made:
+                made[key] = image(config)
+            depth = made[key]
+            z_m = depth.z_m if filters else masked_mean(depth.z_m, size_px)
+            arrays[f"{treatment}_{'open_' * opened}z_m"] = z_m.astype(np.float32)
+            if opened:
+                arrays[f"{treatment}_open_db"] = depth.amplitude_db
+    write_npz(folder / ALIKE, **arrays)
+
+
+def read_treated(folder: Path) -> dict[str, Alike] | None:
+    """The maps by treatment; None where none were made."""
+    if not (folder / ALIKE).exists():
+        return None
+    kept = read_npz(folder / ALIKE, tuple(f"{t}_{field}" for t in SMOOTHING for field in Alike._fields))
+    return {t: Alike(*(kept[f"{t}_{field}"] for field in Alike._fields)) for t in SMOOTHING}

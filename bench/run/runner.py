@@ -254,4 +254,5 @@ def _task(stage: Stage, stamp: Stamp, cached: bool, folder: Path) -> outcome.Lin
         stamp.machine.get("host", ""),
         stamp.machine.get("gemm_gflops"),
         times.get("others_cores"),
+        times.get("image_error"),
     )

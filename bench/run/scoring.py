@@ -24,8 +24,7 @@ from bench.evaluation.metrics import Values, figures_of_frame
 from bench.evaluation.scoring_protocols import Protocol
 from bench.results import errors_path, write_errors
 from bench.results.error_map import ErrorMap
-from bench.run.reconstruct_stage import FRAMES
-from bench.run.treatments import read_treated
+from bench.run.reconstruct_stage import FRAMES, read_treated
 from calibration.transforms import Transform
 from groundtruth.mesh.depth import Reference, reference_on_grid
 from groundtruth.mesh.surface import read_surface
@@ -53,21 +52,15 @@ class Files(Sequence[Value], Generic[Key, Value]):
 
 
 def make(
-    folder: Path, capture: str, maps: dict[str, Path], references: dict[str, tuple[Path, Transform]], protocol: str
-) -> None:
-    """The stage: a protocol is named, and a capture's folder is text."""
-    score(Path(capture), maps, references, scoring_protocols.protocol(protocol), folder)
-
-
-def score(
-    capture: Path,
+    folder: Path,
+    capture: str,
     maps: Mapping[str, Path],
     references: Mapping[str, tuple[Path, Transform]],
-    chosen: Protocol,
-    folder: Path,
+    protocol: str,
 ) -> None:
     """Compare a capture's depth maps, by method, with its references, each a mesh file and the transform that carries
     it into the radar frame, by a protocol. A reference that cannot be read is a HandbenchError."""
+    chosen = scoring_protocols.protocol(protocol)
     data = open_capture(capture)
     numbers: dict[bytes, int] = {}
     grids: dict[str, int] = {}
@@ -156,13 +149,13 @@ def reference_depth(mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid
 
 
 def read_errors(folder: Path, capture: str, method: str, reference: str) -> ErrorMap:
-    """The errors that `score` found for a depth map."""
+    """The errors that `make` found for a depth map."""
     names = ("x_m", "y_m", "error_m", "reference_z_m", "sigma_m", "to_reference_m", "to_map_m")
     return ErrorMap(**read_npz(errors_path(folder, capture, method, reference), names))
 
 
 def read_reference(folder: Path, method: str, reference: str, transform: Transform) -> Reference:
-    """The reference with which `score` compared a method's depth map; transform: the one that carried it there."""
+    """The reference with which `make` compared a method's depth map; transform: the one that carried it there."""
     path = _reference_path(folder, reference, read_json(folder / GRIDS, "a scored capture's grids")[method])
     z_m, mesh_sigma_m, met, leverage, covariance = read_npz(path, KEPT).values()
     registered = (leverage, replace(transform, covariance=covariance)) if covariance.size else (None, None)

@@ -1,7 +1,6 @@
 """The result folder of a run: everything scored, then written."""
 
 import shutil
-from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -58,16 +57,13 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
     repeats = repeated(outcome)
     repeats = repeats[repeats.capture.isin(names) & repeats.method.isin(methods)]
     tasks = frame(TASKS, outcome.tasks)
-    results.write_tables(folder, tasks=tasks, repeats=repeats, **found, **explain(_scored(outcome, on)))
+    scored = (
+        Scored(entry.id, of, load_depthmap(outcome.maps[name, entry.id]), errors(outcome, [name], entry.id, of)[0])
+        for name in (capture.name for capture in on.captures)
+        for of, entry in product(outcome.references[name], on.methods)
+    )
+    results.write_tables(folder, tasks=tasks, repeats=repeats, **found, **explain(scored))
     results.write_about(folder, about(outcome, on, found["captures"]))
-
-
-def _scored(outcome: Outcome, on: Basis) -> Iterator[Scored]:
-    """Every depth map of the table with its errors against each reference, capture by capture."""
-    for name in (capture.name for capture in on.captures):
-        for reference, entry in product(outcome.references[name], on.methods):
-            error = errors(outcome, [name], entry.id, reference)[0]
-            yield Scored(entry.id, reference, load_depthmap(outcome.maps[name, entry.id]), error)
 
 
 def _copy(source: Path, path: Path) -> None:

@@ -152,7 +152,9 @@ def _palm(bones: dict[str, tuple[Bone, ...]], wrist: WristPose, person: Person) 
     thick = person.palm[2]
 
     def cone(start_mm: ArrayLike, end_mm: ArrayLike, start_radius_mm: float, end_radius_mm: float) -> Field:
-        return _cone(start_mm, end_mm, thick * start_radius_mm, thick * end_radius_mm)
+        """A round cone from (radial, distal, palmar) coordinates in millimetres."""
+        start_m, end_m = (1e-3 * HAND_AXES @ np.asarray(point, dtype=float) for point in (start_mm, end_mm))
+        return round_cone(start_m, end_m, 1e-3 * (thick * start_radius_mm), 1e-3 * (thick * end_radius_mm))
 
     def own(*point_mm: float) -> np.ndarray:
         return np.array(person.palm) * point_mm
@@ -196,9 +198,3 @@ def _thenar(thumb: Bone, index: Bone, middle: Bone, thick: float) -> list[Field]
         round_cone(from_middle, muscle, thick * 10e-3, thick * 8e-3),
         round_cone(from_index, web, thick * 9e-3, thick * 7e-3),
     ]
-
-
-def _cone(start_mm: ArrayLike, end_mm: ArrayLike, start_radius_mm: float, end_radius_mm: float) -> Field:
-    """A round cone from (radial, distal, palmar) coordinates in millimetres."""
-    start_m, end_m = (1e-3 * HAND_AXES @ np.asarray(point, dtype=float) for point in (start_mm, end_mm))
-    return round_cone(start_m, end_m, 1e-3 * start_radius_mm, 1e-3 * end_radius_mm)

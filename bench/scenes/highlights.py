@@ -1,7 +1,5 @@
 """Highlights: what a rough surface mirrors of a lamp (Cook & Torrance 1982; for skin, Weyrich et al. 2006)."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

@@ -59,18 +59,14 @@ def _gaps_m(pose: Pose, of: Person) -> np.ndarray:
     """Distances between the flesh of thumb and fingers, neighbouring fingers beyond their webs, and palm; negative:
     inside each other."""
     bones = skeleton_of_palm(pose, of)
-    flesh = {name: [_balls(b, r, s) for b, r, s in _phalanges(name, bones[name][1:], of)] for name in bones}
-    palm = _all([_balls(bones[name][0], r := radii_m(name, of)[0], r) for name in FINGERS])
+    radii = {name: radii_m(name, of) for name in bones}  # of each phalanx at both ends
+    flesh = {name: list(map(_balls, bones[name][1:], radii[name], radii[name][1:])) for name in bones}
+    palm = _all([_balls(bones[name][0], radii[name][0], radii[name][0]) for name in FINGERS])
     thumb = _all(flesh["thumb"])
     gaps = [_gap_m(thumb, _all(flesh[name])) for name in FINGERS] + [_gap_m(thumb, palm)]
     gaps += [_gap_m(_all(flesh[a][1:]), _all(flesh[b][1:])) for a, b in itertools.pairwise(FINGERS)]
     gaps += [_gap_m(_all(flesh[name][1:]), palm) for name in FINGERS]
     return np.array(gaps)
-
-
-def _phalanges(name: str, phalanges: tuple[Bone, ...], of: Person) -> list[tuple[Bone, float, float]]:
-    """Each phalanx of a digit with its radii at both ends."""
-    return list(zip(phalanges, radii := radii_m(name, of), radii[1:], strict=False))
 
 
 def _balls(bone: Bone, start_radius_m: float, end_radius_m: float) -> Balls:

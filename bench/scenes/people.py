@@ -29,14 +29,8 @@ LENGTHS_MM = {
 MEAN_MM = (189.2, 83.4)  # hand length and breadth of the mean hand's mesh
 SIZES_MM = (((193.8, 9.8), (90.4, 4.2)), ((180.5, 9.7), (79.4, 3.8)))  # men, women: length, breadth: mean, deviation
 BREADTH_WITH_LENGTH = 0.7
-PALM, FINGER, PHALANX, GIRTH, FINGER_GIRTH, THICKNESS = (
-    0.024,
-    0.025,
-    0.05,
-    0.04,
-    0.015,
-    0.03,
-)  # deviations of logarithms
+# Deviations of logarithms.
+PALM, FINGER, PHALANX, GIRTH, FINGER_GIRTH, THICKNESS = 0.024, 0.025, 0.05, 0.04, 0.015, 0.03
 GIRTH_WITH_BREADTH = 0.7  # exponent
 TAILS = (0.02, 0.98)  # of every distribution: nothing rarer is drawn
 MOST_PEOPLE = 999_999

@@ -197,6 +197,15 @@ class Stand(Config):
     subtract: bool = False
 
 
+def known_effects(names: tuple[str, ...]) -> tuple[str, ...]:
+    """The names; a ValueError where one is no effect, or listed twice."""
+    try:
+        check_names(names)
+    except HandbenchError as error:
+        raise ValueError(str(error).removeprefix("effects: ")) from None
+    return names
+
+
 class SceneFile(Config):
     """The content of a scene file. effects: "auto" leaves out what together changes depths by less than
     tolerance_mm, or a list of names; depth_step_hz: the step between tones at which depths are told."""
@@ -220,10 +229,7 @@ class SceneFile(Config):
         if isinstance(effects, str) and effects != "auto":
             raise ValueError('expected "auto" or a list of effects, as ["obliquity", "shadow_centre", "noise"]')
         if isinstance(effects, list | tuple):
-            try:
-                check_names(tuple(str(name) for name in effects))
-            except HandbenchError as error:
-                raise ValueError(str(error).removeprefix("effects: ")) from None
+            known_effects(tuple(str(name) for name in effects))
         return effects
 
     @model_validator(mode="after")

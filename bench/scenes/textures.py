@@ -1,7 +1,5 @@
 """Solid textures: reflectance as a function of a body's own coordinates, so that all photographs see the same one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numba

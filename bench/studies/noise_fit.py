@@ -48,7 +48,10 @@ def fit(benchmark: str, wanted_mm: float, repeats: int | None) -> list[Record]:
     files = [base / source.scene for source in bench.capture if source.scene and "precision" in source.measures]
     if not files:
         raise HandbenchError(f"{benchmark}: no scene measures the precision, to which the noise is fitted; add one")
-    scenes = [_two_tone_scene(file, base, config) for file in files]
+    scenes = []
+    for file in (load(SceneFile, path, "a scene description") for path in files):
+        sensor = Sensor(array=file.sensor.array, sweep=(), tones_hz=(config.f1_hz, config.f2_hz))
+        scenes.append(build(file.model_copy(update={"sensor": sensor, "photos": None}), base))
     phase_noise_rad = 4 * np.pi * abs(config.f1_hz - config.f2_hz) / SPEED_OF_LIGHT_M_S * 1e-3 * wanted_mm
     found = []
     for step in track(["closed form", *map(str, range(2, STEPS + 1))], "noise fit"):
@@ -66,10 +69,3 @@ def precision_mm(scenes: list[Scene], config: TwoToneConfig, phase_noise_rad: fl
         capture = echoes(replace(scene, file=file), repeats).capture
         hands.append(strongest_z_m([two_tone(capture, config, frame) for frame in range(repeats)]))
     return float(precision(hands)["precision_mm"])
-
-
-def _two_tone_scene(path: Path, folder: Path, config: TwoToneConfig) -> Scene:
-    """A scene with the two tones alone and without photographs."""
-    file = load(SceneFile, path, "a scene description")
-    sensor = Sensor(array=file.sensor.array, sweep=(), tones_hz=(config.f1_hz, config.f2_hz))
-    return build(file.model_copy(update={"sensor": sensor, "photos": None}), folder)

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
@@ -123,6 +124,11 @@ def in_turns(
             results[key] = once()
             seconds[key].append(time.perf_counter() - start)
     return seconds, results
+
+
+def relative_error(found: np.ndarray, exact: np.ndarray) -> float:
+    """L2 of the difference over that of the exact values."""
+    return float(np.linalg.norm(found.astype(np.complex128) - exact) / np.linalg.norm(exact))
 
 
 def stand() -> dict[str, Any]:

@@ -142,23 +142,26 @@ def _echoes(folder: Path) -> Found[RadarCapture | None]:
         yield from attempt(empty, lambda: load_capture(empty))
     places_m = (array.position_m,) if isinstance(array, PlanarScan) else (array.tx_m, array.rx_m)
     far_m = max(float(np.abs(place).max()) for place in places_m)
-    if far_m > FAR_M:
-        text = f"an antenna lies {far_m:g} m from the origin; are its positions millimetres?"
-        yield Problem(folder / ECHOES, None, text, warning=True)
+    text = f"an antenna lies {far_m:g} m from the origin; are its positions millimetres?"
+    yield from _doubt(folder / ECHOES, far_m > FAR_M, text)
     highest_hz = float(echoes.frequencies_hz.max())
-    if highest_hz < LOW_HZ:
-        text = f"its highest frequency is {highest_hz:g} Hz; are these gigahertz?"
-        yield Problem(folder / ECHOES, None, text, warning=True)
+    text = f"its highest frequency is {highest_hz:g} Hz; are these gigahertz?"
+    yield from _doubt(folder / ECHOES, highest_hz < LOW_HZ, text)
     return echoes
+
+
+def _doubt(file: Path, odd: bool, text: str) -> Iterator[Problem]:
+    """A warning about a file, if it is odd."""
+    if odd:
+        yield Problem(file, None, text, warning=True)
 
 
 def _surface(file: Path) -> Found[Surface | None]:
     surface = yield from attempt(file, lambda: read_surface(file))
     if surface is not None:
         longest_m = float(np.ptp(surface.vertices_m[np.unique(surface.faces)], axis=0).max())
-        if not SMALL_M <= longest_m <= FAR_M:
-            text = f"is {longest_m:.3g} m long; is it in metres? `handbench groundtruth --unit` carries it over"
-            yield Problem(file, None, text, warning=True)
+        text = f"is {longest_m:.3g} m long; is it in metres? `handbench groundtruth --unit` carries it over"
+        yield from _doubt(file, not SMALL_M <= longest_m <= FAR_M, text)
     return surface
 
 
@@ -167,12 +170,11 @@ def _transform(file: Path, surface: Surface | None) -> Iterator[Problem]:
     if transform is None:
         return
     offset_m = float(np.abs(transform.matrix[:3, 3]).max())
-    if offset_m > FAR_M:
-        yield Problem(file, None, f"it moves by {offset_m:g} m; are these millimetres?", warning=True)
-    if not 0.5 < transform.scale < 2:
-        yield Problem(file, None, f"its scale is {transform.scale:g}; are both frames in metres?", warning=True)
-    if surface is not None and (transform.points(surface.vertices_m)[:, 2] <= 0).all():
-        yield Problem(file, None, f"it carries all of {MESH} behind the radar; is it the inverse?", warning=True)
+    yield from _doubt(file, offset_m > FAR_M, f"it moves by {offset_m:g} m; are these millimetres?")
+    odd = not 0.5 < transform.scale < 2
+    yield from _doubt(file, odd, f"its scale is {transform.scale:g}; are both frames in metres?")
+    behind = surface is not None and bool((transform.points(surface.vertices_m)[:, 2] <= 0).all())
+    yield from _doubt(file, behind, f"it carries all of {MESH} behind the radar; is it the inverse?")
 
 
 def _target(file: Path) -> Iterator[Problem]:
@@ -191,8 +193,7 @@ def _photos(folder: Path) -> Iterator[Problem]:
     if described.exists():
         _, board = yield from parsed(Board, described, "an ArUco board description")
         reach_m = max((float(np.abs(c).max()) for c in board.corners_m().values()), default=0) if board else 0
-        if reach_m > FAR_M:
-            yield Problem(described, None, f"a corner lies {reach_m:g} m away; are these millimetres?", warning=True)
+        yield from _doubt(described, reach_m > FAR_M, f"a corner lies {reach_m:g} m away; are these millimetres?")
     posed = 0
     if cameras.exists():
         _, told = yield from parsed(CameraFile, cameras, 'a cameras file {"cameras": [...]}')

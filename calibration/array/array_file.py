@@ -88,7 +88,16 @@ class ArrayCalibration(Config):
         Raises HandbenchError when the capture's antennas are not the nominal ones: another array, or one to which this
         calibration has been applied already.
         """
-        self._require_nominal(capture, where)
+        if not isinstance(capture.aperture, AntennaArray):
+            raise HandbenchError(f"{where}: is for a MIMO array, but the capture is a planar scan")
+        nominal = AntennaArray(np.array(self.tx.nominal_m), np.array(self.rx.nominal_m))
+        if _same(capture.aperture, self.array) and not _same(self.array, nominal):
+            raise HandbenchError(f"{where}: has been applied to this capture already; apply it once")
+        if not _same(capture.aperture, nominal):
+            raise HandbenchError(
+                f"{where}: is of an array of {nominal.channels} antennas in other places than the "
+                f"capture's {capture.aperture.channels}; calibrate this array"
+            )
         f_hz = capture.frequencies_hz
         responses = (side.response(f_hz, self.reference_hz) for side in (self.tx, self.rx))
         tx, rx = (np.divide(1, r, out=np.zeros_like(r), where=r != 0) for r in responses)
@@ -102,21 +111,6 @@ class ArrayCalibration(Config):
             f"{len(self.tx.gain)} + {len(self.rx.gain)} antennas, {dead} dead, from {self.source}; unexplained "
             f"{self.residual_before_db:.1f} → {self.residual_after_db:.1f} dB"
         )
-
-    def _require_nominal(self, capture: RadarCapture, where: object) -> None:
-        if not isinstance(capture.aperture, AntennaArray):
-            raise HandbenchError(f"{where}: is for a MIMO array, but the capture is a planar scan")
-        if _same(capture.aperture, self.array) and not _same(self.array, self._nominal):
-            raise HandbenchError(f"{where}: has been applied to this capture already; apply it once")
-        if not _same(capture.aperture, self._nominal):
-            raise HandbenchError(
-                f"{where}: is of an array of {self._nominal.channels} antennas in other places than the "
-                f"capture's {capture.aperture.channels}; calibrate this array"
-            )
-
-    @property
-    def _nominal(self) -> AntennaArray:
-        return AntennaArray(np.array(self.tx.nominal_m), np.array(self.rx.nominal_m))
 
 
 def save_array(path: str | Path, calibration: ArrayCalibration) -> None:

@@ -10,20 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from calibration.array import prior
 from calibration.array.array_file import ArrayCalibration, Side
-from calibration.array.model import (
-    DELAY,
-    EACH,
-    LEVEL,
-    PHASE,
-    PLACE,
-    Antennas,
-    Echoes,
-    State,
-    directions,
-    normal_equations,
-)
-from calibration.array.prior import Settings, check, constrained_inverse, gauges, nominal_state, prior, start, surprises
+from calibration.array.model import EACH, Antennas, Echoes, State, directions, normal_equations
 from calibration.target.description import Target
 from radar.data.arrays import AntennaArray
 from radar.data.capture import RadarCapture
@@ -36,41 +25,42 @@ SINGLE = 1e-5  # samples in single precision carry no less noise than this part 
 GUARD_CELLS = 3  # of the sweep's range resolution, about the balls
 
 
-def estimate_array(
-    capture: RadarCapture, target: Target, settings: Settings | None = None, source: str = "target capture"
-) -> ArrayCalibration:
+def estimate_array(capture: RadarCapture, target: Target, source: str = "target capture") -> ArrayCalibration:
     """The array's calibration from the echoes of a target that stands still (frames are averaged). source: names the
     capture, in the file and in errors.
 
     Raises HandbenchError when a ball is not found, or when target and echoes contradict each other.
     """
-    settings = settings or Settings()
     if not isinstance(capture.aperture, AntennaArray):
         raise HandbenchError(f"{source}: a planar scan has no array to calibrate; expected a MIMO array's echoes")
     mean = replace(capture, samples=capture.samples.mean(axis=0, keepdims=True))
     samples = np.ascontiguousarray(np.moveaxis(mean.samples[0], 0, -1))
     echoes = Echoes(target, capture.frequencies_hz)
-    live, raw, begun = start(samples, nominal_state(mean, target), echoes, settings.weakest_db)
+    live, raw, begun = prior.start(samples, prior.nominal_state(mean, target), echoes)
     samples = samples[live[0]][:, live[1]]
-    state, covariance = fitted(samples, begun, echoes, settings)
+    state, covariance = fitted(samples, begun, echoes)
     before, after = (left_over(samples, s, echoes) for s in (raw, state))
-    check(state, after, target, settings, source)
-    sides = zip(capture.aperture.legs, live, (state.tx, state.rx), _own_covariances(covariance, state), strict=True)
-    tx, rx = (_side(leg.position_m, lives, s, c, state.centres_m, echoes, settings) for leg, lives, s, c in sides)
+    prior.check(state, after, target, source)
+    n_tx, n_rx, _ = state.counts
+    every = np.arange(n_tx + n_rx)  # antenna
+    antennas = covariance[: EACH * len(every), : EACH * len(every)].reshape(len(every), EACH, len(every), EACH)
+    own = np.split(antennas[every, :, every], [n_tx])  # each antenna's alone, by side
+    sides = zip(capture.aperture.legs, live, (state.tx, state.rx), own, strict=True)
+    tx, rx = (_side(leg.position_m, lives, s, c, state.centres_m, echoes) for leg, lives, s, c in sides)
     levels_db = {"residual_before_db": 10 * np.log10(before), "residual_after_db": 10 * np.log10(after)}
     return ArrayCalibration(source=source, reference_hz=echoes.reference_hz, tx=tx, rx=rx, **levels_db)
 
 
-def fitted(samples: np.ndarray, state: State, echoes: Echoes, settings: Settings) -> tuple[State, np.ndarray]:
+def fitted(samples: np.ndarray, state: State, echoes: Echoes) -> tuple[State, np.ndarray]:
     """The most probable state for samples [t, r, f] and its covariance [u, u], the noise taken from what is left."""
     floor = SINGLE**2 * float(np.mean(np.abs(samples) ** 2)) / 2
-    information = prior(state, echoes.target, settings)
+    information = prior.prior_information(state, echoes.target)
     for _ in range(MAX_STEPS):
         normal, right, power = normal_equations(samples, state, echoes)
         freedom = 2 * samples.size - len(right)
         variance = max(power * samples.size / freedom, floor)  # of the real and of the imaginary part
-        pull = right / variance - information @ surprises(state, echoes.target)
-        inverse = constrained_inverse(normal / variance + information, gauges(state))
+        pull = right / variance - information @ prior.surprises(state, echoes.target)
+        inverse = prior.constrained_inverse(normal / variance + information, prior.gauges(state))
         step = inverse @ pull
         state = state.moved(step)
         if step @ pull < ENOUGH:
@@ -104,15 +94,6 @@ def left_over(samples: np.ndarray, state: State, echoes: Echoes) -> float:
     return float(max(rest, told) / whole)
 
 
-def _own_covariances(covariance: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
-    """Covariances [n, 6, 6] of each antenna's own unknowns, of both sides."""
-    n_tx, n_rx, _ = state.counts
-    antennas = covariance[: EACH * (n_tx + n_rx), : EACH * (n_tx + n_rx)]
-    blocks = antennas.reshape(n_tx + n_rx, EACH, n_tx + n_rx, EACH)
-    own = blocks[np.arange(n_tx + n_rx), :, np.arange(n_tx + n_rx)]
-    return own[:n_tx], own[n_tx:]
-
-
 def _side(
     nominal_m: np.ndarray,
     live: np.ndarray,
@@ -120,13 +101,12 @@ def _side(
     covariance: np.ndarray,
     centres_m: np.ndarray,
     echoes: Echoes,
-    settings: Settings,
 ) -> Side:
     """One side as the file holds it; of a dead antenna nothing is known but that it is weak."""
     toward = directions(centres_m.mean(axis=0, keepdims=True), found)[:, 0]
-    seen = np.zeros((len(found.delay_m), EACH))
-    seen[:, PHASE], seen[:, PLACE] = 1, -echoes.wavenumber.mean() * toward
-    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    none = np.zeros(len(toward))
+    seen = np.column_stack([none, none + 1, none, -echoes.wavenumber.mean() * toward])  # by the unknowns of `Antennas`
+    level_sigma, _, delay_sigma_m, *offset_sigma_m = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).T
     phase_sigma = np.sqrt(np.einsum("na,nab,nb->n", seen, covariance, seen))
 
     def all_of(values: np.ndarray, dead: float) -> list[Any]:
@@ -140,8 +120,8 @@ def _side(
         gain=all_of(np.column_stack([gain.real, gain.imag]), 0.0),
         delay_m=all_of(found.delay_m, 0.0),
         offset_m=all_of(found.offset_m, 0.0),
-        level_sigma=all_of(sigma[:, LEVEL], 1.0),
+        level_sigma=all_of(level_sigma, 1.0),
         phase_sigma_rad=all_of(phase_sigma, np.pi),
-        delay_sigma_m=all_of(sigma[:, DELAY], settings.delay_sigma_m),
-        offset_sigma_m=all_of(sigma[:, PLACE], settings.position_sigma_m),
+        delay_sigma_m=all_of(delay_sigma_m, prior.DELAY_SIGMA_M),
+        offset_sigma_m=all_of(np.stack(offset_sigma_m, axis=1), prior.POSITION_SIGMA_M),
     )

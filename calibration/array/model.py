@@ -127,7 +127,11 @@ def normal_equations(samples: np.ndarray, state: State, echoes: Echoes) -> tuple
     antennas = EACH * n_tx + EACH * np.arange(n_rx)[:, None] + np.arange(EACH)  # where each receiver stands
     last = np.arange(EACH * (n_tx + n_rx), size)
     rx, common = slice(EACH, 2 * EACH), slice(2 * EACH, None)
-    for t, (terms, along) in enumerate(zip(echoes.terms(state), _slopes(state), strict=True)):
+    # Derivatives of each ball's path by the antennas' offsets; that by the ball's own position is minus their sum. The
+    # specular point's way round the ball turns them by less than a hundredth, which only costs a little speed.
+    to, back = (directions(state.centres_m, side).astype(np.complex64) for side in (state.tx, state.rx))
+    for t, terms in enumerate(echoes.terms(state)):
+        along = np.broadcast_to(to[t], back.shape), back
         columns, rest = _columns(terms, along, echoes.wavenumber), samples[t] - terms.sum(axis=1)
         power += float(np.vdot(rest, rest).real)
         gram = (columns @ columns.swapaxes(1, 2)).astype(np.float64)  # [r, c, c]
@@ -149,15 +153,6 @@ def directions(points_m: np.ndarray, side: Antennas) -> np.ndarray:
     """Unit vectors [n, i, 3] from points [i, 3] to antennas: how paths grow with the antennas' offsets."""
     away = side.position_m[:, None] - points_m
     return away / np.linalg.norm(away, axis=2, keepdims=True)
-
-
-def _slopes(state: State) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Derivatives of each ball's path by the transmitter's and by the receivers' offsets, [r, i, 3] each, transmitter
-    by transmitter; by the ball's own position it is minus their sum. The specular point's way round the ball turns
-    these directions by less than a hundredth, which only costs Gauss–Newton a little speed."""
-    to, back = directions(state.centres_m, state.tx), directions(state.centres_m, state.rx)
-    for u in to:
-        yield np.broadcast_to(u, back.shape).astype(np.complex64), back.astype(np.complex64)
 
 
 def _columns(terms: np.ndarray, slopes: tuple[np.ndarray, np.ndarray], wavenumber: np.ndarray) -> np.ndarray:

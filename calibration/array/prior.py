@@ -4,7 +4,6 @@ start, which is the target's pose in the raw image with gains by alternating lea
 from dataclasses import replace
 
 import numpy as np
-from pydantic import Field
 
 from calibration.array.model import BALL, DELAY, EACH, LEVEL, PHASE, PLACE, Antennas, Echoes, State, split
 from calibration.target.description import Target
@@ -12,36 +11,23 @@ from calibration.target.matching import match
 from calibration.target.radar_detection import EchoSearch, find_balls
 from calibration.transforms import perturbation_jacobian, umeyama
 from radar.data.capture import RadarCapture
-from radar.support.config import Config
 from radar.support.errors import HandbenchError
 
 SWEEPS = 30  # of alternation; it starts Gauss–Newton, which ends it
+POSITION_SIGMA_M, DELAY_SIGMA_M = 5e-5, 1e-4  # what manufacture leaves: of an antenna's place, per axis; of a cable
+WEAKEST_DB = -20.0  # antennas that are weaker against the median are dead
+LEAST_EXPLAINED = 0.95  # part of the target's echoes that the model must explain
+MOST_SIGMAS = 2.0  # that the errors may have on average
 SEARCH = EchoSearch(threshold_db=-10.0)  # a ball is stronger than the foam and than what an imperfect array smears
 
 
-class Settings(Config):
-    """Prior knowledge of an array before it is calibrated, and limits of the estimates that are accepted.
-
-    Standard deviations of what manufacture leaves: position_sigma_m of an antenna, per axis, delay_sigma_m of a cable;
-    that of a ball's place comes with the target. weakest_db: antennas that are weaker against the median are dead.
-    least_explained: part of the target's echoes that the model must explain; most_sigmas: how many standard deviations
-    the errors may have on average.
-    """
-
-    position_sigma_m: float = Field(default=5e-5, gt=0, le=1e-3)
-    delay_sigma_m: float = Field(default=1e-4, gt=0, le=1e-2)
-    weakest_db: float = Field(default=-20.0, lt=0)
-    least_explained: float = Field(default=0.95, gt=0, lt=1)
-    most_sigmas: float = Field(default=2.0, ge=1)
-
-
-def prior(state: State, target: Target, settings: Settings) -> np.ndarray:
+def prior_information(state: State, target: Target) -> np.ndarray:
     """Information [u, u] (1/σ²) that is there before any echo. Of the balls, it says nothing about a motion of them
     all as one body."""
     n_tx, n_rx, n_balls = state.counts
     information = np.zeros(EACH * (n_tx + n_rx) + BALL * n_balls)
     for side in split(information, *state.counts)[:2]:
-        side[:, DELAY], side[:, PLACE] = settings.delay_sigma_m**-2, settings.position_sigma_m**-2
+        side[:, DELAY], side[:, PLACE] = DELAY_SIGMA_M**-2, POSITION_SIGMA_M**-2
     rigid = perturbation_jacobian(state.centres_m - state.centres_m.mean(axis=0))[:, :, :6].reshape(-1, 6)
     shape = np.eye(len(rigid)) - rigid @ np.linalg.pinv(rigid)
     balls = EACH * (n_tx + n_rx) + np.arange(len(rigid))
@@ -53,13 +39,8 @@ def prior(state: State, target: Target, settings: Settings) -> np.ndarray:
 def surprises(state: State, target: Target) -> np.ndarray:
     """Deviations [u] that the priors expect to be 0: the antennas' unknowns and the balls' misplacements."""
     strengths = np.zeros(2 * len(state.log_ball))
-    parts = state.tx.unknowns, state.rx.unknowns, misplaced_m(state.centres_m, target), strengths
+    parts = state.tx.unknowns, state.rx.unknowns, state.centres_m - placed(target, state.centres_m), strengths
     return np.concatenate([part.ravel() for part in parts])
-
-
-def misplaced_m(centres_m: np.ndarray, target: Target) -> np.ndarray:
-    """Displacements [i, 3] of the balls from the described target in its best-fitting pose."""
-    return centres_m - placed(target, centres_m)
 
 
 def shape_sigma_m(target: Target) -> float:
@@ -67,26 +48,26 @@ def shape_sigma_m(target: Target) -> float:
     return max(target.ball_offset_sigma_m, 1e-6)
 
 
-def check(state: State, left: float, target: Target, settings: Settings, source: str) -> None:
+def check(state: State, left: float, target: Target, source: str) -> None:
     """Refuse a target that explains too little of its echoes (left: see `left_over`), and errors beyond what was
     expected."""
-    if left > 1 - settings.least_explained:
+    if left > 1 - LEAST_EXPLAINED:
         raise HandbenchError(
             f"{source}: the target explains {100 * (1 - left):.1f} % of its echoes' energy, expected at least "
-            f"{100 * settings.least_explained:.0f} %; check the target's description and that nothing else echoes there"
+            f"{100 * LEAST_EXPLAINED:.0f} %; check the target's description and that nothing else echoes there"
         )
-    off_m = misplaced_m(state.centres_m, target)
+    off_m = state.centres_m - placed(target, state.centres_m)
     worst = int(np.linalg.norm(off_m, axis=1).argmax())
-    if np.linalg.norm(off_m[worst]) > 2 * settings.most_sigmas * shape_sigma_m(target):
+    if np.linalg.norm(off_m[worst]) > 2 * MOST_SIGMAS * shape_sigma_m(target):
         raise HandbenchError(
             f"{source}: the target's element {worst + 1} is {1e3 * np.linalg.norm(off_m[worst]):.2f} mm from where its "
             f"description has it, expected about {1e3 * shape_sigma_m(target):.2f} mm; measure the target again"
         )
     offsets_m = np.sqrt(np.mean(np.concatenate([state.tx.offset_m, state.rx.offset_m]) ** 2, axis=0))
-    if offsets_m.max() > settings.most_sigmas * settings.position_sigma_m:
+    if offsets_m.max() > MOST_SIGMAS * POSITION_SIGMA_M:
         raise HandbenchError(
             f"{source}: the antennas would be {1e6 * offsets_m.max():.0f} µm off, expected about "
-            f"{1e6 * settings.position_sigma_m:.0f} µm; check the target's description, or expect larger errors"
+            f"{1e6 * POSITION_SIGMA_M:.0f} µm; check the target's description, or expect larger errors"
         )
 
 
@@ -163,14 +144,12 @@ def fitted_gains(samples: np.ndarray, state: State, echoes: Echoes) -> tuple[Sta
     )
 
 
-def start(
-    samples: np.ndarray, nominal: State, echoes: Echoes, weakest_db: float
-) -> tuple[tuple[np.ndarray, np.ndarray], State, State]:
-    """Masks [t] and [r] of the transmitters and receivers that are not weakest_db below their median, and the states of
+def start(samples: np.ndarray, nominal: State, echoes: Echoes) -> tuple[tuple[np.ndarray, np.ndarray], State, State]:
+    """Masks [t] and [r] of the transmitters and receivers that are not WEAKEST_DB below their median, and the states of
     these alone: as they are, and as they fit samples [t, r, f] best."""
     raw, state = fitted_gains(samples, nominal, echoes)
     tx, rx = (side.log_gain.real for side in (state.tx, state.rx))
-    live_tx, live_rx = (level > np.median(level) + weakest_db / 20 * np.log(10) for level in (tx, rx))
+    live_tx, live_rx = (level > np.median(level) + WEAKEST_DB / 20 * np.log(10) for level in (tx, rx))
     return (live_tx, live_rx), without(raw, live_tx, live_rx), without(state, live_tx, live_rx)
 
 

@@ -5,6 +5,7 @@ each counted by its own covariance) names that majority. From it a forward searc
 by pair joins, the nearest first, as long as it lies within reach of what those inside predict.
 """
 
+from contextlib import suppress
 from math import ceil
 
 import numpy as np
@@ -29,7 +30,9 @@ def majority(pairs: Pairs, with_scale: bool = False) -> tuple[np.ndarray, Fit]:
     """
     kept, found = _largest_agreement(pairs, with_scale)
     agree = int(kept.sum())
-    mirrored = _agreeing_mirrored(pairs, with_scale) if agree < len(pairs) else 0
+    mirrored = 0
+    with suppress(HandbenchError):  # every three of the mirror image leave a rotation open
+        mirrored = int(_largest_agreement(pairs.mirrored(), with_scale)[0].sum()) if agree < len(pairs) else 0
     if mirrored > agree:
         raise HandbenchError(
             f"target: {mirrored} of {len(pairs)} pairs of centres lie as the target's mirror image, {agree} as the "
@@ -93,10 +96,3 @@ def _nearest_majority(pairs: Pairs, with_scale: bool) -> np.ndarray:
     if least == np.inf:
         require_condition(pairs, with_scale)
     return np.isin(np.arange(len(pairs)), best)
-
-
-def _agreeing_mirrored(pairs: Pairs, with_scale: bool) -> int:
-    try:
-        return int(_largest_agreement(pairs.mirrored(), with_scale)[0].sum())
-    except HandbenchError:  # every three leave a rotation open
-        return 0

@@ -197,17 +197,14 @@ def combine(
     require_rest([solve(pairs, with_scale) for pairs in named], names)
     found = solve(sum(named[1:], named[0]), with_scale, common_m2)
     covariance = found.require_covariance()
-    offsets = [_of_offsets(pairs, ball_offset_sigma_m, len(covariance)) for pairs in named]
+    unknowns, offsets = len(covariance), []  # what the balls' misplacement alone gives, about the origin
+    for pairs in named:
+        middle_m = pairs.target_m.mean(axis=0)
+        jacobian = perturbation_jacobian(pairs.target_m - middle_m)[..., :unknowns].reshape(-1, unknowns)
+        carry = adjoint(-middle_m, unknowns)
+        offsets.append(ball_offset_sigma_m**2 * carry @ np.linalg.inv(jacobian.T @ jacobian) @ carry.T)
     covariance += (1 - 1 / len(named)) * np.mean(offsets, axis=0)
     return found
-
-
-def _of_offsets(pairs: Pairs, sigma_m: float, unknowns: int) -> np.ndarray:
-    """Covariance of a transform, about the origin, that balls misplaced by sigma_m per axis in one capture give it."""
-    middle_m = pairs.target_m.mean(axis=0)
-    jacobian = perturbation_jacobian(pairs.target_m - middle_m)[..., :unknowns].reshape(-1, unknowns)
-    carry = adjoint(-middle_m, unknowns)
-    return sigma_m**2 * carry @ np.linalg.inv(jacobian.T @ jacobian) @ carry.T
 
 
 def require_rest(transforms: Sequence[Transform], names: Sequence[str]) -> None:

@@ -137,7 +137,10 @@ def fit(pairs: Pairs, with_scale: bool = False) -> Fit:
         normal = np.einsum("nia,nij,njb->ab", jacobian, information, jacobian)
         step = _solve(normal, np.einsum("nia,nij,nj->a", jacobian, information, offsets))
         step /= max(1.0, np.abs(step[3:]).max())  # pairs that contradict one another drive it anywhere
-        matrix = _perturb(matrix, step)
+        change = np.eye(4)
+        change[:3, :3] = np.exp(step[6] if with_scale else 0.0) * Rotation.from_rotvec(step[3:6]).as_matrix()
+        change[:3, 3] = step[:3]
+        matrix = change @ matrix
         if np.abs(jacobian @ step).max() <= SETTLED * extent_m:
             break
     freedom = 3 * len(pairs) - unknowns
@@ -164,11 +167,3 @@ def _solve(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
             "target: its pairs of centres contradict one another so far that no transform can be fitted to them; check "
             "the matching and the covariances"
         ) from error
-
-
-def _perturb(matrix: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Apply [translation, rotation vector(, log scale)] in the target frame."""
-    change = np.eye(4)
-    change[:3, :3] = np.exp(step[6] if len(step) == 7 else 0.0) * Rotation.from_rotvec(step[3:6]).as_matrix()
-    change[:3, 3] = step[:3]
-    return change @ matrix

@@ -9,7 +9,6 @@ maximum likelihood in white noise), so that neither neighbours nor foam pull at 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations, product
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve
@@ -41,38 +40,44 @@ def fit_balls(
     others: echoes that are none of the target's; those that lie in no element's foam are fitted along, in place.
     Raises HandbenchError for balls that would overlap, without echoes, and when a ball runs away from its peak.
     """
-    _check_apart(target, heard)
+    for i, j in combinations(sorted(heard), 2):  # in one place they have one echo: a fit of two to it would be far off
+        apart_m = float(np.linalg.norm(heard[i].centre_m - heard[j].centre_m))
+        least_m = target.element[i].ball_radius_m + target.element[j].ball_radius_m
+        if not apart_m >= least_m:
+            raise HandbenchError(
+                f"echoes: balls {i + 1} and {j + 1} would overlap, {1e3 * apart_m:.3g} mm apart; expected at least "
+                f"their radii, {1e3 * least_m:.3g} mm; check the target's description, and what else is in view"
+            )
     try:
-        fit = _settle(capture, target, {i: ball.centre_m for i, ball in heard.items()}, others)
+        centres_m, inverse, rest = _settle(capture, target, {i: ball.centre_m for i, ball in heard.items()}, others)
     except LinAlgError as error:
         raise HandbenchError(
             f"echoes: those of balls {', '.join(str(i + 1) for i in heard)} cannot be told from one another, or there "
             "are none; expected an echo of each; check what is in view, or record it again"
         ) from error
-    inverse = cho_solve(fit.factor, np.eye(len(fit.unknowns)))
-    fitted = {}
-    for n, (i, centre_m) in enumerate(fit.centres_m.items()):
-        _check_near(i, centre_m, heard[i].centre_m)
+    fitted, white = {}, float(np.mean(np.abs(rest) ** 2))
+    for n, (i, centre_m) in enumerate(centres_m.items()):
+        moved_m = float(np.linalg.norm(centre_m - heard[i].centre_m))
+        if not moved_m < FARTHEST_M:
+            raise HandbenchError(
+                f"echoes: the fit moves ball {i + 1} by {1e3 * moved_m:.1f} mm from its peak; expected less than "
+                f"{1e3 * FARTHEST_M:.0f} mm; check radii and foam in the target's description, and what else is in view"
+            )
         place = slice(7 * n + 2, 7 * n + 5)
-        noise = _noise_around(centre_m, fit.rest, capture.frequencies_hz, mimo_array(capture))
+        # Power of a sample of white noise that makes the image around the ball as bright as what is left does.
+        image = backproject(rest, capture.frequencies_hz, mimo_array(capture), centre_m + AROUND_M)
+        noise = max(white, float(np.mean(np.abs(image) ** 2)) / rest.size)
         shift_m = _polarisation_shift(capture, target, i, centre_m)
         covariance_m2 = inverse[place, place] * noise / 2 + np.outer(shift_m, shift_m)
         fitted[i] = replace(heard[i], centre_m=centre_m, covariance_m2=covariance_m2)
     return fitted
 
 
-class _Fit(NamedTuple):
-    """centres_m: of each element's ball; unknowns [u] and the Cholesky factor of their normal matrix, both of the last
-    step; rest [f, t, r]: what is left of the samples."""
-
-    centres_m: dict[int, np.ndarray]
-    unknowns: np.ndarray
-    factor: tuple[np.ndarray, bool]
-    rest: np.ndarray
-
-
-def _settle(capture: RadarCapture, target: Target, centres_m: Mapping[int, np.ndarray], others: Sequence[Ball]) -> _Fit:
-    """Gauss–Newton from centres near the balls until they move no more."""
+def _settle(
+    capture: RadarCapture, target: Target, centres_m: Mapping[int, np.ndarray], others: Sequence[Ball]
+) -> tuple[dict[int, np.ndarray], np.ndarray, np.ndarray]:
+    """Gauss–Newton from centres near the balls until they move no more: the elements' balls' centres, the inverse
+    normal matrix of all unknowns in the last step, and what is left of the samples [f, t, r]."""
     samples = capture.samples[0].reshape(-1)
     elements, places_m = list(centres_m), np.array(list(centres_m.values()))
     strangers = _strangers(capture, target, centres_m, others)
@@ -94,16 +99,8 @@ def _settle(capture: RadarCapture, target: Target, centres_m: Mapping[int, np.nd
         if np.abs(of_elements[:, 2:5]).max() < SETTLED_M:
             break
     rest = samples - (real @ unknowns).astype(np.complex64) @ columns
-    places = dict(zip(elements, places_m, strict=True))
-    return _Fit(places, unknowns, factor, rest.reshape(capture.samples[0].shape))
-
-
-def _noise_around(centre_m: np.ndarray, rest: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray) -> float:
-    """Power of one sample of the white noise that would make the image around a ball as bright as what is left does; of
-    all that is left at least."""
-    white = float(np.mean(np.abs(rest) ** 2))
-    image = backproject(rest, frequencies_hz, array, centre_m + AROUND_M)
-    return max(white, float(np.mean(np.abs(image) ** 2)) / rest.size)
+    inverse = cho_solve(factor, np.eye(len(unknowns)))
+    return dict(zip(elements, places_m, strict=True)), inverse, rest.reshape(capture.samples[0].shape)
 
 
 def _polarisation_shift(capture: RadarCapture, target: Target, number: int, centre_m: np.ndarray) -> np.ndarray:
@@ -177,24 +174,3 @@ def _real(strengths: np.ndarray, strangers: int) -> np.ndarray:
     """Complex columns [c] in real unknowns [u]: [c, u]; a place's slopes are as strong as its ball."""
     of_elements = [np.array([1, s, s, s, 1])[:, None] * REAL for s in strengths]
     return np.asarray(block_diag(*of_elements, *[[1, 1j]] * strangers))
-
-
-def _check_apart(target: Target, heard: Mapping[int, Ball]) -> None:
-    """Balls in one place have one echo: a fit of two to it would be off by far more than it says."""
-    for i, j in combinations(sorted(heard), 2):
-        apart_m = float(np.linalg.norm(heard[i].centre_m - heard[j].centre_m))
-        least_m = target.element[i].ball_radius_m + target.element[j].ball_radius_m
-        if not apart_m >= least_m:
-            raise HandbenchError(
-                f"echoes: balls {i + 1} and {j + 1} would overlap, {1e3 * apart_m:.3g} mm apart; expected at least "
-                f"their radii, {1e3 * least_m:.3g} mm; check the target's description, and what else is in view"
-            )
-
-
-def _check_near(number: int, centre_m: np.ndarray, before_m: np.ndarray) -> None:
-    moved_m = float(np.linalg.norm(centre_m - before_m))
-    if not moved_m < FARTHEST_M:
-        raise HandbenchError(
-            f"echoes: the fit moves ball {number + 1} by {1e3 * moved_m:.1f} mm from its peak; expected less than "
-            f"{1e3 * FARTHEST_M:.0f} mm; check radii and foam in the target's description, and what else is in view"
-        )

@@ -91,7 +91,10 @@ def thin(points_m: np.ndarray, normals: np.ndarray | None, voxel_m: float) -> Cl
     count = np.bincount(owner)
     mean = _mean_by(owner, count, points_m)
     if normals is None:
-        return Cloud(mean, _plane_normals(mean), oriented=False)
+        nearest = range(1, min(NEIGHBOURS, len(mean)) + 1)  # a range, since k = 1 would drop an axis
+        near = mean[cKDTree(mean).query(mean, k=nearest)[1]]
+        spread = near - near.mean(axis=1, keepdims=True)
+        return Cloud(mean, np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))[1][:, :, 0], oriented=False)
     normal = _mean_by(owner, count, normals)
     length = np.linalg.norm(normal, axis=1)
     flat = length > 0.5  # normals that cancel belong to no surface
@@ -136,7 +139,9 @@ def fit_sphere(
         weight = (1 - u2) ** 2
         score = weight * residual
         shared = _shared(points_m, score, PATCH * radius_m)
-        prior = _prior(score, weight, shared, radius_sigma_m)
+        variance_m2 = shared * (score**2).sum() / weight.sum()  # the points' own, of sums over neighbours
+        prior = np.zeros((4, 4))  # information on the radius, in the units of the normal matrix
+        prior[3, 3] = max(variance_m2, 1e-18) / max(radius_sigma_m, 1e-9) ** 2
         normal = (weight[:, None] * design).T @ design + prior
         if not _held(normal, weight.sum()):
             return None
@@ -161,15 +166,6 @@ def _held(normal: np.ndarray, weight: float) -> bool:
     circle leave it free across its plane, to first order."""
     centre = normal[:3, :3] - np.outer(normal[:3, 3], normal[3, :3]) / normal[3, 3]
     return bool(np.linalg.eigvalsh(centre)[0] > LEAST_HELD * weight)
-
-
-def _prior(score: np.ndarray, weight: np.ndarray, shared: float, radius_sigma_m: float) -> np.ndarray:
-    """Prior information on the radius, [4, 4] in the units of the normal matrix: the points' own variance, that of sums
-    over neighbours, over the radius'."""
-    variance_m2 = shared * (score**2).sum() / weight.sum()
-    prior = np.zeros((4, 4))
-    prior[3, 3] = max(variance_m2, 1e-18) / max(radius_sigma_m, 1e-9) ** 2
-    return prior
 
 
 def _shared(points_m: np.ndarray, score: np.ndarray, patch_m: float) -> float:
@@ -226,14 +222,6 @@ def _cells(points_m: np.ndarray, size_m: float, shift: np.ndarray | float = 0.0)
 
 def _mean_by(owner: np.ndarray, count: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.stack([np.bincount(owner, values[:, axis]) for axis in range(3)], axis=1) / count[:, None]
-
-
-def _plane_normals(points_m: np.ndarray) -> np.ndarray:
-    """Unit normals [n, 3], of either sign, of the planes through each point's neighbours."""
-    nearest = range(1, min(NEIGHBOURS, len(points_m)) + 1)  # a range, since k = 1 would drop an axis
-    _, neighbours = cKDTree(points_m).query(points_m, k=nearest)
-    spread = points_m[neighbours] - points_m[neighbours].mean(axis=1, keepdims=True)
-    return np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))[1][:, :, 0]
 
 
 def _check(points_m: np.ndarray, normals: np.ndarray | None) -> None:

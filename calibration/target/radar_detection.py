@@ -71,7 +71,14 @@ def find_balls(capture: RadarCapture, target: Target, search: EchoSearch | None 
     element, since its centre depends on it. Raises HandbenchError when the capture has no MIMO array."""
     search = search or EchoSearch()
     samples, frequencies_hz, array = capture.samples[0], capture.frequencies_hz, mimo_array(capture)
-    _check_tones(frequencies_hz, search)
+    depth_m = search.z.stop_m - search.z.start_m
+    spacing_hz = np.diff(np.sort(frequencies_hz)).max(initial=0.0) or np.inf
+    if SPEED_OF_LIGHT_M_S / (2 * spacing_hz) < depth_m:
+        raise HandbenchError(
+            f"capture: its {len(frequencies_hz)} tones leave the range open beyond "
+            f"{1e3 * SPEED_OF_LIGHT_M_S / (2 * spacing_hz):.0f} mm, less than the {1e3 * depth_m:.0f} mm searched; "
+            "record the target with a sweep of finer steps"
+        )
     seeds_m = coarse_peaks(samples, frequencies_hz, array, search)
     radius_m = float(np.median([element.ball_radius_m for element in target.element]))
     peaks = separate(samples, frequencies_hz, array, seeds_m, search, radius_m)
@@ -192,17 +199,6 @@ def ball_path(centre_m: np.ndarray, array: AntennaArray, radius_m: float, delay_
     """Optical path [t, r] over the specular point of a ball in foam, |t − c| + |c − r| − 2a·cos β + 2δ; the neglected
     term is a²·sin²β/|c − t|, about 1 µm here."""
     return path_lengths(array, centre_m) - 2 * radius_m * half_angle_cosine(centre_m, array) + 2 * delay_m
-
-
-def _check_tones(frequencies_hz: np.ndarray, search: EchoSearch) -> None:
-    depth_m = search.z.stop_m - search.z.start_m
-    spacing_hz = np.diff(np.sort(frequencies_hz)).max(initial=0.0) or np.inf
-    if SPEED_OF_LIGHT_M_S / (2 * spacing_hz) < depth_m:
-        raise HandbenchError(
-            f"capture: its {len(frequencies_hz)} tones leave the range open beyond "
-            f"{1e3 * SPEED_OF_LIGHT_M_S / (2 * spacing_hz):.0f} mm, less than the {1e3 * depth_m:.0f} mm searched; "
-            "record the target with a sweep of finer steps"
-        )
 
 
 def channel_amplitudes(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:

@@ -1,7 +1,5 @@
 """Cameras that something else has found: handbench's cameras.json, a COLMAP model, Metashape's XML."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -27,7 +25,7 @@ def cameras_of(photos: tuple[Photo, ...], path: Path, metric: bool = False) -> t
     metric: the poses of the COLMAP model are in metres; without it they are left out, since COLMAP's own have no unit.
     """
     if path.is_dir():
-        known = tuple(camera_of(image) for image in registered(read_model(path)))
+        known = cameras_in(read_model(path))
         if not metric:
             say(f"{path}: COLMAP's poses have no unit, the intrinsics alone are used; --metric if they are metres")
             known = tuple(camera.model_copy(update={"R": None, "t": None}) for camera in known)
@@ -45,7 +43,7 @@ def cameras_of(photos: tuple[Photo, ...], path: Path, metric: bool = False) -> t
     return tuple(cameras)
 
 
-def load_model(folder: Path, photos: tuple[Photo, ...]) -> pycolmap.Reconstruction:
+def load_model(folder: Path, photos: tuple[Photo, ...]) -> "pycolmap.Reconstruction":
     """A COLMAP model (text or binary) of these photographs, its images under the photographs' names; images without a
     photograph, and images that see next to nothing of the model's points, are left out, and said.
 
@@ -77,7 +75,7 @@ def load_model(folder: Path, photos: tuple[Photo, ...]) -> pycolmap.Reconstructi
     return model
 
 
-def read_model(folder: Path) -> pycolmap.Reconstruction:
+def read_model(folder: Path) -> "pycolmap.Reconstruction":
     """A COLMAP model of any origin; a HandbenchError for a broken one."""
     require_folder(folder, "a COLMAP model (cameras, images and points3D, .bin or .txt)")
     check_model(folder)
@@ -100,58 +98,57 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
     return model
 
 
-def _is_rigid(image: pycolmap.Image) -> bool:
+def _is_rigid(image: "pycolmap.Image") -> bool:
     """True if the image's pose holds a rotation: a quaternion that is not of unit length does not give one."""
     R = image.cam_from_world().rotation.matrix()
     return bool(np.abs(R).max() < 2 and np.abs(R @ R.T - np.eye(3)).max() < 1e-3)
 
 
-def camera_of(image: pycolmap.Image) -> Camera:
-    """A registered image's camera and pose."""
-    camera, pose = camera_in(image), image.cam_from_world()
-    return Camera(
-        name=image.name,
-        width=camera.width,
-        height=camera.height,
-        model=camera.model_name,
-        params=tuple(camera.params.tolist()),
-        R=tuple(map(tuple, pose.rotation.matrix().tolist())),
-        t=tuple(pose.translation.tolist()),
-    )
+def cameras_in(model: "pycolmap.Reconstruction") -> tuple[Camera, ...]:
+    """The cameras and poses of a model's registered images, by name."""
+    cameras = []
+    for image in registered(model):
+        camera, pose = camera_in(image), image.cam_from_world()
+        found = Camera(
+            name=image.name,
+            width=camera.width,
+            height=camera.height,
+            model=camera.model_name,
+            params=tuple(camera.params.tolist()),
+            R=tuple(map(tuple, pose.rotation.matrix().tolist())),
+            t=tuple(pose.translation.tolist()),
+        )
+        cameras.append(found)
+    return tuple(cameras)
 
 
-def stored_camera(photo: Photo, upright: Camera) -> Camera:
+def stored_camera(photo: Photo, camera: Camera) -> Camera:
     """The camera of the stored pixels, from that of the upright picture; a HandbenchError for a lens model that is not
-    the same when turned."""
-    for _ in range(QUARTER_TURNS[photo.orientation]):
-        upright = _turned_back(upright)
-    return upright
-
-
-def _turned_back(camera: Camera) -> Camera:
-    """The camera of a picture before it was turned by 90° clockwise: what was at (x, y) is now at (height − y, x)."""
+    the same when turned. With each turn by 90° clockwise what was at (x, y) went to (height − y, x)."""
     names = [name.strip() for name in camera.colmap().params_info.split(",")]
     if not TURNABLE.issuperset(names):
         raise HandbenchError(
             f"camera {camera.name}: is of the upright picture, and the model {camera.model} cannot be turned; "
             "calibrate at the stored pixels, without EXIF orientation"
         )
-    value = dict(zip(names, camera.params, strict=True))
-    turned = dict(value, cx=value["cy"], cy=camera.width - value["cx"])
-    for name, source, sign in (("fx", "fy", 1), ("fy", "fx", 1), ("p1", "p2", -1), ("p2", "p1", 1)):
-        if name in value:
-            turned[name] = sign * value[source]
-    update = {"width": camera.height, "height": camera.width, "params": tuple(turned[name] for name in names)}
     back = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    if camera.R is not None:
-        update["R"] = tuple(map(tuple, (back @ camera.rotation).tolist()))
-    if camera.t is not None:
-        update["t"] = tuple((back @ camera.translation_m).tolist())
-    return camera.model_copy(update=update)
+    for _ in range(QUARTER_TURNS[photo.orientation]):
+        value = dict(zip(names, camera.params, strict=True))
+        turned = dict(value, cx=value["cy"], cy=camera.width - value["cx"])
+        for name, source, sign in (("fx", "fy", 1), ("fy", "fx", 1), ("p1", "p2", -1), ("p2", "p1", 1)):
+            if name in value:
+                turned[name] = sign * value[source]
+        update = {"width": camera.height, "height": camera.width, "params": tuple(turned[name] for name in names)}
+        if camera.R is not None:
+            update["R"] = tuple(map(tuple, (back @ camera.rotation).tolist()))
+        if camera.t is not None:
+            update["t"] = tuple((back @ camera.translation_m).tolist())
+        camera = camera.model_copy(update=update)
+    return camera
 
 
 def _pairs(
-    photos: tuple[Photo, ...], named: Sequence[Camera] | Sequence[pycolmap.Image], where: Path
+    photos: tuple[Photo, ...], named: "Sequence[Camera] | Sequence[pycolmap.Image]", where: Path
 ) -> list[tuple[Photo, Any]]:
     """Each photograph with what bears its name: all of it, else without folders, else without suffix too (None:
     nothing). A HandbenchError where two things do."""

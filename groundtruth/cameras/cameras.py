@@ -1,7 +1,5 @@
 """Cameras: COLMAP's models and pixel convention (the first pixel's centre is at 0.5, 0.5)."""
 
-from __future__ import annotations
-
 import signal
 import sys
 from pathlib import Path
@@ -45,6 +43,9 @@ def cuda_devices() -> int:
     return int(load_pycolmap().get_num_cuda_devices()) if pycolmap.has_cuda else 0
 
 
+Row = tuple[float, float, float]
+
+
 class Camera(Config):
     """One photograph's camera. `R` [3, 3] and `t` [3] (metres) carry world points into the camera frame
     (x right, y down, z forward); both may be unknown."""
@@ -54,20 +55,23 @@ class Camera(Config):
     height: int = Field(gt=0)
     model: str = "OPENCV"
     params: tuple[float, ...]
-    R: tuple[tuple[float, float, float], ...] | None = None
-    t: tuple[float, float, float] | None = None
+    R: tuple[Row, ...] | None = None
+    t: Row | None = None
 
     @field_validator("R")
     @classmethod
-    def _is_rotation(
-        cls, rows: tuple[tuple[float, float, float], ...] | None
-    ) -> tuple[tuple[float, float, float], ...] | None:
+    def _is_rotation(cls, rows: tuple[Row, ...] | None) -> tuple[Row, ...] | None:
         if rows is not None:
             R = np.array(rows)
             small = R.shape == (3, 3) and np.abs(R).max() < 2  # what is not might overflow
             if not small or np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
                 raise ValueError("not a rotation matrix (3×3, orthonormal, no reflection)")
         return rows
+
+    @property
+    def posed(self) -> bool:
+        """True if its pose is known."""
+        return self.R is not None and self.t is not None
 
     @property
     def rotation(self) -> np.ndarray:
@@ -84,7 +88,7 @@ class Camera(Config):
         """Projection centre [3] in the world frame, metres."""
         return -self.rotation.T @ self.translation_m
 
-    def colmap(self) -> pycolmap.Camera:
+    def colmap(self) -> "pycolmap.Camera":
         """The same intrinsics as a pycolmap camera; HandbenchError for a model or parameters COLMAP does not know."""
         try:
             camera = pycolmap.Camera(model=self.model, width=self.width, height=self.height, params=list(self.params))
@@ -137,19 +141,19 @@ def save_cameras(path: str | Path, cameras: tuple[Camera, ...]) -> None:
     write_json(path, {"cameras": [camera.model_dump(exclude_none=True) for camera in cameras]})
 
 
-def registered(model: pycolmap.Reconstruction) -> list[pycolmap.Image]:
+def registered(model: "pycolmap.Reconstruction") -> "list[pycolmap.Image]":
     """The registered photographs, by name."""
     return sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
 
 
-def camera_in(image: pycolmap.Image) -> pycolmap.Camera:
+def camera_in(image: "pycolmap.Image") -> "pycolmap.Camera":
     """The camera that took a photograph of a model."""
     if image.camera is None:
         raise ValueError(f"{image.name} stands in no model")
     return image.camera
 
 
-def set_pose(image: pycolmap.Image, pose: pycolmap.Rigid3d) -> None:
+def set_pose(image: "pycolmap.Image", pose: "pycolmap.Rigid3d") -> None:
     """Put a photograph of a model at a pose, camera from world."""
     if image.frame is None:
         raise ValueError(f"{image.name} stands in no model")

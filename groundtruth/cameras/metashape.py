@@ -122,6 +122,7 @@ def _numbers(element: ElementTree.Element, path: str, count: int) -> np.ndarray:
 
 def _id(element: ElementTree.Element | None, name: str) -> str:
     """An attribute that must be there."""
-    if element is None or element.get(name) is None:
+    value = None if element is None else element.get(name)
+    if value is None:
         raise ValueError(f"the attribute {name} is missing")
-    return element.get(name)
+    return value

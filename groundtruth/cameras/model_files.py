@@ -1,7 +1,5 @@
 """COLMAP's binary models, walked through once: its own reader believes every count in them, and counts for ever."""
 
-from __future__ import annotations
-
 import struct
 from functools import cache
 from pathlib import Path
@@ -30,7 +28,7 @@ def check_model(folder: Path) -> None:
             )
 
 
-def write_model(model: pycolmap.Reconstruction, folder: Path) -> None:
+def write_model(model: "pycolmap.Reconstruction", folder: Path) -> None:
     """Write a model, binary; an OSError where it was cut short, which COLMAP passes over in silence."""
     model.write_binary(folder)
     try:

@@ -21,20 +21,16 @@ def completed(maps: list[DepthMap], sources: list[list[int]], seed: int) -> list
     """The depth maps made again, from their own depths and, where these have none, from the others'. sources: of each
     view."""
     for _ in range(LOOKS):
-        maps = _again(maps, sources, seed)
+        cloud, again = fuse(maps, None, CONFIRMATIONS), []
+        for m, used in zip(track(maps, "another look"), sources, strict=True):
+            stereo = Stereo.of(m.view, [maps[s].view for s in used])
+            depth_m, normals = rendered(cloud, m.view)
+            known = np.isfinite(m.depth_m)
+            depth_m, normals = np.where(known, m.depth_m, depth_m), np.where(known[..., None], m.normals, normals)
+            planes = _filled(planes_through(m.view, depth_m, normals @ m.view.R.T, stereo.unit, STEEPEST))
+            again.append(refined(m.view, stereo, planes, ITERATIONS, seed, THOROUGH))
+        maps = again
     return maps
-
-
-def _again(maps: list[DepthMap], sources: list[list[int]], seed: int) -> list[DepthMap]:
-    cloud, again = fuse(maps, None, CONFIRMATIONS), []
-    for m, used in zip(track(maps, "another look"), sources, strict=True):
-        stereo = Stereo.of(m.view, [maps[s].view for s in used])
-        depth_m, normals = rendered(cloud, m.view)
-        known = np.isfinite(m.depth_m)
-        depth_m, normals = np.where(known, m.depth_m, depth_m), np.where(known[..., None], m.normals, normals)
-        planes = _filled(planes_through(m.view, depth_m, normals @ m.view.R.T, stereo.unit, STEEPEST))
-        again.append(refined(m.view, stereo, planes, ITERATIONS, seed, THOROUGH))
-    return again
 
 
 def rendered(cloud: Cloud, view: View) -> tuple[np.ndarray, np.ndarray]:

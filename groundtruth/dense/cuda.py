@@ -24,7 +24,7 @@ import numpy as np
 from PIL import Image
 
 from groundtruth.cameras.cameras import pycolmap
-from groundtruth.dense.dense import DepthMap, choose_sources, refined
+from groundtruth.dense.dense import DepthMap, refined
 from groundtruth.dense.first_guess import planes_through
 from groundtruth.dense.fusion import CONFIRMATIONS
 from groundtruth.dense.patchmatch import RADIUS
@@ -43,18 +43,22 @@ INSTEAD = "--dense cpu, or an empty CUDA_VISIBLE_DEVICES, does without"
 TELLING = ("Check failed", "rror")  # lines that name what went wrong
 
 
-def depth_maps(views: list[View], tracks: np.ndarray, points_m: np.ndarray, quality: str) -> list[DepthMap]:
-    """Depth of every view, as `dense.depth_maps`; a HandbenchError when COLMAP fails.
-
-    tracks [n, views]: which view saw which of the sparse points_m [n, 3].
-    """
-    sources = choose_sources(views, tracks, points_m)
+def depth_maps(views: list[View], sources: list[list[int]], quality: str) -> list[DepthMap]:
+    """Depth of every view, as `dense.depth_maps`; a HandbenchError when COLMAP fails."""
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         folder = Path(scratch)
         write_workspace(folder, views, sources)
         say("depth maps: COLMAP searches on the CUDA device")
         iterations, geometric = SEARCH[quality]
-        search(folder, _options(views, iterations, geometric))
+        options = {
+            "depth_min": float(min(np.nanmin(view.near_m) for view in views)),
+            "depth_max": float(max(np.nanmax(view.far_m) for view in views)),
+            "window_radius": RADIUS,
+            "num_iterations": iterations,
+            "geom_consistency": geometric,
+            "filter_min_num_consistent": CONFIRMATIONS if len(views) > CONFIRMATIONS + 1 else 1,
+        }
+        search(folder, options)
         suffix = "geometric.bin" if geometric else "photometric.bin"
         return [_depth_map(folder, views, i, sources[i], suffix) for i in track(range(len(views)), "depth maps")]
 
@@ -108,17 +112,6 @@ def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
         told = [line.strip() for line in done.stderr.splitlines() if any(word in line for word in TELLING)]
         reason = told[-1] if told else f"exit code {done.returncode}"
         raise HandbenchError(f"COLMAP's stereo failed on the CUDA device ({reason}); {INSTEAD}")
-
-
-def _options(views: list[View], iterations: int, geometric: bool) -> dict[str, float | int | bool]:
-    return {
-        "depth_min": float(min(np.nanmin(view.near_m) for view in views)),
-        "depth_max": float(max(np.nanmax(view.far_m) for view in views)),
-        "window_radius": RADIUS,
-        "num_iterations": iterations,
-        "geom_consistency": geometric,
-        "filter_min_num_consistent": CONFIRMATIONS if len(views) > CONFIRMATIONS + 1 else 1,
-    }
 
 
 def _depth_map(folder: Path, views: list[View], i: int, sources: list[int], suffix: str) -> DepthMap:

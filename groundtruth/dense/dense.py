@@ -4,8 +4,6 @@ Every threshold is in pixels of the working resolution, never in millimetres, so
 scene are treated alike.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -50,15 +48,15 @@ class DepthMap:
 
 def open_views(
     photos: tuple[Photo, ...],
-    model: pycolmap.Reconstruction,
+    model: "pycolmap.Reconstruction",
     shrink: int,
     box_m: np.ndarray | None,
     masks: Masks,
     target_m: np.ndarray | None,
-) -> tuple[list[View], np.ndarray, np.ndarray]:
-    """The registered photographs as views of the region of interest, box_m [2, 3]; which of them [n, views] saw which
-    of the sparse points [n, 3] (metres). target_m [2, 3]: the box that colours are told apart by, if one is known to
-    hold the target and little else."""
+) -> tuple[list[View], list[list[int]]]:
+    """The registered photographs as views of the region of interest, box_m [2, 3], and each one's sources (see
+    `choose_sources`). target_m [2, 3]: the box that colours are told apart by, if one is known to hold the target and
+    little else."""
     by_name = {photo.name: photo for photo in photos}
     images = registered(model)
     points = list(model.points3D.values())
@@ -67,36 +65,27 @@ def open_views(
     tracks = np.zeros((len(points), len(images)), dtype=bool)
     for row, point in zip(tracks, points, strict=True):
         row[[column[element.image_id] for element in point.track.elements]] = True
-    views = []
+    views: list[View | None] = []
     for image, seen in zip(track(images, "undistorting"), tracks.T, strict=True):
         photo, camera, pose = by_name[image.name], camera_in(image), image.cam_from_world()
-        mask = masks.of(photo, camera, pose, target_m)
-        views.append(open_view(photo, camera, pose, shrink, _depths(image, points_m[seen]), box_m, mask))
+        near, far = np.quantile((pose * points_m[seen])[:, 2], DEPTH_QUANTILES)
+        range_m = float(near * (1 - DEPTH_MARGIN)), float(far * (1 + DEPTH_MARGIN))
+        views.append(open_view(photo, camera, pose, shrink, range_m, box_m, masks.of(photo, camera, pose, target_m)))
     showing = [i for i, view in enumerate(views) if view is not None]
     if len(showing) < FEWEST_VIEWS:
         raise HandbenchError(
             f"box_m: {len(showing)} of the {len(views)} registered photographs show the box, {FEWEST_VIEWS} are "
             "needed; it is in metres in the frame of the board (or of the camera poses): check its numbers"
         )
-    return [view for view in views if view is not None], tracks[:, showing], points_m
-
-
-def _depths(image: pycolmap.Image, points_m: np.ndarray) -> tuple[float, float]:
-    """Nearest and farthest depth where a photograph may see a surface."""
-    depths = (image.cam_from_world() * points_m)[:, 2]
-    near, far = np.quantile(depths, DEPTH_QUANTILES)
-    return float(near * (1 - DEPTH_MARGIN)), float(far * (1 + DEPTH_MARGIN))
+    shown = [view for view in views if view is not None]
+    return shown, choose_sources(shown, tracks[:, showing], points_m)
 
 
 def depth_maps(
-    views: list[View], tracks: np.ndarray, points_m: np.ndarray, iterations: int, seed: int, thorough: bool = False
+    views: list[View], sources: list[list[int]], iterations: int, seed: int, thorough: bool = False
 ) -> list[DepthMap]:
-    """Depth of every view from its best sources.
-
-    tracks [n, views]: which view saw which of the sparse points_m [n, 3]. thorough: sweep in several directions, and
-    keep surfaces that are seen at low angles.
-    """
-    sources = choose_sources(views, tracks, points_m)
+    """Depth of every view from its sources; thorough: sweep in several directions, and keep surfaces that are seen at
+    low angles."""
     coarse = [view.halved() for view in views]
     counts = [
         planes_swept(half, Stereo.of(half, [coarse[s] for s in sources[i]]).unit)[2] for i, half in enumerate(coarse)
@@ -113,7 +102,8 @@ def depth_maps(
 
 
 def choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) -> list[list[int]]:
-    """For each view, the others that share most sparse points under a useful angle (Yao et al., ECCV 2018)."""
+    """For each view, the others that share most sparse points under a useful angle (Yao et al., ECCV 2018). tracks
+    [n, views]: which view saw which of the sparse points_m [n, 3]."""
     rays = np.stack([points_m - view.centre_m for view in views])
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     chosen = []
@@ -132,9 +122,8 @@ def refined(
 ) -> DepthMap:
     """The depth map that a guess of the planes [h, w, 3] (changed in place; NaN: none) becomes by PatchMatch, a polish
     with curved windows, and the filters. No iterations: polish and filters alone."""
-    low, high = (
-        np.where(np.isfinite(planes[..., 0]), 1 / (z * stereo.unit), np.nan) for z in (view.far_m, view.near_m)
-    )
+    known = np.isfinite(planes[..., 0])
+    low, high = (np.where(known, 1 / (z * stereo.unit), np.nan) for z in (view.far_m, view.near_m))
     planes[..., 0] = np.clip(planes[..., 0], low, high)
     cost = patchmatch.refine(stereo, planes, low, high, iterations, seed)
     normals, cosine = _normals(view, planes)

@@ -40,7 +40,10 @@ def first_guess(view: View, half: View, sources: list[View], unit: float, slante
     slope = 1 / (half.K[0, 0] * depth_m * stereo.unit)  # of the disparity, per pixel, at 45°
     for a, b in SLANTS:
         candidates.append(_planes(_sweep(half, stereo, (a * slope, b * slope), stereo.unit), a * slope, b * slope))
-    return _enlarged(_best(half, stereo, candidates), scale, h, w)
+    y, x = np.mgrid[:h, :w]  # of the full view, whose pixels are half as wide
+    planes = _best(half, stereo, candidates)[y // 2, x // 2] * np.array([1, 0.5, 0.5]) * scale
+    planes[..., 0] += planes[..., 1] * (x % 2 - 0.5) + planes[..., 2] * (y % 2 - 0.5)
+    return planes.astype(np.float32)
 
 
 def _best(half: View, stereo: Stereo, candidates: list[np.ndarray]) -> np.ndarray:
@@ -53,14 +56,6 @@ def _best(half: View, stereo: Stereo, candidates: list[np.ndarray]) -> np.ndarra
         merits.append(cv2.blur(np.minimum(cost, 1), (MERIT_PX, MERIT_PX)))
     best = np.argmin(merits, axis=0)[None, ..., None]
     return np.take_along_axis(np.stack(candidates), best, axis=0)[0]
-
-
-def _enlarged(planes: np.ndarray, scale: float, h: int, w: int) -> np.ndarray:
-    """Planes of the half view, continued to the pixels [h, w] of the full one; scale: of the disparities."""
-    y, x = np.mgrid[:h, :w]
-    near = planes[y // 2, x // 2] * np.array([1, 0.5, 0.5]) * scale  # a pixel is half as wide
-    near[..., 0] += near[..., 1] * (x % 2 - 0.5) + near[..., 2] * (y % 2 - 0.5)
-    return near.astype(np.float32)
 
 
 def _planes(disparity: np.ndarray, slope_x: np.ndarray | float, slope_y: np.ndarray | float) -> np.ndarray:

@@ -1,7 +1,5 @@
 """Fusion: points on which the depth maps of several views agree."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -38,7 +36,7 @@ class Cloud:
     names: tuple[str, ...]
     pixel_m: float
 
-    def at(self, index: np.ndarray) -> Cloud:
+    def at(self, index: np.ndarray) -> "Cloud":
         """The cloud of some of the points."""
         per_point = ("points_m", "normals", "views", "spread_m")
         return replace(self, **{name: getattr(self, name)[index] for name in per_point})
@@ -48,7 +46,7 @@ class Cloud:
         write_npz(file, **asdict(self))
 
     @classmethod
-    def load(cls, file: Path) -> Cloud:
+    def load(cls, file: Path) -> "Cloud":
         """Read what `save` wrote."""
         found: dict[str, Any] = read_npz(file, tuple(field.name for field in fields(cls)))
         return cls(**{**found, "names": tuple(found["names"].tolist()), "pixel_m": float(found["pixel_m"])})

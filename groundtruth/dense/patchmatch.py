@@ -9,8 +9,6 @@ row. Pixels of one colour of the chessboard read only those of the other, and ra
 the result does not depend on the number of threads.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numba import njit, prange

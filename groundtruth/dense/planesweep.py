@@ -6,8 +6,6 @@ one pixel in the source that sees it move most. Each pass is one parallel region
 their own, so that the result does not depend on the number of threads.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numba import njit, prange

@@ -5,8 +5,6 @@ plane in space is exactly an affine function of the pixel in ω, and because a s
 line with ω: x_source ~ A x + b ω (Hartley & Zisserman, section 13.1).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -42,7 +40,7 @@ class View:
         """Projection centre [3] in the world frame."""
         return -self.R.T @ self.t
 
-    def halved(self) -> View:
+    def halved(self) -> "View":
         """The same view at half the resolution."""
         with np.errstate(invalid="ignore"):
             near, far = (_blocks(depth, 2).min((1, 3)) for depth in (self.near_m, -self.far_m))
@@ -55,7 +53,7 @@ class View:
         """Directions [h, w, 3] of the pixels in the camera frame, with z = 1."""
         return _rays(self.K, *self.gray.shape)
 
-    def to(self, source: View) -> tuple[np.ndarray, np.ndarray]:
+    def to(self, source: "View") -> tuple[np.ndarray, np.ndarray]:
         """A [3, 3] and b [3] such that pixel x = [column, row, 1] at inverse depth ω is seen at A x + b ω."""
         R = source.R @ self.R.T
         return source.K @ R @ np.linalg.inv(self.K), source.K @ (source.t - R @ self.t)
@@ -74,7 +72,7 @@ class Stereo(NamedTuple):
     unit: float
 
     @classmethod
-    def of(cls, view: View, others: list[View]) -> Stereo:
+    def of(cls, view: View, others: list[View]) -> "Stereo":
         """A view and its sources; a disparity moves a pixel by one pixel in the source that sees it move most."""
         sizes = np.array([other.gray.shape for other in others])
         sources = np.zeros((len(others), *sizes.max(axis=0)), dtype=np.float32)
@@ -89,8 +87,8 @@ class Stereo(NamedTuple):
 
 def open_view(
     photo: Photo,
-    camera: pycolmap.Camera,
-    pose: pycolmap.Rigid3d,
+    camera: "pycolmap.Camera",
+    pose: "pycolmap.Rigid3d",
     shrink: int,
     depth_range_m: tuple[float, float],
     box_m: np.ndarray | None,
@@ -119,7 +117,9 @@ def open_view(
     gray = cv2.remap(shrunk, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     near, far = (np.full(gray.shape, z) for z in depth_range_m)
     if box_m is not None:
-        near, far = _box_depths(box_m, rays, R, t)
+        with np.errstate(divide="ignore", invalid="ignore"):  # where each ray enters and leaves: the slab method
+            crossings = (box_m[:, None, None] + R.T @ t) / (rays @ R)
+        near, far = crossings.min(axis=0).max(axis=-1), crossings.max(axis=0).min(axis=-1)
         near = np.maximum(near, depth_range_m[0] / 4)  # for a camera that stands in the box
     outside = ((seen < 0) | (seen > (width - 1, height - 1))).any(axis=2) | ~(near < far)
     if mask is not None:
@@ -158,10 +158,3 @@ def _extent(
     low = np.maximum(np.floor(pixels.min(axis=0)) - BORDER_PX, 0).astype(int)
     high = np.minimum(np.ceil(pixels.max(axis=0)) + BORDER_PX, (width, height)).astype(int)
     return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
-
-
-def _box_depths(box_m: np.ndarray, rays: np.ndarray, R: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Depths [h, w] at which each ray enters and leaves the box (slab method); near ≥ far: a miss."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        crossings = (box_m[:, None, None] + R.T @ t) / (rays @ R)
-    return crossings.min(axis=0).max(axis=-1), crossings.max(axis=0).min(axis=-1)

@@ -13,7 +13,6 @@ from groundtruth.board.board import load_board
 from groundtruth.cameras.cameras import Camera
 from groundtruth.dense.fusion import Cloud
 from groundtruth.sparse.sparse import Sparse
-from radar.support.files import read_json, write_json
 from radar.support.progress import say
 
 FLATTEST = 0.02  # of a board's extent: one whose corners lie farther from their plane has several planes
@@ -34,9 +33,10 @@ class Plane(NamedTuple):
         """Points [n, 3] along the axes; the last column is their height above the board."""
         return (points_m - self.origin_m) @ self.axes.T
 
-    def world(self, points_m: np.ndarray) -> np.ndarray:
-        """Points [n, 3] along the axes in the mesh's frame."""
-        return points_m @ self.axes + self.origin_m
+    def around(self, box_m: np.ndarray) -> np.ndarray:
+        """The box [2, 3] in the mesh's frame around one along the axes."""
+        corners_m = np.array(list(product(*box_m.T))) @ self.axes + self.origin_m
+        return np.stack([corners_m.min(axis=0), corners_m.max(axis=0)])
 
 
 def board_plane(photos: Path, board: Path | None, sparse: Sparse) -> Plane | None:
@@ -64,7 +64,6 @@ def plane_through(corners_m: np.ndarray, centres_m: np.ndarray, residual_m: floa
     return Plane(origin_m, axes, extent_m, max(FINEST_M, 4 * residual_m))
 
 
-FILE = "volume.json"
 FEWEST_POINTS = 30  # that tell where the target is; of fewer, the whole surroundings are taken
 BETWEEN = (0.005, 0.995)  # quantiles of the points along each axis
 GROWN = 0.5  # of the points' diagonal, on each side: smooth skin has few features (a fingertip's was 47 mm off)
@@ -94,15 +93,6 @@ class Volume:
         size = "" if self.box_m is None else f": {', '.join(f'{side:.3f}' for side in self.box_m)}"
         return f"volume ({self.source}){size}"
 
-    def save(self, folder: Path) -> None:
-        """Write the volume into a stage's folder."""
-        write_json(folder / FILE, vars(self))
-
-    @classmethod
-    def load(cls, folder: Path) -> "Volume":
-        """Read what `save` wrote."""
-        return cls(**read_json(folder / FILE, "the volume of a dense stage"))
-
 
 def volume(given: tuple[float, ...] | None, plane: Plane | None, sparse: Sparse) -> Volume:
     """The given box, or one about what the photographs show: with a board's plane, about what stands off it in its
@@ -113,12 +103,12 @@ def volume(given: tuple[float, ...] | None, plane: Plane | None, sparse: Sparse)
     if plane is None:
         if len(points_m) < FEWEST_POINTS:
             return Volume(None, "everything")
-        corners_m, source = np.array(list(product(*_about(points_m).T))), "cameras and sparse points"
+        box_m, source = _about(points_m), "cameras and sparse points"
     else:
         centres_m = np.array([camera.centre_m for camera in sparse.cameras()])
         local, source = off_plane(plane, points_m, centres_m)
-        corners_m = plane.world(np.array(list(product(*local.T))))
-    box_m = in_common_field(np.stack([corners_m.min(axis=0), corners_m.max(axis=0)]), sparse.cameras())
+        box_m = plane.around(local)
+    box_m = in_common_field(box_m, sparse.cameras())
     return Volume(tuple(box_m.ravel().round(6).tolist()), source)
 
 
@@ -161,8 +151,7 @@ def narrowed(found: Volume, cloud: Cloud, plane: Plane, sparse: Sparse) -> Volum
     low, high = sides[:, 0].min(axis=0), sides[:, 1].max(axis=0)
     room_m = COARSE_ROOM * np.linalg.norm(high - low) + COARSE_ROOM_PX * cloud.pixel_m
     sides = np.stack([[*(low - room_m)[:2], -BELOW_M], high + room_m])
-    corners_m = plane.world(np.array(list(product(*sides.T))))
-    box_m = np.clip(np.stack([corners_m.min(axis=0), corners_m.max(axis=0)]), *box)
+    box_m = np.clip(plane.around(sides), *box)
     return Volume(tuple(box_m.ravel().round(6).tolist()), f"{found.source}, and coarse depth maps")
 
 

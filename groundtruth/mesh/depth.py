@@ -5,10 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from calibration.transforms import Transform, perturbation_jacobian
-from groundtruth.mesh.mesh_files import mesh, raycasting_scene
 from groundtruth.mesh.surface import Surface
 from radar.support.errors import HandbenchError
-from radar.support.rays import TriangleMesh
+from radar.support.rays import TriangleMesh, embree
 
 CLEARANCE_M = 1e-3
 LARGEST_M = np.array([50.0, 50.0, 250.0])  # beside a radar, and in depth, which single precision tells to 0.06 mm
@@ -74,7 +73,9 @@ def reference_on_grid(
     hit, faces = _spread(met, seen, False), faces[seen]
     x, y = (axis[hit] for axis in np.meshgrid(x_m, y_m))
     corners = surface.vertices_m[faces]
-    z, slant = _depth_of_plane(corners, x, y), _slant(corners)
+    z, normal = _depth_of_plane(corners, x, y), _normal(corners)
+    least = STEEPEST * np.linalg.norm(normal, axis=1, keepdims=True)
+    slant = normal / np.copysign(np.maximum(np.abs(normal[:, 2:]), least), normal[:, 2:])  # n/n_z, ≤ 1/STEEPEST long
     mesh_sigma_m = surface.sigma_m[faces].mean(axis=1) * np.linalg.norm(slant, axis=1)
     found = Reference(_spread(hit, z, np.nan), _spread(hit, mesh_sigma_m, np.nan), None, None, met)
     if registration is None or registration.covariance is None:
@@ -104,7 +105,7 @@ def _cast(vertices_m: np.ndarray, faces: np.ndarray, x_m: np.ndarray, y_m: np.nd
     rays[..., 0], rays[..., 1] = np.meshgrid(x_m - origin_m[0], y_m - origin_m[1])
     rays[..., 2] = -CLEARANCE_M
     rays[..., 5] = 1
-    found = raycasting_scene(mesh(vertices_m - origin_m, faces[shown])).cast_rays(rays)
+    found = embree(vertices_m - origin_m, faces[shown]).cast_rays(rays)
     hit = np.isfinite(found["t_hit"].numpy())
     return hit, shown[found["primitive_ids"].numpy().astype(np.int64)[hit]]
 
@@ -123,13 +124,6 @@ def _spread(hit: np.ndarray, values: np.ndarray, elsewhere: float) -> np.ndarray
     grid = np.full((*hit.shape, *values.shape[1:]), elsewhere)
     grid[hit] = values
     return grid
-
-
-def _slant(corners: np.ndarray) -> np.ndarray:
-    """n/n_z [n, 3] of triangles [n, 3, 3], of length 1/STEEPEST at most."""
-    normal = _normal(corners)
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    return normal / np.copysign(np.maximum(np.abs(normal[:, 2:]), STEEPEST * length), normal[:, 2:])
 
 
 def _depth_of_plane(corners: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:

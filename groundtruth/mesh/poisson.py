@@ -52,13 +52,9 @@ def _one_per_voxel(cloud: Cloud) -> Cloud:
         columns = [np.bincount(place, weights=column) / count for column in values.reshape(len(place), -1).T]
         return np.stack(columns, axis=1).reshape(-1, *values.shape[1:])
 
-    return replace(
-        cloud,
-        points_m=mean(cloud.points_m),
-        normals=mean(cloud.normals),
-        views=mean(cloud.views) > 0,
-        spread_m=np.sqrt(mean(cloud.spread_m**2)),
-    )
+    points_m, normals, views = mean(cloud.points_m), mean(cloud.normals), mean(cloud.views) > 0
+    spread_m = np.sqrt(mean(cloud.spread_m**2))
+    return replace(cloud, points_m=points_m, normals=normals, views=views, spread_m=spread_m)
 
 
 def surface(cloud: Cloud, box_m: np.ndarray | None = None) -> TriangleMesh:

@@ -1,7 +1,6 @@
 """The target among what was photographed, and what is dropped for it, with its share."""
 
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -9,11 +8,9 @@ import numpy as np
 from groundtruth.dense.fusion import Cloud
 from groundtruth.dense.volume import Plane
 from radar.support.errors import HandbenchError
-from radar.support.files import read_json, write_json
 from radar.support.progress import say
 from radar.support.rays import TriangleMesh
 
-FILE = "target.json"
 OFF_PX = 6.0  # a point nearer to the board's plane may be the board's
 RISES = 2.0  # times as high: a part that stays lower is noise of the board
 FEWEST_POINTS = 100  # that rise so high; fewer are noise
@@ -33,15 +30,6 @@ class Target:
     dropped_parts: int
     dropped: float
 
-    def save(self, folder: Path) -> None:
-        """Write it into a stage's folder."""
-        write_json(folder / FILE, asdict(self))
-
-    @classmethod
-    def load(cls, folder: Path) -> "Target":
-        """Read what `save` wrote."""
-        return cls(**read_json(folder / FILE, "the target of a mesh stage"))
-
 
 def margin_m(plane: Plane, pixel_m: float) -> float:
     """Height below which a point may be the board's."""
@@ -60,7 +48,7 @@ def off_board(cloud: Cloud, plane: Plane) -> Cloud:
     return cloud.at(off)
 
 
-def keep_target(mesh: TriangleMesh, components: Components, plane: Plane | None, least_m: float) -> "Target":
+def keep_target(mesh: TriangleMesh, components: Components, plane: Plane | None, least_m: float) -> Target:
     """Drop, in place, the parts of a surface that are not wanted, and those that are tiny against the largest; with the
     board's plane, those too that nowhere rise above it far beyond least_m."""
     label, triangles, area = (np.asarray(part) for part in mesh.cluster_connected_triangles())

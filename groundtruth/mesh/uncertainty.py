@@ -12,8 +12,6 @@ of a pixel, and where the seen surface ends, mostly at a silhouette, they see wh
 the border, and less up to the reach of a window. No spread shows either; both are measured.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial import KDTree
 
@@ -31,7 +29,7 @@ CHUNK = 1_000_000  # points times camera parameters that are worked on at once
 
 
 def surface_sigma(
-    cloud: Cloud, vertices_m: np.ndarray, images: list[pycolmap.Image], known: CameraCovariance
+    cloud: Cloud, vertices_m: np.ndarray, images: "list[pycolmap.Image]", known: CameraCovariance
 ) -> tuple[np.ndarray, np.ndarray]:
     """Standard deviation [n] along the normal, metres, of the vertices [n, 3] of a surface made of a cloud's points,
     and whether [n] they were seen."""
@@ -65,7 +63,7 @@ def matching_variance(cloud: Cloud) -> np.ndarray:
     return np.where(by_many, 2 * (n - 1) / (n * np.maximum(n - 2, 1)), 2.0) * spread_m**2
 
 
-def camera_variance(cloud: Cloud, images: list[pycolmap.Image], known: CameraCovariance) -> np.ndarray:
+def camera_variance(cloud: Cloud, images: "list[pycolmap.Image]", known: CameraCovariance) -> np.ndarray:
     """Variance [n] along the normals, m², that the cameras' own uncertainty gives to a cloud's points."""
     images = [image for image in images if image.name in cloud.names]
     seen = cloud.views[:, [cloud.names.index(image.name) for image in images]]

@@ -31,8 +31,8 @@ def read_exif(path: Path) -> Exif:
 
 def orientation_of(exif: Exif) -> int:
     """Orientation by which a viewer turns the picture: 1 (not at all) to 8."""
-    value = exif.get(ORIENTATION)
-    return value if value in range(1, 9) else 1
+    value = exif.get(ORIENTATION, 1)
+    return int(value) if value in range(1, 9) else 1
 
 
 def body_of(exif: Exif, size: tuple[int, int]) -> tuple[str, ...] | None:

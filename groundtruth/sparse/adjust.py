@@ -4,8 +4,6 @@ Gauss–Newton steps on the cameras after the points have been eliminated (Schur
 Marquardt; see `bundle` for what is adjusted and why COLMAP's own adjustment is not enough.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from groundtruth.board.markers import Corners
@@ -19,7 +17,7 @@ ROUNDS = 3  # of adjusting with the noise that the last one left
 
 
 def adjust(
-    model: pycolmap.Reconstruction,
+    model: "pycolmap.Reconstruction",
     corners: dict[str, Corners],
     corners_m: dict[int, np.ndarray],
     free: tuple[int, ...] = (),
@@ -54,19 +52,14 @@ def _descend(bundle: Bundle) -> None:
             damping *= 10
 
 
-def _triangulate_again(model: pycolmap.Reconstruction) -> None:
+def _triangulate_again(model: "pycolmap.Reconstruction") -> None:
     """Move all points, those left out too, to where the cameras see them now."""
     config = pycolmap.BundleAdjustmentConfig()
     for image in registered(model):
         config.add_image(image.image_id)
-    options = pycolmap.BundleAdjustmentOptions(
-        refine_focal_length=False,
-        refine_principal_point=False,
-        refine_extra_params=False,
-        refine_rig_from_world=False,
-        refine_sensor_from_rig=False,
-        print_summary=False,
-    )
+    options = pycolmap.BundleAdjustmentOptions(print_summary=False)
+    options.refine_focal_length = options.refine_principal_point = options.refine_extra_params = False
+    options.refine_rig_from_world = options.refine_sensor_from_rig = False
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
     options.ceres.solver_options.function_tolerance = SETTLED
     options.ceres.solver_options.num_threads = 1  # sums over threads would not repeat bit for bit

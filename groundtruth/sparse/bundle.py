@@ -8,8 +8,6 @@ photographs show are left out: nothing contradicts a false one, as where two con
 bend the cameras. The normal matrix of the cameras, without the points, is the information on all of them together.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -35,19 +33,16 @@ class Seen(NamedTuple):
     """Observations of one photograph: pixels [n, 2], the numbers [n] of what they show among the model's points and,
     after these, the board's corners, and the pixels' standard deviations: noise_px times a spread [n, 1]."""
 
-    image: pycolmap.Image
+    image: "pycolmap.Image"
     pixels: np.ndarray
     numbers: np.ndarray
     spread: np.ndarray
     noise_px: float = 1.0
 
     def off(self, xyz: np.ndarray) -> np.ndarray:
-        """As `off_px`, in standard deviations."""
-        return self.off_px(xyz) / (self.noise_px * self.spread)
-
-    def off_px(self, xyz: np.ndarray) -> np.ndarray:
-        """The pixels [n, 2] against where the photograph would show points, of which these [p, 3] are all."""
-        return self.pixels - project(self.image, xyz[self.numbers])
+        """The pixels [n, 2] against where the photograph would show points, of which these [p, 3] are all, in standard
+        deviations."""
+        return (self.pixels - project(self.image, xyz[self.numbers])) / (self.noise_px * self.spread)
 
 
 class Normal(NamedTuple):
@@ -62,7 +57,7 @@ class Normal(NamedTuple):
     cost: float
 
     @classmethod
-    def empty(cls, d: int, p: int) -> Normal:
+    def empty(cls, d: int, p: int) -> "Normal":
         """Nothing is seen yet."""
         return cls(np.zeros((d, d)), np.zeros(d), np.zeros((p, 3, 3)), np.zeros((p, 3)), np.zeros((p, d, 3)), 0.0)
 
@@ -85,7 +80,7 @@ class Bundle:
     place: photograph → its columns among all unknowns: its pose's six and then its camera's, which others may share.
     """
 
-    model: pycolmap.Reconstruction
+    model: "pycolmap.Reconstruction"
     corners: dict[str, Corners]
     corners_m: dict[int, np.ndarray]
     free: tuple[int, ...] = ()
@@ -109,40 +104,29 @@ class Bundle:
         self._count_unknowns()
 
     def _features(self) -> list[Seen]:
-        row = {image.image_id: i for i, image in enumerate(self.images)}
-        pairs: list[list[tuple[int, int]]] = [[] for _ in self.images]
+        shown: dict[int, list[tuple[int, int]]] = {image.image_id: [] for image in self.images}
         for number, point in enumerate(self.points):
             for element in point.track.elements:
-                pairs[row[element.image_id]].append((number, element.point2D_idx))
-        seen = [
-            Seen(
-                image,
-                np.array([image.points2D[k].xy for _, k in at]),
-                np.array([n for n, _ in at]),
-                self._spread(image.name, [k for _, k in at]),
-            )
-            for image, at in zip(self.images, pairs, strict=True)
-            if at
-        ]
+                shown[element.image_id].append((number, element.point2D_idx))
+        seen = []
+        for image in (image for image in self.images if shown[image.image_id]):
+            numbers, places = np.array(shown[image.image_id]).T
+            spread = np.ones(len(places))  # standard deviations of the features over that of the smallest
+            if image.name in self.scales_px:
+                spread = np.hypot(1.0, self.scales_px[image.name][places] / LOCATED_LIKE_PX)
+            pixels = np.array([image.points2D[k].xy for k in places.tolist()])
+            seen.append(Seen(image, pixels, numbers, spread[:, None]))
         return self._with_noise(seen)
-
-    def _spread(self, name: str, features: list[int]) -> np.ndarray:
-        """Standard deviations [n, 1] of some features of a photograph, over that of the smallest."""
-        if name not in self.scales_px:
-            return np.ones((len(features), 1))
-        return np.hypot(1.0, self.scales_px[name][features] / LOCATED_LIKE_PX)[:, None]
 
     def _known(self) -> list[Seen]:
         names = [(name, k) for name, places_m in self.corners_m.items() for k in range(len(places_m))]
         number = {corner: len(self.points) + n for n, corner in enumerate(names)}
-        found = [(image, self.corners.get(image.name, {})) for image in self.images]
-        return self._with_noise(
-            [
-                Seen(i, np.array([*at.values()]), np.array([number[corner] for corner in at]), np.ones((len(at), 1)))
-                for i, at in found
-                if at
-            ]
-        )
+        seen = []
+        for image in self.images:
+            if at := self.corners.get(image.name):
+                numbers = np.array([number[corner] for corner in at])
+                seen.append(Seen(image, np.array([*at.values()]), numbers, np.ones((len(at), 1))))
+        return self._with_noise(seen)
 
     def _with_noise(self, seen: list[Seen]) -> list[Seen]:
         """The observations, save of points behind the camera, with the noise that what is left of them shows."""
@@ -227,13 +211,13 @@ class Bundle:
             intrinsics[camera_id][list(self.free)] += step[columns]
         self.restore((poses, intrinsics, xyz + points_step))
 
-    def state(self) -> tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]:
+    def state(self) -> "tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]":
         """Poses, intrinsics and points, to come back to."""
         poses = [image.cam_from_world() for image in self.images]
         intrinsics = {c: np.array(self.model.cameras[c].params) for c in self.intrinsics}
         return poses, intrinsics, self._xyz()[: len(self.points)]
 
-    def restore(self, state: tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]) -> None:
+    def restore(self, state: "tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]") -> None:
         """Go to a state."""
         poses, intrinsics, points = state
         for image, pose in zip(self.images, poses, strict=True):
@@ -244,7 +228,7 @@ class Bundle:
             point.xyz = xyz
 
 
-def _moved(pose: pycolmap.Rigid3d, step: np.ndarray) -> pycolmap.Rigid3d:
+def _moved(pose: "pycolmap.Rigid3d", step: np.ndarray) -> "pycolmap.Rigid3d":
     """The pose after a step [6]: x → x + τ + ω × x."""
     tau, omega = np.split(step, 2)
     turn = Rotation.from_rotvec(omega).as_matrix()

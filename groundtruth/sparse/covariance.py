@@ -1,7 +1,5 @@
 """Joint covariance of the cameras, and the covariance that it gives to points in space."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,7 +29,7 @@ class CameraCovariance:
         write_npz(file, matrix=self.matrix, names=names, places=np.array([*self.places.values()]), free=self.free)
 
     @classmethod
-    def load(cls, file: Path) -> CameraCovariance:
+    def load(cls, file: Path) -> "CameraCovariance":
         """Read what `save` wrote."""
         found = read_npz(file, ("matrix", "names", "places", "free"))
         places = dict(zip(found["names"].tolist(), found["places"], strict=True))
@@ -53,7 +51,7 @@ def camera_covariance(bundle: Bundle, scale: Scale) -> CameraCovariance:
 
 
 def point_covariance(
-    images: list[pycolmap.Image], known: CameraCovariance, points_m: np.ndarray, seen: np.ndarray
+    images: "list[pycolmap.Image]", known: CameraCovariance, points_m: np.ndarray, seen: np.ndarray
 ) -> np.ndarray:
     """Covariance [n, 3, 3] (m²) that the cameras' own uncertainty gives to points [n, 3] that the photographs
     seen [n, images] see: the points move to where the rays of the moved cameras meet again, by least squares."""

@@ -1,9 +1,6 @@
 """Features of photographs and their matches, in COLMAP's database, and the cameras it is told of."""
 
-from __future__ import annotations
-
 from collections import defaultdict
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,7 +50,7 @@ class Lenses:
             groups[(photo.body if by_body else None, photo.width, photo.height)].append(photo.name)
         return list(groups.values())
 
-    def given(self, name: str, width: int, height: int) -> pycolmap.Camera | None:
+    def given(self, name: str, width: int, height: int) -> "pycolmap.Camera | None":
         """The known camera of a photograph, None where it has to be estimated."""
         if self.cameras is not None:
             return next(camera.colmap() for camera in self.cameras if camera.name == name)
@@ -63,8 +60,10 @@ class Lenses:
         return Camera(name=name, width=width, height=height, model=model, params=(*self.intrinsics, *rest)).colmap()
 
 
-def find_features(photos: tuple[Photo, ...], database: Path, lenses: Lenses) -> None:
+def find_features(photos: tuple[Photo, ...], database: Path, lenses: Lenses, seed: int = 0) -> None:
     """Write the photographs' features, and what is known of their cameras, into a new database."""
+    pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
+    pycolmap.set_random_seed(seed)
     say(f"features of {len(photos)} photographs")
     folder, mode = photos[0].path.parent, pycolmap.CameraMode
     reader = pycolmap.ImageReaderOptions(camera_model="RADIAL")
@@ -72,7 +71,11 @@ def find_features(photos: tuple[Photo, ...], database: Path, lenses: Lenses) -> 
     for names in lenses.groups(photos):
         # before the features, since these come in the order in which threads are done
         pycolmap.import_images(database, folder, mode.SINGLE, names, reader)
-    for names, octave in _by_size(photos, lenses.known and bool(lenses.focal_px)):
+    octaves, held = defaultdict(list), lenses.known and lenses.focal_px  # by known lenses and a board
+    for photo in photos:
+        side_px = max(photo.width, photo.height)  # octave −1 is that of twice the size, 1 that of half of it
+        octaves[-1 if side_px < SMALL_PX else int(bool(held) and side_px >= LARGE_PX)].append(photo.name)
+    for octave, names in octaves.items():
         options = pycolmap.FeatureExtractionOptions(max_image_size=LONGEST_SIDE_PX)
         options.sift.max_num_features = MOST_FEATURES
         options.sift.first_octave = octave
@@ -80,17 +83,6 @@ def find_features(photos: tuple[Photo, ...], database: Path, lenses: Lenses) -> 
             options.sift.peak_threshold = FAINT
         pycolmap.extract_features(database, folder, names, mode.PER_IMAGE, reader, options, device=pycolmap.Device.cpu)
     _write_cameras(database, photos, lenses)
-
-
-def _by_size(photos: tuple[Photo, ...], held: bool) -> Iterator[tuple[list[str], int]]:
-    """Names of the photographs, with the first octave of their features: −1 is that of twice their size, 1 that of half
-    of it. held: by known lenses and a board."""
-    octaves = defaultdict(list)
-    for photo in photos:
-        side_px = max(photo.width, photo.height)
-        octaves[-1 if side_px < SMALL_PX else int(held and side_px >= LARGE_PX)].append(photo.name)
-    for octave, names in octaves.items():
-        yield names, octave
 
 
 def _write_cameras(database: Path, photos: tuple[Photo, ...], lenses: Lenses) -> None:
@@ -122,7 +114,16 @@ def match(database: Path, seed: int) -> None:
     pycolmap.match_exhaustive(database, matching, verification_options=verification, device=pycolmap.Device.cpu)
 
 
-def agreement(database: Path, posed: pycolmap.Reconstruction) -> float:
+def pipeline_options(seed: int) -> "pycolmap.IncrementalPipelineOptions":
+    """COLMAP's options to register and triangulate photographs so that the same seed gives the same model."""
+    options = pycolmap.IncrementalPipelineOptions(random_seed=seed, extract_colors=False)
+    options.num_threads = 1  # sums over threads would not repeat bit for bit
+    options.mapper.random_seed = options.triangulation.random_seed = seed
+    options.triangulation.ignore_two_view_tracks = False
+    return options
+
+
+def agreement(database: Path, posed: "pycolmap.Reconstruction") -> float:
     """Keep the matches that the known motion of all cameras explains instead; returns their number, over that of the
     matches that any motion explained."""
     with pycolmap.Database.open(database) as stored:

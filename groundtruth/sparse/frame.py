@@ -1,7 +1,5 @@
 """The metric frame of a reconstruction: from an ArUco board, known camera poses, or measured distances."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import ceil
 from typing import Literal
@@ -36,7 +34,7 @@ class Scale:
 
 
 def board_from_model(
-    model: pycolmap.Reconstruction, seen: dict[str, Corners], board: Board
+    model: "pycolmap.Reconstruction", seen: dict[str, Corners], board: Board
 ) -> tuple[np.ndarray, Scale]:
     """4×4 similarity from the reconstruction's frame to the board's, by one fit to all triangulated corners."""
     observed: dict[tuple[int, int], list[tuple[np.ndarray, pycolmap.Image]]] = {}
@@ -52,16 +50,16 @@ def board_from_model(
     return matrix, Scale("board", len(kept), int(kept.sum()), _rms(residuals_m[kept]))
 
 
-def poses_from_model(model: pycolmap.Reconstruction, cameras: tuple[Camera, ...]) -> tuple[np.ndarray, Scale]:
+def poses_from_model(model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]) -> tuple[np.ndarray, Scale]:
     """4×4 similarity from the reconstruction's frame to that of the known camera poses, by the cameras' centres."""
-    known = {camera.name: camera.centre_m for camera in cameras if camera.R is not None and camera.t is not None}
+    known = {camera.name: camera.centre_m for camera in cameras if camera.posed}
     pairs = [(image.projection_center(), known[image.name]) for image in registered(model) if image.name in known]
     source, target_m = (np.array(side).reshape(-1, 3) for side in (zip(*pairs, strict=True) if pairs else ((), ())))
     matrix, kept, residuals_m = trimmed_similarity(source, target_m, "registered cameras with known poses")
     return matrix, Scale("poses", len(kept), int(kept.sum()), _rms(residuals_m[kept]))
 
 
-def distances_from_model(model: pycolmap.Reconstruction, distances: tuple[Distance, ...]) -> tuple[np.ndarray, Scale]:
+def distances_from_model(model: "pycolmap.Reconstruction", distances: tuple[Distance, ...]) -> tuple[np.ndarray, Scale]:
     """4×4 similarity that scales the reconstruction to metres and leaves its frame, by least squares over distances
     between projection centres; the residual is that of the distances (None for one alone, which nothing checks).
 
@@ -109,20 +107,15 @@ def trimmed_similarity(
             "the board, or give --unscaled"
         )
     matrix, kept, residuals_m = _agreeing(source, target_m)
-    _check_handedness(source, target_m, residuals_m, what)
-    check_fit(_rms(residuals_m[kept]), float(np.ptp(target_m[kept], axis=0).max()), what)
-    return matrix, kept, residuals_m
-
-
-def _check_handedness(source: np.ndarray, target_m: np.ndarray, residuals_m: np.ndarray, what: str) -> None:
-    """A majority in a plane is its own mirror image: what lies off the plane tells."""
     far_m = LARGEST_MISFIT * np.ptp(target_m, axis=0).max()
-    far = int((residuals_m > far_m).sum())
+    far = int((residuals_m > far_m).sum())  # a majority in a plane is its own mirror image: what lies off it tells
     if far and 2 * int((_agreeing(source * [1, 1, -1], target_m)[2] > far_m).sum()) < far:
         raise HandbenchError(
             f"scale: {far} of {len(source)} {what} lie where the mirror image of the others has them; a reflection is "
             "no motion: check that the numbers are of a right-handed frame"
         )
+    check_fit(_rms(residuals_m[kept]), float(np.ptp(target_m[kept], axis=0).max()), what)
+    return matrix, kept, residuals_m
 
 
 def _agreeing(source: np.ndarray, target_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -174,13 +167,13 @@ def check_fit(residual_m: float, extent_m: float, what: str) -> None:
         )
 
 
-def apply(model: pycolmap.Reconstruction, matrix: np.ndarray) -> None:
+def apply(model: "pycolmap.Reconstruction", matrix: np.ndarray) -> None:
     """Carry a reconstruction into the frame that `matrix` (4×4 similarity) leads to, in place."""
     scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
     model.transform(pycolmap.Sim3d(scale, pycolmap.Rotation3d(matrix[:3, :3] / scale), matrix[:3, 3]))
 
 
-def triangulate(observed: list[tuple[np.ndarray, pycolmap.Image]]) -> np.ndarray | None:
+def triangulate(observed: "list[tuple[np.ndarray, pycolmap.Image]]") -> np.ndarray | None:
     """Point [3] that projects to the pixels in their photographs; a photograph that disagrees is left out."""
     options = pycolmap.EstimateTriangulationOptions()
     options.residual_type = pycolmap.TriangulationResidualType.REPROJECTION_ERROR

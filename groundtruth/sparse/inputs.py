@@ -11,9 +11,8 @@ from groundtruth.board.markers import Corners, detect_corners, focal_length_px, 
 from groundtruth.cameras.camera_files import cameras_of
 from groundtruth.cameras.cameras import Camera, cuda_devices
 from groundtruth.options import Options, SparseOptions
-from groundtruth.photos.looks import usable
 from groundtruth.photos.masks import find_masks
-from groundtruth.photos.photos import Photo, find_photos
+from groundtruth.photos.photos import Photo, find_photos, usable
 from radar.support.config import suggest
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash
@@ -36,11 +35,7 @@ class Inputs:
     @property
     def posed(self) -> bool:
         """True if every photograph's pose is known, and no model has others."""
-        return (
-            self.model is None
-            and self.cameras is not None
-            and all(c.R is not None and c.t is not None for c in self.cameras)
-        )
+        return self.model is None and self.cameras is not None and all(camera.posed for camera in self.cameras)
 
     def focal_lengths_px(self) -> dict[str, float]:
         """A focal length for each photograph, from the board or, where it shows too little of it, from the others."""
@@ -55,7 +50,13 @@ def resolve(folder: Path, options: Options) -> tuple[tuple[Photo, ...], Options]
     """All photographs in a folder, and the options with the files found there and the machine that computes the depth
     maps filled in; what cannot be used is refused."""
     options.box()
-    options = options.model_copy(update={"dense": _dense_on(options.dense)})
+    devices = 0 if options.dense == "cpu" else cuda_devices()
+    if options.dense == "cuda" and not devices:
+        raise HandbenchError(
+            "dense: cuda is asked for, but pycolmap finds no CUDA device; on a machine with an NVIDIA card and its "
+            "driver, pip install 'handbench[cuda]' (see `handbench doctor`), or leave the option out"
+        )
+    options = options.model_copy(update={"dense": "cuda" if devices else "cpu"})
     photos, options = _completed(folder, options)
     if options.masks is not None:
         _require_one(options, "masks", "mask", "the masks suffice")
@@ -64,9 +65,16 @@ def resolve(folder: Path, options: Options) -> tuple[tuple[Photo, ...], Options]
 
 
 def _completed(folder: Path, options: Chosen) -> tuple[tuple[Photo, ...], Chosen]:
-    """All photographs in a folder, and the options with the files found there filled in."""
+    """All photographs in a folder, and the options with the cameras.json and board.toml that lie beside them, unless
+    others are given."""
     photos = find_photos(folder)
-    options = _found_beside(folder, options)
+    beside = {"cameras": folder / "cameras.json", "board": folder / "board.toml"}
+    if options.intrinsics is not None:
+        del beside["cameras"]
+    if options.distances:
+        del beside["board"]
+    found = {key: path for key, path in beside.items() if getattr(options, key) is None and path.is_file()}
+    options = options.model_copy(update=found)
     _require_consistent(photos, options)
     return photos, options
 
@@ -84,36 +92,24 @@ def gather(folder: Path, options: Chosen) -> tuple[Inputs, Chosen]:
     photos = usable(photos)
     cameras = None if options.cameras is None else cameras_of(photos, options.cameras, options.metric)
     board = None if options.board is None else load_board(options.board)
-    _require_scale(folder, photos, options, cameras)
-    posed = cameras is not None and all(camera.R is not None and camera.t is not None for camera in cameras)
-    if options.refine_poses and options.model is None and not posed:
+    names = [photo.name for photo in photos]
+    for name in (name for distance in options.distances for name in (distance.first, distance.second)):
+        if name not in names:
+            raise HandbenchError(f"distances: {name} is none of the photographs used; {suggest(name, names)}")
+    posed = sum(camera.posed for camera in cameras or ())
+    metric = options.model is not None and options.metric
+    if not (options.board or options.distances or posed >= 3 or metric or options.unscaled):
+        raise HandbenchError(
+            f"{folder}: nothing gives the scale: no board.toml and no camera poses (R, t in cameras.json); add "
+            "--board, --cameras or --distance (--metric, if a COLMAP model is in metres), or give --unscaled for a "
+            "mesh of arbitrary size"
+        )
+    if options.refine_poses and options.model is None and posed < len(photos):
         raise HandbenchError("refine_poses: not all photographs have a pose; expected R, t of each in --cameras")
     corners: dict[str, Corners] = {}
     if board is not None:
         corners = require_board({p.name: detect_corners(p, board) for p in track(photos, "markers")}, board)
     return Inputs(photos, cameras, board, corners, options.model), options
-
-
-def _dense_on(choice: str) -> str:
-    """cpu or cuda; a HandbenchError where CUDA is asked for and is not there."""
-    devices = 0 if choice == "cpu" else cuda_devices()
-    if choice == "cuda" and not devices:
-        raise HandbenchError(
-            "dense: cuda is asked for, but pycolmap finds no CUDA device; on a machine with an NVIDIA card and its "
-            "driver, pip install 'handbench[cuda]' (see `handbench doctor`), or leave the option out"
-        )
-    return "cuda" if devices else "cpu"
-
-
-def _found_beside(folder: Path, options: Chosen) -> Chosen:
-    """The options with the cameras.json and board.toml that lie beside the photographs, unless others are given."""
-    beside = {"cameras": folder / "cameras.json", "board": folder / "board.toml"}
-    if options.intrinsics is not None:
-        del beside["cameras"]
-    if options.distances:
-        del beside["board"]
-    found = {key: path for key, path in beside.items() if getattr(options, key) is None and path.is_file()}
-    return options.model_copy(update=found)
 
 
 def _require_one(options: SparseOptions, first: str, second: str, advice: str) -> None:
@@ -138,22 +134,4 @@ def _require_consistent(photos: tuple[Photo, ...], options: SparseOptions) -> No
         raise HandbenchError(
             f"intrinsics: the photographs are of different sizes ({listed}), and one camera has one; give --cameras "
             "with a camera for each"
-        )
-
-
-def _require_scale(
-    folder: Path, photos: tuple[Photo, ...], options: SparseOptions, cameras: tuple[Camera, ...] | None
-) -> None:
-    """A HandbenchError when nothing tells how long a metre is."""
-    names = [photo.name for photo in photos]
-    for name in (name for distance in options.distances for name in (distance.first, distance.second)):
-        if name not in names:
-            raise HandbenchError(f"distances: {name} is none of the photographs used; {suggest(name, names)}")
-    posed = cameras is not None and sum(c.R is not None and c.t is not None for c in cameras) >= 3
-    metric = options.model is not None and options.metric
-    if not (options.board or options.distances or posed or metric or options.unscaled):
-        raise HandbenchError(
-            f"{folder}: nothing gives the scale: no board.toml and no camera poses (R, t in cameras.json); add "
-            "--board, --cameras or --distance (--metric, if a COLMAP model is in metres), or give --unscaled for a "
-            "mesh of arbitrary size"
         )

@@ -1,7 +1,5 @@
 """Derivatives of a photograph's pixels by the points that it sees and by its camera."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from groundtruth.cameras.cameras import camera_in, pycolmap
@@ -10,13 +8,13 @@ POSE = 6  # parameters of a pose: translation τ and rotation ω on the camera's
 STEP = 1e-6  # of differences, relative
 
 
-def project(image: pycolmap.Image, points_m: np.ndarray) -> np.ndarray:
+def project(image: "pycolmap.Image", points_m: np.ndarray) -> np.ndarray:
     """Pixels [n, 2] at which a photograph sees points [n, 3] (COLMAP's convention)."""
     return _pixels(camera_in(image), _in_camera(image, points_m))
 
 
 def pixel_jacobians(
-    image: pycolmap.Image, points_m: np.ndarray, free: tuple[int, ...]
+    image: "pycolmap.Image", points_m: np.ndarray, free: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of the pixels at which a photograph sees points [n, 3]: by the point [n, 2, 3] and by the camera's
     pose and its intrinsics at the places `free` [n, 2, 6 + k]; central differences of COLMAP's own projection."""
@@ -36,16 +34,16 @@ def pixel_jacobians(
     return by_x @ image.cam_from_world().rotation.matrix(), by_camera
 
 
-def _in_camera(image: pycolmap.Image, points_m: np.ndarray) -> np.ndarray:
+def _in_camera(image: "pycolmap.Image", points_m: np.ndarray) -> np.ndarray:
     pose = image.cam_from_world()
     return points_m @ pose.rotation.matrix().T + pose.translation
 
 
-def _pixels(camera: pycolmap.Camera, x: np.ndarray) -> np.ndarray:
+def _pixels(camera: "pycolmap.Camera", x: np.ndarray) -> np.ndarray:
     return np.asarray(camera.img_from_cam(x)).reshape(-1, 2)
 
 
-def _moved(camera: pycolmap.Camera, k: int, step: float) -> pycolmap.Camera:
+def _moved(camera: "pycolmap.Camera", k: int, step: float) -> "pycolmap.Camera":
     """The camera with its parameter k moved by step."""
     other = type(camera)(camera.todict())
     params = np.array(camera.params)

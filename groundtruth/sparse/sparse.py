@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from groundtruth.board.markers import Corners
-from groundtruth.cameras.camera_files import camera_of, load_model
+from groundtruth.cameras.camera_files import cameras_in, load_model
 from groundtruth.cameras.cameras import Camera, pycolmap, registered
 from groundtruth.cameras.model_files import write_model
 from groundtruth.options import SparseOptions
@@ -20,8 +19,7 @@ from groundtruth.sparse.covariance import CameraCovariance, camera_covariance
 from groundtruth.sparse.features import DATABASE, Lenses, scales_px
 from groundtruth.sparse.frame import Scale, apply, board_from_model, distances_from_model, poses_from_model
 from groundtruth.sparse.inputs import Inputs
-from groundtruth.sparse.sfm import structure_from_motion
-from groundtruth.sparse.triangulation import changes, refinement, triangulated
+from groundtruth.sparse.sfm import changes, refinement, structure_from_motion, triangulated
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json
 from radar.support.progress import say
@@ -54,7 +52,7 @@ class Sparse:
 
     def cameras(self) -> tuple[Camera, ...]:
         """The registered photographs' cameras, by name."""
-        return tuple(camera_of(image) for image in registered(self.model))
+        return cameras_in(self.model)
 
 
 def register(inputs: Inputs, options: SparseOptions) -> Sparse:
@@ -66,18 +64,19 @@ def register(inputs: Inputs, options: SparseOptions) -> Sparse:
         scales = scales_px(database) if database.exists() else {}
     unregistered(inputs.photos, model)
     check_geometry(model)
-    free = _free(model, inputs, options)
-    corners_m = {} if inputs.board is None else inputs.board.corners_m()
-    refine = options.refine_poses
-    if inputs.board is not None:
-        scale = _to_metric_frame(model, inputs, options)
-        if refine or not inputs.posed:
-            _adjust(model, inputs.corners, corners_m, free, scales, refine)
-    else:
-        if refine or not (inputs.posed or inputs.model is not None):  # what is given is taken at its word
-            _adjust(model, {}, {}, free, scales, refine)
-        scale = _to_metric_frame(model, inputs, options)
-    return Sparse(model, scale, camera_covariance(Bundle(model, inputs.corners, corners_m, free, scales), scale))
+    board = inputs.board
+    seen = inputs.corners, {} if board is None else board.corners_m(), _free(model, inputs, options), scales
+    scale = None if board is None else _to_metric_frame(model, inputs, options)
+    given = inputs.posed or (board is None and inputs.model is not None)  # what is given is taken at its word
+    if options.refine_poses or not given:
+        before = cameras_in(model)
+        adjust(model, *seen)
+        if options.refine_poses:  # it stays in the frame of the given cameras
+            if board is None:
+                apply(model, poses_from_model(model, before)[0])
+            say(refinement(model, before))
+    scale = scale or _to_metric_frame(model, inputs, options)
+    return Sparse(model, scale, camera_covariance(Bundle(model, *seen), scale))
 
 
 def unregistered(photos: tuple[Photo, ...], model: pycolmap.Reconstruction) -> tuple[str, ...]:
@@ -112,7 +111,7 @@ def _given(inputs: Inputs, options: SparseOptions, scratch: Path) -> pycolmap.Re
     model = load_model(inputs.model, inputs.photos)
     if model.num_points3D():
         return model
-    cameras = tuple(camera_of(image) for image in registered(model))
+    cameras = cameras_in(model)
     names = {camera.name for camera in cameras}
     return triangulated(tuple(p for p in inputs.photos if p.name in names), cameras, scratch, options.seed)
 
@@ -120,32 +119,9 @@ def _given(inputs: Inputs, options: SparseOptions, scratch: Path) -> pycolmap.Re
 def _found(inputs: Inputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
     if inputs.posed and inputs.cameras is not None:
         return triangulated(inputs.photos, inputs.cameras, scratch, options.seed)
-    lenses = Lenses(
-        inputs.cameras,
-        options.intrinsics,
-        options.refine_distortion,
-        inputs.focal_lengths_px(),
-        options.shared_intrinsics,
-    )
+    found_px, shared = inputs.focal_lengths_px(), options.shared_intrinsics
+    lenses = Lenses(inputs.cameras, options.intrinsics, options.refine_distortion, found_px, shared)
     return structure_from_motion(inputs.photos, scratch, lenses, options.seed)
-
-
-def _adjust(
-    model: pycolmap.Reconstruction,
-    corners: dict[str, Corners],
-    corners_m: dict[int, np.ndarray],
-    free: tuple[int, ...],
-    scales: dict[str, np.ndarray],
-    refine: bool,
-) -> None:
-    """Adjust a model in place; refine: its cameras were given, so that it stays in their frame, and the change is said.
-    Other arguments: as of `Bundle`."""
-    given = tuple(camera_of(image) for image in registered(model))
-    adjust(model, corners, corners_m, free, scales)
-    if refine:
-        if not corners:
-            apply(model, poses_from_model(model, given)[0])
-        say(refinement(model, given))
 
 
 def _free(model: pycolmap.Reconstruction, inputs: Inputs, options: SparseOptions) -> tuple[int, ...]:
@@ -154,16 +130,11 @@ def _free(model: pycolmap.Reconstruction, inputs: Inputs, options: SparseOptions
         return ()
     if options.intrinsics is not None and not options.refine_distortion:
         return ()
-    _as_opencv(model)
-    return DISTORTION if options.intrinsics is not None else INTRINSICS
-
-
-def _as_opencv(model: pycolmap.Reconstruction) -> None:
-    """Give cameras of one focal length and radial distortion alone the parameters that are still missing."""
     for camera in model.cameras.values():
-        if camera.model_name == "RADIAL":
+        if camera.model_name == "RADIAL":  # one focal length and radial distortion alone: the others begin at that
             f, cx, cy, k1, k2 = camera.params
             camera.model, camera.params = pycolmap.CameraModelId.OPENCV, [f, f, cx, cy, k1, k2, 0, 0]
+    return DISTORTION if options.intrinsics is not None else INTRINSICS
 
 
 def _to_metric_frame(model: pycolmap.Reconstruction, inputs: Inputs, options: SparseOptions) -> Scale:

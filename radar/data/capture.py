@@ -1,7 +1,5 @@
 """Radar captures: the echoes of one scene, and their file `echoes.h5`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -136,7 +134,7 @@ def load_capture(path: str | Path) -> RadarCapture:
         raise HandbenchError(f"{path}: {error}") from None
 
 
-def _numbers(file: h5py.File, name: str, path: Path, kinds: str = "iuf") -> np.ndarray:
+def _numbers(file: "h5py.File", name: str, path: Path, kinds: str = "iuf") -> np.ndarray:
     """A data set of numbers that lie in this very file; kinds: numpy's, of real numbers by default."""
     import h5py
 

@@ -19,11 +19,12 @@ import numpy as np
 
 from radar.data.arrays import Aperture, positions
 from radar.data.grid import VoxelGrid
+from radar.imaging.certificate import of_nodes, of_points, opened
 from radar.imaging.cpu import executor as cpu
-from radar.imaging.cpu.exact import backproject, check_samples
+from radar.imaging.cpu.exact import check_samples, exact_sums
 from radar.imaging.device import chosen
 from radar.imaging.gpu import executor as gpu
-from radar.imaging.plan import GridPlan, TreePlan, kept, roomy
+from radar.imaging.plan import PLANNED, GridPlan, TreePlan, kept, roomy
 from radar.imaging.tree import Family, clusters, crowded
 from radar.support.cost import require_memory
 from radar.support.errors import HandbenchError
@@ -101,13 +102,19 @@ def image_points(
     if len(points) == 0:
         return np.zeros(shape, np.complex64)
     points = positions("points_m", points)
-    if tolerance is None or crowded(aperture):
-        return _device().exact_images(samples, frequencies_hz, aperture, points, apart).reshape(shape)
-    images = np.empty((len(samples) if apart else 1, len(points)), np.complex64)
-    for near in clusters(points, frequencies_hz):
-        family = Family(tolerance, apart)
-        executor = points_executor(frequencies_hz, aperture, points[near], family, _device().Executor)
-        images[:, near] = executor.image(samples, executor.plan.sort(points[near]))
+    parts = [] if tolerance is None or crowded(aperture) else clusters(points, frequencies_hz)
+    family = Family(tolerance or 0.0, apart)
+    planned = [points_executor(frequencies_hz, aperture, points[near], family, _device().Executor) for near in parts]
+    places = [executor.plan.sort(points[near]) for executor, near in zip(planned, parts, strict=True)]
+    cost = sum(executor.plan.cost(executor.new(where)) for executor, where in zip(planned, places, strict=True))
+    if not parts or cost > max(PLANNED, samples.size * len(points)):
+        images = _device().exact_images(samples, frequencies_hz, aperture, points, apart)
+    else:
+        images = np.empty((len(samples) if apart else 1, len(points)), np.complex64)
+        for executor, near, where in zip(planned, parts, places, strict=True):
+            images[:, near] = executor.image(samples, where)
+    if (certificate := opened.get()) is not None:
+        of_points(certificate, images, samples, frequencies_hz, aperture, points.__getitem__)
     return images.reshape(shape)
 
 
@@ -133,7 +140,10 @@ def image_volume(
     if tolerance is None:
         return _exact_volume(samples, frequencies_hz, aperture, grid, apart).reshape(shape)
     imager = _grid_imager(frequencies_hz, aperture, grid, Family(tolerance, apart))
-    return imager.upsampler.volume(*imager.nodes(samples, grid.z_m), carrier).reshape(shape)
+    nodes, images = imager.nodes(samples, grid.z_m)
+    if (certificate := opened.get()) is not None:
+        of_nodes(certificate, imager.plan, nodes, images, samples, frequencies_hz, aperture)
+    return imager.upsampler.volume(nodes, images, carrier).reshape(shape)
 
 
 @_watched
@@ -146,7 +156,10 @@ def project_volume(
     if tolerance is None:
         return cpu.strongest_voxels(image_volume(samples, frequencies_hz, aperture, grid, None))
     imager = _grid_imager(frequencies_hz, aperture, grid, Family(tolerance, False))
-    return imager.upsampler.project(*imager.nodes(samples, grid.z_m))
+    nodes, images = imager.nodes(samples, grid.z_m)
+    if (certificate := opened.get()) is not None:
+        of_nodes(certificate, imager.plan, nodes, images, samples, frequencies_hz, aperture)
+    return imager.upsampler.project(nodes, images)
 
 
 def points_executor(
@@ -168,18 +181,18 @@ class GridImager:
 
     def __init__(self, plan: GridPlan, frequencies_hz: np.ndarray, aperture: Aperture, apart: bool) -> None:
         device = _device()
-        self._plan, self._how = plan, (frequencies_hz, aperture, apart)
+        self.plan, self._how = plan, (frequencies_hz, aperture, apart)
         self._executor = None if plan.tree is None else device.Executor(plan.tree)
         self.upsampler = device.Upsampler(plan)
 
     def nodes(self, samples: np.ndarray, z_m: np.ndarray) -> tuple[VoxelGrid, np.ndarray]:
         """The coarse nodes and their images [k or 1, nz, ny, nx]; z_m: the grid's, or a plane's depth [1]."""
-        nodes = self._plan.nodes_at(z_m)
+        nodes = self.plan.nodes_at(z_m)
         if self._executor is None:
             frequencies_hz, aperture, apart = self._how
             images = _device().exact_images(samples, frequencies_hz, aperture, nodes.points_m().reshape(-1, 3), apart)
         else:
-            images = self._executor.image(samples, self._plan.sort(self._executor.plan, nodes))
+            images = self._executor.image(samples, self.plan.sort(self._executor.plan, nodes))
         return nodes, images.reshape(-1, *nodes.shape)
 
 
@@ -192,10 +205,10 @@ def imaging_error(
     count: int = 500,
     seed: int = 0,
 ) -> float:
-    """A-posteriori check: relative L2 error of a volume [nz, ny, nx] at `count` random voxels against the exact sum,
-    relative to the whole volume's own size there."""
+    """A-posteriori check: relative L2 error of a volume [nz, ny, nx] at `count` random voxels against the exact sum in
+    float64, relative to the whole volume's own size."""
     picked = np.random.default_rng(seed).integers(0, image.size, count)
-    exact = backproject(samples, frequencies_hz, aperture, grid.points_at_m(picked))
+    exact = exact_sums(samples, frequencies_hz, aperture, grid.points_at_m(picked))[0]
     mean_square = np.mean(np.abs(image) ** 2, dtype=np.float64)
     return float(np.sqrt(np.mean(np.abs(image.ravel()[picked] - exact) ** 2) / mean_square))
 
@@ -239,4 +252,6 @@ def _exact_volume(
         volume[:, chunk] = _device().exact_images(
             samples, frequencies_hz, aperture, grid.points_at_m(flat[chunk]), apart
         )
+    if (certificate := opened.get()) is not None:
+        of_points(certificate, volume, samples, frequencies_hz, aperture, grid.points_at_m)
     return volume

@@ -26,6 +26,9 @@ PROBES = 7  # points along each axis of a box at which the local band is looked 
 NODE_BYTES = 100  # a node's position, order and images
 UPSAMPLING = 0.6  # its share of the tolerance
 KEPT = 24  # plans; the oldest goes first
+# What planning a box costs, in terms of the exact sum: an antennas' Gram matrix, and what a small one takes. A plan may
+# cost PLANNED in any case (some 3 s; images share it), beyond that no more than the exact sum of the image it is for.
+SMALL_BOX, PLANNED = 5e5, 1e10
 
 Kept = TypeVar("Kept")
 
@@ -61,6 +64,11 @@ class TreePlan:
         begin = where.starts[:: self.leaves_per_limb]
         return [int(limb) for limb in np.flatnonzero(np.diff(begin))]
 
+    def cost(self, limbs: int) -> float:
+        """Cost of planning so many limbs, in terms (point × tone × channel) of the exact sum."""
+        gram = sum(float(len(leg.position_m)) ** 3 for leg in self.trunk.legs)
+        return limbs * (1 + self.leaves_per_limb) * max(gram, SMALL_BOX)
+
     def limb(self, limb: int) -> tuple[Node, list[Node]]:
         """A limb and its leaves, planned anew: executors keep what they need of those that points touch."""
         node = branch(self.root, self.boxes[limb], self.family)
@@ -81,7 +89,8 @@ class TreePlan:
 
 class GridPlan:
     """The coarse nodes of a voxel grid and how its axes x, y, z follow from them; with `planes`, of any one plane
-    between the grid's first and last z. tree: of the nodes, None where the aperture is too crowded for skeletons.
+    between the grid's first and last z. tree: of the nodes, None where skeletons would cost more than they save (too
+    many antennas, too few nodes).
 
     Between the nodes only the envelope is interpolated: with the carrier exp(jk_c Σ R_reference) and the middle of the
     band taken out, an image varies as slowly as the array's angles and bandwidth allow.
@@ -99,7 +108,7 @@ class GridPlan:
             Resampler(axis, ()) if planes and axis is grid.z_m else resampler(axis, half, UPSAMPLING * family.tolerance)
             for axis, half in zip(axes, (high - low) / 2, strict=True)
         )
-        self.grid, self.planes = grid, planes
+        self.grid, self.planes, self.tolerance = grid, planes, family.tolerance
         nodes = (self.x.nodes_m, self.y.nodes_m, self.z.nodes_m)
         self.nodes = VoxelGrid(*nodes)
         along_x = self.nodes.shape[0] * self.nodes.shape[1] * len(grid.x_m)
@@ -108,6 +117,9 @@ class GridPlan:
         require_memory(needed, f"grid of {grid.shape} voxels [nz, ny, nx]")
         box = Box(*(np.array([axis[i] for axis in nodes]) for i in (0, -1)))
         self.tree = None if crowded(aperture) else TreePlan(frequencies_hz, aperture, box, family)
+        terms = float(np.prod(self.nodes.shape)) * len(frequencies_hz) * np.prod(aperture.channels)
+        if self.tree is not None and self.tree.cost(len(self.tree.boxes)) > max(PLANNED, terms):
+            self.tree = None
         self._sorted: Sorted | None = None
         middle = (np.min(frequencies_hz) + np.max(frequencies_hz)) / 2 / SPEED_OF_LIGHT_M_S
         self.carrier = (middle, *carriers(aperture), (low + high) / (4 * np.pi))
@@ -115,6 +127,16 @@ class GridPlan:
     def nodes_at(self, z_m: np.ndarray) -> VoxelGrid:
         """The nodes of the grid, or of the plane at z_m [1]."""
         return VoxelGrid(self.nodes.x_m, self.nodes.y_m, z_m) if self.planes else self.nodes
+
+    def carrier_at(self, grid: VoxelGrid) -> np.ndarray:
+        """The carrier that is taken out of an image between the nodes and put back: complex64 [nz, ny, nx]."""
+        turns_per_m, passes, reference_m, ramp = self.carrier
+        z, y, x = grid.z_m[:, None, None], grid.y_m[:, None], grid.x_m
+        turns = ramp[0] * x + ramp[1] * y + ramp[2] * z
+        for count, at in zip(passes, reference_m, strict=True):
+            turns = turns + turns_per_m * count * np.sqrt((x - at[0]) ** 2 + ((y - at[1]) ** 2 + (z - at[2]) ** 2))
+        radians = (2 * np.pi * (turns - np.rint(turns))).astype(np.float32)
+        return np.cos(radians) + np.complex64(1j) * np.sin(radians)
 
     def sort(self, tree: TreePlan, nodes: VoxelGrid) -> Sorted:
         """The nodes in the order of the plan's tree, which no plane's depth changes while the leaves are one layer."""

@@ -6,8 +6,6 @@ fine = W · nodes, W = K_fn (K_nn + λI)⁻¹ and K(Δ) = J₀(wΔ): least squar
 where an even one (sinc) errs three times more.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numba
@@ -105,6 +103,15 @@ class Resampler:
         for out, of, weights in self.windows:
             np.dot(weights, nodes[of], out=fine[out])
         return fine
+
+    def of(self, fine: int, least: float = 0.0) -> tuple[slice, np.ndarray]:
+        """The nodes that one fine sample follows from, and their weights; those below `least` at the ends are left."""
+        for here, of, weights in self.windows:
+            if fine < here.stop:
+                row = weights[fine - here.start]
+                kept = np.flatnonzero(np.abs(row) >= least)
+                return slice(of.start + kept[0], of.start + kept[-1] + 1), row[kept[0] : kept[-1] + 1]
+        return slice(fine, fine + 1), np.ones(1, np.float32)
 
     def rows(self, most: int) -> list[tuple[slice, slice, np.ndarray | None]]:
         """The windows in pieces of at most `most` fine samples: (fine slice, node slice, weights or None)."""

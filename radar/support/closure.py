@@ -5,8 +5,6 @@ packages on the way; those for types alone (`if TYPE_CHECKING:`) never run and d
 `__file__` reads data beside it, which count as its code does.
 """
 
-from __future__ import annotations
-
 import ast
 import gc
 import sys
@@ -14,7 +12,7 @@ from collections.abc import Iterator
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from radar.support.files import content_hash
 
@@ -73,8 +71,12 @@ class Sources:
         names = _imported(source, name if file.name == "__init__.py" else name.rpartition(".")[0])
         ours = frozenset(passed for n in names for passed in self._passed(n))
         others = frozenset(top for n in names if (top := n.partition(".")[0]) not in PACKAGES)
-        data = _data_beside(file) if b"__file__" in source else ()
-        return _Module(content_hash(file, *data), ours, others)
+        data: list[Path] = []
+        if b"__file__" in source:  # but for what comes and goes, Python's and numba's compiled code
+            below = (p for p in file.parent.rglob("*") if p.suffix != ".py" and "__pycache__" not in p.parts)
+            data = sorted(p for p in below if p.is_file())
+        named = [part for path in data for part in (path.relative_to(file.parent).as_posix(), path)]
+        return _Module(content_hash(file, *named), ours, others)
 
     def _passed(self, name: str) -> list[str]:
         """The modules that importing a name runs: those there are of a, a.b and a.b.c."""
@@ -85,13 +87,6 @@ class Sources:
     def _find(self, name: str) -> Path | None:
         folder = self.root.joinpath(*name.split("."))
         return next((place for place in (folder / "__init__.py", folder.with_suffix(".py")) if place.is_file()), None)
-
-
-def _data_beside(file: Path) -> list[Any]:
-    """The files without code below a module's folder, with their names: what a module that asks where it lies reads."""
-    compiled = "__pycache__"  # Python's and numba's code comes and goes
-    found = sorted(p for p in file.parent.rglob("*") if p.suffix != ".py" and compiled not in p.parts and p.is_file())
-    return [part for path in found for part in (path.relative_to(file.parent).as_posix(), path)]
 
 
 @cache

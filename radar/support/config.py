@@ -30,7 +30,10 @@ def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
     try:
         return model.model_validate(values)
     except pydantic.ValidationError as error:
-        raise HandbenchError(_one_line(model, error, where)) from None
+        problems = error.errors()
+        first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise HandbenchError(f"{where}: {complaint(model, first)}{more}") from None
 
 
 def read_toml(path: str | Path, what: str) -> dict[str, Any]:
@@ -54,13 +57,6 @@ def suggest(name: str, known: list[str]) -> str:
     """ "did you mean 'x'?" for the nearest known name, or the list of all when nothing is near."""
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
-
-
-def _one_line(model: type[Config], error: pydantic.ValidationError, where: str) -> str:
-    problems = error.errors()
-    first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    return f"{where}: {complaint(model, first)}{more}"
 
 
 def complaint(model: type[Config], problem: Any, prefix: tuple[int | str, ...] = ()) -> str:

@@ -1,7 +1,5 @@
 """HDF5 files of strangers: what a file says of itself is compared with its size before the library believes it."""
 
-from __future__ import annotations
-
 import mmap
 import os
 import struct
@@ -24,7 +22,7 @@ CHUNKS = 2**20  # of one data set
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[h5py.File]:
+def opened(path: Path) -> "Iterator[h5py.File]":
     """The file, open to be read. Raises ValueError where the library would run in circles."""
     import h5py
 

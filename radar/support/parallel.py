@@ -33,34 +33,29 @@ def for_each(function: Callable[[Item], None], items: Iterable[Item]) -> None:
             for item in items:
                 function(item)
             return
-        _spread(function, items)
+        remaining = iter(items)  # a list's iterator hands every item to one thread only
+        stop = Event()
+
+        def drain() -> None:  # cheaper than a task per item
+            _inside.worker = True
+            for item in remaining:
+                if stop.is_set():
+                    return
+                function(item)
+
+        futures = [_pool(workers()).submit(drain) for _ in range(min(workers(), len(items)))]
+        try:
+            for future in futures:
+                future.result()
+        except BaseException:
+            stop.set()
+            wait(futures)
+            raise
 
 
 def one_blas_thread() -> AbstractContextManager[None]:
     """A context in which BLAS keeps to one thread, for small products outside `for_each`."""
     return _blas().limit(limits=1, user_api="blas")
-
-
-def _spread(function: Callable[[Item], None], items: list[Item]) -> None:
-    """One task per worker, each taking the next item until none is left: cheaper than a task per item."""
-    remaining = iter(items)  # a list's iterator hands every item to one thread only
-    stop = Event()
-
-    def drain() -> None:
-        _inside.worker = True
-        for item in remaining:
-            if stop.is_set():
-                return
-            function(item)
-
-    futures = [_pool(workers()).submit(drain) for _ in range(min(workers(), len(items)))]
-    try:
-        for future in futures:
-            future.result()
-    except BaseException:
-        stop.set()
-        wait(futures)
-        raise
 
 
 _inside = local()  # work within a worker stays there: waiting for the pool's other threads could wait for ever

@@ -144,15 +144,11 @@ def _checksums(folder: Path) -> dict[str, tuple[int, int]]:
         if file == f"{folder}/{MANIFEST}":
             continue
         with suppress(HandbenchError):  # what is no file of ours is none of those that were made
-            found[os.path.relpath(file, folder)] = _checksum(file)
+            size, crc = 0, 0
+            for part in read_own(file):
+                size, crc = size + len(part), zlib.crc32(part, crc)
+            found[os.path.relpath(file, folder)] = size, crc
     return found
-
-
-def _checksum(file: str) -> tuple[int, int]:
-    size, crc = 0, 0
-    for part in read_own(file):
-        size, crc = size + len(part), zlib.crc32(part, crc)
-    return size, crc
 
 
 @cache

@@ -3,8 +3,6 @@
 All that is black is one path: its rectangles meet without the hairlines that viewers leave between neighbours.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +17,7 @@ from radar.support.errors import HandbenchError
 from reports.drawings.sheets import Drawing, sheets
 
 if TYPE_CHECKING:
-    from groundtruth.board.board import Board, Marker
+    from groundtruth.board.board import Board
 
 MILLIMETRES = 1e3
 FLAT_M = 5e-5  # how far a corner may lie off the plane of print: finer than paper is flat
@@ -27,13 +25,13 @@ SQUARE = 0.02  # how far a marker's sides may differ, relative: a measured board
 QUIET = 1 / 6  # white around the board, in sides of its largest marker: one module of the smallest dictionaries
 
 
-def board_sheets(board: Board, title: str, paper: str) -> list[Figure]:
+def board_sheets(board: "Board", title: str, paper: str) -> list[Figure]:
     """The board's sheets, its frame's x to the right; title: heads them. Raises HandbenchError for an unknown paper, a
     marker that the dictionary lacks, and a board that is not flat."""
     return sheets([board_drawing(board, title)], paper)
 
 
-def board_drawing(board: Board, title: str) -> Drawing:
+def board_drawing(board: "Board", title: str) -> Drawing:
     """The board as a drawing: its quads (`black_quads_mm`) and a white border; errors as `board_sheets`."""
     quads_mm = np.array(list(black_quads_mm(board)))
     charuco_m = [board.charuco.marker_m] if board.charuco else []
@@ -49,7 +47,7 @@ def board_drawing(board: Board, title: str) -> Drawing:
     return Drawing(float(width), float(height), title, f"{width:.1f} × {height:.1f} mm: {_sizes(board)}", paint)
 
 
-def black_quads_mm(board: Board) -> Iterator[np.ndarray]:
+def black_quads_mm(board: "Board") -> Iterator[np.ndarray]:
     """Everything black as quads [4, 2] that do not overlap, millimetres, x to the right and y up on the print, whose
     origin is the board frame's. A frame whose z points into the print (y downwards) is turned about its x axis."""
     upward = _upward(board)
@@ -95,14 +93,20 @@ def _modules(known: Any, dictionary: str, number: int, corners_mm: np.ndarray) -
             yield weights @ corners_mm
 
 
-def _upward(board: Board) -> int:
+def _upward(board: "Board") -> int:
     """1 where the frame's z points out of the print, −1 where it points into it; refuses what cannot be printed."""
     turns = set() if board.charuco is None else {1}
     heights_m = [0.0] * len(turns)
     for marker in board.marker:
         corners_m = np.array(marker.corners_m)
         heights_m += list(corners_m[:, 2])
-        _check_square(marker, corners_m)
+        sides_m = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=0), axis=1)
+        lengths_m = np.r_[sides_m, np.linalg.norm(corners_m[:2] - corners_m[2:], axis=1) / np.sqrt(2)]  # and diagonals
+        if not np.ptp(lengths_m) < SQUARE * lengths_m.max():
+            shown = ", ".join(f"{MILLIMETRES * side:.2f}" for side in sides_m)
+            raise HandbenchError(
+                f"board: marker {marker.id} has sides of {shown} mm; expected a square, its corners clockwise"
+            )
         (ax, ay), (bx, by) = (corners_m[2] - corners_m[0])[:2], (corners_m[3] - corners_m[1])[:2]
         turns.add(-int(np.sign(ax * by - ay * bx)))
     if np.ptp(heights_m) > FLAT_M or len(turns) > 1:
@@ -113,23 +117,12 @@ def _upward(board: Board) -> int:
     return turns.pop()
 
 
-def _check_square(marker: Marker, corners_m: np.ndarray) -> None:
-    sides_m = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=0), axis=1)
-    diagonals_m = np.linalg.norm(corners_m[:2] - corners_m[2:], axis=1) / np.sqrt(2)
-    lengths_m = np.r_[sides_m, diagonals_m]
-    if not np.ptp(lengths_m) < SQUARE * lengths_m.max():
-        shown = ", ".join(f"{MILLIMETRES * side:.2f}" for side in sides_m)
-        raise HandbenchError(
-            f"board: marker {marker.id} has sides of {shown} mm; expected a square, its corners clockwise"
-        )
-
-
-def _sides_m(board: Board) -> list[float]:
+def _sides_m(board: "Board") -> list[float]:
     """The single markers' sides, metres."""
     return [float(np.linalg.norm(np.subtract(*marker.corners_m[:2]))) for marker in board.marker]
 
 
-def _sizes(board: Board) -> str:
+def _sizes(board: "Board") -> str:
     """Dictionaries and sides, to check the print against."""
     parts = []
     if board.marker:
@@ -138,6 +131,6 @@ def _sizes(board: Board) -> str:
     if board.charuco is not None:
         c = board.charuco
         legacy = " (legacy)" if c.legacy else ""
-        sides = f"{MILLIMETRES * c.square_m:.1f}/{MILLIMETRES * c.marker_m:.1f} mm"
-        parts.append(f"{c.columns} × {c.rows} squares with {c.dictionary}{legacy}, {sides}")
+        size = f"{MILLIMETRES * c.square_m:.1f}/{MILLIMETRES * c.marker_m:.1f} mm"
+        parts.append(f"{c.columns} × {c.rows} squares with {c.dictionary}{legacy}, {size}")
     return "; ".join(parts)

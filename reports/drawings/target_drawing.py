@@ -4,8 +4,6 @@ The front view is the target as the radar sees it, so that x grows to the left; 
 viewer's right, the radar on its left (third-angle projection). The front view is also the template for the carrier.
 """
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
@@ -37,7 +35,7 @@ NOTES = (
 )
 
 
-def target_sheets(target: Target, title: str, paper: str) -> list[Figure]:
+def target_sheets(target: "Target", title: str, paper: str) -> list[Figure]:
     """The target's sheets: views and parts list on one if they fit side by side, else apart. title: heads the sheets.
     Raises HandbenchError for an unknown paper."""
     views, table = _Views(target), _parts(target)
@@ -64,7 +62,7 @@ class _Views:
     """Front and side view with their ordinates. Page columns of points: to the right in the front view (−x), to the
     right in the side view (z), up (y); millimetres."""
 
-    def __init__(self, target: Target) -> None:
+    def __init__(self, target: "Target") -> None:
         self.centres_mm = MILLIMETRES * target.centres_m[:, [0, 2, 1]] * (-1, 1, 1)
         self.foam_mm = MILLIMETRES * np.array([e.sphere_radius_m for e in target.element])
         self.ball_mm = MILLIMETRES * np.array([e.ball_radius_m for e in target.element])
@@ -89,7 +87,11 @@ class _Views:
                 for along in np.eye(2):
                     line(axes, *np.transpose([centre_mm - (ball_mm + 1) * along, centre_mm + (ball_mm + 1) * along]))
             self._numbers(axes, points_mm)
-        self._holes(axes)
+        for (_, z, y), foam_mm, ball_mm in zip(self.centres_mm, self.foam_mm, self.ball_mm, strict=True):
+            # The drilled hole, from the ball's far end to the sphere's back.
+            ground, back = z - ball_mm + self.side[0], z + foam_mm + self.side[0]
+            sides = y + self.side[1] + ball_mm * np.array([-1, -1, 1, 1])
+            line(axes, [back, ground, ground, back], sides, 0.4, dashed=True)
 
     def _numbers(self, axes: Axes, points_mm: np.ndarray) -> None:
         """Each element's number beside its ball, on the target's outer side if there is room."""
@@ -107,14 +109,6 @@ class _Views:
             place = next((p for p in ring if all((np.abs(p - q) > half + r).any() for q, r in taken)), ring[0])
             taken.append((place, half))
             axes.text(*place, text, ha="center", va="center", fontsize=9, weight="bold", bbox=CLEAR)
-
-    def _holes(self, axes: Axes) -> None:
-        """The drilled holes in the side view, from the ball's far end to the sphere's back."""
-        for (_, z, y), foam_mm, ball_mm in zip(self.centres_mm, self.foam_mm, self.ball_mm, strict=True):
-            ground, back = z - ball_mm + self.side[0], z + foam_mm + self.side[0]
-            y += self.side[1]
-            sides = y + ball_mm * np.array([-1, -1, 1, 1])
-            line(axes, [back, ground, ground, back], sides, 0.4, dashed=True)
 
     def _ordinates(self, axes: Axes) -> None:
         """Distances from the frame's planes x, y, z = 0: an extension line through each centre, its number outside."""
@@ -154,7 +148,7 @@ class _Views:
         yield from zip(values, shown, strict=True)
 
 
-def _parts(target: Target) -> list[Sequence[str]]:
+def _parts(target: "Target") -> list[Sequence[str]]:
     """The list's lines: cells of a row, or one text."""
     e = target.element
     back_m = max(one.centre_m[2] + one.sphere_radius_m for one in e)

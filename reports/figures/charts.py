@@ -1,17 +1,29 @@
-"""Charts of a whole result: errors against time, their distribution, and how far repeats scatter."""
+"""Charts of a whole result: errors against time, their distribution, how far repeats scatter, errors by cause, and the
+reliability of the methods' own σ."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from bench.results import HEADLINE, Result
+from bench.results import HEADLINE, MethodFacts, Result
 from bench.results.about import TREATMENTS
-from reports.figures.style import Picture, log_axis, looks, methods, time_text, whiskers
+from bench.results.tables import each
+from reports.figures.style import Picture, draw, log_axis, looks, methods, side_by_side, time_text, whiskers
 from reports.tables.blocks import AGAINST, DRAWN, floor_note
 
 EDGES_MM = np.geomspace(0.02, 100, 400)
+CAUSES = {
+    "incidence_deg": "incidence angle in °",
+    "below_maximum_db": "amplitude below the maximum in dB",
+    "part": "part of the hand",
+    "edge_distance_mm": "distance to an edge in mm",
+}
+ROWS = {"absolute_mm": "mean |z − z_ref| in mm", "mean_mm": "mean z − z_ref in mm"}
+LINEAR_MM = 1  # of signed means, up to which their scale is linear
 
 
 def overview(result: Result) -> Iterator[Picture]:
@@ -30,7 +42,7 @@ def accuracy_against_time(result: Result) -> Picture:
     """Mean error over seconds per frame with both intervals; the paper's as an open marker at our time."""
     scored = set(result.table.reference[result.table.metric == HEADLINE])
     references = [reference for reference in DRAWN if reference in scored]
-    figure, axes = _side_by_side(len(references))
+    figure, axes = side_by_side(len(references))
     look = looks(m.name for m in methods(result))
     notes, handles = [], {}
     for axis, reference in zip(axes, references, strict=True):
@@ -65,17 +77,13 @@ def accuracy_against_time(result: Result) -> Picture:
 def error_distributions(result: Result) -> Picture:
     """Share of the observed pixels whose error is smaller than e: the whole distribution, not only its mean."""
     references = [r for r in DRAWN if any(r in capture.references for capture in result.scored())]
-    figure, axes = _side_by_side(len(references))
-    look = looks(m.name for m in methods(result))
+    figure, axes = side_by_side(len(references))
     for axis, reference in zip(axes, references, strict=True):
         for i, method in enumerate(methods(result)):
-            colour, marker = look[method.name]
-            share = _shares(result, method.name, reference)
             every = (4 * i % 40, 40)  # markers of different methods do not fall on each other
-            axis.plot(EDGES_MM, share, color=colour, marker=marker, markevery=every, markersize=4, label=method.title)
+            draw(result, axis, method, EDGES_MM, _shares(result, method.name, reference), markevery=every)
         log_axis(axis, "x")
         axis.set(xlim=EDGES_MM[[0, -1]], ylim=(0, 100), xlabel="|z − z_ref| in mm", title=AGAINST[reference])
-        axis.grid(alpha=0.25, linewidth=0.4)
     axes[0].set_ylabel("share of observed pixels in %")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", frameon=False)
     return Picture(
@@ -88,18 +96,14 @@ def error_distributions(result: Result) -> Picture:
 
 def risk_coverage(result: Result) -> Picture:
     """Error over completeness: each method's strongest pixels, as many as make up a share of the surface."""
-    figure, axes = _side_by_side(len(TREATMENTS))
-    look = looks(m.name for m in methods(result))
+    figure, axes = side_by_side(len(TREATMENTS))
     reference = result.curves.reference.iloc[0]
     for axis, (treatment, said) in zip(axes, TREATMENTS.items(), strict=True):
         for method in methods(result):
             curve = result.curves[(result.curves.method == method.name) & (result.curves.treatment == treatment)]
-            colour, marker = look[method.name]
-            style = {"color": colour, "marker": marker, "markevery": 10, "markersize": 4, "label": method.title}
-            axis.plot(curve.share_percent, curve.risk_mm, **style)
+            draw(result, axis, method, curve.share_percent, curve.risk_mm, markevery=10)
         log_axis(axis, "y")
         axis.set(xlabel="share of the surface in %", title=said)
-        axis.grid(alpha=0.25, linewidth=0.4)
     axes[0].set_ylabel(f"{result.title(HEADLINE)} in mm")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", frameon=False)
     return Picture(
@@ -153,6 +157,76 @@ def repeats(result: Result) -> Picture:
     )
 
 
-def _side_by_side(columns: int) -> tuple[Figure, np.ndarray]:
-    figure = Figure(figsize=(3.6 * columns + 1.6, 3.2), layout="constrained")
-    return figure, figure.subplots(1, columns, sharex=True, sharey=True, squeeze=False)[0]
+def explained(result: Result) -> Iterator[Picture]:
+    """The pictures that the result has the data for."""
+    for reference in DRAWN:
+        causes = result.causes[result.causes.reference == reference]
+        if len(causes):
+            yield by_cause(result, causes, reference)
+    if len(result.reliability):
+        yield reliability(result)
+
+
+def bin_label(line: Any) -> str:
+    """The bin of a line of causes.csv, as it is printed."""
+    return line.part or (f"{line.low:g}–{line.high:g}" if line.high == line.high else f"≥ {line.low:g}")
+
+
+def by_cause(result: Result, causes: pd.DataFrame, reference: str) -> Picture:
+    """Mean absolute and signed error of each method over the bins of each cause."""
+    shown = [cause for cause in CAUSES if (causes.cause == cause).any()]
+    widths = [causes[causes.cause == cause].groupby(["part", "low"], dropna=False).ngroups + 1 for cause in shown]
+    figure = Figure(figsize=(2.6 * len(shown) + 1.6, 4.6), layout="constrained")
+    axes = figure.subplots(2, len(shown), sharex="col", sharey="row", squeeze=False, width_ratios=widths)
+    for column, cause in zip(axes.T, shown, strict=True):
+        lines = causes[causes.cause == cause].assign(bin=[bin_label(x) for x in each(causes[causes.cause == cause])])
+        bins = list(dict.fromkeys(lines.sort_values(["low", "part"]).bin))
+        for axis, value in zip(column, ROWS, strict=True):
+            for method, mine in _of_methods(result, lines):
+                draw(result, axis, method, [bins.index(name) for name in mine.bin], mine[value], linewidth=0.9)
+        column[1].axhline(0, color="0.6", linewidth=0.6)
+        column[1].set_xticks(range(len(bins)), bins, rotation=45, ha="right", rotation_mode="anchor")
+        column[1].set(xlim=(-0.5, len(bins) - 0.5), xlabel=CAUSES[cause])
+    for axis, label in zip(axes[:, 0], ROWS.values(), strict=True):
+        axis.set_ylabel(label)
+    log_axis(axes[0, 0], "y")
+    axes[1, 0].set_yscale("symlog", linthresh=LINEAR_MM)
+    axes[1, 0].yaxis.set_major_formatter("{x:g}")
+    figure.align_xlabels()
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right center", frameon=False)
+    return Picture(
+        f"causes__{reference}",
+        f"Errors by cause, {AGAINST[reference]}: means of the pixels in each bin, formed for each capture and averaged "
+        f"over those that have some. Signed means (below) are drawn linearly up to {LINEAR_MM} mm.",
+        f"Mean absolute and signed error of each method over {', '.join(CAUSES[cause] for cause in shown)}.",
+        figure,
+    )
+
+
+def reliability(result: Result) -> Picture:
+    """Share of all errors within the interval that each method's σ promises, over what it promises."""
+    lines = result.reliability[result.reliability.pixels == "all"]
+    references = [reference for reference in DRAWN if (lines.reference == reference).any()]
+    figure, axes = side_by_side(len(references), 3.2)
+    for axis, reference in zip(axes, references, strict=True):
+        axis.plot((50, 100), (50, 100), color="0.6", linewidth=0.8)
+        for method, mine in _of_methods(result, lines[lines.reference == reference]):
+            draw(result, axis, method, mine.nominal_percent, mine.observed_percent, linewidth=0.9)
+        axis.set(title=AGAINST[reference], xlabel="nominal coverage in %", xticks=sorted(set(lines.nominal_percent)))
+    axes[0].set_ylabel("observed coverage in %")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", frameon=False)
+    return Picture(
+        "reliability",
+        "Reliability of σ: share of all errors that lie within the normal interval about the depth; on the grey line σ "
+        "is right, below it too small.",
+        "Observed over nominal coverage of each method that predicts its own error.",
+        figure,
+    )
+
+
+def _of_methods(result: Result, lines: pd.DataFrame) -> Iterator[tuple[MethodFacts, pd.DataFrame]]:
+    """Each method with its lines, if it has some."""
+    for method in methods(result):
+        mine = lines[lines.method == method.name]
+        if len(mine):
+            yield method, mine

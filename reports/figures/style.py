@@ -2,12 +2,14 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.typing import MarkerType, RcKeyType
+from numpy.typing import ArrayLike
 
 from bench.results import MethodFacts, Result
 from reports.tables.blocks import known
@@ -73,6 +75,19 @@ def looks(names: Iterable[str]) -> dict[str, tuple[str, MarkerType]]:
 def look(i: int) -> tuple[str, MarkerType]:
     """The i-th colour and marker; no two of the first hundred are the same pair."""
     return COLOURS[i % len(COLOURS)], MARKERS[(i + i // len(COLOURS)) % len(MARKERS)]
+
+
+def draw(result: Result, axis: Axes, method: MethodFacts, x: ArrayLike, y: ArrayLike, **style: Any) -> None:
+    """Add a method's line to an axis with a grid, under its title, in its colour and with its marker."""
+    colour, marker = looks(m.name for m in methods(result))[method.name]
+    axis.plot(x, y, color=colour, marker=marker, markersize=4, label=method.title, **style)
+    axis.grid(alpha=0.25, linewidth=0.4)
+
+
+def side_by_side(columns: int, wide_in: float = 3.6) -> tuple[Figure, np.ndarray]:
+    """A figure of axes in a row, with room for names at their right, and the axes."""
+    figure = Figure(figsize=(wide_in * columns + 1.6, 3.2), layout="constrained")
+    return figure, figure.subplots(1, columns, sharex=True, sharey=True, squeeze=False)[0]
 
 
 def time_text(result: Result, method: MethodFacts) -> str:

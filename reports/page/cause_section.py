@@ -5,7 +5,7 @@ from typing import Any
 
 from bench.results import Result
 from bench.results.tables import each
-from reports.figures.by_cause import CAUSES, bin_label, explained
+from reports.figures.charts import CAUSES, bin_label, explained
 from reports.figures.style import methods
 from reports.page import rendering
 from reports.page.sections import Grid

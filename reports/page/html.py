@@ -17,6 +17,7 @@ from reports.tables.blocks import caption
 from reports.tables.result_tables import findings
 
 ABREAST = 12  # captures on a page
+SECTIONS = ("verdicts", "effects", "uncertainty", "provenance", "command", "settings", "captures")
 FIRST = 3  # captures on the first page where there are more
 
 
@@ -36,7 +37,16 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     if out.resolve() == result.folder.resolve():
         raise HandbenchError(f"{out}: is the result folder itself, whose table.csv must stay; choose another place")
     trade = load_tradeoff(sweep) if sweep else None
-    _tables(result, out)
+    texts = {
+        "table.md": result_tables.markdown(result),
+        "table.tex": latex.latex(result),
+        "table.csv": result_tables.csv_text(result),
+        "comparisons.md": result_tables.comparisons_markdown(result),
+        "comparisons.tex": latex.comparisons(result),
+    }
+    for name, text in texts.items():
+        if text:
+            write_text(out / name, text)
     for old in out.glob("pages/[0-9][0-9][0-9]*.html"):
         old.unlink()
     groups = pages(result.scored())
@@ -60,40 +70,13 @@ def pages(captures: Sequence[CaptureFacts]) -> list[tuple[CaptureFacts, ...]]:
     return [tuple(captures[:first]), *rest]
 
 
-def _tables(result: Result, out: Path) -> None:
-    texts = {
-        "table.md": result_tables.markdown(result),
-        "table.tex": latex.latex(result),
-        "table.csv": result_tables.csv_text(result),
-        "comparisons.md": result_tables.comparisons_markdown(result),
-        "comparisons.tex": latex.comparisons(result),
-    }
-    for name, text in texts.items():
-        if text:
-            write_text(out / name, text)
-
-
 def _summary(result: Result, overview: list[Image], swept: Any, causes: Any = None) -> dict[str, Any]:
     """Content of index.html on all captures together."""
-    return {
-        "about": result.about,
-        "config": result.config,
-        "caption": caption(result),
-        "blocks": sections.all_blocks(result),
-        "findings": findings(result),
-        "verdicts": sections.verdicts(result),
-        "overview": overview,
-        "causes": causes,
-        "tradeoff": swept,
-        "stages": sections.stage_times(result),
-        "effects": sections.effects(result),
-        "uncertainty": sections.uncertainty(result),
-        "stability": sections.stability(result.folder),
-        "provenance": sections.provenance(result),
-        "command": sections.command(result),
-        "settings": sections.settings(result),
-        "captures": sections.captures(result),
-    }
+    parts = {name: getattr(sections, name)(result) for name in SECTIONS}
+    parts |= {"about": result.about, "config": result.config, "caption": caption(result), "findings": findings(result)}
+    parts |= {"overview": overview, "causes": causes, "tradeoff": swept}
+    parts |= {"stability": sections.stability(result.folder), "stages": sections.stage_times(result)}
+    return parts | {"blocks": sections.all_blocks(result)}
 
 
 def _captures(result: Result, captures: Sequence[CaptureFacts], folder: Path) -> dict[str, Any]:
@@ -110,11 +93,5 @@ def _captures(result: Result, captures: Sequence[CaptureFacts], folder: Path) ->
             f"{titles.get(shown, '')} in the colours of their errors."
         )
         still = rendering.image(scene3d.still(result, first, shown), alt)
-    return {
-        "details": details,
-        "scenes": scenes,
-        "scales": scene3d.scales(),
-        "still": still,
-        "methods": methods(result),
-        "shown": shown,
-    }
+    turned = {"scenes": scenes, "scales": scene3d.scales(), "still": still}
+    return turned | {"details": details, "methods": methods(result), "shown": shown}

@@ -39,17 +39,16 @@ class Image:
 def images(pictures: Iterable[Picture], folder: Path) -> list[Image]:
     """Write STEM.png and STEM.pdf of every picture into `folder`, each as an image for the page; each figure is let go
     before the next is drawn."""
+    written = []
     with matplotlib.rc_context(STYLE):
-        return [_written(picture, folder) for picture in pictures]
-
-
-def _written(picture: Picture, folder: Path) -> Image:
-    for suffix, metadata in ((".png", {}), (".pdf", {"CreationDate": None})):  # same data, same bytes
-        with atomic_path(folder / f"{picture.stem}{suffix}") as temporary:
-            picture.figure.savefig(temporary, metadata=metadata)
-        picture.figure.set_layout_engine("none")  # laid out once
-    with Pixels.open(folder / f"{picture.stem}.png") as pixels:
-        return image(pixels, picture.alt, picture.caption, picture.stem, SHOWN)
+        for picture in pictures:
+            for suffix, metadata in ((".png", {}), (".pdf", {"CreationDate": None})):  # same data, same bytes
+                with atomic_path(folder / f"{picture.stem}{suffix}") as temporary:
+                    picture.figure.savefig(temporary, metadata=metadata)
+                picture.figure.set_layout_engine("none")  # laid out once
+            with Pixels.open(folder / f"{picture.stem}.png") as pixels:
+                written.append(image(pixels, picture.alt, picture.caption, picture.stem, SHOWN))
+    return written
 
 
 def image(picture: Pixels.Image, alt: str, caption: str = "", stem: str = "", shown: float = 1.0) -> Image:
@@ -77,9 +76,6 @@ def _environment() -> jinja2.Environment:
     made = jinja2.Environment(loader=loader, autoescape=True, undefined=strict, trim_blocks=True, lstrip_blocks=True)
     for part, name in (("style", "style.css"), ("script", "viewer.js")):
         text = (TEMPLATES / name).read_text(encoding="utf-8")
-        made.globals |= {part: Markup(text), f"{part}_hash": _hash(text)}
+        digest = base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")
+        made.globals |= {part: Markup(text), f"{part}_hash": f"sha256-{digest}"}
     return made
-
-
-def _hash(text: str) -> str:
-    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")

@@ -148,7 +148,8 @@ def _accuracy(a: Result, b: Result, method: MethodFacts, basis: Basis, metrics: 
 
 def _precision(a: Result, b: Result, method: MethodFacts) -> list[dict[str, Any]]:
     """The line of the precision; none where one of them has none."""
-    hands = [_hands(result, method.name) for result in (a, b)]
+    repeats = (result.repeats[result.repeats.method == method.name] for result in (a, b))
+    hands = [[depths.to_numpy() for _, depths in of.groupby("capture", sort=False).z_m] for of in repeats]
     intervals = [precision_interval(z) for z in hands]
     if None in intervals:
         return []
@@ -172,12 +173,6 @@ def _line(
     for side, sample, value, (low, high) in zip("ab", samples, values, intervals, strict=True):
         line |= {side: value, f"{side}_low": low, f"{side}_high": high, f"n_{side}": len(sample)}
     return {**line, "unit": facts.unit, "reference": "", "paired": False, **tested._asdict()}
-
-
-def _hands(result: Result, method: str) -> list[np.ndarray]:
-    """Depths of the strongest scatterer [repeats], one array a capture."""
-    repeats = result.repeats[result.repeats.method == method]
-    return [depths.to_numpy() for _, depths in repeats.groupby("capture", sort=False).z_m]
 
 
 def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:

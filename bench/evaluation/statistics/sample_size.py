@@ -4,6 +4,7 @@ The figure of method m on capture c is y_mc = μ + method + capture + method × 
 free of the capture's part; one between different captures, or different hands, bears it twice.
 """
 
+from bisect import bisect_left
 from collections.abc import Callable, Mapping
 from functools import partial
 from itertools import combinations
@@ -86,16 +87,8 @@ def _power(shift: float, freedom: float, alpha: float) -> float:
 
 def captures_needed(power_of: Callable[[int], float], power: float) -> int | None:
     """The smallest number of captures, from 2 on, whose power is as large; None above MOST."""
-    enough = 2
-    while power_of(enough) < power:
-        enough *= 2
-        if enough > MOST:
-            return None
-    few = max(2, enough // 2)
-    while few < enough:
-        middle = (few + enough) // 2
-        few, enough = (few, middle) if power_of(middle) >= power else (middle + 1, enough)
-    return enough
+    few = bisect_left(range(2, MOST + 1), power, key=power_of) + 2
+    return few if few <= MOST else None
 
 
 def detectable(spread: float, n: int, power: float, alpha: float = ALPHA) -> float:

@@ -44,13 +44,8 @@ def assorted_scene(seed: int, folder: Path) -> Scene:
 def _target(kind: str, draw: np.random.Generator) -> tuple[dict[str, Any], TriangleMesh | None]:
     """The target's table, and its mesh where it needs one."""
     if "hand" in kind:
-        pose = str(draw.choice(list(POSES)))
-        return {
-            "kind": "hand",
-            "pose": pose,
-            "material": PLASTIC if "printed" in kind else SKIN,
-            "edge_m": EDGE_M,
-        }, None
+        pose, material = str(draw.choice(list(POSES))), PLASTIC if "printed" in kind else SKIN
+        return {"kind": "hand", "pose": pose, "material": material, "edge_m": EDGE_M}, None
     if kind == "sphere":
         return {"kind": "sphere", "radius_m": _decades(draw, 5e-3, 6e-2), "edge_m": EDGE_M}, None
     if kind in ("plate", "board"):

@@ -114,27 +114,17 @@ def estimates(scene: Scene, radar_scene: EchoScene, everything: tuple[str, ...],
         rest += [name for name, container in CONTAINED.items() if container == row.effect]
         without = depth_maps(scene, simulate_scene(radar_scene, choose(radar_scene, tuple(rest), 0.1)).capture)
         changes = {name: Change.between(whole[name], without[name]) for name in REHEARSED}
-        worst_mm = max(change.depth_mm for change in changes.values())
-        pixels = {
+        shares = {
             "estimate_percent": row.pixels_percent,
             "measured_percent": 100 * max(change.pixels for change in changes.values()),
         }
-        for map_name, estimated_mm, measured_mm, share in (
-            (FINE, row.depth_mm, changes[FINE].depth_mm, {}),
-            ("worst", row.worst_mm, worst_mm, pixels),
-        ):
-            smaller, larger = sorted((measured_mm, estimated_mm or 0.0))
-            records.append(
-                {
-                    "scene": scene.file.name,
-                    "effect": row.effect,
-                    "map": map_name,
-                    "estimate_mm": estimated_mm,
-                    "measured_mm": measured_mm,
-                    **share,
-                    "within_two": "" if larger < SMALLEST_MM else "yes" if larger <= 2 * smaller else "no",
-                }
-            )
+        worst = row.worst_mm, max(change.depth_mm for change in changes.values())
+        for name, (estimate_mm, measured_mm) in {FINE: (row.depth_mm, changes[FINE].depth_mm), "worst": worst}.items():
+            smaller, larger = sorted((measured_mm, estimate_mm or 0.0))
+            within = "" if larger < SMALLEST_MM else "yes" if larger <= 2 * smaller else "no"
+            record: Record = {"scene": scene.file.name, "effect": row.effect, "map": name, "estimate_mm": estimate_mm}
+            record |= {"measured_mm": measured_mm, "within_two": within}
+            records.append(record | (shares if name == "worst" else {}))
     return records
 
 

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from bench.studies.columns import Record
-from bench.studies.engine.frame_rows import relative_error
 from bench.studies.engine.scope import Inputs, white_noise
 from bench.studies.engine.turns import Case, Work, interleaved, room, timed
+from bench.studies.study import relative_error
 from radar.data.arrays import AntennaArray
 from radar.data.depthmap import DepthMap
 from radar.data.grid import VoxelGrid

@@ -14,9 +14,8 @@ from matplotlib.figure import Figure
 from bench.results.tables import each
 from bench.studies.columns import Record, Table, columns
 from bench.studies.engine.checks import bars, compilation, growth, thread_differences
-from bench.studies.engine.frame_rows import frame_rows, simulation_rows
 from bench.studies.engine.scope import QUICK, Inputs, Scope
-from bench.studies.engine.volume_rows import volume_rows
+from bench.studies.engine.volume_rows import frame_rows, simulation_rows, volume_rows
 from bench.studies.study import BLUE, GREEN, GREY, VERMILION, Study
 
 SECTIONS = {

@@ -3,8 +3,6 @@
 All image points_m [n, 3] from samples [f, t, r] of an array: complex [n].
 """
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

@@ -1,4 +1,6 @@
-"""Rows of the volume: the machine's ceiling, the textbook's ways, the exact path, and the fast engine."""
+"""Rows of the volume (the machine's ceiling, the textbook's ways, the exact path, the fast engine), of a 3-FSK frame
+and of the simulation of the hand's echoes.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -11,11 +13,84 @@ from bench.studies.engine import textbook
 from bench.studies.engine.reference import Reference, column_peaks, column_points_m, reference
 from bench.studies.engine.scope import Inputs
 from bench.studies.engine.turns import Case, Measured, Work, everything, interleaved, named
+from bench.studies.study import relative_error
+from radar.data.depthmap import DepthMap
 from radar.data.grid import VoxelGrid
-from radar.imaging.api import image_volume, project_volume
+from radar.imaging.api import image_points, image_volume, project_volume
 from radar.imaging.cpu.executor import strongest_voxels
+from radar.methods.fsk import three_tone
 from radar.methods.projection import Peaks
+from radar.simulation.forward import simulate
 from radar.support.cost import gemm
+
+TOLERANCES = (None, 1e-3, 1e-5)
+FRAMES = 10  # timed together: a radar images frame after frame
+
+
+def frame_rows(inputs: Inputs) -> list[Record]:
+    """One 3-FSK frame: both stages at all pixels and all points on target. The error is that of the three tones'
+    images at the points on target."""
+    capture, config, repeats = inputs.frame, inputs.scope.frame, inputs.scope.repeats
+    configs = {tolerance: config.model_copy(update={"tolerance": tolerance}) for tolerance in TOLERANCES}
+    cases = [
+        Case(named("fast", t), partial(three_tone, capture, configs[t]), everything, repeats=repeats, calls=FRAMES)
+        for t in TOLERANCES
+    ]
+    measured = interleaved("3-FSK frame", cases)
+    depth: DepthMap = measured[named("fast", None)].first.kept
+    on_target = np.isfinite(depth.z_m)
+    points_m = config.grid().points_m(depth.z_m)[on_target]
+    tones = capture.tones(config.ladder_hz)
+    images = {t: image_points(*tones, capture.aperture, points_m, t, apart=True) for t in TOLERANCES}
+
+    def known(tolerance: float | None, timings: Measured) -> Record:
+        z_m = timings.first.kept.z_m
+        return {
+            "relative_error": relative_error(images[tolerance], images[None]),
+            "depth_deviation_mm": 1e3 * float(np.nanmean(np.abs(z_m - depth.z_m))),
+            "mask_difference_px": int(np.count_nonzero(np.isfinite(z_m) != on_target)),
+            "frames_per_second": 1 / timings.seconds,
+            "points": len(points_m),
+        }
+
+    return _rows("3-FSK frame", measured, known)
+
+
+def simulation_rows(inputs: Inputs) -> list[Record]:
+    """All tones' echoes of the hand's scatterers."""
+    scatterers, repeats = inputs.scatterers, inputs.scope.repeats
+    work = partial(simulate, scatterers, inputs.tones_hz, inputs.array)
+    cases = [
+        Case(named("fast", t), partial(work, tolerance=t), everything, repeats=repeats if t else 0) for t in TOLERANCES
+    ]
+    measured = interleaved("simulation", cases)
+    exact = measured[named("fast", None)].first.kept
+
+    def known(tolerance: float | None, timings: Measured) -> Record:
+        gflops = 8e-9 * len(scatterers.position_m) * exact.size / timings.seconds
+        return {
+            "relative_error": relative_error(timings.first.kept, exact),
+            "gflops": None if tolerance else gflops,
+            "points": len(scatterers.position_m),
+        }
+
+    return _rows("simulation", measured, known)
+
+
+def _rows(
+    section: str, measured: dict[str, Measured], known: Callable[[float | None, Measured], Record]
+) -> list[Record]:
+    """A record for each tolerance; the exact path has no error, tolerance or plan of its own."""
+    rows = []
+    for tolerance in TOLERANCES:
+        timings = measured[named("fast", tolerance)]
+        about = known(tolerance, timings)
+        met = about["relative_error"] <= tolerance if tolerance else None
+        fast = {"tolerance": tolerance, "met": met, "plan_seconds": timings.plan_s} if tolerance else {}
+        about["relative_error"] = about["relative_error"] if tolerance else None
+        rows.append(timings.record(section, measured[named("fast", None)], **about, **fast))
+    return rows
+
 
 SECTION = "volume"
 GEMM, EXACT, COMPRESSED = "float32 matrix product", "exact", "range-compressed, linear interpolation"

@@ -14,6 +14,7 @@ from radar.simulation.physics.reflection import HORNY, dielectric_permittivity, 
 from radar.simulation.scene import Body, Material
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash, read_npz, write_npz
+from radar.support.rays import TriangleMesh, load_open3d
 
 HALF_LENGTH_M = 0.16  # of the meshes; no specular point of the array lies beyond a third of it
 AROUND_M, ALONG_M = 0.5e-3, 2e-3  # edges of the meshes: 4 µm inside the cylinder
@@ -80,14 +81,12 @@ def cases(polarisations: str) -> list[Case]:
 
 def body(case: Case) -> Body:
     """Its cylinders, with closed ends, or its spheres as one body of meshes."""
-    vertices_m, faces, count = [], [], 0
+    made = load_open3d().geometry.TriangleMesh()
     for one in case.bodies:
-        own_m, own_faces = tube(one) if isinstance(one, Cylinder) else ball(one)
-        vertices_m.append(own_m)
-        faces.append(own_faces + count)
-        count += len(own_m)
-    palm = np.ones(sum(map(len, faces)), bool) if case.material == "palm" else None
-    return Body(np.concatenate(vertices_m), np.concatenate(faces), MATERIALS[case.material], palm)
+        made += tube(one) if isinstance(one, Cylinder) else ball(one)
+    vertices_m, faces = np.asarray(made.vertices), np.asarray(made.triangles)
+    palm = np.ones(len(faces), bool) if case.material == "palm" else None
+    return Body(vertices_m, faces, MATERIALS[case.material], palm)
 
 
 def front_m(case: Case, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
@@ -104,18 +103,17 @@ def front_m(case: Case, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(z_m), z_m, np.nan)
 
 
-def tube(cylinder: Cylinder) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices [n, 3] on a cylinder and faces [m, 3], counter-clockwise seen from outside; fans close its ends."""
+def tube(cylinder: Cylinder) -> TriangleMesh:
+    """A cylinder's mesh, its ends closed."""
     around = int(np.ceil(2 * np.pi * cylinder.radius_m / AROUND_M))
     along = int(np.ceil(2 * HALF_LENGTH_M / ALONG_M))
     made = cylinder_mesh(cylinder.radius_m, 2 * HALF_LENGTH_M, around, along)
-    return np.asarray(made.vertices) + [cylinder.x_m, 0.0, cylinder.z_m], np.asarray(made.triangles)
+    return made.translate((cylinder.x_m, 0.0, cylinder.z_m))
 
 
-def ball(sphere: Sphere) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices [n, 3] on a sphere and faces [m, 3], counter-clockwise seen from outside."""
-    made = sphere_mesh(sphere.radius_m, AROUND_M / 2)
-    return np.asarray(made.vertices) + sphere.centre_m, np.asarray(made.triangles)
+def ball(sphere: Sphere) -> TriangleMesh:
+    """A sphere's mesh."""
+    return sphere_mesh(sphere.radius_m, AROUND_M / 2).translate(sphere.centre_m)
 
 
 def exact_echoes(case: Case, frequencies_hz: np.ndarray, array: AntennaArray) -> np.ndarray:

@@ -72,7 +72,8 @@ def scattered(
     field = np.zeros(along_m.shape, complex)
     for b, w in zip(beta, weight, strict=True):
         wave = _Wave(k, b, np.sqrt(k**2 - b**2))
-        highest = [_highest_order(wave.kappa * cylinder.radius_m) for cylinder in cylinders]
+        sizes = [wave.kappa * cylinder.radius_m for cylinder in cylinders]
+        highest = [int(np.ceil(size + FURTHER_ORDERS * np.cbrt(size) + 3)) for size in sizes]  # the lowest: −highest
         each = list(zip(cylinders, highest, strict=True))
         arriving = np.concatenate([_arriving(wave, c, m, tx_across, polarisation) for c, m in each], axis=1)
         leaving = np.concatenate([_received(wave, c, m, rx_across, polarisation) for c, m in each], axis=1)
@@ -97,11 +98,6 @@ class _Wave(NamedTuple):
     k: float
     beta: float
     kappa: float
-
-
-def _highest_order(size: float) -> int:
-    """The highest order m of a cylinder of this κa; the lowest is its negative."""
-    return int(np.ceil(size + FURTHER_ORDERS * np.cbrt(size) + 3))
 
 
 def _hankel(highest: int, x: np.ndarray) -> np.ndarray:

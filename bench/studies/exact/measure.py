@@ -13,7 +13,7 @@ from matplotlib.image import AxesImage
 
 from bench.studies.columns import Record, Table, columns
 from bench.studies.exact.cases import MATERIALS, Case, body, cases, front_m, kept_echoes
-from bench.studies.study import Study
+from bench.studies.study import Study, relative_error
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
@@ -76,10 +76,13 @@ def compare(case: Case, work: Path, tones: str = "all") -> list[Record]:
         capture = simulate_scene(scene, choose(scene, wanted, 1.0)).capture
         seconds = {"simulate_s": time.perf_counter() - start, "simulate_cpu_s": time.process_time() - cpu_start}
         about: Record = {"scene": case.name, "material": case.material, "polarisation": case.polarisation}
-        about |= {"effects": ", ".join(effects), "echo_error": echo_error(capture.samples[0], exact)}
+        about |= {"effects": ", ".join(effects), "echo_error": relative_error(capture.samples[0], exact)}
         ours = maps(capture, methods)
         found.append({**about, **compared(ours, known, case), **seconds, "exact_cpu_s": exact_s})
-        _keep(work / "maps", f"{case}, {len(found)}", ours, known)
+        (work / "maps").mkdir(parents=True, exist_ok=True)
+        one, other = ours["3fsk"], known["3fsk"]  # that the figure shows
+        kept = {"x_m": one.x_m, "y_m": one.y_m, "ours_m": one.z_m, "exact_m": other.z_m}
+        write_npz(work / "maps" / f"{case}, {len(found)}.npz", **kept)
     return found
 
 
@@ -87,11 +90,6 @@ def tones_hz(which: str = "all") -> np.ndarray:
     """The tones of the FSK methods, or of all methods, ascending."""
     ladder = method("nfsk-plus").configure({}, "exact").tones_hz  # type: ignore[attr-defined]
     return np.unique([*ladder, *(np.linspace(72e9, 82e9, TONES) if which == "all" else ())])
-
-
-def echo_error(samples: np.ndarray, exact: np.ndarray) -> float:
-    """L2 of the difference over that of the exact samples."""
-    return float(np.linalg.norm(samples - exact) / np.linalg.norm(exact))
 
 
 def maps(capture: RadarCapture, methods: Iterable[str]) -> dict[str, DepthMap]:
@@ -126,13 +124,6 @@ def _of(figure: Callable[[np.ndarray], np.floating], off_m: np.ndarray) -> float
     """A figure of |differences| in mm where there are some, else NaN."""
     known = 1e3 * np.abs(off_m[np.isfinite(off_m)])
     return float(figure(known)) if len(known) else np.nan
-
-
-def _keep(folder: Path, label: str, ours: dict[str, DepthMap], exact: dict[str, DepthMap]) -> None:
-    """Write the 3-FSK maps that the figure shows."""
-    folder.mkdir(parents=True, exist_ok=True)
-    one, other = ours["3fsk"], exact["3fsk"]
-    write_npz(folder / f"{label}.npz", x_m=one.x_m, y_m=one.y_m, ours_m=one.z_m, exact_m=other.z_m)
 
 
 PICTURED = ("finger before palm, 12 mm aside, skin, along", "")  # beginnings of cases: the first that there is is shown

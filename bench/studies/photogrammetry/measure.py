@@ -3,6 +3,7 @@
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -60,7 +61,8 @@ def measure(case: Case, work: Path) -> Record:
     photos = folder / "capture" / "photos"
     if not case.known:
         photos = folder / "unknown"
-        keep(photos, lambda temporary: _without_intrinsics(folder / "capture" / "photos", temporary))
+        intrinsics = shutil.ignore_patterns("*cameras.json")
+        keep(photos, partial(shutil.copytree, folder / "capture" / "photos", dirs_exist_ok=True, ignore=intrinsics))
     lens = None if case.known else False  # each rendered camera has a lens of its own, and none has EXIF data
     options = Options(quality=case.quality, box_m=box_m, shared_intrinsics=lens)
     with measured() as cost:
@@ -100,19 +102,9 @@ def pinhole(camera: Camera) -> Camera:
 
 def record(case: Case, scored: Record, seconds: dict[str, float], peak_memory_mb: float) -> Record:
     """A case with its score, and the seconds by stage."""
-    about = {
-        "case": case.name,
-        "pose": case.pose,
-        "cameras": case.cameras,
-        "width": case.width,
-        "quality": case.quality,
-    }
+    about = {"case": case.name} | {name: getattr(case, name) for name in ("pose", "cameras", "width", "quality")}
     times = {f"{stage}_s": value for stage, value in seconds.items()}
     return {**about, **scored, **times, "all_s": sum(seconds.values()), "peak_memory_mb": peak_memory_mb}
-
-
-def _without_intrinsics(photos: Path, folder: Path) -> None:
-    shutil.copytree(photos, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*cameras.json"))
 
 
 COLOURS = (BLUE, ORANGE, GREEN, "#CC79A7", "#56B4E9")

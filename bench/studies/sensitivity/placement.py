@@ -103,7 +103,7 @@ class Hand:
         scene = placed(self.scene, own, self.roughness_m)
         radar_scene = echo_scene(scene)
         on = [row.effect for row in choices(scene, radar_scene) if row.on]
-        samples, points_m = (scattered if diffuse else mirrored)(radar_scene, on)
+        samples, points_m = simulated(radar_scene, on, diffuse)
         f, array = radar_scene.frequencies_hz, radar_scene.array
         strongest = np.float64(_strongest(samples, f, array, points_m))
         body = radar_scene.body
@@ -118,31 +118,20 @@ def _built(path: Path) -> Scene:
     return build(file.model_copy(update={"photos": None}), path.parent)
 
 
-def mirrored(scene: EchoScene, on: list[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Samples [f, t, r] of a scene with these effects, and points [n, 3] of its surface, as a run has them."""
+def simulated(scene: EchoScene, on: list[str], diffuse: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Samples [f, t, r] of a scene with these effects, and points [n, 3] of its surface, as a run has them. diffuse: of
+    a surface that only scatters: the amplitude of each facet has a phase at random, the same at all tones, and nothing
+    bounces twice."""
     state = EchoState(scene, 1)
     for effect in EFFECTS:
-        if effect.id in on:
+        if effect.id in on and (not diffuse or effect.id in ONE_BY_ONE):
             effect.apply(state)
-    return state.samples[0], _points_m(state)
-
-
-def scattered(scene: EchoScene, on: list[str]) -> tuple[np.ndarray, np.ndarray]:
-    """The same of a surface that only scatters: the amplitude of each facet has a phase at random, the same at all
-    tones, and nothing bounces twice."""
-    state = EchoState(scene, 1)
-    for effect in EFFECTS:
-        if effect.id in on and effect.id in ONE_BY_ONE:
-            effect.apply(state)
-    assert state.surface is not None  # a hand has one
-    facets = require_facets(state.surface.facets)
-    turns = state.random(state.seed("diffuse")).random(len(facets))
-    state.surface.facets = replace(facets, area_m2=facets.area_m2 * np.exp(2j * np.pi * turns))
-    return state.samples[0], _points_m(state)
-
-
-def _points_m(state: EchoState) -> np.ndarray:
-    return state.points_m[:: max(1, len(state.points_m) // PEAK_POINTS)]
+    if diffuse:
+        assert state.surface is not None  # a hand has one
+        facets = require_facets(state.surface.facets)
+        turns = state.random(state.seed("diffuse")).random(len(facets))
+        state.surface.facets = replace(facets, area_m2=facets.area_m2 * np.exp(2j * np.pi * turns))
+    return state.samples[0], state.points_m[:: max(1, len(state.points_m) // PEAK_POINTS)]
 
 
 def _strongest(samples: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, points_m: np.ndarray) -> float:

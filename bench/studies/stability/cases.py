@@ -22,12 +22,8 @@ from radar.support.errors import HandbenchError
 
 GROUPS = ("phase", "data", "geometry", "smoothing", "registration", "meshes", "statistics")
 CATALOGUE = Path(__file__).with_name("catalogue.toml")
-REFUSAL = {
-    "bound": 0.0,
-    "unit": "answers",
-    "quantity": "an answer",
-    "reference": "a refusal",
-}  # unless the catalogue says otherwise
+# Unless the catalogue says otherwise.
+REFUSAL = {"bound": 0.0, "unit": "answers", "quantity": "an answer", "reference": "a refusal"}
 
 
 @dataclass(frozen=True)

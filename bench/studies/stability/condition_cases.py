@@ -16,8 +16,8 @@ from bench.evaluation.metrics import pool, precision
 from bench.results.error_map import ErrorMap
 from bench.results.stability import Table
 from bench.studies.stability.condition_fsk import ARRAY, METHODS, amplification, expected, ranks
-from bench.studies.stability.registration_spheres import PLACE_M, RADIUS_M
-from bench.studies.stability.statistics_intervals import told
+from bench.studies.stability.registration_cases import PLACE_M, RADIUS_M
+from bench.studies.stability.statistics_cases import told
 from calibration.target.ball_fit import fit_balls
 from calibration.target.description import default_target
 from calibration.target.optical_detection import Cloud, fit_sphere
@@ -65,9 +65,13 @@ def amplifications() -> Iterator[Row]:
     for step_m in (1e-3, 2e-3):
         name = f"subvoxel depth, voxels of {1e3 * step_m:g} mm"
         yield Row(name, "relative amplitude of a neighbour", *_subvoxel(step_m), "m")
+    # The worst pattern for the centre is as the height without what a radius explains: √3/part for even points, whose
+    # heights deviate by 2·part/√12.
     for part in (0.45, 0.15, 0.1):
         name = f"centre of a {part:.0%} cap, free radius"
-        yield Row(name, "points' rms along the normal", _cap(part), np.sqrt(3) / part, "m/m")
+        yield Row(
+            name, "points' rms along the normal", _cap_fit(part, lambda h: h - h.mean())[0], np.sqrt(3) / part, "m/m"
+        )
     yield Row("radius of a 15% cap", "points' rms along the normal", *_cap_radius(0.15), "m/m")
     yield Row("ball in the echoes", "delay of all channels, one way", *_ball(), "m/m")
     yield from _rotation()
@@ -86,19 +90,13 @@ def change(of: Callable[[float], Any], step: float) -> Any:
     return (of(step) - of(-step)) / (2 * step)
 
 
-# --- depth -----------------------------------------------------------------------------------------------------------
-
-
-def _subvoxel(step_m: float, band_hz: float = 10e9) -> tuple[float, float]:
+def _subvoxel(step_m: float) -> tuple[float, float]:
     """Change of the vertex with one neighbour's relative amplitude: of a main lobe sinc(2Bz/c), whose logarithm bends
     by π²/3 per resolution cell squared, 3ρ²/(2π²·step) with ρ = c/2B."""
-    cell_m = SPEED_OF_LIGHT_M_S / (2 * band_hz)
+    cell_m = SPEED_OF_LIGHT_M_S / (2 * 10e9)
     lobe = np.sinc(np.array([-1.0, 0.0, 1.0]) * step_m / cell_m)
     moved = change(lambda more: float(peak_offset(lobe * [1 + more, 1, 1])), 1e-4)
     return abs(moved) * step_m, 3 * cell_m**2 / (2 * np.pi**2 * step_m)
-
-
-# --- calibration -----------------------------------------------------------------------------------------------------
 
 
 def _cap_fit(part: float, along: Callable[[np.ndarray], np.ndarray], size_m: float = 1e-6) -> tuple[float, float]:
@@ -113,12 +111,6 @@ def _cap_fit(part: float, along: Callable[[np.ndarray], np.ndarray], size_m: flo
     points_m = (RADIUS_M + size_m * error / np.sqrt(np.mean(error**2)))[:, None] * outward
     found = fit_sphere(Cloud(points_m, outward, oriented=True), np.zeros(3), RADIUS_M, (0,), radius_sigma_m=1.0)
     return float(np.linalg.norm(found.centre_m)) / size_m, abs(found.radius_m - RADIUS_M) / size_m
-
-
-def _cap(part: float) -> float:
-    """The worst pattern for the centre: as its height without what a radius explains; √3/part for even points, whose
-    heights deviate by 2·part/√12."""
-    return _cap_fit(part, lambda height: height - height.mean())[0]
 
 
 def _cap_radius(part: float) -> tuple[float, float]:
@@ -167,9 +159,6 @@ def _rotation() -> Iterator[Row]:
     name = "rotation of a narrow target"
     yield Row(f"{name}, worst axis", "centres, their norm", found[0], held_m2.min() ** -0.5, "rad/m")
     yield Row(f"{name}, worst to best axis", "centres", found[0] / found[2], condition_number(points_m, points_m), "1")
-
-
-# --- figures ---------------------------------------------------------------------------------------------------------
 
 
 def _precision(repeats: int) -> tuple[float, float]:

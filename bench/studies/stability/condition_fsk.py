@@ -1,18 +1,15 @@
 """Amplification of phase errors by FSK's depth, and the rank correlation of its σ with its errors."""
 
-from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import spearmanr
 
-from bench.studies.stability.scenes import LADDER_HZ, small_array
+from bench.studies.stability.scenes import LADDER_HZ, imaged, small_array
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
-from radar.methods.fsk import n_tone, three_tone, two_tone
-from radar.methods.fsk_config import LadderConfig, ThreeToneConfig, TwoToneConfig
 from radar.simulation.effects.receiver import strongest_amplitude, thermal_noise
 from radar.simulation.forward import Scatterers, simulate
 
@@ -25,17 +22,17 @@ KNOWN = {"x": NEAR, "y": NEAR, "off_axis": True, "tolerance": None, "first_depth
 
 
 class Method(NamedTuple):
-    """An FSK method, its tones in the order of its ladder, and how it is run with configuration values."""
+    """An FSK method, and its tones in the order of its ladder."""
 
     name: str
+    id: str
     tones_hz: tuple[float, ...]
-    run: Callable[..., DepthMap]
 
 
 METHODS = (
-    Method("2-FSK", LADDER_HZ[:2], lambda c, **at: two_tone(c, TwoToneConfig(**at))),
-    Method("3-FSK", (*LADDER_HZ[:2], LADDER_HZ[3]), lambda c, **at: three_tone(c, ThreeToneConfig(**at))),
-    Method("ladder", LADDER_HZ, lambda c, **at: n_tone(c, LadderConfig(**at))),
+    Method("2-FSK", "2fsk", LADDER_HZ[:2]),
+    Method("3-FSK", "3fsk", (*LADDER_HZ[:2], LADDER_HZ[3])),
+    Method("ladder", "nfsk", LADDER_HZ),
 )
 
 
@@ -47,7 +44,7 @@ def amplification(method: Method) -> float:
     def depth_m(phase_rad: float) -> float:
         turned = samples.copy()
         turned[-1] *= np.exp(1j * phase_rad)
-        z_m = method.run(RadarCapture(turned[None], tones_hz, ARRAY), **KNOWN).z_m
+        z_m = imaged(method.id, RadarCapture(turned[None], tones_hz, ARRAY), **KNOWN).z_m
         return float(z_m[len(z_m) // 2, z_m.shape[1] // 2])
 
     return abs(depth_m(5e-3) - depth_m(-5e-3)) / 1e-2
@@ -85,7 +82,7 @@ def ranks() -> dict[str, tuple[float, float]]:
         samples = thermal_noise(clean, tones_hz, NOISE_RAD, strongest, (seed,))
         capture = RadarCapture(samples[None], tones_hz, qar50())
         for method in METHODS[:2]:
-            maps[method.name].append(method.run(capture, x=span, y=span, first_depth_m=float(POINT_M[2])))
+            maps[method.name].append(imaged(method.id, capture, x=span, y=span, first_depth_m=float(POINT_M[2])))
     return {name: _ranks(found) for name, found in maps.items()}
 
 

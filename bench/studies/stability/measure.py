@@ -9,9 +9,10 @@ from typing import Any
 
 import pandas as pd
 
-from bench.results.stability import StabilityFacts, Table, counted, write_stability
+from bench.results.stability import StabilityFacts, counted, write_stability
 from bench.results.tables import CASES, frame
 from bench.studies.columns import markdown_table
+from bench.studies.stability import condition_cases, precision_cases, random_scenes
 from bench.studies.stability.cases import GROUPS, cases, measured
 from bench.studies.study import carried_out, stand
 from radar.support.config import suggest
@@ -30,9 +31,10 @@ def run_stability(
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # a warning without meaning would reach a user too
         found, _ = carried_out(chosen, measured, attrgetter("name"), "cases")
-        tables = () if groups else _tables(seed, scenes)
+        tables = [] if groups else [precision_cases.table(), condition_cases.table()]
+        tables += [random_scenes.table(seed, scenes)] if scenes and not groups else []
     table = frame(CASES, (line for _, line in found))
-    facts = StabilityFacts(seed=seed, seconds=time.perf_counter() - start, tables=tables, **stand())
+    facts = StabilityFacts(seed=seed, seconds=time.perf_counter() - start, tables=tuple(tables), **stand())
     if folder is not None:
         write_stability(folder, facts, table)
         say(f"stability: {folder / 'stability.csv'}")
@@ -45,14 +47,6 @@ def _groups(text: str | None) -> tuple[str, ...]:
         if group not in GROUPS:
             raise HandbenchError(f"--groups: unknown '{group}'; {suggest(group, list(GROUPS))}")
     return chosen
-
-
-def _tables(seed: int, scenes: int) -> tuple[Table, ...]:
-    """Errors of single precision, how much estimators amplify, and random scenes."""
-    from bench.studies.stability import condition_cases, precision_cases, random_scenes
-
-    tables = (precision_cases.table(), condition_cases.table())
-    return (*tables, random_scenes.table(seed, scenes)) if scenes else tables
 
 
 def show(facts: StabilityFacts, found: pd.DataFrame) -> None:

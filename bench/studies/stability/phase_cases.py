@@ -30,7 +30,6 @@ from bench.studies.stability.scenes import (
 from radar.data.arrays import qar50
 from radar.data.grid import PixelGrid
 from radar.imaging.cpu.exact import tone_images
-from radar.methods.confidence import wrap_probability
 from radar.methods.fsk import depth_step_m
 from radar.methods.fsk_config import SETTLING
 
@@ -46,7 +45,6 @@ BOUNDS = {
     "first_depth": NEAR_MM,
     "at_the_edge": NEAR_MM,
     "outside": 1e3 * PERIOD_M / 2,
-    "outside_the_box": 0.5 + 1e-6,
 }
 Pixels = Iterator[tuple[str, np.ndarray, np.ndarray]]
 
@@ -62,17 +60,6 @@ def _across() -> Seen:
         yield f"Δf {difference_hz / 1e9:g} GHz", float(np.abs(off - 2 * np.pi * np.rint(off / 2 / np.pi)).max())
 
 
-def _wraps_at() -> Seen:
-    step = np.array([0, 29.9, 30 - 1e-9, 30, 30 + 1e-9, 30.1, 60, 300])
-    for sigma in (0.0, 1e-300, 1e-9, 1e-3, 1.0, 30.0, 1e9):
-        found = wrap_probability(step, np.full(len(step), sigma), 30.0)
-        with np.errstate(all="ignore"):
-            exponent = 60 * (30 - step.astype(np.longdouble)) / np.longdouble(sigma) ** 2
-            exact = 1 / (1 + np.exp(exponent))
-        exact = np.where(step == 30, 0.5, exact)  # halfway: either period, however well the point is known
-        yield f"σ {sigma:g} mm", float(np.abs(found - exact).max())
-
-
 def _coarse_error() -> Seen:
     for height_mm in (20, 40, 60, 65, 70, 75, 80, 85, 90, 95, 100, 110):
         far_m = 0.26 + height_mm / 1000
@@ -85,14 +72,6 @@ def _coarse_error() -> Seen:
             depth = depth_map("3fsk", taken, half_m=0.024, **values)
             off_m, beside = np.abs(depth.z_m - np.where(depth.x_m < 0, 0.26, far_m)), np.abs(depth.x_m) > CELL_M
             yield from by_flag(f"step {height_mm} mm, filter {size}", off_m[:, beside], flags(depth)[:, beside])
-
-
-def _dropped() -> Seen:
-    clean = echoes(bumpy_points(), frequencies_hz=LADDER_HZ)
-    for snr_db, seed in product((40, 25, 15, 5), range(3)):
-        taken = capture(noisy(clean, 900.0, snr_db, seed), LADDER_HZ)
-        depth = depth_map("3fsk-plus", taken, half_m=0.02, first_depth_m=0.28, tolerance=None)
-        yield f"{snr_db} dB, draw {seed}", float(np.count_nonzero(np.isfinite(depth.z_m) & depth.wrapped))
 
 
 def _tones_meet() -> Seen:
@@ -140,12 +119,6 @@ def _far_tone() -> Seen:
         yield f"f3 {f3_hz / 1e9:g} GHz", float(np.mean(silent))
 
 
-def _too_far() -> Works:
-    taken = recorded(POINT_M, LADDER_HZ)
-    for last_hz in (74.9e9, 72e9, 40e9, 1e9, 1e6, 1e12):
-        yield f"{last_hz / 1e9:g} GHz", partial(depth_map, "nfsk", taken, tones_hz=[82e9, 81.8e9, last_hz])
-
-
 def _first_imaged(ids: tuple[str, ...], within: bool, nearest_m: float = 0.02, corrections: int = 1) -> Pixels:
     """The place, errors [n] and flags [n] of the pixels of a point at 0.28 m and of one at 1.2 m, when the first image
     lies some way off, within ±375 mm or beyond, and further than nearest_m away."""
@@ -166,17 +139,13 @@ def _first_depth_settled() -> Seen:
     return ((place, 1e3 * error.max()) for place, error, _ in _first_imaged(FSK, True, corrections=SETTLING))
 
 
-def _silent(ids: tuple[str, ...]) -> Seen:
+def _first_depth_beyond(ids: tuple[str, ...] = FSK[1:]) -> Seen:
     for place, error, wrapped in _first_imaged(ids, within=False):
         yield place, float(np.mean((error > 0.005) & ~wrapped))
 
 
-def _first_depth_beyond() -> Seen:
-    return _silent(FSK[1:])
-
-
 def _first_depth_beyond_two() -> Seen:
-    return _silent(FSK[:1])
+    return _first_depth_beyond(FSK[:1])
 
 
 def _two_maxima() -> Seen:
@@ -219,9 +188,3 @@ def _outside() -> Seen:
         x, y = np.meshgrid(depth.x_m, depth.y_m)
         off_m = np.abs(np.sqrt(depth.z_m**2 + x**2 + y**2) - np.linalg.norm(point))
         yield from by_flag(f"{id}, {beside_mm} mm beside", off_m, flags(depth))
-
-
-def _outside_the_box() -> Seen:
-    for z_m in (0.245, 0.2454, 0.28, 0.3246, 0.325, 0.326, 0.33, 0.24, 0.335, 0.345, 0.35, 0.40, 0.2, 0.6):
-        depth = depth_map("broadband", recorded((0, 0, z_m)))
-        yield f"a point at {z_m:g} m", 1e3 * abs(float(middle(depth.z_m)) - z_m), bool(middle(flags(depth)))

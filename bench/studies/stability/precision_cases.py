@@ -1,23 +1,146 @@
-"""The error budget of single precision: every path that uses it; here its errors in depths, grids and files, against
-double precision or the closed form.
+"""The error budget of single precision: every path that uses it, against double precision or the closed form.
+
+u = 2⁻²⁴ is the rounding of float32. A sum of n products in it errs by at most n·u of the sum of their magnitudes, in
+any order (Higham 2002, sec. 3.1); white noise, whose sum is far smaller than that, shows the errors best.
 """
 
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from bench.results.stability import Table
-from bench.studies.stability import precision_images as images
-from bench.studies.stability.precision_images import PAIR_MM, Line, U, fast_floor, image_line, relative, sums
-from bench.studies.stability.scenes import LADDER_HZ, POINT_M, C, capture, depth_map, echoes, small_array
-from radar.imaging.cpu.exact import direct_sum, tone_images
+from bench.studies.stability.geometry_direct import image, waves
+from bench.studies.stability.meshes_cases import on_plane, plane_error_m
+from bench.studies.stability.scenes import LADDER_HZ, POINT_M, C, capture, depth_map, echoes, small_array, white_noise
+from bench.studies.study import relative_error
+from groundtruth.mesh.depth import depth_on_grid
+from groundtruth.mesh.mesh_files import mesh, read_triangles, write_mesh
+from radar.data.arrays import AntennaArray, Aperture, PlanarScan, qar50
+from radar.data.grid import VoxelGrid
+from radar.imaging.api import image_points, image_volume, project_volume
+from radar.imaging.cpu.exact import backproject, direct_sum, path_lengths, tone_images
+from radar.imaging.cpu.steering import cis_turns
 from radar.imaging.skeleton import AMPLIFICATION, resampler
 from radar.methods.fsk import depth_step_m
 from radar.methods.smoothing import masked_mean
+from radar.simulation.forward import Scatterers, direct_echoes, simulate
+from radar.support.rays import Rays
 
+U = 2.0**-24  # rounding of single precision
 U_DOUBLE = 2.0**-53
+STEER = 4 * U  # a steering phase, radians: its remainder rounds to π/2·u, cosine and sine by 2u
+PAIR_MM = 1e3 * C / (4 * np.pi * 0.2e9)  # depth per radian between the closest tones
+TONES_HZ = np.linspace(72e9, 82e9, 16)
+MANY_HZ = np.linspace(72e9, 82e9, 4096)
+UNEVEN_HZ = np.sort(np.random.default_rng(7).uniform(72e9, 82e9, 16))
+GRID = VoxelGrid(np.linspace(-0.01, 0.01, 11), np.linspace(-0.01, 0.01, 11), np.linspace(0.27, 0.29, 21))
+
+
+class Line(NamedTuple):
+    """One path: where it uses single precision, the bound of its error, the error, their unit, and what it moves a
+    depth by at most, millimetres (None: no depth comes of it)."""
+
+    path: str
+    single: str
+    bound: float
+    measured: float
+    unit: str
+    depth_mm: float | None
+
+
+def of_samples() -> Iterator[Line]:
+    path_m = path_lengths(small_array(), np.array(POINT_M))
+    exact = np.exp(-2j * np.pi * 82e9 * path_m / C)
+    error = float(np.abs(np.angle(exact.astype(np.complex64).astype(np.complex128) / exact)).max())
+    yield image_line("samples of a capture", "real and imaginary part", U, error)
+
+
+def of_steering() -> Iterator[Line]:
+    for range_m in (0.3, 2.0, 20.0):
+        turns = np.random.default_rng(0).uniform(0.5, 1.0, 4000) * 2 * range_m * 82e9 / C
+        found = np.array([cis_turns(t) for t in turns])
+        phase = 2 * np.pi * np.mod(turns, 1.0)  # exact: the remainder of a float64 is one
+        measured = np.abs(found - np.stack([np.cos(phase), np.sin(phase)], axis=1)).max()
+        where = "cosine and sine of the remainder of a turn, itself in double"
+        yield image_line(f"steering at {range_m:g} m", where, STEER, measured)
+
+
+def of_exact() -> Iterator[Line]:
+    points = GRID.points_m().reshape(-1, 3)[::40]
+    places_m = np.random.default_rng(2).uniform(-0.07, 0.07, (2, 300))
+    scan = PlanarScan(np.stack([*places_m, np.zeros(300)], axis=1))
+    few = AntennaArray(small_array().tx_m[:3], small_array().rx_m[:3])
+    added = "steering, products, sums over antennas and tones"
+    for name, single, array, tones, bound in (
+        ("exact points, 94 + 94 antennas", added, qar50(), TONES_HZ[:4], sums(qar50(), 4)),
+        ("exact points, tones unevenly spaced", added, small_array(), UNEVEN_HZ, sums(small_array(), len(UNEVEN_HZ))),
+        ("exact points, 4096 tones", added, few, MANY_HZ, sums(few, len(MANY_HZ))),
+        ("planar scan", "steering; sums over positions in double", scan, TONES_HZ[:4], STEER + 5 * U),
+    ):
+        samples = white_noise((len(tones), *array.channels))
+        off = np.abs(backproject(samples, tones, array, points) - direct_sum(samples, tones, array, points)).max()
+        yield image_line(name, single, bound, off / np.abs(samples).sum())
+    samples = white_noise((len(TONES_HZ), *small_array().channels))
+    off = np.abs(image_volume(samples, TONES_HZ, small_array(), GRID, None).ravel() - _volume(samples)).max()
+    yield image_line("exact volume", "as exact points", sums(small_array(), len(TONES_HZ)), off / np.abs(samples).sum())
+
+
+def sums(array: Aperture, tones: int) -> float:
+    """Most that an exact image errs by, over Σ|S|: steering twice, and sums over 2t, 2r and the tones."""
+    t, r = (len(leg.position_m) for leg in array.legs)
+    return 2 * STEER + (2 * t + 2 * r + tones) * U
+
+
+def of_fast() -> Iterator[Line]:
+    array, points = small_array(), GRID.points_m().reshape(-1, 3)[::7]
+    samples = white_noise((len(TONES_HZ), *array.channels))
+    exact, at_points = _volume(samples), direct_sum(samples, UNEVEN_HZ, array, points)
+    for tolerance in (1e-3, 1e-5):
+        found = {
+            "volume": (image_volume(samples, TONES_HZ, array, GRID, tolerance).ravel(), exact),
+            "projection": (
+                project_volume(samples, TONES_HZ, array, GRID, tolerance)[1][1],
+                np.abs(exact.reshape(GRID.shape)).max(axis=0),
+            ),
+            "points, tones unevenly spaced": (image_points(samples, UNEVEN_HZ, array, points, tolerance), at_points),
+        }
+        for name, both in found.items():
+            single = f"weights, phases within a leaf, products; tolerance {tolerance:g}"
+            yield image_line(f"fast {name}", single, tolerance + fast_floor(len(TONES_HZ)), relative_error(*both))
+
+
+def fast_floor(tones: int) -> float:
+    """The roundings of the fast chain on noise, relative L2: three levels, each a steering and products of three sums
+    whose roundings are independent, so that they grow with the root of their terms."""
+    terms = 2 * sum(small_array().channels) + tones
+    return 3 * (2 * STEER + np.sqrt(terms) * U)
+
+
+def of_forward() -> Iterator[Line]:
+    generator, count = np.random.default_rng(3), 300
+    position = np.array(POINT_M) + generator.uniform(-0.01, 0.01, (count, 3))
+    weight = generator.normal(size=count)
+    exact = direct_echoes(position, weight, TONES_HZ, small_array())
+    scatterers = Scatterers(position, weight)
+    found = simulate(scatterers, TONES_HZ, small_array(), spreading=False, tolerance=None)
+    error = np.abs(found - exact).max() / np.abs(weight).sum()
+    yield image_line("forward model, exact", "gains, steering, sums", 2 * STEER + (count + 6) * U, error)
+    found = simulate(scatterers, TONES_HZ, small_array(), spreading=False, tolerance=1e-5)
+    bound = 1e-5 + fast_floor(len(TONES_HZ)) + np.sqrt(count) * U
+    yield image_line("forward model, fast", "as fast volume; tolerance 1e-05", bound, relative_error(found, exact))
+
+
+def image_line(path: str, single: str, bound: float, measured: float) -> Line:
+    """A line about a relative error of images or echoes: two of them, at the strongest pixel, make a depth."""
+    return Line(path, single, float(bound), float(measured), "1", 2 * PAIR_MM * float(measured))
+
+
+def _volume(samples: np.ndarray) -> np.ndarray:
+    """The exact volume [n] in double precision."""
+    return image(samples, waves(small_array(), TONES_HZ, GRID.points_m().reshape(-1, 3)))
 
 
 def of_resampling() -> Iterator[Line]:
@@ -32,7 +155,7 @@ def of_resampling() -> Iterator[Line]:
         count = max((of.stop - of.start for _, of, _ in found.windows), default=1)
         bound = 0.6 * tolerance + AMPLIFICATION * (np.sqrt(count) + 2) * U
         where = f"nodes, weights and sums; tolerance {0.6 * tolerance:g}"
-        yield image_line("resampling", where, bound, relative(out, wave))
+        yield image_line("resampling", where, bound, relative_error(out, wave))
 
 
 def of_fsk() -> Iterator[Line]:
@@ -76,31 +199,21 @@ def of_smoothing() -> Iterator[Line]:
 
 
 def of_rays() -> Iterator[Line]:
-    from groundtruth.mesh.depth import depth_on_grid
-    from groundtruth.mesh.mesh_files import mesh
-    from radar.support.rays import Rays
-
-    slope, z_m = np.array([0.7, -0.4]), 0.3
-    corners = np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]])
-    vertices = np.column_stack([corners, z_m + corners @ slope])
-    faces = np.array([[0, 1, 2], [0, 2, 3]])
-    axis = np.linspace(-0.15, 0.15, 61)
-    x, y = np.meshgrid(axis, axis)
-    exact = z_m + slope[0] * x + slope[1] * y
-    error = 1e3 * float(np.abs(depth_on_grid(mesh(vertices, faces), axis, axis) - exact).max())
+    slope, axis = np.array([0.7, -0.4]), np.linspace(-0.15, 0.15, 61)
+    vertices = on_plane(np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]]), slope)
+    faces, places = np.array([[0, 1, 2], [0, 2, 3]]), np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    error = 1e3 * plane_error_m(depth_on_grid(mesh(vertices, faces), axis, axis), axis, axis, slope)
     bound = 1e3 * 16 * U_DOUBLE * (1 + np.abs(slope).sum())
     single = "which triangle is hit; its depth in double"
     yield Line("ray casting, depth on the grid", single, bound, error, "mm", error)
-    origins, along = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1), np.tile([0.0, 0, 1], (x.size, 1))
-    distance, _ = Rays(vertices, faces).first_hits(origins, along)
-    error = 1e3 * float(np.abs(distance - exact.ravel()).max())
+    origins = np.column_stack([places, np.zeros(len(places))])
+    distance, _ = Rays(vertices, faces).first_hits(origins, np.tile([0.0, 0, 1], (len(places), 1)))
+    error = 1e3 * float(np.abs(distance - on_plane(places, slope)[:, 2]).max())
     bound = 1e3 * 8 * U * (np.abs(vertices).max() + np.abs(slope).sum() * 0.2)
     yield Line("ray casting, first hits", "rays, vertices, distance", bound, error, "mm", error)
 
 
 def of_meshes() -> Iterator[Line]:
-    from groundtruth.mesh.mesh_files import mesh, read_triangles, write_mesh
-
     generator = np.random.default_rng(6)
     vertices = generator.uniform(-0.3, 0.3, (60, 3))
     faces = np.arange(60).reshape(-1, 3)
@@ -115,7 +228,7 @@ def of_meshes() -> Iterator[Line]:
             yield Line(f"mesh file, {name[-3:].upper()}", single, bound, error, "mm", error)
 
 
-IMAGES = (images.of_samples, images.of_steering, images.of_exact, images.of_fast, images.of_scan, images.of_forward)
+IMAGES = (of_samples, of_steering, of_exact, of_fast, of_forward)
 PATHS = (*IMAGES, of_resampling, of_fsk, of_smoothing, of_rays, of_meshes)
 
 

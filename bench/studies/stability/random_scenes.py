@@ -14,11 +14,9 @@ import numpy as np
 import pandas as pd
 
 from bench.results.stability import Table
-from bench.studies.stability.scenes import small_array
+from bench.studies.stability.scenes import imaged, small_array
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
-from radar.methods.fsk import three_tone, two_tone
-from radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
 from radar.simulation.forward import Scatterers, simulate
 from radar.support.errors import HandbenchError
 from radar.support.parallel import workers
@@ -106,11 +104,10 @@ def scene(seed: int, number: int) -> list[tuple[str | int, ...]]:
     capture = _recorded(surface, middle_m, trouble, rng)
     first_m = middle_m + rng.uniform(-0.1, 0.1)
     known = {"x": AXIS, "y": AXIS, "off_axis": True, "first_depth_m": first_m, "tolerance": None}
-    methods = {"2fsk": (two_tone, TwoToneConfig(**known)), "3fsk": (three_tone, ThreeToneConfig(**known))}
     lines = []
-    for name, (method, config) in methods.items():
+    for name in KEYS["method"]:
         try:
-            counts = (0, *_count(method(capture, config), surface, middle_m))
+            counts = (0, *_count(imaged(name, capture, **known), surface, middle_m))
         except HandbenchError:
             counts = (1, 0, 0, 0, 0)
         lines.append((name, kind, trouble, 1, *counts))

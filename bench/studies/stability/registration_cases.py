@@ -1,4 +1,5 @@
-"""Hard cases of registration: turns, lines, planes, mirror images, symmetry, wrong pairs, and places far away.
+"""Hard cases of registration: centres nearly on a line, mirror images, symmetry, wrong pairs; and of the target's
+spheres: caps that shrink in photographs, balls that draw together in echoes; and of a board with wrong corners.
 
 Pairs fit exactly unless a case is about their errors, so that the transform that made them is the reference.
 """
@@ -12,12 +13,18 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bench.studies.stability.cases import Seen, Works
+from bench.studies.stability.scenes import capture, small_array
 from calibration.registration import ransac
 from calibration.registration.register import solve
 from calibration.registration.rigid_fit import HUBER, Pairs
+from calibration.target.ball_fit import fit_balls
 from calibration.target.description import Candidate, Element, Target, default_target
 from calibration.target.matching import match
-from calibration.transforms import Transform, condition_number
+from calibration.target.optical_detection import Cloud, Sphere, fit_sphere
+from calibration.target.radar_detection import Ball
+from calibration.transforms import Transform
+from groundtruth.sparse.frame import trimmed_similarity
+from radar.simulation.physics.spheres import sphere_echo
 from radar.support.errors import HandbenchError
 
 EPS = np.finfo(float).eps
@@ -41,63 +48,18 @@ def registered(source_m: np.ndarray, target_m: np.ndarray) -> Transform:
         return solve(Pairs.of(candidates(source_m), candidates(target_m)))
 
 
-def turn_roundings(source_m: np.ndarray, moved_m: np.ndarray, turn: np.ndarray) -> float:
-    """Angle from the rotation [3, 3] that made the pairs to the one found, over what four roundings of the largest
-    coordinate turn across the target's half width."""
-    angle_rad = np.linalg.norm(Rotation.from_matrix(registered(source_m, moved_m).rotation @ turn.T).as_rotvec())
-    return float(angle_rad / (4 * EPS * max(np.abs(source_m).max(), np.abs(moved_m).max()) / HALF_M))
-
-
-def _half_turns() -> Seen:
-    axes = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, -2, 3))
-    shorts_rad = (0, 1e-16, 1e-15, 1e-12, 1e-8, 1e-4, 0.1, 3.1)
-    for axis, short_rad, (name, points_m) in product(axes, shorts_rad, (("solid", FIVE), ("plane", PLANE))):
-        turn = Rotation.from_rotvec((np.pi - short_rad) * np.array(axis) / np.linalg.norm(axis)).as_matrix()
-        place = f"{name}, axis {axis}, 180° less {short_rad:g} rad"
-        yield place, turn_roundings(points_m, points_m @ turn.T + SHIFT_M, turn)
-
-
-def _rectangle(half_m: float) -> np.ndarray:
-    return np.array([[x, y, 0] for x in (-HALF_M, HALF_M) for y in (-half_m, half_m)])
-
-
 def _nearly_collinear() -> Seen:
     for half_m in HALF_M / np.array([1, 2, 5, 10, 15, 19, 19.9]):
-        points_m = _rectangle(half_m)
-        kappa = np.hypot(HALF_M, half_m) / half_m
-        yield f"κ = {kappa:.3g}", turn_roundings(points_m, points_m @ TURN.T + SHIFT_M, TURN) / kappa
-
-
-def _collinear() -> Works:
-    for half_m in (*HALF_M / np.array([20.1, 1e2, 1e4, 1e8, 1e15]), 0.0):
-        points_m = _rectangle(half_m)
-        yield f"half width {half_m:.2g} m", partial(registered, points_m, points_m @ TURN.T + SHIFT_M)
-
-
-def _condition() -> Seen:
-    for half_m in HALF_M * np.logspace(0, -12, 49):
-        points_m = _rectangle(half_m)
-        kappa, found = np.hypot(HALF_M, half_m) / half_m, condition_number(points_m, points_m @ TURN.T)
-        lost = EPS * kappa**2 > 0.1
-        yield f"κ = {kappa:.3g}", 0.0 if lost and found > 1e7 else abs(found / kappa - 1) / (EPS * kappa**2)
-    yield "on a line", 0.0 if condition_number(_rectangle(0), _rectangle(0)) > 1e7 else np.inf
-
-
-def _far_away() -> Seen:
-    for away_m in (1e0, 1e2, 1e4, 1e6, 1e7):
-        for name, source_m, extra_m in (("source", FIVE + away_m, 0), ("target", FIVE, away_m)):
-            moved_m = (source_m - source_m.mean(axis=0)) @ TURN.T + extra_m
-            yield f"{name} {away_m:g} m away", turn_roundings(source_m, moved_m, TURN)
-
-
-def _solid(height_m: float) -> np.ndarray:
-    """The target's square with its fifth centre at a height."""
-    return np.array([*PLANE[:4], [*PLANE[4, :2], height_m]])
+        points_m = np.array([[x, y, 0] for x in (-HALF_M, HALF_M) for y in (-half_m, half_m)])
+        moved_m, kappa = points_m @ TURN.T + SHIFT_M, np.hypot(HALF_M, half_m) / half_m
+        off_rad = np.linalg.norm(Rotation.from_matrix(registered(points_m, moved_m).rotation @ TURN.T).as_rotvec())
+        four_rad = 4 * EPS * max(np.abs(points_m).max(), np.abs(moved_m).max()) / HALF_M  # across the half width
+        yield f"κ = {kappa:.3g}", float(off_rad / four_rad) / kappa
 
 
 def _shrinking_mirror() -> Seen:
     for height_m in (0, 1e-6, 1e-5, *np.logspace(-4, -1, 25)):
-        points_m = _solid(height_m)
+        points_m = np.array([*PLANE[:4], [*PLANE[4, :2], height_m]])
         try:
             found = registered(points_m, points_m * [1, 1, -1] @ TURN.T + SHIFT_M)
         except HandbenchError:
@@ -106,15 +68,11 @@ def _shrinking_mirror() -> Seen:
             yield f"height {height_m:g} m", float(found.residuals_m.max() / (np.sqrt(2) * SIGMA_M))
 
 
-def _triangle(skew_m: float) -> Target:
-    places = ((-HALF_M, 0.0, 0.0), (HALF_M, 0.0, 0.0), (skew_m / 2, 0.09, 0.0))
-    return Target(element=tuple(Element(centre_m=p, sphere_radius_m=0.02, ball_radius_m=0.005) for p in places))
-
-
 def _nearly_symmetric() -> Seen:
     rng = np.random.default_rng(1)
     for skew_m in (*np.linspace(0.02, 0.001, 20), 1e-4, 0.0):
-        target = _triangle(skew_m)
+        places = ((-HALF_M, 0.0, 0.0), (HALF_M, 0.0, 0.0), (skew_m / 2, 0.09, 0.0))
+        target = Target(element=tuple(Element(centre_m=p, sphere_radius_m=0.02, ball_radius_m=0.005) for p in places))
         moved_m = target.centres_m @ TURN.T + SHIFT_M + SIGMA_M * rng.standard_normal((3, 3))
         try:
             found = match(candidates(moved_m), target, "echoes")
@@ -125,28 +83,107 @@ def _nearly_symmetric() -> Seen:
             yield f"skew of {1e3 * skew_m:.3g} mm", float(wrong)
 
 
-def _symmetric() -> Works:
-    square = Target(element=default_target().element[:4])
-    for name, t in (("a square", square), ("an even triangle", _triangle(0.0)), ("nearly so", _triangle(5e-4))):
-        yield name, partial(match, candidates(t.centres_m @ TURN.T), t, "echoes")
-
-
-def _shift_in_sigmas(found: Transform) -> float:
-    """Distance of a transform from the shift alone, in its own standard deviations."""
-    step = np.r_[found.matrix[:3, 3] - found.rotation @ SHIFT_M, Rotation.from_matrix(found.rotation).as_rotvec()]
-    return float(np.sqrt(step @ np.linalg.solve(found.covariance, step)))
-
-
 def _one_wrong() -> Seen:
     rng = np.random.default_rng(0)
     for size_m, wrong in product(np.logspace(-6, 6, 37), range(5)):
         way = rng.standard_normal(3)
         moved_m = FIVE + SHIFT_M
         moved_m[wrong] += size_m * way / np.linalg.norm(way)
-        yield f"pair {wrong + 1}, {size_m:.2g} m off", _shift_in_sigmas(registered(FIVE, moved_m))
+        found = registered(FIVE, moved_m)
+        step = np.r_[found.matrix[:3, 3] - found.rotation @ SHIFT_M, Rotation.from_matrix(found.rotation).as_rotvec()]
+        yield f"pair {wrong + 1}, {size_m:.2g} m off", float(np.sqrt(step @ np.linalg.solve(found.covariance, step)))
 
 
-def _two_wrong() -> Works:
-    bent = np.array([[1, 0, 0], [0, -1, 1], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
-    for size_m in (0.01, 0.03, 0.3, 30.0, 3e3, 1e6):
-        yield f"{size_m:g} m off", partial(registered, FIVE, FIVE + SHIFT_M + size_m * bent)
+RADIUS_M, RADIUS_SIGMA_M = 0.025, 5e-5
+POINTS_M2 = 6e5
+TONES_HZ = np.linspace(72e9, 82e9, 16)
+PLACE_M = np.array([0.01, -0.02, 0.3])
+
+
+def outward(z: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+    """Unit vectors [n, 3] of heights z and azimuths [n], radians."""
+    ring = np.sqrt(1 - z**2)
+    return np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), z], axis=1)
+
+
+def _fit(rng: np.random.Generator, normals: np.ndarray, noise_m: float) -> Sphere | None:
+    """The fit to places about the origin of a sphere with the radius that is expected, to its tolerance."""
+    made_m = RADIUS_M + RADIUS_SIGMA_M * rng.standard_normal()
+    points_m = (made_m + noise_m * rng.standard_normal(len(normals)))[:, None] * normals
+    start_m = 1e-3 * np.array([1, -1, 1])
+    return fit_sphere(Cloud(points_m, normals, oriented=True), start_m, RADIUS_M, (0,), RADIUS_SIGMA_M)
+
+
+def in_sigmas(found: Candidate, centre_m: np.ndarray) -> float:
+    """Distance of a centre from the true one, in its own standard deviations."""
+    off_m = found.centre_m - centre_m
+    return float(np.sqrt(off_m @ np.linalg.solve(found.covariance_m2, off_m)))
+
+
+def _caps() -> Seen:
+    rng = np.random.default_rng(0)
+    parts = (0.45, 0.3, 0.2, 0.15, 0.12, 0.1, 0.09, 0.08, 0.06, 0.03, 0.01)
+    for part, noise_m, _ in product(parts, (0.0, 1e-4, 5e-4), range(2)):
+        points = int(part * 4 * np.pi * RADIUS_M**2 * POINTS_M2)  # of a thinned cloud
+        cap = outward(2 * part * rng.random(points) - 1, 2 * np.pi * rng.random(points))
+        found = _fit(rng, cap, noise_m)
+        yield f"{part:.0%}, noise {1e3 * noise_m:g} mm", in_sigmas(found, np.zeros(3)) if found else 0.0
+
+
+def _circles() -> Seen:
+    rng = np.random.default_rng(0)
+    for height, width, noise_m in product((0.0, 0.03, 0.3, 0.6, 0.99), (0.0, 0.02, 0.1), (0.0, 1e-5, 3e-4)):
+        z = np.clip(height + width * rng.uniform(-1, 1, 800), -1, 1)
+        found = _fit(rng, outward(z, 2 * np.pi * rng.random(800)), noise_m)
+        place = f"{height:g} ± {width:g} radii up, noise {1e3 * noise_m:g} mm"
+        yield place, in_sigmas(found, np.zeros(3)) if found else 0.0
+
+
+def heard(centres_m: np.ndarray, noise: float, off_m: float) -> dict[int, Ball]:
+    """The fit to the echoes of up to three balls that stand at centres [n, 3], from places off_m away along each axis;
+    noise: its power over the echoes'."""
+    first, second = default_target().element[:2]
+    target, rng = Target(element=(first, second, second)), np.random.default_rng(1)
+    radius_m, delay_m = target.element[0].ball_radius_m, target.foam_delay_m[0]
+    samples = sum(sphere_echo(c, radius_m, delay_m, TONES_HZ, small_array()) for c in centres_m).astype(np.complex128)
+    level = np.sqrt(noise * np.mean(np.abs(samples) ** 2) / 2)
+    white = rng.standard_normal((2, *samples.shape))
+    seeds = {i: Ball(c + off_m, np.eye(3), (i,), c, 0.0) for i, c in enumerate(centres_m)}
+    return fit_balls(capture(samples + level * (white[0] + 1j * white[1]), TONES_HZ), target, seeds)
+
+
+def _apart(gap_m: float) -> np.ndarray:
+    return PLACE_M + np.array([[0, 0, 0], [gap_m, 0, 0]])
+
+
+def _near_balls() -> Seen:
+    for gap_m, noise in product((0.05, 0.02, 0.015, 0.012, 0.0101), (1e-4, 1.0)):
+        for i, ball in heard(_apart(gap_m), noise, off_m=1e-4).items():
+            yield f"{1e3 * gap_m:g} mm apart, noise {noise:g}", in_sigmas(ball, _apart(gap_m)[i])
+
+
+def _one_place() -> Works:
+    for gap_m in (0.0099, 0.005, 1e-3, 1e-5, 1e-7, 0.0):
+        yield f"{gap_m:g} m apart", partial(heard, _apart(gap_m), noise=0.01, off_m=0.0)
+
+
+GRID = np.array([[x, y, 0] for x in np.linspace(-0.1, 0.1, 5) for y in np.linspace(-0.07, 0.07, 4)])  # of a board
+
+
+def _wrong_corners() -> Seen:
+    for size_m, apart in product(np.logspace(-5, 4, 28), (True, False)):
+        rng = np.random.default_rng(3)
+        chosen = 5 * np.arange(4) if apart else np.arange(4)
+        way = rng.standard_normal((4, 3)) if apart else np.array([[0.0, 0.0, 1.0]] * 4)
+        source = GRID + SIGMA_M * rng.standard_normal(GRID.shape)
+        source[chosen] += size_m * way / np.linalg.norm(way, axis=1, keepdims=True)
+        matrix = trimmed_similarity(source, GRID, "board corners")[0]
+        off_m = np.delete(GRID @ matrix[:3, :3].T + matrix[:3, 3] - GRID, chosen, axis=0)
+        place = f"{'each its own way' if apart else 'a whole side'}, {size_m:.2g} m off"
+        yield place, float(np.sqrt((off_m**2).sum(axis=1).mean()) / SIGMA_M)
+
+
+def _mirrored_board() -> Works:
+    for height_m in (0.004, 0.02, 0.05, 0.2):  # twice as far off as that: 3 % of the extent and more are refused
+        points_m = GRID + np.outer(np.arange(20) % 3 == 0, [0, 0, height_m])
+        yield f"{height_m} m high", partial(trimmed_similarity, points_m * [1, 1, -1], points_m, "board corners")

@@ -13,7 +13,6 @@ from radar.data.depthmap import DepthMap
 from radar.data.grid import Axis
 from radar.methods.registry import method
 from radar.simulation.forward import direct_echoes
-from radar.support.config import Config
 
 FSK = ("2fsk", "3fsk", "3fsk-plus", "nfsk")
 METHODS = (*FSK, "broadband", "narrowband")
@@ -59,18 +58,16 @@ def capture(samples: np.ndarray, frequencies_hz: Any = ALL_HZ, array: AntennaArr
     return RadarCapture(samples, np.asarray(frequencies_hz, np.float64), array or small_array())
 
 
-def config(id: str, centre_m: Any = POINT_M, half_m: float = HALF_M, **values: Any) -> Config:
-    """A method's configuration, for the pixels about a point."""
-    axes = {
-        axis: Axis(start_m=c - half_m, stop_m=c + half_m, step_m=STEP_M)
-        for axis, c in zip("xy", centre_m[:2], strict=True)
-    }
-    return method(id).configure({**axes, **values}, f"hard case of '{id}'")
+def depth_map(id: str, taken: RadarCapture, half_m: float = HALF_M, **values: Any) -> DepthMap:
+    """A method's depth map of the pixels about POINT_M, which lies on the axis, with these values of its
+    configuration."""
+    axis = Axis(start_m=-half_m, stop_m=half_m, step_m=STEP_M)
+    return imaged(id, taken, x=axis, y=axis, **values)
 
 
-def depth_map(id: str, taken: RadarCapture, centre_m: Any = POINT_M, half_m: float = HALF_M, **values: Any) -> DepthMap:
-    """A method's depth map of the pixels about a point."""
-    return method(id).run(taken, config(id, centre_m, half_m, **values), 0).depth
+def imaged(id: str, taken: RadarCapture, **values: Any) -> DepthMap:
+    """A method's depth map with these values of its configuration."""
+    return method(id).run(taken, method(id).configure(values, f"hard case of '{id}'"), 0).depth
 
 
 def middle(values: np.ndarray) -> Any:

@@ -1,35 +1,43 @@
-"""Hard cases of the figures: small spreads about large depths, 10⁸ samples, one repeat, equal values, NaN, nothing.
-
-What intervals and tests make of the figures is in `statistics_intervals`.
+"""Hard cases of the figures, their intervals and tests: small spreads about large depths, 10⁸ samples, equal values,
+NaN, p-values that underflow, figures of any size.
 """
 
 import tracemalloc
-from collections.abc import Iterable
 from itertools import product
+from math import sqrt
 
 import numpy as np
 import pandas as pd
 
 from bench.evaluation.depth_errors import deviation_map, error_map
-from bench.evaluation.floor import floor_mm
-from bench.evaluation.metrics import AVERAGED, HEADLINE, averaged, of_captures, pool, precision, strongest_scatterer_z_m
-from bench.evaluation.statistics.intervals import figure_interval, median_interval, precision_interval
-from bench.evaluation.statistics.paired import compare, f_test
+from bench.evaluation.metrics import HEADLINE, averaged, of_captures, pool, precision
+from bench.evaluation.statistics.intervals import mean_interval, median_interval, precision_interval
+from bench.evaluation.statistics.paired import compare, f_test, paired
 from bench.results.error_map import ErrorMap
 from bench.results.result_folder import shown
 from bench.results.tables import each
 from bench.studies.stability.cases import Seen
-from bench.studies.stability.statistics_intervals import DEPTH_M, EPS, PIXEL_M, a_map, told
-from groundtruth.mesh.depth import Reference
 
+EPS = np.finfo(float).eps
+DEPTH_M, PIXEL_M = 0.3, 1e-3
 SIDE = 300
-COUNTED = ("n_observed", "observed_percent", "false_alarm_percent")  # shares of nothing observed that are known
 BOUNDS = {
     "pooled_deviation": 1.5 * (np.log2(SIDE**2) + 1),
     "many_samples": 1.5 * (np.log2(SIDE**2) + 1) + 1112 / 2,
     "all_equal": EPS,
-    "not_finite": 1.5 * (np.log2(SIDE**2) + 1),
+    "tiny_p": EPS**0.5,
 }
+
+
+def told(figure: float | None) -> float:
+    """The figure; NaN, which no bound allows, where none is given."""
+    return np.nan if figure is None else figure
+
+
+def a_map(error_m: np.ndarray) -> ErrorMap:
+    """Errors [ny, nx] on a reference at DEPTH_M."""
+    y_m, x_m = (PIXEL_M * np.arange(n) for n in error_m.shape)
+    return ErrorMap(x_m, y_m, error_m, np.full(error_m.shape, DEPTH_M))
 
 
 def _precision_about_depth() -> Seen:
@@ -82,20 +90,6 @@ def _memory() -> float:
     return peak(40) / peak(4)
 
 
-def _one_repeat() -> float:
-    one, two = np.array([0.3]), np.array([0.3, 0.301])
-    gap = np.array([0.3, np.nan, np.inf])  # one that is seen
-    given = [
-        *(precision(hands)["precision_mm"] for hands in ([one], [two, one], [gap], [])),
-        precision_interval([one]),
-        precision_interval([two, gap]),
-        *(None if np.isnan(f) else f for f in (f_test([one], [two]).p, f_test([two], [gap]).difference)),
-        median_interval(two),
-        pool([deviation_map(np.arange(2), np.arange(2), np.full((1, 2, 2), 0.3))])["median_mm"],
-    ]
-    return float(sum(value is not None for value in given))
-
-
 def _all_equal() -> Seen:
     for z_m in (0.1, 0.3, 0.7, 1 / 3):
         hands = [np.full(n, z_m) for n in (2, 3, 7)]
@@ -121,71 +115,26 @@ def _rounding_alone() -> Seen:
         yield f"{captures} captures, {1e3 * error_m:.3g} mm", sum(shown(line).sum() for line in lines)
 
 
-def _not_finite() -> Seen:
-    rng = np.random.default_rng(0)
-    for broken in (np.nan, np.inf, -np.inf):
-        for share in (0.01, 0.5, 0.999):
-            z_m, z_ref_m = DEPTH_M + 1e-3 * rng.standard_normal((SIDE, SIDE)), np.full((SIDE, SIDE), DEPTH_M)
-            z_m[rng.random(z_m.shape) < share] = broken
-            z_ref_m[rng.random(z_m.shape) < share / 2] = broken
-            error = (z_m - DEPTH_M)[np.isfinite(z_m) & np.isfinite(z_ref_m)].astype(np.longdouble)
-            x_m = PIXEL_M * np.arange(SIDE)
-            found = pool([error_map(x_m, x_m, z_m, z_ref_m)])
-            wanted = {"mae_mm": np.abs(error).mean(), "rmse_mm": np.sqrt((error**2).mean())}
-            wanted["median_mm"] = np.median(np.abs(error).astype(float))
-            for key, value in wanted.items():
-                yield f"{share:.1%} {broken}, {key}", float(abs(told(found[key]) / (1e3 * value) - 1) / EPS)
-        mixed = np.array([0.3, broken, 0.301, broken, 0.303])
-        off = told(precision([mixed])["precision_mm"]) / told(precision([mixed[::2]])["precision_mm"]) - 1
-        yield f"precision with {broken}", abs(off) / EPS
-        amplitude = np.array([[[1.0, broken, 2.0]]] * 2)
-        strongest = strongest_scatterer_z_m(np.array([[[0.3, 0.4, 0.5]]] * 2), amplitude)
-        yield f"strongest with {broken}", 0.0 if strongest[0] == (0.4 if broken == np.inf else 0.5) else np.inf
+def _student(t: float) -> float:
+    """Two-sided p of four degrees of freedom in closed form, without cancellation."""
+    root = float(np.hypot(t, 2))
+    gap = 4 / root / (root + t)  # 1 − u, u = t/√(t² + 4); p = 1 − u(3 − u²)/2 = (1 − u)²(2 + u)/2
+    return gap**2 * (3 - gap) / 2
 
 
-def _empty() -> Seen:
-    x_m, surface = PIXEL_M * np.arange(40), np.full((40, 40), DEPTH_M)
-    unobserved = error_map(x_m, x_m, np.full((40, 40), np.inf), surface, met=np.ones((40, 40), bool))
-    nothing = [
-        ("no map", []),
-        ("no pixel", [a_map(np.empty((0, 0)))]),
-        ("no row", [a_map(np.empty((0, 5)))]),
-        ("all NaN", [a_map(np.full((40, 40), np.nan))] * 3),
-        ("all unobserved", [unobserved] * 6),
-    ]
-
-    def given(maps: list[ErrorMap]) -> Iterable[object]:
-        # Of a surface that nobody observed the completeness is 0, and the F-score.
-        shares = {k for k, v in pool(maps).items() if v == 0 and k.startswith(("f_", "complete_"))}
-        values = {k: v for k, v in pool(maps).items() if k not in (*COUNTED, *shares)}
-        yield from (value for value in values.values() if value is not None)
-        figures = of_captures(maps)
-        yield from (key for key in AVERAGED if key not in COUNTED and figure_interval(key, figures[key].to_numpy()))
-        yield from each(compare({"a": figures.mae_mm.to_numpy(), "b": figures.mae_mm.to_numpy()}, ""))
-        if floor_mm(maps, [_known(m) for m in maps]) is not None:
-            yield "floor"
-
-    return ((name, float(len(list(given(maps))))) for name, maps in nothing)
+def _tiny_p() -> Seen:
+    apart = np.array([-1.0, -0.5, 0.0, 0.5, 1.0]) / np.sqrt(5 / 8)  # deviation 1
+    for t in (*np.logspace(-9, 3, 37), 37.0, 1e5, 1e8):
+        wanted, found = _student(t), paired(np.zeros(5), t / sqrt(5) + apart).p
+        yield f"t = {t:g}", abs(found - wanted) / wanted if 0 <= found <= 1 else np.inf
+    yield "no spread, a difference", paired(np.zeros(5), np.full(5, 1e-3)).p
+    yield "no difference", 1 - paired(np.ones(5), np.ones(5)).p
 
 
-def _known(m: ErrorMap, sigma_m: float = 1e-3) -> Reference:
-    """A reference with one σ for all of a map's pixels, from its mesh alone."""
-    from calibration.transforms import Transform
-
-    shape = m.error_m.shape
-    registration = Transform("photo", "radar", np.eye(4), covariance=np.zeros((6, 6)))
-    return Reference(m.reference_z_m, np.full(shape, sigma_m), np.zeros((*shape, 6)), registration)
-
-
-def _one_pixel() -> Seen:
-    for error_m in (1e-12, -1e-6, 1e-3, -0.3, 1e6):
-        m = a_map(np.array([[error_m]]))
-        found = pool([m])
-        for key in ("mae_mm", "rmse_mm", "median_mm", "p95_mm", "max_mm"):
-            yield f"{key} of {error_m:g} m", abs(told(found[key]) / (1e3 * abs(error_m)) - 1) / EPS
-        alone = figure_interval(HEADLINE, of_captures([m]).mae_mm.to_numpy())
-        yield f"interval of {error_m:g} m", np.inf if alone else told(found["deviation_mm"])
-        floor = told(floor_mm([m], [_known(m, abs(error_m))])) / (1e3 * np.sqrt(2 / np.pi) * abs(error_m))
-        yield f"floor for σ = {abs(error_m):g} m", abs(floor - 1) / EPS
-        for sigma_m in (np.nan, np.inf):
-            yield f"floor for σ = {sigma_m}", 0.0 if floor_mm([m], [_known(m, sigma_m)]) is None else np.inf
+def _any_size() -> Seen:
+    values = np.array([1.0, 4.0, 2.5, 3.5, 9.0, 2.0])
+    one = np.array(mean_interval(values))
+    for size in (1e-150, 1e-100, 1e-60, 1e60, 1e100, 1e150):
+        yield f"{size:g}", float(np.abs(np.array(mean_interval(size * values)) / size / one - 1).max() / EPS)
+    for gone in (np.nan, np.inf):
+        yield f"{gone}", 0.0 if mean_interval([*values[:4], gone]) is None else np.inf

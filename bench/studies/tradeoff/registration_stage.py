@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, TypeVar
 
 import numpy as np
+import pandas as pd
 from pydantic import Field
 
 from bench.evaluation.statistics.intervals import Interval, mean_interval
@@ -47,31 +48,26 @@ class Measured:
     seconds: float
 
 
-# Several captures of one rig as one transform: mean square of its error over the hand's volume, m² (None: refused), and
-# the seconds of all of it.
-Combined = tuple[float | None, float]
-
-
 def measure(knobs: RegistrationKnobs, context: Context) -> tuple[Section, list[Setting]]:
     """Capture the target `max(captures)` times before each of `trials` rigs, and combine as many as each setting says;
     every capture takes part in one combination of each number at most."""
     compile_kernels()
     counts, most = list(dict.fromkeys(knobs.captures)), max(knobs.captures)
     numbers = [MOST * (MOST * context.seed + trial) for trial in range(knobs.trials)]
-    found: dict[int, list[list[Combined]]] = {count: [] for count in counts}
-    acquisition_s = 0.0
+    found, acquisition_s = [], 0.0
     with tempfile.TemporaryDirectory(dir=context.work, prefix=".registration-") as folder:
         for number in track(numbers, "registration"):
             measured = list(filter(None, map(_measured, placements(number, most, Path(folder)))))
             for count in counts:
                 groups = [measured[i : i + count] for i in range(0, len(measured) - count + 1, count)]
-                found[count].append([_combined(group) for group in groups])
+                found += [(count, number, *_combined(group)) for group in groups]
             for one in measured[:1]:
                 sensor = one.case.scene.file.sensor
                 acquisition_s = len(sensor.frequencies_hz) * sensor.step_time_s
     volume = " × ".join(f"{1e3 * size:.0f}" for size in np.ptp(VOLUME_M, axis=0))
     about = section("registration", _name(min(counts)), {"volume": volume, "trials": knobs.trials})
-    return about, [_setting(about, count, rigs, count * acquisition_s) for count, rigs in found.items()]
+    tried = pd.DataFrame(found, columns=["count", "rig", "square_m2", "seconds"])
+    return about, [_setting(about, n, tried[tried["count"] == n], n * acquisition_s) for n in counts]
 
 
 def placements(number: int, count: int, folder: Path) -> list[Case]:
@@ -92,13 +88,15 @@ def _measured(chosen: Case) -> Measured | None:
     return None if found is None else Measured(chosen, *found, seconds)
 
 
-def _combined(group: Sequence[Measured]) -> Combined:
+def _combined(group: Sequence[Measured]) -> tuple[float, float]:
+    """Several captures of one rig as one transform: mean square of its error over the hand's volume, m² (NaN: refused),
+    and the seconds of all of it."""
     first, common_m2 = group[0].case, np.mean([one.common_m2 for one in group], axis=0)
     known = {"common_m2": common_m2, "ball_offset_sigma_m": first.described.ball_offset_sigma_m}
     found, seconds = _timed(first, lambda: combine([one.pairs for one in group], **known))
     seconds += sum(one.seconds for one in group)
     if found is None:
-        return None, seconds
+        return np.nan, seconds
     return float((score(found, first.scene.radar_from_photo).tre_m ** 2).mean()), seconds
 
 
@@ -112,12 +110,10 @@ def _timed(chosen: Case, work: Callable[[], Made]) -> tuple[Made | None, float]:
     return found, time.perf_counter() - start
 
 
-def _setting(about: Section, count: int, rigs: list[list[Combined]], acquisition_s: float) -> Setting:
-    """rigs: the combinations of each."""
-    tried = [one for rig in rigs for one in rig]
-    known = [[square_m2 for square_m2, _ in rig if square_m2 is not None] for rig in rigs]
-    square_m2 = np.array([np.mean(rig) for rig in known if rig])
-    refused = len(tried) - sum(map(len, known))
+def _setting(about: Section, count: int, tried: pd.DataFrame, acquisition_s: float) -> Setting:
+    """tried: the combinations of all rigs."""
+    square_m2 = tried.groupby("rig").square_m2.mean().dropna().to_numpy()
+    refused = int(tried.square_m2.isna().sum())
     note = f" ({refused} of {len(tried)} refused)" if refused else ""
     return line(
         about,
@@ -126,7 +122,7 @@ def _setting(about: Section, count: int, rigs: list[list[Combined]], acquisition
         {"captures": count},
         1e3 * float(np.sqrt(square_m2.mean())) if len(square_m2) else None,
         rms_interval_mm(square_m2),
-        [seconds for _, seconds in tried],
+        tried.seconds.to_list(),
         acquisition_s=acquisition_s,
     )
 

@@ -5,9 +5,10 @@ from itertools import product
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import AfterValidator, Field, field_validator
 
 from bench.results import Section, Setting
+from bench.scenes.scene_file import known_effects
 from bench.studies.exact.cases import Case, body, cases, kept_echoes
 from bench.studies.exact.cylinders import ALONG
 from bench.studies.exact.measure import LONG_M, maps, tones_hz
@@ -16,10 +17,9 @@ from bench.studies.tradeoff.opening import Context, line, section
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
 from radar.simulation.scene import EchoScene
-from radar.simulation.selection import CONTAINED, EFFECTS, Choice, check_names, choose
+from radar.simulation.selection import CONTAINED, EFFECTS, Choice, choose
 from radar.simulation.simulate import simulate_scene
 from radar.support.config import Config, suggest
-from radar.support.errors import HandbenchError
 from radar.warmup import compile_kernels
 
 ORDINARY = 4.0  # facets, and mirrors of two bounces, to a wavelength in every simulation
@@ -37,7 +37,7 @@ class SimulationKnobs(Config):
     facets_per_wavelength: tuple[Positive, ...] = Field((ORDINARY, 2.0), min_length=1)
     mirrors_per_wavelength: tuple[Positive, ...] = Field((ORDINARY, 2.0, 8.0), min_length=1)
     nodes_apart: tuple[Positive, ...] = Field((1.0, 2.0, 0.5), min_length=1)
-    without: tuple[tuple[str, ...], ...] = (
+    without: tuple[Annotated[tuple[str, ...], AfterValidator(known_effects)], ...] = (
         (),
         ("multipath",),
         ("multipath", "shadow_diffraction"),
@@ -53,16 +53,6 @@ class SimulationKnobs(Config):
             if name not in _cases():
                 raise ValueError(f"'{name}' is no exact scene; {suggest(name, list(_cases()))}")
         return scenes
-
-    @field_validator("without")
-    @classmethod
-    def _known(cls, without: tuple[tuple[str, ...], ...]) -> tuple[tuple[str, ...], ...]:
-        try:
-            for names in without:
-                check_names(names)
-        except HandbenchError as error:
-            raise ValueError(str(error).removeprefix("effects: ")) from None
-        return without
 
 
 @dataclass(frozen=True)

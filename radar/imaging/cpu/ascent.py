@@ -1,8 +1,6 @@
 """Up the tree: scatterers → samples, the exact adjoint of `radar.imaging.cpu.descent`: conjugate phases, transposed
 weights, in reverse order."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numba
@@ -35,7 +33,7 @@ class Sight(NamedTuple):
         """Mask [n] of the points that are not in full sight."""
         return self.corner[0] >= 0
 
-    def where(self, chosen: np.ndarray) -> Sight:
+    def where(self, chosen: np.ndarray) -> "Sight":
         """Of some points, by mask or index."""
         return self._replace(corner=self.corner[:, chosen].copy(), share=self.share[:, chosen].copy())
 

@@ -6,8 +6,6 @@ than complex ones here). Descending multiplies by the parent-to-child phases and
 antenna, so that its phase can be formed in float32. The leaves of a limb are packed: one call images a whole limb.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numba

@@ -1,8 +1,6 @@
 """Execution on the processor: limbs on all cores, leaves by compiled code; volumes by matrix products along x, y and z
 that make every voxel of the coarse nodes, so that a projection along z never holds the volume."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import product
 
@@ -29,6 +27,10 @@ class Executor:
     def __init__(self, plan: TreePlan) -> None:
         self.plan = plan
         self._limbs: dict[int, tuple[Node, Leaves]] = {}
+
+    def new(self, where: Sorted) -> int:
+        """Limbs that points lie in and that no points have touched before."""
+        return sum(limb not in self._limbs for limb in self.plan.touched(where))
 
     def image(self, samples: np.ndarray, where: Sorted) -> np.ndarray:
         """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n] at sorted points."""

@@ -6,8 +6,6 @@ conjugate. Phases are counted in turns (f R / c) and reduced in float64 before t
 to 1e-7 rad at any range; forming them in float32 would cost 3e-4 rad at 2 m.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numba

@@ -69,11 +69,17 @@ class Executor:
             touched = np.flatnonzero(np.diff(where.starts))  # leaves, counted over all limbs
             limbs, leaves, limb_rows = self._require(np.unique(touched // per_limb))
             rows = limb_rows[touched // per_limb] * per_limb + touched % per_limb
-            batches = _batches(where, touched, rows, _point_bytes(leaves))
+            antennas = sum(length.shape[1] for length in leaves.length_m)
+            point_bytes = antennas * (WAVE_BYTES * leaves.turns_per_m.shape[1] + PATH_BYTES)
+            batches = _batches(where, touched, rows, point_bytes)
             on_device = [Batch(*map(self._xp.asarray, batch)) for batch in batches]
             placed = Placed(len(where.order), limbs, leaves, self._xp.asarray(rows), on_device)
             self._last = where, placed
         return placed
+
+    def new(self, where: Sorted) -> int:
+        """Limbs that points lie in and that no points have touched before."""
+        return sum(limb not in self._planned for limb in self.plan.touched(where))
 
     def image(self, samples: np.ndarray, where: Sorted) -> np.ndarray:
         """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n] at sorted points."""
@@ -156,10 +162,15 @@ class Upsampler:
 
     def project(self, nodes: VoxelGrid, images: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As `radar.imaging.cpu.executor.strongest_voxels` of the volume, which is never held."""
-        index = np.empty(self.plan.grid.shape[1:], np.int64)
+        xp, index = self._xp, np.empty(self.plan.grid.shape[1:], np.int64)
         magnitude = np.empty((3, *index.shape), np.float32)
         for rows, envelope in self._upsampled(nodes, images[0]):
-            index[rows], magnitude[:, rows] = self._strongest(envelope[0] ** 2 + envelope[1] ** 2)
+            power = envelope[0] ** 2 + envelope[1] ** 2
+            found, last = power.argmax(axis=0), len(power) - 1
+            around = xp.stack([found - 1, found, found + 1])
+            near = xp.sqrt(xp.take_along_axis(power, xp.clip(around, 0, last), axis=0))
+            near[(around < 0) | (around > last)] = np.nan
+            index[rows], magnitude[:, rows] = to_host(found), to_host(near)
         return index, magnitude
 
     def _upsampled(self, nodes: VoxelGrid, image: np.ndarray) -> Iterator[tuple[slice, Array]]:
@@ -193,22 +204,6 @@ class Upsampler:
         for count, reference in zip(passes, reference_m, strict=True):
             turns += turns_per_m * count * distances(xp, (x, y, z), reference)
         return cis(xp, turns)
-
-    def _strongest(self, power: Array) -> tuple[np.ndarray, np.ndarray]:
-        """Index of the maximum along z [ny, nx], and magnitudes [3, ny, nx] before, at and behind it, of power
-        [nz, ny, nx]."""
-        xp, last = self._xp, len(power) - 1
-        index = power.argmax(axis=0)
-        around = xp.stack([index - 1, index, index + 1])
-        magnitude = xp.sqrt(xp.take_along_axis(power, xp.clip(around, 0, last), axis=0))
-        magnitude[(around < 0) | (around > last)] = np.nan
-        return to_host(index), to_host(magnitude)
-
-
-def _point_bytes(leaves: Level) -> int:
-    """Intermediate bytes per point of a batch."""
-    antennas = sum(length.shape[1] for length in leaves.length_m)
-    return antennas * (WAVE_BYTES * leaves.turns_per_m.shape[1] + PATH_BYTES)
 
 
 def _batches(where: Sorted, touched: np.ndarray, rows: np.ndarray, point_bytes: int) -> Iterator[Batch]:

@@ -85,6 +85,18 @@ def test_a_volume_is_checked_against_the_exact_sum_on_request(capture, tmp_path,
     fails(capsys, flat, "makes no volume")
 
 
+def test_a_tolerance_relative_to_the_image_is_certified(capture, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("radar.imaging.certificate.FACTOR", 10.0)  # so that the tolerance as asked is not enough
+    command = ["reconstruct", str(capture), "--method", "narrowband", *LATERAL, "--set", "z.start_m=0.2"]
+    command += ["--set", "z.stop_m=0.21", "--tolerance", "1e-2"]
+    bounds = []
+    for relative_to in ("samples", "image"):
+        assert main([*command, "-o", str(tmp_path / f"{relative_to}.npz"), "--relative-to", relative_to]) == 0
+        said = capsys.readouterr().err
+        bounds.append(float(said.strip().splitlines()[-1].rsplit(maxsplit=1)[-1]))
+    assert bounds[0] > 1e-2 >= bounds[1] and "imaging anew, 0.001" in said
+
+
 def test_outputs_are_not_overwritten_silently(capture, tmp_path, capsys):
     out = tmp_path / "depth.npz"
     out.write_text("mine")

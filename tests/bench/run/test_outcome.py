@@ -60,7 +60,7 @@ def written(small_bench, tmp_path):
             maps = {entry.id: tmp_path / f"{entry.id}.npz" for entry in bench.method}
             with outcome.failing(found.failures, capture.name, "score"):
                 files, scored = found.references[capture.name], tmp_path / "scored" / capture.name
-                scoring.score(capture.folder, maps, files, protocol(bench.protocol), scored)
+                scoring.make(scored, str(capture.folder), maps, files, bench.protocol)
                 found.scores[capture.name] = scored
         folder = tmp_path / "out"
         folder.mkdir(exist_ok=True)

@@ -9,10 +9,9 @@ import pytest
 from bench import results
 from bench.evaluation.alike import OPEN_DB, WINDOW_PX
 from bench.run.benchmark_file import load_benchmark
-from bench.run.reconstruct_stage import SETTLE_S, settled
+from bench.run.reconstruct_stage import SETTLE_S, read_treated, settled, write_treated
 from bench.run.runner import run
 from bench.run.scoring import completed_by
-from bench.run.treatments import read_treated, write_treated
 from calibration.transforms import identity
 from groundtruth.mesh.depth import Reference
 from radar.data.depthmap import DepthMap

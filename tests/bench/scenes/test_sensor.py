@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bench.scenes.photographs import EXPOSURE, WHITE_BALANCE, develop, exposure, generator, white_balance
 from bench.scenes.scene_file import Photos
-from bench.scenes.sensor import EXPOSURE, WHITE_BALANCE, develop, exposure, generator, white_balance
 
 QUIET = {"full_well_e": 1e12, "read_noise_e": 0.0}
 

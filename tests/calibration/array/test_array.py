@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from calibration.array.array_file import ArrayCalibration, load_array, save_array
 from calibration.array.estimate import estimate_array, fitted
 from calibration.array.model import Antennas, Echoes, State, normal_equations
-from calibration.array.prior import Settings, gauges
+from calibration.array.prior import DELAY_SIGMA_M, POSITION_SIGMA_M, gauges
 from calibration.target.description import Target
 from calibration.transforms import perturbation_jacobian
 from radar.data.arrays import AntennaArray, PlanarScan, qar50
@@ -314,15 +314,15 @@ def test_the_jacobian_is_that_of_the_model(target, centres_m):
 def test_the_covariance_is_honest_in_every_direction(target, centres_m):
     """Arrays and targets drawn from the priors: the squared error in units of the covariance averages the number of
     directions that can be told, 133 less 12 gauges, over 12 trials: ± 11 % is three standard errors."""
-    random, settings, nees = np.random.default_rng(11), Settings(), []
+    random, nees = np.random.default_rng(11), []
     echoes = Echoes(target, TONES_HZ[::2])
     for _ in range(12):
         sides = [
             Antennas(
                 position_m,
                 0.1 * random.standard_normal(9) + 0.3j * random.standard_normal(9),
-                settings.delay_sigma_m * random.standard_normal(9),
-                settings.position_sigma_m * random.standard_normal((9, 3)),
+                DELAY_SIGMA_M * random.standard_normal(9),
+                POSITION_SIGMA_M * random.standard_normal((9, 3)),
             )
             for position_m in (NOMINAL.tx_m[2::5][:9], NOMINAL.rx_m[2::5][:9])
         ]
@@ -339,7 +339,7 @@ def test_the_covariance_is_honest_in_every_direction(target, centres_m):
         samples = samples + (sigma / np.sqrt(2) * random.standard_normal((*samples.shape, 2)) @ [1, 1j])
         perfect = [Antennas(s.nominal_m, 0 * s.log_gain, 0 * s.delay_m, 0 * s.offset_m) for s in sides]
         start = State(*perfect, centres_m, np.zeros(5, np.complex128))
-        found, covariance = fitted(samples.astype(np.complex64), start, echoes, settings)
+        found, covariance = fitted(samples.astype(np.complex64), start, echoes)
         miss = [(f.unknowns - t.unknowns).ravel() for f, t in ((found.tx, true.tx), (found.rx, true.rx))]
         strength = found.log_ball - true.log_ball
         error = np.concatenate([*miss, (found.centres_m - true.centres_m).ravel(), strength.real, strength.imag])
@@ -361,7 +361,7 @@ def test_a_fit_ends_where_it_began_when_nothing_is_to_learn(target, centres_m):
         centres_m,
         state.log_ball,
     )
-    found, _ = fitted(recorded(plain, echoes), plain, echoes, Settings())
+    found, _ = fitted(recorded(plain, echoes), plain, echoes)
     assert np.abs(found.tx.log_gain - plain.tx.log_gain).max() < 1e-3
     assert np.abs(found.tx.offset_m).max() < 1e-6
 

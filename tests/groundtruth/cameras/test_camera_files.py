@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_metashape import export
 
-from groundtruth.cameras.camera_files import camera_of, cameras_of, load_model, read_model
+from groundtruth.cameras.camera_files import cameras_in, cameras_of, load_model, read_model
 from groundtruth.cameras.cameras import save_cameras
 from groundtruth.photos.photos import Photo
 from radar.support.errors import HandbenchError
@@ -38,7 +38,7 @@ def test_a_colmap_model_gives_intrinsics_and_metric_poses_only_if_told_so(tmp_pa
 
 def test_every_kind_of_file_names_the_photographs(tmp_path, model):
     photos = photos_of(model)
-    save_cameras(tmp_path / "c.json", tuple(camera_of(image) for image in model.images.values()))
+    save_cameras(tmp_path / "c.json", cameras_in(model))
     assert [camera.name for camera in cameras_of(photos, tmp_path / "c.json")] == [photo.name for photo in photos]
     of_metashape = (Photo(None, "DSC_1.JPG", 640, 480), Photo(None, "DSC_2.JPG", 640, 480))
     cameras = cameras_of(of_metashape, export(tmp_path / "cams.xml"))
@@ -46,7 +46,7 @@ def test_every_kind_of_file_names_the_photographs(tmp_path, model):
 
 
 def test_a_camera_of_an_upright_picture_is_turned(tmp_path, model):
-    save_cameras(tmp_path / "c.json", tuple(camera_of(image) for image in model.images.values()))
+    save_cameras(tmp_path / "c.json", cameras_in(model))
     photos = tuple(Photo(None, f"p{i}.png", 300, 400, orientation=6) for i in range(4))
     turned = cameras_of(photos, tmp_path / "c.json")
     assert {(camera.width, camera.height) for camera in turned} == {(300, 400)}

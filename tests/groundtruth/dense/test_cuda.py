@@ -11,6 +11,7 @@ from bench.cli.main import main
 from groundtruth import dense_stage, pipeline
 from groundtruth.cameras.cameras import cuda_devices, load_pycolmap
 from groundtruth.dense import cuda, dense
+from groundtruth.dense.dense import choose_sources
 from groundtruth.dense.first_guess import planes_through
 from groundtruth.dense.fusion import fuse
 from groundtruth.options import Options
@@ -29,7 +30,7 @@ def scene():
         *(view(f"v{i}", *pair, *size) for i, (pair, size) in enumerate(zip(ANGLES, SIZES, strict=True))), strict=True
     )
     points_m = np.random.default_rng(0).normal(scale=0.04, size=(50, 3))
-    return list(views), depths_m, np.ones((50, 5), dtype=bool), points_m
+    return list(views), depths_m, choose_sources(list(views), np.ones((50, 5), dtype=bool), points_m)
 
 
 def write_map(file: Path, values: np.ndarray) -> None:
@@ -77,9 +78,9 @@ def right(maps: list[dense.DepthMap], depths_m: tuple[np.ndarray, ...]) -> None:
 
 @pytest.mark.parametrize("quality", ["draft", "normal"])
 def test_maps_are_of_the_views_and_right(scene, monkeypatch, quality):
-    views, depths_m, tracks, points_m = scene
+    views, depths_m, sources = scene
     monkeypatch.setattr(cuda, "search", stand_in)
-    maps = cuda.depth_maps(views, tracks, points_m, quality)
+    maps = cuda.depth_maps(views, sources, quality)
     assert [m.view for m in maps] == views
     right(maps, depths_m)
     for m in maps:
@@ -123,7 +124,7 @@ def test_colmap_itself_reads_the_stand_in_s_maps_so(scene, tmp_path):
 
 
 def test_what_colmap_is_told(scene, monkeypatch):
-    views, _, tracks, points_m = scene
+    views, _, sources = scene
     told = {}
 
     def search(workspace, options):
@@ -131,7 +132,7 @@ def test_what_colmap_is_told(scene, monkeypatch):
         stand_in(workspace, options)
 
     monkeypatch.setattr(cuda, "search", search)
-    cuda.depth_maps(views, tracks, points_m, "high")
+    cuda.depth_maps(views, sources, "high")
     assert told["geom_consistency"] and told["num_iterations"] == 5 and told["window_radius"] == 3
     assert told["depth_min"] == pytest.approx(0.40) and told["depth_max"] == pytest.approx(0.62)
     names, lists = told["sources"].splitlines()[::2], told["sources"].splitlines()[1::2]
@@ -242,8 +243,8 @@ def room_options(tmp_path):
 
 
 def test_the_pipeline_takes_the_maps_from_cuda(scene, monkeypatch):
-    views, _, *sparse_points = scene
-    monkeypatch.setattr(dense_stage, "open_views", lambda *_: (views, *sparse_points))
+    views, _, sources = scene
+    monkeypatch.setattr(dense_stage, "open_views", lambda *_: (views, sources))
     monkeypatch.setattr(cuda, "search", stand_in)
     monkeypatch.setattr(dense_stage, "depth_maps", lambda *_: pytest.fail("the processor's depth maps"))
     solved = SimpleNamespace(model=None)
@@ -263,5 +264,5 @@ def test_a_cloud_of_the_other_machine_is_not_taken_from_the_cache(tmp_path):
 def test_colmap_finds_the_sphere_on_a_gpu(scene, quality):
     if not cuda_devices():
         pytest.skip("pycolmap finds no CUDA device: COLMAP's stereo itself was not run")
-    views, depths_m, tracks, points_m = scene
-    right(cuda.depth_maps(views, tracks, points_m, quality), depths_m)
+    views, depths_m, sources = scene
+    right(cuda.depth_maps(views, sources, quality), depths_m)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from groundtruth.dense import patchmatch, planesweep
-from groundtruth.dense.dense import depth_maps
+from groundtruth.dense.dense import choose_sources, depth_maps
 from groundtruth.dense.fusion import fuse
 from groundtruth.dense.views import Stereo
 from tests.groundtruth.ball import ANGLES, DISPARITY_M, PIXEL_M, RADIUS_M, view, world_points_m
@@ -15,13 +15,13 @@ from tests.groundtruth.ball import ANGLES, DISPARITY_M, PIXEL_M, RADIUS_M, view,
 def scene():
     views, depths_m = zip(*(view(f"v{i}", *pair) for i, pair in enumerate(ANGLES)), strict=True)
     points_m = np.random.default_rng(0).normal(scale=0.04, size=(50, 3))
-    return list(views), depths_m, np.ones((50, 5), dtype=bool), points_m
+    return list(views), depths_m, choose_sources(list(views), np.ones((50, 5), dtype=bool), points_m)
 
 
 @pytest.fixture(scope="module")
 def maps(scene):
-    views, _, tracks, points_m = scene
-    return depth_maps(views, tracks, points_m, iterations=3, seed=0)
+    views, _, sources = scene
+    return depth_maps(views, sources, iterations=3, seed=0)
 
 
 def test_inverse_depth_moves_a_pixel_as_the_cameras_say(scene):
@@ -58,11 +58,11 @@ def test_normals_face_the_camera_and_follow_the_sphere(scene, maps):
 
 
 def test_the_number_of_threads_changes_nothing(scene, maps):
-    views, _, tracks, points_m = scene
+    views, _, sources = scene
     before = numba.get_num_threads()
     numba.set_num_threads(1)
     try:
-        alone = depth_maps(views, tracks, points_m, iterations=3, seed=0)
+        alone = depth_maps(views, sources, iterations=3, seed=0)
     finally:
         numba.set_num_threads(before)
     for one, many in zip(alone, maps, strict=True):

@@ -103,7 +103,8 @@ def test_the_plane_is_that_of_the_board_beside_the_photographs(tmp_path):
     (tmp_path / "board.toml").write_text(f"[[marker]]\nid = 3\ncorners_m = {json.dumps(marker['corners_m'])}\n")
     plane = board_plane(tmp_path, None, solved([]))
     assert plane.local(np.array([[0.3, 0.2, 0.07]]))[0, 2] == pytest.approx(0.07)
-    np.testing.assert_allclose(plane.world(plane.local(HAND_M)), HAND_M, atol=1e-12)
+    for point_m in np.reshape(HAND_M, (-1, 3)):
+        np.testing.assert_allclose(plane.around(plane.local(np.stack([point_m] * 2))), [point_m] * 2, atol=1e-12)
     assert board_plane(tmp_path, None, solved([], "poses")) is None
 
 

@@ -9,7 +9,9 @@ from scipy.spatial import KDTree
 from groundtruth.dense.volume import plane_through
 from groundtruth.mesh.poisson import clean, surface
 from groundtruth.mesh.target import Target, keep_target, margin_m, off_board
+from groundtruth.mesh_stage import TARGET
 from radar.support.errors import HandbenchError
+from radar.support.files import read_json, write_json
 from tests.groundtruth.mesh.test_mesh import PIXEL_M, RADIUS_M, cap, cloud_of
 
 CORNERS_M = np.array([(x, y, 0.0) for x in (-0.15, 0.15) for y in (-0.1, 0.1)])
@@ -107,5 +109,5 @@ def test_a_board_of_several_planes_has_none():
 
 def test_the_record_comes_back(tmp_path):
     target = Target("all parts", 0.25, (0.7, 0.2), 3, 0.1)
-    target.save(tmp_path)
-    assert replace(Target.load(tmp_path), parts=(0.7, 0.2)) == target
+    write_json(tmp_path / TARGET, vars(target))
+    assert replace(Target(**read_json(tmp_path / TARGET, "a target")), parts=(0.7, 0.2)) == target

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from groundtruth.photos.looks import look_at, usable
-from groundtruth.photos.photos import find_photos
+from groundtruth.photos.photos import find_photos, look_at, usable
 from groundtruth.sparse.frame import check_fit
 from groundtruth.sparse.sparse import check_geometry, unregistered
 from radar.support.errors import HandbenchError

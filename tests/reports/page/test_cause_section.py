@@ -13,7 +13,7 @@ from bench import results
 from bench.evaluation.error_causes import Scored, explain
 from bench.results.tables import each
 from radar.data.depthmap import DepthMap
-from reports.figures.by_cause import CAUSES, explained
+from reports.figures.charts import CAUSES, explained
 from reports.page import cause_section, html
 from reports.tables.blocks import number
 

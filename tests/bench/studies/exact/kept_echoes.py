@@ -15,7 +15,8 @@ import numpy as np
 from bench.studies.columns import Record
 from bench.studies.exact.cases import MATERIALS, SCENES, Case, body, exact_echoes
 from bench.studies.exact.cylinders import ALONG
-from bench.studies.exact.measure import REFLECTION, compared, echo_error, maps
+from bench.studies.exact.measure import REFLECTION, compared, maps
+from bench.studies.study import relative_error
 from radar.data.arrays import AntennaArray, qar50
 from radar.data.capture import RadarCapture
 from radar.simulation.scene import EchoScene
@@ -56,7 +57,7 @@ def against_exact(scene: str, material: str, *effects: str) -> Record:
     capture = simulate_scene(simulated, chosen).capture
     known = RadarCapture(exact[None].astype(np.complex64), TONES_HZ, array)
     pairs = compared(maps(capture, ("2fsk", "3fsk")), maps(known, ("2fsk", "3fsk")), case)
-    return {"echo_error": echo_error(capture.samples[0], exact), **pairs}
+    return {"echo_error": relative_error(capture.samples[0], exact), **pairs}
 
 
 def _path(scene: str, material: str) -> Path:

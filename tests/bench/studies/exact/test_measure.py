@@ -8,7 +8,6 @@ import pytest
 from bench.studies.exact.cases import MATERIALS, Case, ball, body, tube
 from bench.studies.exact.cylinders import ALONG, Cylinder, cylinder_echoes
 from bench.studies.exact.mie_series import Sphere
-from groundtruth.mesh.mesh_files import mesh
 from radar.data.arrays import AntennaArray, qar50
 from radar.simulation.physics.reflection import dielectric_permittivity, skin_permittivity
 from radar.simulation.scene import EchoScene
@@ -24,8 +23,8 @@ FINGER = Cylinder(0.0, 0.29, 8e-3)
 )
 def test_a_mesh_is_closed(made, volume_m3):
     """Its faces turn outwards: the volume by the divergence theorem is the body's."""
-    vertices_m, faces = made
-    assert mesh(vertices_m, faces).is_edge_manifold(allow_boundary_edges=False)
+    assert made.is_edge_manifold(allow_boundary_edges=False)
+    vertices_m, faces = np.asarray(made.vertices), np.asarray(made.triangles)
     a, b, c = (vertices_m[faces[:, i]] for i in range(3))
     assert (a * np.cross(b, c)).sum() / 6 == pytest.approx(volume_m3, rel=2e-3)
 

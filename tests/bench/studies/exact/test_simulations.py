@@ -12,8 +12,8 @@ import pytest
 
 from bench.studies.exact.cases import Case, body
 from bench.studies.exact.cylinders import ALONG
-from bench.studies.exact.measure import echo_error
 from bench.studies.exact.mie_series import Sphere, sphere_echoes
+from bench.studies.study import relative_error
 from radar.data.arrays import AntennaArray, qar50
 from radar.simulation.scene import EchoScene
 from radar.simulation.selection import choose
@@ -72,7 +72,7 @@ def test_clusters_of_spheres(name, bound):
     tones_hz = known["frequencies_hz"]
     scene = EchoScene(array, tones_hz, np.zeros(len(tones_hz)), body(Case(name, spheres, "skin", ALONG)))
     samples = simulate_scene(scene, choose(scene, (*TWICE, "dielectric"), 1.0)).capture.samples[0]
-    assert echo_error(samples, known[name.replace(" ", "_")]) < bound
+    assert relative_error(samples, known[name.replace(" ", "_")]) < bound
 
 
 def test_a_plate_s_edge():
@@ -82,4 +82,4 @@ def test_a_plate_s_edge():
     body = plate((0.0, -0.16, 0.3), (0.0, 0.32, 0.0), (0.32, 0.0, 0.0), 160)
     scene = EchoScene(array, tones_hz, np.zeros(2), body)
     samples = simulate_scene(scene, choose(scene, ("obliquity",), 1.0)).capture.samples[0]
-    assert echo_error(samples, half_plane_echoes(HalfPlane(0.0, 0.3), tones_hz, array)) < 0.06
+    assert relative_error(samples, half_plane_echoes(HalfPlane(0.0, 0.3), tones_hz, array)) < 0.06

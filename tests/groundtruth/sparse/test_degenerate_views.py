@@ -1,25 +1,24 @@
-"""Hard cases of bundle adjustment and of the board's frame: photographs from one place, plane scenes, wrong corners,
-corners on a line, a board that is mirrored.
+"""Bundle adjustment and the board's frame where geometry tells little: photographs from one place, plane scenes, wrong
+corners, a board that is seen from places that draw together.
 
 Five photographs of loose points before a board of five markers, with seeded noise. A pose is judged by its own standard
-deviation, which has to grow where the geometry tells less.
+deviation, which has to grow where the geometry tells less: of 340 normal numbers one is beyond 4.8 σ once in 1800
+times.
 """
 
 from dataclasses import dataclass
-from functools import partial
-from itertools import product
 from typing import Any
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.studies.stability.cases import Seen, Works
 from groundtruth.board.board import Board, Marker
 from groundtruth.cameras.cameras import load_pycolmap
 from groundtruth.sparse.adjust import adjust
 from groundtruth.sparse.bundle import Bundle
 from groundtruth.sparse.covariance import camera_covariance
-from groundtruth.sparse.frame import Scale, board_from_model, trimmed_similarity
+from groundtruth.sparse.frame import Scale, board_from_model
 from radar.support.errors import HandbenchError
 
 SIZE_PX = (400, 300)
@@ -30,7 +29,6 @@ VIEWS, POINTS, DISTANCE_M, BOARD_M = 5, 40, 0.6, -0.05
 MARKERS_M = ((-0.10, -0.07), (0.07, -0.07), (0.07, 0.05), (-0.10, 0.05), (0.0, 0.0))
 SQUARE_M = 0.03 * np.array([(0, 1, 0), (1, 1, 0), (1, 0, 0), (0, 0, 0)])
 CORNERS_M = {i: SQUARE_M + (*at, BOARD_M) for i, at in enumerate(MARKERS_M)}
-BOUNDS = {"misread": 4.8 * (1 + 4 * 1.2**2 / 16) ** 0.5}
 
 
 @dataclass(frozen=True)
@@ -99,79 +97,59 @@ def off_in_sigmas(scene: Scene, free: tuple[int, ...]) -> float:
     return float((np.abs(scene.errors(bundle)) / np.sqrt(variance)).max())
 
 
-def _pure_rotation() -> Seen:
-    for spread, (lens, free) in product((1.0, 1e-2, 1e-4, 1e-8, 0.0), LENSES.items()):
-        yield f"{70 * spread:g}° apart, {lens} lens", off_in_sigmas(photographed(spread), free)
+@pytest.mark.parametrize("lens", LENSES)
+@pytest.mark.parametrize("spread", [1.0, 1e-2, 1e-4, 1e-8, 0.0])
+def test_photographs_from_one_place_say_how_far_they_are_off(spread, lens):
+    """The board holds them though no point has a depth."""
+    assert off_in_sigmas(photographed(spread), LENSES[lens]) < 4.8
 
 
-def _plane() -> Seen:
-    for depth, (lens, free) in product((1.0, 1e-2, 1e-5, 0.0), LENSES.items()):
-        yield f"{160 * depth:g} mm deep, {lens} lens", off_in_sigmas(photographed(1.0, depth), free)
+@pytest.mark.parametrize("lens", LENSES)
+@pytest.mark.parametrize("depth", [1e-2, 1e-5, 0.0])
+def test_a_plane_seen_from_five_sides_holds_poses_and_lens(depth, lens):
+    assert off_in_sigmas(photographed(1.0, depth), LENSES[lens]) < 4.8
 
 
-def _plane_from_one_place() -> Seen:
-    for seed, (lens, free) in product((0, 1, 2), LENSES.items()):
-        yield f"{lens} lens, seed {seed}", off_in_sigmas(photographed(0.0, 0.0, seed=seed), free)
+@pytest.mark.parametrize("lens", LENSES)
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_plane_from_one_place_is_as_uncertain_as_it_says(seed, lens):
+    """Distance and focal length trade."""
+    assert off_in_sigmas(photographed(0.0, 0.0, seed=seed), LENSES[lens]) < 4.8
 
 
-def _misread() -> Seen:
-    for size_px in (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0):
-        scene, rng = photographed(), np.random.default_rng(7)
-        for corners in scene.corners.values():
-            for k in range(4):
-                way = rng.standard_normal(2)
-                corners[4, k] = corners[4, k] + size_px * way / np.linalg.norm(way)
-        yield f"{size_px:g} px", off_in_sigmas(scene, ())
+@pytest.mark.parametrize("size_px", [0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0])
+def test_misread_corners_of_a_marker_in_five_pull_no_further_than_their_weight(size_px):
+    """With Cauchy's weights a wrong number pulls by 1.2 σ at most: 4 of them beside 16 add 0.36 to the variance."""
+    scene, rng = photographed(), np.random.default_rng(7)
+    for corners in scene.corners.values():
+        for k in range(4):
+            way = rng.standard_normal(2)
+            corners[4, k] = corners[4, k] + size_px * way / np.linalg.norm(way)
+    assert off_in_sigmas(scene, ()) < 4.8 * (1 + 4 * 1.2**2 / 16) ** 0.5
 
 
-def _board() -> Board:
+def board() -> Board:
     return Board(marker=tuple(Marker(id=i, corners_m=tuple(map(tuple, c.tolist()))) for i, c in CORNERS_M.items()))
 
 
-def _narrow_base() -> Seen:
+@pytest.mark.parametrize("spread", np.logspace(0, -3, 13))
+def test_a_board_seen_from_places_that_draw_together_has_the_right_scale_or_none(spread):
+    """σ = stated residual over the root of the corners' squared extents, at most: all errors lie along one axis."""
     extent_m = np.concatenate(list(CORNERS_M.values()))
     lever_m = np.sqrt(((extent_m - extent_m.mean(axis=0)) ** 2).sum())
-    for spread in np.logspace(0, -3, 13):
-        scene, place = photographed(float(spread), off=0.0), f"places {70 * spread:.2g}° apart"
-        try:
-            matrix, scale = board_from_model(scene.model, scene.corners, _board())
-        except HandbenchError:
-            yield f"refused with {place}", 0.0
-        else:
-            factor = np.cbrt(np.linalg.det(matrix[:3, :3]))
-            yield place, float(abs(factor - 1) * lever_m / scale.residual_m)
+    scene = photographed(float(spread), off=0.0)
+    try:
+        matrix, scale = board_from_model(scene.model, scene.corners, board())
+    except HandbenchError:
+        assert spread < 0.1
+    else:
+        factor = np.cbrt(np.linalg.det(matrix[:3, :3]))
+        assert abs(factor - 1) * lever_m / scale.residual_m < 5
 
 
-def _no_base() -> Works:
-    for spread in (1e-3, 1e-4, 1e-6, 0.0):
-        scene = photographed(spread, off=0.0)
-        yield f"places {70 * spread:g}° apart", partial(board_from_model, scene.model, scene.corners, _board())
-
-
-SIGMA_M = 1e-4  # of a corner, per axis
-GRID = np.array([[x, y, 0] for x in np.linspace(-0.1, 0.1, 5) for y in np.linspace(-0.07, 0.07, 4)])
-
-
-def _board_line() -> Works:
-    for width in (0.019, 1e-6, 1e-15, 0.0):
-        points_m = GRID * [1, width, 1]
-        yield f"{width:g} of its width", partial(trimmed_similarity, points_m, points_m, "board corners")
-
-
-def _wrong_corners() -> Seen:
-    for size_m, apart in product(np.logspace(-5, 4, 28), (True, False)):
-        rng = np.random.default_rng(3)
-        chosen = 5 * np.arange(4) if apart else np.arange(4)
-        way = rng.standard_normal((4, 3)) if apart else np.array([[0.0, 0.0, 1.0]] * 4)
-        source = GRID + SIGMA_M * rng.standard_normal(GRID.shape)
-        source[chosen] += size_m * way / np.linalg.norm(way, axis=1, keepdims=True)
-        matrix = trimmed_similarity(source, GRID, "board corners")[0]
-        off_m = np.delete(GRID @ matrix[:3, :3].T + matrix[:3, 3] - GRID, chosen, axis=0)
-        place = f"{'each its own way' if apart else 'a whole side'}, {size_m:.2g} m off"
-        yield place, float(np.sqrt((off_m**2).sum(axis=1).mean()) / SIGMA_M)
-
-
-def _mirrored_board() -> Works:
-    for height_m in (0.004, 0.02, 0.05, 0.2):  # twice as far off as that: 3 % of the extent and more are refused
-        points_m = GRID + np.outer(np.arange(20) % 3 == 0, [0, 0, height_m])
-        yield f"{height_m} m high", partial(trimmed_similarity, points_m * [1, 1, -1], points_m, "board corners")
+@pytest.mark.parametrize("spread", [1e-3, 1e-4, 1e-6, 0.0])
+def test_a_board_seen_from_one_place_is_refused(spread):
+    """Without a base no corner has a depth: its triangulated corners miss the board by over 3 %."""
+    scene = photographed(spread, off=0.0)
+    with pytest.raises(HandbenchError, match="places apart"):
+        board_from_model(scene.model, scene.corners, board())

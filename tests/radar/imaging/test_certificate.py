@@ -1,0 +1,100 @@
+"""A certificate is no smaller than the error it certifies. Reference: the sum as it stands, in float64."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from radar.data.arrays import AntennaArray, PlanarScan, qar50
+from radar.data.grid import VoxelGrid
+from radar.imaging.api import image_points, image_volume, project_volume
+from radar.imaging.certificate import FACTOR, PICKS, certified, picked
+from radar.imaging.cpu.exact import direct_sum, exact_sums
+from radar.imaging.cpu.steering import phasor
+from tests.radar.samples import noise, relative_error
+from tests.strategies import examples
+
+TONES_HZ = np.linspace(72e9, 82e9, 5)
+MOST = 2 * FACTOR  # looser than this, a certificate says little
+
+
+def random_array(generator, t, r):
+    return AntennaArray(generator.uniform(-0.07, 0.07, (t, 3)), generator.uniform(-0.07, 0.07, (r, 3)))
+
+
+def echoes_of(kind, generator, array, grid):
+    """Echoes that a tolerance finds easy (noise) and hard (an image that is small beside its samples)."""
+    t, r = array.channels
+    samples = noise((len(TONES_HZ), t, r), int(generator.integers(1 << 30)))
+    if kind == "leak":
+        samples += 100 * noise((1, t, r)) * phasor(np.array(0.1), TONES_HZ, -1)[:, None, None]
+    if kind == "channel":
+        samples[:, 1:] = 0
+    if kind == "outside":
+        to, back = (leg.lengths_m(np.array([grid.x_m[-1] + 0.3, 0.0, 0.3])) for leg in array.legs)
+        samples = phasor(to[:, None] + back, TONES_HZ[:, None, None], -1)
+    return samples.astype(np.complex64)
+
+
+@examples(20)
+@given(
+    kind=st.sampled_from(["noise", "leak", "channel", "outside"]),
+    t=st.integers(2, 20),
+    r=st.integers(2, 20),
+    tolerance=st.sampled_from([1e-2, 1e-3, 1e-4, 1e-5]),
+    counts=st.tuples(*[st.integers(2, 20)] * 3),
+    apart=st.booleans(),
+    seed=st.integers(0, 2**31),
+)
+def test_no_error_is_above_its_certificate(kind, t, r, tolerance, counts, apart, seed):
+    generator = np.random.default_rng(seed)
+    array = random_array(generator, t, r)
+    grid = VoxelGrid(*(low + 0.004 * np.arange(n) for low, n in zip((-0.05, 0.0, 0.25), counts, strict=True)))
+    samples = echoes_of(kind, generator, array, grid)
+    with certified() as certificate:
+        volume = image_volume(samples, TONES_HZ, array, grid, tolerance, apart).reshape(5 if apart else 1, -1)
+    exact = exact_sums(samples, TONES_HZ, array, grid.points_m().reshape(-1, 3), apart)
+    errors = [relative_error(image, true) for image, true in zip(volume, exact, strict=True)]
+    assert max(errors) <= certificate.bound <= MOST * max(errors)
+
+
+def test_the_sum_in_float64_is_right_to_its_last_digits():
+    uneven_hz = np.sort(np.random.default_rng(1).uniform(72e9, 82e9, 40))
+    points = np.array([[0.01, 0.02, 0.3], [-0.1, 0.05, 1.0]])
+    for tones_hz in (np.linspace(72e9, 82e9, 40), uneven_hz):
+        samples = noise((40, 94, 94))
+        off = exact_sums(samples, tones_hz, qar50(), points)[0] - direct_sum(samples, tones_hz, qar50(), points)
+        assert np.abs(off).max() < 1e-12 * np.abs(samples).sum()
+
+
+@pytest.mark.parametrize("plane", [False, True])
+def test_projections_planes_and_points_are_certified_too(plane):
+    grid = VoxelGrid(0.002 * np.arange(40), 0.002 * np.arange(50), 0.3 + 0.002 * np.arange(1 if plane else 20))
+    samples, scan = noise((5, 94, 94)), PlanarScan(np.random.default_rng(0).uniform(-0.1, 0.1, (60, 3)) * [1, 1, 0])
+    with certified() as certificate:
+        project_volume(samples, TONES_HZ, qar50(), grid, 1e-3)
+        image_points(samples, TONES_HZ, qar50(), grid.points_m(), 1e-3)
+        image_volume(noise((5, 60)), TONES_HZ, scan, grid, 1e-3)
+    assert certificate.images == 3 and 1e-5 < certificate.bound < 1e-2
+
+
+def test_an_exact_image_is_certified_to_single_precision_and_an_empty_one_to_nothing():
+    grid = VoxelGrid(0.002 * np.arange(9), 0.002 * np.arange(9), 0.3 + 0.002 * np.arange(9))
+    with certified() as certificate:
+        image_volume(noise((5, 94, 94)), TONES_HZ, qar50(), grid, None)
+    assert 0 < certificate.bound < 1e-5  # √N · 6e-8 for N terms of random sign, times FACTOR
+    with certified() as certificate:
+        image_volume(np.zeros((5, 94, 94), np.complex64), TONES_HZ, qar50(), grid, 1e-3)
+    assert certificate.bound == 0
+
+
+def test_weighted_picks_have_the_mean_of_all():
+    generator = np.random.default_rng(0)
+    power, counts = generator.exponential(size=4000) ** 4, generator.integers(0, 5, 4000)
+    quantity = power + generator.exponential(size=4000)
+    found = []
+    for shift in range(300):  # picks depend on the number of places alone: rolled, others are met
+        index, weight = picked(np.roll(power, shift), np.roll(counts, shift))
+        found.append((np.roll(quantity, shift)[index] * weight).mean())
+        assert len(index) == PICKS and np.roll(counts, shift)[index].all()
+    assert np.mean(found) == pytest.approx(np.average(quantity, weights=counts), rel=0.1)  # ± 3 % by its scatter
