@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 RUN    ?= runs/table
 
-.PHONY: setup table test test-random bench lint coverage requirements clean
+.PHONY: setup table test test-random fuzz bench lint coverage requirements clean
 
 setup: $(VENV)/.ready
 
@@ -30,6 +30,10 @@ test-random: setup
 	@echo "Property tests with seed $(SEED); to repeat them: make test-random SEED=$(SEED)"
 	$(BIN)/python -m pytest -m hypothesis --hypothesis-profile random --hypothesis-seed $(SEED) -n 2 --dist loadfile || \
 	  { echo "Property tests failed with seed $(SEED); to repeat them: make test-random SEED=$(SEED)"; exit 1; }
+
+# Broken and hostile inputs of all readers; SEED=N repeats those of an earlier run, INPUTS=N makes more or fewer.
+fuzz: setup
+	$(BIN)/python -m tests.fuzz --inputs $(or $(INPUTS),50000) --seed $(or $(SEED),0) -o runs/fuzz
 
 bench: setup
 	$(BIN)/handbench study engine -o runs/bench.json

@@ -14,7 +14,8 @@ from bench.datasets.native import ECHOES, CaptureFile, save_capture_file
 from radar.data.arrays import PlanarScan
 from radar.data.capture import RadarCapture, save_capture
 from radar.support.errors import HandbenchError
-from radar.support.files import atomic_folder, read_array, require_file, require_folder
+from radar.support.files import atomic_folder, read_array, read_text, require_file, require_folder
+from radar.support.limits import CSV_BYTES
 
 MOST_TONES, LARGEST = 100_000, 1e13
 
@@ -68,10 +69,9 @@ def _settings(
 
 
 def _phase_rad(path: Path, frequencies_hz: np.ndarray) -> np.ndarray:
-    path = require_file(path, "frequencies and phases, two rows")
     try:
         with warnings.catch_warnings(action="ignore"):  # of an empty file
-            table = np.loadtxt(path, ndmin=2)
+            table = np.loadtxt(read_text(path, "frequencies and phases, two rows", CSV_BYTES).splitlines(), ndmin=2)
     except ValueError as error:
         raise HandbenchError(f"{path}: is not two rows of numbers ({error})") from error
     if len(table) != 2 or table.size == 0 or not np.isfinite(table).all() or (np.diff(table[0]) <= 0).any():

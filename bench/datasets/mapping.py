@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import h5py
 import numpy as np
@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from bench.datasets.native import CaptureFile, NativeCapture
 from radar.data.arrays import AntennaArray, PlanarScan
-from radar.data.capture import RadarCapture
+from radar.data.capture import RadarCapture, single
 from radar.support.config import Config, load
 from radar.support.errors import HandbenchError
 from radar.support.files import inside, require_file
@@ -172,7 +172,7 @@ class _Source:
         order = [axis for axis in ("frame", "frequency", "tx", "rx", "position") if axis in axes]
         values = values.transpose([axes.index(axis) for axis in order])
         values = values if "frame" in axes else values[None]
-        return np.ascontiguousarray(values.conj() if told.sign == "+" else values, np.complex64)
+        return single(values.conj() if told.sign == "+" else values)
 
     def _complex(self, told: Samples, parts: list[np.ndarray], axes: tuple[str, ...]) -> np.ndarray:
         if len(parts) == 2:
@@ -201,29 +201,17 @@ class _Source:
 
     def _read(self, name: str) -> np.ndarray:
         """A data set whole; refuses what leads out of the file, what is no numbers, and what is too large."""
-        found: Any = self.file
-        for part in [part for part in name.split("/") if part]:
-            link = found.get(part, getlink=True) if isinstance(found, h5py.Group) else None
-            if not isinstance(link, h5py.HardLink):
-                there = ", ".join(self._names()) or "no data sets"
-                raise HandbenchError(f"{self.path}: has no '{name}' of its own; it has {there}")
-            found = found[part]
         try:
-            return read(found, name, self.path)
+            return read(self.file, name, self.path)
         except ValueError as error:
-            raise HandbenchError(f"{self.path}: {error}; expected numbers that it holds") from None
+            raise HandbenchError(f"{self.path}: {error}; it has {self._names()}") from None
 
-    def _names(self) -> list[str]:
-        """The first data sets of the file."""
-        names: list[str] = []
-
-        def note(name: str, item: Any) -> bool | None:
-            if isinstance(item, h5py.Dataset):
-                names.append(name)
-            return True if len(names) == 12 else None
-
-        self.file.visititems(note)
-        return names
+    def _names(self) -> str:
+        """The first data sets of the file, among its first things."""
+        names: dict[str, int] = {}
+        self.file.visit(lambda name: names.setdefault(name, len(names)) > 100 or None)
+        found = [name[:200] for name in names if isinstance(self.file[name], h5py.Dataset)]
+        return ", ".join(found[:12]) or "no data sets"
 
     def _wrong(self, name: str, shape: tuple[int, ...], expected: str) -> HandbenchError:
         return HandbenchError(f"{self.path}: '{name}' has shape {shape}; expected {expected}; mend mapping.toml")

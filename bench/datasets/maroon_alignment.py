@@ -25,11 +25,11 @@ import numpy as np
 from calibration.transforms import Transform, checked_numbers, load_transform
 from radar.support.config import suggest
 from radar.support.errors import HandbenchError
-from radar.support.files import read_json, require_file, write_json
+from radar.support.files import read_json, write_json
+from radar.support.limits import RAW_VALUES
 from radar.support.progress import say
 
 ALIGNMENT = "alignment.json"
-LARGEST_BYTES = 64 * 2**20  # the file also holds intermediate data of the calibration
 ROUNDING, TOO_CROOKED = 1e-6, 1e-3  # largest element by which a matrix may miss its rotation: unsaid, and at all
 FARTHEST_M = 10.0  # no two sensors of the set-up stand further apart; more are millimetres
 MIRROR_X = np.diag([-1.0, 1.0, 1.0, 1.0])
@@ -79,10 +79,7 @@ def save_alignment(path: str | Path, transform: Transform, mirrored: bool = True
 
 def read_table(path: str | Path, what: str = "MAROON's alignment.json") -> dict[str, Any]:
     """One of MAROON's JSON files, which hold a table; anything else, or a larger one, is a HandbenchError."""
-    size = require_file(path, what).stat().st_size
-    if size > LARGEST_BYTES:
-        raise HandbenchError(f"{path}: has {size} bytes; expected {what}, {LARGEST_BYTES} at most")
-    content = read_json(path, what)
+    content = read_json(path, what, RAW_VALUES)  # it also holds intermediate data of the calibration
     if not isinstance(content, dict):
         raise HandbenchError(f"{path}: holds no table of transforms or facts; expected {what}")
     return content

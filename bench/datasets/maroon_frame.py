@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from bench.datasets.maroon_pickle import read_dictionary, write_dictionary
+from radar.data.capture import single
 from radar.support.errors import HandbenchError
 
 ANTENNAS, USED = 96, slice(1, 95)
@@ -39,7 +40,7 @@ def read_frame(file: Path) -> Frame:
     count = _numbers(file, content, "number_of_measurements")
     if count.size != 1 or count.dtype.kind not in "fiu" or not 1 <= count.item() <= MOST:
         raise HandbenchError(f"{file}: 'number_of_measurements' is {count}; expected a number of frames, 1 to {MOST}")
-    samples = np.ascontiguousarray(xr[USED, USED].transpose(2, 1, 0), np.complex64)
+    samples = single(xr[USED, USED].transpose(2, 1, 0))
     return Frame(samples, frequencies_hz, int(count.item()))
 
 

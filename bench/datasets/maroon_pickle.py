@@ -2,23 +2,28 @@
 
 A pickle is a program that may call whatever it can name. This reader lets it name five things, and none of them is
 numpy's own: stand-ins take the description of an array apart, check it, and build the array from its plain bytes.
-Python's own unpickler is used because the one in C reserves memory for any number that a file mentions.
+Python's own unpickler is used because the one in C reserves memory for any number that a file mentions. As a few
+hundred bytes can make a tuple of 2⁶⁰ parts, which what hashes or prints it walks through, keys are text, and only those
+steps are taken, and counted, that arrays and plain values need.
 """
 
 import math
 import pickle
+import pickletools
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from io import BytesIO
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from radar.support.errors import HandbenchError
-from radar.support.files import atomic_path, require_file
+from radar.support.files import atomic_path, read_bytes
+from radar.support.limits import MOST_STEPS, PICKLE_BYTES
 
-LARGEST_BYTES = 256 * 2**20  # 96 × 96 × 128 numbers of complex128 take 19 MB
 NUMBERS = re.compile(r"b1|[iu][1248]|f[248]|c(8|16)")  # what an array may hold
 PLAIN = (np.generic, bool, int, float, str, type(None))
 WHAT = "a radar frame of MAROON (a pickled dictionary of arrays of numbers)"
@@ -27,16 +32,12 @@ WHAT = "a radar frame of MAROON (a pickled dictionary of arrays of numbers)"
 def read_dictionary(path: str | Path) -> dict[str, Any]:
     """The dictionary of a .npy file: arrays and scalars of numbers, text, None. Anything else is a HandbenchError, and
     nothing that the file names is ever called."""
-    path = require_file(path, WHAT)
-    size = path.stat().st_size
-    if size > LARGEST_BYTES:
-        raise HandbenchError(f"{path}: has {size} bytes; expected {WHAT}, {LARGEST_BYTES} at most")
+    content = read_bytes(path, WHAT, PICKLE_BYTES)
     try:
-        content = _unpickle(path.read_bytes())
+        return _unpickle(content)
     except Exception as error:  # broken pickles raise whatever the opcode at hand stumbles over
         reason = " ".join(str(error).split()) or type(error).__name__
         raise HandbenchError(f"{path}: is refused ({reason[:200]}); expected {WHAT}") from error
-    return content
 
 
 def write_dictionary(path: str | Path, content: dict[str, Any]) -> None:
@@ -52,6 +53,10 @@ def _unpickle(content: bytes) -> dict[str, Any]:
     shape, _, dtype = read_header(stream)
     if not dtype.hasobject or dtype.names or shape != ():
         raise ValueError(f"it is an array {dtype} {shape}, not a dictionary")
+    start = stream.tell()
+    if sum(1 for _ in islice(pickletools.genops(stream), MOST_STEPS + 1)) > MOST_STEPS:
+        raise ValueError("its program has too many steps")
+    stream.seek(start)
     outermost = _Unpickler(stream).load()
     held = outermost.objects[0] if isinstance(outermost, _Array) and outermost.objects else None
     if not isinstance(held, dict):
@@ -66,7 +71,8 @@ def _checked(key: Any, value: Any) -> Any:
         return value.numbers
     if isinstance(value, PLAIN):
         return value
-    kind = "an array of objects" if isinstance(value, _Array) else type(value).__name__
+    kinds = {_Array: "an array of objects", _Table: "dict"}
+    kind = kinds.get(type(value), type(value).__name__)
     raise ValueError(f"'{key}' is {kind}")
 
 
@@ -75,7 +81,7 @@ class _Dtype:
 
     def __init__(self, name: str, *_: bool) -> None:
         if name not in ("O", "O8") and not (isinstance(name, str) and NUMBERS.fullmatch(name)):
-            raise ValueError(f"numbers of type {name!r}")
+            raise ValueError(f"numbers of type {name[:40]!r}" if isinstance(name, str) else "numbers of no type")
         self.name, self.order = name, "="
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
@@ -100,7 +106,7 @@ class _Array:
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
         _, shape, dtype, by_column, content = state
-        if any(not isinstance(n, int) or n < 0 for n in shape) or not isinstance(dtype, _Dtype):
+        if len(shape) > 32 or any(not isinstance(n, int) or n < 0 for n in shape) or not isinstance(dtype, _Dtype):
             raise ValueError("an array without shape or type")
         if dtype.name.startswith("O"):
             if shape != () or not isinstance(content, list) or len(content) != 1:
@@ -115,16 +121,14 @@ def _scalar(dtype: _Dtype, content: bytes) -> np.generic:
     return dtype.numbers(content, 1)[0]
 
 
+@dataclass(frozen=True)
 class _Name:
     """Stand-in for a name in the pickle: it can be called, and nothing else."""
 
-    __slots__ = ("_make",)
-
-    def __init__(self, make: Callable[..., Any]) -> None:
-        self._make = make
+    make: Callable[..., Any]
 
     def __call__(self, *arguments: Any) -> Any:
-        return self._make(*arguments)
+        return self.make(*arguments)
 
     def __setstate__(self, state: Any) -> None:
         raise ValueError("a name that is changed")
@@ -136,10 +140,33 @@ NAMES = {("numpy", "dtype"): _Dtype, ("numpy", "ndarray"): _Array} | {
 }
 
 
+KNOWN = (
+    "PROTO FRAME STOP MARK GLOBAL STACK_GLOBAL REDUCE BUILD PUT GET BINPUT BINGET LONG_BINPUT LONG_BINGET MEMOIZE "
+    "NONE NEWTRUE NEWFALSE INT BININT BININT1 BININT2 LONG1 BINFLOAT EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3 "
+    "EMPTY_LIST APPEND APPENDS EMPTY_DICT SETITEM SETITEMS BINUNICODE SHORT_BINUNICODE BINBYTES SHORT_BINBYTES"
+)
+
+
+class _Table(dict[str, Any]):
+    """Takes text alone as keys: whatever else is never hashed."""
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        if not isinstance(key, str):
+            raise ValueError(f"a key is {type(key).__name__}, not text")
+        super().__setitem__(key, value)
+
+
+CODES = [getattr(pickle, name)[0] for name in KNOWN.split()]
+STEPS: dict[int, Callable[[Any], None]] = {code: pickle._Unpickler.dispatch[code] for code in CODES}
+STEPS[pickle.EMPTY_DICT[0]] = lambda unpickler: unpickler.append(_Table())
+
+
 class _Unpickler(pickle._Unpickler):
-    """Knows the closed list of names."""
+    """Knows the closed list of names, and of steps."""
+
+    dispatch = STEPS
 
     def find_class(self, module: str, name: str) -> _Name:
         if (module, name) not in NAMES:
-            raise ValueError(f"it names {module}.{name}")
+            raise ValueError(f"it names {module[:80]}.{name[:80]}")
         return _Name(NAMES[module, name])

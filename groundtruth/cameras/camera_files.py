@@ -93,7 +93,8 @@ def read_model(folder: Path) -> "pycolmap.Reconstruction":
     numbers += [camera.params for camera in model.cameras.values()]
     numbers += [point.xyz for point in model.points3D.values()]
     broken = not all(np.isfinite(part).all() for part in numbers) or not all(map(_is_rigid, registered(model)))
-    if broken or any(camera.has_bogus_params(*PLAUSIBLE) for camera in model.cameras.values()):
+    lenses = model.cameras.values()
+    if broken or any(min(c.width, c.height) == 0 or c.has_bogus_params(*PLAUSIBLE) for c in lenses):
         raise HandbenchError(f"{folder}: its cameras, poses or points are no sensible numbers; make the model again")
     return model
 
@@ -153,9 +154,11 @@ def _pairs(
     """Each photograph with what bears its name: all of it, else without folders, else without suffix too (None:
     nothing). A HandbenchError where two things do."""
     short = (str, lambda name: PurePosixPath(name).name, lambda name: PurePosixPath(name).stem)
+    known = [(cut, [(cut(n.name), n) for n in named]) for cut in short]
     pairs = []
     for photo in photos:
-        found = next(filter(None, ([n for n in named if cut(n.name) == cut(photo.name)] for cut in short)), [None])
+        same = ([n for name, n in those if name == cut(photo.name)] for cut, those in known)
+        found = next(filter(None, same), [None])
         if len(found) > 1:
             raise HandbenchError(f"{where}: {' and '.join(n.name for n in found)} may both be {photo.name}; rename one")
         pairs.append((photo, found[0]))

@@ -21,9 +21,10 @@ import numpy as np
 
 from groundtruth.cameras.cameras import Camera
 from radar.support.errors import HandbenchError
-from radar.support.files import require_file
+from radar.support.files import read_bytes
+from radar.support.limits import MOST_ELEMENTS, XML_BYTES
 
-LARGEST_BYTES = 64 * 2**20
+MOST_PARTS = 100  # of a sensor, and of its calibration
 LARGEST = 1e12  # metres or pixels; nothing overflows
 NOT_IN_COLMAP = ("k4", "p3", "p4")
 SMALLEST_SKEW_PX = 0.05  # what B2 may move at the picture's edge and is left out
@@ -35,7 +36,7 @@ def read_metashape(path: str | Path) -> tuple[Camera, ...]:
     """The file's cameras, named by their labels (which may lack the photographs' suffix). Cameras that were not aligned
     have no pose, and none has one in a project without a scale. A HandbenchError for lenses that COLMAP does not have.
     """
-    root = _parse(require_file(path, "cameras exported by Metashape"))
+    root = _parse(path)
     chunks = root.findall("chunk")
     if root.tag != "document" or len(chunks) != 1:
         raise HandbenchError(f"{path}: has {len(chunks)} Metashape chunks; expected one: export its cameras again")
@@ -53,16 +54,16 @@ def read_metashape(path: str | Path) -> tuple[Camera, ...]:
         raise HandbenchError(f"{path}: {error}") from error
 
 
-def _parse(path: Path) -> ElementTree.Element:
+def _parse(path: str | Path) -> ElementTree.Element:
     """The file's root. Document types are refused: entities are what attacks by XML are made of."""
     try:
-        if path.stat().st_size > LARGEST_BYTES:
-            raise ValueError(f"more than {LARGEST_BYTES} bytes")
-        text = path.read_bytes().decode("utf-8-sig")
+        text = read_bytes(path, "cameras exported by Metashape", XML_BYTES).decode("utf-8-sig")
         if "<!DOCTYPE" in text.upper():
             raise ValueError("it holds a DOCTYPE")
+        if text.count("<") + text.count("=") > MOST_ELEMENTS:
+            raise ValueError(f"it has more than {MOST_ELEMENTS} tags and attributes")
         return ElementTree.fromstring(text)
-    except (ValueError, OSError, ElementTree.ParseError) as error:
+    except (ValueError, ElementTree.ParseError) as error:
         raise HandbenchError(f"{path}: is not readable as XML ({error}); export the cameras again") from error
 
 
@@ -86,6 +87,8 @@ def _intrinsics(sensor: ElementTree.Element, label: str) -> tuple[int, int, tupl
     calibration = calibrations.get("adjusted", calibrations.get("initial"))
     if calibration is None or {sensor.get("type", "frame"), calibration.get("type", "frame")} != {"frame"}:
         raise HandbenchError(f"camera {label}: has no calibration of type 'frame'; handbench reads no other")
+    if max(len(sensor), len(calibration)) > MOST_PARTS:  # each camera goes through them
+        raise ValueError(f"a sensor has more than {MOST_PARTS} parts")
     size = calibration.find("resolution")
     size = sensor.find("resolution") if size is None else size
     width, height = int(_id(size, "width")), int(_id(size, "height"))

@@ -6,17 +6,21 @@ from pathlib import Path
 
 from groundtruth.cameras.cameras import pycolmap
 from radar.support.errors import HandbenchError
+from radar.support.files import read_bytes, require_size
+from radar.support.limits import MODEL_BYTES
 
 KINDS = ("cameras", "images", "points3D", "rigs", "frames")
 
 
 def check_model(folder: Path) -> None:
-    """A HandbenchError where a binary file of a model is not exactly as long as what it counts."""
+    """A HandbenchError where a binary file of a model is not exactly as long as what it counts, or one is too large."""
     for name in KINDS:
         file = folder / f"{name}.bin"
         if not file.is_file():
+            if (text := file.with_suffix(".txt")).is_file():
+                require_size(text, "a part of a COLMAP model", MODEL_BYTES)
             continue
-        content = file.read_bytes()
+        content = read_bytes(file, "a part of a COLMAP model", MODEL_BYTES)
         try:
             end = _length(content, name)
         except (struct.error, ValueError, KeyError):

@@ -48,7 +48,7 @@ class Cloud:
     @classmethod
     def load(cls, file: Path) -> "Cloud":
         """Read what `save` wrote."""
-        found: dict[str, Any] = read_npz(file, tuple(field.name for field in fields(cls)))
+        found: dict[str, Any] = read_npz(file, tuple(field.name for field in fields(cls)), most=2**32)
         return cls(**{**found, "names": tuple(found["names"].tolist()), "pixel_m": float(found["pixel_m"])})
 
 

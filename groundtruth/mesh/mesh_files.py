@@ -14,7 +14,8 @@ from calibration.transforms import LARGEST_M
 from groundtruth.mesh.ply import MOST, MOST_CORNERS, read_ply
 from radar.support.cost import require_free
 from radar.support.errors import HandbenchError
-from radar.support.files import atomic_path, require_file
+from radar.support.files import atomic_path, require_file, require_size
+from radar.support.limits import MESH_BYTES
 from radar.support.rays import PointCloud, RaycastingScene, TriangleMesh, embree, load_open3d
 
 SMALLEST_M, LONGEST_M = 5e-3, 50.0  # of what anybody puts before a radar
@@ -81,6 +82,7 @@ def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, 
         raise HandbenchError(f"{path}: is no {', '.join(readers)} file; convert the mesh to one of them")
     read, times = readers[path.suffix.lower()]  # the memory that reading takes, over the file's size
     require_free(times * path.stat().st_size, str(path), "end other programs, or simplify the mesh")
+    require_size(path, "a triangle mesh", MESH_BYTES)
     try:
         told, faces = read(path)
     except ValueError as error:

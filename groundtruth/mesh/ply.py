@@ -135,6 +135,8 @@ def _rows(element: Element, body: bytes, offset: int) -> tuple[dict[str, Any], i
         rows = np.frombuffer(body, dtype, element.count, offset)
         if all((rows[f"length of {name}"] == length).all() for name, length in lengths.items()):
             return {p.name: rows[p.name] for p in element.properties}, offset + rows.nbytes
+    if element.count > 500_000:  # each is read by itself
+        raise ValueError(f"its {element.count} of '{element.name}' have lists of different lengths: triangulate it")
     walked, ends = zip(*_walk(element, body, offset, element.count), strict=True)
     columns = {p.name: [row[p.name] for row in walked] for p in element.properties}
     return {p.name: columns[p.name] if p.length else np.array(columns[p.name]) for p in element.properties}, ends[-1]

@@ -2,11 +2,11 @@
 
 import math
 import struct
-import warnings
 from pathlib import Path
 from typing import Any
 
-from PIL import Image
+from radar.support.errors import HandbenchError
+from radar.support.pictures import opened_picture
 
 IFD = 0x8769
 MAKE, MODEL, ORIENTATION = 0x010F, 0x0110, 0x0112
@@ -22,10 +22,10 @@ Exif = dict[int, Any]
 def read_exif(path: Path) -> Exif:
     """Tag → value of a picture file; empty where there are none or they are broken."""
     try:
-        with warnings.catch_warnings(action="ignore"), Image.open(path) as image:
+        with opened_picture(path) as image:
             exif = image.getexif()
             return {**exif, **exif.get_ifd(IFD)}
-    except (OSError, SyntaxError, ValueError, TypeError, KeyError, struct.error):
+    except (HandbenchError, TypeError, KeyError, struct.error):
         return {}
 
 

@@ -6,8 +6,6 @@ swapped against the stored ones belongs to the upright picture and is turned ins
 belong to the stored one: sizes cannot tell.
 """
 
-import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,12 +16,11 @@ from PIL import Image
 from groundtruth.photos.exif import body_of, focal_length_px, orientation_of, read_exif
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash, require_folder
+from radar.support.pictures import is_deep, opened_picture
 from radar.support.progress import say, track
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 FEWEST = 3
-LARGEST_PX = 100_000_000  # a hundred megapixels take a GB to decode
-PACKED_PX = 10_000  # no picture packs more into a byte: a blank mask of one bit a pixel has 8000
 QUARTER_TURNS = {1: 0, 3: 2, 6: 1, 8: 3}  # EXIF orientation: clockwise, from the stored to the upright picture
 MIRRORED = (2, 4, 5, 7)  # EXIF orientations that no camera writes
 LOOK_PX = 1000  # longer side at which photographs are looked at
@@ -52,7 +49,8 @@ class Photo:
 
     def colours(self) -> np.ndarray:
         """Colours [height, width, 3], uint8, red first."""
-        return _decode(self.path, lambda image: _colours(image, self.path))
+        with opened_picture(self.path) as image:
+            return _colours(image, self.path)
 
 
 def find_photos(folder: str | Path) -> tuple[Photo, ...]:
@@ -71,7 +69,8 @@ def find_photos(folder: str | Path) -> tuple[Photo, ...]:
 def read_gray(path: Path) -> np.ndarray:
     """A picture file as intensities [height, width], float32 in 0 … 1: grey, colours, a palette or CMYK, of 8 or 16
     bits a channel; transparency is ignored, as in COLMAP."""
-    return _decode(path, lambda image: _gray(image, path))
+    with opened_picture(path) as image:
+        return _gray(image, path)
 
 
 def sides_swapped(photo: Photo, width: int, height: int) -> bool:
@@ -88,7 +87,7 @@ def stored_picture(photo: Photo, upright: np.ndarray) -> np.ndarray:
 def _gray(image: Image.Image, path: Path) -> np.ndarray:
     if image.mode in ("I", "F"):
         raise HandbenchError(f"{path}: has 32 bits a pixel; expected 8 or 16 bits a channel, save it so")
-    if ";16" not in str(image.tile):  # how Pillow tells what it would shorten to 8 bits
+    if not is_deep(image):
         return np.asarray(image.convert("L"), dtype=np.float32) / 255
     image.load()  # complains of a truncated file, where OpenCV fills up
     deep = cv2.imread(str(path), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
@@ -102,26 +101,6 @@ def _colours(image: Image.Image, path: Path) -> np.ndarray:
     if image.mode.startswith("I"):
         return np.repeat((_gray(image, path) * 255).round().astype(np.uint8)[..., None], 3, axis=2)
     return np.asarray(image.convert("RGB"))
-
-
-def _decode(path: Path, convert: Callable[[Image.Image], np.ndarray]) -> np.ndarray:
-    """convert(the opened picture); a HandbenchError for what Pillow cannot read."""
-    try:
-        with warnings.catch_warnings(action="ignore"), Image.open(path) as image:  # of odd EXIF data, of many pixels
-            _require_plausible(image, path.stat().st_size)
-            return convert(image)
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise HandbenchError(f"{path}: is not a readable photograph ({error}); replace or remove it") from error
-
-
-def _require_plausible(image: Image.Image, size_bytes: int) -> None:
-    """Refuse what would take long or much memory before a pixel of it is decoded."""
-    pixels = image.width * image.height
-    if pixels > min(LARGEST_PX, PACKED_PX * size_bytes):
-        raise ValueError(
-            f"it has {image.width} × {image.height} pixels in {size_bytes} bytes; at most {LARGEST_PX} are read, and "
-            f"{PACKED_PX} a byte"
-        )
 
 
 def _pictures(folder: Path) -> list[Path]:

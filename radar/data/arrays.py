@@ -1,6 +1,7 @@
 """Antenna arrays. Radar frame: origin at the aperture's centre, z away from the array, y up, x = y × z."""
 
 import csv
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,9 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from radar.support.errors import HandbenchError
-from radar.support.files import require_file
+from radar.support.files import read_bytes
+from radar.support.limits import CSV_BYTES
 
 SPEED_OF_LIGHT_M_S = 299_792_458.0
+HIGHEST_HZ = 1e13
 FARTHEST_M = 1e7  # float64 tells a path to 4e-9 m there, a phase at 80 GHz to 1e-5 rad, and worse beyond
 
 
@@ -91,25 +94,35 @@ def qar50() -> AntennaArray:
 
 def load_positions(path: str | Path) -> np.ndarray:
     """Antenna positions [n, 3] in metres from a CSV file with the header x_m,y_m,z_m."""
-    path = require_file(path, "a CSV file with the columns x_m,y_m,z_m")
     try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            rows = list(csv.reader(stream))
+        text = read_bytes(path, "a CSV file with the columns x_m,y_m,z_m", CSV_BYTES).decode("utf-8")
+        rows = list(csv.reader(io.StringIO(text, newline="")))
     except (UnicodeDecodeError, csv.Error) as error:
         raise HandbenchError(f"{path}: is no CSV file ({error}); expected the columns x_m,y_m,z_m") from None
     if not rows or rows[0] != ["x_m", "y_m", "z_m"]:
-        raise HandbenchError(f"{path}: the first line is {rows[:1]}; expected x_m,y_m,z_m")
+        raise HandbenchError(f"{path}: the first line is {str(rows[:1])[:80]}; expected x_m,y_m,z_m")
     try:
         return positions(str(path), np.array(rows[1:], dtype=np.float64))
     except ValueError as error:
         raise HandbenchError(f"{path}: holds something that is no number ({error})") from None
 
 
+def tones(name: str, values: ArrayLike) -> np.ndarray:
+    """Frequencies [f] in hertz as float64, in any order; `name` is refused where one is no positive number."""
+    found = np.asarray(values)
+    if found.ndim != 1 or found.dtype.kind not in "iuf" or len(found) == 0:
+        raise HandbenchError(f"{name}: is {found.dtype} of shape {found.shape}; expected [f] hertz")
+    if len(wrong := found[~((found > 0) & (found <= HIGHEST_HZ))]):
+        raise HandbenchError(f"{name}: holds {wrong[0]}, not positive hertz; expected tones, at most {HIGHEST_HZ:g}")
+    return found.astype(np.float64)
+
+
 def positions(name: str, values: ArrayLike) -> np.ndarray:
     """Places [n, 3] in metres as float64; `name` is refused where it holds none, or such as no phase can be told of."""
-    values = np.ascontiguousarray(values, dtype=np.float64)
-    if values.ndim != 2 or values.shape[1] != 3 or len(values) == 0:
-        raise HandbenchError(f"{name}: has shape {values.shape}; expected [n, 3] positions in metres")
+    given = np.asarray(values)
+    if given.ndim != 2 or given.shape[1] != 3 or len(given) == 0 or given.dtype.kind not in "biuf":
+        raise HandbenchError(f"{name}: has shape {given.shape}; expected [n, 3] positions in metres, numbers")
+    values = np.ascontiguousarray(given, np.float64)
     if not np.isfinite(values).all():
         raise HandbenchError(f"{name}: holds NaN or infinity; every antenna and point needs a position in metres")
     if np.abs(values).max() > FARTHEST_M:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from radar.data.arrays import AntennaArray, Aperture, PlanarScan
+from radar.data.arrays import AntennaArray, Aperture, PlanarScan, tones
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, require_file
 from radar.support.hdf5 import opened, read
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import h5py
 
 FORMAT, VERSION = "handbench-echoes", 1
+QUIETEST, LOUDEST = 1e-30, 3e38  # largest part of samples that complex64 keeps with their digits
 
 
 @dataclass(frozen=True)
@@ -27,16 +28,13 @@ class RadarCapture:
     aperture: Aperture
 
     def __post_init__(self) -> None:
-        if self.frequencies_hz.ndim != 1:
-            raise HandbenchError(f"frequencies_hz: has shape {self.frequencies_hz.shape}; expected [f] hertz")
+        object.__setattr__(self, "frequencies_hz", tones("frequencies_hz", self.frequencies_hz))
         expected = (len(self.frequencies_hz), *self.aperture.channels)
         if self.samples.ndim != 1 + len(expected) or self.samples.shape[1:] != expected or len(self.samples) == 0:
             raise HandbenchError(
                 f"samples: have shape {self.samples.shape}; expected [frame, {', '.join(map(str, expected))}] "
                 "from the numbers of frequencies and antennas"
             )
-        if not np.isfinite(self.frequencies_hz).all() or (self.frequencies_hz <= 0).any():
-            raise HandbenchError("frequencies_hz: holds values that are not positive numbers; expected hertz")
         bad = int(np.count_nonzero(~np.isfinite(self.samples)))
         if bad:
             first = tuple(int(i) for i in np.argwhere(~np.isfinite(self.samples))[0])
@@ -71,10 +69,24 @@ class RadarCapture:
         return self.samples[frame][index], self.frequencies_hz[index]
 
 
+def single(samples: np.ndarray) -> np.ndarray:
+    """Samples as complex64; HandbenchError where that would make all of them zero, or one infinite."""
+    largest = largest_part(samples)
+    if samples.dtype != np.complex64 and (LOUDEST < largest < np.inf or 0 < largest < QUIETEST):
+        raise HandbenchError(f"samples: reach {largest:.3g}; expected {QUIETEST:g} to {LOUDEST:g}: take another unit")
+    return np.ascontiguousarray(samples, np.complex64)
+
+
+def largest_part(samples: np.ndarray) -> float:
+    """Largest magnitude of a real or imaginary part; NaN where one is."""
+    parts = (samples.real, samples.imag)
+    return float(np.max([(float(part.max(initial=0)), -float(part.min(initial=0))) for part in parts]))
+
+
 def near_one(samples: np.ndarray) -> np.ndarray:
     """The samples times the power of two that brings the largest near 1: not a digit is lost, and powers and sums of
     them stay within float32, whatever the receiver's unit."""
-    largest = max(np.abs(part).max(initial=0.0) for part in (samples.real, samples.imag))
+    largest = largest_part(samples)
     if not 0 < largest < np.inf:
         return samples
     exponent = int(np.frexp(largest)[1])
@@ -102,7 +114,7 @@ def save_capture(path: str | Path, capture: RadarCapture) -> None:
         try:
             with h5py.File(temporary, "w") as file:
                 file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
-                file["samples"] = capture.samples.astype(np.complex64, copy=False)
+                file["samples"] = single(capture.samples)
                 file["frequencies_hz"] = capture.frequencies_hz
                 for name, places_m in vars(capture.aperture).items():  # tx_m and rx_m, or position_m
                     file[name] = places_m
@@ -118,9 +130,9 @@ def load_capture(path: str | Path) -> RadarCapture:
             found = file.attrs.get("format"), file.attrs.get("version")
             if not np.array_equal(found, (FORMAT, VERSION)):
                 raise HandbenchError(f"{path}: has format {found}; expected ('{FORMAT}', {VERSION})")
-            samples = _numbers(file, "samples", path, "iufc").astype(np.complex64, copy=False)
+            samples = _numbers(file, "samples", path, "iufc")
             frequencies_hz = _numbers(file, "frequencies_hz", path).astype(np.float64)
-            if "position_m" in file:
+            if file.get("position_m", getlink=True) is not None:
                 aperture: Aperture = PlanarScan(_numbers(file, "position_m", path))
             else:
                 aperture = AntennaArray(_numbers(file, "tx_m", path), _numbers(file, "rx_m", path))
@@ -129,18 +141,14 @@ def load_capture(path: str | Path) -> RadarCapture:
     except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
         raise HandbenchError(f"{path}: is not a readable echoes.h5 ({error}); record or copy it again") from error
     try:
-        return RadarCapture(samples, frequencies_hz, aperture)
+        return RadarCapture(single(samples), frequencies_hz, aperture)
     except HandbenchError as error:
         raise HandbenchError(f"{path}: {error}") from None
 
 
 def _numbers(file: "h5py.File", name: str, path: Path, kinds: str = "iuf") -> np.ndarray:
     """A data set of numbers that lie in this very file; kinds: numpy's, of real numbers by default."""
-    import h5py
-
-    if isinstance(file.get(name, getlink=True), h5py.ExternalLink):
-        raise ValueError(f"'{name}' is a link into another file")
-    values = read(file[name], name, path)
+    values = read(file, name, path)
     if values.dtype.kind not in kinds:
         raise ValueError(f"'{name}' holds {values.dtype}, no {'' if 'c' in kinds else 'real '}numbers")
     return values

@@ -17,7 +17,8 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from radar.data.arrays import Aperture, positions
+from radar.data.arrays import Aperture, positions, tones
+from radar.data.capture import largest_part, near_one
 from radar.data.grid import VoxelGrid
 from radar.imaging.certificate import of_nodes, of_points, opened
 from radar.imaging.cpu import executor as cpu
@@ -61,9 +62,32 @@ def watch() -> Iterator[Laps]:
         _laps.reset(token)
 
 
+def _scaled(function: Image) -> Image:
+    """Decorator of an imaging function: samples and tones are arrays of what they should be, and samples whose sums
+    float32 could not hold are imaged near 1; the image is scaled back, in complex128 (magnitudes in float64)."""
+
+    @wraps(function)
+    def scaled(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, *others: Any, **named: Any) -> Any:
+        samples, frequencies_hz = np.asarray(samples), tones("frequencies_hz", frequencies_hz)
+        check_samples(samples, frequencies_hz, aperture)
+        largest = largest_part(samples)
+        if largest == 0 or 1e-20 <= largest <= 1e20:  # whose sums float32 surely holds
+            return function(samples, frequencies_hz, aperture, *others, **named)
+        if largest * samples.size > np.finfo(np.float64).max:
+            raise HandbenchError(f"samples: reach {largest:.3g}; their sum is more than a number holds: scale them")
+        near = near_one(samples.astype(np.complex128))
+        factor = np.float64(largest / largest_part(near))
+        image: Any = function(near, frequencies_hz, aperture, *others, **named)
+        return (image[0], image[1] * factor) if isinstance(image, tuple) else image.astype(np.complex128) * factor
+
+    return cast(Image, scaled)
+
+
 def _watched(function: Image) -> Image:
     """Decorator of an imaging function (samples, frequencies_hz, aperture, points or grid, …). One that calls another
     counts once."""
+
+    function = _scaled(function)
 
     @wraps(function)
     def timed(samples: np.ndarray, *others: object, **named: object) -> object:
@@ -96,8 +120,9 @@ def image_points(
 
     samples: [f, t, r] of an AntennaArray, [f, n] of a PlanarScan; tolerance: largest relative L2 error, None for exact.
     """
-    check(samples, frequencies_hz, aperture, tolerance)
-    points = np.asarray(points_m, np.float64).reshape(-1, 3)
+    check(tolerance)
+    points_m = np.atleast_1d(points_m)
+    points = points_m.reshape(-1, points_m.shape[-1])
     shape = (len(samples), *points_m.shape[:-1]) if apart else points_m.shape[:-1]
     if len(points) == 0:
         return np.zeros(shape, np.complex64)
@@ -133,7 +158,7 @@ def image_volume(
     carrier=False allows a phase to be left out that all tones share: enough for magnitudes and for phases between
     tones, and faster. Refuses a volume that does not fit the memory limit (see `radar.support.cost`).
     """
-    check(samples, frequencies_hz, aperture, tolerance)
+    check(tolerance)
     count = len(samples) if apart else 1
     require_memory(8 * count * int(np.prod(grid.shape)), f"volume of {count} × {grid.shape} voxels [nz, ny, nx]")
     shape = (count, *grid.shape) if apart else grid.shape
@@ -152,7 +177,7 @@ def project_volume(
 ) -> tuple[np.ndarray, np.ndarray]:
     """`strongest_voxels` of the volume, which a finite tolerance never holds: index along z [ny, nx], and magnitude
     [3, ny, nx] of the voxel before it, itself and the one behind it (NaN beyond the volume)."""
-    check(samples, frequencies_hz, aperture, tolerance)
+    check(tolerance)
     if tolerance is None:
         return cpu.strongest_voxels(image_volume(samples, frequencies_hz, aperture, grid, None))
     imager = _grid_imager(frequencies_hz, aperture, grid, Family(tolerance, False))
@@ -213,9 +238,8 @@ def imaging_error(
     return float(np.sqrt(np.mean(np.abs(image.ravel()[picked] - exact) ** 2) / mean_square))
 
 
-def check(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, tolerance: float | None) -> None:
-    """Refuse samples of the wrong shape and tolerances that cannot be met."""
-    check_samples(samples, frequencies_hz, aperture)
+def check(tolerance: float | None) -> None:
+    """Refuse tolerances that cannot be met."""
     if tolerance is not None and not TOLERANCES[0] <= tolerance <= TOLERANCES[1]:
         raise HandbenchError(
             f"tolerance: is {tolerance}; expected {TOLERANCES[0]:g} to {TOLERANCES[1]:g}, or the exact sum (--exact)"

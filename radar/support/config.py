@@ -1,7 +1,6 @@
 """Strict configuration: every key known, every value checked, the nearest key suggested for a typo."""
 
 import difflib
-import re
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
@@ -9,11 +8,9 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 import pydantic
 
 from radar.support.errors import HandbenchError
-from radar.support.files import require_file
+from radar.support.files import read_text
+from radar.support.limits import LONG_KEY, MOST_PROBLEMS, TOML_BYTES, require_shallow
 
-DEEP = re.compile(  # tomllib takes time and memory by the square of a key's parts
-    r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}"""
-)
 ConfigT = TypeVar("ConfigT", bound="Config")
 
 
@@ -30,6 +27,9 @@ def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
     try:
         return model.model_validate(values)
     except pydantic.ValidationError as error:
+        if error.error_count() > MOST_PROBLEMS:  # telling them apart takes a thousand times what finding them does
+            message = f"{where}: {error.error_count()} of its values are wrong; is it the right file?"
+            raise HandbenchError(message) from None
         problems = error.errors()
         first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
@@ -38,14 +38,17 @@ def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
 
 def read_toml(path: str | Path, what: str) -> dict[str, Any]:
     """Parse a TOML file into plain values; a missing or broken file is a HandbenchError."""
-    path = require_file(path, what)
     try:
-        text = path.read_text(encoding="utf-8")
-        if DEEP.search(text):
-            raise ValueError("a key has more than 100 parts")
-        return tomllib.loads(text)
-    except (ValueError, RecursionError, OSError) as error:  # whole numbers of 5000 digits are no TOMLDecodeError
+        return plain_toml(read_text(path, what, TOML_BYTES))
+    except (ValueError, RecursionError) as error:  # whole numbers of 5000 digits are no TOMLDecodeError
         raise HandbenchError(f"{path}: is not readable as TOML ({error}); expected {what}") from error
+
+
+def plain_toml(text: str) -> dict[str, Any]:
+    """TOML's plain values; ValueError or RecursionError for what is none, or too deep."""
+    if LONG_KEY.search(text):
+        raise ValueError("a key has too many parts")
+    return require_shallow(tomllib.loads(text))
 
 
 def load(model: type[ConfigT], path: str | Path, what: str) -> ConfigT:

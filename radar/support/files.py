@@ -2,6 +2,7 @@
 
 import errno
 import hashlib
+import io
 import json
 import math
 import os
@@ -16,9 +17,9 @@ from typing import IO, Any
 
 import numpy as np
 
+from radar.support import limits
 from radar.support.errors import HandbenchError
 
-LARGEST_BYTES = 2**30  # of the arrays read from one .npz file
 UNCHANGED = "nothing was changed: free the space or choose another place"
 NPY_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
@@ -89,24 +90,47 @@ def _umask() -> int:
 def require_file(path: str | Path, what: str) -> Path:
     """`path` as a Path if it is a file, else a HandbenchError that says `what` was expected there."""
     path = Path(path)
-    if not path.is_file():
-        found = "a folder" if path.is_dir() else "nothing"
+    if not os.path.isfile(path):  # which, unlike Path's, is False for names too long and links in a circle
+        found = "a folder" if os.path.isdir(path) else "nothing"
         raise HandbenchError(f"{path}: expected {what}, found {found}; check the path")
     return path
+
+
+def require_size(path: Path, what: str, most: int) -> int:
+    """The bytes of a file; a HandbenchError where there are more than `most`."""
+    size = path.stat().st_size
+    if size > most:
+        raise HandbenchError(f"{path}: has {size} bytes; expected {what}, {most} at most: is it the right file?")
+    return size
+
+
+def read_bytes(path: str | Path, what: str, most: int) -> bytes:
+    """The content of a file of at most `most` bytes; a HandbenchError where there is none."""
+    path = require_file(path, what)
+    try:
+        with path.open("rb") as stream:
+            return stream.read(require_size(path, what, most))
+    except OSError as error:
+        raise HandbenchError(f"{path}: cannot be read ({error.strerror or error}); expected {what}") from error
+
+
+def read_text(path: str | Path, what: str, most: int) -> str:
+    """The same as UTF-8 text, its line ends as \\n; ValueError for bytes that are none."""
+    return read_bytes(path, what, most).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def require_folder(path: str | Path, what: str) -> Path:
     """`path` as a Path if it is a folder, else a HandbenchError that says `what` was expected there."""
     path = Path(path)
-    if not path.is_dir():
-        found = "a file" if path.is_file() else "nothing"
+    if not os.path.isdir(path):
+        found = "a file" if os.path.isfile(path) else "nothing"
         raise HandbenchError(f"{path}: expected a folder with {what}, found {found}; check the path")
     return path
 
 
 def inside(folder: Path, name: str, where: str) -> Path:
     """`folder / name`, refused when it would leave `folder` (names in TOML files and reports are untrusted)."""
-    target = (folder / name.replace("\0", "")).resolve()
+    target = Path(os.path.realpath(folder / name.replace("\0", "")))  # which links in a circle do not stop
     if "\0" in name or not target.is_relative_to(folder.resolve()):
         raise HandbenchError(f"{where}: '{name}' leaves the folder {folder}; use a path inside it")
     return target
@@ -123,12 +147,14 @@ def write_json(path: str | Path, content: Any) -> None:
     write_text(path, json.dumps(_finite(content), indent=2, allow_nan=False) + "\n")
 
 
-def read_json(path: str | Path, what: str) -> Any:
-    """Parse a JSON file; a missing or broken one is a HandbenchError naming the line."""
-    path = require_file(path, what)
+def read_json(path: str | Path, what: str, most: int = limits.MOST_VALUES) -> Any:
+    """Parse a JSON file; a missing, broken or too large one, of more than `most` values, is a HandbenchError."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError, OSError) as error:
+        text = read_text(path, what, limits.JSON_BYTES)
+        if sum(map(text.count, "[{,")) > most:  # before they are made: a value takes a byte here, 60 in memory
+            raise ValueError(f"it holds more than {most} values")
+        return limits.require_shallow(json.loads(text))
+    except (ValueError, RecursionError) as error:
         raise HandbenchError(f"{path}: is not readable as JSON ({error}); expected {what}") from error
 
 
@@ -138,20 +164,24 @@ def write_npz(path: str | Path, **arrays: Any) -> None:
         np.savez_compressed(stream, allow_pickle=False, **arrays)
 
 
-def read_npz(path: str | Path, names: tuple[str, ...], optional: tuple[str, ...] = ()) -> dict[str, np.ndarray]:
+def read_npz(
+    path: str | Path, names: tuple[str, ...], optional: tuple[str, ...] = (), most: int = limits.ARRAY_BYTES
+) -> dict[str, np.ndarray]:
     """Read the arrays `names` from an .npz file, and those of `optional` that are there; pickled content is refused,
-    never run, and so is a file that says of itself what would take all memory."""
-    path = require_file(path, "an .npz file")
+    never run, and so are arrays of more than `most` bytes unpacked."""
     try:
-        with zipfile.ZipFile(path) as archive:
+        content = read_bytes(path, "an .npz file", most)
+        if content.count(b"PK\1\2") > limits.MOST_MEMBERS:  # zipfile reads its list of them before it can be asked
+            raise ValueError(f"it has more than {limits.MOST_MEMBERS} members")
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
             there = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             missing = [name for name in names if name not in there]
             if missing:
                 raise HandbenchError(f"{path}: lacks {', '.join(missing)}; expected {', '.join(names)}")
             wanted = [name for name in (*names, *optional) if name in there]
             size = sum(there[name].file_size for name in wanted)
-            if size > LARGEST_BYTES:
-                raise ValueError(f"its arrays take {size} bytes; at most {LARGEST_BYTES} are read")
+            if size > most:
+                raise ValueError(f"its arrays take {size} bytes; at most {most} are read")
             return {name: _member(archive, there[name]) for name in wanted}
     except HandbenchError:
         raise

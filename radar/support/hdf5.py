@@ -3,6 +3,7 @@
 import mmap
 import os
 import struct
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,9 +17,11 @@ if TYPE_CHECKING:
     import h5py
 
 PACKED = 1100  # deflate makes nothing smaller by more
-UNPACKED_BYTES = 2**26  # that a data set may have without being looked at so closely
+UNPACKED_BYTES = 2**24  # that a data set or a piece of it may have without being looked at so closely
+DEFLATE = 1
+FILTERS = {DEFLATE: "gzip", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}  # HDF5's numbers
 HEAP = b"GCOL\x01\0\0\0"  # begins a collection of texts and other things without a fixed length
-CHUNKS = 2**20  # of one data set
+CHUNKS = 2**17  # of one data set
 
 
 @contextmanager
@@ -48,20 +51,47 @@ def _check_heaps(content: mmap.mmap) -> None:
         at = content.find(HEAP, at + 8)
 
 
-def read(found: Any, name: str, path: Path) -> np.ndarray:
-    """A data set whole. Raises ValueError for what is no data set of numbers that lie in this very file, and where it
-    declares more than the file can hold; HandbenchError where it is more than memory holds."""
+def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
+    """The data set of that name, whole. Raises ValueError for what is no data set of numbers that lie in this very file
+    (no link leads there), and where it declares more than the file can hold; HandbenchError where it is more than
+    memory holds."""
     import h5py
 
+    found: Any = file
+    for part in filter(None, name.split("/")):
+        link = found.get(part, getlink=True) if isinstance(found, h5py.Group) else None
+        if not isinstance(link, h5py.HardLink):
+            raise ValueError(f"has no '{name[:200]}' of its own")
+        found = found[part]
     if not isinstance(found, h5py.Dataset) or found.external or found.is_virtual:
-        raise ValueError(f"'{name}' is no data set of this file")
+        raise ValueError(f"'{name[:200]}' is no data set of this file")
     if found.dtype.hasobject or found.shape is None:
-        raise ValueError(f"'{name}' holds {found.dtype}")
+        raise ValueError(f"'{name}' holds {str(found.dtype)[:80]}; expected numbers")
     size = found.size * found.dtype.itemsize
     stored = min(found.id.get_storage_size(), path.stat().st_size)
     if size > (stored if found.chunks is None else max(UNPACKED_BYTES, PACKED * stored)):
         raise ValueError(f"'{name}' has shape {found.shape}, {size} bytes, of which the file holds {stored}")
-    if found.chunks is not None and -(-found.size // max(int(np.prod(found.chunks)), 1)) > CHUNKS:
-        raise ValueError(f"'{name}' has shape {found.shape} in pieces of {found.chunks}; expected larger pieces")
+    if found.chunks is not None:
+        _check_pieces(found, name)
     require_free(2 * size, f"{path}: '{name}' {found.shape}", "end other programs, or cut the file into parts")
     return found[()]
+
+
+def _check_pieces(found: "h5py.Dataset", name: str) -> None:
+    """ValueError where a piece of a data set unpacks to more than it declares: the library would take all memory."""
+    if -(-found.size // max(int(np.prod(found.chunks)), 1)) > CHUNKS:
+        raise ValueError(f"'{name}' has shape {found.shape} in pieces of {found.chunks}; expected larger pieces")
+    packing = found.id.get_create_plist()
+    packed = [packing.get_filter(k)[0] for k in range(packing.get_nfilters())]
+    if not set(packed) <= FILTERS.keys() or len(set(packed)) < len(packed):
+        raise ValueError(f"'{name}' is packed in a way other than {', '.join(FILTERS.values())}")
+    declared = int(np.prod(found.chunks)) * found.dtype.itemsize
+    pieces: list[Any] = []
+    found.id.chunk_iter(pieces.append)
+    for piece in pieces:
+        if piece.size > 2 * declared + 1024:
+            raise ValueError(f"a piece of '{name}' takes {piece.size} bytes for {declared}")
+        if DEFLATE in packed and piece.size * PACKED > UNPACKED_BYTES:
+            _, content = found.id.read_direct_chunk(piece.chunk_offset)
+            if len(zlib.decompressobj().decompress(content, declared + 5)) > declared + 4:  # and a checksum
+                raise ValueError(f"a piece of '{name}' unpacks to more than its {declared} bytes")

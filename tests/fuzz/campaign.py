@@ -16,14 +16,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from tests.fuzz.hostile import LINKS
 from tests.fuzz.mutate import mutated
 from tests.fuzz.readers import READERS, Reader
 from tests.fuzz.worker import Input, Seen, work
 
-HANG_S = 5.0
+HANG_S = 30.0  # on the clock: other programs may take the processor
+LINKED = 0.03  # of the inputs something else stands in the place of a file
 START_S = 120.0  # for imports
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
-FINDINGS = ("exception", "hang", "memory", "crash", "wrote")
+FINDINGS = ("exception", "slow", "hang", "memory", "crash", "wrote")
 
 
 @dataclass
@@ -126,6 +128,8 @@ def broken(reader: Reader, whole: Path, seed: int, number: int) -> Input:
     """The number-th broken version of a reader's valid input."""
     rng = random.Random(f"{seed} {reader.name} {number}")
     file = rng.choice(reader.files)
+    if rng.random() < LINKED:
+        return Input(reader.name, file, b"", number, rng.choice(LINKS))
     return Input(reader.name, file, mutated(file, (whole / file).read_bytes(), rng), number)
 
 
@@ -139,11 +143,15 @@ def fuzz(inputs: Iterable[Input]) -> Iterator[tuple[Input, Seen, float]]:
 def corpus(path: Path) -> list[Input]:
     """The inputs of a corpus: lines of JSON."""
     lines = map(json.loads, path.read_text(encoding="utf-8").splitlines())
-    return [Input(c["reader"], c["file"], zlib.decompress(base64.b64decode(c["content"]))) for c in lines]
+    return [
+        Input(c["reader"], c["file"], zlib.decompress(base64.b64decode(c["content"])), link=c.get("link", ""))
+        for c in lines
+    ]
 
 
 def line_of(given: Input, seen: Seen) -> str:
     """An input that found something, as a line of a corpus."""
     packed = base64.b64encode(zlib.compress(given.content, 9)).decode()
     found = f"{seen.verdict}: {seen.detail}"
-    return json.dumps({"reader": given.reader, "file": given.file, "found": found, "content": packed})
+    linked = {"link": given.link} if given.link else {}
+    return json.dumps({"reader": given.reader, "file": given.file, "found": found, "content": packed} | linked)

@@ -13,6 +13,7 @@ from typing import Any
 
 import tomlkit
 
+from tests.fuzz import hostile
 from tests.fuzz.forms import hdf5, jpeg, npy, npz, png
 
 Mutation = Callable[[bytes, random.Random], bytes]
@@ -259,11 +260,15 @@ FORMS: dict[str, tuple[Mutation, ...]] = {  # these know the form, and break a f
 }
 TEXTS_OF = {".toml", ".json", ".csv", ".obj", ".txt", ".xml", ".ply", ".stl"}
 KNOWN = 0.6  # how often a file is broken by those who know its form
+HOSTILE = 0.03  # ... and made to cost far more than it weighs
 
 
 def mutated(name: str, content: bytes, rng: random.Random) -> bytes:
     """A broken version of the file `name`; the same for the same content and state of rng."""
     suffix = "." + name.rpartition(".")[2].lower()
+    if suffix in hostile.KNOWN and rng.random() < HOSTILE:
+        with suppress(ValueError, TypeError), warnings.catch_warnings(action="ignore"):
+            return hostile.KNOWN[suffix](content, rng)
     known = suffix in FORMS and rng.random() < KNOWN
     if known:
         with suppress(ValueError, TypeError), warnings.catch_warnings(action="ignore"):  # of what is hard to write

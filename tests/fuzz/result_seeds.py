@@ -79,7 +79,7 @@ def result(folder: Path) -> None:
     results.write_tables(
         folder,
         table=frame(TABLE, [("mae_mm", "2fsk", 6.0, 5.5, 6.5, "mm", 6.6, "truth")]),
-        tasks=frame(TASKS, [("a", "F", "2fsk", "reconstruct", 0.1, 0.2, 300.0, False, 0.01, "here", 9.0, 0.1)]),
+        tasks=frame(TASKS, [("a", "F", "2fsk", "reconstruct", 0.1, 0.2, 300.0, False, 0.01, "here", 9.0, 0.1, 1e-6)]),
         repeats=frame(REPEATS, [("F", "2fsk", 0, 0.3)]),
         comparisons=frame(COMPARISONS, [compared]),
         equal=frame(EQUAL, [("mae_mm", "none", "2fsk", 6.0, 5.5, 6.5, "mm", "truth")]),

@@ -35,6 +35,7 @@ READS = {
     "exception": "{}['missing']",
     "memory": "bytearray(10 * 2**30)",
     "hang": "time.sleep(60)",
+    "slow": "end = time.process_time() + 0.3\n        while time.process_time() < end: pass",
     "crash": "os.kill(os.getpid(), 9)",
     "wrote": "open(folder.parent / 'elsewhere', 'w').close()",
 }
@@ -49,13 +50,13 @@ def test_what_a_reader_must_not_do_is_found(verdict, tmp_path, monkeypatch):
         "Reader\n\ndef write(folder):\n    (folder / 'a').write_bytes(b'')\n\ndef read(folder):\n    if (folder / 'a')"
         f".read_bytes():\n        {READS[verdict]}\n\ndef work(link, root):\n"
         "    worker.READERS = (Reader('bad', write, read, ('a',)),)\n    worker.BY_NAME = {'bad': worker.READERS[0]}\n"
-        "    worker.work(link, root)\n"
+        "    worker.LONGEST_S = 0.2\n    worker.work(link, root)\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
     import misbehaving
 
     monkeypatch.setattr("tests.fuzz.campaign.work", misbehaving.work)
-    monkeypatch.setattr("tests.fuzz.campaign.HANG_S", 0.5)
+    monkeypatch.setattr("tests.fuzz.campaign.HANG_S", 30.0 if verdict == "slow" else 0.5)
     with Worker() as worker:
         assert worker.read(Input("bad", "a", b""))[0].verdict == "accepted"
         assert worker.read(Input("bad", "a", b"x"))[0].verdict == verdict

@@ -6,6 +6,7 @@ import os
 import resource
 import sys
 import tempfile
+import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,9 +15,11 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from radar.support.errors import HandbenchError
+from tests.fuzz.hostile import clear, put
 from tests.fuzz.readers import READERS, Reader
 
-LARGEST_BYTES = 2 * 2**30  # that an input may take, beyond what the process has
+LARGEST_BYTES = 2**30  # that an input may take, beyond what the process has
+LONGEST_S = 2.0  # of the processor
 BY_NAME = {reader.name: reader for reader in READERS}
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 CHANGES = {
@@ -27,18 +30,19 @@ NEVER = {"os.system", "os.exec", "os.posix_spawn", "os.fork", "subprocess.Popen"
 
 @dataclass(frozen=True)
 class Input:
-    """A broken input: the reader, which of its files, and what that holds. number: what its random choices started
-    from, beside the seed."""
+    """A broken input: the reader, which of its files, and what that holds, or what stands in its place (link). number:
+    what its random choices started from, beside the seed."""
 
     reader: str
     file: str
     content: bytes
     number: int = 0
+    link: str = ""
 
 
 @dataclass(frozen=True)
 class Seen:
-    """Outcome of reading an input. verdict: accepted, refused, exception, memory, wrote; detail: what happened."""
+    """Outcome of reading an input. verdict: accepted, refused, exception, slow, memory, wrote; detail: what came."""
 
     verdict: str
     detail: str = ""
@@ -97,19 +101,27 @@ class Desk:
         folder = self.folder(reader)
         before = self._files(folder)
         kept = (folder / given.file).read_bytes()
-        (folder / given.file).write_bytes(given.content)
+        if given.link:
+            put(folder / given.file, given.link)
+        else:
+            (folder / given.file).write_bytes(given.content)
         _reset_peak()
         _limit()
-        start_mb = _peak_mb()
+        start_mb, start_s = _peak_mb(), time.process_time()
         try:
             with self.watch.over(folder) as written:
                 verdict, detail = _outcome(reader, folder)
         finally:
+            taken_s = time.process_time() - start_s
+            if given.link:
+                clear(folder / given.file)
             (folder / given.file).write_bytes(kept)
         peak_mb = _peak_mb() - start_mb
         strangers = self._files(folder) - before
         if written or strangers:
             return Seen("wrote", f"{written or sorted(strangers)}"[:300], peak_mb)
+        if taken_s > LONGEST_S:
+            return Seen("slow", f"{taken_s:.1f} s; {verdict} {detail}", peak_mb)
         return Seen("memory" if 2**20 * peak_mb > LARGEST_BYTES else verdict, detail, peak_mb)
 
     def _files(self, folder: Path) -> set[str]:

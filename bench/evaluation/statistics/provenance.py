@@ -1,6 +1,5 @@
 """Differences in what two results stand on: configuration, settings of the methods, versions, machines, inputs."""
 
-import tomllib
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -8,6 +7,7 @@ import pandas as pd
 
 from bench.results.result_folder import Result
 from bench.results.tables import CHANGES, frame
+from radar.support.config import plain_toml
 
 HASH_CHARACTERS = 12  # tell two hashes apart
 
@@ -32,8 +32,8 @@ def changes(a: Result, b: Result) -> pd.DataFrame:
 
 def _configuration(result: Result) -> dict[str, Any]:
     try:
-        return _flat(tomllib.loads(result.config))
-    except tomllib.TOMLDecodeError:  # a record, not an input: that it cannot be read must not hide the figures
+        return _flat(plain_toml(result.config))
+    except (ValueError, RecursionError):  # a record, not an input: that it cannot be read must not hide the figures
         return {"config.toml": "not readable as TOML"}
 
 

@@ -11,7 +11,8 @@ from collections.abc import Iterator
 import numba
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, positions, tones
+from radar.data.capture import largest_part
 from radar.imaging.cpu.steering import FAST, cis_turns, distances_m, steering
 from radar.support.errors import HandbenchError
 from radar.support.parallel import for_each
@@ -91,7 +92,7 @@ def direct_sum(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Apertu
     """The same image by the formula as it stands, in float64: complex128 [n]. The reference of every faster path."""
     check_samples(samples, frequencies_hz, aperture)
     image = np.zeros(len(points_m), np.complex128)
-    for i, point in enumerate(np.asarray(points_m, np.float64)):
+    for i, point in enumerate(positions("points_m", points_m)):
         path_m = path_lengths(aperture, point)
         for s, f in zip(samples, frequencies_hz, strict=True):
             image[i] += np.sum(s * np.exp(2j * np.pi * f * path_m / SPEED_OF_LIGHT_M_S))
@@ -158,10 +159,13 @@ def _scan_image(samples, position_m, points_m, turns_per_m):  # type: ignore[no-
 
 
 def check_samples(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture) -> None:
-    """Refuse samples whose shape does not fit the frequencies and the aperture."""
+    """Refuse tones that are none, and samples that are no finite numbers or do not fit the tones and the aperture."""
+    tones("frequencies_hz", frequencies_hz)
     expected = (len(frequencies_hz), *aperture.channels)
     if samples.shape != expected:
         raise HandbenchError(
             f"samples: have shape {samples.shape}; expected {expected} for {len(frequencies_hz)} frequencies and "
             f"{type(aperture).__name__} channels {aperture.channels}"
         )
+    if samples.dtype.kind not in "iufc" or not np.isfinite(largest_part(samples)):
+        raise HandbenchError(f"samples: hold NaN, infinity or {samples.dtype}; expected finite numbers: repair them")

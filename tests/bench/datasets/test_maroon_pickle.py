@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.datasets.maroon_pickle import LARGEST_BYTES, read_dictionary, write_dictionary
+from bench.datasets.maroon_pickle import read_dictionary, write_dictionary
 from radar.support.errors import HandbenchError
+from radar.support.limits import PICKLE_BYTES
 from tests.strategies import examples
 
 HEADER = io.BytesIO()
@@ -157,6 +158,13 @@ def test_a_shape_that_the_bytes_do_not_fill_takes_no_memory(tmp_path):
         (b"\x80\x04cnumpy\ndtype\nN}X\x05\x00\x00\x00_makeNs\x86b.", "a name that is changed"),
         (b"\x80\x04cbuiltins\neval\n.", r"it names builtins\.eval"),
         (b"\x80\x04cnumpy\nload\n.", r"it names numpy\.load"),
+        (b"\x80\x04}N" + b"2\x86" * 60 + b"Ns.", "is refused .50."),  # a key of 2⁶⁰ parts, by DUP ...
+        (b"\x80\x04}N" + b"q\x00h\x00\x86" * 60 + b"Ns.", "a key is tuple"),  # ... and by memo
+        (b"\x80\x04}(N" + b"q\x00h\x00\x86" * 60 + b"Nu.", "a key is tuple"),
+        (b"\x80\x04N" + b"q\x00h\x00\x86" * 60 + b"\x85cnumpy\ndtype\n\x94h\x010h\x00R.", "is refused"),
+        (b"\x80\x04cnumpy\ndtype\nN" + b"q\x00h\x00\x86" * 60 + b"\x85R.", "numbers of no type"),
+        (b"\x80\x04\x8f(N" + b"q\x00h\x00\x86" * 60 + b"\x90.", "is refused .143."),  # into a set
+        (b"\x80\x04" + b"]" * 20_000 + b".", "too many steps"),
         (b"\x80\x04\x82\x01.", "is refused"),  # an extension that somebody may have registered
     ],
 )
@@ -167,6 +175,6 @@ def test_bombs_are_refused(tmp_path, bomb, reason):
 
 def test_files_too_large_for_a_frame_are_not_read(tmp_path):
     with (tmp_path / "a.npy").open("wb") as stream:
-        stream.truncate(LARGEST_BYTES + 1)
+        stream.truncate(PICKLE_BYTES + 1)
     with pytest.raises(HandbenchError, match="268435456 at most"):
         read_dictionary(tmp_path / "a.npy")

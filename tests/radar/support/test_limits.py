@@ -1,0 +1,171 @@
+"""Files that cost more than they weigh are refused in words, and those at the limits are read."""
+
+import os
+import struct
+import time
+import zipfile
+import zlib
+
+import h5py
+import numpy as np
+import pytest
+from PIL import Image
+
+from radar.data.arrays import AntennaArray, load_positions
+from radar.data.capture import RadarCapture, load_capture, save_capture
+from radar.support import limits
+from radar.support.config import Config, parse, read_toml
+from radar.support.errors import HandbenchError
+from radar.support.files import inside, read_bytes, read_json, read_npz, require_file, write_npz
+from radar.support.pictures import opened_picture
+
+
+@pytest.fixture(autouse=True)
+def quick():
+    start = time.process_time()
+    yield
+    assert time.process_time() - start < 2
+
+
+def deep(levels, first="[", last="]"):
+    return first * levels + "0" + last * levels
+
+
+@pytest.mark.parametrize("levels", [limits.DEEPEST - 1, limits.DEEPEST + 1, 500, 100_000])
+def test_values_are_nested_so_deep_and_no_deeper(tmp_path, levels):
+    (tmp_path / "a.json").write_text(deep(levels))
+    (tmp_path / "a.toml").write_text(f"a = {deep(levels)}")
+    if levels < limits.DEEPEST:
+        read_json(tmp_path / "a.json", "lists"), read_toml(tmp_path / "a.toml", "lists")
+        return
+    for read in (read_json, read_toml):
+        with pytest.raises(HandbenchError, match="readable as"):
+            read(tmp_path / ("a.json" if read is read_json else "a.toml"), "lists")
+
+
+@pytest.mark.parametrize("unit", ["{},", "0,", "[],"])
+def test_many_values_are_refused(tmp_path, unit):
+    (tmp_path / "a.json").write_text(f"[{unit * limits.MOST_VALUES}{unit[:-1]}]")
+    with pytest.raises(HandbenchError, match="more than 200000 values"):
+        read_json(tmp_path / "a.json", "lists")
+    (tmp_path / "a.json").write_text(f"[{unit * 1000}{unit[:-1]}]")
+    assert len(read_json(tmp_path / "a.json", "lists")) == 1001
+
+
+def test_long_keys_and_large_files_are_refused(tmp_path):
+    key = ".".join(["a"] * (limits.DEEPEST + 1))
+    (tmp_path / "a.toml").write_text(f"{key} = 1\n")
+    with pytest.raises(HandbenchError, match="too many parts"):
+        read_toml(tmp_path / "a.toml", "keys")
+    (tmp_path / "a.toml").write_text("#" * (limits.TOML_BYTES + 1))
+    with pytest.raises(HandbenchError, match=r"has 262145 bytes; expected keys, 262144 at most"):
+        read_toml(tmp_path / "a.toml", "keys")
+    (tmp_path / "a.csv").write_text("x_m,y_m,z_m\n" + "0" * limits.CSV_BYTES)
+    with pytest.raises(HandbenchError, match="at most"):
+        load_positions(tmp_path / "a.csv")
+
+
+def test_thousands_of_problems_are_one_line():
+    class Empty(Config):
+        pass
+
+    with pytest.raises(HandbenchError, match=r"x\.toml: 5000 of its values are wrong"):
+        parse(Empty, {f"k{n}": n for n in range(5000)}, "x.toml")
+
+
+def test_a_file_without_end_and_a_pipe_are_not_waited_for(tmp_path):
+    assert read_bytes("/proc/self/maps", "text", 2**20) == b""  # its size says so
+    os.mkfifo(tmp_path / "a.png")
+    with pytest.raises(HandbenchError, match="expected a photograph"), opened_picture(tmp_path / "a.png"):
+        pass
+
+
+def test_a_circle_of_links_is_one_line(tmp_path):
+    (tmp_path / "a").symlink_to("b")
+    (tmp_path / "b").symlink_to("a")
+    with pytest.raises(HandbenchError, match="expected a file, found nothing"):
+        require_file(inside(tmp_path, "a", "mapping.toml"), "a file")
+
+
+def test_archives_of_many_members_are_refused(tmp_path):
+    write_npz(tmp_path / "a.npz", x=np.zeros(3))
+    with zipfile.ZipFile(tmp_path / "a.npz", "a") as archive:
+        for k in range(limits.MOST_MEMBERS + 1):
+            archive.writestr(f"m{k}", b"")
+    with pytest.raises(HandbenchError, match="more than 1000 members"):
+        read_npz(tmp_path / "a.npz", ("x",))
+
+
+# --- HDF5 -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def echoes(tmp_path):
+    capture = RadarCapture(
+        np.ones((1, 2, 2, 2), np.complex64), np.array([1e9, 2e9]), AntennaArray(np.eye(3)[:2], np.eye(3)[:2])
+    )
+    save_capture(tmp_path / "echoes.h5", capture)
+    (tmp_path / "elsewhere").mkdir()
+    save_capture(tmp_path / "elsewhere" / "other.h5", capture)
+    return tmp_path / "echoes.h5"
+
+
+@pytest.mark.parametrize("name", ["samples", "frequencies_hz", "tx_m"])
+@pytest.mark.parametrize("chain", ["external", "soft to external", "soft", "through a group", "another's position_m"])
+def test_what_links_lead_to_is_not_read(echoes, name, chain):
+    """The other file is whole: a reader that followed the link would accept it."""
+    with h5py.File(echoes, "a") as file:
+        if chain == "another's position_m":
+            file["position_m"] = h5py.ExternalLink("elsewhere/other.h5", "tx_m")
+        else:
+            file["kept"] = file[name]
+            del file[name]
+            file["away"] = h5py.ExternalLink("elsewhere/other.h5", name)
+            file["whole"] = h5py.ExternalLink("elsewhere/other.h5", "/")
+            file[name] = {
+                "external": h5py.ExternalLink("elsewhere/other.h5", name),
+                "soft to external": h5py.SoftLink("/away"),
+                "soft": h5py.SoftLink("/kept"),
+                "through a group": h5py.SoftLink(f"/whole/{name}"),
+            }[chain]
+    with pytest.raises(HandbenchError, match="of its own"):
+        load_capture(echoes)
+
+
+@pytest.mark.parametrize("size, fits", [(64, True), (2**26, False), (2**29, False)])
+def test_pieces_that_unpack_to_more_than_they_are_are_refused(echoes, size, fits):
+    packer = zlib.compressobj(9)
+    packed = b"".join(packer.compress(bytes(min(size, 2**24))) for _ in range(max(size // 2**24, 1))) + packer.flush()
+    with h5py.File(echoes, "a") as file:
+        del file["samples"]
+        made = file.create_dataset("samples", (1, 2, 2, 2), np.complex64, chunks=(1, 2, 2, 2), compression="gzip")
+        made.id.write_direct_chunk((0, 0, 0, 0), packed)
+    if fits:
+        assert not load_capture(echoes).samples.any()
+        return
+    with pytest.raises(HandbenchError, match="a piece of 'samples'"):
+        load_capture(echoes)
+
+
+# --- pictures -------------------------------------------------------------------------------------------------------
+
+
+def test_pictures_of_many_scans_pixels_or_other_forms_are_refused(tmp_path):
+    Image.new("L", (64, 64)).save(tmp_path / "a.jpg", progressive=True)
+    whole = (tmp_path / "a.jpg").read_bytes()
+    with opened_picture(tmp_path / "a.jpg") as image:
+        assert image.size == (64, 64)
+    at = whole.rfind(b"\xff\xda")
+    (tmp_path / "a.jpg").write_bytes(whole[:at] + whole[at:-2] * 40 + whole[-2:])
+    with pytest.raises(HandbenchError, match="scans"), opened_picture(tmp_path / "a.jpg"):
+        pass
+    Image.new("L", (8, 8)).save(tmp_path / "a.gif")
+    with pytest.raises(HandbenchError, match="not a readable photograph"), opened_picture(tmp_path / "a.gif"):
+        pass
+    Image.new("L", (8, 8)).save(tmp_path / "a.png")
+    content = bytearray((tmp_path / "a.png").read_bytes())
+    content[16:24] = struct.pack(">II", 9000, 9000)
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    (tmp_path / "a.png").write_bytes(content + bytes(10_000))
+    with pytest.raises(HandbenchError, match="9000 × 9000 pixels"), opened_picture(tmp_path / "a.png"):
+        pass
