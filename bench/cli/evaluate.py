@@ -16,6 +16,8 @@ def run(options: argparse.Namespace) -> None:
     from radar.data.grid import PixelGrid
 
     depth = load_depthmap(options.depth)
+    if options.most_p_gross is not None:
+        depth = depth.trusted(options.most_p_gross)
     transform = load_any_transform(options.transform) if options.transform else identity("radar")
     reference = reference_depth(options.mesh, transform, PixelGrid(depth.x_m, depth.y_m))
     errors = error_map(depth.x_m, depth.y_m, depth.z_m, reference.z_m, reference.sigma_m, reference.met)

@@ -14,6 +14,7 @@ from radar.imaging import api
 from radar.imaging.certificate import Certificate, certified
 from radar.imaging.device import describe
 from radar.methods.registry import Method, Reconstruction, method
+from radar.methods.trust import with_trust
 from radar.support.errors import HandbenchError
 from radar.support.files import write_npz
 from radar.support.progress import say
@@ -39,7 +40,7 @@ def run(options: argparse.Namespace) -> None:
         raise HandbenchError(f"--volume, --check: '{chosen.id}' makes no volume; choose broadband or narrowband")
     compile_kernels()
     result, settings, certificate = _imaged(chosen, echoes, settings, options)
-    result.depth.save(options.out)
+    with_trust(result.depth, echoes, settings, options.frame).save(options.out)
     if result.volume is not None and (options.volume is not None or options.check):
         volume = result.volume()
         if options.volume is not None:

@@ -17,6 +17,7 @@ from radar.imaging.certificate import certified
 from radar.imaging.device import use_device
 from radar.methods.registry import Reconstruction, method
 from radar.methods.smoothing import masked_mean
+from radar.methods.trust import with_trust
 from radar.support.config import Config
 from radar.support.cost import others
 from radar.support.errors import HandbenchError
@@ -40,7 +41,7 @@ def reconstruct(
         depths = [result.depth for result in found.results]
         if seconds[0] < PLANNED_S:
             write_treated(folder, lambda of: imager.method.run(imager.echoes, of, 0).depth, imager.settings, depths[0])
-    depths[0].save(folder / DEPTH)
+    with_trust(depths[0], imager.echoes, imager.settings).save(folder / DEPTH)  # whose time is none of the method's
     if frames > 1:
         write_npz(folder / FRAMES, z_m=np.stack([depth.z_m for depth in depths]).astype(np.float32))
     times = {"seconds": seconds, "plan_seconds": found.plan_s, "others_cores": busy[0]}

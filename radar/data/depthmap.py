@@ -1,7 +1,7 @@
 """Depth maps: what every method returns and what is scored."""
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from radar.support.errors import HandbenchError
 from radar.support.files import read_npz, write_npz
 
-OPTIONAL = {"sigma_m": "f", "wrapped": "b"}  # arrays that not every method knows, with their kinds of number
+OPTIONAL = {"sigma_m": "f", "wrapped": "b", "p_gross": "f"}  # not known to every method; kinds of number
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,8 @@ class DepthMap:
 
     Methods that know it add, [ny, nx]: sigma_m, predicted 1σ of z_m where no phase wrapped, NaN off target; and
     wrapped (bool), pixels in doubt: their phase may have wrapped, which would put z_m off by a whole period, or their
-    tones do not agree on a depth, or it is the first or last that was looked at.
+    tones do not agree on a depth, or it is the first or last that was looked at. p_gross, NaN off target: the
+    probability that z_m is off by more than 5 mm from the nearest true surface (`radar.methods.trust`).
     """
 
     x_m: np.ndarray
@@ -30,6 +31,15 @@ class DepthMap:
     config: dict[str, Any] = field(default_factory=dict)
     sigma_m: np.ndarray | None = None
     wrapped: np.ndarray | None = None
+    p_gross: np.ndarray | None = None
+
+    def trusted(self, most: float) -> "DepthMap":
+        """The map without the depths whose p_gross is above `most`; HandbenchError where it has none."""
+        if self.p_gross is None or not 0 <= most <= 1:
+            has = "the depth map has no p_gross" if self.p_gross is None else f"p_gross: is to be at most {most:g}"
+            raise HandbenchError(f"{has}; expected one from handbench reconstruct, and a probability from 0 to 1")
+        keep = np.isfinite(self.z_m) & (self.p_gross <= most)
+        return replace(self, z_m=np.where(keep, self.z_m, np.nan))
 
     def save(self, path: str | Path) -> None:
         """Write the depth map's .npz, atomically."""

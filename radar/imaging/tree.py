@@ -56,12 +56,17 @@ class Box(NamedTuple):
 
 @dataclass(frozen=True)
 class LocalLeg:
-    """Antennas position_m [n, 3] that a box keeps, `passes` of its leg, and length_m [n] = passes · |c − a|: the phase
-    already taken out of the samples (zero above the root)."""
+    """Antennas position_m [n, 3] that a box keeps, number [n] among all, `passes` of its leg, and length_m [n] = passes
+    · |c − a|: the phase already taken out of the samples (zero above the root)."""
 
     position_m: np.ndarray
     passes: int
     length_m: np.ndarray
+    number: np.ndarray
+
+    def only(self, index: np.ndarray, length_m: np.ndarray) -> "LocalLeg":
+        """Some of the antennas, by index [k] of length_m [n]."""
+        return LocalLeg(self.position_m[index], self.passes, length_m[index], self.number[index])
 
 
 @dataclass(frozen=True)
@@ -79,14 +84,16 @@ class Node:
 
 class Family(NamedTuple):
     """The properties that a tree's boxes share: the tolerance, whether tones stay apart (one image each), how much
-    longer than geometry a path can be (delays), whether all antennas are kept, and the exponent of the antennas'
-    pattern where legs have gains (simulation with spreading)."""
+    longer than geometry a path can be (delays), whether all antennas are kept, the exponent of the antennas' pattern
+    where legs have gains (simulation with spreading), and the sine of the angle by which waves come beside the box, as
+    an antenna sees it (diffraction)."""
 
     tolerance: float
     apart: bool
     delay_m: float = 0.0
     whole: bool = False
     pattern: float | None = None
+    beside: float = 0.0
 
 
 def crowded(aperture: Aperture) -> bool:
@@ -96,7 +103,8 @@ def crowded(aperture: Aperture) -> bool:
 
 def trunk(frequencies_hz: np.ndarray, aperture: Aperture) -> Node:
     """The node above the root: all tones, all antennas, no phase taken out."""
-    legs = tuple(LocalLeg(leg.position_m, leg.passes, np.zeros(len(leg.position_m))) for leg in aperture.legs)
+    counted = [(leg, len(leg.position_m)) for leg in aperture.legs]
+    legs = tuple(LocalLeg(leg.position_m, leg.passes, np.zeros(n), np.arange(n)) for leg, n in counted)
     nothing = np.zeros((0, 0), np.float32)
     everywhere = Box(np.full(3, -np.inf), np.full(3, np.inf))
     turns_per_m = np.asarray(frequencies_hz, np.float64) / SPEED_OF_LIGHT_M_S
@@ -112,7 +120,7 @@ def branch(parent: Node, box: Box, family: Family, keep_antennas: bool = False) 
     legs, weights = [], []
     for leg, length in zip(parent.legs, lengths, strict=True):
         index, leg_weights = _antennas(leg, box, turns_per_m, family, keep_antennas)
-        legs.append(LocalLeg(leg.position_m[index], leg.passes, length[index]))
+        legs.append(leg.only(index, length))
         weights.append(leg_weights)
     return Node(box, turns_per_m, tuple(legs), tone_weights, tuple(weights), shifts)
 
@@ -169,6 +177,9 @@ def _antennas(
     n = len(leg.position_m)
     if keep or family.whole or n == 1:
         return np.arange(n), np.zeros((0, 0), np.float32)
+    if family.beside > 0:
+        margin_m = family.beside * float(_distances(leg.position_m, box.corners_m).max())
+        box = Box(box.low_m - margin_m, box.high_m + margin_m)
     if (np.abs(leg.position_m - box.centre_m) <= box.high_m - box.low_m).all(axis=1).any():
         return np.arange(n), np.eye(n, dtype=np.float32)
     reduce = partial(family_skeleton, leg, box, turns_per_m, family.pattern)
@@ -194,8 +205,7 @@ def family_skeleton(
     if n > DIRECT:
         order = np.argsort(leg.position_m[:, np.argmax(np.ptp(leg.position_m, axis=0))], kind="stable")
         halves = np.array_split(order, 2)
-        legs = (LocalLeg(leg.position_m[half], leg.passes, leg.length_m[half]) for half in halves)
-        parts = [family_skeleton(part, box, turns_per_m, pattern, tolerance) for part in legs]
+        parts = [family_skeleton(leg.only(half, leg.length_m), box, turns_per_m, pattern, tolerance) for half in halves]
         weights = np.empty((sum(len(index) for index, _ in parts), n))
         weights[:, order] = block_diag(parts[0][1], parts[1][1])
         return np.concatenate([half[index] for half, (index, _) in zip(halves, parts, strict=True)]), weights

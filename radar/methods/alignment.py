@@ -23,15 +23,13 @@ import numpy as np
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.data.depthmap import DepthMap
 from radar.data.grid import PixelGrid
-from radar.methods.confidence import beside_nearer, spread_m
+from radar.methods.confidence import beside_nearer, speckle_spread_m
 from radar.methods.fsk_config import AgreementConfig
 from radar.methods.smoothing import masked_mean
 
 STEPS = 16  # per range cell, of the search
 ALIGNED = 0.9  # coherence below which two depths share a pixel,
 NONE = 0.8  # and below which a pixel has none
-LOCAL_PX = 5  # window that tells a pixel's own error from its neighbourhood's, where the filter is narrower
-OTHER_SURFACE_M = 0.003  # a filter that moves a pixel by more has met another surface, which no σ tells
 TINY, MANY = 1e-12, 500.0  # least of 1 − P, and most of the exponent
 POLISHES = 2  # Gauss–Newton steps from the search's maximum
 
@@ -86,9 +84,7 @@ def agreed(depth: DepthMap, coherence: np.ndarray, bandwidth_hz: float, config: 
     dropped = (none | hidden) & config.drop_doubtful
     z_m, own_m = (np.where(dropped, np.nan, told) for told in (depth.z_m, np.asarray(depth.sigma_m)))
     power = 10 ** (depth.amplitude_db.astype(np.float64) / 10)
-    distance_m = np.linalg.norm(grid.points_m(z_m), axis=-1)  # one in all of a scatterer's lobe
-    local_m = distance_m - masked_mean(distance_m, max(config.fine_filter_px, LOCAL_PX), power)
-    speckle_m = spread_m(np.clip(local_m, -OTHER_SURFACE_M, OTHER_SURFACE_M), np.sqrt(power), config.spread_px)
+    speckle_m = speckle_spread_m(grid.points_m(z_m), np.sqrt(power), config.fine_filter_px, config.spread_px)
     wrapped = np.isfinite(z_m) & (np.asarray(depth.wrapped) | (coherence < ALIGNED) | hidden)
     smooth_m = masked_mean(z_m, config.fine_filter_px, power)
     return replace(depth, z_m=smooth_m, sigma_m=np.hypot(speckle_m, own_m), wrapped=wrapped)

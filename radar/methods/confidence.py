@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from radar.methods.fsk import Look, Tones
 
 FEW = 100  # pixels that may be but a few resolution cells: their median would hide the noise with the gain
+LOCAL_PX = 5  # window that tells a pixel's own error from its neighbourhood's, where the filter is narrower
+OTHER_SURFACE_M = 0.003  # a filter that moves a pixel by more has met another surface, which no σ tells
 TINY_M = 1e-150  # its square is still a number: a point known exactly, exactly between two periods, may be in either
 NOISE_PASSES = 0.01  # share of noise's pixels that may pass for an echo's
 SIDELOBE = 0.05  # of sinc², the pulse of an even band: 0.047
@@ -62,6 +64,14 @@ def spread_m(quadrature_m: np.ndarray, amplitude: np.ndarray, window_px: int) ->
     local = masked_mean(power, window_px)[known]
     sigma_m[known] = np.sqrt((local + power[known].mean()) / 2) / amplitude[known]
     return sigma_m
+
+
+def speckle_spread_m(points_m: np.ndarray, amplitude: np.ndarray, filter_px: int, spread_px: int) -> np.ndarray:
+    """1σ of the depth [ny, nx], metres, by what an averaging filter takes away from points [ny, nx, 3]: the speckle, of
+    which the tones of one pixel need not tell, since all may be turned alike."""
+    distance_m = np.linalg.norm(points_m, axis=-1)  # one in all of a scatterer's lobe
+    local_m = distance_m - masked_mean(distance_m, max(filter_px, LOCAL_PX), amplitude**2)
+    return spread_m(np.clip(local_m, -OTHER_SURFACE_M, OTHER_SURFACE_M), amplitude, spread_px)
 
 
 def incoherent(sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarray:
@@ -131,6 +141,10 @@ class Review:
         if isinstance(self.config, RefinedConfig):
             self.quadrature_m = look.smoothed(self.quadrature_m, self.config.fine_filter_px)
         sigma_m, whole = self._sigma_m(look, self.quadrature_m), PixelGrid(depth.x_m, depth.y_m)
+        if isinstance(self.config, RefinedConfig):  # two views of one error: the larger
+            z_m, filter_px = np.where(np.isfinite(sigma_m), look.z_m, np.nan), self.config.fine_filter_px
+            speckle_m = speckle_spread_m(look.grid.points_m(z_m), look.amplitude, filter_px, self.config.spread_px)
+            sigma_m = np.fmax(sigma_m, speckle_m)
         flags = whole.placed(look.grid, self.wrapped, elsewhere=False)
         return replace(depth, sigma_m=whole.placed(look.grid, sigma_m), wrapped=flags)
 

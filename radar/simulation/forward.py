@@ -58,11 +58,13 @@ def simulate(
     spreading: bool = True,
     tolerance: float | None = 1e-5,
     pattern: float = 0.0,
+    sight_tolerance: float = 0.0,
 ) -> np.ndarray:
     """Noise-free samples complex64 [f, t, r]. spreading=False leaves out g: the exact adjoint of backprojection.
     pattern: exponent q of the antennas' amplitude pattern cosᵠθ, θ from the z axis; a factor of g.
 
     tolerance: relative L2 error of the fast chain (see `radar.imaging.api`); None sums every tone of every scatterer.
+    sight_tolerance: the same of what is in partial sight, if that is larger: few antennas then stand for all there too.
     """
     scatterers, partly = _in_sight(scatterers)
     if len(scatterers.position_m) > 0:
@@ -83,6 +85,8 @@ def simulate(
             family = family._replace(whole=whole > 0)
             if sight is not None and whole == 2:
                 family = family._replace(delay_m=delay_m + 2 * sight.detour_m)
+                if sight_tolerance > tolerance:
+                    family = family._replace(tolerance=sight_tolerance, whole=False, beside=sight.beside)
             executor = points_executor(frequencies_hz, array, position[chosen], family, Executor)
             where = executor.plan.sort(position[chosen])
             part = scatterers.where(chosen[where.order])
@@ -140,15 +144,16 @@ def _bent(scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArra
     bent = np.linalg.norm(beside_m, axis=1) < NEAR * SPEED_OF_LIGHT_M_S / np.min(frequencies_hz)
     if scatterers.normal is None and pattern == 0:
         return bent
-    towards = box.corners_m - scatterers.position_m[:, None]
-    distance = np.linalg.norm(towards, axis=2)
-    if scatterers.normal is not None:
-        cosine = np.einsum("pci,pi->pc", towards, scatterers.normal) / distance
-        bent |= (cosine.min(axis=1) < GRAZING) & (cosine.max(axis=1) > 0)
-    if pattern != 0:
-        cosine = -towards[:, :, 2] / distance
-        bent |= cosine.min(axis=1) < least_cosine(pattern)
-    return bent
+    least, most, ahead = np.full(len(bent), np.inf), np.full(len(bent), -np.inf), np.full(len(bent), np.inf)
+    for corner_m in np.unique(box.corners_m, axis=0):
+        towards = corner_m - scatterers.position_m
+        distance = np.sqrt(np.einsum("pi,pi->p", towards, towards))
+        ahead = np.minimum(ahead, -towards[:, 2] / distance)
+        if scatterers.normal is not None:
+            cosine = np.einsum("pi,pi->p", towards, scatterers.normal) / distance
+            least, most = np.minimum(least, cosine), np.maximum(most, cosine)
+    bent |= (least < GRAZING) & (most > 0)
+    return bent | (ahead < least_cosine(pattern)) if pattern != 0 else bent
 
 
 def direct_echoes(

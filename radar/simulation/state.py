@@ -15,6 +15,8 @@ from radar.simulation.physics.spheres import ball_echoes
 from radar.simulation.scene import Body, EchoScene
 from radar.support.errors import HandbenchError
 
+SIGHT_TOLERANCE = 1e-3  # of echoes that diffract: a fifth of what interpolating their sight leaves
+
 
 @dataclass
 class Surface:
@@ -109,7 +111,8 @@ class EchoState:
         layers = [every] if layer is None else [every.where(layer == n) for n in range(layer.max(initial=0) + 1)]
         samples = np.zeros((len(self.scene.frequencies_hz), *array.channels), np.complex64)
         for n, part in enumerate(layers):
-            echoes = simulate(part, self.scene.frequencies_hz, array, tolerance=self.tolerance, pattern=self.pattern)
+            tones_hz, how = self.scene.frequencies_hz, (True, self.tolerance, self.pattern, SIGHT_TOLERANCE)
+            echoes = simulate(part, tones_hz, array, *how)
             samples += echoes if surface.reflection is None else echoes * surface.reflection[n][:, None, None]
         return samples
 

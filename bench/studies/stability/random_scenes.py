@@ -101,7 +101,7 @@ def scene(seed: int, number: int) -> list[tuple[str | int, ...]]:
     rng = np.random.default_rng([seed, number])
     kind, trouble = list(KINDS)[number % len(KINDS)], TROUBLES[number // len(KINDS) % len(TROUBLES)]
     surface, middle_m = KINDS[kind](rng), rng.uniform(0.25, 0.35)
-    capture = _recorded(surface, middle_m, trouble, rng)
+    capture, _ = recorded(surface, middle_m, trouble, rng)
     first_m = middle_m + rng.uniform(-0.1, 0.1)
     known = {"x": AXIS, "y": AXIS, "off_axis": True, "first_depth_m": first_m, "tolerance": None}
     lines = []
@@ -127,8 +127,10 @@ def _count(depth: DepthMap, surface: Surface, middle_m: float) -> tuple[int, ...
     return tuple(int(pixels.sum()) for pixels in (given, beyond, flagged, gross))
 
 
-def _recorded(surface: Surface, middle_m: float, trouble: str, rng: np.random.Generator) -> RadarCapture:
-    """Echoes of the surface with noise, and what else makes them hard."""
+def recorded(
+    surface: Surface, middle_m: float, trouble: str, rng: np.random.Generator, tones_hz: np.ndarray = TONES_HZ
+) -> tuple[RadarCapture, np.ndarray]:
+    """Echoes of the surface with noise, and what else makes them hard; places [n, 3] of clutter that is none of it."""
     xy = rng.uniform(-HALF_M, HALF_M, (POINTS, 2))
     points_m = np.column_stack([xy, middle_m + surface(*xy.T)])
     weight = rng.standard_normal(POINTS)
@@ -137,7 +139,7 @@ def _recorded(surface: Surface, middle_m: float, trouble: str, rng: np.random.Ge
     if trouble == "clutter":
         points_m = np.vstack([points_m, rng.uniform((-0.1, -0.1, 0.2), (0.1, 0.1, 0.5), (5, 3))])
         weight = np.append(weight, 10 * rng.standard_normal(5))
-    samples = simulate(Scatterers(points_m, weight), TONES_HZ, ARRAY, spreading=False, tolerance=None)
+    samples = simulate(Scatterers(points_m, weight), tones_hz, ARRAY, spreading=False, tolerance=None)
     level = np.sqrt(np.mean(np.abs(samples) ** 2)) * 10 ** (rng.uniform(*NOISE_DB) / 20)
     noise = rng.standard_normal((2, *samples.shape)) * level / np.sqrt(2)
     samples = samples + noise[0] + 1j * noise[1]
@@ -146,4 +148,4 @@ def _recorded(surface: Surface, middle_m: float, trouble: str, rng: np.random.Ge
     if trouble == "clipped":
         most = np.abs(samples).max() * rng.uniform(0.2, 0.8)
         samples = np.clip(samples.view(float), -most, most).view(complex)
-    return RadarCapture(samples[None].astype(np.complex64), TONES_HZ, ARRAY)
+    return RadarCapture(samples[None].astype(np.complex64), tones_hz, ARRAY), points_m[POINTS:]

@@ -14,7 +14,8 @@ class Sight(NamedTuple):
     """The part of each antenna's wave that reaches each point: complex, and smooth from point to point, from antenna to
     antenna and in frequency. corner [3, n]: samples around each point, −1 in full sight of all antennas, with the share
     [3, n] of each; table_a [samples, 3, nodes] complex64: factors of 1, u and u² at some antennas, from which spread_a
-    [a, nodes] makes all, u = (f/c − middle)/half; the same for b; detour_m: by how much later waves come."""
+    [a, nodes] makes all, u = (f/c − middle)/half; the same for b; detour_m: by how much later waves come, and beside:
+    the sine of the angle from beside a point under which they come."""
 
     corner: np.ndarray
     share: np.ndarray
@@ -25,6 +26,7 @@ class Sight(NamedTuple):
     middle: float
     half: float
     detour_m: float
+    beside: float
 
     @property
     def partial(self) -> np.ndarray:
@@ -46,14 +48,14 @@ class Sight(NamedTuple):
 NO_TABLE, NO_SPREAD = np.zeros((0, 3, 0), np.complex64), np.zeros((0, 0), np.float32)
 NOTHING = np.zeros((3, 0))
 FULL_SIGHT = Sight(
-    NOTHING.astype(np.int32), NOTHING.astype(np.float32), NO_TABLE, NO_SPREAD, NO_TABLE, NO_SPREAD, 0.0, 1.0, 0.0
+    NOTHING.astype(np.int32), NOTHING.astype(np.float32), NO_TABLE, NO_SPREAD, NO_TABLE, NO_SPREAD, 0.0, 1.0, 0.0, 0.0
 )
 
 
 class Source(NamedTuple):
     """Scatterers sorted by leaf: point_m [3, n], weight [n] complex64, delay_m [n] one-way, normal [3, n] or [3, 0];
     spreading: whether legs have gains; pattern: exponent of cos θ in them; seen_a [a, n], seen_b [b, n]: which antennas
-    see each point, or [0, 0] where all do. Masks and sight need a leaf that keeps all antennas."""
+    see each point, or [0, 0] where all do. Masks need a leaf that keeps all antennas."""
 
     point_m: np.ndarray
     weight: np.ndarray
@@ -88,9 +90,12 @@ def ascend(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weig
 @numba.njit(**FAST)
 def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no-untyped-def]
     """The adjoint of `evaluate`: what a leaf's scatterers add to its samples [k, 2, a, b]. `source`: a `Source`."""
-    centre_m, length_a, position_a, length_b, position_b = place
+    centre_m, length_a, position_a, number_a, length_b, position_b, number_b = place
     tones, n_a, n_b = len(turns_per_m), len(length_a), len(length_b)
     samples = np.zeros((tones, 2, n_a, n_b), np.float32)
+    sight, weighted = source.sight, source.sight.corner.shape[1] > 0
+    if weighted:
+        spread_a, spread_b = sight.spread_a[number_a.astype(np.int64)], sight.spread_b[number_b.astype(np.int64)]
     block = max(min(BLOCK, SECOND_LEVEL // (n_a + n_b)), 16)
     for start in range(0, source.point_m.shape[1], block):
         stop = min(start + block, source.point_m.shape[1])
@@ -103,10 +108,9 @@ def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no
         gain_a = _gains(source, start, points, position_a, source.seen_a)
         gain_b = _gains(source, start, points, position_b, source.seen_b)
         a, b = np.empty((2 * n_a, n), np.float32), np.empty((2 * n_b, n), np.float32)
-        sight, weighted = source.sight, source.sight.corner.shape[1] > 0
         if weighted:
-            factors_a = _leg_factors(sight.corner, sight.share, start, n, sight.table_a, sight.spread_a)
-            factors_b = _leg_factors(sight.corner, sight.share, start, n, sight.table_b, sight.spread_b)
+            factors_a = _leg_factors(sight.corner, sight.share, start, n, sight.table_a, spread_a)
+            factors_b = _leg_factors(sight.corner, sight.share, start, n, sight.table_b, spread_b)
         for m in range(tones):
             steer(delta_a, -turns_per_m[m], a)
             steer(delta_b, -turns_per_m[m], b)
@@ -201,5 +205,5 @@ def _part(source, start, stop):  # type: ignore[no-untyped-def]
     places = source.point_m[:, here], source.weight[here], source.delay_m[here], normal
     sight = source.sight
     legs = sight.table_a, sight.spread_a, sight.table_b, sight.spread_b
-    part = Sight(sight.corner[:, here], sight.share[:, here], *legs, sight.middle, sight.half, sight.detour_m)
+    part = Sight(sight.corner[:, here], sight.share[:, here], *legs, *sight[6:])
     return Source(*places, source.spreading, source.pattern, seen_a, seen_b, part)

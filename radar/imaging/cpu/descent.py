@@ -44,7 +44,7 @@ def pack(leaves: list[Node]) -> Leaves:
     for leaf in leaves:
         floats = [leaf.tone_weights, *leaf.leg_weights]
         doubles = [leaf.box.centre_m, leaf.turns_per_m, *leaf.shifts_m]
-        doubles += [array for leg in leaf.legs for array in (leg.length_m, leg.position_m)]
+        doubles += [array for leg in leaf.legs for array in (leg.length_m, leg.position_m, leg.number)]
         counts = [len(leaf.turns_per_m), *(len(leg.length_m) for leg in leaf.legs)]
         sizes.append([*counts, *(array.size > 0 for array in floats), at_single, at_double])
         single += [array.ravel() for array in floats]
@@ -123,7 +123,7 @@ def apply(weights, samples):  # type: ignore[no-untyped-def]
 
 @numba.njit(**FAST)
 def leaf_of(leaves, i, shape):  # type: ignore[no-untyped-def]
-    """((weights of tones, a, b), (shifts of a, b), turns per metre, (centre, lengths and positions of a, b))."""
+    """((weights of tones, a, b), (shifts of a, b), turns per metre, (centre; length, position, number of a, of b))."""
     k, n_a, n_b = leaves.sizes[i, 0], leaves.sizes[i, 1], leaves.sizes[i, 2]
     tones, at = _weights(leaves.single, leaves.sizes[i, 6], k, shape[0], leaves.sizes[i, 3])
     weights_a, at = _weights(leaves.single, at, n_a, shape[2], leaves.sizes[i, 4])
@@ -134,11 +134,14 @@ def leaf_of(leaves, i, shape):  # type: ignore[no-untyped-def]
     start += 3 + k
     shift_a, shift_b = double[start : start + shape[2]], double[start + shape[2] : start + shape[2] + shape[3]]
     start += shape[2] + shape[3]
-    length_a, position_a = double[start : start + n_a], double[start + n_a : start + 4 * n_a].reshape(n_a, 3)
-    start += 4 * n_a
-    length_b, position_b = double[start : start + n_b], double[start + n_b : start + 4 * n_b].reshape(n_b, 3)
-    place = (centre, length_a, position_a, length_b, position_b)
+    place = (centre, *_antennas(double, start, n_a), *_antennas(double, start + 5 * n_a, n_b))
     return (tones, weights_a, weights_b), (shift_a, shift_b), turns, place
+
+
+@numba.njit(inline="always")
+def _antennas(double, start, n):  # type: ignore[no-untyped-def]
+    position_m = double[start + n : start + 4 * n].reshape(n, 3)
+    return double[start : start + n], position_m, double[start + 4 * n : start + 5 * n]
 
 
 @numba.njit(**FAST)
@@ -153,7 +156,7 @@ def _weights(single, start, rows, columns, given):  # type: ignore[no-untyped-de
 def evaluate(samples, points_m, turns_per_m, place, passes, reference_m, images):  # type: ignore[no-untyped-def]
     """Images of a leaf's samples at its points_m [3, n]: complex64 images [k or 1, n]; one row sums all tones."""
     tones, _, n_a, n_b = samples.shape
-    centre_m, length_a, position_a, length_b, position_b = place
+    centre_m, length_a, position_a, _, length_b, position_b, _ = place
     stacked = np.empty((2 * n_a, 2 * n_b), np.float32)
     block = max(min(BLOCK, SECOND_LEVEL // (n_a + n_b)), 16)
     for start in range(0, points_m.shape[1], block):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from itertools import product
 
 import numpy as np
 
@@ -14,26 +15,28 @@ from radar.simulation.physics.coarse import double_bounce, single_bounce
 from radar.simulation.physics.diffracted import by_rays, samples_of, sight_of
 from radar.simulation.physics.facets import face_vectors
 from radar.simulation.physics.line_of_sight import rays_of
-from radar.simulation.physics.ray_tubes import mirrors_of, trace
+from radar.simulation.physics.ray_tubes import mirrors_of, mirrors_onward, trace
 from radar.simulation.physics.reflection import body_reflection, echo_reflection, oblique_ratios
 from radar.simulation.pilot import CENTRE_M, LONGEST, body_echoes, visible_surface
 from radar.simulation.scene import Body, EchoScene, Material
 from radar.simulation.state import EchoState, Surface, facing
+from radar.support.parallel import for_each
 from radar.support.rays import Rays
 
+BOUNCES = 4  # at most: places that a wave meets
 PATCH = 0.25  # longest edge of a mirror, wavelengths
 SECONDS_PER_FACE, SECONDS_PER_TUBE, SECONDS_PER_FACET = 3e-6, 3e-6, 7e-6
 NODES_M, SAMPLES_M = 0.03, 8e-3  # between antennas and points of the room for which the diffraction is computed
 
 
 class Multipath(Effect):
-    """Two bounces on the target's own surface: the mean of the first as a mirror and the second by physical optics, and
-    of the same from the receivers, so that transmitters and receivers can be exchanged.
+    """Two to four bounces on the target's own surface: the mean of all but the last as mirrors and the last by physical
+    optics, and of the same from the receivers, so that transmitters and receivers can be exchanged.
 
     Left out: more bounces, edges."""
 
     id = "multipath"
-    does = "echoes over two places of the target, such as two fingers"
+    does = "echoes over two to four places of the target, such as two fingers"
     source = "shooting and bouncing rays: Ling, Chou & Lee 1989; the bound: the energy that geometrical optics returns"
 
     def missing(self, scene: EchoScene) -> str:
@@ -60,23 +63,35 @@ class Multipath(Effect):
             return
         body, rays, layer = surface.body, rays_of(state.scene, surface.body), _layers(surface)
         longest_m = PATCH * state.scene.wavelength_m * state.scene.mirrors_coarser
-        mirrors = mirrors_of(rays, body, np.concatenate([leg.position_m for leg in state.array.legs]), longest_m)
-        senses = []
-        for array in (state.array, _exchanged(state.array)):
+        antennas_m = np.concatenate([leg.position_m for leg in state.array.legs])
+        mirrors = [mirrors_of(rays, body, antennas_m, longest_m)]
+        while mirrors[-1].face.size and len(mirrors) < BOUNCES - 1:
+            mirrors.append(mirrors_onward(rays, mirrors[-1], antennas_m, longest_m, len(mirrors) + 1))
+        wavenumber = 2 * np.pi / state.scene.wavelength_m if surface.sight is not None else 0.0
+        arrays = {1: state.array, -1: _exchanged(state.array)}
+        found: dict[tuple[int, int], Bundles] = {}
+
+        def bounce(way: tuple[int, int]) -> None:
+            array, bounces = arrays[way[0]], way[1]
             at = nodes(array, state.scene.nodes_apart)
             few = AntennaArray(array.tx_m[at[0]], array.rx_m[at[1]])
-            senses.append(Bundles(trace(rays, mirrors, few), layer, at, state.scene.dipole))
-        if not any(senses):
+            traced = trace(rays, mirrors[bounces - 1], few, bounces, wavenumber)
+            found[way] = Bundles(traced, layer, at, state.scene.dipole)
+
+        ways = list(product(arrays, range(1, len(mirrors) + 1)))
+        for_each(bounce, ways)
+        if not any(map(len, found.values())):
             return
 
         def echo() -> np.ndarray:
             material = Material() if surface.reflection is None else body.material  # where it is off, that of metal
             ratios = oblique_ratios(material, float(state.scene.frequencies_hz.mean()))
-            there, back = (
-                bundles.echo(state.scene.frequencies_hz, array, surface.reflection, state.pattern, ratios)
-                for bundles, array in zip(senses, (state.array, _exchanged(state.array)), strict=True)
-            )
-            return np.asarray((there + back.swapaxes(1, 2)) / 2)
+            echoes = np.zeros((len(state.scene.frequencies_hz), *state.array.channels), np.complex64)
+            for sense, bounces in ways:
+                bundles, array = found[sense, bounces], arrays[sense]
+                one = bundles.echo(state.scene.frequencies_hz, array, surface.reflection, state.pattern, ratios)
+                echoes += (one if sense > 0 else one.swapaxes(1, 2)) / 2
+            return echoes
 
         state.extra.append(echo)
 

@@ -1,4 +1,5 @@
-"""Kernels of two-bounce echoes: ray tubes that a surface mirrors onto another one, which radiates by physical optics.
+"""Kernels of echoes over several places: ray tubes that a surface mirrors onto another one, which radiates by physical
+optics, as does every further one onto which they are mirrored.
 
 A tube from transmitter t is mirrored by a patch at p, of the area A_p across the ray, and lands at q on a footprint of
 the area A_q in the surface. Its energy keeps, so that the field on the footprint is √(A_p / (A_q cos θ_qi)) / R_t, θ_qi
@@ -23,20 +24,20 @@ from radar.simulation.physics.vectors import ahead, cross, direction, dot, minus
 
 WIDEST = 100.0  # footprint over patch, at most: what is wider leaves a caustic or grazes, and D silences it
 FAINT = 0.02  # of a footprint's phases left over, for the receiver that sees most of it: counts nothing
+BEYOND = 8.0  # faces' widths over which normals go on as they change on a face
 STEEPEST = 1.4  # rise of the path along the surface (at most 2) beyond which a tube counts nothing
 
 
 class Tubes(NamedTuple):
-    """n tubes: transmitter, patch (mirror) and face (where it lands) [n]; start_m [n, 3] p; end_m [n, 3] q; normal
-    [n, 3] of the surface at q; length_m [n] |pq|; root_m2 [n] √(A_p A_q), 0 for what is no tube; edge_m [n, 3, 3]: from
-    q to the footprint's corners; longer_m [n, 3]: by how much their rays are longer than the middle's; caustics [n]:
-    how many lie on |pq|, 0 to 2."""
+    """n tubes of b + 1 bounces: transmitter and patch (mirror) [n]; faces [n, b] onto which it is mirrored one after
+    another; points_m [n, b + 1, 3] from p to q; normal [n, 3] of the surface at q; length_m [n] from p to q; root_m2
+    [n] √(A_p A_q), 0 for what is no tube; edge_m [n, 3, 3]: from q to the footprint's corners; longer_m [n, 3]: by how
+    much their rays are longer than the middle's; caustics [n]: how many lie between p and q, 0 to 2 of each leg."""
 
     transmitter: np.ndarray
     patch: np.ndarray
-    face: np.ndarray
-    start_m: np.ndarray
-    end_m: np.ndarray
+    faces: np.ndarray
+    points_m: np.ndarray
     normal: np.ndarray
     length_m: np.ndarray
     root_m2: np.ndarray
@@ -72,67 +73,116 @@ def mirror(patches, antenna_m, chosen, onward):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(**FAST)
-def land(tubes, patches, tx_m, surface):  # type: ignore[no-untyped-def]
-    """Fill in tubes from their transmitter, patch and face of the surface (the whole body as patches). What lands on a
+def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-untyped-def]
+    """Fill in tubes from their transmitter, patch and faces of the surface (the whole body as patches). What lands on a
     back, or with a corner's ray that misses the surface's plane, gets root_m2 = 0, and so does what lands so far from
-    the direction in which it would be mirrored towards the transmitter that the neighbours' echoes cancel its own."""
-    for n in range(len(tubes.face)):
-        patch, face = tubes.patch[n], tubes.face[n]
-        antenna, start = vec(tx_m[tubes.transmitter[n]]), vec(patches.middle_m[patch])
-        flat = vec(surface.flat_m2[face])
-        incoming, distance = direction(minus(start, antenna))
-        bounced = mirrored(incoming, vec(patches.normal[patch]))
-        for axis in range(3):
-            tubes.start_m[n, axis], tubes.end_m[n, axis] = start[axis], start[axis]
-        tubes.length_m[n] = tubes.root_m2[n] = 0.0
-        towards = dot(bounced, flat)
-        if towards >= 0:
-            continue
-        length = dot(minus(vec(surface.corners_m[face, 0]), start), flat) / towards
-        end = ahead(start, length, bounced)
-        normal = _interpolated(end, surface.corners_m[face], surface.normals[face], flat)
-        if dot(bounced, normal) >= 0:
-            normal, _ = direction(flat)
-        rise = minus(bounced, direction(minus(antenna, end))[0])  # of the path per metre along the surface
-        missed = norm(ahead(rise, -dot(rise, normal), normal)) > STEEPEST
+    the direction in which it would be mirrored towards the transmitter that the neighbours' echoes cancel its own. The
+    share of waves that creep around the mirror's edge, as `radar.simulation.physics.creeping` has them down to the
+    argument `lit` < 0, is taken out at a wavenumber above 0."""
+    corners, rays, late = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    bounces = tubes.faces.shape[1]
+    for n in range(len(tubes.faces)):
+        patch, antenna = tubes.patch[n], vec(tx_m[tubes.transmitter[n]])
+        point = vec(patches.middle_m[patch])
+        incoming, distance = direction(minus(point, antenna))
+        ray, normal = mirrored(incoming, vec(patches.normal[patch])), vec(patches.normal[patch])
         for i in range(3):
-            corner = vec(patches.corners_m[patch, i])
-            ray, way = direction(minus(corner, antenna))
-            ray = mirrored(ray, vec(patches.normals[patch, i]))
-            falling = dot(ray, normal)
-            reach = dot(minus(end, corner), normal) / falling if falling < 0 else 0.0
-            missed |= falling >= 0
-            edge = minus(ahead(corner, reach, ray), end)
-            tubes.edge_m[n, i, 0], tubes.edge_m[n, i, 1], tubes.edge_m[n, i, 2] = edge
-            tubes.longer_m[n, i] = way + reach - distance - length
-        tubes.length_m[n] = length
-        for axis in range(3):
-            tubes.end_m[n, axis], tubes.normal[n, axis] = end[axis], normal[axis]
-        if not missed:
-            patch_m2 = -dot(vec(patches.flat_m2[patch]), incoming)
-            twice_m2, alike = _mapped(patches.corners_m[patch], tubes.edge_m[n], start, bounced, normal)
-            tubes.root_m2[n] = np.sqrt(patch_m2 * min(abs(twice_m2) / 2, WIDEST * patch_m2))
-            tubes.caustics[n] = 1 if twice_m2 < 0 else (2 if alike < 0 else 0)
+            way, far = direction(minus(vec(patches.corners_m[patch, i]), antenna))
+            late[i] = far - distance
+            corners[i] = patches.corners_m[patch, i]
+            rays[i, 0], rays[i, 1], rays[i, 2] = mirrored(way, vec(patches.normals[patch, i]))
+        tubes.points_m[n] = patches.middle_m[patch]
+        tubes.length_m[n] = tubes.root_m2[n] = 0.0
+        crossed, twice_m2, missed = 0, 1.0, False
+        for b in range(bounces):
+            face = tubes.faces[n, b]
+            if b > 0:
+                missed |= not _turn(corners, rays, surface, tubes.faces[n, b - 1])
+                ray = mirrored(ray, normal)
+            flat = vec(surface.flat_m2[face])
+            towards = dot(ray, flat)
+            if missed or towards >= 0:
+                missed = True
+                break
+            reach = dot(minus(vec(surface.corners_m[face, 0]), point), flat) / towards
+            end = ahead(point, reach, ray)
+            normal = _interpolated(end, surface.corners_m[face], surface.normals[face], flat, 0.0)
+            if dot(ray, normal) >= 0:
+                normal, _ = direction(flat)
+            alike = 0.0
+            for i in range(3):
+                before, way = vec(corners[i]), vec(rays[i])
+                falling = dot(way, normal)
+                missed |= falling >= 0
+                step = dot(minus(end, before), normal) / falling if falling < 0 else 0.0
+                edge, off = minus(ahead(before, step, way), end), minus(before, point)
+                alike += dot(ahead(off, -dot(off, ray), ray), edge)
+                late[i] += step - reach
+                corners[i, 0], corners[i, 1], corners[i, 2] = ahead(end, 1.0, edge)
+                tubes.edge_m[n, i, 0], tubes.edge_m[n, i, 1], tubes.edge_m[n, i, 2] = edge
+            was_m2, twice_m2 = twice_m2, _twice_m2(tubes.edge_m[n], normal)
+            crossed += 1 if (twice_m2 > 0) == (was_m2 > 0) else (2 if alike < 0 else 0)
+            tubes.length_m[n] += reach
+            point = end
+            for axis in range(3):
+                tubes.points_m[n, b + 1, axis], tubes.normal[n, axis] = point[axis], normal[axis]
+        tubes.longer_m[n] = late
+        rise = minus(ray, direction(minus(antenna, point))[0])  # of the path per metre along the surface
+        if missed or norm(ahead(rise, -dot(rise, normal), normal)) > STEEPEST:
+            continue
+        patch_m2 = -dot(vec(patches.flat_m2[patch]), incoming)
+        tubes.root_m2[n] = np.sqrt(patch_m2 * min(abs(twice_m2) / 2, WIDEST * patch_m2))
+        if wavenumber > 0:
+            tubes.root_m2[n] *= _mirrored_share(patches, patch, incoming, wavenumber, lit)
+        tubes.caustics[n] = crossed
 
 
 @numba.njit(inline="always")
-def _mapped(corners, edges, start, bounced, normal):  # type: ignore[no-untyped-def]
-    """Twice a footprint's area, negative where the tube is turned over, as beyond one caustic; and the scalar product
-    of the patch's and the footprint's shapes across the ray, negative where it is upside down, as beyond two."""
-    alike = 0.0
+def _mirrored_share(patches, patch, incoming, wavenumber, lit):  # type: ignore[no-untyped-def]
+    """1 less the weight with which waves that creep have the ray that a convex patch mirrors."""
+    flat, normal, middle = vec(patches.flat_m2[patch]), vec(patches.normal[patch]), vec(patches.middle_m[patch])
+    sine = -dot(incoming, normal)
+    along = direction(ahead(incoming, sine, normal))[0]
+    step_m = np.sqrt(norm(flat))
+    there = _interpolated(ahead(middle, step_m, along), patches.corners_m[patch], patches.normals[patch], flat, -BEYOND)
+    bend_per_m = dot(minus(there, normal), along) / step_m
+    if bend_per_m <= 1e-9 or 1.024 * bend_per_m > wavenumber:
+        return 1.0
+    ahead_of = min(max(-4 * np.cbrt(wavenumber / 2 / bend_per_m) * np.arcsin(min(sine, 1.0)) / lit - 1, 0.0), 1.0)
+    return ahead_of * ahead_of * (3 - 2 * ahead_of)
+
+
+@numba.njit(inline="always")
+def _turn(corners, rays, surface, face):  # type: ignore[no-untyped-def]
+    """Mirror the rays of a footprint's corners, by normals that go on beyond the face as they change on it; whether all
+    of them meet the front."""
+    front = True
     for i in range(3):
-        corner = minus(vec(corners[i]), start)
-        alike += dot(ahead(corner, -dot(corner, bounced), bounced), vec(edges[i]))
-    origin = vec(edges[0])
-    area = cross(minus(vec(edges[2]), origin), minus(vec(edges[1]), origin))
-    return dot(area, normal), alike
+        flat = vec(surface.flat_m2[face])
+        normal = _interpolated(vec(corners[i]), surface.corners_m[face], surface.normals[face], flat, -BEYOND)
+        front &= dot(vec(rays[i]), normal) < 0
+        rays[i, 0], rays[i, 1], rays[i, 2] = mirrored(vec(rays[i]), normal)
+    return front
 
 
 @numba.njit(inline="always")
-def _interpolated(point, corners, normals, flat):  # type: ignore[no-untyped-def]
-    """The unit normal at a point of a triangle (corners [3, 3]) between those at its corners [3, 3]."""
+def _twice_m2(edges, normal):  # type: ignore[no-untyped-def]
+    """Twice a footprint's area, negative where a mirror has turned it over, counter-clockwise as its patch is."""
+    origin = vec(edges[0])
+    return dot(cross(minus(vec(edges[1]), origin), minus(vec(edges[2]), origin)), normal)
+
+
+@numba.njit(inline="always")
+def _interpolated(point, corners, normals, flat, least):  # type: ignore[no-untyped-def]
+    """The unit normal at a point of the plane of a triangle (corners [3, 3]) between those at its corners [3, 3], or
+    beyond, to coordinates of `least`."""
     a, b, c = minus(vec(corners[0]), point), minus(vec(corners[1]), point), minus(vec(corners[2]), point)
-    u, v, w = max(dot(cross(b, c), flat), 0.0), max(dot(cross(c, a), flat), 0.0), max(dot(cross(a, b), flat), 0.0)
+    square = least * dot(flat, flat) * 2
+    u, v, w = (
+        max(dot(cross(b, c), flat), square),
+        max(dot(cross(c, a), flat), square),
+        max(dot(cross(a, b), flat), square),
+    )
     mixed = ahead((0.0, 0.0, 0.0), u, vec(normals[0]))
     mixed = ahead(mixed, v, vec(normals[1]))
     return direction(ahead(mixed, w, vec(normals[2])))[0]
@@ -160,19 +210,19 @@ def radiate(  # type: ignore[no-untyped-def]
         for n in range(starts[t], starts[t + 1]):
             if tubes.root_m2[n] == 0:
                 continue
-            way = minus(vec(tubes.start_m[n]), vec(tx_m[t]))
+            way = minus(vec(tubes.points_m[n, 0]), vec(tx_m[t]))
             distance = norm(way)
             amplitude = tubes.root_m2[n] / distance
             if pattern != 0:
                 amplitude *= max(way[2] / distance, 0.0) ** pattern
             level, base = np.float32(amplitude), np.float32(distance + tubes.length_m[n] - before_m[t])
-            x, y, z = _single(tubes.end_m[n])
+            x, y, z = _single(tubes.points_m[n, -1])
             nx, ny, nz = _single(tubes.normal[n])
             ax, ay, az = _single(tubes.edge_m[n, 0])
             bx, by, bz = _single(tubes.edge_m[n, 1])
             cx, cy, cz = _single(tubes.edge_m[n, 2])
             longer_a, longer_b, longer_c = _single(tubes.longer_m[n])
-            sight, clearest = seen[tubes.face[n]], zero
+            sight, clearest = seen[tubes.faces[n, -1]], zero
             for r in range(len(rx_m)):
                 ux, uy, uz = x_m[r] - x, y_m[r] - y, z_m[r] - z
                 length = np.sqrt(ux * ux + uy * uy + uz * uz)

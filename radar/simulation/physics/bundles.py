@@ -7,6 +7,7 @@ are added up at the tones that tell all of the target's.
 
 from __future__ import annotations
 
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -22,10 +23,10 @@ from radar.simulation.physics.polarisation import tube_factors
 from radar.simulation.physics.ray_tubes import Traced
 from radar.support.parallel import for_each
 
-TOLERANCE = 1e-3  # of the two-bounce echoes: for the tones that stand for the others
+TOLERANCE = 3e-3  # of the two-bounce echoes: for the tones that stand for the others
 # Between the antennas that stand for the others: a cell's waves oscillate over 25 mm, 0.3 m away. Those whose rays are
 # traced have tubes of their own, whose borders jump; the others share tubes.
-NODES_M = 0.015, 0.0125
+NODES_M = 0.015, 0.0138
 CELL_M = 0.03  # edges of the cells
 PROBES = 300  # points of a cell to which the weights of antennas are fitted
 RIDGES = 1e-3, 1e-6  # of the fit for either, against weights that amplify the nodes' own errors
@@ -58,9 +59,10 @@ class Cells(NamedTuple):
         corner = np.floor(points_m / CELL_M).astype(int)
         corner -= corner.min(axis=0, initial=0)
         key = np.ravel_multi_index(tuple(corner.T), tuple(corner.max(axis=0, initial=0) + 1))
-        _, index, count = np.unique(key, return_inverse=True, return_counts=True)
+        among = np.bincount(key)
+        index, count = (np.cumsum(among > 0) - 1)[key], among[among > 0]
         centre_m = np.stack([np.bincount(index, column) / count for column in points_m.T], axis=1)
-        members = np.split(np.argsort(index, kind="stable"), np.cumsum(count)[:-1])
+        members = np.split(_sorting(index), np.cumsum(count)[:-1])
         return cls(index, centre_m, [points_m[one[:: 1 + len(one) // PROBES]] for one in members])
 
 
@@ -111,24 +113,27 @@ class Bundles:
     ) -> None:
         hits, mirrors = traced.hits, traced.mirrors
         self._traced, self._at, self._dipole = traced, at, dipole
-        self._layers, self._count = (layer[mirrors.face[hits.patch]], layer[hits.face]), 1 + int(layer.max())
-        start_m = mirrors.patches.middle_m[hits.patch]
+        self._layers = np.column_stack([layer[mirrors.face[hits.patch]], layer[hits.faces]])
+        self._count = 1 + int(layer.max())
+        start_m = mirrors.patches.middle_m
         self._cells = first, last = Cells.of(start_m), Cells.of(hits.end_m)
-        key = first.cell * len(last.centre_m) + last.cell
-        order = np.argsort(key, kind="stable")  # the transmitters are in order
+        key = last.cell * len(first.centre_m) + first.cell[hits.patch]
+        order = _sorting(key)  # the transmitters are in order
         self._bundles = [one for one in np.split(order, np.flatnonzero(np.diff(key[order])) + 1) if len(one)]
-        self._places = [(int(first.cell[one[0]]), int(last.cell[one[0]])) for one in self._bundles]
-        length_m = np.linalg.norm(hits.end_m - start_m, axis=1)
-        self._length_m = np.array([length_m[bundle].mean() for bundle in self._bundles])
-        tx_m = traced.array.tx_m[hits.transmitter]
-        path_m = np.linalg.norm(start_m - tx_m, axis=1) + length_m
-        path_m -= np.linalg.norm(first.centre_m[first.cell] - tx_m, axis=1)
-        landed_m = np.linalg.norm(hits.end_m - last.centre_m[last.cell], axis=1)
-        reach_m = [
-            np.abs(path_m[one] - mean_m).max() + landed_m[one].max()
-            for one, mean_m in zip(self._bundles, self._length_m, strict=True)
-        ]
-        self._reach_m = REACH_M * np.ceil(np.array(reach_m) / REACH_M)
+        self._places = [divmod(int(key[one[0]]), len(first.centre_m))[::-1] for one in self._bundles]
+        self._length_m, reach_m = np.zeros(len(self)), np.zeros(len(self))
+
+        def measure(n: int) -> None:
+            chosen, (begin, end) = self._bundles[n], self._places[n]
+            tx_m, from_m = traced.array.tx_m[hits.transmitter[chosen]], start_m[hits.patch[chosen]]
+            length_m = hits.length_m[chosen]
+            path_m = _lengths(from_m - tx_m) - _lengths(first.centre_m[begin] - tx_m)
+            self._length_m[n] = length_m.mean()
+            late_m = np.abs(path_m + length_m - self._length_m[n]).max()
+            reach_m[n] = late_m + _lengths(hits.end_m[chosen] - last.centre_m[end]).max()
+
+        for_each(measure, range(len(self)))
+        self._reach_m = REACH_M * np.ceil(reach_m / REACH_M)
 
     def __len__(self) -> int:
         return len(self._bundles)
@@ -145,17 +150,19 @@ class Bundles:
         stationary with respect to the mirror's point. reflection [layers, f]: amplitude against metal's at normal
         incidence; ratios: `oblique_ratios`, of all layers or of the one material.
 
-        A metal mirror's −1 is one more than the single echo has, to which the forward model's amplitudes are referred.
+        A metal mirror's −1 is one more for each bounce than the single echo has, to which amplitudes are referred.
         """
         if len(self) == 0:
             return np.zeros((len(frequencies_hz), *array.channels), np.complex64)
         level = np.ones((self._count, len(frequencies_hz))) if reflection is None else reflection
-        pairs = (level[:, None] * level).reshape(-1, len(frequencies_hz)).astype(np.complex64)
+        products = level
+        for _ in range(places := self._layers.shape[1] - 1):
+            products = (products[:, None] * level).reshape(-1, len(frequencies_hz))
         turns_per_m, legs = frequencies_hz / SPEED_OF_LIGHT_M_S, (array.tx_m, array.rx_m)
-        tx, rx = ends = [
+        tx, rx = (
             Ends.of(cells, leg, at, turns_per_m.max(), ridge)
             for cells, leg, at, ridge in zip(self._cells, legs, self._at, RIDGES, strict=True)
-        ]
+        )
         first, last = (list(cells) for cells in zip(*self._places, strict=True))
         before_m, after_m = tx.distance_m[first] + self._length_m[:, None], rx.distance_m[last]
         middle_m = before_m.mean(axis=0), after_m.mean(axis=0)
@@ -164,19 +171,24 @@ class Bundles:
         whole = FewTones.of(turns_per_m, float(reach_m.max()))
         tones = {reach: FewTones.of(turns_per_m, reach) for reach in np.unique(self._reach_m)}
         parts = np.zeros((SUMS, len(whole.chosen), 2, *array.channels), np.float32)
+        alike = [list(group) for _, group in groupby(range(len(self)), lambda n: last[n])]
+        some_per_m, unmoved_m = turns_per_m[whole.chosen], [np.zeros(len(at)) for at in (array.tx_m, self._at[1])]
 
         def work(i: int) -> None:
-            for n in range(i, len(self._bundles), SUMS):
-                own, places = tones[self._reach_m[n]], self._places[n]
-                few = self._few(n, turns_per_m, own.chosen, array, pairs, pattern, ratios)
-                weights = [leg.weights[cell] for leg, cell in zip(ends, places, strict=True)]
-                some_per_m = turns_per_m[whole.chosen]
-                parts[i] += ascend(few, some_per_m, before_m[n], after_m[n], own.at(whole.chosen), *weights)
+            for group in alike[i::SUMS]:  # that land in one cell share the step to all receivers
+                landed = np.zeros((len(some_per_m), 2, len(array.tx_m), len(self._at[1])), np.float32)
+                for n in group:
+                    own = tones[self._reach_m[n]]
+                    few = self._few(n, turns_per_m, own.chosen, array, products, pattern, ratios)
+                    mixed, weights = own.at(whole.chosen), tx.weights[first[n]]
+                    landed += ascend(few, some_per_m, before_m[n], unmoved_m[1], mixed, weights, EVERY)
+                weights = rx.weights[last[group[0]]]
+                parts[i] += ascend(landed, some_per_m, unmoved_m[0], after_m[group[0]], EVERY, EVERY, weights)
 
         for_each(work, range(SUMS))
         # Summed in order: no result depends on the threads.
         samples = ascend(parts.sum(axis=0), turns_per_m, *middle_m, whole.weights, EVERY, EVERY)
-        return -complex_samples(samples)
+        return np.asarray((-1) ** places * complex_samples(samples))
 
     def _few(
         self,
@@ -184,7 +196,7 @@ class Bundles:
         turns_per_m: np.ndarray,
         chosen: np.ndarray,
         array: AntennaArray,
-        pairs: np.ndarray,
+        products: np.ndarray,
         pattern: float,
         ratios: np.ndarray,
     ) -> np.ndarray:
@@ -195,14 +207,24 @@ class Bundles:
         tx_m, rx_m = array.tx_m[self._at[0]], array.rx_m[self._at[1]]
         before_m = np.linalg.norm(tx_m - self._cells[0].centre_m[first], axis=1) + self._length_m[n]
         after_m = np.linalg.norm(rx_m - self._cells[1].centre_m[last], axis=1)
-        layers = self._layers[0][bundle], self._layers[1][bundle]
-        materials = tuple(np.minimum(layer, len(ratios) - 1) for layer in layers)
-        factor = tube_factors(tubes, tx_m, self._dipole, ratios, materials)
-        reflection = factor, self._count * layers[0] + layers[1], pairs[:, chosen]
+        layers = self._layers[bundle]
+        factor = tube_factors(tubes, tx_m, self._dipole, ratios, np.minimum(layers, len(ratios) - 1))
+        row = layers @ self._count ** np.arange(layers.shape[1])[::-1]
+        reflection = factor, row, products[:, chosen].astype(np.complex64)
         starts = np.searchsorted(tubes.transmitter, np.arange(len(tx_m) + 1))
         tones = turns_per_m[chosen], turns_per_m.mean()
         seen = self._traced.seen
         return np.asarray(radiate(tubes, *reflection, starts, tx_m, rx_m, before_m, after_m, *tones, pattern, seen))
+
+
+def _sorting(key: np.ndarray) -> np.ndarray:
+    """Indices [n] in the order of small keys [n], equal ones as they come."""
+    return np.argsort(key.astype(np.min_scalar_type(key.max(initial=0))), kind="stable")
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    """Of vectors [n, 3]."""
+    return np.asarray(np.sqrt(np.einsum("ni,ni->n", vectors, vectors)))
 
 
 def _weights(

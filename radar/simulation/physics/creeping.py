@@ -25,6 +25,7 @@ from scipy.special import airy
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.simulation.physics.facets import unit, vertex_normals
 from radar.simulation.physics.reflection import body_reflection
+from radar.simulation.physics.vectors import cross, direction, minus, vec
 from radar.simulation.scene import Body, EchoScene
 
 LIT, DEEP = -1.0, 3.0  # ξ between which p* is fitted; it fades between the first and half of it
@@ -105,15 +106,14 @@ def _bends_per_m(vertices_m, faces, normals):  # type: ignore[no-untyped-def]
     """Derivatives [n, 3, 3] of the normals [n, 3] along the surface at the vertices: the mean over the faces around
     each, by their area."""
     summed_m, area_m2 = np.zeros((len(vertices_m), 3, 3)), np.full(len(vertices_m), 1e-30)
-    for face in faces:
-        a, b, c = vertices_m[face[0]], vertices_m[face[1]], vertices_m[face[2]]
-        vector = np.cross(b - a, c - a)
-        doubled_m2 = np.sqrt((vector * vector).sum())
-        across = vector / max(doubled_m2, 1e-30)
-        bend_m = np.zeros((3, 3))
-        for i, side_m in enumerate((c - b, a - c, b - a)):
-            bend_m += np.outer(np.cross(across, side_m), normals[face[i]])
-        for i in face:
-            summed_m[i] += bend_m
+    for m in range(len(faces)):
+        a, b, c = vec(vertices_m[faces[m, 0]]), vec(vertices_m[faces[m, 1]]), vec(vertices_m[faces[m, 2]])
+        across, doubled_m2 = direction(cross(minus(b, a), minus(c, a)))
+        u, v, w = cross(across, minus(c, b)), cross(across, minus(a, c)), cross(across, minus(b, a))
+        p, q, r = vec(normals[faces[m, 0]]), vec(normals[faces[m, 1]]), vec(normals[faces[m, 2]])
+        for i in faces[m]:
             area_m2[i] += doubled_m2
+            for k in range(3):
+                for n in range(3):
+                    summed_m[i, k, n] += u[k] * p[n] + v[k] * q[n] + w[k] * r[n]
     return summed_m / area_m2.reshape(-1, 1, 1)

@@ -25,7 +25,7 @@ from radar.support.rays import Rays
 
 NODES_M = 0.02  # between the antennas of a line for which the field is computed
 SAMPLES_M = 2e-3  # longest edges of the triangles at whose corners it is
-CELL = 3.0  # width of the cells of samples over that
+CELL = 6.0  # width of the cells of samples over that
 FULL = 0.05  # difference from full sight, or from none, that does not count
 IN_SIGHT = np.array([1.0, 0.0, 0.0])[:, None]  # in a table of `Sight`
 
@@ -73,7 +73,8 @@ def sight_of(
     seen_any = some[corner].any(axis=0)
     corner[:, ~partial[corner].any(axis=0)] = -1
     detour_m = 0.75 * diffraction.FARTHEST / wavenumbers[-1]  # whose wave has half faded
-    sight = Sight(corner, share, tables[0], spreads[0], tables[1], spreads[1], middle, half, detour_m)
+    beside = 1 / (4 * turns.max() * apart_m)  # waves from there turn by π/2 from node to node
+    sight = Sight(corner, share, tables[0], spreads[0], tables[1], spreads[1], middle, half, detour_m, beside)
     return sight, seen_any
 
 
@@ -101,9 +102,14 @@ def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarr
 def samples_of(body: Body, facets: Facets, samples_m: float = SAMPLES_M) -> Samples:
     """Corners of the faces, each split in four until its edges are short; a facet's barycentric coordinates lead it to
     its part."""
-    corners_m = body.vertices_m[body.faces[facets.face]]
+    around = body.faces[facets.face]
+    corners_m = body.vertices_m[around]
     share = _barycentric(corners_m, facets.position_m)
-    edges_m = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(axis=1, initial=0)
+    edges_m = np.sqrt(((corners_m - corners_m[:, [2, 0, 1]]) ** 2).sum(axis=2)).max(axis=1, initial=0)
+    if edges_m.max(initial=0) <= samples_m:  # the mesh is fine enough: its vertices
+        used = np.bincount(around.ravel(), minlength=len(body.vertices_m)) > 0
+        corner = (np.cumsum(used) - 1)[around]
+        return _samples(body.vertices_m[used], corner, share, samples_m)
     while len(coarse := np.flatnonzero(edges_m > samples_m)):
         halves = share[coarse]
         part = np.where(halves.max(axis=1) >= 0.5, halves.argmax(axis=1), 3)  # of `quarters`: 3 is the middle
@@ -113,8 +119,12 @@ def samples_of(body: Body, facets: Facets, samples_m: float = SAMPLES_M) -> Samp
     flat_m = corners_m.reshape(-1, 3)
     tag = flat_m[:, 0] * 0.6180339887 + flat_m[:, 1] * 1.3247179572 + flat_m[:, 2] * 2.2055694304  # the same: shared
     _, first, corner = np.unique(tag, return_index=True, return_inverse=True)
-    around = corner.reshape(-1, 3).T.astype(np.int32)
-    return Samples(flat_m[first], around, np.ascontiguousarray(share.T, np.float32), samples_m)
+    return _samples(flat_m[first], corner.reshape(-1, 3), share, samples_m)
+
+
+def _samples(points_m: np.ndarray, corner: np.ndarray, share: np.ndarray, samples_m: float) -> Samples:
+    around = np.ascontiguousarray(corner.T, np.int32)
+    return Samples(points_m, around, np.ascontiguousarray(share.T, np.float32), samples_m)
 
 
 def _barycentric(corners_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:

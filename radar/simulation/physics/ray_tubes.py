@@ -1,4 +1,4 @@
-"""Ray tubes from every transmitter over one mirror onto the same body, traced once."""
+"""Ray tubes from every transmitter over mirrors onto the same body, traced once."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from radar.data.arrays import AntennaArray
 from radar.simulation.physics.bounces import Patches, Tubes, land, mirror
+from radar.simulation.physics.creeping import LIT
 from radar.simulation.physics.facets import face_vectors, quarters, unit, vertex_normals
 from radar.simulation.physics.line_of_sight import lines, points_in_sight
 from radar.simulation.scene import Body
@@ -21,13 +22,18 @@ STRIDE_M = 0.08  # between the antennas whose sight is asked first
 
 
 class Hits(NamedTuple):
-    """n rays of transmitters that a mirror throws back onto the body: transmitter, patch (the mirror) and face (where
-    it lands) [n], end_m [n, 3] there."""
+    """n rays of transmitters that a mirror throws back onto the body: transmitter and patch (the mirror) [n], faces
+    [n, b] that it meets one after another, end_m [n, 3] at the last and length_m [n] from the patch to there."""
 
     transmitter: np.ndarray
     patch: np.ndarray
-    face: np.ndarray
+    faces: np.ndarray
     end_m: np.ndarray
+    length_m: np.ndarray
+
+    def where(self, chosen: np.ndarray) -> Hits:
+        """Some of them, by mask or index."""
+        return Hits(*(column[chosen] for column in self))
 
 
 class Mirrors(NamedTuple):
@@ -43,29 +49,43 @@ class Mirrors(NamedTuple):
 
 @dataclass(frozen=True)
 class Traced:
-    """Hits in the order of the transmitters of an array; seen float32 [faces, r]: 1 where a receiver sees the face."""
+    """Hits in the order of the transmitters of an array; seen float32 [faces, r]: 1 where a receiver sees the face;
+    wavenumber: above 0 where waves creep around edges."""
 
     hits: Hits
     mirrors: Mirrors
     seen: np.ndarray
     array: AntennaArray
+    wavenumber: float
 
     def tubes(self, chosen: np.ndarray) -> Tubes:
         """The tubes around some of the hits, by index [n]."""
-        transmitter, patch, face = (column[chosen] for column in self.hits[:3])
-        return landed(transmitter, patch, face, self.mirrors.patches, self.mirrors.surface, self.array.tx_m)
+        return landed(
+            self.hits.where(chosen), self.mirrors.patches, self.mirrors.surface, self.array.tx_m, self.wavenumber
+        )
 
 
-def landed(
-    transmitter: np.ndarray, patch: np.ndarray, face: np.ndarray, patches: Patches, surface: Patches, tx_m: np.ndarray
-) -> Tubes:
-    """Tubes of transmitters, patches and faces by index [n]."""
-    n = len(face)
-    start_m, end_m, normal, longer_m = (np.empty((n, 3)) for _ in range(4))
+def landed(hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray, wavenumber: float = 0.0) -> Tubes:
+    """Tubes around hits [n], without what creeps at a wavenumber above 0."""
+    n, b = hits.faces.shape
+    points_m, normal, longer_m = np.empty((n, b + 1, 3)), np.empty((n, 3)), np.empty((n, 3))
     length_m, root_m2, edge_m, caustics = np.empty(n), np.empty(n), np.empty((n, 3, 3)), np.zeros(n, np.int8)
-    tubes = Tubes(transmitter, patch, face, start_m, end_m, normal, length_m, root_m2, edge_m, longer_m, caustics)
-    land(tubes, patches, tx_m, surface)
+    tubes = Tubes(*hits[:3], points_m, normal, length_m, root_m2, edge_m, longer_m, caustics)
+    land(tubes, patches, tx_m, surface, wavenumber, LIT)
     return tubes
+
+
+def mirrored_on(rays: Rays, hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray) -> Hits:
+    """Those of the hits whose tubes meet the body once more where they are mirrored at their end."""
+    tubes = landed(hits, patches, surface, tx_m)
+    before = unit(tubes.points_m[:, -1] - tubes.points_m[:, -2])
+    onward = before - 2 * (before * tubes.normal).sum(axis=1)[:, None] * tubes.normal
+    start_m = tubes.points_m[:, -1] + OWN_SURFACE_M * onward
+    distance, face = rays.first_hits(start_m, onward)
+    chosen = np.flatnonzero(np.isfinite(distance) & (tubes.root_m2 > 0))
+    faces = np.column_stack([hits.faces, face])[chosen].astype(np.int64)
+    end_m = (start_m + np.where(np.isfinite(distance), distance, 0)[:, None] * onward)[chosen]
+    return Hits(hits.transmitter[chosen], hits.patch[chosen], faces, end_m, (hits.length_m + distance)[chosen])
 
 
 def mirrors_of(rays: Rays, body: Body, antennas_m: np.ndarray, longest_m: float) -> Mirrors:
@@ -73,26 +93,44 @@ def mirrors_of(rays: Rays, body: Body, antennas_m: np.ndarray, longest_m: float)
     ones that make no tube with a few of the antennas are left out."""
     surface = patches_of(body.vertices_m[body.faces], corner_normals(body))
     whole, whole_face = split(surface, COARSE * longest_m)
-    chosen = np.flatnonzero(_lit_twice(rays, whole, surface, antennas_m))
+    return _finer(rays, whole, whole_face, surface, antennas_m, longest_m, 1)
+
+
+def mirrors_onward(rays: Rays, mirrors: Mirrors, antennas_m: np.ndarray, longest_m: float, bounces: int) -> Mirrors:
+    """Those of the mirrors whose tubes the body mirrors onto itself, to so many bounces after the first."""
+    _, first = np.unique(mirrors.part, return_index=True)
+    return _finer(rays, mirrors.coarse, mirrors.face[first], mirrors.surface, antennas_m, longest_m, bounces)
+
+
+def _finer(
+    rays: Rays,
+    whole: Patches,
+    face: np.ndarray,
+    surface: Patches,
+    antennas_m: np.ndarray,
+    longest_m: float,
+    bounces: int,
+) -> Mirrors:
+    chosen = np.flatnonzero(_lit(rays, whole, surface, antennas_m, bounces))
     coarse = Patches(*(column[chosen] for column in whole))
     patches, part = split(coarse, longest_m)
-    return Mirrors(patches, coarse, part, whole_face[chosen[part]], surface)
+    return Mirrors(patches, coarse, part, face[chosen[part]], surface)
 
 
-def trace(rays: Rays, mirrors: Mirrors, array: AntennaArray) -> Traced:
-    """All hits. Both legs to the antennas are clear of the body, by the middles of coarse patches and of faces."""
+def trace(rays: Rays, mirrors: Mirrors, array: AntennaArray, bounces: int, wavenumber: float) -> Traced:
+    """All hits after so many bounces. Both legs to the antennas are clear of the body, by the middles of coarse patches
+    and of faces."""
     surface = mirrors.surface
     clear = points_in_sight(rays, mirrors.coarse.middle_m, array.tx_m, STRIDE_M)
     found = [
-        _hits(rays, mirrors.patches, antenna_m, np.flatnonzero(seen[mirrors.part]))
-        for antenna_m, seen in zip(array.tx_m, clear, strict=True)
+        _hits(rays, mirrors.patches, surface, array.tx_m, n, np.flatnonzero(seen[mirrors.part]), bounces)
+        for n, seen in enumerate(clear)
     ]
-    transmitter = np.repeat(np.arange(len(found)), [len(face) for _, face, _ in found])
-    hits = Hits(transmitter, *(np.concatenate(column) for column in zip(*found, strict=True)))
+    hits = Hits(*(np.concatenate(column) for column in zip(*found, strict=True)))
     seen = np.zeros((len(surface.normal), len(array.rx_m)), np.float32)
-    faces = np.unique(hits.face)
+    faces = np.unique(hits.faces[:, -1])
     seen[faces] = points_in_sight(rays, surface.middle_m[faces], array.rx_m, STRIDE_M).T
-    return Traced(hits, mirrors, seen, array)
+    return Traced(hits, mirrors, seen, array, wavenumber)
 
 
 def split(surface: Patches, longest_m: float) -> tuple[Patches, np.ndarray]:
@@ -123,28 +161,36 @@ def corner_normals(body: Body) -> np.ndarray:
     return np.where(crease[:, :, None], flat[:, None], smooth)
 
 
-def _lit_twice(rays: Rays, patches: Patches, surface: Patches, antennas_m: np.ndarray) -> np.ndarray:
+def _lit(rays: Rays, patches: Patches, surface: Patches, antennas_m: np.ndarray, bounces: int) -> np.ndarray:
     """Mask [m] of the patches that make tubes with some of a few antennas."""
     some = np.zeros(len(patches.normal), bool)
     everything = np.arange(len(some))
     for line in lines(antennas_m):
         length_m = np.linalg.norm(np.ptp(antennas_m[line], axis=0))
         for n in np.unique(np.linspace(0, len(line) - 1, 2 + int(length_m / TRIAL_M)).astype(int)):
-            patch, face, _ = _hits(rays, patches, antennas_m[line[n]], everything)
-            tubes = landed(np.full(len(patch), line[n]), patch, face, patches, surface, antennas_m)
-            some[patch[tubes.root_m2 > 0]] = True
+            hits = _hits(rays, patches, surface, antennas_m, int(line[n]), everything, bounces)
+            some[hits.patch[landed(hits, patches, surface, antennas_m).root_m2 > 0]] = True
     return some
 
 
 def _hits(
-    rays: Rays, patches: Patches, antenna_m: np.ndarray, chosen: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Those of the chosen patches that mirror the antenna onto the body [n], the face that each meets [n] and where
-    [n, 3]."""
+    rays: Rays,
+    patches: Patches,
+    surface: Patches,
+    antennas_m: np.ndarray,
+    antenna: int,
+    chosen: np.ndarray,
+    bounces: int,
+) -> Hits:
+    """The hits of an antenna, by index, over those of the chosen patches that mirror it onto the body."""
     direction = np.empty((len(chosen), 3))
-    front = mirror(patches, antenna_m, chosen, direction)
+    front = mirror(patches, antennas_m[antenna], chosen, direction)
     chosen, direction = chosen[front], direction[front]
     start_m = patches.middle_m[chosen] + OWN_SURFACE_M * direction
     distance, face = rays.first_hits(start_m, direction)
     hit = np.isfinite(distance)
-    return chosen[hit], face[hit].astype(np.int64), start_m[hit] + distance[hit, None] * direction[hit]
+    end_m, face = start_m[hit] + distance[hit, None] * direction[hit], face[hit, None].astype(np.int64)
+    hits = Hits(np.full(len(face), antenna), chosen[hit], face, end_m, OWN_SURFACE_M + distance[hit])
+    for _ in range(bounces - 1):
+        hits = mirrored_on(rays, hits, patches, surface, antennas_m)
+    return hits

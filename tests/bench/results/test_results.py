@@ -19,7 +19,7 @@ from radar.support.files import read_json, write_json, write_npz
 AXIS = np.arange(-0.01, 0.0101, 0.002)
 Z = np.where(np.hypot(*np.meshgrid(AXIS, AXIS)) < 0.01, 0.3, np.nan)
 ERRORS = error_map(AXIS, AXIS, Z + 1e-3, Z)
-TASK = frame(TASKS, [("B, 3-FSK", "B", "3fsk", "image", 0.5, 0.9, None, True, None, "", None, None)])
+TASK = frame(TASKS, [("B, 3-FSK", "B", "3fsk", "image", 0.5, 0.9, None, True, None, "", None, None, None)])
 REPEATED = frame(REPEATS, [("hand1", "3fsk", i, z) for i, z in enumerate((0.3, None, 0.301))])
 
 

@@ -14,7 +14,11 @@ from bench.results.stability import load_stability
 from bench.studies.stability import measure
 from bench.studies.stability.cases import cases
 
-SMALLEST = {"registration": ["faults", "--trials", "1"], "smoothness": ["B", "--edge-mm", "6"]}
+SMALLEST = {
+    "registration": ["faults", "--trials", "1"],
+    "smoothness": ["B", "--edge-mm", "6"],
+    "trust": ["--scenes", "20", "--methods", "3fsk", "--only", "points"],
+}
 NEEDED = {
     "ablation": ["--poses", "B"],
     "gpu": ["--device", "numpy"],

@@ -22,8 +22,9 @@ def factor(dipole, ratios=METAL, at=((-0.1, 0, 0), (-0.1, 0, 1.0), (0.1, 0, 1.0)
     normal = (after - before) / np.linalg.norm(after - before)
     zero, flat = np.zeros(1, int), np.zeros((1, 3))
     one = np.ones(1)
-    made = Tubes(zero, zero, zero, start_m[None], end_m[None], normal[None], one, one, flat[None], flat, zero)
-    return tube_factors(made, tx_m[None], np.asarray(dipole, float), ratios, (zero, zero))[0]
+    places_m = np.array([[start_m, end_m]])
+    made = Tubes(zero, zero, zero[:, None], places_m, normal[None], one, one, flat[None], flat, zero)
+    return tube_factors(made, tx_m[None], np.asarray(dipole, float), ratios, np.zeros((1, 2), int))[0]
 
 
 def test_a_metal_dihedral_turns_the_field_across_its_edge():
