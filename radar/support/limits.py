@@ -13,6 +13,8 @@ MESH_BYTES = PICTURE_BYTES = 1024 * MB
 DEEPEST = 32  # lists and tables within each other
 MOST_VALUES = 200_000  # of a JSON file: checking them against a configuration takes a kB each
 RAW_VALUES = 500_000  # of a JSON file that is not: MAROON's hold more than is read
+MOST_TABLES = 1000  # captures, and methods, that a benchmark names: each is opened
+LONGEST_NAME = 255  # bytes of a file's
 MOST_CELLS = 500_000  # of a CSV file
 MOST_ELEMENTS = 400_000  # tags and attributes of an XML file
 MOST_PROBLEMS = 1000  # that are told apart in one file
