@@ -94,7 +94,7 @@ def _intrinsics(sensor: ElementTree.Element, label: str) -> tuple[int, int, tupl
     width, height = int(_id(size, "width")), int(_id(size, "height"))
     value = {child.tag: float(child.text or "") for child in calibration if child.tag != "resolution"}
     unknown = [name for name in NOT_IN_COLMAP if value.get(name, 0) != 0]
-    skew_px = abs(value.get("b2", 0)) * height / 2 / value["f"]
+    skew_px = abs(value.get("b2", 0)) * height / 2 / value["f"] if value["f"] else np.inf
     if unknown or skew_px > SMALLEST_SKEW_PX:
         raise HandbenchError(
             f"camera {label}: has {' and '.join(unknown) or 'b2'}, which no lens model of COLMAP has; optimise the "

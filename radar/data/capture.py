@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from radar.data.arrays import AntennaArray, Aperture, PlanarScan, tones
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, require_file
-from radar.support.hdf5 import opened, read
+from radar.support.hdf5 import attribute, opened, read
 
 if TYPE_CHECKING:
     import h5py
@@ -127,7 +127,7 @@ def load_capture(path: str | Path) -> RadarCapture:
     path = require_file(path, "an echoes.h5 file")
     try:
         with opened(path) as file:
-            found = file.attrs.get("format"), file.attrs.get("version")
+            found = attribute(file, "format"), attribute(file, "version")
             if not np.array_equal(found, (FORMAT, VERSION)):
                 raise HandbenchError(f"{path}: has format {found}; expected ('{FORMAT}', {VERSION})")
             samples = _numbers(file, "samples", path, "iufc")

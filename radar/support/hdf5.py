@@ -51,6 +51,18 @@ def _check_heaps(content: mmap.mmap) -> None:
         at = content.find(HEAP, at + 8)
 
 
+def attribute(file: "h5py.File", name: str) -> Any:
+    """One text or number among a file's attributes; None where there is none, or another kind of thing: the library
+    crashes on lists of a kind that it does not know."""
+    from h5py import h5t
+
+    if name not in file.attrs:
+        return None
+    found = file.attrs.get_id(name)
+    plain = found.shape == () and found.get_type().get_class() in (h5t.STRING, h5t.INTEGER, h5t.FLOAT)
+    return file.attrs[name] if plain else None
+
+
 def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
     """The data set of that name, whole. Raises ValueError for what is no data set of numbers that lie in this very file
     (no link leads there), and where it declares more than the file can hold; HandbenchError where it is more than
