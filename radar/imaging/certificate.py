@@ -20,7 +20,10 @@ from radar.data.grid import VoxelGrid
 from radar.imaging.cpu.exact import exact_sums
 from radar.imaging.plan import GridPlan
 
-PICKS = 16
+PICKS, TERMS = (
+    16,
+    1e6,
+)  # voxels, at least; more, up to all of them, where so many terms of the exact sum (1 ms) allow it
 # Over the root of the weighted mean: |error|² is exponential where many terms of random sign add up, and the mean of
 # eight of those, half of PICKS, lies below 1/3.3² of what it stands for once in a million times.
 FACTOR = 3.3
@@ -34,11 +37,11 @@ class Certificate:
     bound: float = 0.0
     images: int = 0
 
-    def add(self, error: np.ndarray, weight: np.ndarray, mean_square: np.ndarray) -> None:
-        """Errors [f or 1, PICKS] of one more image of mean_square [f or 1] at places of that weight [PICKS]."""
+    def add(self, error: np.ndarray, weight: np.ndarray, mean_square: np.ndarray, factor: float = FACTOR) -> None:
+        """Errors [f or 1, n] of one more image of mean_square [f or 1] at places of that weight [n]."""
         mean = (np.abs(error) ** 2 * weight).mean(axis=1)
         relative = np.divide(mean, mean_square, out=np.where(mean > 0, np.inf, 0.0), where=mean_square > 0)
-        self.bound = max(self.bound, FACTOR * float(np.sqrt(relative.max())))
+        self.bound = max(self.bound, factor * float(np.sqrt(relative.max())))
         self.images += 1
 
 
@@ -66,10 +69,14 @@ def of_points(
     points_at_m: Callable[[np.ndarray], np.ndarray],
 ) -> None:
     """Certify images [f or 1, n]; points_at_m: index [k] → their points [k, 3]."""
-    power = _power(images)
-    index, weight = picked(power.sum(axis=0), np.ones(images.shape[1]))
+    power, count = _power(images), _count(samples)
+    if whole := images.shape[1] <= count:
+        index, weight = np.arange(images.shape[1]), np.ones(images.shape[1])
+    else:
+        index, weight = picked(power.sum(axis=0), np.ones(images.shape[1]), count)
     exact = exact_sums(samples, frequencies_hz, aperture, points_at_m(index), len(images) > 1)
-    certificate.add(images[:, index] - exact, weight, power.mean(axis=1, dtype=np.float64))
+    error = images[:, index] - exact
+    certificate.add(error, weight, power.mean(axis=1, dtype=np.float64), 1.0 if whole else FACTOR)
 
 
 def of_nodes(
@@ -87,7 +94,7 @@ def of_nodes(
     z, y, x = (np.bincount(near, minlength=len(node)) for near, node in zip(nearest, _axes(nodes), strict=True))
     counts = (z[:, None, None] * y[:, None] * x).ravel()
     power = _power(images.reshape(len(images), -1))
-    index, weight = picked(power.sum(axis=0), counts)
+    index, weight = picked(power.sum(axis=0), counts, _count(samples))
     generator = np.random.default_rng(power.size)
     places = np.unravel_index(index, nodes.shape)
     voxels = np.stack([  # any of the voxels that are nearest to a node
@@ -102,16 +109,20 @@ def of_nodes(
     certificate.add(found - exact, weight, power @ counts / counts.sum())
 
 
-def picked(power: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """PICKS places of an image and their weights, from its power [n] and how many voxels each place stands for [n]:
-    (index [PICKS], weight [PICKS]). The weighted mean of any quantity at them is its mean over all voxels, on average.
+def picked(power: np.ndarray, counts: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """So many places of an image and their weights, from its power [n] and how many voxels each place stands for [n]:
+    (index [count], weight [count]). The weighted mean of any quantity at them is on average its mean over all voxels.
     """
     generator = np.random.default_rng(power.size)
     even, bright = counts / counts.sum(), counts * power
     likely = (even + bright / bright.sum()) / 2 if bright.any() else even
     ladder = np.cumsum(likely)
-    index = np.searchsorted(ladder, (np.arange(PICKS) + generator.random(PICKS)) / PICKS * ladder[-1])
+    index = np.searchsorted(ladder, (np.arange(count) + generator.random(count)) / count * ladder[-1])
     return index, even[index] / likely[index]
+
+
+def _count(samples: np.ndarray) -> int:
+    return max(PICKS, int(TERMS / samples.size))
 
 
 def _power(images: np.ndarray) -> np.ndarray:

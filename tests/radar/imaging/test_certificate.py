@@ -113,7 +113,7 @@ def test_weighted_picks_have_the_mean_of_all():
     quantity = power + generator.exponential(size=4000)
     found = []
     for shift in range(300):  # picks depend on the number of places alone: rolled, others are met
-        index, weight = picked(np.roll(power, shift), np.roll(counts, shift))
+        index, weight = picked(np.roll(power, shift), np.roll(counts, shift), PICKS)
         found.append((np.roll(quantity, shift)[index] * weight).mean())
         assert len(index) == PICKS and np.roll(counts, shift)[index].all()
     assert np.mean(found) == pytest.approx(np.average(quantity, weights=counts), rel=0.1)  # ± 3 % by its scatter
