@@ -1,4 +1,4 @@
-"""Photographs: geometry against the true cameras, repeatability, the sensor's exposure, clipping and noise, textures."""
+"""Photographs: geometry against the true cameras, repeatability, the sensor's exposure and noise, textures."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from bench.scenes.scene_file import Photos, SceneFile
 from bench.scenes.skin_texture import Skin
 from bench.scenes.textures import cells, foam, skin, solid_noise
 from radar.support.config import parse
-
 
 QUIET = {"full_well_e": 1e12, "read_noise_e": 0.0}
 

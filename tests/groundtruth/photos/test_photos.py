@@ -1,4 +1,4 @@
-"""Photographs on disk: found, refused, and read as COLMAP reads them; those that would end in a wrong mesh are left out."""
+"""Photographs on disk: found, refused, and read as COLMAP reads them; bad ones are left out."""
 
 import cv2
 import numpy as np
