@@ -199,4 +199,5 @@ def _nothing_left() -> Seen:
     for seed in range(6):
         noise = noisy(np.zeros_like(echoes(POINT_M, frequencies_hz=LADDER_HZ)), 1.0, 0.0, seed)
         depth = depth_map("3fsk-plus", capture(noise, LADDER_HZ))
+        assert depth.sigma_m is not None
         yield f"draw {seed}", float(np.count_nonzero(np.isfinite(depth.z_m) | np.isfinite(depth.sigma_m)))

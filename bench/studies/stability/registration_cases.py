@@ -168,8 +168,7 @@ def _exact_sphere() -> Seen:
     radius_m, clouds = 9 * 2.0**-9, (("whole", whole), ("half", whole[whole[:, 2] > 0]))
     for (name, points_m), sigma_m in product(clouds, (0.0, RADIUS_SIGMA_M)):
         found = fit_sphere(Cloud(points_m, points_m / radius_m, oriented=True), np.zeros(3), radius_m, (0,), sigma_m)
-        bad = found is None or not np.isfinite(found.covariance_m2).all()
-        off_m = np.inf if bad else np.linalg.norm(found.centre_m)
+        off_m = np.linalg.norm(found.centre_m) if found and np.isfinite(found.covariance_m2).all() else np.inf
         yield f"{name}, radius known to {sigma_m:g} m", float(off_m / (EPS * radius_m))
 
 
@@ -186,12 +185,12 @@ def _too_little() -> Works:
 
 def heard(centres_m: np.ndarray, noise: float, off_m: float, strength: float = 1.0) -> dict[int, Ball]:
     """The fit to the echoes of up to three balls that stand at centres [n, 3], from places off_m away along each axis;
-    noise: its power over the echoes'."""
+    noise: its power over the echoes'; strength: of the echoes."""
     first, second = default_target().element[:2]
     target, rng = Target(element=(first, second, second)), np.random.default_rng(1)
     radius_m, delay_m = target.element[0].ball_radius_m, target.foam_delay_m[0]
-    samples = sum(sphere_echo(c, radius_m, delay_m, TONES_HZ, small_array()) for c in centres_m).astype(np.complex128)
-    samples *= strength
+    one_by_one = [sphere_echo(c, radius_m, delay_m, TONES_HZ, small_array()) for c in centres_m]
+    samples = strength * np.sum(one_by_one, axis=0, dtype=np.complex128)
     level = np.sqrt(noise * np.mean(np.abs(samples) ** 2) / 2)
     white = rng.standard_normal((2, *samples.shape))
     seeds = {i: Ball(c + off_m, np.eye(3), (i,), c, 0.0) for i, c in enumerate(centres_m)}

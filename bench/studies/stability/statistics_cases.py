@@ -1,5 +1,5 @@
 """Hard cases of the figures, their intervals and tests: small spreads about large depths, 10⁸ samples, equal values,
-NaN, p-values that underflow, figures of any size.
+NaN, nothing, p-values that underflow, ties, figures of any size.
 """
 
 import tracemalloc
