@@ -167,7 +167,8 @@ class _Source:
             if not fits or values.size == 0:
                 expected = ", ".join(f"{axis} {counts[axis]}" if axis in counts else axis for axis in axes)
                 raise self._wrong(str(name), values.shape, f"[{expected}] as stored")
-        values = self._complex(told, parts, axes)
+        with np.errstate(invalid="ignore", over="ignore"):  # what is infinite is refused with the capture
+            values = self._complex(told, parts, axes)
         axes = tuple(axis for axis in axes if axis != RE_IM)
         order = [axis for axis in ("frame", "frequency", "tx", "rx", "position") if axis in axes]
         values = values.transpose([axes.index(axis) for axis in order])

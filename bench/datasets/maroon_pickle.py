@@ -156,8 +156,17 @@ class _Table(dict[str, Any]):
         super().__setitem__(key, value)
 
 
+def _call(unpickler: Any) -> None:
+    """The step that calls a name; Python would print whatever else stands there, however long."""
+    arguments, name = unpickler.stack.pop(), unpickler.stack[-1]
+    if not isinstance(name, _Name) or not isinstance(arguments, tuple):
+        raise ValueError("it calls what is no name")
+    unpickler.stack[-1] = name(*arguments)
+
+
 CODES = [getattr(pickle, name)[0] for name in KNOWN.split()]
 STEPS: dict[int, Callable[[Any], None]] = {code: pickle._Unpickler.dispatch[code] for code in CODES}
+STEPS[pickle.REDUCE[0]] = _call
 STEPS[pickle.EMPTY_DICT[0]] = lambda unpickler: unpickler.append(_Table())
 
 

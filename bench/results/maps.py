@@ -12,6 +12,7 @@ from radar.support.files import atomic_path, read_npz, write_npz
 from radar.support.pictures import opened_picture
 
 PHOTO_PX = 600
+ORIENTATION = 0x0112  # EXIF's tag
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,10 @@ def write_photo(folder: Path, capture: str, source: str | Path) -> None:
     from PIL import Image, ImageOps
 
     with opened_picture(Path(source)) as image:
-        small = ImageOps.exif_transpose(image).convert("RGB")
+        told, small = image.getexif().get(ORIENTATION), Image.fromarray(np.asarray(image.convert("RGB")))
+    if told in range(2, 9):  # alone: other EXIF data may be such as cannot be written again
+        small.getexif()[ORIENTATION] = int(told)
+        small = ImageOps.exif_transpose(small)
     small.thumbnail((PHOTO_PX, PHOTO_PX))
     with atomic_path(photo_path(folder, capture)) as temporary:
         Image.fromarray(np.asarray(small)).save(temporary, quality=88)

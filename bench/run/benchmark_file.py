@@ -15,6 +15,7 @@ from radar.methods.registry import method
 from radar.support.config import Config, Name, load, suggest
 from radar.support.errors import HandbenchError
 from radar.support.files import inside
+from radar.support.limits import MOST_TABLES
 
 EMBEDDED = Path(__file__).parent / "benchmarks"
 
@@ -116,10 +117,12 @@ class BenchFile(Config):
     protocol: Literal["paper", "maroon", "maroon-eroded"] = "paper"
     reproduces: Literal["paper"] | None = Field(default=None, description="whose figures stand beside ours")
     groundtruth: GroundTruth = GroundTruth()
-    calibration: tuple[Origin, ...] = Field(default=(), description="captures of one target, combined")
+    calibration: tuple[Origin, ...] = Field(
+        default=(), max_length=MOST_TABLES, description="captures of one target, combined"
+    )
     dataset: tuple[DataSet, ...] | None = Field(default=None, description="their captures join those of `capture`")
-    capture: tuple[Source, ...] = ()
-    method: tuple[MethodEntry, ...] = Field(min_length=1)
+    capture: tuple[Source, ...] = Field(default=(), max_length=MOST_TABLES)
+    method: tuple[MethodEntry, ...] = Field(min_length=1, max_length=MOST_TABLES)
     tradeoff: Sweep | None = Field(default=None, description="what `handbench tradeoff` sweeps")
     sensitivity: SensitivityTable | None = Field(default=None, description="what `handbench sensitivity` varies")
 

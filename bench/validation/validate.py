@@ -22,6 +22,7 @@ from radar.methods.registry import method
 from radar.support.config import Config, load
 from radar.support.errors import HandbenchError
 from radar.support.files import inside
+from radar.support.limits import MOST_TABLES
 from radar.support.progress import track
 
 # A key that tells what a TOML file is, if it is neither benchmark nor scene.
@@ -166,7 +167,7 @@ def _tables(found: Sheet, key: str) -> Iterator[tuple[Location, dict[str, Any]]]
     given = found.values.get(key, [])
     if isinstance(given, dict):
         yield (key,), given
-    for index, entry in enumerate(given if isinstance(given, list) else ()):
+    for index, entry in enumerate(given[:MOST_TABLES] if isinstance(given, list) else ()):
         if isinstance(entry, dict):
             yield (key, index), entry
 

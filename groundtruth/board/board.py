@@ -29,8 +29,8 @@ class Charuco(Config):
 
     columns: int = Field(ge=3, le=100)
     rows: int = Field(ge=3, le=100)
-    square_m: float = Field(gt=0)
-    marker_m: float = Field(gt=0)
+    square_m: float = Field(gt=0, le=100)
+    marker_m: float = Field(gt=0, ge=1e-6)  # OpenCV takes float32
     dictionary: str = "DICT_4X4_50"
     legacy: bool = False
 

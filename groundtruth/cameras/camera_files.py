@@ -82,6 +82,7 @@ def read_model(folder: Path) -> "pycolmap.Reconstruction":
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     try:
         model = pycolmap.Reconstruction(str(folder))
+        registered(model)  # by their names, which are text
     except (ValueError, IndexError, RuntimeError, MemoryError, OverflowError) as error:
         raise HandbenchError(
             f"{folder}: is not readable as a COLMAP model ({str(error)[:200]}); expected cameras, images and points3D, "

@@ -130,6 +130,8 @@ def require_folder(path: str | Path, what: str) -> Path:
 
 def inside(folder: Path, name: str, where: str) -> Path:
     """`folder / name`, refused when it would leave `folder` (names in TOML files and reports are untrusted)."""
+    if max(map(len, name.encode("utf-8", "replace").split(b"/"))) > limits.LONGEST_NAME or len(name) > 1000:
+        raise HandbenchError(f"{where}: '{name[:80]}…' is too long for a file's name; use a shorter one")
     target = Path(os.path.realpath(folder / name.replace("\0", "")))  # which links in a circle do not stop
     if "\0" in name or not target.is_relative_to(folder.resolve()):
         raise HandbenchError(f"{where}: '{name}' leaves the folder {folder}; use a path inside it")

@@ -164,6 +164,9 @@ def test_a_shape_that_the_bytes_do_not_fill_takes_no_memory(tmp_path):
         (b"\x80\x04N" + b"q\x00h\x00\x86" * 60 + b"\x85cnumpy\ndtype\n\x94h\x010h\x00R.", "is refused"),
         (b"\x80\x04cnumpy\ndtype\nN" + b"q\x00h\x00\x86" * 60 + b"\x85R.", "numbers of no type"),
         (b"\x80\x04\x8f(N" + b"q\x00h\x00\x86" * 60 + b"\x90.", "is refused .143."),  # into a set
+        (b"\x80\x04N" + b"q\x00h\x00\x86" * 60 + b"NR.", "it calls what is no name"),  # whose text has 2⁶⁰ parts
+        (b"\x80\x04N" + b"q\x00h\x00\x86" * 60 + b"Nb.", "is refused"),
+        (b"\x80\x04cnumpy\ndtype\nNR.", "it calls what is no name"),
         (b"\x80\x04" + b"]" * 20_000 + b".", "too many steps"),
         (b"\x80\x04\x82\x01.", "is refused"),  # an extension that somebody may have registered
     ],

@@ -191,3 +191,10 @@ def test_pictures_of_many_scans_pixels_or_other_forms_are_refused(tmp_path):
     (tmp_path / "a.png").write_bytes(content + bytes(10_000))
     with pytest.raises(HandbenchError, match="9000 × 9000 pixels"), opened_picture(tmp_path / "a.png"):
         pass
+
+
+@pytest.mark.parametrize("name", ["a" * 256, "a/" * 600, "é" * 128])
+def test_names_too_long_for_a_file_are_one_line(tmp_path, name):
+    with pytest.raises(HandbenchError, match=r"capture.toml: '.*' is too long"):
+        inside(tmp_path, name, "capture.toml")
+    assert inside(tmp_path, name[:120], "capture.toml").is_relative_to(tmp_path)
