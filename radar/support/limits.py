@@ -14,16 +14,11 @@ ARRAY_BYTES = 256 * MB  # unpacked, of what is read from one archive
 MESH_BYTES = PICTURE_BYTES = 1024 * MB
 DEEPEST = 32  # lists and tables within each other
 MOST_VALUES = 200_000  # of a JSON file: checking them against a configuration takes a kB each
-<<<<<<< HEAD
 RESULT_VALUES = 800_000  # of a benchmark's record
 RAW_VALUES = 2_000_000  # of a JSON file that is checked against nothing
-MOST_CELLS = 2_000_000  # of a CSV file
-=======
-RAW_VALUES = 500_000  # of a JSON file that is not: MAROON's hold more than is read
 MOST_TABLES = 1000  # captures, and methods, that a benchmark names: each is opened
 LONGEST_NAME = 255  # bytes of a file's
-MOST_CELLS = 500_000  # of a CSV file
->>>>>>> readers
+MOST_CELLS = 2_000_000  # of a CSV file
 MOST_ELEMENTS = 400_000  # tags and attributes of an XML file
 MOST_PROBLEMS = 1000  # that are told apart in one file
 MOST_STEPS = 10_000  # of a pickle's program: a frame of MAROON takes about a hundred
