@@ -26,7 +26,7 @@ from calibration.transforms import Transform, checked_numbers, load_transform
 from radar.support.config import suggest
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json
-from radar.support.limits import RAW_VALUES
+from radar.support.limits import RAW_JSON_BYTES, RAW_VALUES
 from radar.support.progress import say
 
 ALIGNMENT = "alignment.json"
@@ -79,7 +79,7 @@ def save_alignment(path: str | Path, transform: Transform, mirrored: bool = True
 
 def read_table(path: str | Path, what: str = "MAROON's alignment.json") -> dict[str, Any]:
     """One of MAROON's JSON files, which hold a table; anything else, or a larger one, is a HandbenchError."""
-    content = read_json(path, what, RAW_VALUES)  # it also holds intermediate data of the calibration
+    content = read_json(path, what, RAW_VALUES, RAW_JSON_BYTES)  # it also holds intermediate data of the calibration
     if not isinstance(content, dict):
         raise HandbenchError(f"{path}: holds no table of transforms or facts; expected {what}")
     return content

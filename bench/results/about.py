@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from radar.support.config import Config, ConfigT, Name, parse
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json
+from radar.support.limits import RESULT_BYTES, RESULT_VALUES
 
 HEADLINE = "mae_mm"  # the metric that titles, pictures and fronts speak of
 SHARES = ("observed_percent", "complete_2mm_percent")  # of the surface: what is seen, and what is seen and right
@@ -96,7 +97,7 @@ class About(Config):
 
 def read_facts(model: type[ConfigT], path: Path, what: str, remedy: str) -> ConfigT:
     """Read and check result.json, or a file like it; another schema_version than the model's is a HandbenchError."""
-    content = read_json(path, what)
+    content = read_json(path, what, RESULT_VALUES, RESULT_BYTES)
     version = content.get("schema_version") if isinstance(content, dict) else None
     ours = model.model_fields["schema_version"].default
     if version != ours:

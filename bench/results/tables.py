@@ -17,7 +17,7 @@ import pandas as pd
 
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, read_text
-from radar.support.limits import CSV_BYTES, MOST_CELLS
+from radar.support.limits import MOST_CELLS, RESULT_BYTES
 
 LEVEL = 0.95  # of every confidence interval
 KINDS: dict[str, type] = {"text": str, "real": float, "whole": int, "flag": bool, "list": tuple}
@@ -125,7 +125,7 @@ def read(path: Path, schema: Schema) -> pd.DataFrame:
     a HandbenchError. An older file may lack the last columns, those that are optional."""
     options: dict[str, Any] = {"header": None, "dtype": str, "keep_default_na": False, "skip_blank_lines": False}
     try:
-        text = read_text(path, f"a CSV file with the columns {', '.join(schema.names)}", CSV_BYTES)
+        text = read_text(path, f"a CSV file with the columns {', '.join(schema.names)}", RESULT_BYTES)
         if (cells := sum(map(text.count, ",\n"))) > MOST_CELLS:
             raise ValueError(f"it has about {cells} cells; at most {MOST_CELLS} are read")
         # The Python engine alone tells a short line from one with empty cells.

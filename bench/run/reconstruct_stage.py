@@ -50,12 +50,13 @@ def reconstruct(
 
 class Images(NamedTuple):
     """The frames' results; the seconds from echoes in memory to each depth map, the engine's plan being made; the
-    plan's own, where they are known; the relative error that frame 0's images have at most, by their certificate."""
+    plan's own, where they are known; the relative error that frame 0's images have at most, by their
+    certificate, where the engine has made them."""
 
     results: list[Reconstruction]
     seconds: list[float]
     plan_s: float | None
-    image_error: float
+    image_error: float | None
 
 
 class Imager:
@@ -80,7 +81,7 @@ class Imager:
         if not seconds and first_s < PLANNED_S:
             seconds = [self._timed(0)[1]]
         plan_s = max(first_s - median(seconds), 0.0) if seconds else None
-        return Images(list(results), seconds or [first_s], plan_s, certificate.bound)
+        return Images(list(results), seconds or [first_s], plan_s, certificate.bound if certificate.images else None)
 
     def until_settled(self, seconds: list[float]) -> list[float]:
         """These times of the frames, and more of them, imaged again in turns until their median has settled or

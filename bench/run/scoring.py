@@ -111,7 +111,7 @@ def _frames(depth: DepthMap, folder: Path, chosen: Protocol, data: NativeCapture
     """The depths [ny, nx] of every frame that the protocol scores; `depth` is the first frame's map."""
     yield _scored_z_m(depth, chosen, data)
     if (folder / FRAMES).exists():
-        for z_m in read_npz(folder / FRAMES, ("z_m",))["z_m"][1:]:
+        for z_m in read_npz(folder / FRAMES, ("z_m",), most=2**32)["z_m"][1:]:
             yield _scored_z_m(replace(depth, z_m=z_m), chosen, data)
 
 

@@ -21,6 +21,7 @@ EDGE_STEP_M = 1.5e-3  # neighbouring pixels whose distance differs by more see a
 EDGE_SAMPLES = 3  # sub-pixels per direction at an edge
 LENS_SAMPLES = 64  # points of the aperture at an edge out of focus
 R2_SEQUENCE = np.array([0.7548776662466927, 0.5698402909980532])  # Roberts 2018: fills the pixel evenly
+NOISE, EXPOSURE, WHITE_BALANCE, MOTION = 3, 4, 5, 6  # each effect draws from a generator of its own
 
 
 class Studio:
@@ -178,9 +179,6 @@ def _edges(distance_m: np.ndarray, label: np.ndarray) -> np.ndarray:
         edge[first if axis == 0 else first[::-1]] |= jump
         edge[second if axis == 0 else second[::-1]] |= jump
     return cv2.dilate(edge.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-
-
-NOISE, EXPOSURE, WHITE_BALANCE, MOTION = 3, 4, 5, 6  # each effect draws from a generator of its own
 
 
 def generator(seed: int, effect: int, number: int) -> np.random.Generator:

@@ -31,7 +31,7 @@ class CameraCovariance:
     @classmethod
     def load(cls, file: Path) -> "CameraCovariance":
         """Read what `save` wrote."""
-        found = read_npz(file, ("matrix", "names", "places", "free"))
+        found = read_npz(file, ("matrix", "names", "places", "free"), most=2**32)
         places = dict(zip(found["names"].tolist(), found["places"], strict=True))
         return cls(found["matrix"], places, tuple(found["free"].astype(int).tolist()))
 

@@ -25,7 +25,7 @@ from radar.imaging.cpu import executor as cpu
 from radar.imaging.cpu.exact import check_samples, exact_sums
 from radar.imaging.device import chosen
 from radar.imaging.gpu import executor as gpu
-from radar.imaging.plan import PLANNED, GridPlan, TreePlan, kept, roomy
+from radar.imaging.plan import KEPT, PLANNED, GridPlan, TreePlan, kept, roomy
 from radar.imaging.tree import Family, clusters, crowded
 from radar.support.cost import require_memory
 from radar.support.errors import HandbenchError
@@ -100,8 +100,8 @@ def _watched(function: Image) -> Image:
         finally:
             _laps.reset(token)
             laps.imaging_s += time.perf_counter() - start
-            points = where.size // 3 if isinstance(where, np.ndarray) else prod(cast(VoxelGrid, where).shape)
-            laps.terms += samples.size * points
+            points = prod(where.shape) if isinstance(where, VoxelGrid) else np.size(cast(Any, where)) // 3
+            laps.terms += np.size(samples) * points
             laps.tones = max(laps.tones, len(samples))
 
     return cast(Image, timed)
@@ -121,18 +121,25 @@ def image_points(
     samples: [f, t, r] of an AntennaArray, [f, n] of a PlanarScan; tolerance: largest relative L2 error, None for exact.
     """
     check(tolerance)
-    points_m = np.atleast_1d(points_m)
-    points = points_m.reshape(-1, points_m.shape[-1])
+    points_m = np.asarray(points_m)
+    if points_m.shape[-1:] != (3,):
+        raise HandbenchError(f"points_m: have shape {points_m.shape}; expected [..., 3], in metres")
+    points = points_m.reshape(-1, 3)
     shape = (len(samples), *points_m.shape[:-1]) if apart else points_m.shape[:-1]
     if len(points) == 0:
         return np.zeros(shape, np.complex64)
     points = positions("points_m", points)
+    terms = samples.size * len(points)
     parts = [] if tolerance is None or crowded(aperture) else clusters(points, frequencies_hz)
+    if len(parts) > KEPT and terms < PLANNED:  # isolated points, whose plans would not even stay
+        parts = []
     family = Family(tolerance or 0.0, apart)
     planned = [points_executor(frequencies_hz, aperture, points[near], family, _device().Executor) for near in parts]
     places = [executor.plan.sort(points[near]) for executor, near in zip(planned, parts, strict=True)]
-    cost = sum(executor.plan.cost(executor.new(where)) for executor, where in zip(planned, places, strict=True))
-    if not parts or cost > max(PLANNED, samples.size * len(points)):
+    cost = sum(
+        executor.plan.cost(len(executor.plan.touched(where))) for executor, where in zip(planned, places, strict=True)
+    )
+    if not parts or cost > max(PLANNED, terms):
         images = _device().exact_images(samples, frequencies_hz, aperture, points, apart)
     else:
         images = np.empty((len(samples) if apart else 1, len(points)), np.complex64)
@@ -166,9 +173,12 @@ def image_volume(
         return _exact_volume(samples, frequencies_hz, aperture, grid, apart).reshape(shape)
     imager = _grid_imager(frequencies_hz, aperture, grid, Family(tolerance, apart))
     nodes, images = imager.nodes(samples, grid.z_m)
-    if (certificate := opened.get()) is not None:
+    volumes = imager.upsampler.volume(nodes, images, carrier)
+    if (certificate := opened.get()) is not None and carrier:
+        of_points(certificate, volumes.reshape(count, -1), samples, frequencies_hz, aperture, grid.points_at_m)
+    elif certificate is not None:
         of_nodes(certificate, imager.plan, nodes, images, samples, frequencies_hz, aperture)
-    return imager.upsampler.volume(nodes, images, carrier).reshape(shape)
+    return volumes.reshape(shape)
 
 
 @_watched

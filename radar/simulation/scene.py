@@ -76,8 +76,8 @@ class EchoScene:
     target: what is measured (it may be None where there are balls alone); room: what stands around it and stays when
     it is taken away; depth_step_hz: the step between tones by which an effect's phase is told in millimetres;
     polarisation_deg: the antennas' electric field, from x towards y (balls and echoes over two places mind it);
-    coarser: by how much surfaces are sampled more coarsely; mirrors_coarser: the mirrors of two bounces beyond that;
-    nodes_apart: by how much farther apart the antennas are for which two bounces are traced.
+    coarser: by how much surfaces are sampled more coarsely; mirrors_coarser: the mirrors of bounces beyond that;
+    nodes_apart: by how much farther apart the antennas are for which bounces are traced.
     """
 
     array: AntennaArray

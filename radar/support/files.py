@@ -149,10 +149,10 @@ def write_json(path: str | Path, content: Any) -> None:
     write_text(path, json.dumps(_finite(content), indent=2, allow_nan=False) + "\n")
 
 
-def read_json(path: str | Path, what: str, most: int = limits.MOST_VALUES) -> Any:
+def read_json(path: str | Path, what: str, most: int = limits.MOST_VALUES, most_bytes: int = limits.JSON_BYTES) -> Any:
     """Parse a JSON file; a missing, broken or too large one, of more than `most` values, is a HandbenchError."""
     try:
-        text = read_text(path, what, limits.JSON_BYTES)
+        text = read_text(path, what, most_bytes)
         if sum(map(text.count, "[{,")) > most:  # before they are made: a value takes a byte here, 60 in memory
             raise ValueError(f"it holds more than {most} values")
         return limits.require_shallow(json.loads(text))
@@ -181,6 +181,8 @@ def read_npz(
             if missing:
                 raise HandbenchError(f"{path}: lacks {', '.join(missing)}; expected {', '.join(names)}")
             wanted = [name for name in (*names, *optional) if name in there]
+            if {there[name].compress_type for name in wanted} - {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
+                raise ValueError("a member is packed in another way than by deflate")  # others unpack without a limit
             size = sum(there[name].file_size for name in wanted)
             if size > most:
                 raise ValueError(f"its arrays take {size} bytes; at most {most} are read")

@@ -103,7 +103,12 @@ def _check_pieces(found: "h5py.Dataset", name: str) -> None:
     for piece in pieces:
         if piece.size > 2 * declared + 1024:
             raise ValueError(f"a piece of '{name}' takes {piece.size} bytes for {declared}")
-        if DEFLATE in packed and piece.size * PACKED > UNPACKED_BYTES:
+        deflated = DEFLATE in packed and not piece.filter_mask >> packed.index(DEFLATE) & 1  # the mask's are left out
+        if deflated and piece.size * PACKED > UNPACKED_BYTES:
             _, content = found.id.read_direct_chunk(piece.chunk_offset)
-            if len(zlib.decompressobj().decompress(content, declared + 5)) > declared + 4:  # and a checksum
+            try:
+                unpacked = len(zlib.decompressobj().decompress(content, declared + 5))
+            except zlib.error as error:
+                raise ValueError(f"a piece of '{name}' cannot be unpacked ({error})") from None
+            if unpacked > declared + 4:  # and a checksum
                 raise ValueError(f"a piece of '{name}' unpacks to more than its {declared} bytes")

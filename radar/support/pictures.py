@@ -15,11 +15,12 @@ from radar.support.files import read_bytes
 from radar.support.limits import PICTURE_BYTES
 
 FORMATS = ("JPEG", "PNG", "TIFF")  # of what else Pillow knows, some starts programs
-LARGEST_PX = 100_000_000  # a hundred megapixels take a GB to decode
+LARGEST_PX = 110_000_000  # a hundred megapixels take a GB to decode
 SMALL_PX = 24_000_000  # half a second: what few bytes may hold, up to ...
 PACKED_PX = 10_000  # ... so many pixels in one: a blank mask of one bit a pixel has 8000
-DENSE_PX, DENSE_DEEP_PX = 1000, 4  # in a byte of a larger picture, and of one with 16 bits a channel
+DENSE_PX, DENSE_DEEP_PX = 1100, 4  # in a byte of a larger picture (deflate's most), and of one with 16 bits a channel
 MOST_SCANS = 32  # of a progressive JPEG, each of which goes over all pixels; programs write about ten
+MOST_MARKERS = 10_000  # of a JPEG; programs write some dozens
 MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]", re.DOTALL)  # that ends a scan
 
 
@@ -43,7 +44,7 @@ def is_deep(image: Image.Image) -> bool:
 
 def _require_plausible(image: Image.Image, content: bytes) -> None:
     pixels, size = image.width * image.height, len(content)
-    dense_px = (DENSE_DEEP_PX if is_deep(image) else DENSE_PX) * size
+    dense_px = (DENSE_DEEP_PX if is_deep(image) else DENSE_PX * (8 if image.mode == "1" else 1)) * size
     if pixels > min(LARGEST_PX, PACKED_PX * size, max(SMALL_PX // (1 + 2 * is_deep(image)), dense_px)):
         said = f"it has {image.width} × {image.height} pixels in {size} bytes"
         raise ValueError(
@@ -59,10 +60,14 @@ def _require_plausible(image: Image.Image, content: bytes) -> None:
 def _scans(content: bytes) -> int:
     """Passes over a JPEG file's pixels, as its markers tell."""
     count, at = 0, 2
-    while found := MARKER.search(content, at):
+    for _ in range(MOST_MARKERS):
+        if not (found := MARKER.search(content, at)):
+            break
         kind, start = content[found.end() - 1], found.end()
         if kind == 0xD9 or count > MOST_SCANS:
             break
         count += kind == 0xDA
         at = start if kind in (0x01, 0xD8) else start + int.from_bytes(content[start : start + 2], "big")
+    else:
+        raise ValueError(f"it has more than {MOST_MARKERS} markers; save it again")
     return count

@@ -89,7 +89,7 @@ def write_synthetic(
             results.write_surface(folder, c, method, results.Surface(axis, axis, z))
             maps_alike[c][method] = Alike(z, z, -np.hypot(axis, axis[:, None]))
             tasks.append(
-                (f"{c}-{method}", c, method, "image", seconds, 2 * seconds, 300.0, False, None, "", None, 0.05)
+                (f"{c}-{method}", c, method, "image", seconds, 2 * seconds, 300.0, False, None, "", None, 0.05, 1e-6)
             )
             for reference in references:
                 errors = error_map(axis, axis, z, surfaces[reference][c].z_m)

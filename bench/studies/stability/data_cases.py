@@ -64,6 +64,10 @@ def _off_mm(id: str, samples: np.ndarray) -> float:
     return 1e3 * abs(float(middle(_depth(id, samples).z_m)) - _reference(id))
 
 
+def _zeros() -> Works:
+    return ((id, partial(_depth, id, np.zeros_like(_point()))) for id in METHODS)
+
+
 def _not_finite() -> Works:
     for bad, id in product((np.nan, np.inf, -np.inf, complex(0, np.nan), complex(0, np.inf), 1e39), METHODS):
         samples = _point().copy()
@@ -189,3 +193,11 @@ def _projections_drown() -> Seen:
         off_mm = 1e3 * abs(float(middle(depth.z_m)) - POINT_M[2])
         if not np.isnan(off_mm):  # else it is below the threshold
             yield f"{snr_db} dB, draw {seed}", off_mm, bool(middle(flags(depth)))
+
+
+def _nothing_left() -> Seen:
+    for seed in range(6):
+        noise = noisy(np.zeros_like(echoes(POINT_M, frequencies_hz=LADDER_HZ)), 1.0, 0.0, seed)
+        depth = depth_map("3fsk-plus", capture(noise, LADDER_HZ))
+        assert depth.sigma_m is not None
+        yield f"draw {seed}", float(np.count_nonzero(np.isfinite(depth.z_m) | np.isfinite(depth.sigma_m)))

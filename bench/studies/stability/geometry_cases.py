@@ -18,6 +18,7 @@ from bench.studies.stability.scenes import white_noise
 from radar.data.arrays import AntennaArray
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_points, image_volume
+from radar.imaging.certificate import certified
 from radar.simulation.forward import Scatterers, simulate
 
 EXACT = 1e-5
@@ -192,6 +193,25 @@ def _on_antenna() -> Works:
 
 def _voxels_nowhere() -> Works:
     return _imaged((-np.inf, np.inf, np.nan))
+
+
+def _certificates() -> Seen:
+    antennas = array(30, 30)
+    for kind, tolerance in product(("noise", "a leak", "a target outside", "one channel"), (1e-2, 1e-3, 1e-5)):
+        points_m = cloud(300, (0.02, -0.01, 0.3))
+        samples = white_noise((len(TONES_HZ), 30, 30), 0).astype(np.complex128)
+        if kind == "a leak":
+            samples += 100 * white_noise((1, 30, 30), 1) * np.exp(-2j * np.pi * TONES_HZ * 1e-10)[:, None, None]
+        elif kind == "a target outside":
+            samples = echoes(np.ones(1), antennas, TONES_HZ, np.array([[0.4, 0.0, 0.3]]))
+        elif kind == "one channel":
+            samples[:, 1:] = samples[:, :, 1:] = 0
+        samples = samples.astype(np.complex64)
+        with certified() as certificate:
+            found = image_points(samples, TONES_HZ, antennas, points_m, tolerance)
+        expected = image(samples, waves(antennas, TONES_HZ, points_m))
+        error = np.linalg.norm(found - expected) / np.linalg.norm(expected)
+        yield f"{kind}, {_asked(tolerance)}", error / certificate.bound
 
 
 def _voxels_beyond() -> Works:

@@ -30,6 +30,7 @@ from bench.studies.stability.scenes import (
 from radar.data.arrays import qar50
 from radar.data.grid import PixelGrid
 from radar.imaging.cpu.exact import tone_images
+from radar.methods.confidence import wrap_probability
 from radar.methods.fsk import depth_step_m
 from radar.methods.fsk_config import SETTLING
 
@@ -58,6 +59,16 @@ def _across() -> Seen:
         step_m = depth_step_m(image, one, difference_hz)
         off = step_m * 4 * np.pi * difference_hz / C + phase
         yield f"Δf {difference_hz / 1e9:g} GHz", float(np.abs(off - 2 * np.pi * np.rint(off / 2 / np.pi)).max())
+
+
+def _wraps_at() -> Seen:
+    step = np.array([0, 29.9, 30 - 1e-9, 30, 30 + 1e-9, 30.1, 60, 300])
+    for sigma in (0.0, 1e-300, 1e-9, 1e-3, 1.0, 30.0, 1e9):
+        found = wrap_probability(step, np.full(len(step), sigma), 30.0)
+        with np.errstate(all="ignore"):
+            exact = 1 / (1 + np.exp(60 * (30 - step.astype(np.longdouble)) / np.longdouble(sigma) ** 2))
+        exact = np.where(step == 30, 0.5, exact)  # halfway: either period, however well the point is known
+        yield f"σ {sigma:g} mm", float(np.abs(found - exact).max())
 
 
 def _coarse_error() -> Seen:
@@ -188,3 +199,9 @@ def _outside() -> Seen:
         x, y = np.meshgrid(depth.x_m, depth.y_m)
         off_m = np.abs(np.sqrt(depth.z_m**2 + x**2 + y**2) - np.linalg.norm(point))
         yield from by_flag(f"{id}, {beside_mm} mm beside", off_m, flags(depth))
+
+
+def _outside_the_box() -> Seen:
+    for z_m in (0.245, 0.2454, 0.28, 0.3246, 0.325, 0.326, 0.33, 0.24, 0.335, 0.345, 0.35, 0.40, 0.2, 0.6):
+        depth = depth_map("broadband", recorded((0, 0, z_m)))
+        yield f"a point at {z_m:g} m", 1e3 * abs(float(middle(depth.z_m)) - z_m), bool(middle(flags(depth)))

@@ -20,9 +20,9 @@ from calibration.registration.rigid_fit import HUBER, Pairs
 from calibration.target.ball_fit import fit_balls
 from calibration.target.description import Candidate, Element, Target, default_target
 from calibration.target.matching import match
-from calibration.target.optical_detection import Cloud, Sphere, fit_sphere
+from calibration.target.optical_detection import Cloud, Sphere, find_spheres, fit_sphere
 from calibration.target.radar_detection import Ball
-from calibration.transforms import Transform
+from calibration.transforms import Transform, condition_number
 from groundtruth.sparse.frame import trimmed_similarity
 from radar.simulation.physics.spheres import sphere_echo
 from radar.support.errors import HandbenchError
@@ -48,13 +48,26 @@ def registered(source_m: np.ndarray, target_m: np.ndarray) -> Transform:
         return solve(Pairs.of(candidates(source_m), candidates(target_m)))
 
 
+def _rectangle(half_m: float) -> np.ndarray:
+    return np.array([[x, y, 0] for x in (-HALF_M, HALF_M) for y in (-half_m, half_m)])
+
+
 def _nearly_collinear() -> Seen:
     for half_m in HALF_M / np.array([1, 2, 5, 10, 15, 19, 19.9]):
-        points_m = np.array([[x, y, 0] for x in (-HALF_M, HALF_M) for y in (-half_m, half_m)])
+        points_m = _rectangle(half_m)
         moved_m, kappa = points_m @ TURN.T + SHIFT_M, np.hypot(HALF_M, half_m) / half_m
         off_rad = np.linalg.norm(Rotation.from_matrix(registered(points_m, moved_m).rotation @ TURN.T).as_rotvec())
         four_rad = 4 * EPS * max(np.abs(points_m).max(), np.abs(moved_m).max()) / HALF_M  # across the half width
         yield f"κ = {kappa:.3g}", float(off_rad / four_rad) / kappa
+
+
+def _condition() -> Seen:
+    for half_m in HALF_M * np.logspace(0, -12, 49):
+        points_m = _rectangle(half_m)
+        kappa, found = np.hypot(HALF_M, half_m) / half_m, condition_number(points_m, points_m @ TURN.T)
+        lost = EPS * kappa**2 > 0.1
+        yield f"κ = {kappa:.3g}", 0.0 if lost and found > 1e7 else abs(found / kappa - 1) / (EPS * kappa**2)
+    yield "on a line", 0.0 if condition_number(_rectangle(0), _rectangle(0)) > 1e7 else np.inf
 
 
 def _shrinking_mirror() -> Seen:
@@ -94,6 +107,12 @@ def _one_wrong() -> Seen:
         yield f"pair {wrong + 1}, {size_m:.2g} m off", float(np.sqrt(step @ np.linalg.solve(found.covariance, step)))
 
 
+def _two_wrong() -> Works:
+    bent = np.array([[1, 0, 0], [0, -1, 1], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
+    for size_m in (0.01, 0.03, 0.3, 30.0, 3e3, 1e6):
+        yield f"{size_m:g} m off", partial(registered, FIVE, FIVE + SHIFT_M + size_m * bent)
+
+
 RADIUS_M, RADIUS_SIGMA_M = 0.025, 5e-5
 POINTS_M2 = 6e5
 TONES_HZ = np.linspace(72e9, 82e9, 16)
@@ -104,6 +123,12 @@ def outward(z: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
     """Unit vectors [n, 3] of heights z and azimuths [n], radians."""
     ring = np.sqrt(1 - z**2)
     return np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), z], axis=1)
+
+
+def _cap(rng: np.random.Generator, part: float) -> np.ndarray:
+    """Unit vectors [n, 3] to a thinned cloud's points on the part of a sphere that is nearest to −z."""
+    points = int(part * 4 * np.pi * RADIUS_M**2 * POINTS_M2)
+    return outward(2 * part * rng.random(points) - 1, 2 * np.pi * rng.random(points))
 
 
 def _fit(rng: np.random.Generator, normals: np.ndarray, noise_m: float) -> Sphere | None:
@@ -124,9 +149,7 @@ def _caps() -> Seen:
     rng = np.random.default_rng(0)
     parts = (0.45, 0.3, 0.2, 0.15, 0.12, 0.1, 0.09, 0.08, 0.06, 0.03, 0.01)
     for part, noise_m, _ in product(parts, (0.0, 1e-4, 5e-4), range(2)):
-        points = int(part * 4 * np.pi * RADIUS_M**2 * POINTS_M2)  # of a thinned cloud
-        cap = outward(2 * part * rng.random(points) - 1, 2 * np.pi * rng.random(points))
-        found = _fit(rng, cap, noise_m)
+        found = _fit(rng, _cap(rng, part), noise_m)
         yield f"{part:.0%}, noise {1e3 * noise_m:g} mm", in_sigmas(found, np.zeros(3)) if found else 0.0
 
 
@@ -139,13 +162,35 @@ def _circles() -> Seen:
         yield place, in_sigmas(found, np.zeros(3)) if found else 0.0
 
 
-def heard(centres_m: np.ndarray, noise: float, off_m: float) -> dict[int, Ball]:
+def _exact_sphere() -> Seen:
+    whole = np.array(list(product(range(-9, 10), repeat=3)), float)
+    whole = whole[(whole**2).sum(axis=1) == 81] * 2.0**-9  # lengths that have no rounding
+    radius_m, clouds = 9 * 2.0**-9, (("whole", whole), ("half", whole[whole[:, 2] > 0]))
+    for (name, points_m), sigma_m in product(clouds, (0.0, RADIUS_SIGMA_M)):
+        found = fit_sphere(Cloud(points_m, points_m / radius_m, oriented=True), np.zeros(3), radius_m, (0,), sigma_m)
+        off_m = np.linalg.norm(found.centre_m) if found and np.isfinite(found.covariance_m2).all() else np.inf
+        yield f"{name}, radius known to {sigma_m:g} m", float(off_m / (EPS * radius_m))
+
+
+def _too_little() -> Works:
+    target, rng = default_target(), np.random.default_rng(2)
+    for part in (0.05, 0.03):
+        normals = np.array([_cap(rng, part) for _ in target.element])  # [element, n, 3]
+        radii_m = np.array([[[element.sphere_radius_m]] for element in target.element])
+        radii_m = radii_m + 1e-4 * rng.standard_normal((*normals.shape[:2], 1))
+        points_m = target.centres_m[:, None] + radii_m * normals
+        seen = find_spheres(points_m.reshape(-1, 3), normals.reshape(-1, 3), target)
+        yield f"{part:.0%}", partial(match, seen, target, "photographs")
+
+
+def heard(centres_m: np.ndarray, noise: float, off_m: float, strength: float = 1.0) -> dict[int, Ball]:
     """The fit to the echoes of up to three balls that stand at centres [n, 3], from places off_m away along each axis;
-    noise: its power over the echoes'."""
+    noise: its power over the echoes'; strength: of the echoes."""
     first, second = default_target().element[:2]
     target, rng = Target(element=(first, second, second)), np.random.default_rng(1)
     radius_m, delay_m = target.element[0].ball_radius_m, target.foam_delay_m[0]
-    samples = sum(sphere_echo(c, radius_m, delay_m, TONES_HZ, small_array()) for c in centres_m).astype(np.complex128)
+    one_by_one = [sphere_echo(c, radius_m, delay_m, TONES_HZ, small_array()) for c in centres_m]
+    samples = strength * np.sum(one_by_one, axis=0, dtype=np.complex128)
     level = np.sqrt(noise * np.mean(np.abs(samples) ** 2) / 2)
     white = rng.standard_normal((2, *samples.shape))
     seeds = {i: Ball(c + off_m, np.eye(3), (i,), c, 0.0) for i, c in enumerate(centres_m)}
@@ -165,6 +210,10 @@ def _near_balls() -> Seen:
 def _one_place() -> Works:
     for gap_m in (0.0099, 0.005, 1e-3, 1e-5, 1e-7, 0.0):
         yield f"{gap_m:g} m apart", partial(heard, _apart(gap_m), noise=0.01, off_m=0.0)
+
+
+def _silent() -> Works:
+    yield "zeros", partial(heard, _apart(0.05), noise=0.0, off_m=0.0, strength=0.0)
 
 
 GRID = np.array([[x, y, 0] for x in np.linspace(-0.1, 0.1, 5) for y in np.linspace(-0.07, 0.07, 4)])  # of a board

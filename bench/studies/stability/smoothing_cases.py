@@ -63,9 +63,31 @@ def _drift() -> Seen:
     return [(f"sample {int(error.argmax())}", float(error.max() / allowed))]
 
 
+def _lone() -> Seen:
+    for size, (y, x) in product((1, 3, 31, 101), ((0, 0), (0, 6), (4, 3), (8, 6))):
+        values = np.full((9, 7), np.nan)
+        values[y, x] = 0.28
+        yield f"size {size}, pixel {y}, {x}", _error(values, size)
+    for value, shape in product((0.28, np.nan, np.inf, -np.inf), ((1, 1), (1, 7), (9, 1), (5, 5))):
+        yield f"a map {shape} of {value}", _error(np.full(shape, value), 5)
+
+
+def _infinities() -> Seen:
+    values = _map(7, 0.1)
+    values[3, 4], values[20, 20], values[0, 0] = np.inf, -np.inf, np.inf
+    return ((f"size {size}", _error(values, size)) for size in (3, 9))
+
+
 def _strong_and_weak() -> Seen:
     for decades, size in product((1, 6, 12, 16, 20, 40, 80, 166, 280), (3, 5, 9)):
         values = _map(decades, 0.1)
         weight = np.full(values.shape, 10.0**-decades)
         weight[::11, ::13] = 1.0
         yield f"10^{decades}, size {size}", _error(values, size, weight)
+
+
+def _outlier() -> Seen:
+    for value, size in product((1.0, 1e3, 1e9, 1e100, 1e300), (3, 9)):
+        values = _map(3, 0.1)
+        values[18, 20] = value
+        yield f"{value:g} m, size {size}", _error(values, size)

@@ -1,31 +1,36 @@
 """Hard cases of the figures, their intervals and tests: small spreads about large depths, 10⁸ samples, equal values,
-NaN, p-values that underflow, figures of any size.
+NaN, nothing, p-values that underflow, ties, figures of any size.
 """
 
 import tracemalloc
-from itertools import product
+from itertools import combinations, product
 from math import sqrt
 
 import numpy as np
 import pandas as pd
 
 from bench.evaluation.depth_errors import deviation_map, error_map
-from bench.evaluation.metrics import HEADLINE, averaged, of_captures, pool, precision
-from bench.evaluation.statistics.intervals import mean_interval, median_interval, precision_interval
-from bench.evaluation.statistics.paired import compare, f_test, paired
+from bench.evaluation.floor import floor_mm
+from bench.evaluation.metrics import AVERAGED, HEADLINE, averaged, of_captures, pool, precision, strongest_scatterer_z_m
+from bench.evaluation.statistics.intervals import figure_interval, mean_interval, median_interval, precision_interval
+from bench.evaluation.statistics.paired import compare, corrected, f_test, paired
 from bench.results.error_map import ErrorMap
 from bench.results.result_folder import shown
 from bench.results.tables import each
 from bench.studies.stability.cases import Seen
+from calibration.transforms import Transform
+from groundtruth.mesh.depth import Reference
 
 EPS = np.finfo(float).eps
 DEPTH_M, PIXEL_M = 0.3, 1e-3
 SIDE = 300
+COUNTED = ("n_observed", "observed_percent", "false_alarm_percent")  # shares of nothing observed that are known
 BOUNDS = {
     "pooled_deviation": 1.5 * (np.log2(SIDE**2) + 1),
     "many_samples": 1.5 * (np.log2(SIDE**2) + 1) + 1112 / 2,
     "all_equal": EPS,
     "tiny_p": EPS**0.5,
+    "not_finite": 1.5 * (np.log2(SIDE**2) + 1),
 }
 
 
@@ -131,6 +136,17 @@ def _tiny_p() -> Seen:
     yield "no difference", 1 - paired(np.ones(5), np.ones(5)).p
 
 
+def _ties() -> Seen:
+    def closed(p: list[float]) -> list[float]:
+        sets = [s for size in range(1, len(p) + 1) for s in combinations(range(len(p)), size)]
+        return [max(min(len(s) * min(p[k] for k in s), 1.0) for s in sets if i in s) for i in range(len(p))]
+
+    rng = np.random.default_rng(0)
+    chosen = np.array([0.0, 5e-324, 1e-300, 0.01, 0.0125, 0.05, 0.5, 1.0])
+    for p in ([], [0.0], [1.0] * 6, [0.01] * 6, *(list(rng.choice(chosen, 6)) for _ in range(40))):
+        yield str(p), max((abs(a - b) for a, b in zip(corrected(p), closed(p), strict=True)), default=0.0)
+
+
 def _any_size() -> Seen:
     values = np.array([1.0, 4.0, 2.5, 3.5, 9.0, 2.0])
     one = np.array(mean_interval(values))
@@ -138,3 +154,58 @@ def _any_size() -> Seen:
         yield f"{size:g}", float(np.abs(np.array(mean_interval(size * values)) / size / one - 1).max() / EPS)
     for gone in (np.nan, np.inf):
         yield f"{gone}", 0.0 if mean_interval([*values[:4], gone]) is None else np.inf
+
+
+def _not_finite() -> Seen:
+    rng, x_m = np.random.default_rng(0), PIXEL_M * np.arange(SIDE)
+    for broken, share in product((np.nan, np.inf, -np.inf), (0.01, 0.5, 0.999)):
+        z_m, z_ref_m = DEPTH_M + 1e-3 * rng.standard_normal((SIDE, SIDE)), np.full((SIDE, SIDE), DEPTH_M)
+        z_m[rng.random(z_m.shape) < share] = broken
+        z_ref_m[rng.random(z_m.shape) < share / 2] = broken
+        error = (z_m - DEPTH_M)[np.isfinite(z_m) & np.isfinite(z_ref_m)].astype(np.longdouble)
+        found = pool([error_map(x_m, x_m, z_m, z_ref_m)])
+        wanted = {"mae_mm": np.abs(error).mean(), "rmse_mm": np.sqrt((error**2).mean())}
+        wanted["median_mm"] = np.median(np.abs(error).astype(float))
+        for key, value in wanted.items():
+            yield f"{share:.1%} {broken}, {key}", float(abs(told(found[key]) / (1e3 * value) - 1) / EPS)
+    for broken, strongest_m in ((np.nan, 0.5), (np.inf, 0.4), (-np.inf, 0.5)):
+        mixed = np.array([0.3, broken, 0.301, broken, 0.303])
+        off = told(precision([mixed])["precision_mm"]) / told(precision([mixed[::2]])["precision_mm"]) - 1
+        yield f"precision with {broken}", abs(off) / EPS
+        found_m = strongest_scatterer_z_m(np.array([[[0.3, 0.4, 0.5]]]), np.array([[[1.0, broken, 2.0]]]))
+        yield f"strongest with {broken}", 0.0 if found_m[0] == strongest_m else np.inf
+
+
+def _empty() -> Seen:
+    shape, x_m = (40, 40), PIXEL_M * np.arange(40)
+    holes, no_pixel, no_row = (a_map(np.full(size, np.nan)) for size in (shape, (0, 0), (0, 5)))
+    unobserved = error_map(x_m, x_m, np.full(shape, np.inf), np.full(shape, DEPTH_M), met=np.ones(shape, bool))
+    for maps in ([], [no_pixel], [no_row], [holes] * 3, [unobserved] * 6):
+        # Of a surface that nobody observed the completeness is 0, and the F-score.
+        pooled = [v for k, v in pool(maps).items() if k not in COUNTED and (v or not k.startswith(("f_", "complete_")))]
+        figures = {key: of_captures(maps)[key].to_numpy() for key in AVERAGED}
+        given: list[object] = [figure_interval(key, values) for key, values in figures.items() if key not in COUNTED]
+        given += each(compare({"a": figures[HEADLINE], "b": figures[HEADLINE]}, ""))
+        given += [*pooled, floor_mm(maps, [_known(m) for m in maps])]
+        place = f"{len(maps)} maps of {[m.error_m.shape for m in maps[:1]]}"
+        yield place, float(sum(figure is not None for figure in given))
+
+
+def _known(m: ErrorMap, sigma_m: float = 1e-3) -> Reference:
+    """A reference with one σ for all of a map's pixels, from its mesh alone."""
+    shape, registration = m.error_m.shape, Transform("photo", "radar", np.eye(4), covariance=np.zeros((6, 6)))
+    return Reference(m.reference_z_m, np.full(shape, sigma_m), np.zeros((*shape, 6)), registration)
+
+
+def _one_pixel() -> Seen:
+    for error_m in (1e-12, -1e-6, 1e-3, -0.3, 1e6):
+        m, size_m = a_map(np.array([[error_m]])), abs(error_m)
+        found = pool([m])
+        for key in ("mae_mm", "rmse_mm", "median_mm", "p95_mm", "max_mm"):
+            yield f"{key} of {error_m:g} m", abs(told(found[key]) / (1e3 * size_m) - 1) / EPS
+        alone = figure_interval(HEADLINE, of_captures([m]).mae_mm.to_numpy())
+        yield f"interval of {error_m:g} m", np.inf if alone else told(found["deviation_mm"])
+        floor = told(floor_mm([m], [_known(m, size_m)])) / (1e3 * np.sqrt(2 / np.pi) * size_m)
+        yield f"floor for σ = {size_m:g} m", abs(floor - 1) / EPS
+        for sigma_m in (np.nan, np.inf):
+            yield f"floor for σ = {sigma_m}", 0.0 if floor_mm([m], [_known(m, sigma_m)]) is None else np.inf

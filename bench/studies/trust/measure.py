@@ -16,9 +16,10 @@ import numpy as np
 
 from bench.studies.columns import Record, Table, columns
 from bench.studies.study import Study
-from bench.studies.trust.cases import Case, cases, known
+from bench.studies.trust.cases import SWEPT, Case, cases, known
 from bench.studies.trust.worth import DROPPED_PERCENT, draw, fitted, reliability, silent_percent
 from radar.data.depthmap import DepthMap
+from radar.methods import trust
 from radar.methods.registry import method, method_key
 from radar.methods.trust import FEATURES, FLAGGED, GROSS_M, WEIGHTS, features, known_weights, probability, weights_of
 from radar.support.closure import key_of
@@ -37,7 +38,8 @@ PARTS = ("found", "wrong", "flag", "held")
 def study(work: Path, scenes: int, methods: str, captures: list[Path], fit: bool, seed: int) -> Study:
     """So many scenes of points, some hands and assorted scenes to them, and captures."""
     chosen = tuple(methods.split(",")) if methods else FSK + VOLUMES
-    code = [key_of("bench.studies.trust.cases"), key_of("radar.methods.trust"), *map(method_key, chosen)]
+    features_hash = content_hash(Path(trust.__file__))  # without its weights, which no kept feature depends on
+    code = [key_of("bench.studies.trust.cases"), features_hash, *map(method_key, chosen)]
     folder = work / content_hash(*code, *chosen, seed)[:16]
     drawn = cases(scenes, -(-scenes // HANDS), -(-scenes // ASSORTED), captures)
     measure, text = partial(measured, methods=chosen, seed=seed, work=folder), (__doc__ or "").partition("\n\n")[2]
@@ -47,7 +49,8 @@ def study(work: Path, scenes: int, methods: str, captures: list[Path], fit: bool
 def measured(case: Case, methods: tuple[str, ...], seed: int, work: Path) -> list[Record]:
     """The pixels of one scene, by each method: features found [n, k], which are wrong [n], which the method flags, and
     whether 2σ holds the error (1, 0; −1: unknown)."""
-    file = work / f"{case.family}-{content_hash(str(case))[:12]}.npz"
+    content = content_hash(Path(case.kind)) if case.family == "captures" else ""
+    file = work / f"{case.family}-{content_hash(str(case), content)[:12]}.npz"
     if not file.is_file():
         write_npz(file, **_pixels(case, methods, seed, work))
     kept = read_npz(file, (), tuple(f"{id} {part}" for id in methods for part in PARTS))
@@ -58,7 +61,7 @@ def measured(case: Case, methods: tuple[str, ...], seed: int, work: Path) -> lis
 def _pixels(case: Case, methods: tuple[str, ...], seed: int, work: Path) -> dict[str, np.ndarray]:
     scene, found = known(case, seed, work), dict[str, np.ndarray]()
     for id in methods:
-        few = len(scene.capture.frequencies_hz) < 2 * len(FSK)  # no sweep
+        few = len(scene.capture.frequencies_hz) < SWEPT // 2
         if id in VOLUMES and (few or (case.family == "points" and case.number % VOLUMES_EVERY)):
             continue
         config = method(id).configure(scene.values(id), str(case))
@@ -131,6 +134,8 @@ def _fitted(records: list[Record]) -> np.ndarray:
     """The weights that calibrating scenes have, points and hands alike in all."""
     families = [[r for r in records if r["group"] == "calibration" and r["family"] == f] for f in ("points", "hands")]
     counts = [sum(len(r["wrong"]) for r in family) for family in families]
+    if not sum(counts):
+        raise HandbenchError("--fit: no calibrating scene was measured; give more --scenes")
     found, wrong = (np.concatenate([r[name] for family in families for r in family]) for name in ("found", "wrong"))
     return fitted(found.astype(np.float64), wrong, np.repeat([1 / max(count, 1) for count in counts], counts))
 

@@ -19,7 +19,7 @@ from radar.support.parallel import for_each
 
 BLOCK = 256  # points per matrix product: both factors stay in the second-level cache
 TONES = 16  # of one piece of work in float64
-SAME = 1e-15  # spacings that differ by less, relative to a tone, are equal: 1e-12 rad over 30 m and 16 tones
+SAME = 1e-15  # spacings that differ by less, relative to a tone, are equal: 1e-9 rad over 30 m and 16 tones
 
 
 def exact_images(
@@ -62,7 +62,8 @@ def backproject(
 def exact_sums(
     samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray, apart: bool = False
 ) -> np.ndarray:
-    """As `exact_images`, for few points_m and in float64, right to 1e-12 of Σ|samples|: complex128 [f or 1, n].
+    """As `exact_images`, for few points_m and in float64: complex128 [f or 1, n], right to 1e-12 of Σ|samples| within a
+    metre.
 
     From one tone to the next, steering is multiplied by that of their difference, which evenly spaced tones share.
     """

@@ -28,10 +28,6 @@ class Executor:
         self.plan = plan
         self._limbs: dict[int, tuple[Node, Leaves]] = {}
 
-    def new(self, where: Sorted) -> int:
-        """Limbs that points lie in and that no points have touched before."""
-        return sum(limb not in self._limbs for limb in self.plan.touched(where))
-
     def image(self, samples: np.ndarray, where: Sorted) -> np.ndarray:
         """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n] at sorted points."""
         plan, order = self.plan, where.order

@@ -77,10 +77,6 @@ class Executor:
             self._last = where, placed
         return placed
 
-    def new(self, where: Sorted) -> int:
-        """Limbs that points lie in and that no points have touched before."""
-        return sum(limb not in self._planned for limb in self.plan.touched(where))
-
     def image(self, samples: np.ndarray, where: Sorted) -> np.ndarray:
         """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n] at sorted points."""
         xp, apart, placed = self._xp, self.plan.family.apart, self.place(where)

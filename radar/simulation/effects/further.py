@@ -12,6 +12,7 @@ from radar.simulation.effects.base import Effect, Glance
 from radar.simulation.forward import Scatterers
 from radar.simulation.physics.bundles import Bundles, nodes
 from radar.simulation.physics.coarse import double_bounce, single_bounce
+from radar.simulation.physics.creeping import roundness_of
 from radar.simulation.physics.diffracted import by_rays, samples_of, sight_of
 from radar.simulation.physics.facets import face_vectors
 from radar.simulation.physics.line_of_sight import rays_of
@@ -67,7 +68,7 @@ class Multipath(Effect):
         mirrors = [mirrors_of(rays, body, antennas_m, longest_m)]
         while mirrors[-1].face.size and len(mirrors) < BOUNCES - 1:
             mirrors.append(mirrors_onward(rays, mirrors[-1], antennas_m, longest_m, len(mirrors) + 1))
-        wavenumber = 2 * np.pi / state.scene.wavelength_m if surface.sight is not None else 0.0
+        wavenumber = 0.0 if surface.sight is None else roundness_of(state.scene, body).wavenumber
         arrays = {1: state.array, -1: _exchanged(state.array)}
         found: dict[tuple[int, int], Bundles] = {}
 

@@ -3,7 +3,7 @@
 A target that moves by δ along e is a target at rest before an array that has moved by −δe. Echoes are computed at few
 displacements; between them each channel is turned by the path to the target's middle, and what is left, the small
 difference between the target's parts, is interpolated linearly.
-Extra echoes (two bounces, foam) are computed once and turned alone: they are weak, and what is left of them is less.
+Extra echoes (bounces, foam) are computed once and turned alone: they are weak, and what is left of them is less.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Heights are a sum of waves over the surface. What facets resolve of a wave displaces them along their normals; the rest,
 of variance σ², weakens their echo by exp(−2k²σ²), which is what heights spread by σ leave of a mirrored wave (Ament
-1953). What the latter scatter into other directions is left out, and so is the relief's effect on two bounces.
+1953). What the latter scatter into other directions is left out, and so is the relief's effect on bounces.
 """
 
 from __future__ import annotations

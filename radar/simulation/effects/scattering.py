@@ -101,7 +101,7 @@ OUTLINES, LOOKED_AT = 500, 2000  # points of an outline and facets, at most, at 
 
 class ShadowDiffraction(_OfEachAntenna):
     """Waves bend around the outline of what hides, and creep around what is round of it, each polarisation by itself.
-    Left out: waves that bend twice or turn their polarisation, and angles beyond some 40°; where a path bounces twice,
+    Left out: waves that bend twice or turn their polarisation, and angles beyond some 40°; where a path bounces,
     its shadows stay sharp."""
 
     id = "shadow_diffraction"

@@ -20,8 +20,10 @@ import numba
 import numpy as np
 
 from radar.imaging.cpu.steering import FAST, cis_small
+from radar.simulation.physics.creeping import RADII
 from radar.simulation.physics.vectors import ahead, cross, direction, dot, minus, mirrored, norm, vec
 
+LEAST, MOST = float(RADII[0]), float(RADII[-1])  # m of the edges around which waves creep
 WIDEST = 100.0  # footprint over patch, at most: what is wider leaves a caustic or grazes, and D silences it
 FAINT = 0.02  # of a footprint's phases left over, for the receiver that sees most of it: counts nothing
 BEYOND = 8.0  # faces' widths over which normals go on as they change on a face
@@ -146,9 +148,10 @@ def _mirrored_share(patches, patch, incoming, wavenumber, lit):  # type: ignore[
     step_m = np.sqrt(norm(flat))
     there = _interpolated(ahead(middle, step_m, along), patches.corners_m[patch], patches.normals[patch], flat, -BEYOND)
     bend_per_m = dot(minus(there, normal), along) / step_m
-    if bend_per_m <= 1e-9 or 1.024 * bend_per_m > wavenumber:
+    if bend_per_m <= 1e-9 or 2 * LEAST**3 * bend_per_m > wavenumber:
         return 1.0
-    ahead_of = min(max(-4 * np.cbrt(wavenumber / 2 / bend_per_m) * np.arcsin(min(sine, 1.0)) / lit - 1, 0.0), 1.0)
+    size = min(np.cbrt(wavenumber / 2 / bend_per_m), MOST)
+    ahead_of = min(max(-4 * size * np.arcsin(min(sine, 1.0)) / lit - 1, 0.0), 1.0)
     return ahead_of * ahead_of * (3 - 2 * ahead_of)
 
 

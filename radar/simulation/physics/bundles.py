@@ -23,7 +23,7 @@ from radar.simulation.physics.polarisation import tube_factors
 from radar.simulation.physics.ray_tubes import Traced
 from radar.support.parallel import for_each
 
-TOLERANCE = 3e-3  # of the two-bounce echoes: for the tones that stand for the others
+TOLERANCE = 3e-3  # of the bounces' echoes: for the tones that stand for the others
 # Between the antennas that stand for the others: a cell's waves oscillate over 25 mm, 0.3 m away. Those whose rays are
 # traced have tubes of their own, whose borders jump; the others share tubes.
 NODES_M = 0.015, 0.0138

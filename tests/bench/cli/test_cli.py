@@ -94,7 +94,7 @@ def test_a_tolerance_relative_to_the_image_is_certified(capture, tmp_path, capsy
         assert main([*command, "-o", str(tmp_path / f"{relative_to}.npz"), "--relative-to", relative_to]) == 0
         said = capsys.readouterr().err
         bounds.append(float(said.strip().splitlines()[-1].rsplit(maxsplit=1)[-1]))
-    assert bounds[0] > 1e-2 >= bounds[1] and "imaging anew, 0.001" in said
+    assert bounds[0] > 1e-2 >= bounds[1] and "imaging anew, to 0.001" in said
 
 
 def test_outputs_are_not_overwritten_silently(capture, tmp_path, capsys):

@@ -8,7 +8,7 @@ from groundtruth.board.board import Board, Marker
 from groundtruth.board.markers import detect_corners, focal_length_px, require_board
 from groundtruth.cameras.cameras import load_pycolmap, registered
 from groundtruth.photos.photos import Photo
-from groundtruth.sparse.frame import apply, board_from_model, trimmed_similarity
+from groundtruth.sparse.frame import apply, board_from_model, check_fit, trimmed_similarity
 from radar.support.errors import HandbenchError
 
 SIDE_M = 0.03
@@ -112,3 +112,9 @@ def test_a_board_that_no_two_photographs_show_is_refused(board):
     with pytest.raises(HandbenchError, match="found in 1 of 2 photographs"):
         require_board({"a": corners, "b": {}}, board)
     assert require_board({"a": corners, "b": corners}, board)
+
+
+def test_a_scale_that_misses_its_own_numbers_is_refused():
+    check_fit(1e-3, 0.4, "board corners")
+    with pytest.raises(HandbenchError, match=r"board corners are 40\.0 mm off after the best fit, 10% of their extent"):
+        check_fit(0.04, 0.4, "board corners")

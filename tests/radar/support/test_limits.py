@@ -1,5 +1,6 @@
 """Files that cost more than they weigh are refused in words, and those at the limits are read."""
 
+import json
 import os
 import struct
 import time
@@ -52,6 +53,22 @@ def test_many_values_are_refused(tmp_path, unit):
     assert len(read_json(tmp_path / "a.json", "lists")) == 1001
 
 
+def test_the_most_values_are_read(tmp_path):
+    values = [0] * limits.MOST_VALUES  # an opening bracket, and a comma before each but the first
+    (tmp_path / "a.json").write_text(json.dumps(values))
+    assert read_json(tmp_path / "a.json", "lists") == values
+    (tmp_path / "a.json").write_text(json.dumps([*values, 0]))
+    with pytest.raises(HandbenchError, match="more than 200000 values"):
+        read_json(tmp_path / "a.json", "lists")
+
+
+def test_a_table_of_the_most_bytes_is_read(tmp_path):
+    text = "a" * (limits.TOML_BYTES - len('text = ""\n'))
+    (tmp_path / "a.toml").write_text(f'text = "{text}"\n')
+    assert (tmp_path / "a.toml").stat().st_size == limits.TOML_BYTES
+    assert read_toml(tmp_path / "a.toml", "keys") == {"text": text}
+
+
 def test_long_keys_and_large_files_are_refused(tmp_path):
     key = ".".join(["a"] * (limits.DEEPEST + 1))
     (tmp_path / "a.toml").write_text(f"{key} = 1\n")
@@ -87,11 +104,16 @@ def test_a_circle_of_links_is_one_line(tmp_path):
         require_file(inside(tmp_path, "a", "mapping.toml"), "a file")
 
 
-def test_archives_of_many_members_are_refused(tmp_path):
-    write_npz(tmp_path / "a.npz", x=np.zeros(3))
+@pytest.mark.parametrize("more", [0, 1])
+def test_archives_of_the_most_members_are_read_and_of_more_refused(tmp_path, more):
+    write_npz(tmp_path / "a.npz", x=np.arange(3))
     with zipfile.ZipFile(tmp_path / "a.npz", "a") as archive:
-        for k in range(limits.MOST_MEMBERS + 1):
+        for k in range(limits.MOST_MEMBERS - 1 + more):
             archive.writestr(f"m{k}", b"")
+        assert len(archive.namelist()) == limits.MOST_MEMBERS + more
+    if not more:
+        assert read_npz(tmp_path / "a.npz", ("x",))["x"].tolist() == [0, 1, 2]
+        return
     with pytest.raises(HandbenchError, match="more than 1000 members"):
         read_npz(tmp_path / "a.npz", ("x",))
 

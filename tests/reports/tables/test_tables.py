@@ -220,7 +220,7 @@ def test_csv_carries_ratio_and_time(result):
 
 
 def test_stages_are_medians_of_the_tasks(result):
-    rest = (None, "", None, None)
+    rest = (None, "", None, None, None)
     tasks = [(f"t{i}", "B", "3fsk", "image", s, s, None, i == 0, *rest) for i, s in enumerate((1.0, 2.0, 9.0))]
     tasks.append(("sim", "B", "", "simulate", None, None, None, False, *rest))
     image, simulate = tables.stages(replace(result, tasks=frame(TASKS, tasks))).itertuples()

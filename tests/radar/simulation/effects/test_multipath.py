@@ -230,3 +230,14 @@ def test_flat_and_convex_bodies_have_none():
     for body in (plate((-0.03, -0.03, 0.3), (0, 0.06, 0), (0.06, 0, 0), 60), sphere_body(0.01, (0, 0, 0.3))):
         scene = EchoScene(qar50(), TONES_HZ, np.zeros(len(TONES_HZ)), body)
         assert Multipath().glance(scene).worst_mm == 0
+
+
+def test_the_peak_of_a_trihedral_is_its_third_bounce(monkeypatch):
+    # Closed form: 12πa⁴/λ² of three squares of side a, of geometrical optics and physical optics alike.
+    turn = 0.3 + 2 * np.pi / 3 * np.arange(3)
+    edges = np.stack([np.cos(turn), -np.sin(turn), -np.full(3, np.sqrt(0.5))], axis=1) * np.sqrt(2 / 3)
+    body = joined(*(plate(np.zeros(3), 0.03 * edges[i], 0.03 * edges[(i + 1) % 3], 16) for i in range(3)))
+    expected = 12 * np.pi * 0.03**4 / WAVELENGTH_M**2
+    assert cross_section_m2(body) == pytest.approx(expected, rel=5e-3)
+    monkeypatch.setattr(further, "BOUNCES", 2)
+    assert cross_section_m2(body) < 1e-3 * expected

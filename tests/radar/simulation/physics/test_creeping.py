@@ -54,7 +54,8 @@ def exact_field(radius_m, antenna_m, points_m, polarisation, material):
 
 def fields(radius_m, antenna_m, points_m, polarisation, material):
     """The same by the outline of a mesh, as a knife's edge and as a round one."""
-    body = Body(*tube(Cylinder(0.0, AXIS_M, radius_m)), material)
+    mesh = tube(Cylinder(0.0, AXIS_M, radius_m))
+    body = Body(np.asarray(mesh.vertices), np.asarray(mesh.triangles), material)
     angle_deg = 90.0 if polarisation == ALONG else 0.0
     scene = EchoScene(qar50(), np.array([TONE_HZ]), np.zeros(1), body, polarisation_deg=angle_deg)
     rays, cells = Rays(body.vertices_m, body.faces), cells_of(points_m, 6e-3)

@@ -1,0 +1,31 @@
+"""Photographs that do not register, and models without depth: said or refused before the work starts."""
+
+import pytest
+
+from groundtruth.sparse.sparse import check_geometry, unregistered
+from radar.support.errors import HandbenchError
+from tests.groundtruth.synthetic_model import photos_of, synthetic_model
+
+
+def test_photographs_that_did_not_register_are_named(capsys):
+    model = synthetic_model([(1, 0, 0.2), (1, 0.3, 0.2), (1, 0.6, 0.2)])
+    assert unregistered(photos_of(model), model) == ()
+    assert capsys.readouterr().err == ""
+    model.deregister_frame(2)
+    assert unregistered(photos_of(model), model) == ("p1.png",)
+    assert "not registered, and not used: p1.png" in capsys.readouterr().err
+
+
+def test_cameras_that_hardly_moved_are_refused():
+    for baseline, fine in ((0.0, False), (0.01, False), (0.05, True)):
+        model = synthetic_model([(1, baseline * i / 3, 0.2) for i in range(4)])
+        if fine:
+            check_geometry(model)
+        else:
+            with pytest.raises(HandbenchError, match=r"moved by \d\.\d\d% of the distance to the scene only, 3%"):
+                check_geometry(model)
+
+
+def test_a_model_without_points_is_refused():
+    with pytest.raises(HandbenchError, match="moved by"):
+        check_geometry(synthetic_model([(1, 0, 0.2), (1, 0.5, 0.2), (1, 1, 0.2)], points=0))
