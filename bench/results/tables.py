@@ -17,7 +17,7 @@ import pandas as pd
 
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, read_text
-from radar.support.limits import MOST_CELLS, RESULT_BYTES
+from radar.support.limits import MOST_CELLS, MOST_COLUMNS, RESULT_BYTES
 
 LEVEL = 0.95  # of every confidence interval
 KINDS: dict[str, type] = {"text": str, "real": float, "whole": int, "flag": bool, "list": tuple}
@@ -128,6 +128,8 @@ def read(path: Path, schema: Schema) -> pd.DataFrame:
         text = read_text(path, f"a CSV file with the columns {', '.join(schema.names)}", RESULT_BYTES)
         if (cells := sum(map(text.count, ",\n"))) > MOST_CELLS:
             raise ValueError(f"it has about {cells} cells; at most {MOST_CELLS} are read")
+        if (wide := text.partition("\n")[0].count(",")) > MOST_COLUMNS:
+            raise ValueError(f"its first line has about {wide} cells; at most {MOST_COLUMNS} are read")
         # The Python engine alone tells a short line from one with empty cells.
         cells = pd.read_csv(io.StringIO(text), engine="python", **options)
         header, cells = cells.iloc[0].tolist(), cells[1:]

@@ -19,6 +19,7 @@ RAW_VALUES = 2_000_000  # of a JSON file that is checked against nothing
 MOST_TABLES = 1000  # captures, and methods, that a benchmark names: each is opened
 LONGEST_NAME = 255  # bytes of a file's
 MOST_CELLS = 2_000_000  # of a CSV file
+MOST_COLUMNS = 1000  # of its first line
 MOST_ELEMENTS = 400_000  # tags and attributes of an XML file
 MOST_PROBLEMS = 1000  # that are told apart in one file
 MOST_STEPS = 10_000  # of a pickle's program: a frame of MAROON takes about a hundred
