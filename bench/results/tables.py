@@ -128,6 +128,8 @@ def read(path: Path, schema: Schema) -> pd.DataFrame:
         text = read_text(path, f"a CSV file with the columns {', '.join(schema.names)}", RESULT_BYTES)
         if (cells := sum(map(text.count, ",\n"))) > MOST_CELLS:
             raise ValueError(f"it has about {cells} cells; at most {MOST_CELLS} are read")
+        if text.count("\n") > text.count(",") + 1000:
+            raise ValueError("it has more lines than cells")
         if (wide := text.partition("\n")[0].count(",")) > MOST_COLUMNS:
             raise ValueError(f"its first line has about {wide} cells; at most {MOST_COLUMNS} are read")
         # The Python engine alone tells a short line from one with empty cells.
