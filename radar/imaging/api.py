@@ -69,8 +69,7 @@ def _scaled(function: Image) -> Image:
     @wraps(function)
     def scaled(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, *others: Any, **named: Any) -> Any:
         samples, frequencies_hz = np.asarray(samples), tones("frequencies_hz", frequencies_hz)
-        check_samples(samples, frequencies_hz, aperture)
-        largest = largest_part(samples)
+        largest = check_samples(samples, frequencies_hz, aperture)
         if largest == 0 or 1e-20 <= largest <= 1e20:  # whose sums float32 surely holds
             return function(samples, frequencies_hz, aperture, *others, **named)
         if largest * samples.size > np.finfo(np.float64).max:

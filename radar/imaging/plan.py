@@ -15,6 +15,8 @@ import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
 from radar.data.grid import VoxelGrid
+from radar.imaging.device import Array
+from radar.imaging.gpu.exact import cis, distances
 from radar.imaging.skeleton import GUARD, Resampler, resampler
 from radar.imaging.tree import Box, Family, Node, branch, crowded, split, trunk
 from radar.support.cost import require_memory
@@ -128,15 +130,15 @@ class GridPlan:
         """The nodes of the grid, or of the plane at z_m [1]."""
         return VoxelGrid(self.nodes.x_m, self.nodes.y_m, z_m) if self.planes else self.nodes
 
-    def carrier_at(self, grid: VoxelGrid) -> np.ndarray:
-        """The carrier that is taken out of an image between the nodes and put back: complex64 [nz, ny, nx]."""
+    def carrier_at(self, grid: VoxelGrid, xp: Any = np) -> Array:
+        """The carrier that is taken out of an image between the nodes and put back: complex64 [nz, ny, nx], of numpy or
+        of a device's arrays (`xp`)."""
         turns_per_m, passes, reference_m, ramp = self.carrier
-        z, y, x = grid.z_m[:, None, None], grid.y_m[:, None], grid.x_m
+        z, y, x = (xp.asarray(axis) for axis in (grid.z_m[:, None, None], grid.y_m[:, None], grid.x_m))
         turns = ramp[0] * x + ramp[1] * y + ramp[2] * z
-        for count, at in zip(passes, reference_m, strict=True):
-            turns = turns + turns_per_m * count * np.sqrt((x - at[0]) ** 2 + ((y - at[1]) ** 2 + (z - at[2]) ** 2))
-        radians = (2 * np.pi * (turns - np.rint(turns))).astype(np.float32)
-        return np.cos(radians) + np.complex64(1j) * np.sin(radians)
+        for count, reference in zip(passes, reference_m, strict=True):
+            turns += turns_per_m * count * distances(xp, (x, y, z), reference)
+        return cis(xp, turns)
 
     def sort(self, tree: TreePlan, nodes: VoxelGrid) -> Sorted:
         """The nodes in the order of the plan's tree, which no plane's depth changes while the leaves are one layer."""

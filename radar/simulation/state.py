@@ -111,8 +111,14 @@ class EchoState:
         layers = [every] if layer is None else [every.where(layer == n) for n in range(layer.max(initial=0) + 1)]
         samples = np.zeros((len(self.scene.frequencies_hz), *array.channels), np.complex64)
         for n, part in enumerate(layers):
-            tones_hz, how = self.scene.frequencies_hz, (True, self.tolerance, self.pattern, SIGHT_TOLERANCE)
-            echoes = simulate(part, tones_hz, array, *how)
+            echoes = simulate(
+                part,
+                self.scene.frequencies_hz,
+                array,
+                tolerance=self.tolerance,
+                pattern=self.pattern,
+                sight_tolerance=SIGHT_TOLERANCE,
+            )
             samples += echoes if surface.reflection is None else echoes * surface.reflection[n][:, None, None]
         return samples
 

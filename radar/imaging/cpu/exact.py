@@ -159,8 +159,9 @@ def _scan_image(samples, position_m, points_m, turns_per_m):  # type: ignore[no-
     return (re + 1j * im).astype(np.complex64)
 
 
-def check_samples(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture) -> None:
-    """Refuse tones that are none, and samples that are no finite numbers or do not fit the tones and the aperture."""
+def check_samples(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture) -> float:
+    """Refuse tones that are none, and samples that are no finite numbers or do not fit the tones and the aperture; the
+    largest magnitude of the samples' parts."""
     tones("frequencies_hz", frequencies_hz)
     expected = (len(frequencies_hz), *aperture.channels)
     if samples.shape != expected:
@@ -168,5 +169,6 @@ def check_samples(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Ape
             f"samples: have shape {samples.shape}; expected {expected} for {len(frequencies_hz)} frequencies and "
             f"{type(aperture).__name__} channels {aperture.channels}"
         )
-    if samples.dtype.kind not in "iufc" or not np.isfinite(largest_part(samples)):
+    if samples.dtype.kind not in "iufc" or not np.isfinite(largest := largest_part(samples)):
         raise HandbenchError(f"samples: hold NaN, infinity or {samples.dtype}; expected finite numbers: repair them")
+    return largest

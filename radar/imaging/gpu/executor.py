@@ -152,7 +152,7 @@ class Upsampler:
             for rows, envelope in self._upsampled(nodes, image):
                 voxels = envelope[0] + np.complex64(1j) * envelope[1]
                 if carrier:
-                    voxels *= self._carrier(VoxelGrid(grid.x_m, grid.y_m[rows], z_m))
+                    voxels *= self.plan.carrier_at(VoxelGrid(grid.x_m, grid.y_m[rows], z_m), self._xp)
                 volume[:, rows] = to_host(voxels)
         return volumes
 
@@ -172,7 +172,7 @@ class Upsampler:
     def _upsampled(self, nodes: VoxelGrid, image: np.ndarray) -> Iterator[tuple[slice, Array]]:
         """Envelopes of all voxels from the nodes' image [nz, ny, nx]: (rows, float32 planes [2, nz, rows, nx])."""
         xp = self._xp
-        envelope = xp.asarray(image) * self._carrier(nodes).conj()
+        envelope = xp.asarray(image) * self.plan.carrier_at(nodes, xp).conj()
         nz, ny, _ = nodes.shape
         planes = xp.stack([envelope.real, envelope.imag]).reshape(2 * nz * ny, -1)
         along_x = self._along(self._along_x, planes.T).T.reshape(2, nz, ny, -1)
@@ -190,16 +190,6 @@ class Upsampler:
         if not windows:
             return nodes
         return self._xp.concatenate([self._xp.matmul(weights, nodes[..., of, :]) for of, weights in windows], axis=-2)
-
-    def _carrier(self, grid: VoxelGrid) -> Array:
-        """The carrier that the plan takes out of an image and puts back: complex64 [nz, ny, nx]."""
-        xp = self._xp
-        turns_per_m, passes, reference_m, ramp = self.plan.carrier
-        z, y, x = (xp.asarray(axis) for axis in (grid.z_m[:, None, None], grid.y_m[:, None], grid.x_m))
-        turns = ramp[0] * x + ramp[1] * y + ramp[2] * z
-        for count, reference in zip(passes, reference_m, strict=True):
-            turns += turns_per_m * count * distances(xp, (x, y, z), reference)
-        return cis(xp, turns)
 
 
 def _batches(where: Sorted, touched: np.ndarray, rows: np.ndarray, point_bytes: int) -> Iterator[Batch]:
