@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from itertools import product
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from radar.simulation.physics.creeping import roundness_of
 from radar.simulation.physics.diffracted import by_rays, samples_of, sight_of
 from radar.simulation.physics.facets import face_vectors
 from radar.simulation.physics.line_of_sight import rays_of
-from radar.simulation.physics.ray_tubes import mirrors_of, mirrors_onward, trace
+from radar.simulation.physics.ray_tubes import mirrors_of, trace
 from radar.simulation.physics.reflection import body_reflection, echo_reflection, oblique_ratios
 from radar.simulation.pilot import CENTRE_M, LONGEST, body_echoes, visible_surface
 from radar.simulation.scene import Body, EchoScene, Material
@@ -65,22 +64,20 @@ class Multipath(Effect):
         body, rays, layer = surface.body, rays_of(state.scene, surface.body), _layers(surface)
         longest_m = PATCH * state.scene.wavelength_m * state.scene.mirrors_coarser
         antennas_m = np.concatenate([leg.position_m for leg in state.array.legs])
-        mirrors = [mirrors_of(rays, body, antennas_m, longest_m)]
-        while mirrors[-1].face.size and len(mirrors) < BOUNCES - 1:
-            mirrors.append(mirrors_onward(rays, mirrors[-1], antennas_m, longest_m, len(mirrors) + 1))
+        mirrors = mirrors_of(rays, body, antennas_m, longest_m, BOUNCES - 1)
+        if not len(mirrors.face):
+            return
         wavenumber = 0.0 if surface.sight is None else roundness_of(state.scene, body).wavenumber
         arrays = {1: state.array, -1: _exchanged(state.array)}
-        found: dict[tuple[int, int], Bundles] = {}
+        found: dict[int, Bundles] = {}
 
-        def bounce(way: tuple[int, int]) -> None:
-            array, bounces = arrays[way[0]], way[1]
-            at = nodes(array, state.scene.nodes_apart)
-            few = AntennaArray(array.tx_m[at[0]], array.rx_m[at[1]])
-            traced = trace(rays, mirrors[bounces - 1], few, bounces, wavenumber)
-            found[way] = Bundles(traced, layer, at, state.scene.dipole)
+        def bounce(sense: int) -> None:
+            at = nodes(arrays[sense], state.scene.nodes_apart)
+            few = AntennaArray(arrays[sense].tx_m[at[0]], arrays[sense].rx_m[at[1]])
+            traced = trace(rays, mirrors, few, int(mirrors.bounces.max()), wavenumber)
+            found[sense] = Bundles(traced, layer, at, state.scene.dipole)
 
-        ways = list(product(arrays, range(1, len(mirrors) + 1)))
-        for_each(bounce, ways)
+        for_each(bounce, arrays)
         if not any(map(len, found.values())):
             return
 
@@ -88,9 +85,8 @@ class Multipath(Effect):
             material = Material() if surface.reflection is None else body.material  # where it is off, that of metal
             ratios = oblique_ratios(material, float(state.scene.frequencies_hz.mean()))
             echoes = np.zeros((len(state.scene.frequencies_hz), *state.array.channels), np.complex64)
-            for sense, bounces in ways:
-                bundles, array = found[sense, bounces], arrays[sense]
-                one = bundles.echo(state.scene.frequencies_hz, array, surface.reflection, state.pattern, ratios)
+            for sense, array in arrays.items():
+                one = found[sense].echo(state.scene.frequencies_hz, array, surface.reflection, state.pattern, ratios)
                 echoes += (one if sense > 0 else one.swapaxes(1, 2)) / 2
             return echoes
 

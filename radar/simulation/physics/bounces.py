@@ -206,8 +206,7 @@ def radiate(  # type: ignore[no-untyped-def]
     """
     samples = np.zeros((len(turns_per_m), 2, len(tx_m), len(rx_m)), np.float32)
     gain, path = np.empty(len(rx_m), np.float32), np.empty(len(rx_m), np.float32)
-    x_m, y_m, z_m = rx_m[:, 0].astype(np.float32), rx_m[:, 1].astype(np.float32), rx_m[:, 2].astype(np.float32)
-    behind_m, zero, one, twelfth = after_m.astype(np.float32), np.float32(0), np.float32(1), np.float32(1 / 12)
+    receivers = np.stack((rx_m[:, 0], rx_m[:, 1], rx_m[:, 2], after_m)).astype(np.float32)
     eighth = np.float32((2 * np.pi * middle) ** 2 / 8)
     for t in range(len(tx_m)):
         for n in range(starts[t], starts[t + 1]):
@@ -219,40 +218,56 @@ def radiate(  # type: ignore[no-untyped-def]
             if pattern != 0:
                 amplitude *= max(way[2] / distance, 0.0) ** pattern
             level, base = np.float32(amplitude), np.float32(distance + tubes.length_m[n] - before_m[t])
-            x, y, z = _single(tubes.points_m[n, -1])
-            nx, ny, nz = _single(tubes.normal[n])
-            ax, ay, az = _single(tubes.edge_m[n, 0])
-            bx, by, bz = _single(tubes.edge_m[n, 1])
-            cx, cy, cz = _single(tubes.edge_m[n, 2])
-            longer_a, longer_b, longer_c = _single(tubes.longer_m[n])
-            sight, clearest = seen[tubes.faces[n, -1]], zero
-            for r in range(len(rx_m)):
-                ux, uy, uz = x_m[r] - x, y_m[r] - y, z_m[r] - z
-                length = np.sqrt(ux * ux + uy * uy + uz * uz)
-                scale = one / length
-                ux, uy, uz = ux * scale, uy * scale, uz * scale
-                a = longer_a - ux * ax - uy * ay - uz * az
-                b = longer_b - ux * bx - uy * by - uz * bz
-                c = longer_c - ux * cx - uy * cy - uz * cz
-                mean = (a + b + c) * twelfth
-                path[r] = base + (length - behind_m[r]) + mean
-                fade = one / (one + eighth * ((a * a + b * b + c * c) * twelfth - np.float32(4) * mean * mean))
-                fade *= fade
-                cosine = max(nx * ux + ny * uy + nz * uz, zero)
-                gain[r] = level * scale * np.sqrt(cosine) * fade * fade * sight[r]
-                if pattern != 0:
-                    gain[r] *= max(-uz, zero) ** pattern
-                clearest = max(clearest, fade * sight[r])
-            if clearest * clearest < FAINT:
+            place, normal, edges = _single(tubes.points_m[n, -1]), _single(tubes.normal[n]), tubes.edge_m[n]
+            edges = _single(edges[0]), _single(edges[1]), _single(edges[2])
+            sight, longer = seen[tubes.faces[n, -1]], _single(tubes.longer_m[n])
+            if not _arrive(receivers, place, normal, edges, longer, sight, eighth, level, base, gain, path):
                 continue
+            if pattern != 0:
+                for r in range(len(gain)):
+                    towards = minus(vec(tubes.points_m[n, -1]), vec(rx_m[r]))
+                    gain[r] *= max(towards[2] / norm(towards), 0.0) ** pattern
             for m in range(len(turns_per_m)):
-                turns, weight = np.float32(-turns_per_m[m]), factor[n] * reflection[pair[n], m]
-                real, imag = weight.real, weight.imag
-                for r in range(len(rx_m)):
-                    cosine, sine = cis_small(turns * path[r])
-                    samples[m, 0, t, r] += gain[r] * (real * cosine - imag * sine)
-                    samples[m, 1, t, r] += gain[r] * (real * sine + imag * cosine)
+                weight = factor[n] * reflection[pair[n], m]
+                _add(samples[m, 0, t], samples[m, 1, t], gain, path, weight, np.float32(-turns_per_m[m]))
     return samples
+
+
+@numba.njit(**FAST)
+def _arrive(  # type: ignore[no-untyped-def]
+    receivers, place, normal, edges, longer, sight, eighth, level, base, gain, path
+):
+    """Fill in gains and paths of a tube for all receivers [4, r], x, y, z and path taken out; whether enough of it is
+    left over for any. No loop here or in `_add` has an end that depends on its values: they become vector code."""
+    zero, one, twelfth, clear = np.float32(0), np.float32(1), np.float32(1 / 12), np.float32(FAINT)
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = edges
+    count = zero
+    for r in range(len(gain)):
+        ux, uy, uz = receivers[0, r] - place[0], receivers[1, r] - place[1], receivers[2, r] - place[2]
+        length = np.sqrt(ux * ux + uy * uy + uz * uz)
+        scale = one / length
+        ux, uy, uz = ux * scale, uy * scale, uz * scale
+        a = longer[0] - ux * ax - uy * ay - uz * az
+        b = longer[1] - ux * bx - uy * by - uz * bz
+        c = longer[2] - ux * cx - uy * cy - uz * cz
+        mean = (a + b + c) * twelfth
+        path[r] = base + (length - receivers[3, r]) + mean
+        fade = one / (one + eighth * ((a * a + b * b + c * c) * twelfth - np.float32(4) * mean * mean))
+        fade *= fade
+        fade *= fade * sight[r]
+        gain[r] = level * scale * np.sqrt(max(normal[0] * ux + normal[1] * uy + normal[2] * uz, zero)) * fade
+        count += one if fade >= clear else zero
+    return count > zero
+
+
+@numba.njit(**FAST)
+def _add(re, im, gain, path, weight, turns):  # type: ignore[no-untyped-def]
+    """Add a tube's waves at a tone."""
+    real, imag = weight.real, weight.imag
+    for r in range(len(re)):
+        cosine, sine = cis_small(turns * path[r])
+        re[r] += gain[r] * (real * cosine - imag * sine)
+        im[r] += gain[r] * (real * sine + imag * cosine)
 
 
 @numba.njit(inline="always")

@@ -102,7 +102,7 @@ class FewTones(NamedTuple):
 
 
 class Bundles:
-    """Traced hits in bundles: by the cells in which they start and land.
+    """Traced hits in bundles: by the number of their bounces and the cells in which they start and land.
 
     layer [faces]: of each face of the body; at: the indices of the antennas for which the rays were traced; dipole [3]:
     the antennas'.
@@ -113,14 +113,16 @@ class Bundles:
     ) -> None:
         hits, mirrors = traced.hits, traced.mirrors
         self._traced, self._at, self._dipole = traced, at, dipole
-        self._layers = np.column_stack([layer[mirrors.face[hits.patch]], layer[hits.faces]])
-        self._count = 1 + int(layer.max())
+        self._count = 2 + int(layer.max())  # one more, of the faces that are not met
+        met = np.append(layer, self._count - 1).astype(np.int8)[hits.faces]
+        self._layers = np.column_stack([layer.astype(np.int8)[mirrors.face[hits.patch]], met])
         start_m = mirrors.patches.middle_m
         self._cells = first, last = Cells.of(start_m), Cells.of(hits.end_m)
-        key = last.cell * len(first.centre_m) + first.cell[hits.patch]
+        kinds = len(last.centre_m), len(first.centre_m), hits.faces.shape[1]
+        key = np.ravel_multi_index((last.cell, first.cell[hits.patch], hits.bounces - 1), kinds)
         order = _sorting(key)  # the transmitters are in order
         self._bundles = [one for one in np.split(order, np.flatnonzero(np.diff(key[order])) + 1) if len(one)]
-        self._places = [divmod(int(key[one[0]]), len(first.centre_m))[::-1] for one in self._bundles]
+        self._places = [(int(first.cell[hits.patch[one[0]]]), int(last.cell[one[0]])) for one in self._bundles]
         self._length_m, reach_m = np.zeros(len(self)), np.zeros(len(self))
 
         def measure(n: int) -> None:
@@ -154,9 +156,10 @@ class Bundles:
         """
         if len(self) == 0:
             return np.zeros((len(frequencies_hz), *array.channels), np.complex64)
-        level = np.ones((self._count, len(frequencies_hz))) if reflection is None else reflection
+        level = np.ones((self._count, len(frequencies_hz)), complex)
+        level[:-1] = -1.0 if reflection is None else -reflection
         products = level
-        for _ in range(places := self._layers.shape[1] - 1):
+        for _ in range(self._layers.shape[1] - 1):
             products = (products[:, None] * level).reshape(-1, len(frequencies_hz))
         turns_per_m, legs = frequencies_hz / SPEED_OF_LIGHT_M_S, (array.tx_m, array.rx_m)
         tx, rx = (
@@ -188,7 +191,7 @@ class Bundles:
         for_each(work, range(SUMS))
         # Summed in order: no result depends on the threads.
         samples = ascend(parts.sum(axis=0), turns_per_m, *middle_m, whole.weights, EVERY, EVERY)
-        return np.asarray((-1) ** places * complex_samples(samples))
+        return -complex_samples(samples)
 
     def _few(
         self,
@@ -207,7 +210,7 @@ class Bundles:
         tx_m, rx_m = array.tx_m[self._at[0]], array.rx_m[self._at[1]]
         before_m = np.linalg.norm(tx_m - self._cells[0].centre_m[first], axis=1) + self._length_m[n]
         after_m = np.linalg.norm(rx_m - self._cells[1].centre_m[last], axis=1)
-        layers = self._layers[bundle]
+        layers = self._layers[bundle].astype(np.int64)
         factor = tube_factors(tubes, tx_m, self._dipole, ratios, np.minimum(layers, len(ratios) - 1))
         row = layers @ self._count ** np.arange(layers.shape[1])[::-1]
         reflection = factor, row, products[:, chosen].astype(np.complex64)
