@@ -60,17 +60,20 @@ class Patches(NamedTuple):
 
 
 @numba.njit(**FAST)
-def mirror(patches, antenna_m, chosen, onward):  # type: ignore[no-untyped-def]
-    """Fill in the directions onward [n, 3] in which the middle of each chosen patch [n] mirrors an antenna [3]; whether
-    the patch turns its front to both, bool [n]."""
-    front = np.empty(len(chosen), np.bool_)
+def mirror(patches, antenna_m, chosen, ahead_m, ways):  # type: ignore[no-untyped-def]
+    """Fill in the first of ways [n, 6]: ahead_m before its middle, and the direction in which it mirrors an antenna
+    [3], for every chosen patch [n] that turns its front to both; which those are, bool [n]."""
+    front, count = np.empty(len(chosen), np.bool_), 0
     antenna = vec(antenna_m)
     for n in range(len(chosen)):
-        flat = vec(patches.flat_m2[chosen[n]])
-        incoming, _ = direction(minus(vec(patches.middle_m[chosen[n]]), antenna))
+        flat, middle = vec(patches.flat_m2[chosen[n]]), vec(patches.middle_m[chosen[n]])
+        incoming, _ = direction(minus(middle, antenna))
         bounced = mirrored(incoming, vec(patches.normal[chosen[n]]))
-        onward[n, 0], onward[n, 1], onward[n, 2] = bounced
         front[n] = dot(incoming, flat) < 0 and dot(bounced, flat) > 0
+        if front[n]:
+            ways[count, 0], ways[count, 1], ways[count, 2] = ahead(middle, ahead_m, bounced)
+            ways[count, 3], ways[count, 4], ways[count, 5] = bounced
+            count += 1
     return front
 
 

@@ -10,17 +10,19 @@ from __future__ import annotations
 from itertools import groupby
 from typing import NamedTuple
 
+import numba
 import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.imaging.cpu.ascent import ascend
 from radar.imaging.cpu.descent import complex_samples
-from radar.imaging.cpu.steering import steered_differences
+from radar.imaging.cpu.steering import FAST, steered_differences
 from radar.imaging.skeleton import band_skeleton
 from radar.simulation.physics.bounces import radiate
 from radar.simulation.physics.line_of_sight import lines, spaced
 from radar.simulation.physics.polarisation import tube_factors
 from radar.simulation.physics.ray_tubes import Traced
+from radar.simulation.physics.vectors import minus, norm, vec
 from radar.support.parallel import for_each
 
 TOLERANCE = 3e-3  # of the bounces' echoes: for the tones that stand for the others
@@ -123,18 +125,10 @@ class Bundles:
         order = _sorting(key)  # the transmitters are in order
         self._bundles = [one for one in np.split(order, np.flatnonzero(np.diff(key[order])) + 1) if len(one)]
         self._places = [(int(first.cell[hits.patch[one[0]]]), int(last.cell[one[0]])) for one in self._bundles]
-        self._length_m, reach_m = np.zeros(len(self)), np.zeros(len(self))
-
-        def measure(n: int) -> None:
-            chosen, (begin, end) = self._bundles[n], self._places[n]
-            tx_m, from_m = traced.array.tx_m[hits.transmitter[chosen]], start_m[hits.patch[chosen]]
-            length_m = hits.length_m[chosen]
-            path_m = _lengths(from_m - tx_m) - _lengths(first.centre_m[begin] - tx_m)
-            self._length_m[n] = length_m.mean()
-            late_m = np.abs(path_m + length_m - self._length_m[n]).max()
-            reach_m[n] = late_m + _lengths(hits.end_m[chosen] - last.centre_m[end]).max()
-
-        for_each(measure, range(len(self)))
+        starts = np.cumsum([0, *map(len, self._bundles)])
+        places = np.array(self._places, int).reshape(-1, 2)
+        centres = first.centre_m, last.centre_m
+        self._length_m, reach_m = _reach(hits, order, starts, places, traced.array.tx_m, start_m, *centres)
         self._reach_m = REACH_M * np.ceil(reach_m / REACH_M)
 
     def __len__(self) -> int:
@@ -225,9 +219,23 @@ def _sorting(key: np.ndarray) -> np.ndarray:
     return np.argsort(key.astype(np.min_scalar_type(key.max(initial=0))), kind="stable")
 
 
-def _lengths(vectors: np.ndarray) -> np.ndarray:
-    """Of vectors [n, 3]."""
-    return np.asarray(np.sqrt(np.einsum("ni,ni->n", vectors, vectors)))
+@numba.njit(**FAST)
+def _reach(hits, order, starts, places, tx_m, start_m, first_m, last_m):  # type: ignore[no-untyped-def]
+    """Mean length [b] of the hits order[starts[b]:starts[b + 1]] of bundles and the most by which their paths differ
+    from that over the centres first_m and last_m of their cells, with any antennas."""
+    length_m, reach_m = np.zeros(len(places)), np.zeros(len(places))
+    for b in range(len(places)):
+        begin, end = vec(first_m[places[b, 0]]), vec(last_m[places[b, 1]])
+        for n in order[starts[b] : starts[b + 1]]:
+            length_m[b] += hits.length_m[n] / (starts[b + 1] - starts[b])
+        late_m = wide_m = 0.0
+        for n in order[starts[b] : starts[b + 1]]:
+            antenna = vec(tx_m[hits.transmitter[n]])
+            path_m = norm(minus(vec(start_m[hits.patch[n]]), antenna)) - norm(minus(begin, antenna))
+            late_m = max(late_m, abs(path_m + hits.length_m[n] - length_m[b]))
+            wide_m = max(wide_m, norm(minus(vec(hits.end_m[n]), end)))
+        reach_m[b] = late_m + wide_m
+    return length_m, reach_m
 
 
 def _weights(

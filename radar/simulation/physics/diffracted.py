@@ -27,7 +27,7 @@ NODES_M = 0.02  # between the antennas of a line for which the field is computed
 SAMPLES_M = 2e-3  # longest edges of the triangles at whose corners it is
 CELL = 6.0  # width of the cells of samples over that
 FULL = 0.05  # difference from full sight, or from none, that does not count
-IN_SIGHT = np.array([1.0, 0.0, 0.0])[:, None]  # in a table of `Sight`
+IN_SIGHT = np.array([1.0, 0.0, 0.0], np.complex64)[:, None]  # in a table of `Sight`
 
 Look = Callable[[np.ndarray, Outline], tuple[Outline, np.ndarray]]  # what an antenna sees: of an outline, and of points
 
@@ -66,16 +66,22 @@ def sight_of(
             factors[:] = visible + middle, (high - low) / 2, (high + low) / 2 - middle
 
         for_each(work, nodes)
-        some &= (np.abs(table) > FULL).any(axis=(1, 2))
+        some &= _far(table)
         tables.append(table)
         spreads.append(spread)
-    partial = np.any([(np.abs(table - IN_SIGHT) > FULL).any(axis=(1, 2)) for table in tables], axis=0)
+    partial = np.any([_far(table - IN_SIGHT) for table in tables], axis=0)
     seen_any = some[corner].any(axis=0)
     corner[:, ~partial[corner].any(axis=0)] = -1
     detour_m = 0.75 * diffraction.FARTHEST / wavenumbers[-1]  # whose wave has half faded
     beside = 1 / (4 * turns.max() * apart_m)  # waves from there turn by π/2 from node to node
     sight = Sight(corner, share, tables[0], spreads[0], tables[1], spreads[1], middle, half, detour_m, beside)
     return sight, seen_any
+
+
+def _far(table: np.ndarray) -> np.ndarray:
+    """Mask [s] of what differs from 0 anywhere in a table [s, 3, nodes]."""
+    parts = table.view(np.float32).reshape(len(table), -1)
+    return np.asarray(((parts[:, ::2] ** 2 + parts[:, 1::2] ** 2) > FULL**2).any(axis=1))
 
 
 def by_rays(rays: Rays, points_m: np.ndarray) -> Look:

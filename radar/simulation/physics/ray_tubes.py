@@ -19,6 +19,7 @@ CREASE = 0.85  # cosine between a face and its corner's normal below which the c
 LEAST = 0.05  # of the amplitudes of tubes of as many bounces as has most: fewer make up 0.5 % of the echoes of a hand
 COARSE = 2  # times as long are the patches that are tried first,
 TRIAL_M = 0.2  # with antennas so far apart, the ends of all lines among them
+BESIDE = 0.05  # of that distance, within which antennas see the same
 STRIDE_M = 0.08  # between the antennas whose sight is asked first
 
 
@@ -120,27 +121,28 @@ def trace(rays: Rays, mirrors: Mirrors, array: AntennaArray, bounces: int, waven
         for b in range(1, bounces):
             hits = mirrored_on(rays, hits.where(many[hits.patch] > b), mirrors.patches, surface, array.tx_m)
             found[b].append(hits)
-    hits = _joined(found)
+    faces = np.unique(np.concatenate([hits.faces[:, -1] for some in found for hits in some]))
     seen = np.zeros((len(surface.normal), len(array.rx_m)), np.float32)
-    last = hits.faces[np.arange(len(hits.faces)), hits.bounces - 1]
-    faces = np.unique(last)
     seen[faces] = points_in_sight(rays, surface.middle_m[faces], array.rx_m, STRIDE_M).T
-    return Traced(hits, mirrors, seen, array, wavenumber)
+    return Traced(_joined(found, seen.any(axis=1)), mirrors, seen, array, wavenumber)
 
 
-def _joined(found: list[list[Hits]]) -> Hits:
-    """All hits of lists by their number of bounces, with as many columns of faces."""
-    padded = [
-        hits._replace(faces=np.pad(hits.faces, ((0, 0), (0, len(found) - 1 - b)), constant_values=-1))
-        for b, some in enumerate(found)
-        for hits in some
-    ]
+def _joined(found: list[list[Hits]], heard: np.ndarray) -> Hits:
+    """All hits of lists by their number of bounces whose last face is heard, with as many columns of faces."""
+    padded = []
+    for b, some in enumerate(found):
+        for hits in (hits.where(heard[hits.faces[:, -1]]) for hits in some):
+            faces = np.full((len(hits.patch), len(found)), -1, np.int32)
+            faces[:, : b + 1] = hits.faces
+            padded.append(hits._replace(faces=faces))
     return Hits(*(np.concatenate(column) for column in zip(*padded, strict=True)))
 
 
 def split(surface: Patches, longest_m: float) -> tuple[Patches, np.ndarray]:
     """Patches split into four until no edge is longer than longest_m, and the face that each is a part of."""
     corners_m, normals, face = surface.corners_m, surface.normals, np.arange(len(surface.normal))
+    if np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(initial=0) <= longest_m:
+        return surface, face
     done: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     while not done or len(face):
         long = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(axis=1) > longest_m
@@ -171,27 +173,36 @@ def _lit(rays: Rays, patches: Patches, surface: Patches, antennas_m: np.ndarray,
     them together count."""
     count, level_m2 = np.zeros(len(patches.normal), int), np.zeros(bounces + 1)
     everything = np.arange(len(count))
-    for line in lines(antennas_m):
-        length_m = np.linalg.norm(np.ptp(antennas_m[line], axis=0))
-        for n in np.unique(np.linspace(0, len(line) - 1, 2 + int(length_m / TRIAL_M)).astype(int)):
-            hits = first_hits(rays, patches, antennas_m, int(line[n]), everything)
-            for b in range(1, bounces + 1):
-                root_m2 = landed(hits, patches, surface, antennas_m).root_m2
-                some, level_m2[b] = hits.patch[root_m2 > 0], level_m2[b] + root_m2.sum()
-                count[some] = np.maximum(count[some], b)
-                if b < bounces:
-                    hits = mirrored_on(rays, hits, patches, surface, antennas_m)
+    for antenna in _few(antennas_m):
+        hits = first_hits(rays, patches, antennas_m, antenna, everything)
+        for b in range(1, bounces + 1):
+            root_m2 = landed(hits, patches, surface, antennas_m).root_m2
+            some, level_m2[b] = hits.patch[root_m2 > 0], level_m2[b] + root_m2.sum()
+            count[some] = np.maximum(count[some], b)
+            if b < bounces:
+                hits = mirrored_on(rays, hits, patches, surface, antennas_m)
     heard = level_m2[1:] >= LEAST * level_m2.max()
     return np.minimum(count, bounces if heard.all() else heard.argmin())
 
 
+def _few(antennas_m: np.ndarray) -> list[int]:
+    """Antennas [a, 3] TRIAL_M apart, the ends of lines among them, but for those beside another one."""
+    few: list[int] = []
+    for line in lines(antennas_m):
+        length_m = np.linalg.norm(np.ptp(antennas_m[line], axis=0))
+        for n in line[np.linspace(0, len(line) - 1, 2 + int(length_m / TRIAL_M)).astype(int)]:
+            if (np.linalg.norm(antennas_m[few] - antennas_m[n], axis=1) > BESIDE * TRIAL_M).all():
+                few.append(int(n))
+    return few
+
+
 def first_hits(rays: Rays, patches: Patches, antennas_m: np.ndarray, antenna: int, chosen: np.ndarray) -> Hits:
     """The hits of an antenna, by index, over those of the chosen patches that mirror it onto the body."""
-    direction = np.empty((len(chosen), 3))
-    front = mirror(patches, antennas_m[antenna], chosen, direction)
-    chosen, direction = chosen[front], direction[front]
-    start_m = patches.middle_m[chosen] + OWN_SURFACE_M * direction
-    distance, face = rays.first_hits(start_m, direction)
-    hit = np.isfinite(distance)
-    end_m, face = start_m[hit] + distance[hit, None] * direction[hit], face[hit, None].astype(np.int32)
-    return Hits(np.full(len(face), antenna), chosen[hit], face, end_m, OWN_SURFACE_M + distance[hit])
+    ways = np.empty((len(chosen), 6), np.float32)
+    chosen = chosen[mirror(patches, antennas_m[antenna], chosen, OWN_SURFACE_M, ways)]
+    ways = ways[: len(chosen)]
+    distance, face = rays.first_hits(ways[:, :3], ways[:, 3:])
+    hit = np.flatnonzero(np.isfinite(distance))
+    distance, ways, face = distance[hit], ways[hit], face[hit, None].astype(np.int32)
+    end_m = ways[:, :3] + distance[:, None] * ways[:, 3:]
+    return Hits(np.full(len(hit), antenna), chosen[hit], face, end_m, distance + np.float32(OWN_SURFACE_M))
