@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from radar.simulation.effects.base import Effect, Glance
+from radar.simulation.effects.base import CLOSED, Effect, Glance
 from radar.simulation.forward import Scatterers
 from radar.simulation.physics.bundles import Bundles, nodes
 from radar.simulation.physics.coarse import double_bounce, single_bounce
@@ -25,7 +25,7 @@ from radar.support.rays import Rays
 
 BOUNCES = 4  # at most: places that a wave meets
 PATCH = 0.25  # longest edge of a mirror, wavelengths
-SECONDS_PER_FACE, SECONDS_PER_TUBE, SECONDS_PER_FACET = 3e-6, 3e-6, 7e-6
+SECONDS_PER_FACE, SECONDS_PER_TUBE, SECONDS_PER_FACET = 3e-6, 2e-6, 3e-6
 NODES_M, SAMPLES_M = 0.03, 8e-3  # between antennas and points of the room for which the diffraction is computed
 
 
@@ -140,7 +140,7 @@ class Clutter(Effect):
         nearest_m = min(float(body.vertices_m[:, 2].min()) for body in scene.room)
         level = max(float(np.abs(body_reflection(body, scene.frequencies_hz)).max()) for body in scene.room)
         ratio = level / (2 * nearest_m * target) if target > 0 and nearest_m > 0 else np.inf
-        return Glance.of_level(scene, ratio, "the room's echo, were it a mirror, over the target's")
+        return Glance.of_level(scene, ratio, "the room's echo, were it a mirror, over the target's", CLOSED)
 
     def apply(self, state: EchoState) -> None:
         scene = state.scene

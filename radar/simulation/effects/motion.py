@@ -13,7 +13,7 @@ import numpy as np
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.imaging.cpu.steering import phasor
 from radar.simulation.causes import Motion
-from radar.simulation.effects.base import Effect, Glance, echo_s
+from radar.simulation.effects.base import CLOSED, Effect, Glance, echo_s
 from radar.simulation.scene import EchoScene
 from radar.simulation.state import EchoState
 from radar.support.errors import HandbenchError
@@ -44,7 +44,7 @@ class TargetMotion(Effect):
         )
         moved_m = mean_change_m(scene.causes.motion, np.abs(scene.time_s - scene.time_s[top]))
         worst_m = float((scene.frequencies_hz[top] / below_hz * moved_m).max())
-        return Glance(1e3 * worst_m, "(f/Δf)·Δδ of the motion between two tones")
+        return Glance(1e3 * worst_m, "(f/Δf)·Δδ of the motion between two tones", CLOSED)
 
     def apply(self, state: EchoState) -> None:
         if not state.with_target:

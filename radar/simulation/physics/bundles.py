@@ -151,7 +151,7 @@ class Bundles:
         if len(self) == 0:
             return np.zeros((len(frequencies_hz), *array.channels), np.complex64)
         level = np.ones((self._count, len(frequencies_hz)), complex)
-        level[:-1] = -1.0 if reflection is None else -reflection
+        level[:-1] = -1.0 if reflection is None else -reflection[: self._count - 1]
         products = level
         for _ in range(self._layers.shape[1] - 1):
             products = (products[:, None] * level).reshape(-1, len(frequencies_hz))
