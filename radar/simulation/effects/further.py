@@ -9,7 +9,7 @@ import numpy as np
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.simulation.effects.base import CLOSED, Effect, Glance
 from radar.simulation.forward import Scatterers
-from radar.simulation.physics.bundles import Bundles, nodes
+from radar.simulation.physics.bundles import Bundles, traced_nodes
 from radar.simulation.physics.coarse import double_bounce, single_bounce
 from radar.simulation.physics.creeping import roundness_of
 from radar.simulation.physics.diffracted import by_rays, samples_of, sight_of
@@ -19,7 +19,7 @@ from radar.simulation.physics.ray_tubes import mirrors_of, trace
 from radar.simulation.physics.reflection import body_reflection, echo_reflection, oblique_ratios
 from radar.simulation.pilot import CENTRE_M, LONGEST, body_echoes, visible_surface
 from radar.simulation.scene import Body, EchoScene, Material
-from radar.simulation.state import EchoState, Surface, facing
+from radar.simulation.state import EchoState, facing
 from radar.support.parallel import for_each
 from radar.support.rays import Rays
 
@@ -44,7 +44,7 @@ class Multipath(Effect):
 
     def cost_s(self, scene: EchoScene) -> float:
         count = _twice(scene)[1]
-        antennas = len(nodes(scene.array)[0]) + len(nodes(_exchanged(scene.array))[0])
+        antennas = sum(len(traced_nodes(array)[0]) for array in (scene.array, _exchanged(scene.array)))
         tubes = count * 4 * antennas  # the coarse surface's facets are twice as wide
         return SECONDS_PER_FACE * len(scene.body.faces) + SECONDS_PER_TUBE * tubes
 
@@ -61,7 +61,9 @@ class Multipath(Effect):
         surface = state.surface
         if surface is None:
             return
-        body, rays, layer = surface.body, rays_of(state.scene, surface.body), _layers(surface)
+        body, rays, layer = surface.body, rays_of(state.scene, surface.body), np.zeros(len(surface.body.faces), int)
+        if surface.layer is not None:  # 0 where no facet of a face is in sight
+            layer[surface.facets.face] = surface.layer
         longest_m = PATCH * state.scene.wavelength_m * state.scene.mirrors_coarser
         antennas_m = np.concatenate([leg.position_m for leg in state.array.legs])
         mirrors = mirrors_of(rays, body, antennas_m, longest_m, BOUNCES - 1)
@@ -72,7 +74,7 @@ class Multipath(Effect):
         found: dict[int, Bundles] = {}
 
         def bounce(sense: int) -> None:
-            at = nodes(arrays[sense], state.scene.nodes_apart)
+            at = traced_nodes(arrays[sense], state.scene.nodes_apart)
             few = AntennaArray(arrays[sense].tx_m[at[0]], arrays[sense].rx_m[at[1]])
             traced = trace(rays, mirrors, few, int(mirrors.bounces.max()), wavenumber)
             found[sense] = Bundles(traced, layer, at, state.scene.dipole)
@@ -108,14 +110,6 @@ def target_power(scene: EchoScene) -> float:
     return single_bounce(visible_surface(scene), scene.array, CENTRE_M)
 
 
-def _layers(surface: Surface) -> np.ndarray:
-    """The layer of each face of the body [m]; 0 where no facet of it is in sight."""
-    layer = np.zeros(len(surface.body.faces), int)
-    if surface.layer is not None:
-        layer[surface.facets.face] = surface.layer
-    return layer
-
-
 class Clutter(Effect):
     """Echoes of the bodies around the target, which stay when it moves or is taken away: by physical optics, in its
     shadow as the aperture's centre casts it, or diffracted as each antenna does; waves that go by way of both target
@@ -144,7 +138,7 @@ class Clutter(Effect):
 
     def apply(self, state: EchoState) -> None:
         scene = state.scene
-        rays = _rays([*scene.room, *_opaque_target(scene, state.with_target)])
+        rays = _rays([*scene.room, *([scene.body] if state.with_target and not scene.lacks_surface else [])])
         clutter = np.zeros(state.samples.shape[1:], np.complex64)
         for body in scene.room:
             optics = _seen_behind(state, rays, body)
@@ -164,12 +158,6 @@ def _seen_behind(state: EchoState, rays: Rays, body: Body) -> Scatterers:
     look = by_rays(rays, samples.points_m)
     sight, some = sight_of(scene, surface.body, samples, look, turns_per_m, state.array, NODES_M)
     return dataclasses.replace(facets.optics, sight=sight).where(some)
-
-
-def _opaque_target(scene: EchoScene, with_target: bool) -> tuple[Body, ...]:
-    """The target, if it stands there and casts a shadow: foam does not."""
-    body = scene.target if with_target else None
-    return () if body is None or body.transparent else (body,)
 
 
 def _rays(bodies: list[Body]) -> Rays:

@@ -221,10 +221,9 @@ def radiate(  # type: ignore[no-untyped-def]
             if pattern != 0:
                 amplitude *= max(way[2] / distance, 0.0) ** pattern
             level, base = np.float32(amplitude), np.float32(distance + tubes.length_m[n] - before_m[t])
-            place, normal, edges = _single(tubes.points_m[n, -1]), _single(tubes.normal[n]), tubes.edge_m[n]
-            edges = _single(edges[0]), _single(edges[1]), _single(edges[2])
-            sight, longer = seen[tubes.faces[n, -1]], _single(tubes.longer_m[n])
-            if not _arrive(receivers, place, normal, edges, longer, sight, eighth, level, base, gain, path):
+            edges = _single(tubes.edge_m[n, 0]), _single(tubes.edge_m[n, 1]), _single(tubes.edge_m[n, 2])
+            tube = level, base, _single(tubes.points_m[n, -1]), _single(tubes.normal[n]), edges
+            if not _arrive(*tube, _single(tubes.longer_m[n]), receivers, seen[tubes.faces[n, -1]], eighth, gain, path):
                 continue
             if pattern != 0:
                 for r in range(len(gain)):
@@ -237,9 +236,7 @@ def radiate(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(**FAST)
-def _arrive(  # type: ignore[no-untyped-def]
-    receivers, place, normal, edges, longer, sight, eighth, level, base, gain, path
-):
+def _arrive(level, base, place, normal, edges, longer, receivers, sight, eighth, gain, path):  # type: ignore[no-untyped-def]
     """Fill in gains and paths of a tube for all receivers [4, r], x, y, z and path taken out; whether enough of it is
     left over for any. No loop here or in `_add` has an end that depends on its values: they become vector code."""
     zero, one, twelfth, clear = np.float32(0), np.float32(1), np.float32(1 / 12), np.float32(FAINT)

@@ -1,8 +1,8 @@
 """Echoes of ray tubes, bundle by bundle.
 
 What starts in one small cell of the target and lands in another tells few tones and few antennas all there is to know:
-the rest of both is interpolated, as in `radar.imaging.tree`. Rays are only traced for those antennas (`nodes`). Bundles
-are added up at the tones that tell all of the target's.
+the rest of both is interpolated, as in `radar.imaging.tree`. Rays are only traced for those antennas. Bundles are added
+up at the tones that tell all of the target's.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from radar.imaging.cpu.descent import complex_samples
 from radar.imaging.cpu.steering import FAST, steered_differences
 from radar.imaging.skeleton import band_skeleton
 from radar.simulation.physics.bounces import radiate
-from radar.simulation.physics.line_of_sight import lines, spaced
+from radar.simulation.physics.line_of_sight import nodes
 from radar.simulation.physics.polarisation import tube_factors
 from radar.simulation.physics.ray_tubes import Traced
 from radar.simulation.physics.vectors import minus, norm, vec
@@ -37,15 +37,10 @@ SUMS = 8  # partial sums, whatever the number of threads
 EVERY = np.zeros((0, 0), np.float32)  # weights that leave an axis as it is
 
 
-def nodes(array: AntennaArray, apart: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+def traced_nodes(array: AntennaArray, apart: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Indices of the transmitters for which rays are traced, and of the receivers that stand for all; apart: so many
     times as far from each other as usual."""
-    return _nodes(array.tx_m, apart * NODES_M[0]), _nodes(array.rx_m, apart * NODES_M[1])
-
-
-def _nodes(antennas_m: np.ndarray, apart_m: float) -> np.ndarray:
-    """Indices of antennas [a, 3] about apart_m apart along each line, its ends included."""
-    return np.concatenate([line[spaced(antennas_m[line], apart_m)[0]] for line in lines(antennas_m)])
+    return nodes(array.tx_m, apart * NODES_M[0]), nodes(array.rx_m, apart * NODES_M[1])
 
 
 class Cells(NamedTuple):
@@ -120,15 +115,14 @@ class Bundles:
         self._layers = np.column_stack([layer.astype(np.int8)[mirrors.face[hits.patch]], met])
         start_m = mirrors.patches.middle_m
         self._cells = first, last = Cells.of(start_m), Cells.of(hits.end_m)
-        kinds = len(last.centre_m), len(first.centre_m), hits.faces.shape[1]
-        key = np.ravel_multi_index((last.cell, first.cell[hits.patch], hits.bounces - 1), kinds)
+        kinds, more = (len(last.centre_m), len(first.centre_m), hits.faces.shape[1]), sum(hits.faces.T[1:] >= 0)
+        key = np.ravel_multi_index((last.cell, first.cell[hits.patch], more), kinds)
         order = _sorting(key)  # the transmitters are in order
         self._bundles = [one for one in np.split(order, np.flatnonzero(np.diff(key[order])) + 1) if len(one)]
-        self._places = [(int(first.cell[hits.patch[one[0]]]), int(last.cell[one[0]])) for one in self._bundles]
-        starts = np.cumsum([0, *map(len, self._bundles)])
-        places = np.array(self._places, int).reshape(-1, 2)
-        centres = first.centre_m, last.centre_m
-        self._length_m, reach_m = _reach(hits, order, starts, places, traced.array.tx_m, start_m, *centres)
+        one = np.array([bundle[0] for bundle in self._bundles], int)
+        self._places = np.stack([first.cell[hits.patch[one]], last.cell[one]], axis=1)
+        starts, legs = np.cumsum([0, *map(len, self._bundles)]), (traced.array.tx_m, start_m)
+        self._length_m, reach_m = _reach(hits, order, starts, self._places, *legs, first.centre_m, last.centre_m)
         self._reach_m = REACH_M * np.ceil(reach_m / REACH_M)
 
     def __len__(self) -> int:
@@ -160,7 +154,7 @@ class Bundles:
             Ends.of(cells, leg, at, turns_per_m.max(), ridge)
             for cells, leg, at, ridge in zip(self._cells, legs, self._at, RIDGES, strict=True)
         )
-        first, last = (list(cells) for cells in zip(*self._places, strict=True))
+        first, last = self._places.T
         before_m, after_m = tx.distance_m[first] + self._length_m[:, None], rx.distance_m[last]
         middle_m = before_m.mean(axis=0), after_m.mean(axis=0)
         before_m, after_m = before_m - middle_m[0], after_m - middle_m[1]

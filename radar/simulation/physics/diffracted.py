@@ -112,25 +112,23 @@ def samples_of(body: Body, facets: Facets, samples_m: float = SAMPLES_M) -> Samp
     corners_m = body.vertices_m[around]
     share = _barycentric(corners_m, facets.position_m)
     edges_m = np.sqrt(((corners_m - corners_m[:, [2, 0, 1]]) ** 2).sum(axis=2)).max(axis=1, initial=0)
-    if edges_m.max(initial=0) <= samples_m:  # the mesh is fine enough: its vertices
-        used = np.bincount(around.ravel(), minlength=len(body.vertices_m)) > 0
-        corner = (np.cumsum(used) - 1)[around]
-        return _samples(body.vertices_m[used], corner, share, samples_m)
+    fine = edges_m.max(initial=0) <= samples_m
     while len(coarse := np.flatnonzero(edges_m > samples_m)):
         halves = share[coarse]
         part = np.where(halves.max(axis=1) >= 0.5, halves.argmax(axis=1), 3)  # of `quarters`: 3 is the middle
         corners_m[coarse] = quarters(corners_m[coarse]).reshape(4, len(coarse), 3, 3)[part, np.arange(len(coarse))]
         share[coarse] = _barycentric(corners_m[coarse], facets.position_m[coarse])
         edges_m[coarse] /= 2
-    flat_m = corners_m.reshape(-1, 3)
-    tag = flat_m[:, 0] * 0.6180339887 + flat_m[:, 1] * 1.3247179572 + flat_m[:, 2] * 2.2055694304  # the same: shared
-    _, first, corner = np.unique(tag, return_index=True, return_inverse=True)
-    return _samples(flat_m[first], corner.reshape(-1, 3), share, samples_m)
-
-
-def _samples(points_m: np.ndarray, corner: np.ndarray, share: np.ndarray, samples_m: float) -> Samples:
-    around = np.ascontiguousarray(corner.T, np.int32)
-    return Samples(points_m, around, np.ascontiguousarray(share.T, np.float32), samples_m)
+    if fine:  # the mesh's vertices
+        used = np.bincount(around.ravel(), minlength=len(body.vertices_m)) > 0
+        points_m, corner = body.vertices_m[used], (np.cumsum(used) - 1)[around]
+    else:
+        flat_m = corners_m.reshape(-1, 3)
+        tag = flat_m[:, 0] * 0.6180339887 + flat_m[:, 1] * 1.3247179572 + flat_m[:, 2] * 2.2055694304  # shared ones
+        _, first, corner = np.unique(tag, return_index=True, return_inverse=True)
+        points_m, corner = flat_m[first], corner.reshape(-1, 3)
+    around, share = np.ascontiguousarray(corner.T, np.int32), np.ascontiguousarray(share.T, np.float32)
+    return Samples(points_m, around, share, samples_m)
 
 
 def _barycentric(corners_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from radar.data.arrays import AntennaArray
 from radar.simulation.physics.bounces import Patches, Tubes, land, mirror
 from radar.simulation.physics.creeping import LIT
 from radar.simulation.physics.facets import face_vectors, quarters, unit, vertex_normals
-from radar.simulation.physics.line_of_sight import lines, points_in_sight
+from radar.simulation.physics.line_of_sight import nodes, points_in_sight
 from radar.simulation.scene import Body
 from radar.support.rays import OWN_SURFACE_M, Rays
 
@@ -19,7 +19,7 @@ CREASE = 0.85  # cosine between a face and its corner's normal below which the c
 LEAST = 0.05  # of the amplitudes of tubes of as many bounces as has most: fewer make up 0.5 % of the echoes of a hand
 COARSE = 2  # times as long are the patches that are tried first,
 TRIAL_M = 0.2  # with antennas so far apart, the ends of all lines among them
-BESIDE = 0.05  # of that distance, within which antennas see the same
+BESIDE_M = 0.01  # width of the cells of which each has one
 STRIDE_M = 0.08  # between the antennas whose sight is asked first
 
 
@@ -33,11 +33,6 @@ class Hits(NamedTuple):
     faces: np.ndarray
     end_m: np.ndarray
     length_m: np.ndarray
-
-    @property
-    def bounces(self) -> np.ndarray:
-        """The number of faces [n] that each meets."""
-        return np.asarray(sum(column >= 0 for column in self.faces.T), int)
 
     def where(self, chosen: np.ndarray) -> Hits:
         """Some of them, by mask or index."""
@@ -173,7 +168,8 @@ def _lit(rays: Rays, patches: Patches, surface: Patches, antennas_m: np.ndarray,
     them together count."""
     count, level_m2 = np.zeros(len(patches.normal), int), np.zeros(bounces + 1)
     everything = np.arange(len(count))
-    for antenna in _few(antennas_m):
+    few = nodes(antennas_m, TRIAL_M)
+    for antenna in few[np.unique((antennas_m[few] / BESIDE_M).round(), axis=0, return_index=True)[1]]:
         hits = first_hits(rays, patches, antennas_m, antenna, everything)
         for b in range(1, bounces + 1):
             root_m2 = landed(hits, patches, surface, antennas_m).root_m2
@@ -183,17 +179,6 @@ def _lit(rays: Rays, patches: Patches, surface: Patches, antennas_m: np.ndarray,
                 hits = mirrored_on(rays, hits, patches, surface, antennas_m)
     heard = level_m2[1:] >= LEAST * level_m2.max()
     return np.minimum(count, bounces if heard.all() else heard.argmin())
-
-
-def _few(antennas_m: np.ndarray) -> list[int]:
-    """Antennas [a, 3] TRIAL_M apart, the ends of lines among them, but for those beside another one."""
-    few: list[int] = []
-    for line in lines(antennas_m):
-        length_m = np.linalg.norm(np.ptp(antennas_m[line], axis=0))
-        for n in line[np.linspace(0, len(line) - 1, 2 + int(length_m / TRIAL_M)).astype(int)]:
-            if (np.linalg.norm(antennas_m[few] - antennas_m[n], axis=1) > BESIDE * TRIAL_M).all():
-                few.append(int(n))
-    return few
 
 
 def first_hits(rays: Rays, patches: Patches, antennas_m: np.ndarray, antenna: int, chosen: np.ndarray) -> Hits:
