@@ -74,7 +74,7 @@ def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Record]:
     timed = _round(scene, listed)
     made = {mm: last for mm, (_, _, last) in timed.items()}
     seconds = {mm: np.array(timed[mm][:2]) for mm in listed}
-    maps = {None: depth_maps(scene, made[None][0])}
+    maps: dict[float | None, Maps] = {None: depth_maps(scene, made[None][0])}
     maps |= {mm: maps[None] if made[mm][0] is made[None][0] else depth_maps(scene, made[mm][0]) for mm in tolerances_mm}
     records = []
     for mm in tolerances_mm:

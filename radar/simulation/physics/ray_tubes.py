@@ -119,7 +119,7 @@ def trace(rays: Rays, mirrors: Mirrors, array: AntennaArray, bounces: int, waven
     faces = np.unique(np.concatenate([hits.faces[:, -1] for some in found for hits in some]))
     seen = np.zeros((len(surface.normal), len(array.rx_m)), np.float32)
     seen[faces] = points_in_sight(rays, surface.middle_m[faces], array.rx_m, STRIDE_M).T
-    return Traced(_joined(found, seen.any(axis=1)), mirrors, seen, array, wavenumber)
+    return Traced(_joined(found, np.asarray(seen.any(axis=1))), mirrors, seen, array, wavenumber)
 
 
 def _joined(found: list[list[Hits]], heard: np.ndarray) -> Hits:
