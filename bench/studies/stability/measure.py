@@ -19,7 +19,7 @@ from radar.support.config import suggest
 from radar.support.errors import HandbenchError
 from radar.support.progress import say
 
-SHOWN = ["group", "case", "quantity", "bound", "measured", "unit", "verdict"]
+SHOWN = ["group", "case", "quantity", "bound", "kind", "measured", "unit", "verdict"]
 
 
 def run_stability(
@@ -34,7 +34,8 @@ def run_stability(
         tables = [] if groups else [precision_cases.table(), condition_cases.table()]
         tables += [random_scenes.table(seed, scenes)] if scenes and not groups else []
     table = frame(CASES, (line for _, line in found))
-    facts = StabilityFacts(seed=seed, seconds=time.perf_counter() - start, tables=tuple(tables), **stand())
+    kinds = {case.name: case.kind for case in chosen}
+    facts = StabilityFacts(seed=seed, seconds=time.perf_counter() - start, kinds=kinds, tables=tuple(tables), **stand())
     if folder is not None:
         write_stability(folder, facts, table)
         say(f"stability: {folder / 'stability.csv'}")

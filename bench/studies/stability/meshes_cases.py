@@ -12,8 +12,8 @@ import psutil
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from bench.studies.stability.cases import Seen, Works
-from groundtruth.mesh.depth import reference_on_grid
+from bench.studies.stability.cases import U_SINGLE, Seen, U, Works
+from groundtruth.mesh.depth import EDGE_ON, LARGEST_M, reference_on_grid
 from groundtruth.mesh.mesh_files import read_triangles
 from groundtruth.mesh.surface import Surface
 from radar.support.rays import Rays
@@ -78,9 +78,21 @@ def plane_error_m(z_m: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, slopes: np.
     return float(np.where(np.isnan(error), np.inf, error).max())
 
 
-U = 2.0**-53
 GRID_M = np.linspace(-0.09, 0.09, 37)
-BOUNDS = {"fins": 1e4 * 2.0**-24 * 0.13, "slivers": 8 * U, "layers": 250 * 2.0**-22}
+# A plane's depth: edges, products and differences of two components of the normal, then an offset, a product, a sum, a
+# quotient and a difference, in double; a vertex is rounded too.
+ROUNDED_M = (2 * 3 + 5 + 1) * U * 0.5
+SHEET_M = 0.13  # furthest from the axis
+FACE_BYTES = 0.5 * 28 + 13  # of a PLY: half a vertex of three doubles and a float, three indices and their count
+BOUNDS = {
+    "grazing": ROUNDED_M,
+    "fins": U_SINGLE * SHEET_M / EDGE_ON,
+    "slivers": ROUNDED_M,
+    "soups": ROUNDED_M,
+    "layers": 4 * U_SINGLE * LARGEST_M[2],
+    "at_edges": 0.5**2,
+    "memory": 8 * FACE_BYTES * 1e7 / 1e9,  # `require_free` asks for 8 times a PLY file
+}
 
 
 def _grazing() -> Seen:
@@ -210,7 +222,7 @@ def _oblique() -> Seen:
         chosen = faces[generator.integers(0, len(faces), 100_000)]
         aims = np.einsum("nk,nkj->nj", generator.dirichlet([1, 1, 1], len(chosen)), vertices[chosen])
         edges_per_m = 3 / (np.pi * 0.05 / rings)  # length of edges over the area
-        rounded = edges_per_m * 2.0**-22 * np.linalg.norm(eye_m - [0, 0, DEPTH_M])
+        rounded = edges_per_m * 4 * U_SINGLE * np.linalg.norm(eye_m - [0, 0, DEPTH_M])
         yield f"{rings} rings, from {eye_m.tolist()} m", _slipped(rings, aims, eye_m) / rounded
 
 

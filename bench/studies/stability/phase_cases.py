@@ -9,13 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from bench.studies.stability.cases import Seen, Works
+from bench.studies.stability.cases import U_SINGLE, Seen, U, Works
 from bench.studies.stability.scenes import (
     FSK,
+    HALF_M,
     LADDER_HZ,
     PERIOD_M,
     POINT_M,
     STEP_M,
+    VOXEL_MM,
     C,
     bumpy_points,
     by_flag,
@@ -23,29 +25,43 @@ from bench.studies.stability.scenes import (
     depth_map,
     echoes,
     flags,
+    left_m,
     middle,
     noisy,
     recorded,
+    slack,
 )
 from radar.data.arrays import qar50
 from radar.data.grid import PixelGrid
 from radar.imaging.cpu.exact import tone_images
 from radar.methods.confidence import wrap_probability
 from radar.methods.fsk import depth_step_m
-from radar.methods.fsk_config import SETTLING
+from radar.methods.fsk_config import SETTLING, ThreeToneConfig
 
 PAPER_HZ = (82.0e9, 81.8e9, 79.5e9)
 CELL_M = 0.006  # resolution cell at 0.3 m
 FINEST_HZ = {"2fsk": 0.2e9, "3fsk": 2.3e9, "3fsk-plus": 2.3e9, "nfsk": 9.8e9}
-NEAR_MM = 0.5
 OFFSETS_MM = (-1000, -700, -500, -400, -370, -300, -200, -100, -10, 10, 100, 200, 300, 370, 400, 500, 700, 1000)
+NEAREST_M = 0.14  # a first plane as near as the aperture is wide
+BESIDE_M = np.hypot(POINT_M[2], HALF_M) - POINT_M[2]  # what a pixel beside the point sees it nearer
+PAPER = ThreeToneConfig()
+NEARER_M = [POINT_M[2] + off / 1000 for off in OFFSETS_MM if off < 0 and POINT_M[2] + off / 1000 > NEAREST_M]
+CORNER_M = (HALF_M, HALF_M, POINT_M[2])
 BOUNDS = {
-    "across": 2.0**-23,
+    "across": 2 * U_SINGLE,
+    # x = 2a(a − |Δz|)/σ² takes four roundings, exponential, sum and quotient three; |dp/dx|·x = x·p(1 − p) ≤ 0.2239.
+    "wraps_at": (4 * 0.2239 + 3) * U,
     "coarse_error": 1e3 * PERIOD_M / 2,
-    "tones_meet": 2.0**-20,
-    "first_depth": NEAR_MM,
-    "at_the_edge": NEAR_MM,
+    "tones_meet": 8 * 2 * U_SINGLE,
+    "order": 1e3 * C / (4 * np.pi * 0.2e9) * 8 * np.pi * U,
+    "far_tone": PAPER.wrap_probability,
+    # From nearer planes both errors are nearer; from behind they are of opposite signs.
+    "first_depth": 1e3 * (BESIDE_M + max(left_m(POINT_M, first_m) for first_m in NEARER_M)),
+    "first_depth_settled": 1e3 * (slack(POINT_M) * PAPER.settled_m + BESIDE_M),
+    "first_depth_beyond": PAPER.wrap_probability,
+    "at_the_edge": 1e3 * 2 * left_m(CORNER_M, PAPER.first_depth_m),
     "outside": 1e3 * PERIOD_M / 2,
+    "outside_the_box": VOXEL_MM + 1e3 * 4 * U * 0.325,
 }
 Pixels = Iterator[tuple[str, np.ndarray, np.ndarray]]
 
@@ -143,7 +159,7 @@ def _first_imaged(ids: tuple[str, ...], within: bool, nearest_m: float = 0.02, c
 
 
 def _first_depth() -> Seen:
-    return ((place, 1e3 * error.max()) for place, error, _ in _first_imaged(FSK, within=True, nearest_m=0.14))
+    return ((place, 1e3 * error.max()) for place, error, _ in _first_imaged(FSK, within=True, nearest_m=NEAREST_M))
 
 
 def _first_depth_settled() -> Seen:
@@ -176,7 +192,7 @@ def _two_maxima() -> Seen:
                 row, columns = depth.z_m.shape[0] // 2, np.array([4, -5])
                 one = int(depth.amplitude_db[row, columns].argmax())
                 leak = weight[1 - one] * at[1 - one][one] / (weight[one] * at[one][one])
-                allowed_m = C * leak / (2 * np.pi * FINEST_HZ[id]) + NEAR_MM / 1000
+                allowed_m = C * leak / (2 * np.pi * FINEST_HZ[id]) + 2 * left_m(points[one], PAPER.first_depth_m)
                 error_m = abs(float(depth.z_m[row, columns[one]]) - points[one, 2])
                 yield f"{id}, {apart_mm} mm apart, strengths {more:g}", error_m / allowed_m
 

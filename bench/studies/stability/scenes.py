@@ -32,6 +32,24 @@ def small_array(every: int = 8) -> AntennaArray:
     return AntennaArray(whole.tx_m[::every], whole.rx_m[::every])
 
 
+def left_m(point_m: Any, first_m: float) -> float:
+    """Error that one correction of z_e, from first_m, and the pixel's own step leave of a point's depth: each takes 2
+    for the rise of the path, which is less by a share that the second one multiplies by."""
+    point_m = np.asarray(point_m, np.float64)
+    legs = small_array().tx_m, small_array().rx_m
+    steps = (
+        np.linalg.norm([*point_m[:2], first_m] - leg, axis=1) - np.linalg.norm(point_m - leg, axis=1) for leg in legs
+    )
+    corrected_m = sum(step.mean() for step in steps) / 2
+    return float(abs(first_m - point_m[2] - corrected_m) * slack(point_m))
+
+
+def slack(point_m: Any, legs_m: Any = None) -> float:
+    """Share of a step in depth that the factor 2 misses, averaged over the antennas of two legs [n, 3]."""
+    legs_m = legs_m or (small_array().tx_m, small_array().rx_m)
+    return float(1 - sum(np.mean(point_m[2] / np.linalg.norm(point_m - leg, axis=1)) for leg in legs_m) / 2)
+
+
 def white_noise(shape: tuple[int, ...], seed: int = 1) -> np.ndarray:
     """White complex noise, complex64: the hardest samples, since nothing crowds where an image is accurate."""
     generator = np.random.default_rng(seed)

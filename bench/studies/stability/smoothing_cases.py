@@ -4,10 +4,9 @@ from itertools import product
 
 import numpy as np
 
-from bench.studies.stability.cases import Seen
+from bench.studies.stability.cases import Seen, U
 from radar.methods.smoothing import masked_mean
 
-U = 2.0**-53  # rounding of double precision
 LONG = 10_000_000
 
 

@@ -24,11 +24,15 @@ from groundtruth.mesh.depth import Reference
 EPS = np.finfo(float).eps
 DEPTH_M, PIXEL_M = 0.3, 1e-3
 SIDE = 300
+REPEATS = (2, 3, 100, 10_000)
 COUNTED = ("n_observed", "observed_percent", "false_alarm_percent")  # shares of nothing observed that are known
 BOUNDS = {
     "pooled_deviation": 1.5 * (np.log2(SIDE**2) + 1),
     "many_samples": 1.5 * (np.log2(SIDE**2) + 1) + 1112 / 2,
     "all_equal": EPS,
+    "deviation_of_float32": float(max(REPEATS)),  # a rounding for each that is summed
+    "one_pixel": 4 / 2,  # square, root, quotient and millimetres, half an ε each
+    "precision_about_depth": 3 / 2,  # of the depth, of the mean and of what is left of it, half an ε each
     "tiny_p": EPS**0.5,
     "not_finite": 1.5 * (np.log2(SIDE**2) + 1),
 }
@@ -53,7 +57,7 @@ def _precision_about_depth() -> Seen:
 
 
 def _deviation_of_float32() -> Seen:
-    for n, spread_m in product((2, 3, 100, 10_000), (1e-3, 1e-6, 1e-7)):
+    for n, spread_m in product(REPEATS, (1e-3, 1e-6, 1e-7)):
         noise = np.random.default_rng(n).standard_normal((n, 4, 4))
         z_m = (DEPTH_M + spread_m * noise).astype(np.float32)
         wide = np.std(z_m.astype(np.longdouble), axis=0, ddof=1)
