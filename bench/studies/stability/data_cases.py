@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.studies.stability.balls import balls, off
 from bench.studies.stability.cases import U_SINGLE, Seen, Works
 from bench.studies.stability.scenes import (
     FSK,
@@ -154,8 +155,8 @@ def _ties() -> Seen:
     levels = np.array([0.0, -3.0, -10.0, -10.0 + 1e-5, -10.0 - 1e-5, -13.0])
     for kind, scale in product((np.float32, np.float64), (1e-30, 1.0, 1e30)):
         amplitude = (scale * 10 ** (levels / 20)).astype(kind)
-        exact = 20 * np.log10(amplitude.astype(np.longdouble) / amplitude.astype(np.longdouble).max())
-        yield f"{kind.__name__} times {scale:g}", float(np.abs(amplitude_db(amplitude) - exact).max())
+        exact = 20 * np.log(balls(amplitude) / float(amplitude.max())) / np.log(balls(10.0))
+        yield f"{kind.__name__} times {scale:g}", off(amplitude_db(amplitude), exact).max()
 
 
 def _masks() -> Seen:

@@ -12,6 +12,7 @@ import psutil
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
+from bench.studies.stability.balls import balls, off, plane_m
 from bench.studies.stability.cases import U_SINGLE, Seen, U, Works
 from groundtruth.mesh.depth import EDGE_ON, LARGEST_M, reference_on_grid
 from groundtruth.mesh.mesh_files import read_triangles
@@ -73,9 +74,8 @@ def depth(vertices_m: np.ndarray, faces: np.ndarray, x_m: np.ndarray, y_m: np.nd
 
 def plane_error_m(z_m: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, slopes: np.ndarray = SLOPES) -> float:
     """Largest error of depths [ny, nx] of the plane; infinite where one is missing."""
-    x, y = np.meshgrid(x_m, y_m)
-    error = np.abs(z_m - (DEPTH_M + slopes[0] * x + slopes[1] * y))
-    return float(np.where(np.isnan(error), np.inf, error).max())
+    exact = plane_m(slopes, np.atleast_1d(x_m), np.atleast_1d(y_m), DEPTH_M)
+    return float(off(z_m, exact).max())
 
 
 GRID_M = np.linspace(-0.09, 0.09, 37)
@@ -161,11 +161,11 @@ def _ball_share(rings: int, flip: int, offset_m: float) -> float:
     axis = radius_m * np.linspace(-0.95, 0.95, 41)
     x, y = np.meshgrid(axis, axis)
     inside = np.hypot(x, y) < 0.95 * radius_m
-    exact = DEPTH_M + offset_m - np.sqrt(radius_m**2 - np.where(inside, x**2 + y**2, 0))
     z_m = depth(vertices + offset_m, faces[:, ::flip], axis + offset_m, axis + offset_m)
     largest_m = 2 * radius_m * (1 - np.cos(np.pi / np.sqrt(2) / rings)) / np.sqrt(1 - 0.95**2)
-    error = np.abs(z_m - exact)[inside]
-    return float(np.where(np.isnan(error), np.inf, error).max() / largest_m)
+    x, y = (balls((axis + offset_m)[inside]) - offset_m for axis in (x, y))
+    exact = DEPTH_M + offset_m - np.sqrt(balls(radius_m) ** 2 - x**2 - y**2)
+    return float(off(z_m[inside], exact).max() / largest_m)
 
 
 def _far() -> Seen:

@@ -8,7 +8,9 @@ from itertools import permutations, product
 from typing import Any
 
 import numpy as np
+from flint import arb
 
+from bench.studies.stability.balls import PI, balls, off
 from bench.studies.stability.cases import U_SINGLE, Seen, U, Works
 from bench.studies.stability.scenes import (
     FSK,
@@ -69,22 +71,21 @@ Pixels = Iterator[tuple[str, np.ndarray, np.ndarray]]
 def _across() -> Seen:
     share = np.array([0, 0.1, 0.3, 0.5, 0.77, 1 - 1e-6, 1 - 2**-24, 1, 1 + 2**-24, 1 + 1e-6, 1.5, 2, 3])
     for difference_hz, sign in product((0.2e9, 0.5e9, 0.7e9, 2.3e9, 2.5e9, 9.8e9, 10e9), (-1, 1)):
-        turns = np.longdouble(sign) * share.astype(np.longdouble) / 2  # of the phase, from the step −Δz
-        phase = 2 * np.pi * (turns - np.rint(turns)).astype(np.float64)
-        image, one = np.exp(1j * phase).astype(np.complex64), np.ones(len(share), np.complex64)
-        step_m = depth_step_m(image, one, difference_hz)
-        off = step_m * 4 * np.pi * difference_hz / C + phase
-        yield f"Δf {difference_hz / 1e9:g} GHz", float(np.abs(off - 2 * np.pi * np.rint(off / 2 / np.pi)).max())
+        turns = sign * share / 2  # of the phase, from the step −Δz; exact
+        image, one = np.exp(2j * np.pi * turns).astype(np.complex64), np.ones(len(share), np.complex64)
+        told = balls(depth_step_m(image, one, difference_hz)) * 2 * difference_hz / int(C)  # turns
+        periods = np.rint(told.astype(np.float64) + turns)
+        yield f"Δf {difference_hz / 1e9:g} GHz", off(0 * turns, (told + turns - periods) * 2 * PI).max()
 
 
 def _wraps_at() -> Seen:
     step = np.array([0, 29.9, 30 - 1e-9, 30, 30 + 1e-9, 30.1, 60, 300])
     for sigma in (0.0, 1e-300, 1e-9, 1e-3, 1.0, 30.0, 1e9):
         found = wrap_probability(step, np.full(len(step), sigma), 30.0)
-        with np.errstate(all="ignore"):
-            exact = 1 / (1 + np.exp(60 * (30 - step.astype(np.longdouble)) / np.longdouble(sigma) ** 2))
-        exact = np.where(step == 30, 0.5, exact)  # halfway: either period, however well the point is known
-        yield f"σ {sigma:g} mm", float(np.abs(found - exact).max())
+        exponent = 60 * (30 - balls(step)) / arb(sigma or 1e-300) ** 2
+        odds = np.exp(-np.abs(exponent))  # of the less likely period; halfway it is either
+        exact = np.where(step < 30, odds, 1) / (1 + odds)
+        yield f"σ {sigma:g} mm", off(found, exact).max()
 
 
 def _coarse_error() -> Seen:

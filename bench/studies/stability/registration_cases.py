@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from bench.studies.stability.balls import balls, off, rotation
 from bench.studies.stability.cases import Seen, Works
 from bench.studies.stability.scenes import capture, small_array
 from calibration.registration import ransac
@@ -75,7 +76,8 @@ def _nearly_collinear() -> Seen:
     for half_m in HALF_M / np.array([1, 2, 5, 10, 15, 19, 19.9]):
         points_m = _rectangle(half_m)
         moved_m, kappa = points_m @ TURN.T + SHIFT_M, np.hypot(HALF_M, half_m) / half_m
-        off_rad = np.linalg.norm(Rotation.from_matrix(registered(points_m, moved_m).rotation @ TURN.T).as_rotvec())
+        apart = off(registered(points_m, moved_m).rotation, rotation(points_m, moved_m))
+        off_rad = np.linalg.norm(apart) / np.sqrt(2)  # of matrices a small angle apart
         four_rad = 4 * EPS * max(np.abs(points_m).max(), np.abs(moved_m).max()) / HALF_M  # across the half width
         yield f"κ = {kappa:.3g}", float(off_rad / four_rad) / kappa
 
@@ -84,8 +86,9 @@ def _condition() -> Seen:
     for half_m in HALF_M * np.logspace(0, -12, 49):
         points_m = _rectangle(half_m)
         kappa, found = np.hypot(HALF_M, half_m) / half_m, condition_number(points_m, points_m @ TURN.T)
+        exact = np.sqrt(1 + (balls(HALF_M) / float(half_m)) ** 2)
         lost = EPS * kappa**2 > 0.1
-        yield f"κ = {kappa:.3g}", 0.0 if lost and found > 1e7 else abs(found / kappa - 1) / (EPS * kappa**2)
+        yield f"κ = {kappa:.3g}", 0.0 if lost and found > 1e7 else float(off(found, exact)) / (EPS * kappa**3)
     yield "on a line", 0.0 if condition_number(_rectangle(0), _rectangle(0)) > 1e7 else np.inf
 
 
