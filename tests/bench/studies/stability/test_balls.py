@@ -65,8 +65,14 @@ def test_student_s_t(t):
     ball = b.arb(t)
     assert b.off(0.0, b.two_sided(ball, 1) - (1 - 2 * ball.atan() / b.PI)) < 1e-25
     assert b.off(0.0, b.two_sided(ball, 2) - (1 - ball / (2 + ball * ball).sqrt())) < 1e-25
-    assert float(b.quantile(b.two_sided(ball, 5), 5)) == pytest.approx(t, rel=1e-12)
     assert float(b.two_sided(ball, 7)) == pytest.approx(2 * stats.t.sf(t, 7), rel=1e-12)
+
+
+@pytest.mark.parametrize("freedom", [1, 4, 30])
+def test_quantiles_of_t(freedom):
+    found = b.quantile(b.arb(1) / 20, freedom)
+    assert float(found) == pytest.approx(stats.t.isf(0.025, freedom), rel=1e-12)
+    assert b.two_sided(found, freedom).contains(b.arb(1) / 20) and found.rad() < 1e-16
 
 
 def test_precision_holds_in_threads():
