@@ -83,9 +83,9 @@ def depth_map(id: str, taken: RadarCapture, half_m: float = HALF_M, **values: An
     return imaged(id, taken, x=axis, y=axis, **values)
 
 
-def imaged(id: str, taken: RadarCapture, **values: Any) -> DepthMap:
+def imaged(id: str, taken: RadarCapture, frame: int = 0, **values: Any) -> DepthMap:
     """A method's depth map with these values of its configuration."""
-    return method(id).run(taken, method(id).configure(values, f"hard case of '{id}'"), 0).depth
+    return method(id).run(taken, method(id).configure(values, f"hard case of '{id}'"), frame).depth
 
 
 def middle(values: np.ndarray) -> Any:
