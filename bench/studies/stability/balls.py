@@ -77,11 +77,6 @@ def echoes(weights: np.ndarray, antennas: AntennaArray, tones_hz: np.ndarray, po
     return np.array([product((weight * wave(-to, f) / to).T, wave(-back, f) / back) for f in tones_hz], dtype=object)
 
 
-def plane_m(slopes: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, depth_m: float) -> Balls:
-    """Depth [ny, nx] of a plane."""
-    return balls(x_m) * float(slopes[0]) + balls(y_m)[:, None] * float(slopes[1]) + depth_m
-
-
 def rotation(source_m: np.ndarray, target_m: np.ndarray) -> Balls:
     """Rotation [3, 3] of least squares from points to points [n, 3] (Horn 1987): the quaternion that is the eigenvector
     of the greatest eigenvalue."""
@@ -109,15 +104,3 @@ def deviation(values: np.ndarray, lost: int = 0) -> Any:
 def two_sided(t: arb, freedom: int) -> arb:
     """p of Student's t: the regularised incomplete beta function of ν/(ν + t²)."""
     return (freedom / (freedom + t * t)).beta_lower(arb(freedom) / 2, arb(0.5), regularized=True)
-
-
-def quantile(tail: arb, freedom: int) -> arb:
-    """t whose two-sided p is `tail`: a bracket of which each end is proven to lie on its side."""
-    low, high = arb(0), arb(1)
-    while two_sided(high, freedom) > tail:
-        high = 2 * high
-    for _ in range(60):
-        middle = ((low + high) / 2).mid()
-        low, high = (middle, high) if two_sided(middle, freedom) > tail else (low, middle)
-    assert two_sided(low, freedom) > tail > two_sided(high, freedom)
-    return low.union(high)

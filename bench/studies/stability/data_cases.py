@@ -185,6 +185,7 @@ def _drowned(id: str, snr_db: float) -> tuple[np.ndarray, np.ndarray, np.ndarray
     parts = []
     for seed in range(DRAWS):
         found = depth_map(id, capture(noisy(samples, float(np.abs(top).max()), snr_db, seed), LADDER_HZ), **values)
+        assert found.sigma_m is not None
         on = np.isfinite(clean.z_m)
         parts.append(((found.z_m - clean.z_m)[on], found.sigma_m[on], flags(found)[on]))
     error, sigma, wrapped = (np.concatenate(part) for part in zip(*parts, strict=True))

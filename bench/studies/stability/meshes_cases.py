@@ -12,7 +12,7 @@ import psutil
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from bench.studies.stability.balls import balls, off, plane_m
+from bench.studies.stability.balls import balls, off
 from bench.studies.stability.cases import U_SINGLE, Seen, U, Works
 from groundtruth.mesh.depth import EDGE_ON, LARGEST_M, reference_on_grid
 from groundtruth.mesh.mesh_files import read_triangles
@@ -74,8 +74,8 @@ def depth(vertices_m: np.ndarray, faces: np.ndarray, x_m: np.ndarray, y_m: np.nd
 
 def plane_error_m(z_m: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, slopes: np.ndarray = SLOPES) -> float:
     """Largest error of depths [ny, nx] of the plane; infinite where one is missing."""
-    exact = plane_m(slopes, np.atleast_1d(x_m), np.atleast_1d(y_m), DEPTH_M)
-    return float(off(z_m, exact).max())
+    x, y = balls(np.atleast_1d(x_m)), balls(np.atleast_1d(y_m))[:, None]
+    return float(off(z_m, DEPTH_M + x * float(slopes[0]) + y * float(slopes[1])).max())
 
 
 GRID_M = np.linspace(-0.09, 0.09, 37)

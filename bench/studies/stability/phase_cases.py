@@ -48,7 +48,6 @@ NEAREST_M = 0.14  # a first plane as near as the aperture is wide
 BESIDE_M = np.hypot(POINT_M[2], HALF_M) - POINT_M[2]  # what a pixel beside the point sees it nearer
 PAPER = ThreeToneConfig()
 NEARER_M = [POINT_M[2] + off / 1000 for off in OFFSETS_MM if off < 0 and POINT_M[2] + off / 1000 > NEAREST_M]
-CORNER_M = (HALF_M, HALF_M, POINT_M[2])
 BOUNDS = {
     "across": 2 * U_SINGLE,
     # x = 2a(a − |Δz|)/σ² takes four roundings, exponential, sum and quotient three; |dp/dx|·x = x·p(1 − p) ≤ 0.2239.
@@ -61,7 +60,7 @@ BOUNDS = {
     "first_depth": 1e3 * (BESIDE_M + max(left_m(POINT_M, first_m) for first_m in NEARER_M)),
     "first_depth_settled": 1e3 * (slack(POINT_M) * PAPER.settled_m + BESIDE_M),
     "first_depth_beyond": PAPER.wrap_probability,
-    "at_the_edge": 1e3 * 2 * left_m(CORNER_M, PAPER.first_depth_m),
+    "at_the_edge": 1e3 * 2 * left_m((HALF_M, HALF_M, POINT_M[2]), PAPER.first_depth_m),
     "outside": 1e3 * PERIOD_M / 2,
     "outside_the_box": VOXEL_MM + 1e3 * 4 * U * 0.325,
 }

@@ -41,18 +41,12 @@ CIRCLES = list(product((0.0, 0.03, 0.3, 0.6, 0.99), (0.0, 0.02, 0.1), (0.0, 1e-5
 GAPS_M = (0.05, 0.02, 0.015, 0.012, 0.0101)  # between balls
 
 
-def _normal_sigmas(centres: int) -> float:
-    """σ that one of so many normal errors of three coordinates exceeds once in a thousand sweeps."""
-    return float(np.sqrt(chi2.isf(1e-3 / centres, 3)))
-
-
-BOUNDS = {
+CENTRES = {"caps": 6 * sum(part >= 0.08 for part in PARTS), "circles": len(CIRCLES), "near_balls": 4 * len(GAPS_M)}
+# One of so many normal errors of three coordinates is beyond these once in a thousand sweeps.
+BOUNDS = {name: float(np.sqrt(chi2.isf(1e-3 / count, 3))) for name, count in CENTRES.items()} | {
     "shrinking_mirror": ransac.GROSS,
     "one_wrong": float(np.sqrt(HUBER * ransac.GROSS)),
     "wrong_corners": TRIM * 2 * float(np.sqrt(chi2.median(3))),
-    "caps": _normal_sigmas(6 * sum(part >= 0.08 for part in PARTS)),
-    "circles": _normal_sigmas(len(CIRCLES)),
-    "near_balls": _normal_sigmas(2 * 2 * len(GAPS_M)),
     "condition": (4 + 4) / 2,  # sums of four squares, their centring and products; the square root halves them
 }
 
@@ -126,7 +120,10 @@ def _one_wrong() -> Seen:
         moved_m[wrong] += size_m * way / np.linalg.norm(way)
         found = registered(FIVE, moved_m)
         step = np.r_[found.matrix[:3, 3] - found.rotation @ SHIFT_M, Rotation.from_matrix(found.rotation).as_rotvec()]
-        yield f"pair {wrong + 1}, {size_m:.2g} m off", float(np.sqrt(step @ np.linalg.solve(found.covariance, step)))
+        yield (
+            f"pair {wrong + 1}, {size_m:.2g} m off",
+            float(np.sqrt(step @ np.linalg.solve(found.require_covariance(), step))),
+        )
 
 
 def _two_wrong() -> Works:

@@ -18,6 +18,7 @@ FSK = ("2fsk", "3fsk", "3fsk-plus", "nfsk")
 METHODS = (*FSK, "broadband", "narrowband")
 LADDER_HZ = (82.0e9, 81.8e9, 81.3e9, 79.5e9, 72.0e9)
 ALL_HZ = np.unique(np.concatenate([np.linspace(72e9, 82e9, 128), LADDER_HZ]))
+TONES_HZ = np.linspace(72e9, 82e9, 9)
 POINT_M = (0.0, 0.0, 0.28)
 HALF_M, STEP_M = 0.012, 0.001
 VOXEL_MM = 0.5  # half a voxel of the projections
@@ -30,6 +31,17 @@ def small_array(every: int = 8) -> AntennaArray:
     """Every eighth antenna of the paper's frame, 12 + 12, or another part: as wide, and 60 times as fast."""
     whole = qar50()
     return AntennaArray(whole.tx_m[::every], whole.rx_m[::every])
+
+
+def plate(t: int = 12, r: int = 10, seed: int = 0) -> AntennaArray:
+    """Antennas anywhere on a plate of 14 cm."""
+    places = np.random.default_rng(seed).uniform(-0.07, 0.07, (t + r, 3)) * [1, 1, 0]
+    return AntennaArray(places[:t], places[t:])
+
+
+def cloud(count: int, middle_m: tuple[float, float, float], half_m: float = 0.015, seed: int = 1) -> np.ndarray:
+    """Points [count, 3] within half_m of the middle, metres."""
+    return np.random.default_rng(seed).uniform(-half_m, half_m, (count, 3)) + middle_m
 
 
 def left_m(point_m: Any, first_m: float) -> float:

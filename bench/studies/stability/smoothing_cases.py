@@ -54,11 +54,7 @@ def _drift() -> Seen:
     size, row = 5, 0.3 + 0.02 * np.random.default_rng(0).standard_normal(LONG)
     row[: LONG // 2] += 1e3  # a running sum would keep the rounding of these
     found = masked_mean(row[None], size)[0]
-    offset = row.mean()
-    inner = row[2:-2] - offset
-    for shift in (-2, -1, 1, 2):
-        inner += row[2 + shift : LONG - 2 + shift] - offset
-    rough = np.abs(found[2:-2] - (offset + inner / size))  # finds where to look closely
+    rough = np.abs(found[2:-2] - np.convolve(row, np.ones(size) / size, "valid"))  # finds where to look closely
     places = (np.argpartition(rough, -1000)[-1000:], np.arange(500), LONG // 2 + np.arange(-500, 500))
     chosen = 2 + np.unique(np.concatenate(places))
     exact = sum(balls(row[chosen + shift]) for shift in range(-2, 3)) / size

@@ -5,22 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bench.evaluation.depth_errors import error_map
+from bench.evaluation.metrics import pool
 from bench.studies.stability import digits as d
-from bench.studies.stability.digits import Shake, digits, rounded, shaken
+from bench.studies.stability.digits import Shake, digits, rounded
+from bench.studies.stability.scenes import imaged
 from radar.methods import fsk, projection
 
 
 def rng(seed: int = 0) -> np.random.Generator:
     return np.random.default_rng(seed)
-
-
-def under(shake: Shake, chain, draws: int = 16) -> list[float]:
-    """What a chain gives when it is run that often under a perturbation."""
-    token = d._now.set(shake)
-    try:
-        return [chain() for _ in range(draws)]
-    finally:
-        d._now.reset(token)
 
 
 @pytest.mark.parametrize(("n", "low_chi2"), [(16, 6.262), (31, 16.791)])  # χ² of n − 1, 2.5 %, from a printed table
@@ -51,9 +45,9 @@ def test_a_chain_that_loses_digits_by_cancellation_is_told_so(lost):
     """10^d + 0.37 is kept in single precision and 10^d taken away: of the digits that the sum has, log₁₀(sum/0.37) are
     lost. Of a single value the ulp varies by 2 with its leading bits, which both chains share."""
     large = 10.0**lost
-    shake = Shake(rng(), frozenset(["images"]))
-    kept = under(shake, lambda: float(shaken("images", np.full(4000, large + 0.37))[0]))
-    left = under(shake, lambda: float(shaken("images", np.full(4000, large + 0.37))[0]) - large)
+    shake = Shake(rng(), ("images",))
+    kept = [float(shake.of("images", np.array([large + 0.37]))[0]) for _ in range(4000)]
+    left = [sum_ - large for sum_ in kept]
     reference = float(np.float32(large + 0.37))
     found = digits(kept, reference) - digits(left, reference - large)
     assert found == pytest.approx(np.log10(reference / (reference - large)), abs=0.15)
@@ -74,22 +68,22 @@ def test_the_chain_that_is_shaken_is_the_product_s():
     """Without a perturbation it gives the same figures, but for what a volume that is held whole rounds otherwise; and
     the methods are whole again afterwards."""
     before = fsk.image_points, projection.project_volume
-    plain = {id: d.figures(id, d.scene()) for id in ("3fsk", "broadband-aligned")}
-    with d.shaking():
-        found = {id: d.figures(id, d.scene()) for id in plain}
-        assert found["3fsk"] == plain["3fsk"]
-        assert found["broadband-aligned"] == pytest.approx(plain["broadband-aligned"], rel=1e-7)
-        assert projection.project_volume is not before[1]
+    capture, truth_m = d.scene()
+    for id in ("3fsk", "broadband-aligned"):
+        depth = imaged(id, capture, x=d.AXIS, y=d.AXIS)
+        plain = pool([error_map(depth.x_m, depth.y_m, depth.z_m, truth_m)])
+        for key, value in d.figures(id, Shake(rng())).items():
+            assert key == "precision_mm" or value == pytest.approx(plain[key], rel=1e-7 * (id != "3fsk"), abs=0)
     assert (fsk.image_points, projection.project_volume) == before
-    assert set(plain["3fsk"]) == set(d.FIGURES) and set(plain["broadband-aligned"]) == set(d.FIGURES[:2])
 
 
 def test_only_the_stage_that_is_asked_for_is_perturbed():
     values = np.linspace(1, 2, 100).astype(np.float32)
-    assert (shaken("images", values) == values).all()
-    [other] = under(Shake(rng(), frozenset(["power"])), lambda: shaken("images", values), 1)
-    [same] = under(Shake(rng(), frozenset(["power"])), lambda: shaken("power", values), 1)
-    assert (other == values).all() and (same != values).any()
+    shake = Shake(rng(), ("power",))
+    assert (shake.of("images", values) == values).all() and (shake.of("power", values) != values).any()
+    images = [Shake(rng(), (), 1e-3).result("images", lambda *_: values + 0j, *4 * [0], t) for t in (None, 1e-3)]
+    assert (images[0] == values).all()
+    assert np.linalg.norm(images[1] - values) / np.linalg.norm(values) == pytest.approx(1e-3, rel=0.2)
 
 
 def test_digits_are_seeded_and_the_same_on_any_number_of_workers(monkeypatch):
