@@ -145,7 +145,7 @@ def image_points(
         for executor, near, where in zip(planned, parts, places, strict=True):
             images[:, near] = executor.image(samples, where)
     if (certificate := opened.get()) is not None:
-        of_points(certificate, images, samples, frequencies_hz, aperture, points.__getitem__)
+        of_points(certificate, images[:, :, None], samples, frequencies_hz, aperture, points.__getitem__)
     return images.reshape(shape)
 
 
@@ -174,7 +174,8 @@ def image_volume(
     nodes, images = imager.nodes(samples, grid.z_m)
     volumes = imager.upsampler.volume(nodes, images, carrier)
     if (certificate := opened.get()) is not None and carrier:
-        of_points(certificate, volumes.reshape(count, -1), samples, frequencies_hz, aperture, grid.points_at_m)
+        rows = volumes.reshape(count, -1, len(grid.x_m))
+        of_points(certificate, rows, samples, frequencies_hz, aperture, grid.points_at_m)
     elif certificate is not None:
         of_nodes(certificate, imager.plan, nodes, images, samples, frequencies_hz, aperture)
     return volumes.reshape(shape)
@@ -241,6 +242,7 @@ def imaging_error(
 ) -> float:
     """A-posteriori check: relative L2 error of a volume [nz, ny, nx] at `count` random voxels against the exact sum in
     float64, relative to the whole volume's own size."""
+    check_samples(samples, frequencies_hz, aperture)
     picked = np.random.default_rng(seed).integers(0, image.size, count)
     exact = exact_sums(samples, frequencies_hz, aperture, grid.points_at_m(picked))[0]
     mean_square = np.mean(np.abs(image) ** 2, dtype=np.float64)
@@ -286,5 +288,6 @@ def _exact_volume(
             samples, frequencies_hz, aperture, grid.points_at_m(flat[chunk]), apart
         )
     if (certificate := opened.get()) is not None:
-        of_points(certificate, volume, samples, frequencies_hz, aperture, grid.points_at_m)
+        rows = volume.reshape(len(volume), -1, len(grid.x_m))
+        of_points(certificate, rows, samples, frequencies_hz, aperture, grid.points_at_m)
     return volume

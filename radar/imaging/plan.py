@@ -133,8 +133,12 @@ class GridPlan:
     def carrier_at(self, grid: VoxelGrid, xp: Any = np) -> Array:
         """The carrier that is taken out of an image between the nodes and put back: complex64 [nz, ny, nx], of numpy or
         of a device's arrays (`xp`)."""
-        turns_per_m, passes, reference_m, ramp = self.carrier
         z, y, x = (xp.asarray(axis) for axis in (grid.z_m[:, None, None], grid.y_m[:, None], grid.x_m))
+        return self.carrier_of(x, y, z, xp)
+
+    def carrier_of(self, x: Array, y: Array, z: Array, xp: Any = np) -> Array:
+        """`carrier_at` places x, y, z (m) that broadcast against each other."""
+        turns_per_m, passes, reference_m, ramp = self.carrier
         turns = ramp[0] * x + ramp[1] * y + ramp[2] * z
         for count, reference in zip(passes, reference_m, strict=True):
             turns += turns_per_m * count * distances(xp, (x, y, z), reference)
