@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from radar.data.arrays import Aperture
+from radar.data.arrays import AntennaArray, Aperture, PlanarScan
 from radar.data.grid import VoxelGrid
 from radar.imaging.cpu.exact import exact_sums
 from radar.imaging.plan import GridPlan
@@ -69,6 +69,7 @@ def of_points(
     points_at_m: Callable[[np.ndarray], np.ndarray],
 ) -> None:
     """Certify images [f or 1, rows, n]; points_at_m: flat index [k] → their points [k, 3]."""
+    samples, aperture = _heard(samples, aperture)
     bright = Brightness(images, *(np.ones(n, np.int64) for n in images.shape[1:]))
     count = _count(samples)
     if whole := bright.voxels <= count:
@@ -91,6 +92,7 @@ def of_nodes(
     aperture: Aperture,
 ) -> None:
     """Certify the voxels that follow from the nodes' images [f or 1, nz, ny, nx]."""
+    samples, aperture = _heard(samples, aperture)
     grid = VoxelGrid(plan.grid.x_m, plan.grid.y_m, nodes.z_m) if plan.planes else plan.grid
     nearest = [_nearest(axis, node) for axis, node in zip(_axes(grid), _axes(nodes), strict=True)]  # z, y, x
     z, y, x = (np.bincount(near, minlength=len(node)) for near, node in zip(nearest, _axes(nodes), strict=True))
@@ -152,7 +154,18 @@ def picked(bright: Brightness, count: int) -> tuple[tuple[np.ndarray, np.ndarray
 
 
 def _count(samples: np.ndarray) -> int:
-    return max(PICKS, int(TERMS / samples.size))
+    return max(PICKS, int(TERMS / (samples.size + samples.shape[0] * sum(samples.shape[1:]))))
+
+
+def _heard(samples: np.ndarray, aperture: Aperture) -> tuple[np.ndarray, Aperture]:
+    """Samples and aperture without antennas that no sample stems from. Where few are left, many leaves of a plan keep
+    all of them and have no error, and the more voxels are looked at."""
+    if samples[0].all() or not (heard := samples.any(axis=0)).any():
+        return samples, aperture
+    if not isinstance(aperture, AntennaArray):
+        return samples[:, heard], PlanarScan(aperture.position_m[heard])
+    t, r = heard.any(axis=1), heard.any(axis=0)
+    return samples[:, t][:, :, r], AntennaArray(aperture.tx_m[t], aperture.rx_m[r])
 
 
 def _axes(grid: VoxelGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
