@@ -27,7 +27,7 @@ from radar.imaging.device import chosen
 from radar.imaging.gpu import executor as gpu
 from radar.imaging.plan import KEPT, PLANNED, GridPlan, TreePlan, kept, roomy
 from radar.imaging.tree import Family, clusters, crowded
-from radar.support.cost import require_memory
+from radar.support.cost import TERMS_PER_S, require_memory, require_time
 from radar.support.errors import HandbenchError
 from radar.support.progress import track
 
@@ -138,7 +138,9 @@ def image_points(
     cost = sum(
         executor.plan.cost(len(executor.plan.touched(where))) for executor, where in zip(planned, places, strict=True)
     )
-    if not parts or cost > max(PLANNED, terms):
+    exact = not parts or cost > max(PLANNED, terms)
+    require_time((terms if exact else cost) / TERMS_PER_S, f"imaging {len(points)} points")
+    if exact:
         images = _device().exact_images(samples, frequencies_hz, aperture, points, apart)
     else:
         images = np.empty((len(samples) if apart else 1, len(points)), np.complex64)
@@ -282,6 +284,7 @@ def _exact_volume(
 ) -> np.ndarray:
     volume = np.empty((len(samples) if apart else 1, int(np.prod(grid.shape))), np.complex64)
     flat = np.arange(volume.shape[1])
+    require_time(samples.size * len(flat) / TERMS_PER_S, f"exact volume of {grid.shape} voxels [nz, ny, nx]")
     for start in track(range(0, len(flat), CHUNK), "exact volume"):
         chunk = slice(start, start + CHUNK)
         volume[:, chunk] = _device().exact_images(
