@@ -16,7 +16,6 @@ from bench.studies.stability.cases import cases
 
 SMALLEST = {
     "registration": ["faults", "--trials", "1"],
-    "smoothness": ["B", "--edge-mm", "6"],
     "trust": ["--scenes", "20", "--methods", "3fsk", "--only", "points"],
 }
 NEEDED = {
