@@ -64,7 +64,7 @@ class Shake:
         return rounded(values, self.generator) if stage in self.stages else values
 
     def result(self, stage: str, function: Any, *given: Any, **named: Any) -> np.ndarray:
-        """What a function gives to a stage; the fifth argument of one that makes images is their tolerance."""
+        """A function's values for a stage; the fifth argument of one that makes images is their tolerance."""
         values = function(*given, **named)
         if self.tolerance and stage == "images" and given[4] is not None:
             size = self.tolerance * np.sqrt(np.mean(np.abs(values) ** 2, dtype=np.float64) / 2)
