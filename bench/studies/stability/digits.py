@@ -141,8 +141,8 @@ def _spread(id: str, seed: int) -> Iterator[tuple[str | float | None, ...]]:
     for key, value in figures(id, Shake(np.random.default_rng())).items():
         told = {kind: digits([run[key] for run in found], value) for kind, found in runs.items()}
         weakest = min(STAGES, key=lambda stage: told[stage])
-        chain = told["images"], told["chain"], weakest if told[weakest] < MOST else None, told["depth"]
-        yield METRICS[key].title, id, value, *chain, *(told[f"{t:g}"] for t in TOLERANCES)
+        ends = (told[kind] for kind in ("images", "chain", "depth", *(f"{t:g}" for t in TOLERANCES)))
+        yield METRICS[key].title, id, weakest if told[weakest] < MOST else None, value, *ends
 
 
 def table(seed: int = 0, methods: Sequence[str] = METHODS) -> Table:
@@ -154,6 +154,6 @@ def table(seed: int = 0, methods: Sequence[str] = METHODS) -> Table:
         "random: images alone, the whole chain, and the stage that leaves fewest; were depths kept in float32; and "
         f"with images as wrong as a tolerance allows. {PROBABILITY:.0%} of results have as many, with {CONFIDENCE:.0%} "
         f"confidence, of {DRAWS} draws; {MOST}: no draw changed anything",
-        columns=("figure", "method", "value", "images", "chain", "fewest by", "float32 depths", *ends),
+        columns=("figure", "method", "fewest by", "value", "images", "chain", "float32 depths", *ends),
         rows=tuple(row for id in track(methods, "digits", len(methods)) for row in _spread(id, seed)),
     )

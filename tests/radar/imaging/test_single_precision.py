@@ -1,4 +1,4 @@
-"""Every path that computes in single precision against double precision, balls or the closed form.
+"""Every path that computes in single precision against double precision, written apart, or the closed form.
 
 u = 2⁻²⁴ is the rounding of float32. A sum of n products in it errs by at most n·u of the sum of their magnitudes, in
 any order (Higham 2002, sec. 3.1); white noise, whose sum is far smaller than that, shows the errors best.
@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from bench.studies.stability.balls import images, middles
 from bench.studies.stability.cases import U_SINGLE as U
 from bench.studies.stability.cases import U as U_DOUBLE
 from bench.studies.stability.meshes_cases import on_plane, plane_error_m
@@ -25,12 +24,12 @@ from groundtruth.mesh.mesh_files import mesh, read_triangles, write_mesh
 from radar.data.arrays import AntennaArray, Aperture, PlanarScan, qar50
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
-from radar.imaging.cpu.exact import backproject, direct_sum, path_lengths, tone_images
+from radar.imaging.cpu.exact import backproject, path_lengths, tone_images
 from radar.imaging.cpu.steering import cis_turns
 from radar.imaging.skeleton import AMPLIFICATION, resampler
 from radar.methods.fsk import depth_step_m
 from radar.methods.smoothing import masked_mean
-from radar.simulation.forward import Scatterers, direct_echoes, simulate
+from radar.simulation.forward import Scatterers, simulate
 from radar.support.rays import Rays
 
 STEER = 4 * U  # a steering phase, radians: its remainder rounds to π/2·u, cosine and sine by 2u
@@ -48,6 +47,24 @@ class Line(NamedTuple):
     single: str
     bound: float
     measured: float
+
+
+def waves(points_m: np.ndarray, leg_m: np.ndarray, tone_hz: float) -> np.ndarray:
+    """e^{+j2πfR/c} [p, n] from points [p, 3] to antennas [n, 3], in double precision."""
+    turns = tone_hz * np.linalg.norm(points_m[:, None] - leg_m, axis=2) / 299_792_458
+    return np.exp(2j * np.pi * (turns - np.rint(turns)))
+
+
+def direct(samples: np.ndarray, tones_hz: np.ndarray, array: Aperture, points_m: np.ndarray) -> np.ndarray:
+    """Σ S e^{+j2πf(|p−t|+|p−r|)/c} [p] of samples [f, t, r], or of a scan's [f, n]."""
+    total = np.zeros(len(points_m), np.complex128)
+    for tone_hz, of_tone in zip(tones_hz, samples.astype(np.complex128), strict=True):
+        if isinstance(array, PlanarScan):
+            total += waves(points_m, array.position_m, tone_hz) ** 2 @ of_tone
+        else:
+            home = waves(points_m, array.rx_m, tone_hz) @ of_tone.T
+            total += (waves(points_m, array.tx_m, tone_hz) * home).sum(axis=1)
+    return total
 
 
 def of_samples() -> Iterator[Line]:
@@ -80,7 +97,7 @@ def of_exact() -> Iterator[Line]:
         ("planar scan", "steering; sums over positions in double", scan, TONES_HZ[:4], STEER + 5 * U),
     ):
         samples = white_noise((len(tones), *array.channels))
-        off = np.abs(backproject(samples, tones, array, points) - direct_sum(samples, tones, array, points)).max()
+        off = np.abs(backproject(samples, tones, array, points) - direct(samples, tones, array, points)).max()
         yield Line(name, single, bound, off / np.abs(samples).sum())
     samples = white_noise((len(TONES_HZ), *small_array().channels))
     off = np.abs(image_volume(samples, TONES_HZ, small_array(), GRID, None).ravel() - _volume(samples)).max()
@@ -96,7 +113,7 @@ def sums(array: Aperture, tones: int) -> float:
 def of_fast() -> Iterator[Line]:
     array, points = small_array(), GRID.points_m().reshape(-1, 3)[::7]
     samples = white_noise((len(TONES_HZ), *array.channels))
-    exact, at_points = _volume(samples), direct_sum(samples, UNEVEN_HZ, array, points)
+    exact, at_points = _volume(samples), direct(samples, UNEVEN_HZ, array, points)
     for tolerance in (1e-3, 1e-5):
         found = {
             "volume": (image_volume(samples, TONES_HZ, array, GRID, tolerance).ravel(), exact),
@@ -122,7 +139,8 @@ def of_forward() -> Iterator[Line]:
     generator, count = np.random.default_rng(3), 300
     position = np.array(POINT_M) + generator.uniform(-0.01, 0.01, (count, 3))
     weight = generator.normal(size=count)
-    exact = direct_echoes(position, weight, TONES_HZ, small_array())
+    legs = [[waves(position, leg, tone) for tone in TONES_HZ] for leg in (small_array().tx_m, small_array().rx_m)]
+    exact = np.einsum("fpt,p,fpr->ftr", np.conj(legs[0]), weight, np.conj(legs[1]), optimize=True)
     scatterers = Scatterers(position, weight)
     found = simulate(scatterers, TONES_HZ, small_array(), spreading=False, tolerance=None)
     error = np.abs(found - exact).max() / np.abs(weight).sum()
@@ -133,8 +151,8 @@ def of_forward() -> Iterator[Line]:
 
 
 def _volume(samples: np.ndarray) -> np.ndarray:
-    """The exact volume [n], rounded to double precision."""
-    return middles(images(samples[None], small_array(), TONES_HZ, GRID.points_m().reshape(-1, 3))[0])
+    """The volume [n] in double precision."""
+    return direct(samples, TONES_HZ, small_array(), GRID.points_m().reshape(-1, 3))
 
 
 def of_resampling() -> Iterator[Line]:
@@ -159,7 +177,7 @@ def of_fsk() -> Iterator[Line]:
     x, y = np.meshgrid(np.linspace(-0.004, 0.004, 9), np.linspace(-0.004, 0.004, 9))
     points = np.stack([x, y, np.full_like(x, POINT_M[2] + 0.002)], axis=-1).reshape(-1, 3)
     single = tone_images(samples, tones, array, points)
-    double = np.array([direct_sum(samples[[i]], tones[[i]], array, points) for i in range(len(tones))])
+    double = np.array([direct(samples[[i]], tones[[i]], array, points) for i in range(len(tones))])
     seen = np.abs(double[0]) > np.abs(double[0]).max() * 10 ** (-10 / 20)
     total, weakest = np.abs(samples[0]).sum(), np.abs(double[:, seen]).min()
     for name, a, b in (("two tones", 0, 1), ("three tones", 0, 3), ("ladder", 0, 4)):

@@ -95,5 +95,5 @@ def test_digits_are_seeded_and_the_same_on_any_number_of_workers(monkeypatch):
     assert d.table(3, ["2fsk", "narrowband"]) == one != d.table(4, ["2fsk", "narrowband"])
     assert [row[:2] for row in one.rows][:3] == [(title, "2fsk") for title in ("MAE", "MAX of AE", "precision")]
     for row in one.rows[:3]:
-        images, chain, stage, _, fine, coarse = row[3:]
+        stage, _, images, chain, _, fine, coarse = row[2:]
         assert coarse < fine < chain <= images + 0.5 and stage in d.STAGES and chain > 3
