@@ -10,7 +10,9 @@ from bench.evaluation.metrics import pool
 from bench.studies.stability import digits as d
 from bench.studies.stability.digits import Shake, digits, rounded
 from bench.studies.stability.scenes import imaged
+from radar.imaging.api import image_points, image_volume
 from radar.methods import fsk, projection
+from tests.radar.imaging.test_single_precision import direct
 
 
 def rng(seed: int = 0) -> np.random.Generator:
@@ -84,6 +86,30 @@ def test_only_the_stage_that_is_asked_for_is_perturbed():
     images = [Shake(rng(), (), 1e-3).result("images", lambda *_: values + 0j, *4 * [0], t) for t in (None, 1e-3)]
     assert (images[0] == values).all()
     assert np.linalg.norm(images[1] - values) / np.linalg.norm(values) == pytest.approx(1e-3, rel=0.2)
+
+
+@pytest.mark.parametrize("id", ["2fsk", "3fsk", "joint"])
+def test_images_in_double_precision_agree_to_the_digits_that_are_told(id, monkeypatch):
+    """Against images by sums in double precision, written apart. The sums round oftener than once: half a digit."""
+
+    def points(samples, tones_hz, aperture, points_m, *_, **__):
+        apart = zip(samples[:, None], tones_hz[:, None], strict=True)
+        return np.array([direct(of_tone, tone_hz, aperture, points_m) for of_tone, tone_hz in apart])
+
+    def plane(samples, tones_hz, aperture, grid, *_, **__):
+        return points(samples, tones_hz, aperture, grid.points_m().reshape(-1, 3)).reshape(-1, *grid.shape)
+
+    exact = {"image_points": lambda *a, **_: image_points(*a[:4], None, apart=True)}
+    exact["image_volume"] = lambda *a, **_: image_volume(*a[:4], None, apart=True)
+    for name, function in exact.items():
+        monkeypatch.setattr(fsk, name, function)
+    single = d.figures(id, Shake(rng()))
+    draws = [d.figures(id, Shake(rng(n), d.STAGES)) for n in range(12)]
+    monkeypatch.setattr(fsk, "image_points", points)
+    monkeypatch.setattr(fsk, "image_volume", plane)
+    for key, value in d.figures(id, Shake(rng())).items():
+        told = digits([draw[key] for draw in draws], single[key])
+        assert -np.log10(abs(single[key] / value - 1)) > told - 0.5 and told > 4, key
 
 
 def test_digits_are_seeded_and_the_same_on_any_number_of_workers(monkeypatch):
