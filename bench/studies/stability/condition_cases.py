@@ -68,8 +68,8 @@ def amplifications() -> Iterator[Row]:
     # The worst pattern for the centre is as the height without what a radius explains: √3/part for even points, whose
     # heights deviate by 2·part/√12.
     for part in (0.45, 0.15, 0.1):
-        name, found = f"centre of a {part:.0%} cap, free radius", _cap_fit(part, lambda h: h - h.mean())[0]
-        yield Row(name, "points' rms along the normal", found, np.sqrt(3) / part, "m/m")
+        name, shift = f"centre of a {part:.0%} cap, free radius", _cap_fit(part, lambda h: h - h.mean())[0]
+        yield Row(name, "points' rms along the normal", shift, np.sqrt(3) / part, "m/m")
     yield Row("radius of a 15% cap", "points' rms along the normal", *_cap_radius(0.15), "m/m")
     yield Row("ball in the echoes", "delay of all channels, one way", *_ball(), "m/m")
     yield from _rotation()
