@@ -17,10 +17,10 @@ from radar.support.files import read_json, write_json
 
 VERDICTS = ("holds", "refused", "flagged", "fails")
 KINDS = {
-    "derived": "bound from a formula of roundings, geometry or probability, a count or a promise",
-    "rigorous": "a derived bound, and a reference that ball arithmetic gives, with a proven error",
-    "measured": "bound chosen after seeing the figure",
-    "refusal": "no figure: an error in words is the answer",
+    "derived": "a formula of roundings, geometry or probability, a count or a promise",
+    "rigorous": "derived, and the reference is ball arithmetic's, with a proven error",
+    "measured": "chosen after seeing the figure",
+    "refusal": "an error in words is the answer",
 }
 
 

@@ -135,7 +135,7 @@ def stability(folder: Path) -> list[tuple[str, Grid]]:
     text = (
         "Holds: within its bound; refused: by an error in words, where no answer is the right one; flagged: wrong, and "
         "every wrong value was marked as such; fails: none of these. Bounds: "
-        + "; ".join(f"{kind}: {meaning}" for kind, meaning in KINDS.items())
+        + "; ".join(f"{kind} ({meaning})" for kind, meaning in KINDS.items())
     )
     headings = ("case", "group", "quantity", "verdict", "worst at", "kind", "bound", "measured", "unit")
     rows = tuple(
