@@ -1,8 +1,8 @@
 """Files that `handbench stability` writes, beside the result that a report shows it with.
 
 stability.csv    one line a hard case: see `bench.results.tables.CASES`
-stability.json   schema_version, kind of each case's bound, tables beside the cases (amplification, random scenes),
-                 seed, seconds, versions, machine
+stability.json   schema_version, kind of each case's bound, tables beside the cases (digits, random scenes), seed,
+                 seconds, versions, machine
 """
 
 from pathlib import Path

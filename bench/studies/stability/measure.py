@@ -12,7 +12,7 @@ import pandas as pd
 from bench.results.stability import StabilityFacts, counted, write_stability
 from bench.results.tables import CASES, frame
 from bench.studies.columns import markdown_table
-from bench.studies.stability import condition_cases, digits, random_scenes
+from bench.studies.stability import digits, random_scenes
 from bench.studies.stability.cases import GROUPS, cases, measured
 from bench.studies.study import carried_out, stand
 from radar.support.config import suggest
@@ -31,7 +31,7 @@ def run_stability(
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # a warning without meaning would reach a user too
         found, _ = carried_out(chosen, measured, attrgetter("name"), "cases")
-        tables = [] if groups else [digits.table(seed), condition_cases.table()]
+        tables = [] if groups else [digits.table(seed)]
         tables += [random_scenes.table(seed, scenes)] if scenes and not groups else []
     table = frame(CASES, (line for _, line in found))
     kinds = {case.name: case.kind for case in chosen}

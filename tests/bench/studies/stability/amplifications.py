@@ -1,5 +1,4 @@
-"""Amplification of each estimator's input error, measured by perturbation, beside what theory expects; and the rank
-correlation of FSK's stated σ with its errors.
+"""Amplification of each estimator's input error, measured by perturbation, beside what theory expects.
 
 A perturbation is small against what bends the estimator and large against rounding; it goes through the product, while
 theory is a formula that is written here.
@@ -14,8 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from bench.evaluation.metrics import pool, precision
 from bench.results.error_map import ErrorMap
-from bench.results.stability import Table
-from bench.studies.stability.condition_fsk import ARRAY, METHODS, amplification, expected, ranks
 from bench.studies.stability.registration_cases import PLACE_M, RADIUS_M, outward
 from bench.studies.stability.statistics_cases import told
 from calibration.target.ball_fit import fit_balls
@@ -31,6 +28,7 @@ from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.data.capture import RadarCapture
 from radar.methods.projection import peak_offset
 from radar.simulation.physics.spheres import sphere_echo
+from tests.bench.studies.stability.amplifications_of_fsk import ARRAY, METHODS, amplification, expected
 
 
 class Row(NamedTuple):
@@ -41,20 +39,6 @@ class Row(NamedTuple):
     measured: float
     theory: float
     unit: str
-
-
-def table() -> Table:
-    """All estimators, then the rank correlation of σ and |error|, with that of the true σ in theory's place."""
-    followed = [Row(f"σ of {name} against |error|", "rank correlation", *both, "1") for name, both in ranks().items()]
-    rows = [*amplifications(), *followed]
-    told = "; ".join(f"{row.measured:.2f} of {row.theory:.2f} ({row.estimator})" for row in followed)
-    return Table(
-        title="Condition",
-        text="how much an error of the input is amplified, by perturbation and by theory; and the rank correlation of "
-        f"FSK's confidence with its errors, of what the true σ would reach: {told}",
-        columns=("estimator", "input", "measured", "theory", "ratio", "unit"),
-        rows=tuple((r.estimator, r.input, r.measured, r.theory, r.measured / r.theory, r.unit) for r in rows),
-    )
 
 
 def amplifications() -> Iterator[Row]:
