@@ -211,6 +211,21 @@ def test_layers_reflect_each_in_its_way():
     assert relative_error(made.extra[0](), 0.5 * twice(CORNER, TONE_HZ)) < 1e-6
 
 
+def test_a_layer_that_no_face_has_changes_nothing():
+    made = EchoState(EchoScene(SPARSE, TONE_HZ, np.zeros(1), CORNER), 1)
+    made.surface.reflection = np.array([[0.5], [0.1]])
+    made.surface.layer = np.zeros(len(made.surface.facets), int)
+    Multipath().apply(made)
+    assert relative_error(made.extra[0](), 0.25 * twice(CORNER, TONE_HZ)) < 1e-6
+
+
+def test_too_weak_bounces_are_not_traced():
+    """Three squares of a trihedral mirror thrice, a dihedral but twice."""
+    antennas_m = np.concatenate([SPARSE.tx_m, SPARSE.rx_m])
+    mirrors = mirrors_of(Rays(CORNER.vertices_m, CORNER.faces), CORNER, antennas_m, 1e-3, 3)
+    assert set(mirrors.bounces) == {1}
+
+
 def test_a_glance_casts_no_ray_and_knows_the_energy():
     scene = EchoScene(qar50(), TONES_HZ, np.zeros(len(TONES_HZ)), FINGERS)
     before = Rays.cast
