@@ -16,6 +16,8 @@ from radar.support.errors import HandbenchError
 
 COMMANDS = Path(__file__).with_name("commands.toml")
 LIBRARIES_BYTES, THREAD_BYTES = 2**31, 2**28  # of addresses, without which libraries hang or crash as they are loaded
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES}
+GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO}  # while a command works
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -38,10 +40,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"handbench: out of memory ({error}); end other programs, or ask for less at once", file=sys.stderr)
         return 2
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES):
+        if error.errno not in (FULL | GONE if error.filename else FULL):
             raise
         where = error.filename or os.environ.get("TMPDIR", "/tmp")
-        print(f"handbench: {where}: {error.strerror}; free the space or choose another place", file=sys.stderr)
+        advice = "free the space or choose another place" if error.errno in FULL else "it was there before: is the disk?"
+        print(f"handbench: {where}: {error.strerror}; {advice}", file=sys.stderr)
         return 2
     return 0
 

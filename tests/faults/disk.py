@@ -39,7 +39,7 @@ def refused_writes(command: Command, rename: bool, first: int = 1, most: int = 1
 
 @contextmanager
 def files_of_at_most(size: int) -> Iterator[None]:
-    """In the block, the system lets no file grow beyond `size` bytes: libraries that write by themselves meet it too."""
+    """In the block, no file grows beyond `size` bytes: libraries that write by themselves meet it too."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:
