@@ -43,7 +43,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if error.errno not in (FULL | GONE if error.filename else FULL):
             raise
         where = error.filename or os.environ.get("TMPDIR", "/tmp")
-        advice = "free the space or choose another place" if error.errno in FULL else "it was there before: is the disk?"
+        advice = (
+            "free the space or choose another place" if error.errno in FULL else "it was there before: is the disk?"
+        )
         print(f"handbench: {where}: {error.strerror}; {advice}", file=sys.stderr)
         return 2
     return 0

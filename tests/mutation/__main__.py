@@ -53,7 +53,10 @@ def main() -> int:
             reason = explained.get(changed, "")
             row = {"package": package, "mutant": mutant.name, "changed": changed, "reason": reason, **vars(outcome)}
             rows.append(row)
-            print(f"{outcome.verdict:9} {outcome.seconds:5.1f} s {outcome.tests:4} tests  {mutant.name}  {changed}", flush=True)
+            print(
+                f"{outcome.verdict:9} {outcome.seconds:5.1f} s {outcome.tests:4} tests  {mutant.name}  {changed}",
+                flush=True,
+            )
     for package in options.package or PACKAGES:
         print(score(package, [row for row in rows if row["package"] == package]))
     if options.out:
@@ -69,7 +72,9 @@ def load() -> None:
     ctypes.CDLL(str(usb.get_library_path()), mode=ctypes.RTLD_GLOBAL)  # for open3d
     for library in LIBRARIES:
         importlib.import_module(library)
-    if mutated := sorted({name.partition(".")[0] for name in sys.modules} & {"radar", "calibration", "groundtruth", "bench"}):
+    if mutated := sorted(
+        {name.partition(".")[0] for name in sys.modules} & {"radar", "calibration", "groundtruth", "bench"}
+    ):
         raise RuntimeError(f"{mutated} are imported before they are mutated")
 
 

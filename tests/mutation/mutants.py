@@ -91,7 +91,11 @@ def of_file(root: Path, file: str) -> Iterator[Mutant]:
 
 
 def _value(node: parso.tree.Leaf) -> complex:
-    return complex(int(node.value, 0)) if node.value[:2].lower() in ("0x", "0b", "0o") else complex(node.value.replace("_", ""))
+    return (
+        complex(int(node.value, 0))
+        if node.value[:2].lower() in ("0x", "0b", "0o")
+        else complex(node.value.replace("_", ""))
+    )
 
 
 def _left_out(node: parso.tree.NodeOrLeaf) -> bool:
