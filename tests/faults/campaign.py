@@ -42,6 +42,11 @@ class Ground:
         return processes.Runs(with_photographs(write_bench(self.scratch / "bench")), self.scratch)
 
     @cached_property
+    def plain_runs(self) -> processes.Runs:
+        """Runs of a benchmark without photographs."""
+        return processes.Runs(write_bench(self.scratch / "plain"), self.scratch, photographs=False)
+
+    @cached_property
     def commands(self) -> list[Command]:
         """The commands to try."""
         return [Command(name, self.inputs, self.scratch / "out" / name) for name in (COMMANDS if self.every else QUICK)]
@@ -52,7 +57,8 @@ class Ground:
 
 
 def _signal(name: str, ground: Ground) -> Iterator[Try]:
-    yield from processes.stopped(ground.runs, name, ground.tries, ground.generator(name))
+    runs = ground.plain_runs if name == "SIGINT" else ground.runs  # which the command itself answers
+    yield from processes.stopped(runs, name, ground.tries, ground.generator(name))
 
 
 def _each(tried: Callable[[Command, int], Iterator[Try]], ground: Ground) -> Iterator[Try]:

@@ -23,7 +23,7 @@ from tests.faults.disk import Try
 ROOT = Path(__file__).parents[2]
 HANG_S = 300.0
 SIGNALS = {"kill -9": signal.SIGKILL, "SIGTERM": signal.SIGTERM, "SIGINT": signal.SIGINT}
-DIED = {signal.SIGKILL: {-9}, signal.SIGTERM: {-15}, signal.SIGINT: {130}}
+DIED = {signal.SIGKILL: {-9}, signal.SIGTERM: {-15}, signal.SIGINT: {130, -2}}
 LIMITED = (
     "import resource, sys; resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[1]),) * 2); del sys.argv[1]; "
     "from bench.cli.main import main; sys.exit(main())"
@@ -36,20 +36,23 @@ WITHOUT_RIGHTS = (
 
 @dataclass
 class Runs:
-    """Runs of a benchmark with photographs (whose photogrammetry stands for itself) in processes of their own."""
+    """Runs of a benchmark in processes of their own; with photographs, whose photogrammetry stands for itself."""
 
     bench: Path
     scratch: Path
+    photographs: bool = True
     number: int = field(default=0)
 
     def command(self, out: Path) -> list[str]:
-        """The words of a run into a folder."""
+        """The words of a run into a folder; without photographs they are the command's own."""
+        if not self.photographs:
+            return [sys.executable, "-m", "bench.cli.main", "run", str(self.bench), "-o", str(out)]
         return [sys.executable, "-c", RUN, str(self.bench), str(out), "never"]
 
     def new(self) -> Path:
         """A folder that is not there yet."""
         self.number += 1
-        return self.scratch / f"out{self.number}"
+        return self.scratch / f"{self.bench.parent.name}-out{self.number}"
 
     @cached_property
     def undisturbed(self) -> tuple[float, dict[str, bytes]]:
@@ -74,7 +77,7 @@ def stopped(runs: Runs, name: str, count: int, generator: np.random.Generator) -
     """`count` runs stopped by a signal at moments drawn from all of a run, then resumed."""
     sent, tries = SIGNALS[name], 0
     while tries < count:
-        out, moment_s = runs.new(), generator.uniform(0.05, 1.0) * runs.undisturbed[0]
+        out, moment_s = runs.new(), generator.uniform(0.1, 1.0) * runs.undisturbed[0]
         process = subprocess.Popen(runs.command(out), stdout=-3, stderr=subprocess.PIPE, text=True, cwd=ROOT)
         time.sleep(moment_s)
         process.send_signal(sent)

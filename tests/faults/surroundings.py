@@ -40,7 +40,7 @@ class Watch:
 
     @contextmanager
     def gone(self, folder: Path, at: int, back: bool) -> Iterator[None]:
-        """In the block the folder vanishes at the n-th opening, counted from 1; it comes back after the block, or not."""
+        """In the block the folder vanishes at the n-th opening, from 1; it comes back after the block, or not."""
         away = folder.with_name(f"{folder.name}-gone")
         self.folder, self.count, self.at = folder, 0, at
         try:

@@ -1,4 +1,4 @@
-"""`python -m tests.mutation`: random mutants of each package, tried in a copy of the repository; scores with intervals."""
+"""`python -m tests.mutation`: random mutants of each package, tried in a copy of the repository."""
 
 from __future__ import annotations
 

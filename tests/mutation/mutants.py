@@ -1,7 +1,7 @@
 """Mutants of a package: places at which cosmic-ray's operators change the code by a little, and random ones of these.
 
-Left out: type hints, decorators, error messages (all of `raise` and of f-strings), what is said while work goes on, code
-that only a GPU runs, and numbers above 10⁴, which cosmic-ray changes by one. Strings have no operators.
+Left out: type hints, decorators, error messages (all of `raise` and of f-strings), what is said while work goes on,
+code that only a GPU runs, and numbers above 10⁴, which cosmic-ray changes by one. Strings have no operators.
 """
 
 from __future__ import annotations

@@ -46,8 +46,8 @@ class Trials:
         self.kernels = {file for file in self.importers if "jit" in (tree / file).read_text(encoding="utf-8")}
 
     def chosen(self, mutant: Mutant) -> list[str]:
-        """The tests that run the line; then those that run its file (what is cached, or decided at import, shows there),
-        or, of a compiled line, a file that imports it: quickest first, BUDGET_S in all."""
+        """The tests that run the line; then those that run its file (what is cached, or decided at import, shows
+        there) or, of a compiled line, a file that imports it: quickest first, BUDGET_S in all."""
         file = self.lines.get(mutant.file, {})
         ranks: dict[int, int] = dict.fromkeys(file.get(str(mutant.line), []), 0)
         for line in file.values():
