@@ -7,7 +7,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from bench.evaluation.refine import refine, refine_files
+from bench.evaluation.floor import BLOCK_M
+from bench.evaluation.refine import _blocks, refine, refine_files
 from calibration.transforms import Transform, identity, load_transform
 from groundtruth.mesh.depth import reference_on_grid
 from groundtruth.mesh.surface import Surface
@@ -219,3 +220,12 @@ def test_from_files(tmp_path):
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(5)
+
+
+@pytest.mark.parametrize("first_m", [-0.31, 0.0, 0.0137, 0.2])
+def test_blocks_are_counted_from_the_first_place(first_m):
+    """Wherever the grid lies, what is less than a block from the first place is in the first block."""
+    along_m = first_m + BLOCK_M * np.array([0.0, 0.5, 0.99, 1.0, 1.5, 2.2])
+    assert _blocks(along_m, np.full(6, 7.0)).tolist() == [0, 0, 0, 1, 1, 2]
+    assert _blocks(np.full(6, 7.0), along_m).tolist() == [0, 0, 0, 1, 1, 2]
+    assert len(set(_blocks(np.repeat(along_m, 6), np.tile(along_m, 6)))) == 9

@@ -68,6 +68,15 @@ def test_coarse_depth_maps_narrow_the_volume_to_the_hand():
     assert narrowed(found, cloud.at(np.arange(20_000)), PLANE, sparse) == found
 
 
+def test_features_outside_the_volume_do_not_widen_what_coarse_depth_maps_narrow():
+    random, on_hand = np.random.default_rng(1), features()
+    found = volume(None, PLANE, solved(on_hand))
+    cloud = replace(cloud_of(hand_m := random.uniform(*HAND_M, (20_000, 3)), np.zeros_like(hand_m)), pixel_m=1e-3)
+    beside_m = random.uniform((0.9, -0.1, 0.06), (1.0, 0.1, 0.12), (200, 3))  # as high as the hand, in y as well
+    with_more = solved(np.concatenate([on_hand, beside_m]))
+    assert narrowed(found, cloud, PLANE, with_more) == narrowed(found, cloud, PLANE, solved(on_hand)) != found
+
+
 def test_skin_without_features_is_not_cut_away():
     found = volume(None, PLANE, solved(features(on_hand=3)))
     box_m = found.box()
