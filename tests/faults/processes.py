@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import shutil
 import signal
 import subprocess
@@ -21,7 +22,7 @@ from tests.faults.commands import Ended
 from tests.faults.disk import Try
 
 ROOT = Path(__file__).parents[2]
-HANG_S = 300.0
+HANG_S, HUNG = 300.0, 999
 SIGNALS = {"kill -9": signal.SIGKILL, "SIGTERM": signal.SIGTERM, "SIGINT": signal.SIGINT}
 DIED = {signal.SIGKILL: {-9}, signal.SIGTERM: {-15}, signal.SIGINT: {130, -2}}
 LIMITED = (
@@ -36,7 +37,7 @@ WITHOUT_RIGHTS = (
 
 @dataclass
 class Runs:
-    """Runs of a benchmark in processes of their own; with photographs, whose photogrammetry stands for itself."""
+    """Runs of a benchmark; with photographs, whose photogrammetry stands for itself."""
 
     bench: Path
     scratch: Path
@@ -44,9 +45,7 @@ class Runs:
     number: int = field(default=0)
 
     def command(self, out: Path) -> list[str]:
-        """The words of a run into a folder; without photographs they are the command's own."""
-        if not self.photographs:
-            return [sys.executable, "-m", "bench.cli.main", "run", str(self.bench), "-o", str(out)]
+        """The words of a run into a folder, as a process of its own."""
         return [sys.executable, "-c", RUN, str(self.bench), str(out), "never"]
 
     def new(self) -> Path:
@@ -55,20 +54,48 @@ class Runs:
         return self.scratch / f"{self.bench.parent.name}-out{self.number}"
 
     @cached_property
+    def forks(self) -> subprocess.Popen:
+        """The process that carries out runs in forks of itself."""
+        kind = "photographs" if self.photographs else "plain"
+        command = [sys.executable, "-m", "tests.faults.forked", str(self.bench), kind]
+        return subprocess.Popen(command, stdin=-1, stdout=-1, text=True, cwd=ROOT)
+
+    def stopped(self, out: Path, sent: int, moment_s: float) -> tuple[int, str]:
+        """Run into the folder, and send a signal after so many seconds: exit code, and what was said on stderr."""
+        said = self.scratch / "said"
+        self.forks.stdin.write(f"{out}\t{said}\n")
+        self.forks.stdin.flush()
+        process, start = int(self.forks.stdout.readline()), time.monotonic()
+        ended, _, _ = select.select([self.forks.stdout], [], [], moment_s)
+        if not ended:
+            os.kill(process, sent)
+            ended, _, _ = select.select([self.forks.stdout], [], [], HANG_S)
+        if not ended:
+            os.kill(process, signal.SIGKILL)
+        self.seconds = time.monotonic() - start
+        code = int(self.forks.stdout.readline())
+        return code if ended else HUNG, said.read_text()
+
+    def run(self, out: Path) -> tuple[int, str]:
+        """Run into the folder to the end."""
+        return self.stopped(out, signal.SIGKILL, HANG_S)
+
+    @cached_property
     def undisturbed(self) -> tuple[float, dict[str, bytes]]:
         """Seconds of a run whose kernels are compiled, and what it leaves."""
         for _ in range(2):
-            out, start = self.new(), time.monotonic()
-            subprocess.run(self.command(out), check=True, capture_output=True, cwd=ROOT)
-        return time.monotonic() - start, content(out)
+            out = self.new()
+            if (ended := self.run(out))[0] != 0:
+                raise RuntimeError(ended[1])
+        return self.seconds, content(out)
 
     def resumed(self, out: Path) -> str | None:
         """Run into the folder once more; what is not as an undisturbed run leaves it, or None."""
-        done = subprocess.run(self.command(out), capture_output=True, text=True, cwd=ROOT, timeout=HANG_S)
+        code, said = self.run(out)
+        if code:
+            return f"the resumed run ended with {code}: {said[-500:]}"
         found, expected = content(out), self.undisturbed[1]
         shutil.rmtree(out)
-        if done.returncode:
-            return f"the resumed run ended with {done.returncode}: {done.stderr[-500:]}"
         wrong = sorted(name for name in found.keys() | expected.keys() if found.get(name) != expected.get(name))
         return f"{wrong[0]} differs" if wrong else None
 
@@ -77,16 +104,13 @@ def stopped(runs: Runs, name: str, count: int, generator: np.random.Generator) -
     """`count` runs stopped by a signal at moments drawn from all of a run, then resumed."""
     sent, tries = SIGNALS[name], 0
     while tries < count:
-        out, moment_s = runs.new(), generator.uniform(0.1, 1.0) * runs.undisturbed[0]
-        process = subprocess.Popen(runs.command(out), stdout=-3, stderr=subprocess.PIPE, text=True, cwd=ROOT)
-        time.sleep(moment_s)
-        process.send_signal(sent)
-        said = process.communicate(timeout=HANG_S)[1]
-        if process.returncode == 0:  # it had ended
+        out, moment_s = runs.new(), generator.uniform(0.0, 1.0) * runs.undisturbed[0]
+        code, said = runs.stopped(out, sent, moment_s)
+        if code == 0:  # it had ended
             shutil.rmtree(out)
             continue
         tries += 1
-        loss = None if process.returncode in DIED[sent] else f"ended with {process.returncode}: {said[-800:]}"
+        loss = None if code in DIED[sent] else f"ended with {code}: {said[-800:]}"
         if "Traceback" in said:
             loss = f"a traceback: {said[-800:]}"
         stages = len(list(out.glob("work/[!.]*")))

@@ -7,6 +7,7 @@ import ctypes
 import importlib
 import json
 import os
+import signal
 import sys
 import time
 import tomllib
@@ -37,6 +38,7 @@ def main() -> int:
     parser.add_argument("-o", dest="out", type=Path, help="JSON of all mutants")
     options = parser.parse_args()
     load()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that the changed file is put back
     trials, rows = Trials(options.tree.resolve(), options.map), []
     explained = tomllib.loads(EXPLAINED.read_text(encoding="utf-8")) if EXPLAINED.exists() else {}
     end = time.monotonic() + 60 * options.minutes

@@ -11,7 +11,7 @@ import sys
 import time
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -110,6 +110,7 @@ class Trials:
 
     def _run(self, tests: list[str], limit_s: float) -> int | None:
         """pytest's exit code in a forked process, or None past the limit of time."""
+        self.log.write_bytes(b"")
         child = os.fork()
         if child == 0:
             os.setsid()
@@ -134,7 +135,10 @@ class Trials:
             if b"Fatal Python error" in self.log.read_bytes()[:1000]:  # after which it may hang
                 break
             time.sleep(0.1)
-        os.killpg(child, signal.SIGKILL)
+        with suppress(ProcessLookupError):
+            os.killpg(child, signal.SIGKILL)
+        with suppress(ProcessLookupError):  # before it had a group of its own
+            os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         return None
 
