@@ -40,7 +40,8 @@ def main() -> int:
     load()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that the changed file is put back
     trials, rows = Trials(options.tree.resolve(), options.map), []
-    explained = tomllib.loads(EXPLAINED.read_text(encoding="utf-8")) if EXPLAINED.exists() else {}
+    known = tomllib.loads(EXPLAINED.read_text(encoding="utf-8"))["mutant"]
+    explained = {(mutant["file"], mutant["changed"]): mutant["reason"] for mutant in known}
     end = time.monotonic() + 60 * options.minutes
     drawn = {p: mutants(trials.tree, p, options.sample, options.seed) for p in options.package or PACKAGES}
     for number in range(options.skip, options.sample):  # in turns, so that all packages are sampled alike
@@ -52,7 +53,7 @@ def main() -> int:
                 continue
             outcome = trials.outcome(mutant)
             changed = mutant.code(trials.tree).splitlines()[mutant.line - 1].strip()
-            reason = explained.get(changed, "")
+            reason = explained.get((mutant.file, changed), "")
             row = {"package": package, "mutant": mutant.name, "changed": changed, "reason": reason, **vars(outcome)}
             rows.append(row)
             print(

@@ -250,7 +250,7 @@ def test_a_pair_s_weight_is_its_inverse_mean_variance_in_the_target_s_frame(unit
     fitted, and taken as they are where none is."""
     centres_m = 0.1 * np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [-1, -1, -1]])
     variances = np.array([1e-8, 2e-8, 3e-8, 4e-8])
-    pairs = Pairs(centres_m / unit, centres_m, *(v[:, None, None] * np.eye(3) for v in (variances / unit**2, variances)),
-                  tuple("abcd"))  # fmt: skip
+    spread = [v[:, None, None] * np.eye(3) for v in (variances / unit**2, variances)]
+    pairs = Pairs(centres_m / unit, centres_m, *spread, tuple("abcd"))
     np.testing.assert_allclose(pairs.weights(True), 1 / (2 * variances), rtol=1e-12)
     np.testing.assert_allclose(pairs.weights(False), 1 / (variances * (1 + unit**-2)), rtol=1e-12)
