@@ -18,6 +18,7 @@ from tests.faults.commands import COMMANDS, Command, write_inputs
 from tests.faults.disk import Try
 
 QUICK = ("simulate", "groundtruth", "calibrate", "reconstruct", "import", "export", "design")  # in well under a second
+EVERY = {"run": 5, "report": 9, "tradeoff": 7, "sensitivity": 9, "study": 2}  # of the writes of what takes seconds
 LIMITS_MB = (100, 400, 1000, 2000, 2400, 2700, 3000, 4000, 6000, 8000)
 
 
@@ -61,11 +62,13 @@ def _signal(name: str, ground: Ground) -> Iterator[Try]:
     yield from processes.stopped(runs, name, ground.tries, ground.generator(name))
 
 
-def _each(tried: Callable[[Command, int], Iterator[Try]], ground: Ground) -> Iterator[Try]:
-    """All tries on each command, or one from a random beginning."""
+def _each(tried: Callable[[Command, int, int], Iterator[Try]], ground: Ground, step: int = 1) -> Iterator[Try]:
+    """The tries on each command from a random beginning, every so many; or one of them."""
     generator = ground.generator("each")
     for command in ground.commands:
-        yield from tried(command, 1) if ground.every else islice(tried(command, int(generator.integers(1, 4))), 1)
+        each = EVERY.get(command.name, 1) * step
+        first = int(generator.integers(1, 1 + (each if ground.every else 3)))
+        yield from islice(tried(command, first, each), None if ground.every else 1)
 
 
 def _short_files(ground: Ground) -> Iterator[Try]:
@@ -89,7 +92,7 @@ def _unwritable(ground: Ground) -> Iterator[Try]:
 
 def _clocks(ground: Ground) -> Iterator[Try]:
     for command in ground.commands:
-        yield from surroundings.clocks(command, 3 if ground.every else 1)
+        yield from surroundings.clocks(command, 2 if ground.every else 1)
 
 
 def _edits(ground: Ground) -> Iterator[Try]:
@@ -110,14 +113,14 @@ def _cluster(ground: Ground) -> Iterator[Try]:
 
 KINDS: dict[str, Callable[[Ground], Iterator[Try]]] = {
     **{f"signal {name}": partial(_signal, name) for name in processes.SIGNALS},
-    "files": partial(_each, lambda command, first: disk.refused_writes(command, False, first)),
-    "renames": partial(_each, lambda command, first: disk.refused_writes(command, True, first)),
+    "files": partial(_each, lambda command, *which: disk.refused_writes(command, False, *which)),
+    "renames": partial(_each, lambda command, *which: disk.refused_writes(command, True, *which)),
     "short files": _short_files,
     "outputs": lambda ground: disk.full_outputs(ground.inputs),
     "memory": _memory,
     "unwritable": _unwritable,
-    "outputs vanish": partial(_each, lambda command, first: surroundings.vanishing(command, False, first, 5)),
-    "inputs vanish": partial(_each, lambda command, first: surroundings.vanishing(command, True, first)),
+    "outputs vanish": partial(_each, lambda command, *which: surroundings.vanishing(command, False, *which), step=5),
+    "inputs vanish": partial(_each, lambda command, *which: surroundings.vanishing(command, True, *which)),
     "clocks": _clocks,
     "edits": _edits,
     "at once": _at_once,

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 from tests.bench.studies.stability.faults import DISK
@@ -26,11 +27,11 @@ class Try:
     loss: str | None = None
 
 
-def refused_writes(command: Command, rename: bool, first: int = 1, most: int = 10_000) -> Iterator[Try]:
-    """Nothing can be made from the n-th file or folder on (or the n-th rename fails), for n from `first` until none is
-    left to fail."""
+def refused_writes(command: Command, rename: bool, first: int = 1, step: int = 1) -> Iterator[Try]:
+    """Nothing can be made from the n-th file or folder on (or the n-th rename fails), for every step-th n from `first`
+    until none is left to fail."""
     kind = "disk full at a rename" if rename else "disk full at a file"
-    for at in range(first, first + most):
+    for at in count(first, step):
         felt, loss = command.tried(partial(DISK.full, command.out, at, rename))
         if not felt and DISK.count < at and loss is None:
             return

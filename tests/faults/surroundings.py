@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
+from itertools import count
 from pathlib import Path
 from unittest.mock import patch
 
@@ -55,10 +56,10 @@ class Watch:
 WATCH = Watch()
 
 
-def vanishing(command: Command, of_inputs: bool, first: int = 1, step: int = 1, most: int = 10_000) -> Iterator[Try]:
+def vanishing(command: Command, of_inputs: bool, first: int = 1, step: int = 1) -> Iterator[Try]:
     """The folder of the outputs, or that of the inputs, vanishes at the n-th opening of something in it."""
     folder, kind = (command.inputs, "inputs vanish") if of_inputs else (command.out, "outputs vanish")
-    for at in range(first, first + step * most, step):
+    for at in count(first, step):
         loss = command.tried(partial(WATCH.gone, folder, at, of_inputs))[1]
         if WATCH.count < at and loss is None:
             return
@@ -80,9 +81,9 @@ def jumping(seed: int) -> Iterator[None]:
         yield
 
 
-def clocks(command: Command, count: int) -> Iterator[Try]:
+def clocks(command: Command, tries: int) -> Iterator[Try]:
     """The same command under clocks that jump."""
-    for seed in range(count):
+    for seed in range(tries):
         yield Try("clock jumps", f"{command.name}, {seed}", command.tried(partial(jumping, seed))[1])
 
 

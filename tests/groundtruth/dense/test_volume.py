@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 
 from groundtruth.cameras.cameras import Camera
-from groundtruth.dense.volume import Volume, board_plane, in_common_field, narrowed, plane_through, volume, warn_of_cuts
+from groundtruth.dense.volume import (
+    COARSE_ROOM,
+    COARSE_ROOM_PX,
+    Volume,
+    board_plane,
+    in_common_field,
+    narrowed,
+    plane_through,
+    volume,
+    warn_of_cuts,
+)
 from groundtruth.sparse.frame import Scale
 from tests.groundtruth.mesh.test_mesh import cloud_of
 
@@ -75,6 +85,18 @@ def test_features_outside_the_volume_do_not_widen_what_coarse_depth_maps_narrow(
     beside_m = random.uniform((0.9, -0.1, 0.06), (1.0, 0.1, 0.12), (200, 3))  # as high as the hand, in y as well
     with_more = solved(np.concatenate([on_hand, beside_m]))
     assert narrowed(found, cloud, PLANE, with_more) == narrowed(found, cloud, PLANE, solved(on_hand)) != found
+
+
+@pytest.mark.parametrize("aside_m", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.0), (-0.4, 0.1, 0.0)])
+def test_the_room_about_a_hand_does_not_depend_on_where_it_stands(aside_m):
+    """A part of its diagonal, and some pixels, on every side but that of the board."""
+    random = np.random.default_rng(2)
+    cloud_m, features_m = (random.uniform(*HAND_M, (count, 3)) + aside_m for count in (20_000, 2000))
+    cloud = replace(cloud_of(cloud_m, np.zeros_like(cloud_m)), pixel_m=1e-3)
+    box_m = narrowed(Volume((-1, -1, -1, 1, 1, 1), "wide"), cloud, PLANE, solved(features_m)).box() - np.array(aside_m)
+    room_m = COARSE_ROOM * np.linalg.norm(np.ptp(HAND_M, axis=0)) + COARSE_ROOM_PX * 1e-3
+    np.testing.assert_allclose(box_m[0, :2], HAND_M[0, :2] - room_m, atol=4e-3)  # of the quantiles
+    np.testing.assert_allclose(box_m[1], HAND_M[1] + room_m, atol=4e-3)
 
 
 def test_skin_without_features_is_not_cut_away():
