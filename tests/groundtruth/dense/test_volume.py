@@ -139,6 +139,15 @@ def test_the_plane_is_that_of_the_board_beside_the_photographs(tmp_path):
     assert board_plane(tmp_path, None, solved([], "poses")) is None
 
 
+@pytest.mark.parametrize("place_m", [(0, 0, -5.0), (3.0, -2.0, 5.0)])
+@pytest.mark.parametrize("turn", [np.eye(3), np.diag([1.0, -1.0, -1.0])])
+def test_the_plane_s_normal_looks_at_the_cameras_wherever_they_are(place_m, turn):
+    corners_m, centres_m, hand_m = (points_m @ turn + place_m for points_m in (CORNERS_M, CENTRES_M, HAND_M))
+    plane = plane_through(corners_m, centres_m, 1e-4)
+    np.testing.assert_allclose(plane.local(hand_m)[:, 2], HAND_M[:, 2], atol=1e-12)
+    np.testing.assert_allclose(plane.local(centres_m)[:, 2], CENTRES_M[:, 2], atol=1e-12)
+
+
 def test_a_surface_that_runs_on_is_said(capsys):
     points_m = np.random.default_rng(0).uniform(*HAND_M, (5000, 3))
     cloud = cloud_of(points_m, np.tile([0.0, 0, 1], (5000, 1)))
