@@ -102,11 +102,12 @@ class Runs:
 
 def stopped(runs: Runs, name: str, count: int, generator: np.random.Generator) -> Iterator[Try]:
     """`count` runs stopped by a signal at moments drawn from all of a run, then resumed."""
-    sent, tries = SIGNALS[name], 0
+    sent, tries, whole_s = SIGNALS[name], 0, runs.undisturbed[0]
     while tries < count:
-        out, moment_s = runs.new(), generator.uniform(0.0, 1.0) * runs.undisturbed[0]
+        out, moment_s = runs.new(), generator.uniform(0.0, 1.0) * whole_s
         code, said = runs.stopped(out, sent, moment_s)
-        if code == 0:  # it had ended
+        if code == 0:  # it had ended: the machine is quieter by now
+            whole_s = runs.seconds
             shutil.rmtree(out)
             continue
         tries += 1

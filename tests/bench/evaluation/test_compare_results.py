@@ -232,3 +232,13 @@ def test_times_stand_beside_each_other_with_their_intervals(tmp_path):
     assert list(times)[3:10] == [0.5, 0.4, 0.6, 1.5, 1.2, 1.9, pytest.approx(3.0)]
     [none] = compare_results(a, replace(b, table=slower.iloc[:0])).times.itertuples()
     assert list(none)[3:6] == [0.5, 0.4, 0.6] and np.isnan(list(none)[6]) and "no times" in none[-1]
+
+
+def test_the_f_test_does_not_mind_which_comes_first():
+    """A is as significantly better than B as B is worse than A; at the table's 5 % points of F(20, 20), 2.464."""
+    random = np.random.default_rng(6)
+    wide, narrow = (scale * random.normal(size=21) for scale in (1.6e-3, 1e-3))
+    assert f_test([wide], [narrow]).p == pytest.approx(f_test([narrow], [wide]).p, rel=1e-12)
+    unit = np.tile([-1.0, 1.0, 0.0], 7)
+    for a, b in ((1.0, np.sqrt(2.4645)), (np.sqrt(2.4645), 1.0)):
+        assert f_test([1e-3 * a * unit], [1e-3 * b * unit]).p == pytest.approx(0.05, rel=2e-3)

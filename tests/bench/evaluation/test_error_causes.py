@@ -147,3 +147,19 @@ def test_a_line_for_each_method_and_reference_and_none_without_maps():
     assert explain(maps)["causes"].method.unique().tolist() == ["a", "b"]
     for name, schema in (("causes", CAUSES), ("reliability", RELIABILITY)):
         assert list(explain([])[name].columns) == schema.names
+
+
+def test_parts_of_hands_have_lines_of_their_own():
+    """A palm with errors of 1 mm and a finger with 3 mm, in two captures of which one shows the palm alone."""
+    disc = np.hypot(X_M, Y_M + 0.04) <= 0.04
+    stem = (np.abs(X_M) <= 0.009) & (Y_M > -0.04) & (Y_M < 0.08)
+    reference_m = np.where(disc | stem, 0.3, np.nan)
+    part = parts(AXIS_M, AXIS_M, reference_m)
+    error_m = np.choose(np.nan_to_num(part, nan=1).astype(int), [3e-3, 1e-3]) + 0 * reference_m
+    depth = DepthMap(AXIS_M, AXIS_M, reference_m + error_m, np.zeros(X_M.shape), "3fsk")
+    palm_m = np.where(part == 1, error_m, np.nan)
+    both = [Scored("3fsk", "truth", depth, ErrorMap(AXIS_M, AXIS_M, e, reference_m)) for e in (error_m, palm_m)]
+    found = explain(both)["causes"].query("cause == 'part'").set_index("part")
+    assert found.mean_mm.to_dict() == pytest.approx({"finger": 3.0, "palm": 1.0})
+    assert found.n_captures.to_dict() == {"finger": 1, "palm": 2}
+    assert found.n_pixels.to_dict() == {"finger": (part == 0).sum(), "palm": 2 * (part == 1).sum()}
