@@ -22,6 +22,7 @@ from radar.simulation.selection import Choice
 from radar.support.files import atomic_folder, atomic_path, write_text
 from radar.support.parallel import for_each
 from radar.support.progress import say
+from radar.warmup import compile_kernels
 
 JPEG_QUALITY = 96
 
@@ -29,6 +30,7 @@ JPEG_QUALITY = 96
 def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple[Choice, ...]:
     """Write a capture folder: echoes (and those of the empty room), photographs, true surface and description, all or
     nothing. Returns the effects' rows."""
+    compile_kernels()
     with atomic_folder(folder) as temporary:
         say(f"{scene.file.name}: echoes")
         radar_scene = echo_scene(scene)

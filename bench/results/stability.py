@@ -1,8 +1,8 @@
 """Files that `handbench stability` writes, beside the result that a report shows it with.
 
 stability.csv    one line a hard case: see `bench.results.tables.CASES`
-stability.json   schema_version, tables beside the cases (float32 errors, amplification, random scenes), seed, seconds,
-                 versions, machine
+stability.json   schema_version, kind of each case's bound, tables beside the cases (digits, random scenes), seed,
+                 seconds, versions, machine
 """
 
 from pathlib import Path
@@ -16,6 +16,12 @@ from radar.support.config import Config, parse
 from radar.support.files import read_json, write_json
 
 VERDICTS = ("holds", "refused", "flagged", "fails")
+KINDS = {
+    "derived": "a formula of roundings, geometry or probability, a count or a promise",
+    "rigorous": "derived, and the reference is ball arithmetic's, with a proven error",
+    "measured": "chosen after seeing the figure",
+    "refusal": "an error in words is the answer",
+}
 
 
 class Table(Config):
@@ -33,6 +39,7 @@ class StabilityFacts(Config):
     schema_version: Literal[1] = 1
     seed: int
     seconds: float
+    kinds: dict[str, str] = Field(default_factory=dict)
     tables: tuple[Table, ...] = ()
     versions: dict[str, str] = Field(default_factory=dict)
     machine: dict[str, Any] = Field(default_factory=dict)
@@ -52,5 +59,8 @@ def load_stability(folder: str | Path) -> tuple[StabilityFacts, pd.DataFrame]:
 
 
 def counted(cases: pd.DataFrame) -> str:
-    """Number of cases of each verdict, in words."""
-    return ", ".join(f"{(cases.verdict == verdict).sum()} {verdict}" for verdict in VERDICTS)
+    """Number of cases of each verdict and of each kind of bound, in words."""
+    verdicts = ", ".join(f"{(cases.verdict == verdict).sum()} {verdict}" for verdict in VERDICTS)
+    return f"{verdicts}; bounds: " + ", ".join(
+        f"{(cases.kind == kind).sum()} {kind}" for kind in KINDS if kind != "refusal"
+    )

@@ -13,6 +13,7 @@ from radar.simulation.scene import Ball, Body, EchoScene
 from radar.simulation.selection import Choice, choose
 from radar.simulation.simulate import SimulatedCapture, simulate_scene
 from radar.simulation.state import EchoState
+from radar.support.cost import require_time
 from radar.support.files import inside
 
 ROOM_STEP_M = 5e-3
@@ -21,7 +22,10 @@ ROOM_STEP_M = 5e-3
 def echoes(scene: Scene, frames: int = 1, radar_scene: EchoScene | None = None) -> SimulatedCapture:
     """The scene's echoes with the effects that its file asks for; frames differ in what is random in time alone."""
     radar_scene, stand = radar_scene or echo_scene(scene), scene.file.stand
-    simulated = simulate_scene(radar_scene, choices(scene, radar_scene), frames, empty=stand.empty or stand.subtract)
+    chosen, passes = choices(scene, radar_scene), 1 + (stand.empty or stand.subtract)
+    core_s = sum(row.cost_s or 0.0 for row in chosen if row.on)
+    require_time(passes * core_s, f"{scene.file.name}: effects of the simulation")
+    simulated = simulate_scene(radar_scene, chosen, frames, empty=stand.empty or stand.subtract)
     return simulated.subtracted() if stand.subtract else simulated
 
 

@@ -27,7 +27,7 @@ from radar.imaging.device import chosen
 from radar.imaging.gpu import executor as gpu
 from radar.imaging.plan import KEPT, PLANNED, GridPlan, TreePlan, kept, roomy
 from radar.imaging.tree import Family, clusters, crowded
-from radar.support.cost import require_memory
+from radar.support.cost import TERMS_PER_S, require_memory, require_time
 from radar.support.errors import HandbenchError
 from radar.support.progress import track
 
@@ -138,14 +138,16 @@ def image_points(
     cost = sum(
         executor.plan.cost(len(executor.plan.touched(where))) for executor, where in zip(planned, places, strict=True)
     )
-    if not parts or cost > max(PLANNED, terms):
+    exact = not parts or cost > max(PLANNED, terms)
+    require_time((terms if exact else cost) / TERMS_PER_S, f"imaging {len(points)} points")
+    if exact:
         images = _device().exact_images(samples, frequencies_hz, aperture, points, apart)
     else:
         images = np.empty((len(samples) if apart else 1, len(points)), np.complex64)
         for executor, near, where in zip(planned, parts, places, strict=True):
             images[:, near] = executor.image(samples, where)
     if (certificate := opened.get()) is not None:
-        of_points(certificate, images, samples, frequencies_hz, aperture, points.__getitem__)
+        of_points(certificate, images[:, :, None], samples, frequencies_hz, aperture, points.__getitem__)
     return images.reshape(shape)
 
 
@@ -174,7 +176,8 @@ def image_volume(
     nodes, images = imager.nodes(samples, grid.z_m)
     volumes = imager.upsampler.volume(nodes, images, carrier)
     if (certificate := opened.get()) is not None and carrier:
-        of_points(certificate, volumes.reshape(count, -1), samples, frequencies_hz, aperture, grid.points_at_m)
+        rows = volumes.reshape(count, -1, len(grid.x_m))
+        of_points(certificate, rows, samples, frequencies_hz, aperture, grid.points_at_m)
     elif certificate is not None:
         of_nodes(certificate, imager.plan, nodes, images, samples, frequencies_hz, aperture)
     return volumes.reshape(shape)
@@ -241,6 +244,7 @@ def imaging_error(
 ) -> float:
     """A-posteriori check: relative L2 error of a volume [nz, ny, nx] at `count` random voxels against the exact sum in
     float64, relative to the whole volume's own size."""
+    check_samples(samples, frequencies_hz, aperture)
     picked = np.random.default_rng(seed).integers(0, image.size, count)
     exact = exact_sums(samples, frequencies_hz, aperture, grid.points_at_m(picked))[0]
     mean_square = np.mean(np.abs(image) ** 2, dtype=np.float64)
@@ -280,11 +284,13 @@ def _exact_volume(
 ) -> np.ndarray:
     volume = np.empty((len(samples) if apart else 1, int(np.prod(grid.shape))), np.complex64)
     flat = np.arange(volume.shape[1])
+    require_time(samples.size * len(flat) / TERMS_PER_S, f"exact volume of {grid.shape} voxels [nz, ny, nx]")
     for start in track(range(0, len(flat), CHUNK), "exact volume"):
         chunk = slice(start, start + CHUNK)
         volume[:, chunk] = _device().exact_images(
             samples, frequencies_hz, aperture, grid.points_at_m(flat[chunk]), apart
         )
     if (certificate := opened.get()) is not None:
-        of_points(certificate, volume, samples, frequencies_hz, aperture, grid.points_at_m)
+        rows = volume.reshape(len(volume), -1, len(grid.x_m))
+        of_points(certificate, rows, samples, frequencies_hz, aperture, grid.points_at_m)
     return volume

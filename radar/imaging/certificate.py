@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from radar.data.arrays import Aperture
+from radar.data.arrays import AntennaArray, Aperture, PlanarScan
 from radar.data.grid import VoxelGrid
 from radar.imaging.cpu.exact import exact_sums
 from radar.imaging.plan import GridPlan
@@ -26,6 +26,7 @@ TERMS = 1e6
 # Over the root of the weighted mean: |error|² is exponential where many terms of random sign add up, and the mean of
 # eight of those, half of PICKS, lies below 1/3.3² of what it stands for once in a million times.
 FACTOR = 3.3
+ROUNDED = 1 + 1e-5  # of mean squares in single precision, where all voxels are looked at
 NEGLIGIBLE = 1e-2  # of the tolerance: weights of far nodes
 
 
@@ -68,16 +69,18 @@ def of_points(
     aperture: Aperture,
     points_at_m: Callable[[np.ndarray], np.ndarray],
 ) -> None:
-    """Certify images [f or 1, n]; points_at_m: index [k] → their points [k, 3]."""
-    count, n = _count(samples), images.shape[1]
-    power, mean_square = _power(images, np.ones(n, np.int8))
-    if whole := n <= count:
-        index, weight = np.arange(n), np.ones(n)
+    """Certify images [f or 1, rows, n]; points_at_m: flat index [k] → their points [k, 3]."""
+    samples, aperture = _heard(samples, aperture)
+    bright = Brightness(images, *(np.ones(n, np.int64) for n in images.shape[1:]))
+    count = _count(samples)
+    if whole := bright.voxels <= count:
+        index, weight = np.arange(bright.voxels), np.ones(bright.voxels)
     else:
-        index, weight = picked(power, np.ones(n, np.int8), count)
+        places, weight = picked(bright, count)
+        index = np.ravel_multi_index(places, images.shape[1:])
     exact = exact_sums(samples, frequencies_hz, aperture, points_at_m(index), len(images) > 1)
-    error = images[:, index] - exact
-    certificate.add(error, weight, mean_square, 1.0 if whole else FACTOR)
+    error = images.reshape(len(images), -1)[:, index] - exact
+    certificate.add(error, weight, bright.mean_square(), ROUNDED if whole else FACTOR)
 
 
 def of_nodes(
@@ -90,53 +93,80 @@ def of_nodes(
     aperture: Aperture,
 ) -> None:
     """Certify the voxels that follow from the nodes' images [f or 1, nz, ny, nx]."""
+    samples, aperture = _heard(samples, aperture)
     grid = VoxelGrid(plan.grid.x_m, plan.grid.y_m, nodes.z_m) if plan.planes else plan.grid
     nearest = [_nearest(axis, node) for axis, node in zip(_axes(grid), _axes(nodes), strict=True)]  # z, y, x
     z, y, x = (np.bincount(near, minlength=len(node)) for near, node in zip(nearest, _axes(nodes), strict=True))
-    counts = (z[:, None, None] * y[:, None] * x).ravel()
-    power, mean_square = _power(images.reshape(len(images), -1), counts)
-    index, weight = picked(power, counts, _count(samples))
-    generator = np.random.default_rng(power.size)
-    places = np.unravel_index(index, nodes.shape)
+    bright = Brightness(images.reshape(len(images), -1, len(x)), np.outer(z, y).ravel(), x)
+    (row, along), weight = picked(bright, _count(samples))
+    places, generator = (row // len(y), row % len(y), along), np.random.default_rng(images.size)
     voxels = np.stack([  # any of the voxels that are nearest to a node
-        [generator.choice(np.flatnonzero(near == place)) for place in along]
-        for near, along in zip(nearest, places, strict=True)
+        np.searchsorted(near, place) + (generator.random(len(place)) * voxels[place]).astype(int)
+        for near, place, voxels in zip(nearest, places, (z, y, x), strict=True)
     ])  # fmt: skip
     points_m = np.stack([axis[voxel] for axis, voxel in zip(_axes(grid), voxels, strict=True)], axis=1)[:, ::-1]
     exact = exact_sums(samples, frequencies_hz, aperture, points_m, len(images) > 1)
-    found = np.stack(
-        [_voxel(plan, nodes, images, voxel, point) for voxel, point in zip(voxels.T, points_m, strict=True)], axis=1
-    )
-    certificate.add(found - exact, weight, mean_square, FACTOR)
+    smooth = np.stack([_voxel(plan, nodes, images, voxel) for voxel in voxels.T], axis=1)
+    found = smooth * plan.carrier_of(*points_m.T)
+    certificate.add(found - exact, weight, bright.mean_square(), FACTOR)
 
 
-def picked(power: np.ndarray, counts: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """So many places of an image and their weights, from its power [n] and how many voxels each place stands for [n]:
-    (index [count], weight [count]). The weighted mean of any quantity at them is on average its mean over all voxels.
-    """
-    generator = np.random.default_rng(power.size)
-    even, bright = 1 / counts.sum(dtype=np.float64), np.dot(power, counts)
-    likely = power * np.float32(0.5 / bright if bright > 0 else 0.0)
-    likely += np.float32((0.5 if bright > 0 else 1.0) * even)
-    ladder = np.cumsum(likely * counts, dtype=np.float64)
-    index = np.searchsorted(ladder, (np.arange(count) + generator.random(count)) / count * ladder[-1])
-    return index, even * ladder[-1] / likely[index]
+class Brightness:
+    """Power of images [f or 1, rows, n] whose places stand for rows [rows] × counts [n] voxels, relative to their
+    largest part so that float32 holds it."""
+
+    def __init__(self, images: np.ndarray, rows: np.ndarray, counts: np.ndarray) -> None:
+        self.images, self.rows, self.counts = images, rows, counts
+        parts, twice = np.ascontiguousarray(images).view(np.float32), np.repeat(counts, 2).astype(np.float32)
+        self.largest = float(max(parts.max(), -parts.min())) or 1.0
+        scale = np.float32(1 / self.largest)
+        squares = (np.square(image * scale) for image in parts)
+        self.of_rows = np.stack([np.einsum("rn,n->r", square, twice) for square in squares]).astype(np.float64)
+
+    @property
+    def voxels(self) -> int:
+        """Voxels that the places stand for."""
+        return int(self.rows.sum()) * int(self.counts.sum())
+
+    def mean_square(self) -> np.ndarray:
+        """Mean |O|² of each image over its voxels [f or 1]."""
+        return self.of_rows @ self.rows / self.voxels * self.largest**2
+
+    def along(self, row: np.ndarray) -> np.ndarray:
+        """Power of all images together in some rows [k]: [k, n]."""
+        return (np.abs(self.images[:, row] / self.largest).astype(np.float64) ** 2).sum(axis=0)
+
+
+def picked(bright: Brightness, count: int) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+    """So many places of images: (row and place in it, [count] each), weight [count]. The weighted mean of any quantity
+    at them is on average its mean over all voxels."""
+    rows, counts, power = bright.rows, bright.counts, bright.of_rows.sum(axis=0)
+    generator = np.random.default_rng(len(rows) * len(counts))
+    even, total = 1 / bright.voxels, float(power @ rows)
+    of_even, of_power = (0.5 * even, 0.5 / total) if total > 0 else (even, 0.0)
+    ladder = np.cumsum(rows * (of_even * counts.sum() + of_power * power))
+    at = (np.arange(count) + generator.random(count)) / count * ladder[-1]
+    row = np.searchsorted(ladder, at)
+    likely = of_even + of_power * bright.along(row)
+    steps = np.cumsum(counts * likely, axis=1)
+    inside = (at - np.r_[0.0, ladder][row]) / (ladder[row] - np.r_[0.0, ladder][row])  # share of the row before it
+    place = (steps < inside[:, None] * steps[:, -1:]).sum(axis=1)
+    return (row, place), even * ladder[-1] / likely[np.arange(count), place]
 
 
 def _count(samples: np.ndarray) -> int:
-    return max(PICKS, int(TERMS / samples.size))
+    return max(PICKS, int(TERMS / (samples.size + samples.shape[0] * sum(samples.shape[1:]))))
 
 
-def _power(images: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Power [n] of all images [f or 1, n] together, relative to their largest part so that float32 holds it, and the
-    mean square of each [f or 1] over what its places stand for."""
-    largest = float(max(np.abs(part).max() for image in images for part in (image.real, image.imag))) or 1.0
-    together, means = np.zeros(images.shape[1], np.float32), []
-    for image in images:
-        power = np.square(image.real / np.float32(largest)) + np.square(image.imag / np.float32(largest))
-        means.append(float(np.dot(power, counts)) / float(counts.sum(dtype=np.float64)) * largest**2)
-        together += power
-    return together, np.array(means)
+def _heard(samples: np.ndarray, aperture: Aperture) -> tuple[np.ndarray, Aperture]:
+    """Samples and aperture without antennas that no sample stems from. Where few are left, many leaves of a plan keep
+    all of them and have no error, and the more voxels are looked at."""
+    if samples[0].all() or not (heard := samples.any(axis=0)).any():
+        return samples, aperture
+    if not isinstance(aperture, AntennaArray):
+        return samples[:, heard], PlanarScan(aperture.position_m[heard])
+    t, r = heard.any(axis=1), heard.any(axis=0)
+    return samples[:, t][:, :, r], AntennaArray(aperture.tx_m[t], aperture.rx_m[r])
 
 
 def _axes(grid: VoxelGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -148,12 +178,11 @@ def _nearest(axis_m: np.ndarray, node_m: np.ndarray) -> np.ndarray:
     return np.searchsorted((node_m[1:] + node_m[:-1]) / 2, axis_m)
 
 
-def _voxel(plan: GridPlan, nodes: VoxelGrid, images: np.ndarray, voxel: np.ndarray, point_m: np.ndarray) -> np.ndarray:
-    """Images [f or 1] of the voxel [3] (z, y, x), from the nodes around it."""
+def _voxel(plan: GridPlan, nodes: VoxelGrid, images: np.ndarray, voxel: np.ndarray) -> np.ndarray:
+    """Images [f or 1] of the voxel [3] (z, y, x) without its carrier, from the nodes around it."""
     (z, of_z), (y, of_y), (x, of_x) = (
         resampler.of(int(at), NEGLIGIBLE * plan.tolerance)
         for resampler, at in zip((plan.z, plan.y, plan.x), voxel, strict=True)
     )
-    envelopes = images[:, z, y, x] * plan.carrier_at(VoxelGrid(nodes.x_m[x], nodes.y_m[y], nodes.z_m[z])).conj()
-    here = plan.carrier_at(VoxelGrid(*point_m[:, None]))
-    return envelopes @ of_x @ of_y @ of_z * here[0, 0, 0]
+    carrier = plan.carrier_of(nodes.x_m[x], nodes.y_m[y, None], nodes.z_m[z, None, None])
+    return (images[:, z, y, x] * carrier.conj()) @ of_x @ of_y @ of_z

@@ -19,7 +19,7 @@ from radar.imaging.device import Array
 from radar.imaging.gpu.exact import cis, distances
 from radar.imaging.skeleton import GUARD, Resampler, resampler
 from radar.imaging.tree import Box, Family, Node, branch, crowded, split, trunk
-from radar.support.cost import require_memory
+from radar.support.cost import TERMS_PER_S, require_memory, require_time
 from radar.support.parallel import one_blas_thread
 
 LEAF = 7.0  # Nyquist intervals along each axis of a leaf, at most ...
@@ -120,8 +120,10 @@ class GridPlan:
         box = Box(*(np.array([axis[i] for axis in nodes]) for i in (0, -1)))
         self.tree = None if crowded(aperture) else TreePlan(frequencies_hz, aperture, box, family)
         terms = float(np.prod(self.nodes.shape)) * len(frequencies_hz) * np.prod(aperture.channels)
-        if self.tree is not None and self.tree.cost(len(self.tree.boxes)) > max(PLANNED, terms):
-            self.tree = None
+        cost = terms if self.tree is None else self.tree.cost(len(self.tree.boxes))
+        if self.tree is not None and cost > max(PLANNED, terms):
+            self.tree, cost = None, terms
+        require_time(cost / TERMS_PER_S, f"imaging {grid.shape} voxels [nz, ny, nx]")
         self._sorted: Sorted | None = None
         middle = (np.min(frequencies_hz) + np.max(frequencies_hz)) / 2 / SPEED_OF_LIGHT_M_S
         self.carrier = (middle, *carriers(aperture), (low + high) / (4 * np.pi))
@@ -133,8 +135,12 @@ class GridPlan:
     def carrier_at(self, grid: VoxelGrid, xp: Any = np) -> Array:
         """The carrier that is taken out of an image between the nodes and put back: complex64 [nz, ny, nx], of numpy or
         of a device's arrays (`xp`)."""
-        turns_per_m, passes, reference_m, ramp = self.carrier
         z, y, x = (xp.asarray(axis) for axis in (grid.z_m[:, None, None], grid.y_m[:, None], grid.x_m))
+        return self.carrier_of(x, y, z, xp)
+
+    def carrier_of(self, x: Array, y: Array, z: Array, xp: Any = np) -> Array:
+        """`carrier_at` places x, y, z (m) that broadcast against each other."""
+        turns_per_m, passes, reference_m, ramp = self.carrier
         turns = ramp[0] * x + ramp[1] * y + ramp[2] * z
         for count, reference in zip(passes, reference_m, strict=True):
             turns += turns_per_m * count * distances(xp, (x, y, z), reference)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -20,7 +19,7 @@ from radar.imaging.api import points_executor
 from radar.imaging.cpu.ascent import FULL_SIGHT, Sight, Source
 from radar.imaging.cpu.exact import path_lengths
 from radar.imaging.cpu.executor import Executor
-from radar.imaging.cpu.steering import FAST, GRAZING, cis_turns, least_cosine
+from radar.imaging.cpu.steering import GRAZING, least_cosine, steering
 from radar.imaging.tree import Box, Family, clusters
 from radar.support.errors import HandbenchError
 from radar.support.parallel import for_each
@@ -214,11 +213,7 @@ def _gain(points_m: np.ndarray, normal: np.ndarray | None, antennas_m: np.ndarra
     return gains
 
 
-@numba.njit(**FAST)
-def _conjugate_steering(distance_m, gain, turns_per_m):  # type: ignore[no-untyped-def]
-    out = np.empty(distance_m.shape, np.complex64)
-    for a in range(distance_m.shape[0]):
-        for p in range(distance_m.shape[1]):
-            cosine, sine = cis_turns(turns_per_m * distance_m[a, p])
-            out[a, p] = gain[a, p] * (cosine - np.complex64(1j) * sine)
-    return out
+def _conjugate_steering(distance_m: np.ndarray, gain: np.ndarray, turns_per_m: float) -> np.ndarray:
+    parts = np.empty((2, *distance_m.shape), np.float32)
+    steering(distance_m, turns_per_m, parts.reshape(-1, distance_m.shape[1]))
+    return np.asarray(gain * (parts[0] - np.complex64(1j) * parts[1]))

@@ -118,9 +118,8 @@ class Rehearsal:
         """Depths [ny, nx] of each method's map."""
         x, y, z, size_px = self._grid
         if not samples.any():
-            return dict.fromkeys(
-                METHODS if self._close else (FINE,), np.full((len(y.values_m()), len(x.values_m())), np.nan)
-            )
+            nothing = np.full((len(y.values_m()), len(x.values_m())), np.nan)
+            return dict.fromkeys(METHODS if self._close else (FINE,), nothing)
         capture = RadarCapture(samples[None], self.scene.frequencies_hz, self.scene.array)
         low_hz, near_hz, high_hz = self.scene.frequencies_hz
         given = {"x": x, "y": y, "tolerance": TOLERANCE}

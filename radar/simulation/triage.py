@@ -15,8 +15,7 @@ from radar.simulation.scene import EchoScene
 
 SHARE = 0.04  # of the whole simulation's seconds: what estimating may take
 LITTLE = 0.02  # of the same: an effect that takes less is on, unasked
-CLEAR = 10.0  # by this factor a glance may be wrong
-SAFETY = 2.0  # and by this one a rehearsal
+SAFETY = 2.0  # a rehearsal may be wrong by this factor
 LOST_MM = 10.0  # a pixel lost or gained counts as much as one that moves so far
 REHEARSED = 0.4  # seconds of a rehearsal over those of a simulation, which has more tones and finer facets
 
@@ -55,10 +54,10 @@ def triage(scene: EchoScene, effects: Sequence[Effect], contained: dict[str, str
             found.reasons[effect.id] = f"on unasked, since it takes {100 * part:.0f} % of the time"
         elif (glance := scene.kept(("glance", effect.id), partial(effect.glance, scene))) is None:
             doubtful.append(effect)
-        elif CLEAR * glance.worst_mm <= tolerance_mm and spent_mm + SAFETY * glance.worst_mm <= tolerance_mm:
+        elif glance.factor * glance.worst_mm <= tolerance_mm and spent_mm + SAFETY * glance.worst_mm <= tolerance_mm:
             spent_mm += SAFETY * glance.worst_mm
             found.left_out[effect.id] = f"far below {tolerance_mm:g} mm: {_told(glance)}"
-        elif glance.worst_mm >= CLEAR * tolerance_mm:
+        elif glance.worst_mm >= glance.factor * tolerance_mm:
             found.reasons[effect.id] = f"far above {tolerance_mm:g} mm: {_told(glance)}"
         else:
             doubtful.append(effect)

@@ -15,10 +15,14 @@ import numpy as np
 import psutil
 
 from radar.support.errors import HandbenchError
+from radar.support.parallel import workers
+from radar.support.progress import say
 
 SAMPLE_S = 0.05
 GEMM_SIZE = 1024  # large enough for the full rate, too small to show in a stage's peak memory
 GEMM_S = 0.5
+TERMS_PER_S = 1e10  # points × tones × channels of the exact sum that a core adds up, of a GEMM rate of 100 GFLOP/s
+TOLD_S, MOST_HOURS = 10.0, 24.0
 
 
 @dataclass
@@ -123,13 +127,7 @@ def _factors(size: int) -> tuple[np.ndarray, np.ndarray]:
 def require_memory(needed_bytes: float, what: str) -> None:
     """Refuse what does not fit, with its size and what would: imaging may take a quarter of the machine's memory, or
     what HANDBENCH_MEMORY_GB says."""
-    wanted = os.environ.get("HANDBENCH_MEMORY_GB", "")
-    try:
-        limit = float(wanted) * 1e9 if wanted else psutil.virtual_memory().total / 4
-    except ValueError:
-        limit = 0.0
-    if not limit > 0:
-        raise HandbenchError(f"HANDBENCH_MEMORY_GB: is '{wanted}'; expected a positive number of gigabytes, or nothing")
+    limit = 1e9 * _setting("HANDBENCH_MEMORY_GB", psutil.virtual_memory().total / 4e9, "gigabytes")
     if needed_bytes > limit:
         coarser = (needed_bytes / limit) ** (1 / 3)
         raise HandbenchError(
@@ -137,6 +135,38 @@ def require_memory(needed_bytes: float, what: str) -> None:
             f"{coarser:.2g} times larger would fit, a depth map without --volume needs less, or raise "
             "HANDBENCH_MEMORY_GB"
         )
+
+
+def require_time(core_s: float, what: str) -> None:
+    """Say about how long work on all cores is going to take that takes core_s on one, where that is long; refuse more
+    than HANDBENCH_HOURS (24)."""
+    hours, seconds = _setting("HANDBENCH_HOURS", MOST_HOURS, "hours"), core_s / workers()
+    told = (
+        f"{seconds:.0f} s"
+        if seconds < 100
+        else f"{seconds / 60:.0f} min"
+        if seconds < 6e3
+        else f"{seconds / 3600:.3g} h"
+    )
+    if seconds > 3600 * hours:
+        raise HandbenchError(
+            f"{what}: would take about {told}, more than the limit of {hours:g} h; ask for less (fewer points, tones "
+            "or pixels; are all lengths in metres?), or raise HANDBENCH_HOURS"
+        )
+    if seconds > TOLD_S:
+        say(f"{what}: about {told}")
+
+
+def _setting(name: str, default: float, unit: str) -> float:
+    """A positive number of the environment."""
+    wanted = os.environ.get(name, "")
+    try:
+        value = float(wanted) if wanted else default
+    except ValueError:
+        value = 0.0
+    if not value > 0:
+        raise HandbenchError(f"{name}: is '{wanted}'; expected a positive number of {unit}, or nothing")
+    return value
 
 
 def require_free(needed_bytes: float, what: str, advice: str) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 from bench.results import HEADLINE, HEADLINES, Result
 from bench.results.about import TREATMENTS, on_common_pixels
 from bench.results.result_folder import shown
-from bench.results.stability import VERDICTS, counted, load_stability
+from bench.results.stability import KINDS, VERDICTS, counted, load_stability
 from bench.results.tables import each
 from reports.tables.blocks import AGAINST, NONE, Block, blocks, figure, known, number, p_text, three_digits
 from reports.tables.result_tables import stages
@@ -134,14 +134,15 @@ def stability(folder: Path) -> list[tuple[str, Grid]]:
     facts, cases = load_stability(folder)
     text = (
         "Holds: within its bound; refused: by an error in words, where no answer is the right one; flagged: wrong, and "
-        "every wrong value was marked as such; fails: none of these."
+        "every wrong value was marked as such; fails: none of these. Bounds: "
+        + "; ".join(f"{kind} ({meaning})" for kind, meaning in KINDS.items())
     )
-    headings = ("case", "group", "quantity", "verdict", "worst at", "bound", "measured", "unit")
+    headings = ("case", "group", "quantity", "verdict", "worst at", "kind", "bound", "measured", "unit")
     rows = tuple(
-        (c.case, c.group, c.quantity, c.verdict, c.at or NONE, _short(c.bound), _short(c.measured), c.unit)
+        (c.case, c.group, c.quantity, c.verdict, c.at or NONE, c.kind, _short(c.bound), _short(c.measured), c.unit)
         for c in sorted(each(cases), key=lambda c: -VERDICTS.index(c.verdict) if c.verdict in VERDICTS else 0)
     )
-    grids = [(text, Grid(f"{len(cases)} hard cases: {counted(cases)}", headings, rows, texts=5))]
+    grids = [(text, Grid(f"{len(cases)} hard cases: {counted(cases)}", headings, rows, texts=6))]
     for found in facts.tables:
         cells = tuple(tuple(_short(cell) for cell in row) for row in found.rows)
         texts = max((i + 1 for row in found.rows for i, cell in enumerate(row) if isinstance(cell, str)), default=1)

@@ -160,7 +160,7 @@ def stability(folder: Path) -> None:
     from bench.results.stability import StabilityFacts, Table, write_stability
     from bench.results.tables import CASES, frame
 
-    row = ("wrap", "phase", "depth", "closed form", "mm", 1.0, 0.5, "holds", "0.3 m", "rounding", 0.1)
+    row = ("wrap", "phase", "depth", "closed form", "mm", 1.0, 0.5, "holds", "0.3 m", "rounding", 0.1, "derived")
     table = Table(title="Errors", text="small", columns=("a", "b"), rows=(("x", 1.5), ("y", None)))
     write_stability(folder, StabilityFacts(seed=0, seconds=1.0, tables=(table,)), frame(CASES, [row]))
 

@@ -29,7 +29,6 @@ from radar.support.errors import HandbenchError
 SCENES = Path(__file__).parent / "scenes"
 FEW = ("2fsk", "3fsk", "nfsk", "narrowband")  # of the benchmark's methods, those that need five tones
 MANY = ("broadband", "broadband-subvoxel")
-REPEATS = 1
 MEASURED = 3  # effects of a scene that are left out of it one by one, those that take long first
 PIXEL_M, FILTER_PX = 2e-3, 3  # of the random scenes' images
 BOX_M = (-0.015, 0.065)  # along z about the target's nearest point, as the paper's 80 mm
@@ -65,17 +64,17 @@ def tables(records: list[Record]) -> list[Table]:
 
 
 def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Record]:
-    """Auto against everything that the scene has a cause for, one frame each; CPU seconds, medians of REPEATS
-    interleaved runs; then everything without each effect."""
+    """Auto against everything that the scene has a cause for, one frame each, in CPU seconds; then everything without
+    each effect."""
     radar_scene = echo_scene(scene)
     everything = tuple(e.id for e in EFFECTS if e.id not in CONTAINED and not e.missing(radar_scene))
     listed: dict[float | None, SceneFile] = {None: scene.file.model_copy(update={"effects": everything})}
     listed |= {mm: scene.file.model_copy(update={"effects": "auto", "tolerance_mm": mm}) for mm in tolerances_mm}
-    rounds = [_round(scene, listed) for _ in range(1 + REPEATS)]
-    made = {mm: last for mm, (_, _, last) in rounds[-1].items()}
-    # The first round makes plans and compiles.
-    seconds = {mm: np.median([run[mm][:2] for run in rounds[1:]], axis=0) for mm in listed}
-    maps = {None: depth_maps(scene, made[None][0])}
+    _round(scene, listed)  # makes plans and compiles
+    timed = _round(scene, listed)
+    made = {mm: last for mm, (_, _, last) in timed.items()}
+    seconds = {mm: np.array(timed[mm][:2]) for mm in listed}
+    maps: dict[float | None, Maps] = {None: depth_maps(scene, made[None][0])}
     maps |= {mm: maps[None] if made[mm][0] is made[None][0] else depth_maps(scene, made[mm][0]) for mm in tolerances_mm}
     records = []
     for mm in tolerances_mm:

@@ -52,7 +52,7 @@ def study(work: Path, poses: str, frames: int) -> Study:
         "ablation",
         "What each effect does to each method",
         [(case, pose) for pose in scenes for case in cases()],
-        lambda chosen: show(*chosen, scenes[chosen[1]], frames),
+        lambda chosen: show(chosen[0], chosen[1], scenes[chosen[1]], frames),
         lambda records: [Table("rows", COLUMNS, pooled(records))],
         draw,
         label=lambda chosen: f"{chosen[0].name}, {chosen[1]}",

@@ -3,8 +3,9 @@
 catalogue.toml says what each case GROUP.NAME is about; the function _NAME of a module GROUP_*.py measures it. It yields
 what it saw: (place in the sweep, value), or (place, value, whether the answer was marked as unreliable there, by a
 flag, NaN or a stated σ that covers it). Of a case that must be refused it yields (place, what is to be refused[, words
-of that refusal alone]). A bound holds on every machine, for the reason beside it; one that is computed stands among
-the module's BOUNDS.
+of that refusal alone]). A bound holds on every machine, for the reason beside it; `bench.results.stability.KINDS` says
+where it comes from. The catalogue has a number for a bound only where it is 0, 1 (of what the function itself allows)
+or measured; all others are formulas among the module's BOUNDS.
 """
 
 import time
@@ -22,8 +23,9 @@ from radar.support.errors import HandbenchError
 
 GROUPS = ("phase", "data", "geometry", "smoothing", "registration", "meshes", "statistics")
 CATALOGUE = Path(__file__).with_name("catalogue.toml")
+U, U_SINGLE = (float(np.finfo(kind).eps) / 2 for kind in (np.float64, np.float32))  # unit roundoffs
 # Unless the catalogue says otherwise.
-REFUSAL = {"bound": 0.0, "unit": "answers", "quantity": "an answer", "reference": "a refusal"}
+REFUSAL = {"bound": 0.0, "kind": "refusal", "unit": "answers", "quantity": "an answer", "reference": "a refusal"}
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,7 @@ class Case:
     reference: str
     unit: str
     bound: float
+    kind: str
     reason: str
     measure: Callable[[], Any]
 

@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from bench.studies.stability.cases import Seen, Works
+from bench.studies.stability.balls import balls, off
+from bench.studies.stability.cases import U_SINGLE, Seen, Works
 from bench.studies.stability.scenes import (
     FSK,
+    HALF_M,
     LADDER_HZ,
     METHODS,
     PERIOD_M,
@@ -22,24 +24,44 @@ from bench.studies.stability.scenes import (
     depth_map,
     echoes,
     flags,
+    left_m,
     middle,
     noisy,
+    slack,
     small_array,
 )
 from radar.data.depthmap import DepthMap, amplitude_db
 from radar.data.grid import PixelGrid
 from radar.imaging.cpu.exact import tone_images
 from radar.methods.confidence import UNRELATED_RAD
+from radar.methods.fsk_config import ThreeToneConfig
 
 FINE_HZ = 2.3e9  # the smaller of 3-FSK's two differences
 RANGE_MM = 1e3 * C / (4 * 10e9) + VOXEL_MM  # half a range cell of broadband, and half a voxel
 SNR_DB = (60, 40, 30, 20, 15, 10, 5, 0, -10, -30)
 DRAWS = 4
 SATURATION = np.hypot(np.pi / 3, UNRELATED_RAD) / UNRELATED_RAD  # where `radar.methods.confidence.incoherent` begins
+CHANNELS = ((0, 0), (5, 6), (11, 2))
+PAPER = ThreeToneConfig()
+
+
+def _alone_mm(t: int, r: int) -> float:
+    """Error of one channel: its ellipsoid falls by its slopes to the image's edge, where z_e may be told, and the
+    correction leaves its share of the way there; the pixel's own step leaves as large a share of both."""
+    legs_m = small_array().tx_m[t : t + 1], small_array().rx_m[r : r + 1]
+    rise = sum((POINT_M - leg[0]) / np.linalg.norm(POINT_M - leg[0]) for leg in legs_m)
+    missed = slack(POINT_M, legs_m)
+    tilt_m = HALF_M * np.abs(rise[:2]).sum() / rise[2]
+    return float(1e3 * missed * (tilt_m + missed * (PAPER.first_depth_m - POINT_M[2])))
+
+
 BOUNDS = {
-    "scales": 1e3 * C / (4 * np.pi * 0.2e9) * 2**-22,
-    "saturated": 1e3 * C / (4 * np.pi * 0.2e9) * np.sqrt(2 / 144) / 3,
-    "ties": 10 * 2.0**-24 * 4,
+    "one_channel": max(VOXEL_MM, *(_alone_mm(*channel) for channel in CHANNELS)),
+    "dead_rows": max(VOXEL_MM, 1e3 * left_m(POINT_M, PAPER.first_depth_m)),
+    "made_up": PAPER.wrap_probability,
+    "scales": 1e3 * C / (4 * np.pi * 0.2e9) * 4 * U_SINGLE,
+    "saturated": 1e3 * C / (4 * np.pi * 0.2e9) * np.sqrt(2 / np.prod(small_array().channels)) / 3,
+    "ties": 4 * 10 * U_SINGLE,
     "sigma_follows": SATURATION,
     "projections_drown": RANGE_MM,
 }
@@ -77,7 +99,7 @@ def _not_finite() -> Works:
 
 
 def _one_channel() -> Seen:
-    for id, (t, r) in product(METHODS, ((0, 0), (5, 6), (11, 2))):
+    for id, (t, r) in product(METHODS, CHANNELS):
         samples = np.zeros_like(_point())
         samples[:, t, r] = _point()[:, t, r]
         yield f"{id}, channel {t}, {r}", 1e3 * abs(float(middle(_depth(id, samples).z_m)) - POINT_M[2])
@@ -133,8 +155,8 @@ def _ties() -> Seen:
     levels = np.array([0.0, -3.0, -10.0, -10.0 + 1e-5, -10.0 - 1e-5, -13.0])
     for kind, scale in product((np.float32, np.float64), (1e-30, 1.0, 1e30)):
         amplitude = (scale * 10 ** (levels / 20)).astype(kind)
-        exact = 20 * np.log10(amplitude.astype(np.longdouble) / amplitude.astype(np.longdouble).max())
-        yield f"{kind.__name__} times {scale:g}", float(np.abs(amplitude_db(amplitude) - exact).max())
+        exact = 20 * np.log(balls(amplitude) / float(amplitude.max())) / np.log(balls(10.0))
+        yield f"{kind.__name__} times {scale:g}", off(amplitude_db(amplitude), exact).max()
 
 
 def _masks() -> Seen:
@@ -163,6 +185,7 @@ def _drowned(id: str, snr_db: float) -> tuple[np.ndarray, np.ndarray, np.ndarray
     parts = []
     for seed in range(DRAWS):
         found = depth_map(id, capture(noisy(samples, float(np.abs(top).max()), snr_db, seed), LADDER_HZ), **values)
+        assert found.sigma_m is not None
         on = np.isfinite(clean.z_m)
         parts.append(((found.z_m - clean.z_m)[on], found.sigma_m[on], flags(found)[on]))
     error, sigma, wrapped = (np.concatenate(part) for part in zip(*parts, strict=True))

@@ -1,8 +1,8 @@
 """Hard geometry: voxels on and behind the array, lone antennas and voxels, far origins, long ranges, many tones; and
 what has no answer.
 
-Every sweep is imaged exactly and to each tolerance, on white noise, and compared with the direct sum in float64. Both
-are told as shares of what was asked: a relative L2 error over the points and a few draws of samples.
+Every sweep is imaged exactly and to each tolerance, on white noise, and compared with the direct sum in balls. Both are
+told as shares of what was asked: a relative L2 error over the points and a few draws of samples.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -12,16 +12,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.studies.stability.cases import Seen, Works
-from bench.studies.stability.geometry_direct import TONES_HZ, array, cloud, echoes, image, waves
-from bench.studies.stability.scenes import white_noise
+from bench.studies.stability.balls import LIGHT_M_S, Balls, echoes, images, middles, off
+from bench.studies.stability.cases import U_SINGLE, Seen, U, Works
+from bench.studies.stability.scenes import TONES_HZ, cloud, plate, white_noise
 from radar.data.arrays import AntennaArray
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_points, image_volume
 from radar.imaging.certificate import certified
 from radar.simulation.forward import Scatterers, simulate
 
-EXACT = 1e-5
+STEER = 4 * U_SINGLE  # of a wave: its phase rounds to π/2 U, cosine and sine to 2 U
 TOLERANCES = (None, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 
 
@@ -35,15 +35,25 @@ class Place(NamedTuple):
     draws: int = 6
 
 
-def _share(place: Place, tolerance: float | None) -> float:
-    along, error, size = waves(place.array, place.tones_hz, place.points_m), 0.0, 0.0
-    for seed in range(place.draws):
-        samples = white_noise((len(place.tones_hz), *place.array.channels), seed)
-        expected = image(samples, along)
-        found = image_points(samples, place.tones_hz, place.array, place.points_m, tolerance)
-        error += np.sum(np.abs(found - expected) ** 2)
-        size += np.sum(np.abs(expected) ** 2)
-    return np.sqrt(error / size) / (tolerance or EXACT)
+def _asked_of(tolerance: float | None, terms: int, tones_hz: np.ndarray, range_m: float) -> float:
+    """The tolerance; of the exact sum, two waves, sums in single precision that grow with the root of their terms'
+    number, and paths of two legs that take three roundings each in double precision."""
+    paths = 2 * np.pi * np.abs(tones_hz).max() / LIGHT_M_S * 2 * range_m * 3 * U
+    return tolerance or float(2 * STEER + np.sqrt(terms) * U_SINGLE + paths)
+
+
+def _shares(place: Place, tolerances: Iterable[float | None] = TOLERANCES) -> Seen:
+    samples = np.array([white_noise((len(place.tones_hz), *place.array.channels), n) for n in range(place.draws)])
+    expected = images(samples, place.array, place.tones_hz, place.points_m)
+    range_m = float(np.ptp([*place.points_m, *place.array.tx_m], axis=0).max())
+    for tolerance in tolerances:
+        found = [image_points(s, place.tones_hz, place.array, place.points_m, tolerance) for s in samples]
+        asked = _asked_of(tolerance, 2 * sum(place.array.channels) + len(samples[0]), place.tones_hz, range_m)
+        yield f"{place.at}, {_asked(tolerance)}", _relative(np.array(found), expected) / asked
+
+
+def _relative(found: np.ndarray, expected: Balls, least: float = 0.0) -> float:
+    return float(np.linalg.norm(off(found, expected))) / max(float(np.linalg.norm(middles(expected))), least)
 
 
 def _asked(tolerance: float | None) -> str:
@@ -55,7 +65,7 @@ def _of_images(places: Callable[[], Iterator[Place]]) -> Callable[[], Seen]:
 
     @wraps(places)
     def measure() -> Seen:
-        return ((f"{p.at}, {_asked(t)}", _share(p, t)) for p in places() for t in TOLERANCES)
+        return (seen for place in places() for seen in _shares(place))
 
     return measure
 
@@ -63,29 +73,29 @@ def _of_images(places: Callable[[], Iterator[Place]]) -> Callable[[], Seen]:
 @_of_images
 def _through() -> Iterator[Place]:
     for z_m in (0.3, 0.05, 1e-2, 1e-3, 0.0, -1e-3, -0.3):
-        yield Place(f"z = {z_m:g} m", array(), cloud(40, (0, 0, z_m)) * [1, 1, z_m != 0])
+        yield Place(f"z = {z_m:g} m", plate(), cloud(40, (0, 0, z_m)) * [1, 1, z_m != 0])
 
 
 @_of_images
 def _on_antennas() -> Iterator[Place]:
     for height_m in (1e-3, 1e-5, 1e-6, 1e-9, 0.0):
-        places = np.concatenate([array().tx_m, array().rx_m]) + [0, 0, height_m]
-        yield Place(f"{height_m:g} m above every antenna", array(), places)
-        yield Place(f"within {height_m:g} m of one antenna", array(), cloud(40, tuple(array().tx_m[0]), height_m))
+        places = np.concatenate([plate().tx_m, plate().rx_m]) + [0, 0, height_m]
+        yield Place(f"{height_m:g} m above every antenna", plate(), places)
+        yield Place(f"within {height_m:g} m of one antenna", plate(), cloud(40, tuple(plate().tx_m[0]), height_m))
 
 
 @_of_images
 def _one_voxel() -> Iterator[Place]:
     for z_m in (1.0, 0.3, 1e-2, 1e-6, 0.0):
-        yield Place(f"z = {z_m:g} m", array(), np.array([[0.013, 0.021, z_m]]), draws=30)
-        yield Place(f"{z_m:g} m above an antenna", array(), array().tx_m[:1] + [0, 0, z_m], draws=30)
+        yield Place(f"z = {z_m:g} m", plate(), np.array([[0.013, 0.021, z_m]]), draws=30)
+        yield Place(f"{z_m:g} m above an antenna", plate(), plate().tx_m[:1] + [0, 0, z_m], draws=30)
 
 
 @_of_images
 def _few_antennas() -> Iterator[Place]:
     points, line = cloud(40, (0, 0, 0.3)), np.linspace(-0.07, 0.07, 30)[:, None] * [1, 0, 0]
     for t, r in ((1, 1), (1, 10), (12, 1)):
-        yield Place(f"{t} × {r} antennas", array(t, r), points)
+        yield Place(f"{t} × {r} antennas", plate(t, r), points)
     yield Place("antennas on a line", AntennaArray(line, line), points)
     yield Place("antennas and voxels on one line", AntennaArray(line, line), np.linspace(-4, 4, 60)[:, None] * line[0])
     yield Place("all antennas in one place", AntennaArray(0 * line, 0 * line), points)
@@ -95,7 +105,7 @@ def _few_antennas() -> Iterator[Place]:
 def _far_origin() -> Iterator[Place]:
     for offset_m in (1e3, 1e6, 9e6):
         for way in ([1, 0, 0], [0, 0, 1], [1, -1, 1]):
-            moved, shift = array(), offset_m * np.array(way)
+            moved, shift = plate(), offset_m * np.array(way)
             moved = AntennaArray(moved.tx_m + shift, moved.rx_m + shift)
             yield Place(f"offset {offset_m:g} m along {way}", moved, cloud(40, (0, 0, 0.3)) + shift)
 
@@ -105,7 +115,7 @@ def _long_ranges() -> Iterator[Place]:
     halves_m = {20.0: (0.05, 1e-3), 100.0: (5e-3,), 1e3: (1e-3, 0.05), 1e5: (0.05,), 1e6: (0.05,)}
     for range_m, half_m in ((range_m, half_m) for range_m, halves in halves_m.items() for half_m in halves):
         points = cloud(40, (0, 0, range_m), half_m)
-        yield Place(f"{1e3 * half_m:g} mm about {range_m:g} m", array(), points, draws=12)
+        yield Place(f"{1e3 * half_m:g} mm about {range_m:g} m", plate(), points, draws=12)
 
 
 @_of_images
@@ -117,20 +127,20 @@ def _tones() -> Iterator[Place]:
         ("descending tones", TONES_HZ[::-1].copy()),
         ("six decades", np.geomspace(1e6, 1e12, 9)),
     ):
-        yield Place(name, array(), cloud(40, (0, 0, 0.3)), tones_hz)
+        yield Place(name, plate(), cloud(40, (0, 0, 0.3)), tones_hz)
 
 
 def _many_tones() -> Seen:
     tones_hz = np.random.default_rng(2).uniform(72e9, 82e9, 4096)
-    place = Place("4096 tones", array(3, 2), cloud(10, (0, 0, 0.3)), tones_hz, draws=1)
-    return ((_asked(tolerance), _share(place, tolerance)) for tolerance in (None, 1e-5))
+    place = Place("4096 tones", plate(3, 2), cloud(10, (0, 0, 0.3)), tones_hz, draws=1)
+    return _shares(place, (None, 1e-5))
 
 
 def _grids() -> Seen:
     generator = np.random.default_rng(3)
     two = np.r_[1e-5 * np.arange(40), 0.1 + 1e-5 * np.arange(40)]
-    uneven = [np.cumsum(10 ** generator.uniform(-5, -2.5, n)) for n in (40, 12, 24)]
-    grids = {
+    uneven: list[np.ndarray] = [np.cumsum(10 ** generator.uniform(-5, -2.5, n)) for n in (40, 12, 24)]
+    grids: dict[str, tuple[np.ndarray, ...]] = {
         "steps from 10 µm to 3 mm": (uneven[0] - uneven[0].mean(), uneven[1], 0.3 + uneven[2]),
         "two heaps 10 cm apart": (two, 1e-3 * np.arange(4), 0.3 + two[::3]),
         "every voxel twice": (np.repeat(2e-4 * np.arange(40), 2), 1e-3 * np.arange(6), np.array([0.3, 0.3])),
@@ -141,40 +151,41 @@ def _grids() -> Seen:
     for counts in ((1, 1, 30), (1, 30, 1), (30, 1, 1)):
         starts = zip(counts, (0, 0, 0.3), strict=True)
         grids[f"{counts} voxels"] = tuple(1e-3 * np.arange(n) + start for n, start in starts)
-    for (name, axes), tolerance in product(grids.items(), TOLERANCES):
-        yield f"{name}, {_asked(tolerance)}", _grid_share(VoxelGrid(*axes), tolerance)
-
-
-def _grid_share(grid: VoxelGrid, tolerance: float | None) -> float:
-    samples, points_m = white_noise((len(TONES_HZ), *array().channels), 0), grid.points_m().reshape(-1, 3)
-    chosen = np.random.default_rng(4).integers(0, len(points_m), 60)
-    expected = image(samples, waves(array(), TONES_HZ, points_m[chosen]))
-    found = image_volume(samples, TONES_HZ, array(), grid, tolerance).ravel()[chosen]
-    size = max(np.linalg.norm(expected), np.linalg.norm(samples) * np.sqrt(len(chosen)))  # they may cancel by chance
-    return np.linalg.norm(found - expected) / size / (tolerance or EXACT)
+    samples = white_noise((len(TONES_HZ), *plate().channels), 0)
+    for name, axes in grids.items():
+        grid = VoxelGrid(*axes)
+        points_m = grid.points_m().reshape(-1, 3)
+        chosen = np.random.default_rng(4).integers(0, len(points_m), 60)
+        [expected] = images(samples[None], plate(), TONES_HZ, points_m[chosen])
+        least = float(np.linalg.norm(samples)) * np.sqrt(len(chosen))  # they may cancel by chance
+        for tolerance in TOLERANCES:
+            found = image_volume(samples, TONES_HZ, plate(), grid, tolerance).ravel()[chosen]
+            asked = _asked_of(tolerance, 2 * sum(samples.shape[1:]) + len(samples), TONES_HZ, 0.5)
+            yield f"{name}, {_asked(tolerance)}", _relative(found, expected, least) / asked
 
 
 def _echoes() -> Seen:
     places = {f"z = {z_m:g} m": cloud(40, (0, 0, 0)) * [1, 1, 0.02] + [0, 0, z_m] for z_m in (0.3, 0.03, 3e-3, 1e-3)}
-    places |= {f"{r_m:g} m above antennas": array(40, 40).tx_m[:3] + [0, 0, r_m] for r_m in (1e-3, 1e-6, 1e-12, 1e-24)}
+    places |= {f"{r_m:g} m above antennas": plate(40, 40).tx_m[:3] + [0, 0, r_m] for r_m in (1e-3, 1e-6, 1e-12, 1e-24)}
     places |= {"range 1e5 m": cloud(40, (0, 0, 1e5)), "behind the array": cloud(40, (0, 0, -0.3))}
-    for (name, points_m), tolerance in product(places.items(), (None, 1e-2, 1e-3, 1e-5)):
+    for name, points_m in places.items():
         weights = np.random.default_rng(5).standard_normal(len(points_m))
-        expected = echoes(weights, array(40, 40), TONES_HZ, points_m)
-        found = simulate(Scatterers(points_m, weights), TONES_HZ, array(40, 40), tolerance=tolerance)
-        error = np.linalg.norm(found - expected) / np.linalg.norm(expected)
-        yield f"{name}, {_asked(tolerance)}", error / (tolerance or EXACT)
+        expected = echoes(weights, plate(40, 40), TONES_HZ, points_m)
+        for tolerance in (None, 1e-2, 1e-3, 1e-5):
+            found = simulate(Scatterers(points_m, weights), TONES_HZ, plate(40, 40), tolerance=tolerance)
+            asked = _asked_of(tolerance, 2 * len(points_m), TONES_HZ, np.abs(points_m).max())
+            yield f"{name}, {_asked(tolerance)}", _relative(found, expected) / asked
 
 
 UP = 1e-3 * np.arange(9)
 
 
 def _imaged(values: Iterable[float]) -> Works:
-    samples = white_noise((len(TONES_HZ), *array().channels), 0)
+    samples = white_noise((len(TONES_HZ), *plate().channels), 0)
     for value, tolerance in product(values, (1e-3, None)):
         yield (
             f"{value}, tolerance {tolerance}",
-            partial(image_points, samples, TONES_HZ, array(), _with(value), tolerance),
+            partial(image_points, samples, TONES_HZ, plate(), _with(value), tolerance),
         )
 
 
@@ -186,9 +197,9 @@ def _with(value: float) -> np.ndarray:
 
 
 def _on_antenna() -> Works:
-    point = Scatterers(array().tx_m[4:5], np.ones(1))
+    point = Scatterers(plate().tx_m[4:5], np.ones(1))
     for tolerance in (1e-5, None):
-        yield f"tolerance {tolerance}", partial(simulate, point, TONES_HZ, array(), tolerance=tolerance)
+        yield f"tolerance {tolerance}", partial(simulate, point, TONES_HZ, plate(), tolerance=tolerance)
 
 
 def _voxels_nowhere() -> Works:
@@ -196,22 +207,22 @@ def _voxels_nowhere() -> Works:
 
 
 def _certificates() -> Seen:
-    antennas = array(30, 30)
-    for kind, tolerance in product(("noise", "a leak", "a target outside", "one channel"), (1e-2, 1e-3, 1e-5)):
-        points_m = cloud(300, (0.02, -0.01, 0.3))
+    antennas = plate(30, 30)
+    points_m = cloud(300, (0.02, -0.01, 0.3))
+    for kind in ("noise", "a leak", "a target outside", "one channel"):
         samples = white_noise((len(TONES_HZ), 30, 30), 0).astype(np.complex128)
         if kind == "a leak":
             samples += 100 * white_noise((1, 30, 30), 1) * np.exp(-2j * np.pi * TONES_HZ * 1e-10)[:, None, None]
         elif kind == "a target outside":
-            samples = echoes(np.ones(1), antennas, TONES_HZ, np.array([[0.4, 0.0, 0.3]]))
+            samples = middles(echoes(np.ones(1), antennas, TONES_HZ, np.array([[0.4, 0.0, 0.3]])))
         elif kind == "one channel":
             samples[:, 1:] = samples[:, :, 1:] = 0
         samples = samples.astype(np.complex64)
-        with certified() as certificate:
-            found = image_points(samples, TONES_HZ, antennas, points_m, tolerance)
-        expected = image(samples, waves(antennas, TONES_HZ, points_m))
-        error = np.linalg.norm(found - expected) / np.linalg.norm(expected)
-        yield f"{kind}, {_asked(tolerance)}", error / certificate.bound
+        [expected] = images(samples[None], antennas, TONES_HZ, points_m)
+        for tolerance in (1e-2, 1e-3, 1e-5):
+            with certified() as certificate:
+                found = image_points(samples, TONES_HZ, antennas, points_m, tolerance)
+            yield f"{kind}, {_asked(tolerance)}", _relative(found, expected) / certificate.bound
 
 
 def _voxels_beyond() -> Works:

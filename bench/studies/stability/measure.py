@@ -12,14 +12,14 @@ import pandas as pd
 from bench.results.stability import StabilityFacts, counted, write_stability
 from bench.results.tables import CASES, frame
 from bench.studies.columns import markdown_table
-from bench.studies.stability import condition_cases, precision_cases, random_scenes
+from bench.studies.stability import digits, random_scenes
 from bench.studies.stability.cases import GROUPS, cases, measured
 from bench.studies.study import carried_out, stand
 from radar.support.config import suggest
 from radar.support.errors import HandbenchError
 from radar.support.progress import say
 
-SHOWN = ["group", "case", "quantity", "bound", "measured", "unit", "verdict"]
+SHOWN = ["group", "case", "quantity", "bound", "kind", "measured", "unit", "verdict"]
 
 
 def run_stability(
@@ -31,10 +31,11 @@ def run_stability(
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # a warning without meaning would reach a user too
         found, _ = carried_out(chosen, measured, attrgetter("name"), "cases")
-        tables = [] if groups else [precision_cases.table(), condition_cases.table()]
+        tables = [] if groups else [digits.table(seed)]
         tables += [random_scenes.table(seed, scenes)] if scenes and not groups else []
     table = frame(CASES, (line for _, line in found))
-    facts = StabilityFacts(seed=seed, seconds=time.perf_counter() - start, tables=tuple(tables), **stand())
+    kinds = {case.name: case.kind for case in chosen}
+    facts = StabilityFacts(seed=seed, seconds=time.perf_counter() - start, kinds=kinds, tables=tuple(tables), **stand())
     if folder is not None:
         write_stability(folder, facts, table)
         say(f"stability: {folder / 'stability.csv'}")

@@ -12,8 +12,9 @@ import psutil
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from bench.studies.stability.cases import Seen, Works
-from groundtruth.mesh.depth import reference_on_grid
+from bench.studies.stability.balls import balls, off
+from bench.studies.stability.cases import U_SINGLE, Seen, U, Works
+from groundtruth.mesh.depth import EDGE_ON, LARGEST_M, reference_on_grid
 from groundtruth.mesh.mesh_files import read_triangles
 from groundtruth.mesh.surface import Surface
 from radar.support.rays import Rays
@@ -73,14 +74,25 @@ def depth(vertices_m: np.ndarray, faces: np.ndarray, x_m: np.ndarray, y_m: np.nd
 
 def plane_error_m(z_m: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, slopes: np.ndarray = SLOPES) -> float:
     """Largest error of depths [ny, nx] of the plane; infinite where one is missing."""
-    x, y = np.meshgrid(x_m, y_m)
-    error = np.abs(z_m - (DEPTH_M + slopes[0] * x + slopes[1] * y))
-    return float(np.where(np.isnan(error), np.inf, error).max())
+    x, y = balls(np.atleast_1d(x_m)), balls(np.atleast_1d(y_m))[:, None]
+    return float(off(z_m, DEPTH_M + x * float(slopes[0]) + y * float(slopes[1])).max())
 
 
-U = 2.0**-53
 GRID_M = np.linspace(-0.09, 0.09, 37)
-BOUNDS = {"fins": 1e4 * 2.0**-24 * 0.13, "slivers": 8 * U, "layers": 250 * 2.0**-22}
+# A plane's depth: edges, products and differences of two components of the normal, then an offset, a product, a sum, a
+# quotient and a difference, in double; a vertex is rounded too.
+ROUNDED_M = (2 * 3 + 5 + 1) * U * 0.5
+SHEET_M = 0.13  # furthest from the axis
+FACE_BYTES = 0.5 * 28 + 13  # of a PLY: half a vertex of three doubles and a float, three indices and their count
+BOUNDS = {
+    "grazing": ROUNDED_M,
+    "fins": U_SINGLE * SHEET_M / EDGE_ON,
+    "slivers": ROUNDED_M,
+    "soups": ROUNDED_M,
+    "layers": 4 * U_SINGLE * LARGEST_M[2],
+    "at_edges": 0.5**2,
+    "memory": 8 * FACE_BYTES * 1e7 / 1e9,  # `require_free` asks for 8 times a PLY file
+}
 
 
 def _grazing() -> Seen:
@@ -149,11 +161,11 @@ def _ball_share(rings: int, flip: int, offset_m: float) -> float:
     axis = radius_m * np.linspace(-0.95, 0.95, 41)
     x, y = np.meshgrid(axis, axis)
     inside = np.hypot(x, y) < 0.95 * radius_m
-    exact = DEPTH_M + offset_m - np.sqrt(radius_m**2 - np.where(inside, x**2 + y**2, 0))
     z_m = depth(vertices + offset_m, faces[:, ::flip], axis + offset_m, axis + offset_m)
     largest_m = 2 * radius_m * (1 - np.cos(np.pi / np.sqrt(2) / rings)) / np.sqrt(1 - 0.95**2)
-    error = np.abs(z_m - exact)[inside]
-    return float(np.where(np.isnan(error), np.inf, error).max() / largest_m)
+    x, y = (balls((axis + offset_m)[inside]) - offset_m for axis in (x, y))
+    exact = DEPTH_M + offset_m - np.sqrt(balls(radius_m) ** 2 - x**2 - y**2)
+    return float(off(z_m[inside], exact).max() / largest_m)
 
 
 def _far() -> Seen:
@@ -210,7 +222,7 @@ def _oblique() -> Seen:
         chosen = faces[generator.integers(0, len(faces), 100_000)]
         aims = np.einsum("nk,nkj->nj", generator.dirichlet([1, 1, 1], len(chosen)), vertices[chosen])
         edges_per_m = 3 / (np.pi * 0.05 / rings)  # length of edges over the area
-        rounded = edges_per_m * 2.0**-22 * np.linalg.norm(eye_m - [0, 0, DEPTH_M])
+        rounded = edges_per_m * 4 * U_SINGLE * np.linalg.norm(eye_m - [0, 0, DEPTH_M])
         yield f"{rings} rings, from {eye_m.tolist()} m", _slipped(rings, aims, eye_m) / rounded
 
 

@@ -8,14 +8,18 @@ from itertools import permutations, product
 from typing import Any
 
 import numpy as np
+from flint import arb
 
-from bench.studies.stability.cases import Seen, Works
+from bench.studies.stability.balls import PI, balls, off
+from bench.studies.stability.cases import U_SINGLE, Seen, U, Works
 from bench.studies.stability.scenes import (
     FSK,
+    HALF_M,
     LADDER_HZ,
     PERIOD_M,
     POINT_M,
     STEP_M,
+    VOXEL_MM,
     C,
     bumpy_points,
     by_flag,
@@ -23,29 +27,42 @@ from bench.studies.stability.scenes import (
     depth_map,
     echoes,
     flags,
+    left_m,
     middle,
     noisy,
     recorded,
+    slack,
 )
 from radar.data.arrays import qar50
 from radar.data.grid import PixelGrid
 from radar.imaging.cpu.exact import tone_images
 from radar.methods.confidence import wrap_probability
 from radar.methods.fsk import depth_step_m
-from radar.methods.fsk_config import SETTLING
+from radar.methods.fsk_config import SETTLING, ThreeToneConfig
 
 PAPER_HZ = (82.0e9, 81.8e9, 79.5e9)
 CELL_M = 0.006  # resolution cell at 0.3 m
 FINEST_HZ = {"2fsk": 0.2e9, "3fsk": 2.3e9, "3fsk-plus": 2.3e9, "nfsk": 9.8e9}
-NEAR_MM = 0.5
 OFFSETS_MM = (-1000, -700, -500, -400, -370, -300, -200, -100, -10, 10, 100, 200, 300, 370, 400, 500, 700, 1000)
+NEAREST_M = 0.14  # a first plane as near as the aperture is wide
+BESIDE_M = np.hypot(POINT_M[2], HALF_M) - POINT_M[2]  # what a pixel beside the point sees it nearer
+PAPER = ThreeToneConfig()
+NEARER_M = [POINT_M[2] + off / 1000 for off in OFFSETS_MM if off < 0 and POINT_M[2] + off / 1000 > NEAREST_M]
 BOUNDS = {
-    "across": 2.0**-23,
+    "across": 2 * U_SINGLE,
+    # x = 2a(a − |Δz|)/σ² takes four roundings, exponential, sum and quotient three; |dp/dx|·x = x·p(1 − p) ≤ 0.2239.
+    "wraps_at": (4 * 0.2239 + 3) * U,
     "coarse_error": 1e3 * PERIOD_M / 2,
-    "tones_meet": 2.0**-20,
-    "first_depth": NEAR_MM,
-    "at_the_edge": NEAR_MM,
+    "tones_meet": 8 * 2 * U_SINGLE,
+    "order": 1e3 * C / (4 * np.pi * 0.2e9) * 8 * np.pi * U,
+    "far_tone": PAPER.wrap_probability,
+    # From nearer planes both errors are nearer; from behind they are of opposite signs.
+    "first_depth": 1e3 * (BESIDE_M + max(left_m(POINT_M, first_m) for first_m in NEARER_M)),
+    "first_depth_settled": 1e3 * (slack(POINT_M) * PAPER.settled_m + BESIDE_M),
+    "first_depth_beyond": PAPER.wrap_probability,
+    "at_the_edge": 1e3 * 2 * left_m((HALF_M, HALF_M, POINT_M[2]), PAPER.first_depth_m),
     "outside": 1e3 * PERIOD_M / 2,
+    "outside_the_box": VOXEL_MM + 1e3 * 4 * U * 0.325,
 }
 Pixels = Iterator[tuple[str, np.ndarray, np.ndarray]]
 
@@ -53,22 +70,21 @@ Pixels = Iterator[tuple[str, np.ndarray, np.ndarray]]
 def _across() -> Seen:
     share = np.array([0, 0.1, 0.3, 0.5, 0.77, 1 - 1e-6, 1 - 2**-24, 1, 1 + 2**-24, 1 + 1e-6, 1.5, 2, 3])
     for difference_hz, sign in product((0.2e9, 0.5e9, 0.7e9, 2.3e9, 2.5e9, 9.8e9, 10e9), (-1, 1)):
-        turns = np.longdouble(sign) * share.astype(np.longdouble) / 2  # of the phase, from the step −Δz
-        phase = 2 * np.pi * (turns - np.rint(turns)).astype(np.float64)
-        image, one = np.exp(1j * phase).astype(np.complex64), np.ones(len(share), np.complex64)
-        step_m = depth_step_m(image, one, difference_hz)
-        off = step_m * 4 * np.pi * difference_hz / C + phase
-        yield f"Δf {difference_hz / 1e9:g} GHz", float(np.abs(off - 2 * np.pi * np.rint(off / 2 / np.pi)).max())
+        turns = sign * share / 2  # of the phase, from the step −Δz; exact
+        image, one = np.exp(2j * np.pi * turns).astype(np.complex64), np.ones(len(share), np.complex64)
+        told = balls(depth_step_m(image, one, difference_hz)) * 2 * difference_hz / int(C)  # turns
+        periods = np.rint(told.astype(np.float64) + turns)
+        yield f"Δf {difference_hz / 1e9:g} GHz", off(0 * turns, (told + turns - periods) * 2 * PI).max()
 
 
 def _wraps_at() -> Seen:
     step = np.array([0, 29.9, 30 - 1e-9, 30, 30 + 1e-9, 30.1, 60, 300])
     for sigma in (0.0, 1e-300, 1e-9, 1e-3, 1.0, 30.0, 1e9):
         found = wrap_probability(step, np.full(len(step), sigma), 30.0)
-        with np.errstate(all="ignore"):
-            exact = 1 / (1 + np.exp(60 * (30 - step.astype(np.longdouble)) / np.longdouble(sigma) ** 2))
-        exact = np.where(step == 30, 0.5, exact)  # halfway: either period, however well the point is known
-        yield f"σ {sigma:g} mm", float(np.abs(found - exact).max())
+        exponent = 60 * (30 - balls(step)) / arb(sigma or 1e-300) ** 2
+        odds = np.exp(-np.abs(exponent))  # of the less likely period; halfway it is either
+        exact = np.where(step < 30, odds, 1) / (1 + odds)
+        yield f"σ {sigma:g} mm", off(found, exact).max()
 
 
 def _coarse_error() -> Seen:
@@ -143,7 +159,7 @@ def _first_imaged(ids: tuple[str, ...], within: bool, nearest_m: float = 0.02, c
 
 
 def _first_depth() -> Seen:
-    return ((place, 1e3 * error.max()) for place, error, _ in _first_imaged(FSK, within=True, nearest_m=0.14))
+    return ((place, 1e3 * error.max()) for place, error, _ in _first_imaged(FSK, within=True, nearest_m=NEAREST_M))
 
 
 def _first_depth_settled() -> Seen:
@@ -176,7 +192,7 @@ def _two_maxima() -> Seen:
                 row, columns = depth.z_m.shape[0] // 2, np.array([4, -5])
                 one = int(depth.amplitude_db[row, columns].argmax())
                 leak = weight[1 - one] * at[1 - one][one] / (weight[one] * at[one][one])
-                allowed_m = C * leak / (2 * np.pi * FINEST_HZ[id]) + NEAR_MM / 1000
+                allowed_m = C * leak / (2 * np.pi * FINEST_HZ[id]) + 2 * left_m(points[one], PAPER.first_depth_m)
                 error_m = abs(float(depth.z_m[row, columns[one]]) - points[one, 2])
                 yield f"{id}, {apart_mm} mm apart, strengths {more:g}", error_m / allowed_m
 

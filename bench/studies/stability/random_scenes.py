@@ -9,6 +9,7 @@ pixel's resolution cell, for at an edge none of them is wrong.
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -80,7 +81,7 @@ def table(seed: int = 0, scenes: int = 10_000) -> Table:
     with ThreadPoolExecutor(workers()) as pool:
         drawn = track(pool.map(lambda number: scene(seed, number), range(scenes)), "random scenes", scenes)
         counts = pd.DataFrame([line for lines in drawn for line in lines], columns=[*KEYS, *COUNTED])
-    rows = []
+    rows: list[tuple[str | float, ...]] = []
     for key, names in KEYS.items():
         sums = counts.groupby(key)[list(COUNTED)].sum().reindex(names, fill_value=0)
         sums["silent_percent"] = 100 * (sums.beyond - sums.flagged) / sums.pixels.clip(lower=1)
@@ -103,11 +104,11 @@ def scene(seed: int, number: int) -> list[tuple[str | int, ...]]:
     surface, middle_m = KINDS[kind](rng), rng.uniform(0.25, 0.35)
     capture, _ = recorded(surface, middle_m, trouble, rng)
     first_m = middle_m + rng.uniform(-0.1, 0.1)
-    known = {"x": AXIS, "y": AXIS, "off_axis": True, "first_depth_m": first_m, "tolerance": None}
-    lines = []
+    known: dict[str, Any] = {"x": AXIS, "y": AXIS, "off_axis": True, "first_depth_m": first_m, "tolerance": None}
+    lines: list[tuple[str | int, ...]] = []
     for name in KEYS["method"]:
         try:
-            counts = (0, *_count(imaged(name, capture, **known), surface, middle_m))
+            counts: tuple[int, ...] = (0, *_count(imaged(name, capture, **known), surface, middle_m))
         except HandbenchError:
             counts = (1, 0, 0, 0, 0)
         lines.append((name, kind, trouble, 1, *counts))
@@ -115,6 +116,7 @@ def scene(seed: int, number: int) -> list[tuple[str | int, ...]]:
 
 
 def _count(depth: DepthMap, surface: Surface, middle_m: float) -> tuple[int, ...]:
+    assert depth.sigma_m is not None and depth.wrapped is not None
     given = np.isfinite(depth.z_m)
     y, x = (depth.y_m[:, None] + WITHIN_M[:, None, None, None], depth.x_m + WITHIN_M[:, None, None])
     within_m = middle_m + surface(*np.broadcast_arrays(x, y))

@@ -18,6 +18,7 @@ FSK = ("2fsk", "3fsk", "3fsk-plus", "nfsk")
 METHODS = (*FSK, "broadband", "narrowband")
 LADDER_HZ = (82.0e9, 81.8e9, 81.3e9, 79.5e9, 72.0e9)
 ALL_HZ = np.unique(np.concatenate([np.linspace(72e9, 82e9, 128), LADDER_HZ]))
+TONES_HZ = np.linspace(72e9, 82e9, 9)
 POINT_M = (0.0, 0.0, 0.28)
 HALF_M, STEP_M = 0.012, 0.001
 VOXEL_MM = 0.5  # half a voxel of the projections
@@ -30,6 +31,35 @@ def small_array(every: int = 8) -> AntennaArray:
     """Every eighth antenna of the paper's frame, 12 + 12, or another part: as wide, and 60 times as fast."""
     whole = qar50()
     return AntennaArray(whole.tx_m[::every], whole.rx_m[::every])
+
+
+def plate(t: int = 12, r: int = 10, seed: int = 0) -> AntennaArray:
+    """Antennas anywhere on a plate of 14 cm."""
+    places = np.random.default_rng(seed).uniform(-0.07, 0.07, (t + r, 3)) * [1, 1, 0]
+    return AntennaArray(places[:t], places[t:])
+
+
+def cloud(count: int, middle_m: tuple[float, float, float], half_m: float = 0.015, seed: int = 1) -> np.ndarray:
+    """Points [count, 3] within half_m of the middle, metres."""
+    return np.random.default_rng(seed).uniform(-half_m, half_m, (count, 3)) + middle_m
+
+
+def left_m(point_m: Any, first_m: float) -> float:
+    """Error that one correction of z_e, from first_m, and the pixel's own step leave of a point's depth: each takes 2
+    for the rise of the path, which is less by a share that the second one multiplies by."""
+    point_m = np.asarray(point_m, np.float64)
+    legs = small_array().tx_m, small_array().rx_m
+    steps = (
+        np.linalg.norm([*point_m[:2], first_m] - leg, axis=1) - np.linalg.norm(point_m - leg, axis=1) for leg in legs
+    )
+    corrected_m = sum(step.mean() for step in steps) / 2
+    return float(abs(first_m - point_m[2] - corrected_m) * slack(point_m))
+
+
+def slack(point_m: Any, legs_m: Any = None) -> float:
+    """Share of a step in depth that the factor 2 misses, averaged over the antennas of two legs [n, 3]."""
+    legs_m = legs_m or (small_array().tx_m, small_array().rx_m)
+    return float(1 - sum(np.mean(point_m[2] / np.linalg.norm(point_m - leg, axis=1)) for leg in legs_m) / 2)
 
 
 def white_noise(shape: tuple[int, ...], seed: int = 1) -> np.ndarray:
@@ -65,9 +95,9 @@ def depth_map(id: str, taken: RadarCapture, half_m: float = HALF_M, **values: An
     return imaged(id, taken, x=axis, y=axis, **values)
 
 
-def imaged(id: str, taken: RadarCapture, **values: Any) -> DepthMap:
+def imaged(id: str, taken: RadarCapture, frame: int = 0, **values: Any) -> DepthMap:
     """A method's depth map with these values of its configuration."""
-    return method(id).run(taken, method(id).configure(values, f"hard case of '{id}'"), 0).depth
+    return method(id).run(taken, method(id).configure(values, f"hard case of '{id}'"), frame).depth
 
 
 def middle(values: np.ndarray) -> Any:

@@ -5,9 +5,11 @@ NaN, nothing, p-values that underflow, ties, figures of any size.
 import tracemalloc
 from itertools import combinations, product
 from math import sqrt
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from flint import arb
 
 from bench.evaluation.depth_errors import deviation_map, error_map
 from bench.evaluation.floor import floor_mm
@@ -17,19 +19,24 @@ from bench.evaluation.statistics.paired import compare, corrected, f_test, paire
 from bench.results.error_map import ErrorMap
 from bench.results.result_folder import shown
 from bench.results.tables import each
-from bench.studies.stability.cases import Seen
+from bench.studies.stability.balls import balls, deviation, off, two_sided
+from bench.studies.stability.cases import Seen, U
 from calibration.transforms import Transform
 from groundtruth.mesh.depth import Reference
 
 EPS = np.finfo(float).eps
 DEPTH_M, PIXEL_M = 0.3, 1e-3
 SIDE = 300
+REPEATS = (2, 3, 100, 10_000)
 COUNTED = ("n_observed", "observed_percent", "false_alarm_percent")  # shares of nothing observed that are known
 BOUNDS = {
     "pooled_deviation": 1.5 * (np.log2(SIDE**2) + 1),
     "many_samples": 1.5 * (np.log2(SIDE**2) + 1) + 1112 / 2,
     "all_equal": EPS,
-    "tiny_p": EPS**0.5,
+    "one_pixel": 4 / 2,  # square, root, quotient and millimetres, half an ε each
+    "precision_about_depth": 3 / 2,  # of the depth, of the mean and of what is left of it, half an ε each
+    # t takes 13 roundings: 5 of the mean, 5 of the deviation, a root, a product and a quotient; p falls as t⁻⁴ at most.
+    "tiny_p": 4 * 13 * U + 6.9e-15,  # what Cephes states of its incomplete beta function
     "not_finite": 1.5 * (np.log2(SIDE**2) + 1),
 }
 
@@ -48,27 +55,25 @@ def a_map(error_m: np.ndarray) -> ErrorMap:
 def _precision_about_depth() -> Seen:
     for spread_m, n in product((1e-3, 1e-6, 1e-9, 1e-12, 0.0), (2, 10, 100_000)):
         z_m = DEPTH_M + spread_m * np.where(np.arange(n) % 2, 1.0, -1.0)
-        off_m = abs(1e-3 * told(precision([z_m])["precision_mm"]) - spread_m * np.sqrt(n / (n - 1)))
-        yield f"{1e6 * spread_m:g} µm, {n} repeats", off_m / (EPS * DEPTH_M)
+        off_m = 1e-3 * off(told(precision([z_m])["precision_mm"]), 1000 * deviation(z_m, lost=1))
+        yield f"{1e6 * spread_m:g} µm, {n} repeats", float(off_m) / (EPS * DEPTH_M)
 
 
 def _deviation_of_float32() -> Seen:
-    for n, spread_m in product((2, 3, 100, 10_000), (1e-3, 1e-6, 1e-7)):
+    for n, spread_m in product(REPEATS, (1e-3, 1e-6, 1e-7)):
         noise = np.random.default_rng(n).standard_normal((n, 4, 4))
         z_m = (DEPTH_M + spread_m * noise).astype(np.float32)
-        wide = np.std(z_m.astype(np.longdouble), axis=0, ddof=1)
         found = deviation_map(np.arange(4), np.arange(4), z_m).error_m
-        known = wide > 0  # two float32 depths may be equal
-        off = np.abs(found / np.where(known, wide, 1) - known).max()
-        yield f"{1e6 * spread_m:g} µm, {n} repeats", float(off / EPS)
+        error = off(found, deviation(z_m, lost=1)) / np.where(found > 0, found, 1)  # two float32 depths may be equal
+        yield f"{1e6 * spread_m:g} µm, {n} repeats", float(error.max() / (n * EPS))
 
 
 def _pooled_deviation() -> Seen:
     noise = np.random.default_rng(0).standard_normal((SIDE, SIDE))
     for spread_m in (1e-3, 1e-5, 1e-6, 1e-7, 1e-8, 0.0):
         error_m = DEPTH_M + spread_m * noise
-        wide_m2 = np.var(error_m.astype(np.longdouble))
-        off_m2 = abs((1e-3 * told(pool([a_map(error_m)])["deviation_mm"])) ** 2 - wide_m2)
+        found = balls(told(pool([a_map(error_m)])["deviation_mm"])) / 1000
+        off_m2 = off(0.0, found**2 - deviation(error_m.ravel()) ** 2)
         yield f"{1e6 * spread_m:g} µm", float(off_m2 / (EPS * DEPTH_M**2))
 
 
@@ -76,10 +81,20 @@ def _many_samples() -> Seen:
     error_m = 1e-3 + 1e-6 * np.random.default_rng(0).standard_normal((SIDE, SIDE))
     one = of_captures([a_map(error_m)])
     found = averaged(pd.concat([one] * 1112))  # 90 000 pixels each: 10⁸
-    wide = error_m.astype(np.longdouble)
-    wanted = {"mae_mm": np.abs(wide).mean(), "rmse_mm": np.sqrt((wide**2).mean()), "bias_mm": wide.mean()}
+    wanted = _exact_mm(error_m) | {"bias_mm": 1000 * balls(error_m).mean()}
     wanted["pooled_mae_mm"] = wanted["mae_mm"]
-    return ((key, float(abs(told(found[key]) / (1e3 * value) - 1)) / EPS) for key, value in wanted.items())
+    return ((key, _relative(found[key], value) / EPS) for key, value in wanted.items())
+
+
+def _exact_mm(error_m: np.ndarray) -> dict[str, Any]:
+    """MAE and RMSE of errors."""
+    exact = balls(error_m)
+    return {"mae_mm": 1000 * np.abs(exact).mean(), "rmse_mm": 1000 * np.sqrt((exact**2).mean())}
+
+
+def _relative(figure: float | None, exact: arb) -> float:
+    """Error of a figure, as a share of it."""
+    return float(off(told(figure), exact)) / abs(float(exact))
 
 
 def _memory() -> float:
@@ -120,18 +135,12 @@ def _rounding_alone() -> Seen:
         yield f"{captures} captures, {1e3 * error_m:.3g} mm", sum(shown(line).sum() for line in lines)
 
 
-def _student(t: float) -> float:
-    """Two-sided p of four degrees of freedom in closed form, without cancellation."""
-    root = float(np.hypot(t, 2))
-    gap = 4 / root / (root + t)  # 1 − u, u = t/√(t² + 4); p = 1 − u(3 − u²)/2 = (1 − u)²(2 + u)/2
-    return gap**2 * (3 - gap) / 2
-
-
 def _tiny_p() -> Seen:
     apart = np.array([-1.0, -0.5, 0.0, 0.5, 1.0]) / np.sqrt(5 / 8)  # deviation 1
     for t in (*np.logspace(-9, 3, 37), 37.0, 1e5, 1e8):
-        wanted, found = _student(t), paired(np.zeros(5), t / sqrt(5) + apart).p
-        yield f"t = {t:g}", abs(found - wanted) / wanted if 0 <= found <= 1 else np.inf
+        gained = balls(b := t / sqrt(5) + apart)
+        exact, found = two_sided(gained.mean() / deviation(b, lost=1) * arb(5).sqrt(), 4), paired(np.zeros(5), b).p
+        yield f"t = {t:g}", _relative(found, exact) if 0 <= found <= 1 else np.inf
     yield "no spread, a difference", paired(np.zeros(5), np.full(5, 1e-3)).p
     yield "no difference", 1 - paired(np.ones(5), np.ones(5)).p
 
@@ -147,11 +156,20 @@ def _ties() -> Seen:
         yield str(p), max((abs(a - b) for a, b in zip(corrected(p), closed(p), strict=True)), default=0.0)
 
 
+def _interval(values: np.ndarray) -> tuple[arb, arb]:
+    """Ends of the 95 % interval of five values' mean, Student's t turned by the skewness γ as Hall (1992) does."""
+    exact, mean, spread = balls(values), balls(values).mean(), deviation(values, lost=1)
+    skew, root = ((exact - mean) ** 3).mean() / spread**3 * (arb(5) / 4) ** 1.5, (arb(39) / 400).sqrt()
+    t = (4 * ((root.acos() / 3).cos() / root - 1) / 5).sqrt()  # of four degrees of freedom, over √5
+    low, high = ((1 + skew * (q - skew / 30)).root(3) for q in (t, -t))
+    return mean - spread * 3 / skew * (low - 1), mean - spread * 3 / skew * (high - 1)
+
+
 def _any_size() -> Seen:
-    values = np.array([1.0, 4.0, 2.5, 3.5, 9.0, 2.0])
-    one = np.array(mean_interval(values))
-    for size in (1e-150, 1e-100, 1e-60, 1e60, 1e100, 1e150):
-        yield f"{size:g}", float(np.abs(np.array(mean_interval(size * values)) / size / one - 1).max() / EPS)
+    values = np.array([1.0, 4.0, 2.5, 3.5, 9.0])
+    for size in (1e-150, 1e-100, 1e-60, 1.0, 1e60, 1e100, 1e150):
+        ends = zip(mean_interval(size * values) or (np.nan, np.nan), _interval(size * values), strict=True)
+        yield f"{size:g}", max(_relative(found, exact) for found, exact in ends) / EPS
     for gone in (np.nan, np.inf):
         yield f"{gone}", 0.0 if mean_interval([*values[:4], gone]) is None else np.inf
 
@@ -162,16 +180,15 @@ def _not_finite() -> Seen:
         z_m, z_ref_m = DEPTH_M + 1e-3 * rng.standard_normal((SIDE, SIDE)), np.full((SIDE, SIDE), DEPTH_M)
         z_m[rng.random(z_m.shape) < share] = broken
         z_ref_m[rng.random(z_m.shape) < share / 2] = broken
-        error = (z_m - DEPTH_M)[np.isfinite(z_m) & np.isfinite(z_ref_m)].astype(np.longdouble)
+        error = (z_m - DEPTH_M)[np.isfinite(z_m) & np.isfinite(z_ref_m)]
         found = pool([error_map(x_m, x_m, z_m, z_ref_m)])
-        wanted = {"mae_mm": np.abs(error).mean(), "rmse_mm": np.sqrt((error**2).mean())}
-        wanted["median_mm"] = np.median(np.abs(error).astype(float))
+        wanted = _exact_mm(error) | {"median_mm": arb(1000 * float(np.median(np.abs(error))))}
         for key, value in wanted.items():
-            yield f"{share:.1%} {broken}, {key}", float(abs(told(found[key]) / (1e3 * value) - 1) / EPS)
+            yield f"{share:.1%} {broken}, {key}", _relative(found[key], value) / EPS
     for broken, strongest_m in ((np.nan, 0.5), (np.inf, 0.4), (-np.inf, 0.5)):
         mixed = np.array([0.3, broken, 0.301, broken, 0.303])
-        off = told(precision([mixed])["precision_mm"]) / told(precision([mixed[::2]])["precision_mm"]) - 1
-        yield f"precision with {broken}", abs(off) / EPS
+        share = told(precision([mixed])["precision_mm"]) / told(precision([mixed[::2]])["precision_mm"])
+        yield f"precision with {broken}", abs(share - 1) / EPS
         found_m = strongest_scatterer_z_m(np.array([[[0.3, 0.4, 0.5]]]), np.array([[[1.0, broken, 2.0]]]))
         yield f"strongest with {broken}", 0.0 if found_m[0] == strongest_m else np.inf
 

@@ -40,25 +40,26 @@ def study(work: Path, scenes: int, methods: str, captures: list[Path], fit: bool
     chosen = tuple(methods.split(",")) if methods else FSK + VOLUMES
     features_hash = content_hash(Path(trust.__file__))  # without its weights, which no kept feature depends on
     code = [key_of("bench.studies.trust.cases"), features_hash, *map(method_key, chosen)]
-    folder = work / content_hash(*code, *chosen, seed)[:16]
+    folder = work / content_hash(*code, *chosen, seed, fit)[:16]
     drawn = cases(scenes, -(-scenes // HANDS), -(-scenes // ASSORTED), captures)
-    measure, text = partial(measured, methods=chosen, seed=seed, work=folder), (__doc__ or "").partition("\n\n")[2]
+    measure = partial(measured, methods=chosen, seed=seed, work=folder, fit=fit)
+    text = (__doc__ or "").partition("\n\n")[2]
     return Study("trust", "Trust in depths", drawn, measure, partial(tables, fit=fit), draw, seed=seed, text=text)
 
 
-def measured(case: Case, methods: tuple[str, ...], seed: int, work: Path) -> list[Record]:
+def measured(case: Case, methods: tuple[str, ...], seed: int, work: Path, fit: bool) -> list[Record]:
     """The pixels of one scene, by each method: features found [n, k], which are wrong [n], which the method flags, and
-    whether 2σ holds the error (1, 0; −1: unknown)."""
+    whether 2σ holds the error (1, 0; −1: unknown). Where weights are fitted, some calibrating depths are moved."""
     content = content_hash(Path(case.kind)) if case.family == "captures" else ""
     file = work / f"{case.family}-{content_hash(str(case), content)[:12]}.npz"
     if not file.is_file():
-        write_npz(file, **_pixels(case, methods, seed, work))
+        write_npz(file, **_pixels(case, methods, seed, work, fit))
     kept = read_npz(file, (), tuple(f"{id} {part}" for id in methods for part in PARTS))
     facts, there = {"group": case.group, "family": case.family}, [id for id in methods if f"{id} wrong" in kept]
     return [facts | {"method": id} | {part: kept[f"{id} {part}"] for part in PARTS} for id in there]
 
 
-def _pixels(case: Case, methods: tuple[str, ...], seed: int, work: Path) -> dict[str, np.ndarray]:
+def _pixels(case: Case, methods: tuple[str, ...], seed: int, work: Path, fit: bool) -> dict[str, np.ndarray]:
     scene, found = known(case, seed, work), dict[str, np.ndarray]()
     for id in methods:
         few = len(scene.capture.frequencies_hz) < SWEPT // 2
@@ -69,7 +70,7 @@ def _pixels(case: Case, methods: tuple[str, ...], seed: int, work: Path) -> dict
             depth = method(id).run(scene.capture, config, 0).depth
         except HandbenchError:  # refused: no map, no wrong depth
             continue
-        if case.group == "calibration" and case.family == "points" and case.number // 20 % MOVED_EVERY == 0:
+        if fit and case.group == "calibration" and case.family == "points" and case.number // 20 % MOVED_EVERY == 0:
             depth = moved(depth, case.number)
         index, values = features(depth, scene.capture, config)
         nearest_m, own_m = (off_m.ravel()[index] for off_m in scene.off_m(depth))

@@ -25,13 +25,10 @@ class PositionErrors(Effect):
         return "" if scene.causes.positions.sigma_m else "[sensor.positions] with sigma_m"
 
     def apply(self, state: EchoState) -> None:
-        shapes = [leg.position_m.shape for leg in state.array.legs]
-        errors = [state.random(state.seed(self.id, i)).standard_normal(shape) for i, shape in enumerate(shapes)]
-        state.array = _displaced(state.array, state.scene.causes.positions.sigma_m, errors)
-
-
-def _displaced(array: AntennaArray, sigma_m: float, errors: list[np.ndarray]) -> AntennaArray:
-    return AntennaArray(array.tx_m + sigma_m * errors[0], array.rx_m + sigma_m * errors[1])
+        sigma_m, legs_m = state.scene.causes.positions.sigma_m, [leg.position_m for leg in state.array.legs]
+        draws = [state.random(state.seed(self.id, i)) for i in range(len(legs_m))]
+        moved = [m + sigma_m * draw.standard_normal(m.shape) for m, draw in zip(legs_m, draws, strict=True)]
+        state.array = AntennaArray(*moved)
 
 
 class AntennaPattern(Effect):

@@ -13,7 +13,7 @@ import numpy as np
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.imaging.cpu.steering import phasor
 from radar.simulation.causes import Motion
-from radar.simulation.effects.base import Effect, Glance, echo_s
+from radar.simulation.effects.base import CLOSED, Effect, Glance, echo_s
 from radar.simulation.scene import EchoScene
 from radar.simulation.state import EchoState
 from radar.support.errors import HandbenchError
@@ -39,12 +39,11 @@ class TargetMotion(Effect):
     def glance(self, scene: EchoScene) -> Glance:
         """(f/Δf)·Δδ between the highest tone and that other one for which it is largest."""
         top = int(scene.frequencies_hz.argmax())
-        below_hz = np.where(
-            np.arange(len(scene.frequencies_hz)) == top, np.inf, scene.frequencies_hz[top] - scene.frequencies_hz
-        )
+        below_hz = scene.frequencies_hz[top] - scene.frequencies_hz
+        below_hz[top] = np.inf
         moved_m = mean_change_m(scene.causes.motion, np.abs(scene.time_s - scene.time_s[top]))
         worst_m = float((scene.frequencies_hz[top] / below_hz * moved_m).max())
-        return Glance(1e3 * worst_m, "(f/Δf)·Δδ of the motion between two tones")
+        return Glance(1e3 * worst_m, "(f/Δf)·Δδ of the motion between two tones", CLOSED)
 
     def apply(self, state: EchoState) -> None:
         if not state.with_target:
@@ -92,7 +91,8 @@ def echoes_of_moving(
     slope = _slope(state, along, middle_m)
     # Turned by −slope·δ, the echoes of all displacements look alike.
     extra = state.extra_echoes()
-    still = [_turned(state.echo(state.moved(node * along)), -node * slope, frequencies_hz) + extra for node in nodes_m]
+    turned = (phasor(-node * slope, frequencies_hz[:, None, None], -1) for node in nodes_m)
+    still = [state.echo(state.moved(node * along)) * turn + extra for node, turn in zip(nodes_m, turned, strict=True)]
     place = np.clip((offset_m - low) / max(high - low, 1e-12) * (len(nodes_m) - 1), 0, len(nodes_m) - 1)
     below = np.minimum(place.astype(int), len(nodes_m) - 2)
     samples = np.empty((*offset_m.shape, *state.array.channels), np.complex64)
@@ -116,8 +116,3 @@ def _slope(state: EchoState, along: np.ndarray, middle_m: np.ndarray) -> np.ndar
     towards = [middle_m - leg.position_m for leg in state.array.legs]
     cosines = [leg @ along / np.linalg.norm(leg, axis=1) for leg in towards]
     return cosines[0][:, None] + cosines[1]
-
-
-def _turned(samples: np.ndarray, path_m: np.ndarray, frequencies_hz: np.ndarray) -> np.ndarray:
-    """Samples [f, t, r] · exp(−j2πf·path/c)."""
-    return samples * phasor(path_m, frequencies_hz[:, None, None], -1)

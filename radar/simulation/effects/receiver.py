@@ -36,7 +36,8 @@ class OscillatorNoise(Effect):
         return "" if scene.causes.oscillator.level_dbc_hz is not None else "[sensor.oscillator] with level_dbc_hz"
 
     def apply(self, state: EchoState) -> None:
-        sigma_rad = _sigma_rad(state.scene)
+        delay_s = 2 * float(np.linalg.norm(state.scene.middle_m)) / SPEED_OF_LIGHT_M_S
+        sigma_rad = phase_rad(state.scene.causes.oscillator, delay_s)
         shape = (len(state.scene.frequencies_hz), len(state.scene.array.tx_m), 1)
         turns = np.stack([state.random(seed).standard_normal(shape) for seed in state.frame_seeds(self.id)])
         state.samples = (state.samples * np.exp(1j * sigma_rad * turns)).astype(np.complex64)
@@ -47,11 +48,6 @@ def phase_rad(oscillator: Oscillator, delay_s: float) -> float:
     a, bandwidth_hz = np.pi * delay_s, oscillator.bandwidth_hz
     integral = a * sici(2 * a * bandwidth_hz)[0] - np.sin(a * bandwidth_hz) ** 2 / bandwidth_hz
     return float(np.sqrt(8 * oscillator.density * OFFSET_HZ**2 * integral))
-
-
-def _sigma_rad(scene: EchoScene) -> float:
-    """`phase_rad` after the way to the target's middle and back."""
-    return phase_rad(scene.causes.oscillator, 2 * float(np.linalg.norm(scene.middle_m)) / SPEED_OF_LIGHT_M_S)
 
 
 class ThermalNoise(Effect):

@@ -60,17 +60,20 @@ class Patches(NamedTuple):
 
 
 @numba.njit(**FAST)
-def mirror(patches, antenna_m, chosen, onward):  # type: ignore[no-untyped-def]
-    """Fill in the directions onward [n, 3] in which the middle of each chosen patch [n] mirrors an antenna [3]; whether
-    the patch turns its front to both, bool [n]."""
-    front = np.empty(len(chosen), np.bool_)
+def mirror(patches, antenna_m, chosen, ahead_m, ways):  # type: ignore[no-untyped-def]
+    """Fill in the first of ways [n, 6]: ahead_m before its middle, and the direction in which it mirrors an antenna
+    [3], for every chosen patch [n] that turns its front to both; which those are, bool [n]."""
+    front, count = np.empty(len(chosen), np.bool_), 0
     antenna = vec(antenna_m)
     for n in range(len(chosen)):
-        flat = vec(patches.flat_m2[chosen[n]])
-        incoming, _ = direction(minus(vec(patches.middle_m[chosen[n]]), antenna))
+        flat, middle = vec(patches.flat_m2[chosen[n]]), vec(patches.middle_m[chosen[n]])
+        incoming, _ = direction(minus(middle, antenna))
         bounced = mirrored(incoming, vec(patches.normal[chosen[n]]))
-        onward[n, 0], onward[n, 1], onward[n, 2] = bounced
         front[n] = dot(incoming, flat) < 0 and dot(bounced, flat) > 0
+        if front[n]:
+            ways[count, 0], ways[count, 1], ways[count, 2] = ahead(middle, ahead_m, bounced)
+            ways[count, 3], ways[count, 4], ways[count, 5] = bounced
+            count += 1
     return front
 
 
@@ -206,8 +209,7 @@ def radiate(  # type: ignore[no-untyped-def]
     """
     samples = np.zeros((len(turns_per_m), 2, len(tx_m), len(rx_m)), np.float32)
     gain, path = np.empty(len(rx_m), np.float32), np.empty(len(rx_m), np.float32)
-    x_m, y_m, z_m = rx_m[:, 0].astype(np.float32), rx_m[:, 1].astype(np.float32), rx_m[:, 2].astype(np.float32)
-    behind_m, zero, one, twelfth = after_m.astype(np.float32), np.float32(0), np.float32(1), np.float32(1 / 12)
+    receivers = np.stack((rx_m[:, 0], rx_m[:, 1], rx_m[:, 2], after_m)).astype(np.float32)
     eighth = np.float32((2 * np.pi * middle) ** 2 / 8)
     for t in range(len(tx_m)):
         for n in range(starts[t], starts[t + 1]):
@@ -219,40 +221,53 @@ def radiate(  # type: ignore[no-untyped-def]
             if pattern != 0:
                 amplitude *= max(way[2] / distance, 0.0) ** pattern
             level, base = np.float32(amplitude), np.float32(distance + tubes.length_m[n] - before_m[t])
-            x, y, z = _single(tubes.points_m[n, -1])
-            nx, ny, nz = _single(tubes.normal[n])
-            ax, ay, az = _single(tubes.edge_m[n, 0])
-            bx, by, bz = _single(tubes.edge_m[n, 1])
-            cx, cy, cz = _single(tubes.edge_m[n, 2])
-            longer_a, longer_b, longer_c = _single(tubes.longer_m[n])
-            sight, clearest = seen[tubes.faces[n, -1]], zero
-            for r in range(len(rx_m)):
-                ux, uy, uz = x_m[r] - x, y_m[r] - y, z_m[r] - z
-                length = np.sqrt(ux * ux + uy * uy + uz * uz)
-                scale = one / length
-                ux, uy, uz = ux * scale, uy * scale, uz * scale
-                a = longer_a - ux * ax - uy * ay - uz * az
-                b = longer_b - ux * bx - uy * by - uz * bz
-                c = longer_c - ux * cx - uy * cy - uz * cz
-                mean = (a + b + c) * twelfth
-                path[r] = base + (length - behind_m[r]) + mean
-                fade = one / (one + eighth * ((a * a + b * b + c * c) * twelfth - np.float32(4) * mean * mean))
-                fade *= fade
-                cosine = max(nx * ux + ny * uy + nz * uz, zero)
-                gain[r] = level * scale * np.sqrt(cosine) * fade * fade * sight[r]
-                if pattern != 0:
-                    gain[r] *= max(-uz, zero) ** pattern
-                clearest = max(clearest, fade * sight[r])
-            if clearest * clearest < FAINT:
+            edges = _single(tubes.edge_m[n, 0]), _single(tubes.edge_m[n, 1]), _single(tubes.edge_m[n, 2])
+            tube = level, base, _single(tubes.points_m[n, -1]), _single(tubes.normal[n]), edges
+            if not _arrive(*tube, _single(tubes.longer_m[n]), receivers, seen[tubes.faces[n, -1]], eighth, gain, path):
                 continue
+            if pattern != 0:
+                for r in range(len(gain)):
+                    towards = minus(vec(tubes.points_m[n, -1]), vec(rx_m[r]))
+                    gain[r] *= max(towards[2] / norm(towards), 0.0) ** pattern
             for m in range(len(turns_per_m)):
-                turns, weight = np.float32(-turns_per_m[m]), factor[n] * reflection[pair[n], m]
-                real, imag = weight.real, weight.imag
-                for r in range(len(rx_m)):
-                    cosine, sine = cis_small(turns * path[r])
-                    samples[m, 0, t, r] += gain[r] * (real * cosine - imag * sine)
-                    samples[m, 1, t, r] += gain[r] * (real * sine + imag * cosine)
+                weight = factor[n] * reflection[pair[n], m]
+                _add(samples[m, 0, t], samples[m, 1, t], gain, path, weight, np.float32(-turns_per_m[m]))
     return samples
+
+
+@numba.njit(**FAST)
+def _arrive(level, base, place, normal, edges, longer, receivers, sight, eighth, gain, path):  # type: ignore[no-untyped-def]
+    """Fill in gains and paths of a tube for all receivers [4, r], x, y, z and path taken out; whether enough of it is
+    left over for any. No loop here or in `_add` has an end that depends on its values: they become vector code."""
+    zero, one, twelfth, clear = np.float32(0), np.float32(1), np.float32(1 / 12), np.float32(FAINT)
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = edges
+    count = zero
+    for r in range(len(gain)):
+        ux, uy, uz = receivers[0, r] - place[0], receivers[1, r] - place[1], receivers[2, r] - place[2]
+        length = np.sqrt(ux * ux + uy * uy + uz * uz)
+        scale = one / length
+        ux, uy, uz = ux * scale, uy * scale, uz * scale
+        a = longer[0] - ux * ax - uy * ay - uz * az
+        b = longer[1] - ux * bx - uy * by - uz * bz
+        c = longer[2] - ux * cx - uy * cy - uz * cz
+        mean = (a + b + c) * twelfth
+        path[r] = base + (length - receivers[3, r]) + mean
+        fade = one / (one + eighth * ((a * a + b * b + c * c) * twelfth - np.float32(4) * mean * mean))
+        fade *= fade
+        fade *= fade * sight[r]
+        gain[r] = level * scale * np.sqrt(max(normal[0] * ux + normal[1] * uy + normal[2] * uz, zero)) * fade
+        count += one if fade >= clear else zero
+    return count > zero
+
+
+@numba.njit(**FAST)
+def _add(re, im, gain, path, weight, turns):  # type: ignore[no-untyped-def]
+    """Add a tube's waves at a tone."""
+    real, imag = weight.real, weight.imag
+    for r in range(len(re)):
+        cosine, sine = cis_small(turns * path[r])
+        re[r] += gain[r] * (real * cosine - imag * sine)
+        im[r] += gain[r] * (real * sine + imag * cosine)
 
 
 @numba.njit(inline="always")

@@ -1,8 +1,8 @@
 """Echoes of ray tubes, bundle by bundle.
 
 What starts in one small cell of the target and lands in another tells few tones and few antennas all there is to know:
-the rest of both is interpolated, as in `radar.imaging.tree`. Rays are only traced for those antennas (`nodes`). Bundles
-are added up at the tones that tell all of the target's.
+the rest of both is interpolated, as in `radar.imaging.tree`. Rays are only traced for those antennas. Bundles are added
+up at the tones that tell all of the target's.
 """
 
 from __future__ import annotations
@@ -10,17 +10,19 @@ from __future__ import annotations
 from itertools import groupby
 from typing import NamedTuple
 
+import numba
 import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.imaging.cpu.ascent import ascend
 from radar.imaging.cpu.descent import complex_samples
-from radar.imaging.cpu.steering import steered_differences
+from radar.imaging.cpu.steering import FAST, steered_differences
 from radar.imaging.skeleton import band_skeleton
 from radar.simulation.physics.bounces import radiate
-from radar.simulation.physics.line_of_sight import lines, spaced
+from radar.simulation.physics.line_of_sight import nodes
 from radar.simulation.physics.polarisation import tube_factors
 from radar.simulation.physics.ray_tubes import Traced
+from radar.simulation.physics.vectors import minus, norm, vec
 from radar.support.parallel import for_each
 
 TOLERANCE = 3e-3  # of the bounces' echoes: for the tones that stand for the others
@@ -35,15 +37,10 @@ SUMS = 8  # partial sums, whatever the number of threads
 EVERY = np.zeros((0, 0), np.float32)  # weights that leave an axis as it is
 
 
-def nodes(array: AntennaArray, apart: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+def traced_nodes(array: AntennaArray, apart: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Indices of the transmitters for which rays are traced, and of the receivers that stand for all; apart: so many
     times as far from each other as usual."""
-    return _nodes(array.tx_m, apart * NODES_M[0]), _nodes(array.rx_m, apart * NODES_M[1])
-
-
-def _nodes(antennas_m: np.ndarray, apart_m: float) -> np.ndarray:
-    """Indices of antennas [a, 3] about apart_m apart along each line, its ends included."""
-    return np.concatenate([line[spaced(antennas_m[line], apart_m)[0]] for line in lines(antennas_m)])
+    return nodes(array.tx_m, apart * NODES_M[0]), nodes(array.rx_m, apart * NODES_M[1])
 
 
 class Cells(NamedTuple):
@@ -102,7 +99,7 @@ class FewTones(NamedTuple):
 
 
 class Bundles:
-    """Traced hits in bundles: by the cells in which they start and land.
+    """Traced hits in bundles: by the number of their bounces and the cells in which they start and land.
 
     layer [faces]: of each face of the body; at: the indices of the antennas for which the rays were traced; dipole [3]:
     the antennas'.
@@ -113,26 +110,19 @@ class Bundles:
     ) -> None:
         hits, mirrors = traced.hits, traced.mirrors
         self._traced, self._at, self._dipole = traced, at, dipole
-        self._layers = np.column_stack([layer[mirrors.face[hits.patch]], layer[hits.faces]])
-        self._count = 1 + int(layer.max())
+        self._count = 2 + int(layer.max())  # one more, of the faces that are not met
+        met = np.append(layer, self._count - 1).astype(np.int8)[hits.faces]
+        self._layers = np.column_stack([layer.astype(np.int8)[mirrors.face[hits.patch]], met])
         start_m = mirrors.patches.middle_m
         self._cells = first, last = Cells.of(start_m), Cells.of(hits.end_m)
-        key = last.cell * len(first.centre_m) + first.cell[hits.patch]
+        kinds, more = (len(last.centre_m), len(first.centre_m), hits.faces.shape[1]), sum(hits.faces.T[1:] >= 0)
+        key = np.ravel_multi_index((last.cell, first.cell[hits.patch], more), kinds)
         order = _sorting(key)  # the transmitters are in order
         self._bundles = [one for one in np.split(order, np.flatnonzero(np.diff(key[order])) + 1) if len(one)]
-        self._places = [divmod(int(key[one[0]]), len(first.centre_m))[::-1] for one in self._bundles]
-        self._length_m, reach_m = np.zeros(len(self)), np.zeros(len(self))
-
-        def measure(n: int) -> None:
-            chosen, (begin, end) = self._bundles[n], self._places[n]
-            tx_m, from_m = traced.array.tx_m[hits.transmitter[chosen]], start_m[hits.patch[chosen]]
-            length_m = hits.length_m[chosen]
-            path_m = _lengths(from_m - tx_m) - _lengths(first.centre_m[begin] - tx_m)
-            self._length_m[n] = length_m.mean()
-            late_m = np.abs(path_m + length_m - self._length_m[n]).max()
-            reach_m[n] = late_m + _lengths(hits.end_m[chosen] - last.centre_m[end]).max()
-
-        for_each(measure, range(len(self)))
+        one = np.array([bundle[0] for bundle in self._bundles], int)
+        self._places = np.stack([first.cell[hits.patch[one]], last.cell[one]], axis=1)
+        starts, legs = np.cumsum([0, *map(len, self._bundles)]), (traced.array.tx_m, start_m)
+        self._length_m, reach_m = _reach(hits, order, starts, self._places, *legs, first.centre_m, last.centre_m)
         self._reach_m = REACH_M * np.ceil(reach_m / REACH_M)
 
     def __len__(self) -> int:
@@ -154,16 +144,17 @@ class Bundles:
         """
         if len(self) == 0:
             return np.zeros((len(frequencies_hz), *array.channels), np.complex64)
-        level = np.ones((self._count, len(frequencies_hz))) if reflection is None else reflection
+        level = np.ones((self._count, len(frequencies_hz)), complex)
+        level[:-1] = -1.0 if reflection is None else -reflection[: self._count - 1]
         products = level
-        for _ in range(places := self._layers.shape[1] - 1):
+        for _ in range(self._layers.shape[1] - 1):
             products = (products[:, None] * level).reshape(-1, len(frequencies_hz))
         turns_per_m, legs = frequencies_hz / SPEED_OF_LIGHT_M_S, (array.tx_m, array.rx_m)
         tx, rx = (
             Ends.of(cells, leg, at, turns_per_m.max(), ridge)
             for cells, leg, at, ridge in zip(self._cells, legs, self._at, RIDGES, strict=True)
         )
-        first, last = (list(cells) for cells in zip(*self._places, strict=True))
+        first, last = self._places.T
         before_m, after_m = tx.distance_m[first] + self._length_m[:, None], rx.distance_m[last]
         middle_m = before_m.mean(axis=0), after_m.mean(axis=0)
         before_m, after_m = before_m - middle_m[0], after_m - middle_m[1]
@@ -188,7 +179,7 @@ class Bundles:
         for_each(work, range(SUMS))
         # Summed in order: no result depends on the threads.
         samples = ascend(parts.sum(axis=0), turns_per_m, *middle_m, whole.weights, EVERY, EVERY)
-        return np.asarray((-1) ** places * complex_samples(samples))
+        return -complex_samples(samples)
 
     def _few(
         self,
@@ -207,7 +198,7 @@ class Bundles:
         tx_m, rx_m = array.tx_m[self._at[0]], array.rx_m[self._at[1]]
         before_m = np.linalg.norm(tx_m - self._cells[0].centre_m[first], axis=1) + self._length_m[n]
         after_m = np.linalg.norm(rx_m - self._cells[1].centre_m[last], axis=1)
-        layers = self._layers[bundle]
+        layers = self._layers[bundle].astype(np.int64)
         factor = tube_factors(tubes, tx_m, self._dipole, ratios, np.minimum(layers, len(ratios) - 1))
         row = layers @ self._count ** np.arange(layers.shape[1])[::-1]
         reflection = factor, row, products[:, chosen].astype(np.complex64)
@@ -222,9 +213,23 @@ def _sorting(key: np.ndarray) -> np.ndarray:
     return np.argsort(key.astype(np.min_scalar_type(key.max(initial=0))), kind="stable")
 
 
-def _lengths(vectors: np.ndarray) -> np.ndarray:
-    """Of vectors [n, 3]."""
-    return np.asarray(np.sqrt(np.einsum("ni,ni->n", vectors, vectors)))
+@numba.njit(**FAST)
+def _reach(hits, order, starts, places, tx_m, start_m, first_m, last_m):  # type: ignore[no-untyped-def]
+    """Mean length [b] of the hits order[starts[b]:starts[b + 1]] of bundles and the most by which their paths differ
+    from that over the centres first_m and last_m of their cells, with any antennas."""
+    length_m, reach_m = np.zeros(len(places)), np.zeros(len(places))
+    for b in range(len(places)):
+        begin, end = vec(first_m[places[b, 0]]), vec(last_m[places[b, 1]])
+        for n in order[starts[b] : starts[b + 1]]:
+            length_m[b] += hits.length_m[n] / (starts[b + 1] - starts[b])
+        late_m = wide_m = 0.0
+        for n in order[starts[b] : starts[b + 1]]:
+            antenna = vec(tx_m[hits.transmitter[n]])
+            path_m = norm(minus(vec(start_m[hits.patch[n]]), antenna)) - norm(minus(begin, antenna))
+            late_m = max(late_m, abs(path_m + hits.length_m[n] - length_m[b]))
+            wide_m = max(wide_m, norm(minus(vec(hits.end_m[n]), end)))
+        reach_m[b] = late_m + wide_m
+    return length_m, reach_m
 
 
 def _weights(

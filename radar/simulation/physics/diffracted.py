@@ -27,7 +27,7 @@ NODES_M = 0.02  # between the antennas of a line for which the field is computed
 SAMPLES_M = 2e-3  # longest edges of the triangles at whose corners it is
 CELL = 6.0  # width of the cells of samples over that
 FULL = 0.05  # difference from full sight, or from none, that does not count
-IN_SIGHT = np.array([1.0, 0.0, 0.0])[:, None]  # in a table of `Sight`
+IN_SIGHT = np.array([1.0, 0.0, 0.0], np.complex64)[:, None]  # in a table of `Sight`
 
 Look = Callable[[np.ndarray, Outline], tuple[Outline, np.ndarray]]  # what an antenna sees: of an outline, and of points
 
@@ -66,16 +66,22 @@ def sight_of(
             factors[:] = visible + middle, (high - low) / 2, (high + low) / 2 - middle
 
         for_each(work, nodes)
-        some &= (np.abs(table) > FULL).any(axis=(1, 2))
+        some &= _far(table)
         tables.append(table)
         spreads.append(spread)
-    partial = np.any([(np.abs(table - IN_SIGHT) > FULL).any(axis=(1, 2)) for table in tables], axis=0)
+    partial = np.any([_far(table - IN_SIGHT) for table in tables], axis=0)
     seen_any = some[corner].any(axis=0)
     corner[:, ~partial[corner].any(axis=0)] = -1
     detour_m = 0.75 * diffraction.FARTHEST / wavenumbers[-1]  # whose wave has half faded
     beside = 1 / (4 * turns.max() * apart_m)  # waves from there turn by π/2 from node to node
     sight = Sight(corner, share, tables[0], spreads[0], tables[1], spreads[1], middle, half, detour_m, beside)
     return sight, seen_any
+
+
+def _far(table: np.ndarray) -> np.ndarray:
+    """Mask [s] of what differs from 0 anywhere in a table [s, 3, nodes]."""
+    parts = table.view(np.float32).reshape(len(table), -1)
+    return np.asarray(((parts[:, ::2] ** 2 + parts[:, 1::2] ** 2) > FULL**2).any(axis=1))
 
 
 def by_rays(rays: Rays, points_m: np.ndarray) -> Look:
@@ -106,25 +112,23 @@ def samples_of(body: Body, facets: Facets, samples_m: float = SAMPLES_M) -> Samp
     corners_m = body.vertices_m[around]
     share = _barycentric(corners_m, facets.position_m)
     edges_m = np.sqrt(((corners_m - corners_m[:, [2, 0, 1]]) ** 2).sum(axis=2)).max(axis=1, initial=0)
-    if edges_m.max(initial=0) <= samples_m:  # the mesh is fine enough: its vertices
-        used = np.bincount(around.ravel(), minlength=len(body.vertices_m)) > 0
-        corner = (np.cumsum(used) - 1)[around]
-        return _samples(body.vertices_m[used], corner, share, samples_m)
+    fine = edges_m.max(initial=0) <= samples_m
     while len(coarse := np.flatnonzero(edges_m > samples_m)):
         halves = share[coarse]
         part = np.where(halves.max(axis=1) >= 0.5, halves.argmax(axis=1), 3)  # of `quarters`: 3 is the middle
         corners_m[coarse] = quarters(corners_m[coarse]).reshape(4, len(coarse), 3, 3)[part, np.arange(len(coarse))]
         share[coarse] = _barycentric(corners_m[coarse], facets.position_m[coarse])
         edges_m[coarse] /= 2
-    flat_m = corners_m.reshape(-1, 3)
-    tag = flat_m[:, 0] * 0.6180339887 + flat_m[:, 1] * 1.3247179572 + flat_m[:, 2] * 2.2055694304  # the same: shared
-    _, first, corner = np.unique(tag, return_index=True, return_inverse=True)
-    return _samples(flat_m[first], corner.reshape(-1, 3), share, samples_m)
-
-
-def _samples(points_m: np.ndarray, corner: np.ndarray, share: np.ndarray, samples_m: float) -> Samples:
-    around = np.ascontiguousarray(corner.T, np.int32)
-    return Samples(points_m, around, np.ascontiguousarray(share.T, np.float32), samples_m)
+    if fine:  # the mesh's vertices
+        used = np.bincount(around.ravel(), minlength=len(body.vertices_m)) > 0
+        points_m, corner = body.vertices_m[used], (np.cumsum(used) - 1)[around]
+    else:
+        flat_m = corners_m.reshape(-1, 3)
+        tag = flat_m[:, 0] * 0.6180339887 + flat_m[:, 1] * 1.3247179572 + flat_m[:, 2] * 2.2055694304  # shared ones
+        _, first, corner = np.unique(tag, return_index=True, return_inverse=True)
+        points_m, corner = flat_m[first], corner.reshape(-1, 3)
+    around, share = np.ascontiguousarray(corner.T, np.int32), np.ascontiguousarray(share.T, np.float32)
+    return Samples(points_m, around, share, samples_m)
 
 
 def _barycentric(corners_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:

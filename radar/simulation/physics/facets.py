@@ -13,6 +13,7 @@ from radar.simulation.scene import Body
 from radar.support.errors import HandbenchError
 
 MOST_FACETS = 4_000_000
+HULL = 1000  # vertices, at most, of a hull that is found quickly
 FILLED = 0.99  # of its hull's volume, a convex body that is rounded by facets
 
 
@@ -76,11 +77,17 @@ def volume_m3(body: Body) -> float:
 
 
 def convex(body: Body) -> bool:
-    """True of one body without hollow places: it fills its hull, or is flat."""
+    """True of one body without hollow places: it fills its hull, and that of few of its vertices, or is flat."""
+    volume, vertices_m = volume_m3(body), body.vertices_m
+    return all(volume >= FILLED * _hull_m3(some) for some in (vertices_m[:: 1 + len(vertices_m) // HULL], vertices_m))
+
+
+def _hull_m3(points_m: np.ndarray) -> float:
+    """The volume of the hull of points [n, 3]; 0 where it is flat."""
     try:
-        return volume_m3(body) > FILLED * ConvexHull(body.vertices_m).volume
-    except QhullError:  # flat
-        return True
+        return float(ConvexHull(points_m).volume)
+    except QhullError:
+        return 0.0
 
 
 def vertex_normals(body: Body) -> np.ndarray:

@@ -81,6 +81,11 @@ def spaced(line_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
     return np.linspace(0, len(line_m) - 1, count).round().astype(int), along_m
 
 
+def nodes(antennas_m: np.ndarray, apart_m: float) -> np.ndarray:
+    """Indices of antennas [a, 3] about apart_m apart along each line, its ends included."""
+    return np.concatenate([line[spaced(antennas_m[line], apart_m)[0]] for line in lines(antennas_m)])
+
+
 @numba.njit(nogil=True, cache=True)
 def _corners_in_sight(clear, corners):  # type: ignore[no-untyped-def]
     """Number of clear corners of each face: uint8 [m]; corners [m, 3]: indices into clear [n]."""

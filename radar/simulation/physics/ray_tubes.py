@@ -11,19 +11,22 @@ from radar.data.arrays import AntennaArray
 from radar.simulation.physics.bounces import Patches, Tubes, land, mirror
 from radar.simulation.physics.creeping import LIT
 from radar.simulation.physics.facets import face_vectors, quarters, unit, vertex_normals
-from radar.simulation.physics.line_of_sight import lines, points_in_sight
+from radar.simulation.physics.line_of_sight import nodes, points_in_sight
 from radar.simulation.scene import Body
 from radar.support.rays import OWN_SURFACE_M, Rays
 
 CREASE = 0.85  # cosine between a face and its corner's normal below which the corner lies on an edge of the body
+LEAST = 0.05  # of the amplitudes of tubes of as many bounces as has most: fewer make up 0.5 % of the echoes of a hand
 COARSE = 2  # times as long are the patches that are tried first,
 TRIAL_M = 0.2  # with antennas so far apart, the ends of all lines among them
+BESIDE_M = 0.01  # width of the cells of which each has one
 STRIDE_M = 0.08  # between the antennas whose sight is asked first
 
 
 class Hits(NamedTuple):
     """n rays of transmitters that a mirror throws back onto the body: transmitter and patch (the mirror) [n], faces
-    [n, b] that it meets one after another, end_m [n, 3] at the last and length_m [n] from the patch to there."""
+    [n, b] that it meets one after another (−1 once it meets none), end_m [n, 3] at the last and length_m [n] from the
+    patch to there."""
 
     transmitter: np.ndarray
     patch: np.ndarray
@@ -37,20 +40,21 @@ class Hits(NamedTuple):
 
 
 class Mirrors(NamedTuple):
-    """m mirrors as patches; part [m]: the coarse patch that each is a part of; face [m]: the body's face; all of the
-    body's faces as patches."""
+    """m mirrors as patches; part [m]: the coarse patch that each is a part of; bounces [coarse]: how many of its tubes
+    count after the first; face [m]: the body's face; all of the body's faces as patches."""
 
     patches: Patches
     coarse: Patches
     part: np.ndarray
+    bounces: np.ndarray
     face: np.ndarray
     surface: Patches
 
 
 @dataclass(frozen=True)
 class Traced:
-    """Hits in the order of the transmitters of an array; seen float32 [faces, r]: 1 where a receiver sees the face;
-    wavenumber: above 0 where waves creep around edges."""
+    """Hits of one bounce, two, and so on, each in the order of the transmitters of an array; seen float32 [faces, r]: 1
+    where a receiver sees the face; wavenumber: above 0 where waves creep around edges."""
 
     hits: Hits
     mirrors: Mirrors
@@ -59,10 +63,10 @@ class Traced:
     wavenumber: float
 
     def tubes(self, chosen: np.ndarray) -> Tubes:
-        """The tubes around some of the hits, by index [n]."""
-        return landed(
-            self.hits.where(chosen), self.mirrors.patches, self.mirrors.surface, self.array.tx_m, self.wavenumber
-        )
+        """The tubes around some of the hits of as many bounces, by index [n]."""
+        transmitter, patch, faces = (column[chosen] for column in self.hits[:3])
+        hits = self.hits._replace(transmitter=transmitter, patch=patch, faces=faces[:, : (faces[:1] >= 0).sum()])
+        return landed(hits, self.mirrors.patches, self.mirrors.surface, self.array.tx_m, self.wavenumber)
 
 
 def landed(hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray, wavenumber: float = 0.0) -> Tubes:
@@ -83,59 +87,57 @@ def mirrored_on(rays: Rays, hits: Hits, patches: Patches, surface: Patches, tx_m
     start_m = tubes.points_m[:, -1] + OWN_SURFACE_M * onward
     distance, face = rays.first_hits(start_m, onward)
     chosen = np.flatnonzero(np.isfinite(distance) & (tubes.root_m2 > 0))
-    faces = np.column_stack([hits.faces, face])[chosen].astype(np.int64)
+    faces = np.column_stack([hits.faces, face])[chosen].astype(np.int32)
     end_m = (start_m + np.where(np.isfinite(distance), distance, 0)[:, None] * onward)[chosen]
     return Hits(hits.transmitter[chosen], hits.patch[chosen], faces, end_m, (hits.length_m + distance)[chosen])
 
 
-def mirrors_of(rays: Rays, body: Body, antennas_m: np.ndarray, longest_m: float) -> Mirrors:
+def mirrors_of(rays: Rays, body: Body, antennas_m: np.ndarray, longest_m: float, bounces: int = 1) -> Mirrors:
     """The patches that mirror some antennas [a, 3] onto the body, split until no edge is longer than longest_m; coarser
-    ones that make no tube with a few of the antennas are left out."""
+    ones that make no tube with a few of the antennas are left out. bounces: at most, after the first."""
     surface = patches_of(body.vertices_m[body.faces], corner_normals(body))
-    whole, whole_face = split(surface, COARSE * longest_m)
-    return _finer(rays, whole, whole_face, surface, antennas_m, longest_m, 1)
-
-
-def mirrors_onward(rays: Rays, mirrors: Mirrors, antennas_m: np.ndarray, longest_m: float, bounces: int) -> Mirrors:
-    """Those of the mirrors whose tubes the body mirrors onto itself, to so many bounces after the first."""
-    _, first = np.unique(mirrors.part, return_index=True)
-    return _finer(rays, mirrors.coarse, mirrors.face[first], mirrors.surface, antennas_m, longest_m, bounces)
-
-
-def _finer(
-    rays: Rays,
-    whole: Patches,
-    face: np.ndarray,
-    surface: Patches,
-    antennas_m: np.ndarray,
-    longest_m: float,
-    bounces: int,
-) -> Mirrors:
-    chosen = np.flatnonzero(_lit(rays, whole, surface, antennas_m, bounces))
+    whole, face = split(surface, COARSE * longest_m)
+    count = _lit(rays, whole, surface, antennas_m, bounces)
+    chosen = np.flatnonzero(count)
     coarse = Patches(*(column[chosen] for column in whole))
     patches, part = split(coarse, longest_m)
-    return Mirrors(patches, coarse, part, face[chosen[part]], surface)
+    return Mirrors(patches, coarse, part, count[chosen], face[chosen[part]], surface)
 
 
 def trace(rays: Rays, mirrors: Mirrors, array: AntennaArray, bounces: int, wavenumber: float) -> Traced:
-    """All hits after so many bounces. Both legs to the antennas are clear of the body, by the middles of coarse patches
-    and of faces."""
-    surface = mirrors.surface
+    """All hits after up to so many bounces. Both legs to the antennas are clear of the body, by the middles of coarse
+    patches and of faces."""
+    surface, many = mirrors.surface, mirrors.bounces[mirrors.part]
     clear = points_in_sight(rays, mirrors.coarse.middle_m, array.tx_m, STRIDE_M)
-    found = [
-        _hits(rays, mirrors.patches, surface, array.tx_m, n, np.flatnonzero(seen[mirrors.part]), bounces)
-        for n, seen in enumerate(clear)
-    ]
-    hits = Hits(*(np.concatenate(column) for column in zip(*found, strict=True)))
+    found: list[list[Hits]] = [[] for _ in range(bounces)]
+    for n, seen in enumerate(clear):
+        hits = first_hits(rays, mirrors.patches, array.tx_m, n, np.flatnonzero(seen[mirrors.part]))
+        found[0].append(hits)
+        for b in range(1, bounces):
+            hits = mirrored_on(rays, hits.where(many[hits.patch] > b), mirrors.patches, surface, array.tx_m)
+            found[b].append(hits)
+    faces = np.unique(np.concatenate([hits.faces[:, -1] for some in found for hits in some]))
     seen = np.zeros((len(surface.normal), len(array.rx_m)), np.float32)
-    faces = np.unique(hits.faces[:, -1])
     seen[faces] = points_in_sight(rays, surface.middle_m[faces], array.rx_m, STRIDE_M).T
-    return Traced(hits, mirrors, seen, array, wavenumber)
+    return Traced(_joined(found, np.asarray(seen.any(axis=1))), mirrors, seen, array, wavenumber)
+
+
+def _joined(found: list[list[Hits]], heard: np.ndarray) -> Hits:
+    """All hits of lists by their number of bounces whose last face is heard, with as many columns of faces."""
+    padded = []
+    for b, some in enumerate(found):
+        for hits in (hits.where(heard[hits.faces[:, -1]]) for hits in some):
+            faces = np.full((len(hits.patch), len(found)), -1, np.int32)
+            faces[:, : b + 1] = hits.faces
+            padded.append(hits._replace(faces=faces))
+    return Hits(*(np.concatenate(column) for column in zip(*padded, strict=True)))
 
 
 def split(surface: Patches, longest_m: float) -> tuple[Patches, np.ndarray]:
     """Patches split into four until no edge is longer than longest_m, and the face that each is a part of."""
     corners_m, normals, face = surface.corners_m, surface.normals, np.arange(len(surface.normal))
+    if np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(initial=0) <= longest_m:
+        return surface, face
     done: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     while not done or len(face):
         long = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(axis=1) > longest_m
@@ -162,35 +164,30 @@ def corner_normals(body: Body) -> np.ndarray:
 
 
 def _lit(rays: Rays, patches: Patches, surface: Patches, antennas_m: np.ndarray, bounces: int) -> np.ndarray:
-    """Mask [m] of the patches that make tubes with some of a few antennas."""
-    some = np.zeros(len(patches.normal), bool)
-    everything = np.arange(len(some))
-    for line in lines(antennas_m):
-        length_m = np.linalg.norm(np.ptp(antennas_m[line], axis=0))
-        for n in np.unique(np.linspace(0, len(line) - 1, 2 + int(length_m / TRIAL_M)).astype(int)):
-            hits = _hits(rays, patches, surface, antennas_m, int(line[n]), everything, bounces)
-            some[hits.patch[landed(hits, patches, surface, antennas_m).root_m2 > 0]] = True
-    return some
+    """The most bounces [m] after the first at which patches make tubes with some of a few antennas, as far as all of
+    them together count."""
+    count, level_m2 = np.zeros(len(patches.normal), int), np.zeros(bounces + 1)
+    everything = np.arange(len(count))
+    few = nodes(antennas_m, TRIAL_M)
+    for antenna in few[np.unique((antennas_m[few] / BESIDE_M).round(), axis=0, return_index=True)[1]]:
+        hits = first_hits(rays, patches, antennas_m, antenna, everything)
+        for b in range(1, bounces + 1):
+            root_m2 = landed(hits, patches, surface, antennas_m).root_m2
+            some, level_m2[b] = hits.patch[root_m2 > 0], level_m2[b] + root_m2.sum()
+            count[some] = np.maximum(count[some], b)
+            if b < bounces:
+                hits = mirrored_on(rays, hits, patches, surface, antennas_m)
+    heard = level_m2[1:] >= LEAST * level_m2.max()
+    return np.minimum(count, bounces if heard.all() else heard.argmin())
 
 
-def _hits(
-    rays: Rays,
-    patches: Patches,
-    surface: Patches,
-    antennas_m: np.ndarray,
-    antenna: int,
-    chosen: np.ndarray,
-    bounces: int,
-) -> Hits:
+def first_hits(rays: Rays, patches: Patches, antennas_m: np.ndarray, antenna: int, chosen: np.ndarray) -> Hits:
     """The hits of an antenna, by index, over those of the chosen patches that mirror it onto the body."""
-    direction = np.empty((len(chosen), 3))
-    front = mirror(patches, antennas_m[antenna], chosen, direction)
-    chosen, direction = chosen[front], direction[front]
-    start_m = patches.middle_m[chosen] + OWN_SURFACE_M * direction
-    distance, face = rays.first_hits(start_m, direction)
-    hit = np.isfinite(distance)
-    end_m, face = start_m[hit] + distance[hit, None] * direction[hit], face[hit, None].astype(np.int64)
-    hits = Hits(np.full(len(face), antenna), chosen[hit], face, end_m, OWN_SURFACE_M + distance[hit])
-    for _ in range(bounces - 1):
-        hits = mirrored_on(rays, hits, patches, surface, antennas_m)
-    return hits
+    ways = np.empty((len(chosen), 6), np.float32)
+    chosen = chosen[mirror(patches, antennas_m[antenna], chosen, OWN_SURFACE_M, ways)]
+    ways = ways[: len(chosen)]
+    distance, face = rays.first_hits(ways[:, :3], ways[:, 3:])
+    hit = np.flatnonzero(np.isfinite(distance))
+    distance, ways, face = distance[hit], ways[hit], face[hit, None].astype(np.int32)
+    end_m = ways[:, :3] + distance[:, None] * ways[:, 3:]
+    return Hits(np.full(len(hit), antenna), chosen[hit], face, end_m, distance + np.float32(OWN_SURFACE_M))

@@ -11,12 +11,11 @@ from bench.cli.main import main
 from bench.cli.options import declared
 from bench.cli.study import STUDIES
 from bench.results.stability import load_stability
-from bench.studies.stability import measure
+from bench.studies.stability import digits, measure
 from bench.studies.stability.cases import cases
 
 SMALLEST = {
     "registration": ["faults", "--trials", "1"],
-    "smoothness": ["B", "--edge-mm", "6"],
     "trust": ["--scenes", "20", "--methods", "3fsk", "--only", "points"],
 }
 NEEDED = {
@@ -32,10 +31,11 @@ NEEDED = {
 def test_stability_measures_cases_and_tables(tmp_path, capsys, monkeypatch):
     """Of the cases one group's: all of them have a test of their own."""
     monkeypatch.setattr(measure, "cases", lambda groups: cases(["smoothing"]))
+    monkeypatch.setattr(digits, "DRAWS", 2)
     assert main(["stability", "--scenes", "4", "-o", str(tmp_path)]) == 0
     facts, found = load_stability(tmp_path)
     assert set(found.group) == {"smoothing"} and set(found.verdict) == {"holds"}
-    assert [table.title for table in facts.tables] == ["Single precision", "Condition", "4 random hard scenes"]
+    assert [table.title for table in facts.tables] == ["Digits", "Condition", "4 random hard scenes"]
     assert f"{len(found)} hard cases in" in capsys.readouterr().out
     assert main(["stability", "--groups", "smoothing", "-o", str(tmp_path)]) == 2  # there is one already
     assert "--overwrite" in capsys.readouterr().err

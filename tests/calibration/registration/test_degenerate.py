@@ -1,4 +1,4 @@
-"""The registration where geometry is unkind, against arithmetic of 50 digits and closed forms of its own.
+"""The registration where geometry is unkind, against ball arithmetic and closed forms of its own.
 
 The reference takes the float64 coordinates as exact. Rotation and scale are then wanted to 1e-9 (absolute, relative);
 carried points to 1e-9 of the target's extent, plus four roundings of the largest number on the way: with coordinates of
@@ -7,13 +7,14 @@ carried points to 1e-9 of the target's extent, plus four roundings of the larges
 
 from __future__ import annotations
 
-import mpmath as mp
 import numpy as np
 import pytest
+from flint import arb, arb_mat
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from bench.studies.stability.balls import Balls, balls, middles, off, rotation
 from calibration.registration.rigid_fit import Pairs, fit
 from calibration.target.description import Candidate
 from calibration.transforms import Transform, adjoint, condition_number, perturbation_jacobian, umeyama
@@ -21,7 +22,6 @@ from radar.support.errors import HandbenchError
 from tests.calibration.seen_target import align, candidates
 from tests.strategies import examples
 
-mp.mp.dps = 50
 BAR = 1e-9
 seeds = st.integers(0, 2**32 - 1)
 EXTENT_M = 0.12
@@ -33,58 +33,24 @@ TWINS = SOLID[[0, 1, 1, 2, 2]]
 SHAPES = {"five": FIVE, "plane": PLANE, "solid": SOLID, "ribbon": RIBBON, "twins": TWINS}
 
 
-def horn(p: np.ndarray, q: np.ndarray, with_scale: bool) -> tuple[mp.matrix, mp.mpf, mp.matrix]:
-    """Rotation, scale and translation of least squares (Horn 1987): the unit quaternion that is the eigenvector of the
-    greatest eigenvalue."""
-    p, q = mp.matrix(p.tolist()), mp.matrix(q.tolist())
-    n = p.rows
-    p_mean, q_mean = (mp.matrix([mp.fsum(x[:, k]) / n for k in range(3)]) for x in (p, q))
-    p, q = (mp.matrix([[x[i, k] - m[k] for k in range(3)] for i in range(n)]) for x, m in ((p, p_mean), (q, q_mean)))
-    s = p.T * q
-    xx, xy, xz, yx, yy, yz, zx, zy, zz = (s[i, j] for i in range(3) for j in range(3))
-    matrix = mp.matrix(
-        [
-            [xx + yy + zz, yz - zy, zx - xz, xy - yx],
-            [yz - zy, xx - yy - zz, xy + yx, zx + xz],
-            [zx - xz, xy + yx, yy - xx - zz, yz + zy],
-            [xy - yx, zx + xz, yz + zy, zz - xx - yy],
-        ]
-    )
-    values, vectors = mp.eigsy(matrix)
-    a, b, c, d = vectors[:, max(range(4), key=lambda k: values[k])]
-    rotation = mp.matrix(
-        [
-            [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
-            [2 * (b * c + a * d), a * a - b * b + c * c - d * d, 2 * (c * d - a * b)],
-            [2 * (b * d - a * c), 2 * (c * d + a * b), a * a - b * b - c * c + d * d],
-        ]
-    )
-    turned = p * rotation.T
-    scale = sum_of(turned, q) / sum_of(p, p) if with_scale else mp.mpf(1)
-    return rotation, scale, q_mean - scale * rotation * p_mean
-
-
-def sum_of(a: mp.matrix, b: mp.matrix) -> mp.mpf:
-    return mp.fsum(x * y for x, y in zip(a, b, strict=True))
-
-
-def numbers(matrix: mp.matrix) -> np.ndarray:
-    return np.array(matrix.tolist(), dtype=float)
+def horn(p: np.ndarray, q: np.ndarray, with_scale: bool) -> tuple[Balls, arb, Balls]:
+    """Rotation, scale and translation of least squares (Horn 1987)."""
+    turn, p_mean, q_mean = rotation(p, q), balls(p).mean(axis=0), balls(q).mean(axis=0)
+    p, q = balls(p) - p_mean, balls(q) - q_mean
+    scale = (p @ turn.T * q).sum() / (p * p).sum() if with_scale else arb(1)
+    return turn, scale, q_mean - scale * (turn @ p_mean)
 
 
 def errors(matrix: np.ndarray, p: np.ndarray, q: np.ndarray, with_scale: bool) -> tuple[float, float, float]:
     """Of the rotation, the scale and the carried points; the last relative to the target's extent, after what four
     roundings explain."""
-    rotation, scale, shift = horn(p, q, with_scale)
+    turn, scale, shift = horn(p, q, with_scale)
     found = Transform("photo", "radar", matrix)
-    linear = scale * rotation
-    wanted = [linear * mp.matrix(x.tolist()) + shift for x in p]
-    got = found.points(p)
-    miss_m = max(abs(mp.mpf(got[i, k]) - wanted[i][k]) for i in range(len(p)) for k in range(3))
+    miss_m = off(found.points(p), balls(p) @ (scale * turn).T + shift).max()
     rounding_m = 4 * np.finfo(float).eps * max(found.scale * np.abs(p).max(), np.abs(q).max())
     return (
-        float(np.abs(numbers(mp.matrix(matrix[:3, :3].tolist()) / scale - rotation)).max()),
-        float(abs(found.scale / scale - 1)),
+        float(off(0.0, balls(matrix[:3, :3]) / scale - turn).max()),
+        float(off(0.0, found.scale / scale - 1)),
         float(max(0, miss_m - rounding_m) / np.ptp(q, axis=0).max()),
     )
 
@@ -150,25 +116,31 @@ def test_scales_from_a_thousandth_to_a_thousand(scale, seed, far):
     assert max(errors(aligned(p, q, True, scale).matrix, p, q, True)) < BAR
 
 
-def weighted(pairs: Pairs, found: np.ndarray, unknowns: int) -> tuple[mp.matrix, mp.matrix]:
-    """Ten further Gauss–Newton steps of 50 digits from a 4×4 matrix, about the origin: the matrix and the covariance
+def inverse(matrix: Balls) -> Balls:
+    return np.array(arb_mat(matrix.tolist()).inv().tolist(), dtype=object)
+
+
+def weighted(pairs: Pairs, found: np.ndarray, unknowns: int) -> tuple[Balls, Balls]:
+    """Ten further Gauss–Newton steps of 128 bits from a 4×4 matrix, about the origin: the matrix and the covariance
     [6 or 7]."""
-    matrix = mp.matrix(found.tolist())
+    linear, shift = balls(found[:3, :3]), balls(found[:3, 3])
     for _ in range(10):
-        normal, right = mp.zeros(unknowns), mp.zeros(unknowns, 1)
-        for p, q, c_p, c_q in zip(pairs.source_m, pairs.target_m, pairs.source_m2, pairs.target_m2, strict=True):
-            linear = matrix[:3, :3]
-            x, y, z = carried = linear * mp.matrix(p.tolist()) + matrix[:3, 3]
-            jacobian = mp.matrix([[1, 0, 0, 0, z, -y, x], [0, 1, 0, -z, 0, x, y], [0, 0, 1, y, -x, 0, z]])[:, :unknowns]
-            information = (linear * mp.matrix(c_p.tolist()) * linear.T + mp.matrix(c_q.tolist())) ** -1
-            normal += jacobian.T * information * jacobian
-            right += jacobian.T * information * (mp.matrix(q.tolist()) - carried)
-        t = mp.lu_solve(normal, right)
-        growth = t[6] if unknowns == 7 else mp.mpf(0)
-        change = mp.expm(mp.matrix([[growth, -t[5], t[4]], [t[5], growth, -t[3]], [-t[4], t[3], growth]]))
-        matrix[:3, :3] = change * matrix[:3, :3]
-        matrix[:3, 3] = change * matrix[:3, 3] + t[:3]
-    return matrix, normal**-1
+        normal, right = 0, 0
+        sides = (pairs.source_m, pairs.target_m, pairs.source_m2, pairs.target_m2)
+        for p, q, c_p, c_q in zip(*map(balls, sides), strict=True):
+            x, y, z = carried = linear @ p + shift
+            jacobian = np.array([[1, 0, 0, 0, z, -y, x], [0, 1, 0, -z, 0, x, y], [0, 0, 1, y, -x, 0, z]])[:, :unknowns]
+            information = inverse(linear @ c_p @ linear.T + c_q)
+            normal = normal + jacobian.T @ information @ jacobian
+            right = right + jacobian.T @ information @ (q - carried)
+        covariance = inverse(normal)
+        t = covariance @ right
+        growth = t[6] if unknowns == 7 else arb(0)
+        change = arb_mat([[growth, -t[5], t[4]], [t[5], growth, -t[3]], [-t[4], t[3], growth]]).exp()
+        change = np.array(change.tolist(), dtype=object)
+        # Each step corrects the last one's error, so that only middles go on.
+        linear, shift = (np.frompyfunc(arb.mid, 1, 1)(part) for part in (change @ linear, change @ shift + t[:3]))
+    return np.column_stack([linear, shift]), covariance
 
 
 @pytest.mark.parametrize("with_scale", [False, True])
@@ -188,18 +160,13 @@ def test_the_weighted_refinement_and_its_covariance(with_scale, target_far, seed
     found = fit(pairs, with_scale)
     assert found.distances @ found.distances < found.freedom
     wanted, covariance = weighted(pairs, found.matrix, 7 if with_scale else 6)
-    np.testing.assert_allclose(found.matrix[:3, :3], numbers(wanted[:3, :3]), atol=BAR)
-    miss = mp.matrix(pairs.offsets(found.matrix).tolist()) - mp.matrix(
-        [
-            list(mp.matrix(b.tolist()) - wanted[:3, :3] * mp.matrix(a.tolist()) - wanted[:3, 3])
-            for a, b in zip(p, q, strict=True)
-        ]
-    )
-    assert np.abs(numbers(miss)).max() < BAR * EXTENT_M + 4 * np.finfo(float).eps * np.abs(q).max()
-    covariance = numbers(covariance)
+    np.testing.assert_allclose(found.matrix[:3, :3], middles(wanted[:, :3]), atol=BAR)
+    miss = off(pairs.offsets(found.matrix), balls(q) - balls(p) @ wanted[:, :3].T - wanted[:, 3])
+    assert miss.max() < BAR * EXTENT_M + 4 * np.finfo(float).eps * np.abs(q).max()
+    covariance = middles(covariance)
     deviations = np.sqrt(np.diag(covariance))
-    off = (found.covariance_about_origin() - covariance) / np.outer(deviations, deviations)
-    assert np.abs(off).max() < BAR
+    share = (found.covariance_about_origin() - covariance) / np.outer(deviations, deviations)
+    assert np.abs(share).max() < BAR
 
 
 def test_far_from_the_origin_a_points_covariance_stays_that_of_its_near_twin():

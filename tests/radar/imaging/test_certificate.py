@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from radar.data.arrays import AntennaArray, PlanarScan, qar50
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
-from radar.imaging.certificate import FACTOR, PICKS, certified, picked
+from radar.imaging.certificate import FACTOR, PICKS, Brightness, certified, picked
 from radar.imaging.cpu.exact import direct_sum, exact_sums
 from radar.imaging.cpu.steering import phasor
 from tests.radar.samples import noise, relative_error
@@ -109,11 +109,13 @@ def test_an_exact_image_is_certified_to_single_precision_and_an_empty_one_to_not
 
 def test_weighted_picks_have_the_mean_of_all():
     generator = np.random.default_rng(0)
-    power, counts = generator.exponential(size=4000) ** 4, generator.integers(0, 5, 4000)
-    quantity = power + generator.exponential(size=4000)
+    power, rows, counts = generator.exponential(size=(40, 100)) ** 4, np.arange(40) % 5, generator.integers(0, 5, 100)
+    quantity, voxels = power + generator.exponential(size=power.shape), np.outer(rows, counts)
     found = []
     for shift in range(300):  # picks depend on the number of places alone: rolled, others are met
-        index, weight = picked(np.roll(power, shift), np.roll(counts, shift), PICKS)
-        found.append((np.roll(quantity, shift)[index] * weight).mean())
-        assert len(index) == PICKS and np.roll(counts, shift)[index].all()
-    assert np.mean(found) == pytest.approx(np.average(quantity, weights=counts), rel=0.1)  # ± 3 % by its scatter
+        moved = (np.roll(np.sqrt(power), shift, 0)[None].astype(np.complex64), np.roll(rows, shift), counts)
+        at, weight = picked(Brightness(*moved), PICKS)
+        found.append((np.roll(quantity, shift, 0)[at] * weight).mean())
+        assert len(at[0]) == PICKS and np.roll(voxels, shift, 0)[at].all()
+    assert np.mean(found) == pytest.approx(np.average(quantity, weights=voxels), rel=0.1)  # ± 3 % by its scatter
+    assert Brightness(*moved).mean_square() == pytest.approx(np.average(power, weights=voxels), rel=1e-5)

@@ -11,6 +11,7 @@ from radar.imaging.api import image_points, image_volume, imaging_error, points_
 from radar.imaging.cpu.exact import direct_sum
 from radar.imaging.cpu.executor import Executor, strongest_voxels
 from radar.imaging.tree import Family
+from radar.support.cost import require_time
 from radar.support.errors import HandbenchError
 from tests.radar.samples import noise, relative_error
 from tests.strategies import examples
@@ -178,6 +179,23 @@ def test_volumes_beyond_the_memory_limit_are_refused_and_projected_all_the_same(
     monkeypatch.setenv("HANDBENCH_MEMORY_GB", "much")
     with pytest.raises(HandbenchError, match="HANDBENCH_MEMORY_GB: is 'much'"):
         image_volume(samples, FEW_HZ, qar50(), fine, 1e-3)
+
+
+def test_work_that_takes_too_long_is_refused_before_it_begins_and_long_work_is_told(monkeypatch, capsys):
+    grid, samples = cut(), noise((16, 94, 94))
+    points_m = grid.points_m().reshape(-1, 3)
+    monkeypatch.setenv("HANDBENCH_WORKERS", "2")
+    monkeypatch.setenv("HANDBENCH_HOURS", "1e-9")
+    whole = VoxelGrid(*(1e-3 * np.arange(400) + low for low in (-0.2, -0.2, 0.2)))
+    monkeypatch.setattr("radar.imaging.api.cpu.exact_images", lambda *_: pytest.fail("it began"))
+    with pytest.raises(HandbenchError, match=rf"imaging {len(points_m)} points: would take about .* HANDBENCH_HOURS"):
+        image_points(samples, FEW_HZ, qar50(), points_m, None)
+    with pytest.raises(HandbenchError, match=r"exact volume of \(400, 400, 400\) voxels .* 8 min, more than the limit"):
+        image_volume(samples, FEW_HZ, qar50(), whole, None)  # 16 · 94² · 400³ terms, 1e10 a core and second: 452 s
+    monkeypatch.delenv("HANDBENCH_HOURS")
+    require_time(50.0, "work")
+    require_time(5.0, "short work")
+    assert capsys.readouterr().err == "work: about 25 s\n"
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 1e-9, 0.5, float("nan")])

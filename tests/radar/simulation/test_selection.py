@@ -14,7 +14,7 @@ from radar.support.errors import HandbenchError
 from tests.radar.simulation.effects.small_scenes import bead_scene
 
 
-def effect(name, worst_mm, lacks="", cost_s=1.0):
+def effect(name, worst_mm, lacks="", cost_s=1.0, **more):
     class Known(Effect):
         id = name
         does = source = "a test"
@@ -26,7 +26,7 @@ def effect(name, worst_mm, lacks="", cost_s=1.0):
             return cost_s
 
         def glance(self, scene):
-            return Glance(worst_mm, "as the test says")
+            return Glance(worst_mm, "as the test says", **more)
 
         def apply(self, state):
             raise AssertionError("a glance applies nothing")
@@ -71,6 +71,12 @@ def test_what_is_left_out_stays_below_the_tolerance_together(catalogue, affordab
     assert on(choices) == ["b", "d", "e"]
     assert sum(triage.SAFETY * sizes[c.effect] for c in choices if not c.on) <= 0.1
     assert all("0.035 mm" in c.why for c in choices if c.effect == "a")
+
+
+def test_a_glance_decides_as_far_as_it_is_sure(catalogue):
+    catalogue(effect("a", 0.03), effect("b", 0.03, factor=3.0), effect("c", 0.009))
+    # Without a rehearsal, which would take too long.
+    assert on(selection.choose(bead_scene(), "auto", 0.1)) == ["a"]
 
 
 def test_everything_above_the_tolerance_is_on(catalogue, affordable):

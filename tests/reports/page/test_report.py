@@ -349,7 +349,7 @@ def test_effects_stability_and_failures_are_told(folder, tmp_path, undrawn):
     about["captures"][0]["effects"] = rows
     about["failures"] = [{"capture": "X", "stage": "score", "message": "<b>no</b>"}]
     write_json(told / "result.json", about)
-    case = ("wrap", "<b>", "MAE", "truth", "mm", 1e-3, 2.00001e-05, "holds", "0°", "why", 1.0)
+    case = ("wrap", "<b>", "MAE", "truth", "mm", 1e-3, 2.00001e-05, "holds", "0°", "why", 1.0, "derived")
     lost = ("lost", *case[1:6], np.inf, "fails", *case[8:])
     aside = Table(title="float32", text="Errors.", columns=("of", "by"), rows=(("sum", 1e-7),))
     write_stability(told, StabilityFacts(seed=1, seconds=2.0, tables=(aside,)), frame(CASES, [case, lost]))
@@ -357,7 +357,10 @@ def test_effects_stability_and_failures_are_told(folder, tmp_path, undrawn):
     text = (tmp_path / "out/index.html").read_text(encoding="utf-8")
     assert "<b>no" not in text and "X: score failed: &lt;b&gt;no" in text
     assert "1 of 1" in text and "0.250" in text
-    assert "2 hard cases: 1 holds, 0 refused, 0 flagged, 1 fails" in text and 'href="#stability"' in text
+    assert (
+        "2 hard cases: 1 holds, 0 refused, 0 flagged, 1 fails; bounds: 2 derived, 0 rigorous, 0 measured" in text
+        and 'href="#stability"' in text
+    )
     assert "2e−05" in text and "1e−07" in text and text.index(">lost<") < text.index(">wrap<")
 
 

@@ -8,7 +8,7 @@ from radar.simulation.effects import further
 from radar.simulation.effects.base import Glance
 from radar.simulation.effects.further import Multipath
 from radar.simulation.effects.motion import echoes_of_moving
-from radar.simulation.physics.bundles import Bundles, nodes
+from radar.simulation.physics.bundles import Bundles, traced_nodes
 from radar.simulation.physics.ray_tubes import Hits, landed, mirrors_of, patches_of, trace
 from radar.simulation.physics.reflection import oblique_ratios
 from radar.simulation.scene import Body, EchoScene, Material
@@ -113,7 +113,7 @@ def test_a_near_dihedral_agrees_with_image_theory_at_every_antenna():
 
 def forth(array: AntennaArray, frequencies_hz: np.ndarray) -> np.ndarray:
     """The corner's echoes by rays from the transmitters alone."""
-    rays, at = Rays(CORNER.vertices_m, CORNER.faces), nodes(array)
+    rays, at = Rays(CORNER.vertices_m, CORNER.faces), traced_nodes(array)
     mirrors = mirrors_of(rays, CORNER, array.tx_m, further.PATCH * WAVELENGTH_M)
     traced = trace(rays, mirrors, AntennaArray(array.tx_m[at[0]], array.rx_m[at[1]]), 1, 0.0)
     bundles = Bundles(traced, np.zeros(len(CORNER.faces), int), at, np.eye(3)[1])
@@ -123,7 +123,7 @@ def forth(array: AntennaArray, frequencies_hz: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(("echoes", "bound"), [(forth, 0.03), (lambda array, f_hz: twice(CORNER, f_hz, array), 0.08)])
 def test_tones_and_antennas_between_the_nodes_are_interpolated(echoes, bound):
     array = AntennaArray(qar50().tx_m[:47:2], qar50().rx_m[:47])
-    assert len(nodes(array)[1]) < 15
+    assert len(traced_nodes(array)[1]) < 15
     whole = echoes(array, TONES_HZ)
     one_by_one = echoes(AntennaArray(array.tx_m, array.rx_m[20:21]), TONES_HZ[4:5])
     # Each antenna has tubes of its own, whose borders jump by a patch from one to the next.
@@ -209,6 +209,21 @@ def test_layers_reflect_each_in_its_way():
     Multipath().apply(made)
     # Each tube meets both plates once.
     assert relative_error(made.extra[0](), 0.5 * twice(CORNER, TONE_HZ)) < 1e-6
+
+
+def test_a_layer_that_no_face_has_changes_nothing():
+    made = EchoState(EchoScene(SPARSE, TONE_HZ, np.zeros(1), CORNER), 1)
+    made.surface.reflection = np.array([[0.5], [0.1]])
+    made.surface.layer = np.zeros(len(made.surface.facets), int)
+    Multipath().apply(made)
+    assert relative_error(made.extra[0](), 0.25 * twice(CORNER, TONE_HZ)) < 1e-6
+
+
+def test_too_weak_bounces_are_not_traced():
+    """Three squares of a trihedral mirror thrice, a dihedral but twice."""
+    antennas_m = np.concatenate([SPARSE.tx_m, SPARSE.rx_m])
+    mirrors = mirrors_of(Rays(CORNER.vertices_m, CORNER.faces), CORNER, antennas_m, 1e-3, 3)
+    assert set(mirrors.bounces) == {1}
 
 
 def test_a_glance_casts_no_ray_and_knows_the_energy():

@@ -1,7 +1,7 @@
 """Amplification of phase errors by FSK's depth, and the rank correlation of its σ with its errors."""
 
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import spearmanr
@@ -18,7 +18,7 @@ POINT_M = np.array([0.0, 0.0, 0.28])
 NOISE_RAD = 0.0264  # the paper's, between two tones at the strongest pixel
 DRAWS = 24
 NEAR = {"start_m": -0.004, "stop_m": 0.004, "step_m": 0.001}
-KNOWN = {"x": NEAR, "y": NEAR, "off_axis": True, "tolerance": None, "first_depth_m": float(POINT_M[2])}
+KNOWN: dict[str, Any] = {"x": NEAR, "y": NEAR, "off_axis": True, "tolerance": None, "first_depth_m": float(POINT_M[2])}
 
 
 class Method(NamedTuple):
@@ -95,4 +95,5 @@ def _ranks(maps: list[DepthMap]) -> tuple[float, float]:
     others_m2 = (square_m2.sum(axis=0) - square_m2) / np.maximum(seen.sum(axis=0) - 1, 1)
     stated_m = np.array([depth.sigma_m for depth in maps])
     error_m = np.abs(error_m[often])
-    return tuple(float(spearmanr(sigma[often], error_m).statistic) for sigma in (stated_m, others_m2))
+    stated, true = (float(spearmanr(sigma[often], error_m).statistic) for sigma in (stated_m, others_m2))
+    return stated, true

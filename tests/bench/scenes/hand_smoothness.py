@@ -1,8 +1,10 @@
 """Smoothness of a meshed hand to the radar: angles between neighbouring facets, and what one subdivision of the mesh
-onto the true surface changes in the echoes and in the depths that three tones tell: the table of docs/hand.md.
+onto the true surface changes in the echoes and in the depths that three tones tell.
+
+    python -m tests.bench.scenes.hand_smoothness [LETTERS]   # the table of docs/measurements/hand.md
 """
 
-from pathlib import Path
+import sys
 
 import numpy as np
 
@@ -10,8 +12,6 @@ from bench.scenes.bones import skeleton
 from bench.scenes.hand import RADII_MM, hand_field, hand_mesh
 from bench.scenes.hand_pose import POSES, Pose
 from bench.scenes.implicit import crossing_faces, project
-from bench.studies.columns import Record, rows
-from bench.studies.study import Study
 from groundtruth.mesh.mesh_files import mesh, raycasting_scene
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from radar.imaging.cpu.exact import tone_images
@@ -26,31 +26,19 @@ POINTS = 3000  # at which depths are compared
 ON_TARGET = 10 ** (-13 / 20)  # amplitude over the strongest one's below which the methods see no target
 
 
-def study(work: Path, letters: str, edge_mm: float) -> Study:
-    """Each letter's mesh as it stands before the radar."""
-    return Study(
-        "smoothness",
-        f"Smoothness of hands with edges of {edge_mm:g} mm",
-        list(letters or POSES),
-        lambda letter: {"letter": letter, **smoothness(POSES[letter], 1e-3 * edge_mm)},
-        rows("smoothness"),
-    )
-
-
-def smoothness(pose: Pose, edge_m: float = 1e-3) -> Record:
-    """The figures of a pose's mesh: see COLUMNS."""
+def row(letter: str, edge_m: float = 1e-3) -> str:
+    """A line of the table: crossing facets, angles (°), the parts there, changes of echoes (%) and of depths (mm)."""
+    pose = POSES[letter]
     surface = hand_mesh(pose, edge_m)
     vertices_m, faces = np.asarray(surface.vertices), np.asarray(surface.triangles)
     angles_deg, ends = facet_angles(vertices_m, faces)
+    where = parts_at(pose, vertices_m[ends[angles_deg.argmax()]].mean(axis=0))
     echo_change, depth_change_m = radar_change(surface, subdivided(surface, pose))
-    return {
-        "crossing": crossing_faces(vertices_m, faces),
-        "largest_deg": float(angles_deg.max()),
-        "permille_deg": float(np.percentile(angles_deg, 99.9)),
-        "where": parts_at(pose, vertices_m[ends[angles_deg.argmax()]].mean(axis=0)),
-        "echo_change": echo_change,
-        "depth_change_m": depth_change_m,
-    }
+    angles = f"{angles_deg.max():.0f} | {np.percentile(angles_deg, 99.9):.1f}"
+    return (
+        f"| {letter} | {crossing_faces(vertices_m, faces)} | {angles} "
+        f"| {where} | {100 * echo_change:.2f} | {1e3 * depth_change_m:.3f} |"
+    )
 
 
 def facet_angles(vertices_m: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -122,3 +110,8 @@ def parts_at(pose: Pose, point_m: np.ndarray) -> str:
     first, *rest = sorted(flesh_m, key=flesh_m.__getitem__)
     second = next(part for part in rest if part[0] != first[0] or abs(part[1] - first[1]) > 1)
     return " / ".join(f"{name} {number}" if number else name for name, number in (first, second))
+
+
+if __name__ == "__main__":
+    for letter in "".join(sys.argv[1:]) or POSES:
+        print(row(letter), flush=True)

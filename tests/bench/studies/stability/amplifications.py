@@ -1,5 +1,4 @@
-"""Amplification of each estimator's input error, measured by perturbation, beside what theory expects; and the rank
-correlation of FSK's stated σ with its errors.
+"""Amplification of each estimator's input error, measured by perturbation, beside what theory expects.
 
 A perturbation is small against what bends the estimator and large against rounding; it goes through the product, while
 theory is a formula that is written here.
@@ -14,9 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.evaluation.metrics import pool, precision
 from bench.results.error_map import ErrorMap
-from bench.results.stability import Table
-from bench.studies.stability.condition_fsk import ARRAY, METHODS, amplification, expected, ranks
-from bench.studies.stability.registration_cases import PLACE_M, RADIUS_M
+from bench.studies.stability.registration_cases import PLACE_M, RADIUS_M, outward
 from bench.studies.stability.statistics_cases import told
 from calibration.target.ball_fit import fit_balls
 from calibration.target.description import default_target
@@ -31,6 +28,7 @@ from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.data.capture import RadarCapture
 from radar.methods.projection import peak_offset
 from radar.simulation.physics.spheres import sphere_echo
+from tests.bench.studies.stability.amplifications_of_fsk import ARRAY, METHODS, amplification, expected
 
 
 class Row(NamedTuple):
@@ -41,20 +39,6 @@ class Row(NamedTuple):
     measured: float
     theory: float
     unit: str
-
-
-def table() -> Table:
-    """All estimators, then the rank correlation of σ and |error|, with that of the true σ in theory's place."""
-    followed = [Row(f"σ of {name} against |error|", "rank correlation", *both, "1") for name, both in ranks().items()]
-    rows = [*amplifications(), *followed]
-    told = "; ".join(f"{row.measured:.2f} of {row.theory:.2f} ({row.estimator})" for row in followed)
-    return Table(
-        title="Condition",
-        text="how much an error of the input is amplified, by perturbation and by theory; and the rank correlation of "
-        f"FSK's confidence with its errors, of what the true σ would reach: {told}",
-        columns=("estimator", "input", "measured", "theory", "ratio", "unit"),
-        rows=tuple((r.estimator, r.input, r.measured, r.theory, r.measured / r.theory, r.unit) for r in rows),
-    )
 
 
 def amplifications() -> Iterator[Row]:
@@ -68,10 +52,8 @@ def amplifications() -> Iterator[Row]:
     # The worst pattern for the centre is as the height without what a radius explains: √3/part for even points, whose
     # heights deviate by 2·part/√12.
     for part in (0.45, 0.15, 0.1):
-        name = f"centre of a {part:.0%} cap, free radius"
-        yield Row(
-            name, "points' rms along the normal", _cap_fit(part, lambda h: h - h.mean())[0], np.sqrt(3) / part, "m/m"
-        )
+        name, shift = f"centre of a {part:.0%} cap, free radius", _cap_fit(part, lambda h: h - h.mean())[0]
+        yield Row(name, "points' rms along the normal", shift, np.sqrt(3) / part, "m/m")
     yield Row("radius of a 15% cap", "points' rms along the normal", *_cap_radius(0.15), "m/m")
     yield Row("ball in the echoes", "delay of all channels, one way", *_ball(), "m/m")
     yield from _rotation()
@@ -105,11 +87,10 @@ def _cap_fit(part: float, along: Callable[[np.ndarray], np.ndarray], size_m: flo
     n = 4000  # even in height, hence on the sphere
     height = 1 - 2 * part * (np.arange(n) + 0.5) / n
     azimuth = np.pi * (1 + np.sqrt(5)) * np.arange(n)
-    ring = np.sqrt(1 - height**2)
-    outward = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), height], axis=1)
-    error = along(height)
-    points_m = (RADIUS_M + size_m * error / np.sqrt(np.mean(error**2)))[:, None] * outward
-    found = fit_sphere(Cloud(points_m, outward, oriented=True), np.zeros(3), RADIUS_M, (0,), radius_sigma_m=1.0)
+    normals, error = outward(height, azimuth), along(height)
+    points_m = (RADIUS_M + size_m * error / np.sqrt(np.mean(error**2)))[:, None] * normals
+    found = fit_sphere(Cloud(points_m, normals, oriented=True), np.zeros(3), RADIUS_M, (0,), radius_sigma_m=1.0)
+    assert found is not None
     return float(np.linalg.norm(found.centre_m)) / size_m, abs(found.radius_m - RADIUS_M) / size_m
 
 
@@ -213,6 +194,8 @@ def triangulated(base_m: float, depth_m: float) -> tuple[float, float]:
 
     def found_m(by_px: float) -> float:
         apart = (pixels[0] + [by_px / 2, 0], pixels[1] - [by_px / 2, 0])
-        return float(triangulate(list(zip(apart, images, strict=True)))[2])
+        point = triangulate(list(zip(apart, images, strict=True)))
+        assert point is not None
+        return float(point[2])
 
     return abs(change(found_m, 1e-3)), depth_m**2 / (FOCAL_PX * base_m)

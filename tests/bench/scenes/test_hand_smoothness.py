@@ -9,9 +9,9 @@ from bench.scenes.bones import skeleton
 from bench.scenes.hand import hand_field, hand_mesh
 from bench.scenes.hand_pose import POSES
 from bench.scenes.implicit import crossing_faces
-from bench.studies.smoothness import TONES_HZ, facet_angles, parts_at, radar_change, subdivided
 from groundtruth.mesh.mesh_files import load_open3d
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
+from tests.bench.scenes.hand_smoothness import TONES_HZ, facet_angles, parts_at, radar_change, subdivided
 
 
 def test_angles_of_a_box() -> None:

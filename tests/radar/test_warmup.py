@@ -1,0 +1,22 @@
+"""Kernels are compiled by a process of their own, so that all that image or simulate load the same code."""
+
+import sys
+
+from radar import warmup
+
+
+def test_kernels_without_a_cache_are_compiled_elsewhere_before_any_runs_here(monkeypatch):
+    done = []
+    monkeypatch.setattr(warmup.subprocess, "run", lambda command, **_: done.append(command))
+    monkeypatch.setattr(warmup, "_run_every_kernel", lambda: done.append("here"))
+    monkeypatch.setattr(warmup, "_cached", lambda: False)
+    warmup.compile_kernels()
+    assert done == [[sys.executable, "-m", "radar.warmup"], "here"]
+    monkeypatch.setattr(warmup, "_cached", lambda: True)
+    warmup.compile_kernels()
+    assert done[2:] == ["here"]
+
+
+def test_kernels_that_ran_are_cached():
+    warmup.compile_kernels()
+    assert warmup._cached()
