@@ -128,7 +128,7 @@ def executor(scheduler: str | None = None) -> Iterator[Executor]:
         return
     try:
         from distributed import Client
-        from distributed.comm import CommClosedError
+        from distributed.comm.core import CommClosedError
     except ImportError as error:
         raise HandbenchError(
             f"--scheduler: needs Dask ({error}); pip install 'handbench[cluster]', or leave the option out"
