@@ -24,13 +24,11 @@ from groundtruth.sparse.inputs import content, resolve
 from groundtruth.sparse.sparse import Sparse
 from groundtruth.sparse_stage import PHOTOGRAPHS
 from radar.support.config import Config
-from radar.support.cost import require_time
 from radar.support.files import atomic_folder, content_hash, read_json, write_json
 from radar.support.progress import say
 from radar.support.store import Stage, kept, stage
 
 SUMMARY_VERSION = 1
-SPARSE_S, DENSE_S = 0.2e-6, 1.5e-6  # of a core, a pixel of the photographs, of the depth maps by iteration; measured
 
 
 @dataclass(frozen=True)
@@ -124,11 +122,6 @@ def _made(
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         root = Path(scratch if workdir is None else workdir) / "stages"
         found, options = resolve(photos, options)
-        pixels = sum(photo.width * photo.height for photo in found)
-        require_time(
-            pixels * (SPARSE_S + DENSE_S * options.effort.iterations / options.effort.shrink**2),
-            f"{len(found)} photographs of {pixels / 1e6:.0f} megapixels",
-        )
         masks = None if options.masks is None or not options.masks.exists() else content_hash(options.masks)
         seconds = {}
         chain = stages(root, photos, options, content(found, options), masks)[:count]

@@ -9,12 +9,14 @@ import subprocess
 import sys
 from threading import Timer
 
+import numba
 import numpy as np
 
 from radar.data.arrays import AntennaArray, PlanarScan
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
 from radar.imaging.cpu.ascent import scatter
+from radar.imaging.cpu.descent import gather
 from radar.imaging.cpu.exact import backproject
 from radar.imaging.cpu.steering import mean_rise
 from radar.simulation.forward import Scatterers, simulate
@@ -30,15 +32,20 @@ def compile_kernels() -> None:
     note.start()
     try:
         if not _cached():
-            subprocess.run([sys.executable, "-m", "radar.warmup"], check=False, stderr=subprocess.DEVNULL)
+            child = subprocess.run([sys.executable, "-m", "radar.warmup"], check=False, stderr=subprocess.DEVNULL)
+            if child.returncode:
+                say("the kernels were not compiled beforehand: the last bits of echoes may differ from a later run's")
         _run_every_kernel()
     finally:
         note.cancel()
 
 
 def _cached() -> bool:
-    """True if numba has code of the kernels as they are now."""
-    return bool(scatter._cache._cache_file._load_index())
+    """True if numba has code of the kernels that call others, for this processor, or compiles none."""
+    if numba.config.DISABLE_JIT:
+        return True
+    codes = ((kernel._cache._cache_file._load_index(), kernel.targetctx.codegen()) for kernel in (gather, scatter))
+    return all(any(key[1] == code.magic_tuple() for key in index) for index, code in codes)
 
 
 def _run_every_kernel() -> None:

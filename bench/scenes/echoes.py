@@ -7,10 +7,11 @@ from bench.scenes.build import Scene
 from bench.scenes.scene_file import BUILT_IN_ARRAY, CalibrationTarget, HandTarget
 from bench.scenes.stand import cuboid, plate_box_m
 from radar.data.arrays import AntennaArray, load_positions, qar50
+from radar.simulation.effects.base import echo_s
 from radar.simulation.effects.scattering import ShadowCentre
 from radar.simulation.forward import Scatterers
 from radar.simulation.scene import Ball, Body, EchoScene
-from radar.simulation.selection import Choice, choose
+from radar.simulation.selection import EFFECTS, Choice, choose
 from radar.simulation.simulate import SimulatedCapture, simulate_scene
 from radar.simulation.state import EchoState
 from radar.support.cost import require_time
@@ -23,8 +24,9 @@ def echoes(scene: Scene, frames: int = 1, radar_scene: EchoScene | None = None) 
     """The scene's echoes with the effects that its file asks for; frames differ in what is random in time alone."""
     radar_scene, stand = radar_scene or echo_scene(scene), scene.file.stand
     chosen, passes = choices(scene, radar_scene), 1 + (stand.empty or stand.subtract)
-    core_s = sum(row.cost_s or 0.0 for row in chosen if row.on)
-    require_time(passes * core_s, f"{scene.file.name}: effects of the simulation")
+    on = {row.effect for row in chosen if row.on}
+    core_s = echo_s(radar_scene) + sum(effect.cost_s(radar_scene) for effect in EFFECTS if effect.id in on)
+    require_time(passes * core_s, f"{scene.file.name}: echoes")
     simulated = simulate_scene(radar_scene, chosen, frames, empty=stand.empty or stand.subtract)
     return simulated.subtracted() if stand.subtract else simulated
 

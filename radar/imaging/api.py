@@ -138,9 +138,8 @@ def image_points(
     cost = sum(
         executor.plan.cost(len(executor.plan.touched(where))) for executor, where in zip(planned, places, strict=True)
     )
-    exact = not parts or cost > max(PLANNED, terms)
-    require_time((terms if exact else cost) / TERMS_PER_S, f"imaging {len(points)} points")
-    if exact:
+    if not parts or cost > max(PLANNED, terms):
+        _require_time(terms, f"imaging {len(points)} points")
         images = _device().exact_images(samples, frequencies_hz, aperture, points, apart)
     else:
         images = np.empty((len(samples) if apart else 1, len(points)), np.complex64)
@@ -227,6 +226,7 @@ class GridImager:
         nodes = self.plan.nodes_at(z_m)
         if self._executor is None:
             frequencies_hz, aperture, apart = self._how
+            _require_time(samples.size * np.prod(nodes.shape), f"exact images of {nodes.shape} nodes [nz, ny, nx]")
             images = _device().exact_images(samples, frequencies_hz, aperture, nodes.points_m().reshape(-1, 3), apart)
         else:
             images = self._executor.image(samples, self.plan.sort(self._executor.plan, nodes))
@@ -264,6 +264,13 @@ def _device() -> Any:
     return cpu if chosen() == "cpu" else gpu
 
 
+def _require_time(terms: float, what: str) -> None:
+    """Say how long an exact sum of so many terms is going to take where that is long, or refuse it; another device's
+    rate is not known."""
+    if chosen() == "cpu":
+        require_time(terms / TERMS_PER_S, what)
+
+
 def _grid_imager(frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, family: Family) -> GridImager:
     """The imager of a grid or, where it is one plane, of that and others near it."""
     low, high = (np.array([axis[i] for axis in (grid.x_m, grid.y_m, grid.z_m)]) for i in (0, -1))
@@ -284,7 +291,7 @@ def _exact_volume(
 ) -> np.ndarray:
     volume = np.empty((len(samples) if apart else 1, int(np.prod(grid.shape))), np.complex64)
     flat = np.arange(volume.shape[1])
-    require_time(samples.size * len(flat) / TERMS_PER_S, f"exact volume of {grid.shape} voxels [nz, ny, nx]")
+    _require_time(samples.size * len(flat), f"exact volume of {grid.shape} voxels [nz, ny, nx]")
     for start in track(range(0, len(flat), CHUNK), "exact volume"):
         chunk = slice(start, start + CHUNK)
         volume[:, chunk] = _device().exact_images(

@@ -21,8 +21,8 @@ from radar.data.grid import VoxelGrid
 from radar.imaging.cpu.exact import exact_sums
 from radar.imaging.plan import GridPlan
 
-PICKS = 16  # voxels at least; more, up to all of them, as far as TERMS of the exact sum (1 ms) allow
-TERMS = 1e6
+PICKS = 16  # voxels at least; more, up to all of them and to MOST, as far as TERMS of the exact sum (1 ms) allow
+TERMS, MOST = 1e6, 512
 # Over the root of the weighted mean: |error|² is exponential where many terms of random sign add up, and the mean of
 # eight of those, half of PICKS, lies below 1/3.3² of what it stands for once in a million times.
 FACTOR = 3.3
@@ -155,7 +155,7 @@ def picked(bright: Brightness, count: int) -> tuple[tuple[np.ndarray, np.ndarray
 
 
 def _count(samples: np.ndarray) -> int:
-    return max(PICKS, int(TERMS / (samples.size + samples.shape[0] * sum(samples.shape[1:]))))
+    return min(max(PICKS, int(TERMS / (samples.size + samples.shape[0] * sum(samples.shape[1:])))), MOST)
 
 
 def _heard(samples: np.ndarray, aperture: Aperture) -> tuple[np.ndarray, Aperture]:

@@ -120,10 +120,10 @@ class GridPlan:
         box = Box(*(np.array([axis[i] for axis in nodes]) for i in (0, -1)))
         self.tree = None if crowded(aperture) else TreePlan(frequencies_hz, aperture, box, family)
         terms = float(np.prod(self.nodes.shape)) * len(frequencies_hz) * np.prod(aperture.channels)
-        cost = terms if self.tree is None else self.tree.cost(len(self.tree.boxes))
-        if self.tree is not None and cost > max(PLANNED, terms):
-            self.tree, cost = None, terms
-        require_time(cost / TERMS_PER_S, f"imaging {grid.shape} voxels [nz, ny, nx]")
+        if self.tree is not None and (cost := self.tree.cost(len(self.tree.boxes))) > max(PLANNED, terms):
+            self.tree = None
+        elif self.tree is not None:
+            require_time(cost / TERMS_PER_S, f"planning images of {grid.shape} voxels [nz, ny, nx]")
         self._sorted: Sorted | None = None
         middle = (np.min(frequencies_hz) + np.max(frequencies_hz)) / 2 / SPEED_OF_LIGHT_M_S
         self.carrier = (middle, *carriers(aperture), (low + high) / (4 * np.pi))

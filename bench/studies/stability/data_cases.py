@@ -60,7 +60,7 @@ BOUNDS = {
     "dead_rows": max(VOXEL_MM, 1e3 * left_m(POINT_M, PAPER.first_depth_m)),
     "made_up": PAPER.wrap_probability,
     "scales": 1e3 * C / (4 * np.pi * 0.2e9) * 4 * U_SINGLE,
-    "saturated": 1e3 * C / (4 * np.pi * 0.2e9) * np.sqrt(2 / np.prod(small_array().channels)) / 3,
+    "saturated": 4.0,
     "ties": 4 * 10 * U_SINGLE,
     "sigma_follows": SATURATION,
     "projections_drown": RANGE_MM,
@@ -147,8 +147,12 @@ def _four_bits() -> Seen:
 
 
 def _saturated() -> Seen:
-    for id, level in product(METHODS, (0.9, 0.7, 0.5, 0.3, 0.1, 0.01)):
-        yield f"{id}, clipped at {level}", _off_mm(id, np.clip(_point().view(float), -level, level).view(complex))
+    sigma_mm = 1e3 * C / (4 * np.pi * 0.2e9) * np.sqrt(2 / np.prod(small_array().channels)) / 3
+    for id, level, z_m in product(METHODS, (0.9, 0.5, 0.1, 0.01), (0.27, POINT_M[2], 0.2875)):
+        clean = echoes((*POINT_M[:2], z_m))
+        clipped = np.clip(clean.view(float), -level, level).view(complex)
+        found_m = [float(middle(_depth(id, samples).z_m)) for samples in (clean, clipped)]
+        yield f"{id}, clipped at {level}, {1e3 * z_m:g} mm", 1e3 * abs(found_m[1] - found_m[0]) / sigma_mm
 
 
 def _ties() -> Seen:

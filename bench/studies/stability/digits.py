@@ -92,9 +92,10 @@ class Shake:
 
 def digits(values: Sequence[float], reference: float) -> float:
     """Decimal digits that at least a share PROBABILITY of results has, with CONFIDENCE, from `values` [n] drawn about
-    the unperturbed `reference`, were they normal (Sohier et al., ACM TOMS 47 (2021) 10: CNH); at most MOST."""
+    the unperturbed `reference`, were they normal (Sohier et al., ACM TOMS 47 (2021) 10: CNH, with the root mean square
+    about the reference for the spread, so that a shift counts); at most MOST."""
     relative = np.asarray(values) / reference - 1
-    spread, freedom = float(np.std(relative, ddof=1)) or float(np.abs(relative).max()), len(relative) - 1
+    spread, freedom = float(np.sqrt(np.mean(relative**2))), len(relative)
     if spread == 0:
         return float(MOST)
     wide = 0.5 * np.log10(freedom / chi2.ppf((1 - CONFIDENCE) / 2, freedom)) + np.log10(norm.ppf((PROBABILITY + 1) / 2))
@@ -153,7 +154,7 @@ def table(seed: int = 0, methods: Sequence[str] = METHODS) -> Table:
         text="significant decimal digits of one capture's figures (mm) when what is kept in single precision rounds at "
         "random: images alone, the whole chain, and the stage that leaves fewest; were depths kept in float32; and "
         f"with images as wrong as a tolerance allows. {PROBABILITY:.0%} of results have as many, with {CONFIDENCE:.0%} "
-        f"confidence, of {DRAWS} draws; {MOST}: no draw changed anything",
+        f"confidence, of {DRAWS} draws, were they normal; {MOST}: no draw changed anything",
         columns=("figure", "method", "fewest by", "value", "images", "chain", "float32 depths", *ends),
         rows=tuple(row for id in track(methods, "digits", len(methods)) for row in _spread(id, seed)),
     )

@@ -53,7 +53,7 @@ BOUNDS = {
     # x = 2a(a − |Δz|)/σ² takes four roundings, exponential, sum and quotient three; |dp/dx|·x = x·p(1 − p) ≤ 0.2239.
     "wraps_at": (4 * 0.2239 + 3) * U,
     "coarse_error": 1e3 * PERIOD_M / 2,
-    "tones_meet": 8 * 2 * U_SINGLE,
+    "tones_meet": 2 * (1 + 2 * 4 + 1) * U_SINGLE,  # of each tone's samples, both steerings and image
     "order": 1e3 * C / (4 * np.pi * 0.2e9) * 8 * np.pi * U,
     "far_tone": PAPER.wrap_probability,
     # From nearer planes both errors are nearer; from behind they are of opposite signs.

@@ -29,15 +29,25 @@ DEPTH_M, PIXEL_M = 0.3, 1e-3
 SIDE = 300
 REPEATS = (2, 3, 100, 10_000)
 COUNTED = ("n_observed", "observed_percent", "false_alarm_percent")  # shares of nothing observed that are known
+
+
+def pairwise_roundings(count: int) -> int:
+    """Most roundings of one term in NumPy's sum of so many: 15 in one of 8 partial sums of at most 128 terms, 3 of
+    these together, and one each time that two halves are added."""
+    return 15 + 3 + max(int(np.ceil(np.log2(count / 128))), 0)
+
+
 BOUNDS = {
-    "pooled_deviation": 1.5 * (np.log2(SIDE**2) + 1),
-    "many_samples": 1.5 * (np.log2(SIDE**2) + 1) + 1112 / 2,
+    "pooled_deviation": 1.5 * (pairwise_roundings(SIDE**2) + 1),
+    "many_samples": 1.5 * (pairwise_roundings(SIDE**2) + 1) + 1112 / 2,
     "all_equal": EPS,
     "one_pixel": 4 / 2,  # square, root, quotient and millimetres, half an ε each
-    "precision_about_depth": 3 / 2,  # of the depth, of the mean and of what is left of it, half an ε each
+    # Of the depth, of the mean's quotient and of what is left of it, half an ε each; that of the mean's sum is alike in
+    # all depths and enters squared.
+    "precision_about_depth": 3 / 2,
     # t takes 13 roundings: 5 of the mean, 5 of the deviation, a root, a product and a quotient; p falls as t⁻⁴ at most.
     "tiny_p": 4 * 13 * U + 6.9e-15,  # what Cephes states of its incomplete beta function
-    "not_finite": 1.5 * (np.log2(SIDE**2) + 1),
+    "not_finite": 1.5 * (pairwise_roundings(SIDE**2) + 1),
 }
 
 

@@ -18,7 +18,7 @@ from radar.support.errors import HandbenchError
 from radar.support.parallel import for_each
 
 BLOCK = 256  # points per matrix product: both factors stay in the second-level cache
-TONES = 32  # of one piece of work in float64
+TONES, WAVES = 32, 1 << 21  # most of one piece of work in float64: tones, and complex numbers of steering
 SAME = 1e-15  # spacings that differ by less, relative to a tone, are equal: 1e-9 rad over 15 m and 32 tones
 
 
@@ -62,7 +62,7 @@ def backproject(
 def exact_sums(
     samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray, apart: bool = False
 ) -> np.ndarray:
-    """As `exact_images`, for few points_m and in float64: complex128 [f or 1, n], right to 1e-12 of Σ|samples| within a
+    """As `exact_images`, for few points_m and in float64: complex128 [f or 1, n], right to 1e-11 of Σ|samples| within a
     metre. Samples that are no finite numbers, or not of the aperture, are the caller's to refuse.
 
     From one tone to the next, steering is multiplied by that of their difference, which evenly spaced tones share.
@@ -71,21 +71,22 @@ def exact_sums(
     points = np.asarray(points_m, np.float64)
     lengths = [leg.passes * np.linalg.norm(leg.position_m[:, None] - points, axis=2) for leg in aperture.legs]
     images = np.empty((len(samples), len(points)), np.complex128)
+    tones = max(1, min(TONES, WAVES // max(length.size for length in lengths)))
 
     def work(start: int) -> None:
-        some = slice(start, start + TONES)
+        some = slice(start, start + tones)
         a, b = (_waves(wavenumber[some], length) for length in lengths)
         heard = samples[some].reshape(*a.shape[:2], -1).astype(np.complex128) @ b
         images[some] = np.einsum("ftn,ftn->fn", a, heard)
 
-    for_each(work, range(0, len(samples), TONES))
+    for_each(work, range(0, len(samples), tones))
     return images if apart else images.sum(axis=0, keepdims=True)
 
 
 def _waves(wavenumber: np.ndarray, length_m: np.ndarray) -> np.ndarray:
     """Steering exp(jkL) [f, a, n] of wavenumbers [f] at lengths [a, n]."""
     waves = np.empty((len(wavenumber), *length_m.shape), np.complex128)
-    waves[0], spacing, steps = _cis(wavenumber[0] * length_m), 0.0, waves[0]
+    waves[0], spacing, steps = _cis(wavenumber[0] * length_m), 0.0, np.ones_like(waves[0])
     for f in range(1, len(waves)):
         if abs(wavenumber[f] - wavenumber[f - 1] - spacing) > SAME * wavenumber[f]:
             spacing = wavenumber[f] - wavenumber[f - 1]
