@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 RUN    ?= runs/table
 
-.PHONY: setup table test test-random fuzz bench lint coverage requirements clean
+.PHONY: setup table test test-random fuzz faults mutation bench lint coverage requirements clean
 
 setup: $(VENV)/.ready
 
@@ -34,6 +34,21 @@ test-random: setup
 # Broken and hostile inputs of all readers; SEED=N repeats those of an earlier run, INPUTS=N makes more or fewer.
 fuzz: setup
 	$(BIN)/python -m tests.fuzz --inputs $(or $(INPUTS),50000) --seed $(or $(SEED),0) -o runs/fuzz
+
+# Runs killed, disks filled, folders gone, …: TRIES of each kind that is drawn at random, and all of the others.
+faults: setup
+	$(BIN)/python -m tests.faults --tries $(or $(TRIES),100) --seed $(or $(SEED),0)
+
+# Random mutants of four packages against their tests, SAMPLE of each, in a copy of what git knows; an hour at most.
+MUTATION := runs/mutation
+MAPPED   := tests/calibration tests/groundtruth tests/radar tests/bench/evaluation tests/bench/cli/test_calibrate_command.py \
+            $(addprefix tests/bench/run/test_,runner.py treatments.py outcome.py methods.py)
+mutation: setup
+	rm -rf $(MUTATION) && mkdir -p $(MUTATION)/tree
+	git ls-files -z | tar c --null -T - | tar x -C $(MUTATION)/tree
+	cd $(MUTATION)/tree && PYTHONPATH=. $(CURDIR)/$(BIN)/python -m tests.mutation.contexts ../map.json $(MAPPED)
+	cd $(MUTATION)/tree && PYTHONPATH=. $(CURDIR)/$(BIN)/python -m tests.mutation --tree . --map ../map.json \
+	  --sample $(or $(SAMPLE),40) --seed $(or $(SEED),0) --minutes 40 -o ../mutants.json
 
 bench: setup
 	$(BIN)/handbench study engine -o runs/bench.json

@@ -3,6 +3,7 @@
 import argparse
 import errno
 import os
+import resource
 import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -14,12 +15,16 @@ from bench.cli.study import add_studies
 from radar.support.errors import HandbenchError
 
 COMMANDS = Path(__file__).with_name("commands.toml")
+LIBRARIES_BYTES, THREAD_BYTES = 2**31, 2**28  # of addresses, without which libraries hang or crash as they are loaded
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES}
+GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO}  # while a command works
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; a known error is one line on stderr and exit code 2, an unknown one keeps its traceback."""
     options = parser().parse_args(arguments)
     try:
+        _require_addresses()
         with _device(options):
             import_module(f"bench.cli.{options.module}").run(options)
     except HandbenchError as error:
@@ -31,13 +36,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader went away; so do we
         return 141
+    except MemoryError as error:
+        print(f"handbench: out of memory ({error}); end other programs, or ask for less at once", file=sys.stderr)
+        return 2
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES):
+        if error.errno not in (FULL | GONE if error.filename else FULL):
             raise
         where = error.filename or os.environ.get("TMPDIR", "/tmp")
-        print(f"handbench: {where}: {error.strerror}; free the space or choose another place", file=sys.stderr)
+        advice = (
+            "free the space or choose another place" if error.errno in FULL else "it was there before: is the disk?"
+        )
+        print(f"handbench: {where}: {error.strerror}; {advice}", file=sys.stderr)
         return 2
     return 0
+
+
+def _require_addresses() -> None:
+    """HandbenchError where `ulimit -v` leaves the libraries and their threads too little."""
+    limit, needed = (
+        resource.getrlimit(resource.RLIMIT_AS)[0],
+        LIBRARIES_BYTES + THREAD_BYTES * len(os.sched_getaffinity(0)),
+    )
+    if 0 <= limit < needed:
+        raise HandbenchError(f"ulimit -v: is {limit // 1024} kB; expected {needed // 1024} or more, or unlimited")
 
 
 def _device(options: argparse.Namespace) -> AbstractContextManager[None]:

@@ -128,6 +128,7 @@ def executor(scheduler: str | None = None) -> Iterator[Executor]:
         return
     try:
         from distributed import Client
+        from distributed.comm.core import CommClosedError
     except ImportError as error:
         raise HandbenchError(
             f"--scheduler: needs Dask ({error}); pip install 'handbench[cluster]', or leave the option out"
@@ -139,5 +140,8 @@ def executor(scheduler: str | None = None) -> Iterator[Executor]:
             f"--scheduler: no Dask scheduler answers at '{scheduler}' ({error}); expected tcp://host:port of a "
             "running `dask scheduler`"
         ) from error
-    with client:
-        yield Cluster(client)
+    try:
+        with client:
+            yield Cluster(client)
+    except CommClosedError as error:
+        raise HandbenchError("--scheduler: it has gone away; start it anew and run again, which resumes") from error

@@ -1,5 +1,6 @@
 """Radar captures: the echoes of one scene, and their file `echoes.h5`."""
 
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     import h5py
 
 FORMAT, VERSION = "handbench-echoes", 1
+HEADERS_BYTES = 2**12  # of the file, at least
 QUIETEST, LOUDEST = 1e-30, 3e38  # largest part of samples that complex64 keeps with their digits
 
 
@@ -110,13 +112,17 @@ def save_capture(path: str | Path, capture: RadarCapture) -> None:
     """Write `echoes.h5`, atomically."""
     import h5py
 
+    places = vars(capture.aperture)  # tx_m and rx_m, or position_m
+    size = 8 * capture.samples.size + capture.frequencies_hz.nbytes + sum(p.nbytes for p in places.values())
     with atomic_path(path) as temporary:
+        with temporary.open("wb") as stream:  # is there room? HDF5 finds out late, and then prints tracebacks
+            os.posix_fallocate(stream.fileno(), 0, size + HEADERS_BYTES)
         try:
             with h5py.File(temporary, "w") as file:
                 file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
                 file["samples"] = single(capture.samples)
                 file["frequencies_hz"] = capture.frequencies_hz
-                for name, places_m in vars(capture.aperture).items():  # tx_m and rx_m, or position_m
+                for name, places_m in places.items():
                     file[name] = places_m
         except RuntimeError as error:  # what the library calls a disk that is full by the time the file is closed
             raise OSError("the library could not close the file; is there space left on the disk?") from error

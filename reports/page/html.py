@@ -37,6 +37,7 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     if out.resolve() == result.folder.resolve():
         raise HandbenchError(f"{out}: is the result folder itself, whose table.csv must stay; choose another place")
     trade = load_tradeoff(sweep) if sweep else None
+    rendering.begin(out)
     texts = {
         "table.md": result_tables.markdown(result),
         "table.tex": latex.latex(result),

@@ -14,7 +14,7 @@ import matplotlib
 from markupsafe import Markup
 from PIL import Image as Pixels
 
-from radar.support.files import atomic_path
+from radar.support.files import atomic_path, write_text
 from reports.figures.style import STYLE, Picture
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -34,6 +34,12 @@ class Image:
     alt: str
     caption: str = ""
     stem: str = ""
+
+
+def begin(out: Path) -> None:
+    """Mark a folder as a report's, so that one that was stopped can be made again."""
+    if not (out / "index.html").exists():
+        write_text(out / "index.html", "<p>This report is not finished: make it again.\n")
 
 
 def images(pictures: Iterable[Picture], folder: Path) -> list[Image]:

@@ -39,7 +39,11 @@ config = { x = AXIS, y = AXIS, z = { start_m = 0.27, stop_m = 0.29, step_m = 0.0
 @pytest.fixture
 def small_bench(tmp_path: Path) -> Path:
     """A benchmark file with the scene and the mesh that it names."""
-    folder = tmp_path / "bench"
+    return write_bench(tmp_path / "bench")
+
+
+def write_bench(folder: Path) -> Path:
+    """The same, in a new folder."""
     folder.mkdir()
     sphere = load_open3d().geometry.TriangleMesh.create_sphere(0.02, resolution=40)
     write_mesh(folder / "ball.ply", sphere)

@@ -13,7 +13,7 @@ from scipy import stats
 from bench import results
 from bench.evaluation.depth_errors import error_map
 from bench.evaluation.rows import metric_facts
-from bench.evaluation.statistics.compare_results import compare_results
+from bench.evaluation.statistics.compare_results import _same, compare_results
 from bench.evaluation.statistics.paired import f_test
 from bench.results.compared import Compared, write_compared
 from bench.results.error_map import ErrorMap
@@ -212,3 +212,33 @@ def test_comes_as_the_documented_columns(tmp_path):
     header, *lines = (tmp_path / "out" / "compare.csv").read_text("utf-8").splitlines()
     assert header.split(",") == DIFFERENCES.names and len(lines) == 3
     assert '"schema_version": 1' in (tmp_path / "out" / "compare.json").read_text("utf-8")
+
+
+@pytest.mark.parametrize("side", ["a", "b"])
+@pytest.mark.parametrize(("missing", "alike"), [(0, True), (1, True), (12, False)])
+def test_a_hand_is_the_same_where_nearly_the_same_is_seen_of_it(tmp_path, side, missing, alike):
+    """In either result rows of the reference may be unknown, a third at most of a few percent."""
+    found = {name: result(tmp_path / name, speckle(0)) for name in "ab"}
+    fewer_m = np.where(np.arange(36)[:, None] < missing, np.nan, REFERENCE_M)
+    for name in NAMES:
+        results.write_surface(tmp_path / side, name, "truth", results.Surface(AXIS_M, AXIS_M, fewer_m))
+    assert all(_same(found["a"], found["b"], name, "truth") == alike for name in NAMES)
+
+
+def test_times_stand_beside_each_other_with_their_intervals(tmp_path):
+    a, b = result(tmp_path / "a", speckle(0)), result(tmp_path / "b", speckle(0))
+    slower = frame(TABLE, [("seconds", "3fsk", 1.5, 1.2, 1.9, "s", None, "truth")])
+    [times] = compare_results(a, replace(b, table=slower)).times.itertuples()
+    assert list(times)[3:10] == [0.5, 0.4, 0.6, 1.5, 1.2, 1.9, pytest.approx(3.0)]
+    [none] = compare_results(a, replace(b, table=slower.iloc[:0])).times.itertuples()
+    assert list(none)[3:6] == [0.5, 0.4, 0.6] and np.isnan(list(none)[6]) and "no times" in none[-1]
+
+
+def test_the_f_test_does_not_mind_which_comes_first():
+    """A is as significantly better than B as B is worse than A; at the table's 5 % points of F(20, 20), 2.464."""
+    random = np.random.default_rng(6)
+    wide, narrow = (scale * random.normal(size=21) for scale in (1.6e-3, 1e-3))
+    assert f_test([wide], [narrow]).p == pytest.approx(f_test([narrow], [wide]).p, rel=1e-12)
+    unit = np.tile([-1.0, 1.0, 0.0], 7)
+    for a, b in ((1.0, np.sqrt(2.4645)), (np.sqrt(2.4645), 1.0)):
+        assert f_test([1e-3 * a * unit], [1e-3 * b * unit]).p == pytest.approx(0.05, rel=2e-3)

@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.evaluation.error_causes import BINS, PALM_RADIUS_M, Scored, edge_distance_m, explain, incidence_deg, parts
+from bench.evaluation.error_causes import (
+    BINS,
+    PALM_RADIUS_M,
+    Scored,
+    edge_distance_m,
+    explain,
+    incidence_deg,
+    parts,
+    surface_causes,
+)
 from bench.results.error_map import ErrorMap
 from bench.results.tables import CAUSES, RELIABILITY, read, write
 from radar.data.depthmap import DepthMap
@@ -53,6 +62,17 @@ def test_the_distance_to_the_edge_of_a_half_plane_is_that_to_its_line(beyond_m):
     distance_m = edge_distance_m(AXIS_M, AXIS_M, z_m)
     np.testing.assert_allclose(distance_m[np.isfinite(z_m)], np.abs(X_M + 0.5e-3)[np.isfinite(z_m)], atol=1e-12)
     assert (np.isnan(distance_m) == np.isnan(z_m)).all()
+
+
+def test_causes_of_a_surface_come_in_their_units():
+    """A plate across the axis that ends at x = 10.5 mm: the pixel 30 mm from there is 30 mm from the edge."""
+    axis_m = 1e-3 * np.arange(-40, 41)
+    z_m = np.where(axis_m > 0.0105, np.nan, 0.3) * np.ones((81, 1))
+    causes = surface_causes(axis_m, axis_m, z_m)
+    steps_mm = np.diff(causes["edge_distance_mm"][40, 5:45])
+    np.testing.assert_allclose(steps_mm, -1.0, rtol=1e-9)
+    assert causes["edge_distance_mm"][40, 20] == pytest.approx(30.5, abs=0.51)
+    assert causes["incidence_deg"][40, 10] == pytest.approx(np.degrees(np.arctan2(30, 300)), rel=1e-9)
 
 
 def test_the_image_s_border_is_no_edge():
@@ -127,3 +147,19 @@ def test_a_line_for_each_method_and_reference_and_none_without_maps():
     assert explain(maps)["causes"].method.unique().tolist() == ["a", "b"]
     for name, schema in (("causes", CAUSES), ("reliability", RELIABILITY)):
         assert list(explain([])[name].columns) == schema.names
+
+
+def test_parts_of_hands_have_lines_of_their_own():
+    """A palm with errors of 1 mm and a finger with 3 mm, in two captures of which one shows the palm alone."""
+    disc = np.hypot(X_M, Y_M + 0.04) <= 0.04
+    stem = (np.abs(X_M) <= 0.009) & (Y_M > -0.04) & (Y_M < 0.08)
+    reference_m = np.where(disc | stem, 0.3, np.nan)
+    part = parts(AXIS_M, AXIS_M, reference_m)
+    error_m = np.choose(np.nan_to_num(part, nan=1).astype(int), [3e-3, 1e-3]) + 0 * reference_m
+    depth = DepthMap(AXIS_M, AXIS_M, reference_m + error_m, np.zeros(X_M.shape), "3fsk")
+    palm_m = np.where(part == 1, error_m, np.nan)
+    both = [Scored("3fsk", "truth", depth, ErrorMap(AXIS_M, AXIS_M, e, reference_m)) for e in (error_m, palm_m)]
+    found = explain(both)["causes"].query("cause == 'part'").set_index("part")
+    assert found.mean_mm.to_dict() == pytest.approx({"finger": 3.0, "palm": 1.0})
+    assert found.n_captures.to_dict() == {"finger": 1, "palm": 2}
+    assert found.n_pixels.to_dict() == {"finger": (part == 0).sum(), "palm": 2 * (part == 1).sum()}

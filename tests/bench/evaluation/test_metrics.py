@@ -281,3 +281,12 @@ def test_every_figure_is_defined_with_its_unit():
     suffixes = {"mm": "_mm", "%": "_percent", "s": "seconds", "pixels": "n_observed"}
     assert all(key.endswith(suffixes[metric.unit]) for key, metric in METRICS.items())
     assert "mm" in definitions(["mae_mm"])["mae_mm"]
+
+
+def test_the_band_is_of_observed_pixels_alone():
+    """Two of three observed pixels within 1.96 mm; what is not observed, known or not, takes no part."""
+    z_m = np.array([[0.301, 0.3019, 0.302, NAN, NAN]])
+    m = error_map(
+        1e-3 * np.arange(5), np.zeros(1), z_m, np.full((1, 5), 0.3), np.array([[1e-3, 1e-3, 1e-3, 1e-3, NAN]])
+    )
+    assert pool([m])["within_band_percent"] == pytest.approx(200 / 3, rel=1e-12)

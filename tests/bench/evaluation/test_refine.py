@@ -7,7 +7,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from bench.evaluation.refine import refine, refine_files
+from bench.evaluation.floor import BLOCK_M
+from bench.evaluation.refine import _blocks, _covariance, _Pixels, refine, refine_files
 from calibration.transforms import Transform, identity, load_transform
 from groundtruth.mesh.depth import reference_on_grid
 from groundtruth.mesh.surface import Surface
@@ -219,3 +220,23 @@ def test_from_files(tmp_path):
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(5)
+
+
+@pytest.mark.parametrize("first_m", [-0.31, 0.0, 0.0137, 0.2])
+def test_blocks_are_counted_from_the_first_place(first_m):
+    """Wherever the grid lies, what is less than a block from the first place is in the first block."""
+    along_m = first_m + BLOCK_M * np.array([0.0, 0.5, 0.99, 1.0, 1.5, 2.2])
+    assert _blocks(along_m, np.full(6, 7.0)).tolist() == [0, 0, 0, 1, 1, 2]
+    assert _blocks(np.full(6, 7.0), along_m).tolist() == [0, 0, 0, 1, 1, 2]
+    assert len(set(_blocks(np.repeat(along_m, 6), np.tile(along_m, 6)))) == 9
+
+
+@pytest.mark.parametrize("blocks", [2, 9, 50])
+def test_the_variance_of_a_mean_over_blocks_is_the_unbiased_one(blocks):
+    """One unknown, a shift along z, and one pixel a block whose errors are ±1 mm: (1 mm)²/(b − 1)."""
+    along_z = np.eye(6)[:, 2:3]
+    errors_m = 1e-3 * np.where(np.arange(blocks) % 2, 1, -1)
+    pixels = _Pixels(np.arange(blocks), np.arange(blocks), errors_m, np.tile(along_z.T, (blocks, 1)), np.zeros(3), 1.0)
+    found = _covariance(pixels, np.ones(blocks), np.ones(blocks), along_z, np.zeros((6, 0)), None)
+    assert found[2, 2] == pytest.approx(1e-6 / (blocks - 1), rel=1e-12)
+    assert np.count_nonzero(found) == 1

@@ -121,3 +121,10 @@ def test_too_few_captures_are_refused_in_one_line() -> None:
             design(figures, 0.1)
     with pytest.raises(HandbenchError, match="of 1 methods"):
         components(np.ones((5, 1)))
+
+
+@pytest.mark.parametrize(("n", "low", "high"), [(2, 0.4461, 31.910), (10, 0.6878, 1.8256), (31, 0.7991, 1.3367)])
+def test_the_interval_of_a_standard_deviation_is_the_table_s(n, low, high):
+    """√((n − 1)/χ²) of the 2.5 % and 97.5 % points of tables of χ² with n − 1 degrees of freedom."""
+    found = spread_interval(2.0, n)
+    assert (found.low, found.high) == (pytest.approx(2 * low, rel=2e-4), pytest.approx(2 * high, rel=2e-4))

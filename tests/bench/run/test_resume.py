@@ -62,6 +62,11 @@ sys.exit(main(["run", str(bench), "-o", out]))
 
 @pytest.fixture
 def photographed(small_bench) -> Path:
+    """See `with_photographs`."""
+    return with_photographs(small_bench)
+
+
+def with_photographs(small_bench: Path) -> Path:
     """The small benchmark with photographs too: its scene, the capture with photographs, and that as a target."""
     recorded = small_bench.parent / "recorded"
     simulate_capture(load_scene(small_bench.parent / "ball.toml"), recorded, frames=3)

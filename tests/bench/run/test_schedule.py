@@ -27,13 +27,18 @@ ENVIRONMENT = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "3
 
 @pytest.fixture
 def balls(small_bench) -> Path:
+    """See `several`."""
+    return several(small_bench)
+
+
+def several(small_bench: Path) -> Path:
     """The small benchmark with several captures, which differ in distance and noise."""
     scene = (small_bench.parent / "ball.toml").read_text()
     for k in range(CAPTURES):
         changed = scene.replace('"ball"', f'"ball{k}"').replace("0.30", f"{0.295 + 0.002 * k:.3f}")
         (small_bench.parent / f"ball{k}.toml").write_text(changed.replace("seed = 3", f"seed = {k}"))
-    several = "[[capture]]\n".join(["", *(f'scene = "ball{k}.toml"\n' for k in range(CAPTURES))])
-    small_bench.write_text(small_bench.read_text().replace('[[capture]]\nscene = "ball.toml"\n', several))
+    captures = "[[capture]]\n".join(["", *(f'scene = "ball{k}.toml"\n' for k in range(CAPTURES))])
+    small_bench.write_text(small_bench.read_text().replace('[[capture]]\nscene = "ball.toml"\n', captures))
     return small_bench
 
 

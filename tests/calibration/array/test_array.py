@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calibration.array.array_file import ArrayCalibration, load_array, save_array
-from calibration.array.estimate import estimate_array, fitted
+from calibration.array.estimate import estimate_array, fitted, left_over
 from calibration.array.model import Antennas, Echoes, State, normal_equations
 from calibration.array.prior import DELAY_SIGMA_M, POSITION_SIGMA_M, gauges
 from calibration.target.description import Target
@@ -427,3 +427,21 @@ def test_a_list_is_no_calibration(tmp_path):
     (tmp_path / "array.json").write_text("[]")
     with pytest.raises(HandbenchError, match="is a list; expected an array calibration"):
         load_array(tmp_path / "array.json")
+
+
+@pytest.mark.parametrize(("cell", "counts"), [(0, True), (5, True), (-8, True), (14, False), (-15, False)])
+def test_what_is_left_over_is_counted_about_the_balls_alone(target, centres_m, cell, counts):
+    """An echo that the state lacks, so many range cells behind the target's middle: its part of all energy, or none."""
+    plain = small_state(target, centres_m)[0]
+    state = State(*(Antennas(s.nominal_m, 0 * s.log_gain, 0 * s.delay_m, 0 * s.offset_m) for s in (plain.tx, plain.rx)),
+                  centres_m, np.zeros(5, np.complex128))  # fmt: skip
+    echoes = Echoes(target, TONES_HZ)
+    middle_m = centres_m.mean(axis=0)
+    cell_m = C / (TONES_HZ[1] - TONES_HZ[0]) / len(TONES_HZ)
+    tx_m, rx_m = (np.linalg.norm(side.nominal_m - middle_m, axis=1) for side in (state.tx, state.rx))
+    path_m = np.add.outer(tx_m, rx_m)[..., None] + cell * cell_m
+    known = recorded(state, echoes)
+    unknown = 0.3 * rms(np.abs(known).ravel()) * np.exp(-1j * echoes.wavenumber * path_m)
+    share = (np.abs(unknown) ** 2).sum() / (np.abs(known + unknown) ** 2).sum()
+    found = left_over(known + unknown, state, echoes)
+    assert found == pytest.approx(share, rel=0.1) if counts else found < 0.02 * share

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
+from calibration.registration.rigid_fit import Pairs
 from calibration.target.description import Candidate, Element, Target, default_target
 from calibration.target.matching import match
 from calibration.transforms import Transform, umeyama
@@ -241,3 +242,15 @@ def test_an_error_that_all_balls_share_widens_the_translation_alone(rng, target)
     expected[2, 2] = 1e-6
     np.testing.assert_allclose(shared.covariance - plain.covariance, expected, atol=1e-15)
     np.testing.assert_array_equal(shared.matrix, plain.matrix)
+
+
+@pytest.mark.parametrize("unit", [1.0, 0.5, 1e3])
+def test_a_pair_s_weight_is_its_inverse_mean_variance_in_the_target_s_frame(unit):
+    """Centres 0.1 m apart, the source in another unit: its variances are brought to metres first, where a scale is
+    fitted, and taken as they are where none is."""
+    centres_m = 0.1 * np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [-1, -1, -1]])
+    variances = np.array([1e-8, 2e-8, 3e-8, 4e-8])
+    spread = [v[:, None, None] * np.eye(3) for v in (variances / unit**2, variances)]
+    pairs = Pairs(centres_m / unit, centres_m, *spread, tuple("abcd"))
+    np.testing.assert_allclose(pairs.weights(True), 1 / (2 * variances), rtol=1e-12)
+    np.testing.assert_allclose(pairs.weights(False), 1 / (variances * (1 + unit**-2)), rtol=1e-12)

@@ -8,7 +8,16 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from calibration.target.description import Target
-from calibration.target.radar_detection import EchoSearch, ball_centre, ball_path, find_balls, fit_echo, separate
+from calibration.target.radar_detection import (
+    STENCIL,
+    EchoSearch,
+    _summit,
+    ball_centre,
+    ball_path,
+    find_balls,
+    fit_echo,
+    separate,
+)
 from radar.data.arrays import AntennaArray, PlanarScan, qar50
 from radar.data.capture import RadarCapture
 from radar.support.errors import HandbenchError
@@ -167,3 +176,12 @@ def test_close_echoes_are_told_apart(rng):
     alone, first, second = (np.linalg.norm(c - t) for c, t in zip(found, balls_m[[0, 0, 1]], strict=True))
     assert first < min(5e-5, alone / 2)
     assert second < 2e-4
+
+
+@pytest.mark.parametrize("summit", [(0.0, 0.0, 0.0), (0.3, -0.4, 0.1), (-0.8, 0.2, 0.9), (4.0, -1.0, 0.5)])
+def test_the_top_of_a_quadratic_is_one_step_away(summit):
+    """Exactly, whatever its axes; a step is at most two spacings along any axis."""
+    curved = np.array([[2.0, 0.7, -0.3], [0.7, 1.5, 0.4], [-0.3, 0.4, 1.0]])
+    off = STENCIL - summit
+    step = _summit(5.0 - np.einsum("ni,ij,nj->n", off, curved, off))
+    np.testing.assert_allclose(step, np.array(summit) / max(1.0, np.abs(summit).max() / 2), atol=1e-12)

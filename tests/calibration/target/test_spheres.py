@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.target.description import Target
-from calibration.target.optical_detection import Cloud, find_spheres, fit_sphere
+from calibration.target.optical_detection import Cloud, _shared, find_spheres, fit_sphere
 from radar.support.errors import HandbenchError
 from tests.calibration.seen_target import cap, pose
 
@@ -133,3 +133,17 @@ def test_a_malformed_cloud_is_refused(target, points, normals, expected):
 
 def test_a_degenerate_cloud_holds_no_spheres(target):
     assert find_spheres(np.zeros((50, 3)), None, target) == []
+
+
+@pytest.mark.parametrize("counts", [(9,) * 5, (9,) * 40, (2, 2, 18, 18, 18, 18)])
+def test_points_that_err_alike_count_as_one(counts):
+    """All points of a patch err alike: their sums vary n̄ = Σn²/Σn times as much as independent ones; with 3 unknowns
+    fitted to P = (Σn)²/Σn² patches, P/(P − 3) times that."""
+    counts = np.array(counts)
+    patch = np.repeat(np.arange(len(counts)), counts)
+    points_m = np.array([0.1, 0.0, 0.0]) * patch[:, None]
+    score = np.where(patch % 2, 1e-4, -1e-4)
+    patches = counts.sum() ** 2 / (counts**2).sum()
+    expected = (counts**2).sum() / counts.sum() * patches / (patches - 3)
+    assert _shared(points_m, score, 0.01) == pytest.approx(expected, rel=1e-12)
+    assert _shared(points_m, 0 * score, 0.01) == 1.0

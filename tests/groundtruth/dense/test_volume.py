@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 
 from groundtruth.cameras.cameras import Camera
-from groundtruth.dense.volume import Volume, board_plane, in_common_field, narrowed, plane_through, volume, warn_of_cuts
+from groundtruth.dense.volume import (
+    COARSE_ROOM,
+    COARSE_ROOM_PX,
+    Volume,
+    board_plane,
+    in_common_field,
+    narrowed,
+    plane_through,
+    volume,
+    warn_of_cuts,
+)
 from groundtruth.sparse.frame import Scale
 from tests.groundtruth.mesh.test_mesh import cloud_of
 
@@ -68,6 +78,27 @@ def test_coarse_depth_maps_narrow_the_volume_to_the_hand():
     assert narrowed(found, cloud.at(np.arange(20_000)), PLANE, sparse) == found
 
 
+def test_features_outside_the_volume_do_not_widen_what_coarse_depth_maps_narrow():
+    random, on_hand = np.random.default_rng(1), features()
+    found = volume(None, PLANE, solved(on_hand))
+    cloud = replace(cloud_of(hand_m := random.uniform(*HAND_M, (20_000, 3)), np.zeros_like(hand_m)), pixel_m=1e-3)
+    beside_m = random.uniform((0.9, -0.1, 0.06), (1.0, 0.1, 0.12), (200, 3))  # as high as the hand, in y as well
+    with_more = solved(np.concatenate([on_hand, beside_m]))
+    assert narrowed(found, cloud, PLANE, with_more) == narrowed(found, cloud, PLANE, solved(on_hand)) != found
+
+
+@pytest.mark.parametrize("aside_m", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.0), (-0.4, 0.1, 0.0)])
+def test_the_room_about_a_hand_does_not_depend_on_where_it_stands(aside_m):
+    """A part of its diagonal, and some pixels, on every side but that of the board."""
+    random = np.random.default_rng(2)
+    cloud_m, features_m = (random.uniform(*HAND_M, (count, 3)) + aside_m for count in (20_000, 2000))
+    cloud = replace(cloud_of(cloud_m, np.zeros_like(cloud_m)), pixel_m=1e-3)
+    box_m = narrowed(Volume((-1, -1, -1, 1, 1, 1), "wide"), cloud, PLANE, solved(features_m)).box() - np.array(aside_m)
+    room_m = COARSE_ROOM * np.linalg.norm(np.ptp(HAND_M, axis=0)) + COARSE_ROOM_PX * 1e-3
+    np.testing.assert_allclose(box_m[0, :2], HAND_M[0, :2] - room_m, atol=4e-3)  # of the quantiles
+    np.testing.assert_allclose(box_m[1], HAND_M[1] + room_m, atol=4e-3)
+
+
 def test_skin_without_features_is_not_cut_away():
     found = volume(None, PLANE, solved(features(on_hand=3)))
     box_m = found.box()
@@ -106,6 +137,15 @@ def test_the_plane_is_that_of_the_board_beside_the_photographs(tmp_path):
     for point_m in np.reshape(HAND_M, (-1, 3)):
         np.testing.assert_allclose(plane.around(plane.local(np.stack([point_m] * 2))), [point_m] * 2, atol=1e-12)
     assert board_plane(tmp_path, None, solved([], "poses")) is None
+
+
+@pytest.mark.parametrize("place_m", [(0, 0, -5.0), (3.0, -2.0, 5.0)])
+@pytest.mark.parametrize("turn", [np.eye(3), np.diag([1.0, -1.0, -1.0])])
+def test_the_plane_s_normal_looks_at_the_cameras_wherever_they_are(place_m, turn):
+    corners_m, centres_m, hand_m = (points_m @ turn + place_m for points_m in (CORNERS_M, CENTRES_M, HAND_M))
+    plane = plane_through(corners_m, centres_m, 1e-4)
+    np.testing.assert_allclose(plane.local(hand_m)[:, 2], HAND_M[:, 2], atol=1e-12)
+    np.testing.assert_allclose(plane.local(centres_m)[:, 2], CENTRES_M[:, 2], atol=1e-12)
 
 
 def test_a_surface_that_runs_on_is_said(capsys):

@@ -40,6 +40,19 @@ def test_a_sphere_shows_its_near_side_and_nothing_beside_it():
     assert np.isnan(z[offset > radius]).all()
 
 
+@pytest.mark.parametrize(("middle_x_m", "middle_y_m"), [(0.1, 0.25), (-0.3, 0.12), (0.2, -0.4)])
+def test_a_patch_is_met_within_its_edges_wherever_the_grid_lies(middle_x_m, middle_y_m):
+    """The grid lies off-centre, and is no symmetric one about the patch either."""
+    half_m = 0.031
+    patch = plane(0.3, -0.2, 0.4, half_m).translate([middle_x_m, middle_y_m, 0])
+    x, y = middle_x_m + np.arange(-0.06, 0.05, 0.004), middle_y_m + np.arange(-0.08, 0.07, 0.004)
+    inside = (np.abs(x - middle_x_m) < half_m) & (np.abs(y - middle_y_m) < half_m)[:, None]
+    z = depth_on_grid(patch, x, y)
+    assert inside.any() and (np.isfinite(z) == inside).all()
+    exact = 0.4 + 0.3 * (x - middle_x_m) - 0.2 * (y - middle_y_m)[:, None]
+    np.testing.assert_allclose(z[inside], exact[inside], rtol=0, atol=1e-9)
+
+
 def test_the_first_of_two_surfaces_counts():
     both = plane(0, 0, 0.4) + plane(0, 0, 0.3)
     assert depth_on_grid(both, np.array([0.1]), np.array([0.2])) == pytest.approx(0.3, abs=1e-12)

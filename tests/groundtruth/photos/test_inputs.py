@@ -7,6 +7,7 @@ from PIL import Image
 
 from bench.cli.groundtruth import _values
 from bench.cli.main import parser
+from groundtruth.cameras.cameras import Camera, save_cameras
 from groundtruth.options import Distance, Options
 from groundtruth.photos.photos import find_photos
 from groundtruth.sparse.inputs import content, gather, resolve
@@ -15,7 +16,7 @@ from groundtruth.sparse.sparse import check_geometry, unregistered
 from radar.support.config import parse
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash
-from tests.groundtruth.room import around, look, photograph
+from tests.groundtruth.room import around, camera_rotation, look, photograph
 from tests.groundtruth.synthetic_model import synthetic_model
 
 
@@ -79,6 +80,24 @@ def test_every_scale_is_enough(tmp_path):
     assert len({content_hash(*content(by_model.photos, options)) for options in given}) == 2
     with pytest.raises(HandbenchError, match="nothing gives the scale"):
         gather(tmp_path, Options(cameras=folder))  # COLMAP's poses have no unit
+
+
+@pytest.mark.parametrize(("posed", "enough"), [(4, True), (3, True), (2, False)])
+def test_the_poses_of_three_photographs_give_the_scale(tmp_path, posed, enough):
+    photograph(tmp_path)
+    lens = {"width": 400, "height": 300, "params": (440, 440, 200, 150, 0, 0, 0, 0)}
+    placed = []
+    for k, centre_m in enumerate(around(4)):
+        R = camera_rotation(-np.array(centre_m))
+        pose = {"R": tuple(map(tuple, R.tolist())), "t": tuple((-R @ centre_m).tolist())} if k < posed else {}
+        placed.append(Camera(name=f"p{k}.png", **lens, **pose))
+    save_cameras(tmp_path / "cameras.json", tuple(placed))
+    if not enough:
+        with pytest.raises(HandbenchError, match="nothing gives the scale"):
+            gather(tmp_path, Options(cameras=tmp_path / "cameras.json"))
+        return
+    found, _ = gather(tmp_path, Options(cameras=tmp_path / "cameras.json"))
+    assert sum(camera.posed for camera in found.cameras) == posed
 
 
 def solve(folder):

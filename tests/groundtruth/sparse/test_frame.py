@@ -118,3 +118,17 @@ def test_a_scale_that_misses_its_own_numbers_is_refused():
     check_fit(1e-3, 0.4, "board corners")
     with pytest.raises(HandbenchError, match=r"board corners are 40\.0 mm off after the best fit, 10% of their extent"):
         check_fit(0.04, 0.4, "board corners")
+
+
+def test_points_off_a_plane_tell_its_mirror_image():
+    """A majority in a plane fits either way; what lies off it, on the wrong side, is said to be a reflection."""
+    random = np.random.default_rng(4)
+    target_m = np.concatenate(
+        [random.uniform((-1, -1, 0), (1, 1, 0), (12, 3)), random.uniform(-1, 1, (4, 3)) + (0, 0, 1.5)]
+    )
+    matrix, _, residuals_m = trimmed_similarity(2 * target_m, target_m, "corners")
+    assert residuals_m.max() < 1e-9 and matrix[0, 0] == pytest.approx(0.5)
+    with pytest.raises(HandbenchError, match=r"4 of 16 corners lie where the mirror image .* right-handed"):
+        trimmed_similarity(target_m * (1, 1, -1), target_m, "corners")
+    wrong_m = target_m + np.where(np.arange(16)[:, None] < 12, 0, random.uniform(-1, 1, (16, 3)))
+    assert not trimmed_similarity(wrong_m, target_m, "corners")[1][12:].any()  # neither way: merely wrong

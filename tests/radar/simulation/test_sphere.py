@@ -5,7 +5,7 @@ import pytest
 
 from radar.data.arrays import AntennaArray
 from radar.simulation.forward import Scatterers, simulate
-from radar.simulation.physics.spheres import half_angle_cosine, mie_amplitudes, sphere_echo
+from radar.simulation.physics.spheres import _spreading_m, half_angle_cosine, mie_amplitudes, sphere_echo
 from tests.radar.simulation.effects.closed_forms import mie_backscatter
 
 
@@ -84,3 +84,41 @@ def test_echoes_of_a_sphere_are_reciprocal():
     centre, tones_hz, field = np.array([0.01, 0.02, 0.3]), np.linspace(72e9, 82e9, 5), np.array([0.6, 0.8, 0])
     there, back = (sphere_echo(centre, 0.005, 1e-4, tones_hz, a, field).ravel() for a in (array, swapped))
     np.testing.assert_allclose(there, back, rtol=1e-5)
+
+
+def traced_m(angle_rad, distance_m, radius_m, n):
+    """Where a ray [2] that leaves the origin at an angle to the way to a ball's middle comes back to the origin's
+    plane: by Snell's law through the ball's front, off its back and out again, or off its front (n is None)."""
+    middle_m, at_m, way = np.array([distance_m, 0.0]), np.zeros(2), np.array([np.cos(angle_rad), np.sin(angle_rad)])
+
+    def reach(at_m, way, inside):
+        off_m = at_m - middle_m
+        along_m = -off_m @ way
+        half_m = np.sqrt(along_m**2 - off_m @ off_m + radius_m**2)
+        at_m = at_m + (along_m + half_m if inside else along_m - half_m) * way
+        return at_m, (at_m - middle_m) / radius_m
+
+    def refracted(way, outward, ratio):
+        normal = -np.sign(way @ outward) * outward
+        cosine = -way @ normal
+        return ratio * way + (ratio * cosine - np.sqrt(1 - ratio**2 * (1 - cosine**2))) * normal
+
+    at_m, outward = reach(at_m, way, False)
+    if n is not None:
+        way = refracted(way, outward, 1 / n)
+        at_m, outward = reach(at_m, way, True)
+    way = way - 2 * (way @ outward) * outward
+    if n is not None:
+        at_m, outward = reach(at_m, way, True)
+        way = refracted(way, outward, n)
+    return (at_m - at_m[0] / way[0] * way)[1]
+
+
+@pytest.mark.parametrize("n", [None, 1.02, 1.3, 1.6])
+@pytest.mark.parametrize(("distance_m", "radius_m"), [(0.3, 0.02), (0.25, 0.05)])
+def test_rays_spread_as_traced_ones_do(distance_m, radius_m, n):
+    """Off the front and over the back of a ball, near its axis."""
+    legs_m = [np.array([distance_m])] * 2
+    found_m = _spreading_m(legs_m, radius_m, 1.0 if n is None else n, n is not None).item()
+    angle_rad = 1e-6
+    assert abs(found_m) == pytest.approx(abs(traced_m(angle_rad, distance_m, radius_m, n)) / angle_rad, rel=1e-5)

@@ -18,6 +18,7 @@ from radar.support import limits
 from radar.support.config import Config, parse, read_toml
 from radar.support.errors import HandbenchError
 from radar.support.files import inside, read_bytes, read_json, read_npz, require_file, write_npz
+from radar.support.hdf5 import opened
 from radar.support.pictures import opened_picture
 
 
@@ -132,6 +133,20 @@ def echoes(tmp_path):
     return tmp_path / "echoes.h5"
 
 
+@pytest.mark.parametrize(("sizes", "broken"), [((8, 20, 16), False), ((8, 20, 0), True), ((0,), True)])
+def test_a_heap_in_which_the_library_would_run_in_circles_is_refused(tmp_path, sizes, broken):
+    """Objects with a number and a size, in steps of 8 bytes; the last has no number, and the rest for its size."""
+    content = b"".join(
+        struct.pack("<HHIQ", number, 0, 0, size) + bytes((size + 7) // 8 * 8 if number else max(size - 16, 0))
+        for number, size in zip((*range(1, len(sizes)), 0), sizes, strict=True)
+    )
+    heap = b"GCOL\x01\0\0\0" + struct.pack("<Q", 16 + len(content)) + content
+    (tmp_path / "a.h5").write_bytes(b"x" * 40 + heap + bytes(40))  # what follows is no part of it
+    said = "a heap of texts in it is broken" if broken else "signature not found"
+    with pytest.raises((ValueError, OSError), match=said), opened(tmp_path / "a.h5"):
+        pass
+
+
 @pytest.mark.parametrize("name", ["samples", "frequencies_hz", "tx_m"])
 @pytest.mark.parametrize("chain", ["external", "soft to external", "soft", "through a group", "another's position_m"])
 def test_what_links_lead_to_is_not_read(echoes, name, chain):
@@ -189,6 +204,23 @@ def test_pictures_of_many_scans_pixels_or_other_forms_are_refused(tmp_path):
     content[16:24] = struct.pack(">II", 9000, 9000)
     content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
     (tmp_path / "a.png").write_bytes(content + bytes(10_000))
+    with pytest.raises(HandbenchError, match="9000 × 9000 pixels"), opened_picture(tmp_path / "a.png"):
+        pass
+
+
+@pytest.mark.parametrize(("mode", "depth_bits", "pixels_a_byte"), [("L", 8, 1100), ("1", 1, 8800)])
+def test_a_large_picture_holds_so_many_pixels_a_byte(tmp_path, mode, depth_bits, pixels_a_byte):
+    """What deflate can pack at most: 1100 of a byte each, eight times as many of one bit."""
+    Image.new(mode, (8, 8)).save(tmp_path / "a.png")
+    content = bytearray((tmp_path / "a.png").read_bytes())
+    assert content[24] == depth_bits
+    content[16:24] = struct.pack(">II", 9000, 9000)
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    least = -(-(9000 * 9000) // pixels_a_byte)
+    (tmp_path / "a.png").write_bytes(content + bytes(least - len(content)))
+    with opened_picture(tmp_path / "a.png") as image:
+        assert image.size == (9000, 9000)
+    (tmp_path / "a.png").write_bytes(content + bytes(least - 1 - len(content)))
     with pytest.raises(HandbenchError, match="9000 × 9000 pixels"), opened_picture(tmp_path / "a.png"):
         pass
 

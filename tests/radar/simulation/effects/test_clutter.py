@@ -82,3 +82,14 @@ def test_the_estimate_is_what_the_room_changes(level_db):
 def test_an_empty_room_is_missing():
     assert Clutter().missing(bead_scene())
     assert not Clutter().missing(bead_scene(room=(plate(),)))
+
+
+def test_the_glance_takes_the_nearest_body_for_a_mirror():
+    """1/(2z) of what the strongest material returns, over a target's echo: twice as far, half as much."""
+    near, far = (plate(z_m=z_m, reflectivity_db=-70.0) for z_m in (0.4, 0.8))
+    ball = sphere_body(0.02, (0.0, 0.0, 0.3))
+    one, half, both = (
+        Clutter().glance(replace(bead_scene(), target=ball, room=room)).worst_mm
+        for room in ((near,), (far,), (far, near))
+    )
+    assert one == pytest.approx(2 * half, rel=1e-9) and both == pytest.approx(one, rel=1e-9)

@@ -1,0 +1,60 @@
+"""`python -m tests.faults.forked BENCH photographs|plain`: a process that has imported all that a run needs, and does
+runs in forks of itself, so that a signal meets their work rather than their imports.
+
+Reads lines `OUT<tab>FILE`; answers each with the number of the process, then with its exit code. FILE takes its stderr.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import traceback
+from importlib import import_module
+
+from bench.cli.main import main
+from radar.support.rays import load_open3d
+from tests.bench.run.test_resume import RUN
+
+NEEDED = (
+    "bench.cli.run", "bench.run.runner", "bench.run.simulate_stage", "bench.run.reconstruct_stage", "bench.run.scoring",
+    "bench.run.repeat_stage", "bench.run.calibrate_stage", "bench.scenes.echoes", "bench.scenes.photographs",
+    "groundtruth.sparse_stage", "groundtruth.dense_stage", "groundtruth.mesh_stage", "radar.warmup",
+    "reports.tables.result_tables",
+)  # fmt: skip
+
+
+def serve() -> None:
+    """Answer lines until there are no more."""
+    bench, photographs = sys.argv[1], sys.argv[2] == "photographs"
+    load_open3d()
+    for module in NEEDED:
+        import_module(module)
+    if photographs:
+        sys.argv = ["run", bench, "", "never"]
+        exec(RUN.rpartition("sys.exit(")[0], {})
+    for line in sys.stdin:
+        out, said = line.rstrip("\n").split("\t")
+        child = os.fork()
+        if child == 0:
+            _run(bench, out, said)
+        print(child, flush=True)
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+
+
+def _run(bench: str, out: str, said: str) -> None:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    os.dup2(os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
+    os.dup2(os.open(os.devnull, os.O_RDWR), 1)
+    code = 1
+    try:
+        code = main(["run", bench, "-o", out])
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stderr.flush()
+        os._exit(code)
+
+
+if __name__ == "__main__":
+    serve()
