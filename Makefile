@@ -44,6 +44,7 @@ MUTATION := runs/mutation
 MAPPED   := tests/calibration tests/groundtruth tests/radar tests/bench/evaluation tests/bench/cli/test_calibrate_command.py \
             $(addprefix tests/bench/run/test_,runner.py treatments.py outcome.py methods.py)
 mutation: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r tests/mutation/requirements.txt
 	rm -rf $(MUTATION) && mkdir -p $(MUTATION)/tree
 	git ls-files -z | tar c --null -T - | tar x -C $(MUTATION)/tree
 	cd $(MUTATION)/tree && PYTHONPATH=. $(CURDIR)/$(BIN)/python -m tests.mutation.contexts ../map.json $(MAPPED)
@@ -69,6 +70,8 @@ coverage: setup
 requirements:
 	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
 	  --extra dev pyproject.toml -o requirements.txt
+	echo "cosmic-ray>=8.3" | uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
+	  -c requirements.txt - -o tests/mutation/requirements.txt
 
 clean:
 	rm -rf $(VENV) .mypy_cache .ruff_cache build dist *.egg-info
