@@ -134,7 +134,8 @@ def test_points_off_a_plane_tell_its_mirror_image():
     assert not trimmed_similarity(wrong_m, target_m, "corners")[1][12:].any()  # neither way: merely wrong
 
 
-def test_the_majority_is_that_with_the_least_squares():
+@pytest.mark.parametrize("unit", [1e-4, 1.0, 1e4])
+def test_the_majority_is_that_with_the_least_squares_in_any_unit(unit):
     """Ten points, of which the first two and the last two are wrong: six of ten are the least majority, and the first
     and the last three points would all propose another."""
     random = np.random.default_rng(3)
@@ -142,7 +143,7 @@ def test_the_majority_is_that_with_the_least_squares():
     wrong = np.isin(np.arange(10), (0, 1, 8, 9))
     noise_m = random.normal(scale=1e-3, size=(10, 3))
     target_m = 0.5 * source + (0.1, 0, 0.3) + noise_m + wrong[:, None] * random.uniform(0.05, 0.1, (10, 3))
-    np.testing.assert_array_equal(_nearest_majority(source, target_m), ~wrong)
+    np.testing.assert_array_equal(_nearest_majority(source, unit * target_m), ~wrong)
 
 
 def test_a_majority_on_a_line_tells_no_frame():
