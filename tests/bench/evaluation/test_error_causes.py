@@ -199,9 +199,9 @@ def test_five_millimetres_between_neighbours_are_an_edge(jump_m, edge):
         assert (steepest > 60) != edge  # a slope of 5 in 2 mm, unless it is an edge
 
 
-@pytest.mark.parametrize(("length_m", "told"), [(0.03, False), (0.05, True)])
+@pytest.mark.parametrize(("length_m", "told"), [(0.02, False), (0.05, True)])
 def test_a_tenth_of_a_hand_must_be_finger(length_m, told):
-    """A disc of 7854 mm² with a stem 30 mm wide: 30 mm of it are a tenth at most, less its root; 50 mm are more."""
+    """A disc of 7854 mm² with a stem 30 mm wide: 20 mm of it are 7 %, 50 mm are 16 %."""
     disc = np.hypot(X_M, Y_M + 0.05) <= 0.05
     stem = (np.abs(X_M) <= 0.015) & (Y_M > -0.05) & (length_m >= Y_M)
     part = parts(AXIS_M, AXIS_M, np.where(disc | stem, 0.3, np.nan))
