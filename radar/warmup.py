@@ -9,8 +9,8 @@ import subprocess
 import sys
 from threading import Timer
 
-import numba
 import numpy as np
+from numba.core import config
 
 from radar.data.arrays import AntennaArray, PlanarScan
 from radar.data.grid import VoxelGrid
@@ -42,7 +42,7 @@ def compile_kernels() -> None:
 
 def _cached() -> bool:
     """True if numba has code of the kernels that call others, for this processor, or compiles none."""
-    if numba.config.DISABLE_JIT:
+    if getattr(config, "DISABLE_JIT", False):
         return True
     codes = ((kernel._cache._cache_file._load_index(), kernel.targetctx.codegen()) for kernel in (gather, scatter))
     return all(any(key[1] == code.magic_tuple() for key in index) for index, code in codes)

@@ -226,7 +226,7 @@ class GridImager:
         nodes = self.plan.nodes_at(z_m)
         if self._executor is None:
             frequencies_hz, aperture, apart = self._how
-            _require_time(samples.size * np.prod(nodes.shape), f"exact images of {nodes.shape} nodes [nz, ny, nx]")
+            _require_time(samples.size * prod(nodes.shape), f"exact images of {nodes.shape} nodes [nz, ny, nx]")
             images = _device().exact_images(samples, frequencies_hz, aperture, nodes.points_m().reshape(-1, 3), apart)
         else:
             images = self._executor.image(samples, self.plan.sort(self._executor.plan, nodes))

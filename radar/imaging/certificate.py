@@ -161,7 +161,10 @@ def _count(samples: np.ndarray) -> int:
 def _heard(samples: np.ndarray, aperture: Aperture) -> tuple[np.ndarray, Aperture]:
     """Samples and aperture without antennas that no sample stems from. Where few are left, many leaves of a plan keep
     all of them and have no error, and the more voxels are looked at."""
-    if samples[0].all() or not (heard := samples.any(axis=0)).any():
+    heard: np.ndarray = samples[0]
+    if not heard.all():
+        heard = np.any(samples, axis=0)
+    if heard.all() or not heard.any():
         return samples, aperture
     if not isinstance(aperture, AntennaArray):
         return samples[:, heard], PlanarScan(aperture.position_m[heard])

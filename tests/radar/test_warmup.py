@@ -27,6 +27,6 @@ def test_kernels_that_ran_are_cached_for_this_processor_alone(monkeypatch):
 
 
 def test_nothing_is_compiled_where_nothing_shall_be(monkeypatch):
-    monkeypatch.setattr(warmup.numba.config, "DISABLE_JIT", True)
+    monkeypatch.setattr(warmup.config, "DISABLE_JIT", True)
     monkeypatch.setattr(warmup, "gather", None)
     assert warmup._cached()
