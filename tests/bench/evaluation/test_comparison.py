@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bench.evaluation.statistics.paired import compare, corrected, unpaired
+from bench.evaluation.statistics.paired import amount_text, amounts_text, compare, corrected, f_test, paired, unpaired
 from bench.results.result_folder import best, shown
 from bench.results.tables import COMPARISONS, frame, write
 from radar.support.errors import HandbenchError
@@ -127,3 +127,41 @@ def test_comes_as_the_documented_columns(tmp_path):
         "metric,better,worse,difference,low,high,unit,p_corrected,effect,reference,n_captures,n_blocks,sentence,treatment"
     )
     assert header.split(",") == COMPARISONS.names
+
+
+@pytest.mark.parametrize(
+    ("difference", "text"),
+    [
+        (1.0, "1.0 mm"),
+        (0.999, "1.00 mm"),
+        (-12.34, "−12.3 mm"),
+        (0.1, "0.10 mm"),
+        (0.0994, "0.099 mm"),
+        (0.0, "0.000 mm"),
+    ],
+)
+def test_amounts_have_one_place_from_one_two_from_a_tenth_and_three_below(difference, text):
+    assert amount_text(difference, "mm") == text
+    assert amounts_text(abs(difference), -1.0, 2.0, "mm").startswith(text.strip("−"))
+
+
+def test_samples_that_do_not_scatter_differ_or_not():
+    ones, five = np.ones(5), np.full(6, 1.5)
+    assert unpaired(ones, five) == (0.5, 0.5, 0.5, 0.0) and unpaired(ones, ones) == (0, 0, 0, 1)
+    assert unpaired(ones[:4], five)[0] == 0.5 and np.isnan(unpaired(ones[:4], five).p)
+    assert paired(five, five + 0.25) == pytest.approx((0.25, 0.25, 0.25, 0.0))
+    assert paired(five, five) == (0, 0, 0, 1)
+    none = np.full(6, np.nan)
+    assert np.isnan(paired(none, five)[0]) and np.isnan(unpaired(none, five)[0]) and np.isnan(unpaired(five, none)[0])
+
+
+def test_the_ratio_of_precisions_lies_between_quantiles_of_f():
+    """s_b/s_a = 2 of 10 and 12 repeats: σ_b/σ_a between 2/√F(0.975; 11, 9) and 2/√F(0.025; 11, 9)."""
+    a, b = np.linspace(-1, 1, 10), np.linspace(-1, 1, 12)
+    a, b = 1e-3 * a / a.std(ddof=1), 2e-3 * b / b.std(ddof=1)
+    found = f_test([a], [b])
+    low, high = (2 / np.sqrt(stats.f.ppf(tail, 11, 9)) - 1 for tail in (0.975, 0.025))
+    assert (found.difference, found.low, found.high) == pytest.approx((1.0, low, high), rel=1e-9)
+    assert f_test([a], [a]) == (0, 0, 0, 1)
+    still = f_test([a], [np.zeros(5)])
+    assert still.difference == pytest.approx(-1) and np.isnan(still[1:]).all()

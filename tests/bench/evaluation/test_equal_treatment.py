@@ -82,3 +82,15 @@ def test_frames_have_a_mean_a_deviation_and_a_largest():
     assert found["frames_max_deviation_mm"] == pytest.approx(np.std([3, 7], ddof=1))
     assert found["frames_largest_mm"] == pytest.approx(7)
     assert over_frames(frames[:1]) == over_frames([*frames, figures_of_frame(np.array([NAN]))]) == {}
+
+
+def test_the_curve_is_told_at_every_half_per_cent_that_is_reached():
+    """On 200 pixels a half per cent is one more pixel, from the first to the last; 150 are reached."""
+    reference_m, rng = np.full((10, 20), 0.3), np.random.default_rng(0)
+    error_mm = rng.uniform(0, 5, 200)
+    z_m = np.where(np.arange(200) < 150, 0.3 + 1e-3 * error_mm, NAN).reshape(10, 20)
+    found = treat({"a": Alike(z_m, z_m, -np.arange(200.0).reshape(10, 20))}, reference_m)["a"]
+    assert (SHARES_PERCENT[0], SHARES_PERCENT[-1], len(SHARES_PERCENT)) == (0.5, 100.0, 200)
+    np.testing.assert_allclose(found.curve_mm[:150], [error_mm[:k].mean() for k in range(1, 151)], rtol=1e-9)
+    assert np.isnan(found.curve_mm[150:]).all()
+    assert (found.figures["aurc_to_percent"], found.figures["common_percent"]) == (75, 75)

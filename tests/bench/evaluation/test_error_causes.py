@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from bench.evaluation.error_causes import (
     BINS,
     PALM_RADIUS_M,
     Scored,
+    cause_lines,
     edge_distance_m,
     explain,
     incidence_deg,
@@ -163,3 +166,43 @@ def test_parts_of_hands_have_lines_of_their_own():
     assert found.mean_mm.to_dict() == pytest.approx({"finger": 3.0, "palm": 1.0})
     assert found.n_captures.to_dict() == {"finger": 1, "palm": 2}
     assert found.n_pixels.to_dict() == {"finger": (part == 0).sum(), "palm": 2 * (part == 1).sum()}
+
+
+@pytest.mark.parametrize(
+    ("cause", "edges"),
+    [
+        ("incidence_deg", [0, 5, 10, 15, 20, 30, 45, np.inf]),
+        ("below_maximum_db", [0, 3, 6, 10, 13, np.inf]),
+        ("edge_distance_mm", [0, 2, 4, 8, 16, np.inf]),
+    ],
+)
+def test_a_bin_holds_its_lower_edge_and_what_is_just_below_the_next(cause, edges):
+    """Two pixels a bin: one on its lower edge, one just below its upper; the last holds what is infinitely far."""
+    at = np.array([[low, np.nextafter(high, 0) if np.isfinite(high) else np.inf] for low, high in pairwise(edges)])
+    error_m, axes_m = 1e-3 * (1 + np.arange(len(at)))[:, None] * np.ones(2), (np.arange(2.0), np.arange(len(at)) * 1.0)
+    reference_m = np.full(at.shape, 0.3)
+    depth = DepthMap(*axes_m, reference_m + error_m, -at, "3fsk")
+    surface = {name: np.full(at.shape, np.nan) for name in BINS} | {cause: at}
+    lines = cause_lines(Scored("3fsk", "truth", depth, ErrorMap(*axes_m, error_m, reference_m)), surface)
+    found = [line for line in lines if line["cause"] == cause]
+    assert [line["low"] for line in found] == edges[:-1] and [line["high"] for line in found] == edges[1:]
+    assert [line["n_pixels"] for line in found] == [2] * len(at)
+    assert [line["mean_mm"] for line in found] == pytest.approx(range(1, len(at) + 1))
+
+
+@pytest.mark.parametrize(("jump_m", "edge"), [(4.99e-3, False), (5.01e-3, True)])
+def test_five_millimetres_between_neighbours_are_an_edge(jump_m, edge):
+    z_m = np.where(X_M < -1e-9, 0.30, 0.30 + jump_m)
+    for x_m, y_m, at_m in ((AXIS_M, AXIS_M, z_m), (AXIS_M, AXIS_M, z_m.T)):
+        assert np.isfinite(edge_distance_m(x_m, y_m, at_m)).all() == edge
+        steepest = incidence_deg(x_m, y_m, at_m).max()
+        assert (steepest > 60) != edge  # a slope of 5 in 2 mm, unless it is an edge
+
+
+@pytest.mark.parametrize(("length_m", "told"), [(0.02, False), (0.05, True)])
+def test_a_tenth_of_a_hand_must_be_finger(length_m, told):
+    """A disc of 7854 mm² with a stem 30 mm wide: 20 mm of it are 7 %, 50 mm are 16 %."""
+    disc = np.hypot(X_M, Y_M + 0.05) <= 0.05
+    stem = (np.abs(X_M) <= 0.015) & (Y_M > -0.05) & (length_m >= Y_M)
+    part = parts(AXIS_M, AXIS_M, np.where(disc | stem, 0.3, np.nan))
+    assert np.isfinite(part).any() == told

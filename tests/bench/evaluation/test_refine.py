@@ -8,7 +8,17 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from bench.evaluation.floor import BLOCK_M
-from bench.evaluation.refine import _blocks, _covariance, _Pixels, refine, refine_files
+from bench.evaluation.refine import (
+    _blocks,
+    _covariance,
+    _directions,
+    _motion,
+    _name,
+    _Pixels,
+    _tukey,
+    refine,
+    refine_files,
+)
 from calibration.transforms import Transform, identity, load_transform
 from groundtruth.mesh.depth import reference_on_grid
 from groundtruth.mesh.surface import Surface
@@ -240,3 +250,35 @@ def test_the_variance_of_a_mean_over_blocks_is_the_unbiased_one(blocks):
     found = _covariance(pixels, np.ones(blocks), np.ones(blocks), along_z, np.zeros((6, 0)), None)
     assert found[2, 2] == pytest.approx(1e-6 / (blocks - 1), rel=1e-12)
     assert np.count_nonzero(found) == 1
+
+
+def test_tukeys_weights_are_those_of_his_loss():
+    """ψ(e) = e (1 − (e/cs)²)² up to c·s, s = 1.4826 times the median of |e|: the slope by differences, 0 beyond."""
+    e = np.linspace(-0.01, 0.01, 2001)
+    weight, slope = _tukey(e)
+    reach_m = 4.685 * 1.4826 * np.median(np.abs(e))
+    assert reach_m > e.max()
+    np.testing.assert_allclose(weight, (1 - (e / reach_m) ** 2) ** 2, atol=1e-12)
+    np.testing.assert_allclose(slope[1:-1], ((weight * e)[2:] - (weight * e)[:-2]) / 2e-5, atol=1e-5)
+    weight, slope = _tukey(np.array([0.0, 1e-3, -1e-3, 1e-3, 0.5, -0.5]))
+    assert (weight[4:] == 0).all() and (slope[4:] == 0).all() and weight[0] == slope[0] == 1
+
+
+def test_a_motion_turns_about_the_pixels_centre_and_then_shifts():
+    """Lengths of turns are those of a point at the pixels' radius: 0.05 m · 90° about z takes x to y there."""
+    pixels = _Pixels(*[np.zeros(0)] * 4, np.array([0.1, 0.2, 0.3]), 0.05)
+    matrix = _motion(np.array([0.01, 0.0, -0.02, 0.0, 0.0, 0.05 * np.pi / 2]), pixels)
+    np.testing.assert_allclose(matrix @ [0.1, 0.2, 0.3, 1], [0.11, 0.2, 0.28, 1], atol=1e-12)
+    np.testing.assert_allclose(matrix @ [0.15, 0.2, 0.3, 1], [0.11, 0.25, 0.28, 1], atol=1e-12)
+
+
+def test_directions_are_named_by_their_parts_the_largest_first():
+    assert _name(np.array([0, 0, 0.95, -0.31, 0.05, 0])) == "+0.95 z −0.31 about x"
+    assert _name(np.array([0.31, 0, 0, 0, 0, -0.95])) == "+0.95 about z −0.31 x"  # its largest part is positive
+    assert _name(np.array([0, 1.0, 0.29, 0, 0, 0])) == "+1.00 y"
+
+
+def test_conditions_rise_from_the_direction_that_is_held_best():
+    vectors, condition = _directions(np.diag([1.0, 3.0, 2.0, 6.0, 0.0, 0.5]), np.array([1.0, 1, 1, 0.25, 1, 1]))
+    np.testing.assert_allclose(condition[:5], [1, 1, 9 / 4, 9, 36])
+    assert condition[5] == pytest.approx(1e12) and np.abs(vectors[:, 5]).argmax() == 4

@@ -88,3 +88,15 @@ def test_flagged_pixels_are_told_apart_and_unknown_sigmas_left_out():
 
 def test_a_map_without_sigma_has_no_reliability():
     assert not len(table(np.zeros_like(REFERENCE_M), None))
+
+
+def test_both_sigmas_are_added_as_variances():
+    """3 and 4 mm are 5 mm: an error as large lies beyond the interval of 68 % (±0.994) and within that of 80 %."""
+    shape = REFERENCE_M.shape
+    found = table(np.full(shape, 5e-3), np.full(shape, 3e-3), np.full(shape, 4e-3)).query("pixels == 'all'")
+    assert found.nominal_percent.tolist() == [50, 68, 80, 90, 95, 99]
+    assert found.observed_percent.tolist() == [0, 0, 100, 100, 100, 100]
+    assert found.nll.tolist() == pytest.approx([0.5 * (np.log(2 * np.pi * 25) + 1)] * 6, rel=1e-6)
+    nothing = np.zeros(shape)
+    nothing[0] = 1e-3  # elsewhere neither is known to err: no interval
+    assert table(np.full(shape, 5e-3), nothing).n_pixels.tolist() == [shape[1]] * 12

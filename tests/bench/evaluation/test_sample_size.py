@@ -128,3 +128,30 @@ def test_the_interval_of_a_standard_deviation_is_the_table_s(n, low, high):
     """√((n − 1)/χ²) of the 2.5 % and 97.5 % points of tables of χ² with n − 1 degrees of freedom."""
     found = spread_interval(2.0, n)
     assert (found.low, found.high) == (pytest.approx(2 * low, rel=2e-4), pytest.approx(2 * high, rel=2e-4))
+
+
+@pytest.mark.parametrize(("first", "expected"), [(1, 2), (3, 3), (99_999, 99_999), (100_000, 100_000), (100_001, None)])
+def test_captures_are_sought_from_two_to_a_hundred_thousand(first: int, expected: int | None) -> None:
+    assert captures_needed(lambda n: float(n >= first), 0.8) == expected
+
+
+def test_components_by_hand() -> None:
+    """Captures at 0.5, 2.5 and 4.5 (a variance of 4), methods 1 apart on all of them, repeats 1 above and below: mean
+    squares of 4·4 between captures, 0 of the interaction and 12/6 of the residual."""
+    cells = np.array([[0.0, 1], [2, 3], [4, 5]])
+    assert components(cells) == pytest.approx(Components(2.0, 0.0, np.nan, 3), nan_ok=True)
+    found = components(cells[..., None] + np.array([-1.0, 1.0]))
+    assert found == pytest.approx(Components(2.0, 0.0, np.sqrt(2), 3))
+    crossed = components(np.array([[0.0, 2], [2, 2], [4, 2]]))  # means 1, 2, 3; what is left: ∓1, 0, ±1
+    assert (crossed.capture, crossed.interaction) == pytest.approx((0.0, np.sqrt(2)))
+
+
+def test_without_scatter_every_difference_is_shown_by_the_fewest() -> None:
+    assert paired_power(0.1, 0.0, 5) == welch_power(0.1, (0.0, 0.0), 5) == 1.0
+    assert detectable(0.0, 5, 0.8) == 0.0
+    assert paired_power(1.0, 1e-3, 5) == 1.0  # √5·1000 standard errors, of which scipy's noncentral t is NaN
+    assert welch_power(0.0, (1.0, 1.0), 8) == pytest.approx(0.05, abs=1e-9)  # no effect: as often as by chance
+    figures = {name: np.array([1.0, 2, 3, np.nan]) + more for name, more in (("a", 0.0), ("b", 0.25), ("c", 0.5))}
+    lines = design(figures, 0.1)
+    assert lines.difference.tolist() == [0.25, 0.5, 0.25] and (lines.n_captures == 3).all()
+    assert (lines.needed == 5).all() and (lines.needed_apart > 1000).all()

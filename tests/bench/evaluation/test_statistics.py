@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
+from scipy.optimize import brentq
 from scipy.special import erf
 
 from bench.evaluation.depth_errors import error_map
@@ -135,3 +136,29 @@ def test_median_interval():
     assert low < np.median(values) < high
     assert high - low < 1  # the median of 100 has a standard error of 0.125
     assert median_interval(values[:2]) is None
+
+
+@pytest.mark.parametrize("values", [(1.0, 1.2, 1.1, 1.9, 4.0), (-3.0, 0.1, 0.2, 0.3, 0.0, 0.25)])
+def test_an_interval_of_skewed_captures_is_halls(values):
+    """T + γT²/3 + γ²T³/27 + γ/6n is Student's (Hall 1992): its ends, sought by a root finder, with scipy's skewness."""
+    n, skew = len(values), stats.skew(values)
+    mean, spread = np.mean(values), np.std(values, ddof=1)
+
+    def end(tail: float) -> float:
+        t = stats.t.ppf(tail, n - 1) / np.sqrt(n)
+        found = brentq(lambda x: x + skew * x**2 / 3 + skew**2 * x**3 / 27 + skew / (6 * n) - t, -1e3, 1e3)
+        return mean - spread * found
+
+    assert mean_interval(values) == pytest.approx((end(0.975), end(0.025)), rel=1e-8)
+    assert mean_interval((*values, np.nan, np.inf)) == mean_interval(values)
+    assert mean_interval(values[:4]) is None
+
+
+def test_a_note_counts_the_captures():
+    assert note(1) == "1 capture: too few captures to tell how others differ; 5 or more have intervals"
+    assert note(4).startswith("4 captures: too few") and note(5).startswith("5 captures: the intervals speak of")
+
+
+def test_three_values_have_a_median_interval():
+    """A bootstrap of three draws each of them: the ends are the least (7 of 27 medians) and the largest."""
+    assert median_interval(np.array([1.0, 2.0, 4.0])) == (1.0, 4.0)

@@ -185,3 +185,7 @@ def test_the_top_of_a_quadratic_is_one_step_away(summit):
     off = STENCIL - summit
     step = _summit(5.0 - np.einsum("ni,ij,nj->n", off, curved, off))
     np.testing.assert_allclose(step, np.array(summit) / max(1.0, np.abs(summit).max() / 2), atol=1e-12)
+
+
+def test_where_nothing_rises_the_search_stays():
+    np.testing.assert_array_equal(_summit(np.zeros(27)), [0, 0, 0])

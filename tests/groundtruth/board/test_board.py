@@ -89,3 +89,36 @@ def test_a_charuco_board_seen_once_is_refused(tmp_path):
     with pytest.raises(HandbenchError, match=r"7 × 6 squares with DICT_5X5_50.*found in 1 of 2 photographs"):
         require_board({"a.png": found, "b.png": {}}, board)
     assert require_board({"a.png": found, "b.png": found}, board)
+
+
+def test_the_corners_of_a_chessboard_run_row_by_row_from_the_top_left():
+    corners_m = Charuco(columns=4, rows=3, square_m=0.03, marker_m=0.02).corners_m()
+    expected = [(x, y, 0) for y in (-0.03, -0.06) for x in (0.03, 0.06, 0.09)]
+    np.testing.assert_allclose(corners_m, expected, atol=1e-15)
+
+
+def test_a_dictionary_and_single_markers_may_be_used_to_their_last_number():
+    """A board of 10 × 10 squares has the 50 markers of its dictionary; one of 4 × 5 has the numbers 0 to 9."""
+    full = Charuco(columns=10, rows=10, square_m=0.03, marker_m=0.02)
+    assert len(full.cv_board().getIds()) == 50
+    with pytest.raises(HandbenchError, match="charuco has 55 markers, the dictionary 'DICT_4X4_50' 50"):
+        Charuco(columns=11, rows=10, square_m=0.03, marker_m=0.02).cv_board()
+    small = Charuco(columns=4, rows=5, square_m=0.03, marker_m=0.02)
+    assert Board(marker=(Marker(id=10, corners_m=CORNERS),), charuco=small).corners_m().keys() == {10, CHESSBOARD}
+    assert Board(dictionary="DICT_5X5_50", marker=(Marker(id=9, corners_m=CORNERS),), charuco=small)
+    with pytest.raises(ValueError, match="marker 9 is in the charuco board too"):
+        Board(marker=(Marker(id=9, corners_m=CORNERS),), charuco=small)
+    with pytest.raises(ValueError, match="a marker is smaller than its square"):
+        Charuco(columns=4, rows=5, square_m=0.03, marker_m=0.03)
+
+
+def test_sixteen_corners_in_a_plane_give_a_focal_length():
+    board = Board(charuco=Charuco(columns=5, rows=5, square_m=0.03, marker_m=0.02))
+    R = Rotation.from_euler("xyz", (150, 20, 10), degrees=True).as_matrix()
+    camera = Camera(
+        name="a", width=800, height=600, model="PINHOLE", params=(900, 900, 400, 300), R=R.tolist(), t=(0, 0, 0.5)
+    )
+    pixels = camera.project(board.corners_m()[CHESSBOARD])
+    seen, photo = {(CHESSBOARD, k): pixel for k, pixel in enumerate(pixels)}, Photo(None, "a", 800, 600)
+    assert focal_length_px(photo, seen, board) == pytest.approx(900, rel=1e-4)
+    assert len(seen) == 16 and focal_length_px(photo, dict(list(seen.items())[:15]), board) is None

@@ -102,3 +102,40 @@ def test_cameras_that_cannot_be_are_refused(tmp_path, model, params):
     model.cameras[1].params = params
     with pytest.raises(HandbenchError, match="no sensible numbers"):
         read_model(write(model, tmp_path / "model"))
+
+
+def test_two_images_of_one_name_are_one_too_many(tmp_path, model):
+    """By their names without folders; one image alone is taken, and so is the one whose whole name it is."""
+    for image in model.images.values():
+        image.name = {"p0.png": "l/a.png", "p1.png": "r/a.png"}.get(image.name, image.name)
+    save_cameras(tmp_path / "c.json", cameras_in(model))
+    with pytest.raises(HandbenchError, match=r"l/a\.png and r/a\.png may both be a\.png; rename one"):
+        cameras_of((Photo(None, "a.png", 400, 300),), tmp_path / "c.json")
+    photos = tuple(Photo(None, name, 400, 300) for name in ("r/a.png", "p2.png"))
+    found = cameras_of(photos, tmp_path / "c.json")
+    np.testing.assert_allclose([camera.centre_m for camera in found], CENTRES[1:3], atol=1e-12)
+
+
+@pytest.mark.parametrize(("points", "left"), [(19, False), (20, True)])
+def test_a_photograph_of_a_model_sees_twenty_points(tmp_path, points, left):
+    model = synthetic_model(CENTRES, points=points)
+    folder = write(model, tmp_path / "model")
+    if left:
+        assert load_model(folder, photos_of(model)).num_reg_images() == 4
+    else:
+        with pytest.raises(HandbenchError, match="holds 0 of the 4 photographs"):
+            load_model(folder, photos_of(model))
+
+
+@pytest.mark.parametrize(
+    ("focal_px", "k1", "fine"), [(41, 0, True), (39, 0, False), (7990, 0, True), (8010, 0, False), (440, 101, False)]
+)
+def test_a_lens_is_between_a_fisheyes_and_a_telescopes(tmp_path, model, focal_px, k1, fine):
+    """Focal lengths of 0.1 to 20 times the picture's 400 pixels, distortion up to 100."""
+    model.cameras[1].params = (focal_px, focal_px, 201, 149, k1, 0, 0, 0)
+    folder = write(model, tmp_path / "model")
+    if fine:
+        assert read_model(folder).cameras[1].params[0] == focal_px
+    else:
+        with pytest.raises(HandbenchError, match="no sensible numbers"):
+            read_model(folder)

@@ -118,3 +118,14 @@ def test_broken_files_are_refused(tmp_path, find, put, what):
     path.write_text(text.replace(find, put), encoding="utf-8")
     with pytest.raises(HandbenchError, match=what):
         read_metashape(path)
+
+
+@pytest.mark.parametrize(("b2", "fine"), [(0.145, True), (-0.145, True), (0.147, False), (-0.147, False)])
+def test_a_skew_of_a_twentieth_of_a_pixel_is_left_out(tmp_path, b2, fine):
+    """B2 moves the picture's upper and lower edge, 240 px off, by 240·B2/700 px."""
+    path = export(tmp_path / "cams.xml", lens=LENS | {"b2": b2})
+    if fine:
+        assert len(read_metashape(path)) == 2
+    else:
+        with pytest.raises(HandbenchError, match="camera DSC_1: has b2, which no lens model of COLMAP has"):
+            read_metashape(path)

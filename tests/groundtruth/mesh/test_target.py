@@ -12,6 +12,7 @@ from groundtruth.mesh.target import Target, keep_target, margin_m, off_board
 from groundtruth.mesh_stage import TARGET
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json
+from radar.support.rays import load_open3d
 from tests.groundtruth.mesh.test_mesh import PIXEL_M, RADIUS_M, cap, cloud_of
 
 CORNERS_M = np.array([(x, y, 0.0) for x in (-0.15, 0.15) for y in (-0.1, 0.1)])
@@ -111,3 +112,44 @@ def test_the_record_comes_back(tmp_path):
     target = Target("all parts", 0.25, (0.7, 0.2), 3, 0.1)
     write_json(tmp_path / TARGET, vars(target))
     assert replace(Target(**read_json(tmp_path / TARGET, "a target")), parts=(0.7, 0.2)) == target
+
+
+def strips(counts, heights_m):
+    """A mesh of separate strips of equal triangles, so many each, at their heights."""
+    o3d = load_open3d()
+    vertices_m, faces = [], []
+    for k, (count, height_m) in enumerate(zip(counts, heights_m, strict=True)):
+        faces += [[len(vertices_m) + i + step for step in range(3)] for i in range(count)]
+        vertices_m += [[1e-3 * i, 0.1 * k + 1e-3 * (i % 2), height_m] for i in range(count + 2)]
+    points, triangles = o3d.utility.Vector3dVector(np.array(vertices_m)), o3d.utility.Vector3iVector(np.array(faces))
+    return o3d.geometry.TriangleMesh(points, triangles)
+
+
+def test_parts_of_a_hundredth_of_the_largest_are_kept_with_their_shares():
+    mesh = strips((200, 2, 1, 197), (0.0,) * 4)
+    target = keep_target(mesh, "all", None, 0.0)
+    assert target.parts == pytest.approx((0.5, 0.4925, 0.005)) and target.kept == "all parts"
+    assert (target.dropped_parts, target.dropped) == (1, pytest.approx(0.0025))
+    assert len(mesh.triangles) == 399 and len(mesh.vertices) == 399 + 6
+    largest = keep_target(strips((200, 2, 1, 197), (0.0,) * 4), "largest", None, 0.0)
+    assert largest.parts == pytest.approx((0.5,)) and largest.dropped_parts == 3
+
+
+def test_a_part_that_stays_below_twice_the_margin_is_the_boards():
+    target = keep_target(strips((200, 50, 50), (0.0099, 0.0101, 0.02)), "target", PLANE, 0.005)
+    assert target.parts == pytest.approx((1 / 6, 1 / 6)) and target.dropped == pytest.approx(2 / 3)
+    with pytest.raises(HandbenchError, match=r"nothing rises more than 10\.0 mm"):
+        keep_target(strips((200,), (0.0099,)), "target", PLANE, 0.005)
+
+
+@pytest.mark.parametrize(("count", "enough"), [(99, False), (100, True)])
+def test_a_hundred_points_rise_off_the_board(count, enough):
+    """12 pixels of 1 mm above it; what is between 6 and 12 stays with them, what is below goes."""
+    heights_m = np.repeat([0.0121, 0.0119, 0.0061, 0.0059, -0.05], (count, 7, 5, 3, 200))
+    points_m = np.stack([0 * heights_m, 0 * heights_m, heights_m], axis=1)
+    cloud = replace(cloud_of(points_m, points_m), pixel_m=1e-3)
+    if enough:
+        assert len(off_board(cloud, PLANE).points_m) == count + 12
+    else:
+        with pytest.raises(HandbenchError, match=r"nothing rises more than 12\.0 mm"):
+            off_board(cloud, PLANE)

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from groundtruth.cameras.cameras import load_pycolmap
-from groundtruth.photos.exif import focal_length_px, orientation_of, read_exif
+from groundtruth.photos.exif import body_of, focal_length_px, is_plausible, orientation_of, read_exif
 
 WIDTH, HEIGHT = 320, 240
 
@@ -58,3 +58,21 @@ def test_broken_data_are_no_data(tmp_path):
     assert read_exif(tmp_path / "a.jpg") == {}
     assert read_exif(tmp_path / "nowhere.jpg") == {}
     assert [orientation_of({0x0112: value}) for value in (6, 0, 9, "x", None)] == [6, 1, 1, 1, 1]
+
+
+def test_a_focal_length_is_plausible_from_three_tenths_to_ten_times_the_longer_side():
+    for focal_px, plausible in ((95, False), (97, True), (3199, True), (3201, False)):
+        assert is_plausible(focal_px, 320, 240) == is_plausible(focal_px, 240, 320) == plausible
+
+
+def test_a_millimetre_is_a_unit_of_the_focal_plane_too(tmp_path):
+    exif = photograph(tmp_path / "a.jpg", f=35.0, resolution=10.0, unit=4)
+    assert focal_length_px(exif, WIDTH, HEIGHT) == pytest.approx(350, rel=1e-6)
+
+
+def test_every_orientation_is_read_and_bodies_differ_by_what_changes_a_lens():
+    assert [orientation_of({0x0112: value}) for value in range(1, 9)] == list(range(1, 9))
+    exif = {0x010F: "Maker", 0x0110: "Model", 0xA431: "17", 0x920A: 35.0}
+    assert body_of({}, (320, 240)) is None
+    bodies = [body_of(exif | more, (320, 240)) for more in ({}, {0xA431: "18"}, {0x920A: 50.0}, {0x010F: "Other"})]
+    assert len({*bodies, body_of(exif, (640, 480))}) == 5 and body_of(dict(exif), (320, 240)) == bodies[0]

@@ -8,7 +8,7 @@ from groundtruth.board.board import Board, Marker
 from groundtruth.board.markers import detect_corners, focal_length_px, require_board
 from groundtruth.cameras.cameras import load_pycolmap, registered
 from groundtruth.photos.photos import Photo
-from groundtruth.sparse.frame import apply, board_from_model, check_fit, trimmed_similarity
+from groundtruth.sparse.frame import _nearest_majority, apply, board_from_model, check_fit, trimmed_similarity
 from radar.support.errors import HandbenchError
 
 SIDE_M = 0.03
@@ -132,3 +132,31 @@ def test_points_off_a_plane_tell_its_mirror_image():
         trimmed_similarity(target_m * (1, 1, -1), target_m, "corners")
     wrong_m = target_m + np.where(np.arange(16)[:, None] < 12, 0, random.uniform(-1, 1, (16, 3)))
     assert not trimmed_similarity(wrong_m, target_m, "corners")[1][12:].any()  # neither way: merely wrong
+
+
+@pytest.mark.parametrize("unit", [1e-4, 1.0, 1e4])
+def test_the_majority_is_that_with_the_least_squares_in_any_unit(unit):
+    """Ten points, of which the first two and the last two are wrong: six of ten are the least majority, and the first
+    and the last three points would all propose another."""
+    random = np.random.default_rng(3)
+    source = random.uniform(-0.2, 0.2, (10, 3))
+    wrong = np.isin(np.arange(10), (0, 1, 8, 9))
+    noise_m = random.normal(scale=1e-3, size=(10, 3))
+    target_m = 0.5 * source + (0.1, 0, 0.3) + noise_m + wrong[:, None] * random.uniform(0.05, 0.1, (10, 3))
+    np.testing.assert_array_equal(_nearest_majority(source, unit * target_m), ~wrong)
+
+
+def test_a_majority_on_a_line_tells_no_frame():
+    """Six of ten points lie exactly on a line, and fit best: the majority takes in what is off it."""
+    random = np.random.default_rng(5)
+    line_m = np.outer(np.linspace(-0.2, 0.2, 6), (1.0, 0.5, -0.3))
+    source = np.concatenate([line_m, random.uniform(-0.2, 0.2, (4, 3))])
+    target_m = source + np.where(np.arange(10)[:, None] < 6, 0, random.normal(scale=2e-3, size=(10, 3)))
+    chosen = _nearest_majority(source, target_m)
+    assert chosen.sum() == 6 and chosen[6:].any()
+
+
+def test_a_misfit_of_three_per_cent_is_the_last_that_passes():
+    check_fit(0.03, 1.0, "board corners")
+    with pytest.raises(HandbenchError, match=r"30\.4 mm off after the best fit, 3% of their extent"):
+        check_fit(0.0304, 1.0, "board corners")

@@ -3,10 +3,14 @@
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
+from groundtruth.cameras.camera_files import cameras_in
 from groundtruth.cameras.cameras import Camera, load_pycolmap
-from groundtruth.photos.photos import find_photos
-from groundtruth.sparse.features import Lenses, find_features
+from groundtruth.photos.photos import Photo, find_photos
+from groundtruth.sparse.features import Lenses, find_features, pipeline_options
+from groundtruth.sparse.sfm import changes, refinement
+from tests.groundtruth.synthetic_model import synthetic_model
 
 
 def photographs(folder, models):
@@ -65,3 +69,44 @@ def test_focal_lengths_of_one_camera_are_pooled(tmp_path):
     find_features(photos, tmp_path / "database.db", Lenses(focal_px=focal_px))
     _, cameras, _ = stored(tmp_path / "database.db")
     assert [camera.params[0] for camera in cameras.values()] == [190.0]
+
+
+def test_the_same_seed_gives_the_same_model_without_colours_and_keeps_what_two_photographs_show():
+    """COLMAP's own defaults differ: threads, random seeds, colours that nothing reads, tracks of two left out."""
+    options = pipeline_options(7)
+    assert (options.random_seed, options.mapper.random_seed, options.triangulation.random_seed) == (7, 7, 7)
+    assert options.num_threads == 1 and not options.extract_colors
+    assert not options.triangulation.ignore_two_view_tracks
+
+
+def test_what_is_known_of_lenses_decides_who_shares_a_camera():
+    photos = tuple(
+        Photo(None, name, width, 300, body=(body,))
+        for name, width, body in zip("abcd", (400, 400, 400, 500), "xxyx", strict=True)
+    )
+    K = (440.0, 440.0, 200.0, 150.0)
+    camera = Camera(name="a", width=400, height=300, model="PINHOLE", params=K)
+    assert Lenses().groups(photos) == [["a", "b"], ["c"], ["d"]]
+    assert Lenses(shared=True).groups(photos) == [["a", "b", "c"], ["d"]]
+    assert Lenses(shared=False).groups(photos) == Lenses(cameras=(camera,)).groups(photos) == [[n] for n in "abcd"]
+    assert Lenses(intrinsics=K, shared=False).groups(photos) == Lenses(intrinsics=K).groups(photos)
+    assert Lenses(intrinsics=K).groups(photos) == [["a", "b", "c"], ["d"]]
+    known = [Lenses(), Lenses(cameras=(camera,)), Lenses(intrinsics=K), Lenses(intrinsics=K, free_distortion=True)]
+    assert [lenses.known for lenses in known] == [False, True, True, False]
+
+
+def test_cameras_that_moved_and_turned_are_told_by_how_much():
+    """By 0.3 m and 0.4 m off, one of them turned by 30° about its own axis of sight."""
+    model = synthetic_model([(1.0, 0.0, 0.2), (1.0, 0.3, 0.2), (1.0, 0.3, 0.6)])
+    given = [camera for camera in cameras_in(model) if camera.name != "p2.png"]
+    turn = Rotation.from_euler("z", 30, degrees=True).as_matrix()
+    moved = []
+    for camera, R, step_m in zip(given, (np.eye(3), turn), ((0.3, 0, 0), (0, 0, -0.4)), strict=True):
+        R = R @ camera.rotation
+        t = -R @ (camera.centre_m + step_m)
+        moved.append(camera.model_copy(update={"R": tuple(map(tuple, R.tolist())), "t": tuple(t.tolist())}))
+    distances, angles_rad = changes(model, tuple(moved))
+    np.testing.assert_allclose(distances, [0.3, 0.4], rtol=1e-9)
+    np.testing.assert_allclose(np.degrees(angles_rad), [0, 30], atol=1e-5)
+    assert "moved by 0.35 (at most 0.4; " in refinement(model, tuple(moved))
+    assert "turned by 15° (at most 30°)" in refinement(model, tuple(moved))
