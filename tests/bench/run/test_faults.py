@@ -6,15 +6,12 @@ Elsewhere: kill −9 (test_runner), two runs in one folder (test_runner), lost w
 """
 
 import ast
-import resource
 import shutil
 import subprocess
 import sys
 import time
 import tracemalloc
 from collections import namedtuple
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import h5py
@@ -38,6 +35,7 @@ from radar.support.files import write_json
 from radar.support.folder import claimed
 from radar.support.store import MANIFEST, keep, kept_stage
 from tests.bench.studies.stability.faults import DISK, content, instant, nobody_s_rights
+from tests.faults.disk import files_of_at_most
 from tests.fuzz.geometry_seeds import colmap_model
 
 ROOT = Path(__file__).parents[3]
@@ -254,17 +252,6 @@ def test_a_plane_sweep_beyond_memory_is_refused_before_it_is_made(small_machine)
         lambda: swept_disparity(one, 0.0, 256),
         r"dense: 256 planes of 80 × 60 pixels: needs 0\.00492 GB, and 0\.001 GB of memory are free; choose a lower",
     )
-
-
-@contextmanager
-def files_of_at_most(size: int) -> Iterator[None]:
-    """In the block, the system lets no file grow beyond `size` bytes."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def test_libraries_that_do_not_mind_a_full_disk_are_minded(tmp_path):
