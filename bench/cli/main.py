@@ -27,6 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _require_addresses()
         with _device(options):
             import_module(f"bench.cli.{options.module}").run(options)
+        sys.stdout.flush()
     except HandbenchError as error:
         print(f"handbench: {error}", file=sys.stderr)
         return 2
@@ -34,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("handbench: interrupted; nothing was left half-written, and `run` resumes", file=sys.stderr)
         return 130
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader went away; so do we
+        _drain()  # the reader went away; so do we
         return 141
     except MemoryError as error:
         print(f"handbench: out of memory ({error}); end other programs, or ask for less at once", file=sys.stderr)
@@ -42,13 +43,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         if error.errno not in (FULL | GONE if error.filename else FULL):
             raise
-        where = error.filename or os.environ.get("TMPDIR", "/tmp")
+        _drain()
+        where = error.filename or f"the output or {os.environ.get('TMPDIR', '/tmp')}"
         advice = (
             "free the space or choose another place" if error.errno in FULL else "it was there before: is the disk?"
         )
         print(f"handbench: {where}: {error.strerror}; {advice}", file=sys.stderr)
         return 2
     return 0
+
+
+def _drain() -> None:
+    """Give up what stdout cannot take, so that Python does not try again as it ends."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _require_addresses() -> None:

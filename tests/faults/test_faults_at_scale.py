@@ -1,4 +1,8 @@
-"""A handful of each kind of fault (`make faults` tries many): what follows is the same result, or one sentence."""
+"""A handful of each kind of fault (`make faults` tries many): what follows is the same result, or one sentence.
+
+Kinds that need processes of their own are marked `faults` and left to `pytest -m faults`: what they leave behind for a
+while would disturb other tests.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,7 @@ def ground(tmp_path_factory: pytest.TempPathFactory) -> Ground:
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # files that vanish while they are open
-@pytest.mark.parametrize("kind", [pytest.param(k, marks=pytest.mark.slow if k in SLOW else ()) for k in KINDS])
+@pytest.mark.parametrize("kind", [pytest.param(k, marks=pytest.mark.faults if k in SLOW else ()) for k in KINDS])
 def test_no_fault_loses_anything(ground: Ground, kind: str) -> None:
     found = list(KINDS[kind](ground))
     assert found and [each for each in found if each.loss] == []

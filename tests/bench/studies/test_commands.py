@@ -35,7 +35,7 @@ def test_stability_measures_cases_and_tables(tmp_path, capsys, monkeypatch):
     assert main(["stability", "--scenes", "4", "-o", str(tmp_path)]) == 0
     facts, found = load_stability(tmp_path)
     assert set(found.group) == {"smoothing"} and set(found.verdict) == {"holds"}
-    assert [table.title for table in facts.tables] == ["Digits", "Condition", "4 random hard scenes"]
+    assert [table.title for table in facts.tables] == ["Digits", "4 random hard scenes"]
     assert f"{len(found)} hard cases in" in capsys.readouterr().out
     assert main(["stability", "--groups", "smoothing", "-o", str(tmp_path)]) == 2  # there is one already
     assert "--overwrite" in capsys.readouterr().err
