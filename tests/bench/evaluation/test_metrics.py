@@ -25,6 +25,7 @@ from bench.evaluation.metrics import (
     precision,
     strongest_scatterer_z_m,
     terms,
+    usable_repeats,
 )
 from bench.results.error_map import ErrorMap
 from radar.support.errors import HandbenchError
@@ -290,3 +291,10 @@ def test_the_band_is_of_observed_pixels_alone():
         1e-3 * np.arange(5), np.zeros(1), z_m, np.full((1, 5), 0.3), np.array([[1e-3, 1e-3, 1e-3, 1e-3, NAN]])
     )
     assert pool([m])["within_band_percent"] == pytest.approx(200 / 3, rel=1e-12)
+
+
+def test_two_repeats_are_enough_for_a_precision_and_one_is_not():
+    hands = [np.array([0.3, 0.302, np.nan]), np.array([0.31, 0.31])]
+    assert [len(z) for z in usable_repeats(hands)] == [2, 2]
+    assert precision(hands)["precision_mm"] == pytest.approx((np.sqrt(2) + 0) / 2)  # 2 mm apart: √2 by n − 1
+    assert usable_repeats([*hands, np.array([0.3, np.nan])]) == []

@@ -18,6 +18,8 @@ def test_millimetres_become_metres_about_the_origin(tmp_path):
     np.testing.assert_allclose(np.asarray(metric_mesh(tmp_path / "hand.ply", 1e-3).vertices), VERTICES_MM / 1000)
     with pytest.raises(HandbenchError, match=r"hand\.ply: is 160 m long; expected .* is --unit right"):
         metric_mesh(tmp_path / "hand.ply", 1.0)
+    with pytest.raises(HandbenchError, match=r"is 0\.00016 m long; expected 0\.005 to 50 m"):
+        metric_mesh(tmp_path / "hand.ply", 1e-6)
 
 
 def test_the_command_takes_a_mesh_over(tmp_path, capsys):
