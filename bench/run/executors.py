@@ -7,6 +7,7 @@ in which they end does not matter, and a worker's loss costs the jobs that it ha
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -103,8 +104,6 @@ def _perform(perform: Callable[[Path, Stage], Done], root: Path, jobs: list[Stag
 
 
 def _unwell(future: Future, jobs: list[Stage]) -> list[Done] | None:
-    from concurrent.futures import CancelledError
-
     from distributed import KilledWorker
 
     try:
@@ -128,7 +127,6 @@ def executor(scheduler: str | None = None) -> Iterator[Executor]:
         return
     try:
         from distributed import Client
-        from distributed.comm.core import CommClosedError
     except ImportError as error:
         raise HandbenchError(
             f"--scheduler: needs Dask ({error}); pip install 'handbench[cluster]', or leave the option out"
@@ -143,5 +141,7 @@ def executor(scheduler: str | None = None) -> Iterator[Executor]:
     try:
         with client:
             yield Cluster(client)
-    except CommClosedError as error:
+    except (CancelledError, OSError) as error:
+        if isinstance(error, OSError) and error.errno is not None:  # a file's; those of connections have none
+            raise
         raise HandbenchError("--scheduler: it has gone away; start it anew and run again, which resumes") from error

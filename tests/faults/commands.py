@@ -94,7 +94,7 @@ class Ended:
         lines = self.said.strip().splitlines()
         if self.code == 2 and not (lines and lines[-1].startswith("handbench: ")):
             return f"no sentence at the end: {self.said[-500:]}"
-        return "a traceback" if "Traceback" in self.said else None
+        return f"a traceback: {self.said[-600:]}" if "Traceback" in self.said else None
 
 
 def once(words: str) -> Ended:
