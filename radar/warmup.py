@@ -25,8 +25,9 @@ from radar.support.progress import say
 NOTED_S = 1.0  # what takes no longer needs no line
 
 
-def compile_kernels() -> None:
-    """Run every kernel on next to nothing, so that no measured time holds its compilation."""
+def compile_kernels(load: bool = True) -> None:
+    """Have the kernels compiled where they are not, and load each by running it on next to nothing, so that no measured
+    time holds either."""
     note = Timer(NOTED_S, say, ("compiling the kernels (once on this machine, then cached) ...",))
     note.daemon = True
     note.start()
@@ -35,7 +36,8 @@ def compile_kernels() -> None:
             child = subprocess.run([sys.executable, "-m", "radar.warmup"], check=False, stderr=subprocess.DEVNULL)
             if child.returncode:
                 say("the kernels were not compiled beforehand: the last bits of echoes may differ from a later run's")
-        _run_every_kernel()
+        if load:
+            _run_every_kernel()
     finally:
         note.cancel()
 

@@ -63,10 +63,8 @@ def _drain() -> None:
 
 def _require_addresses() -> None:
     """HandbenchError where `ulimit -v` leaves the libraries and their threads too little."""
-    limit, needed = (
-        resource.getrlimit(resource.RLIMIT_AS)[0],
-        LIBRARIES_BYTES + THREAD_BYTES * len(os.sched_getaffinity(0)),
-    )
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    needed = LIBRARIES_BYTES + THREAD_BYTES * len(os.sched_getaffinity(0))
     if 0 <= limit < needed:
         raise HandbenchError(f"ulimit -v: is {limit // 1024} kB; expected {needed // 1024} or more, or unlimited")
 

@@ -30,7 +30,7 @@ JPEG_QUALITY = 96
 def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple[Choice, ...]:
     """Write a capture folder: echoes (and those of the empty room), photographs, true surface and description, all or
     nothing. Returns the effects' rows."""
-    compile_kernels()
+    compile_kernels(load=False)
     with atomic_folder(folder) as temporary:
         say(f"{scene.file.name}: echoes")
         radar_scene = echo_scene(scene)

@@ -31,6 +31,7 @@ from groundtruth.mesh.surface import read_surface
 from radar.data.depthmap import DepthMap, load_depthmap
 from radar.data.grid import PixelGrid
 from radar.support.files import read_json, read_npz, write_json, write_npz
+from radar.support.limits import KEPT_BYTES
 
 GRIDS, EACH_FRAME, TREATED, REFERENCES = "grids.json", "frames.json", "alike.json", "references"
 KEPT = ("z_m", "mesh_sigma_m", "met", "leverage", "covariance")
@@ -111,7 +112,7 @@ def _frames(depth: DepthMap, folder: Path, chosen: Protocol, data: NativeCapture
     """The depths [ny, nx] of every frame that the protocol scores; `depth` is the first frame's map."""
     yield _scored_z_m(depth, chosen, data)
     if (folder / FRAMES).exists():
-        for z_m in read_npz(folder / FRAMES, ("z_m",), most=2**32)["z_m"][1:]:
+        for z_m in read_npz(folder / FRAMES, ("z_m",), most=KEPT_BYTES)["z_m"][1:]:
             yield _scored_z_m(replace(depth, z_m=z_m), chosen, data)
 
 

@@ -13,6 +13,7 @@ from groundtruth.dense.planesweep import LESS
 from groundtruth.dense.prediction import FUSED_ALONE, FUSED_BYTES
 from radar.support.cost import require_free
 from radar.support.files import read_npz, write_npz
+from radar.support.limits import KEPT_BYTES
 
 CONFIRMATIONS, FEW_VIEWS = 2, 5  # other views that must agree; 1 where there are no more than a few views
 AGREEMENT_PX = 1.7  # how far, in pixels times depth over focal length, two depths may be apart
@@ -48,7 +49,7 @@ class Cloud:
     @classmethod
     def load(cls, file: Path) -> "Cloud":
         """Read what `save` wrote."""
-        found: dict[str, Any] = read_npz(file, tuple(field.name for field in fields(cls)), most=2**32)
+        found: dict[str, Any] = read_npz(file, tuple(field.name for field in fields(cls)), most=KEPT_BYTES)
         return cls(**{**found, "names": tuple(found["names"].tolist()), "pixel_m": float(found["pixel_m"])})
 
 

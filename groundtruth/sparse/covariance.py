@@ -10,6 +10,7 @@ from groundtruth.sparse.bundle import Bundle, pseudo_inverse
 from groundtruth.sparse.frame import Scale
 from groundtruth.sparse.jacobians import pixel_jacobians
 from radar.support.files import read_npz, write_npz
+from radar.support.limits import KEPT_BYTES
 
 NOT_SEEN = 1e-12  # of the information on a point: where nothing tells a direction, nothing moves along it
 
@@ -31,7 +32,7 @@ class CameraCovariance:
     @classmethod
     def load(cls, file: Path) -> "CameraCovariance":
         """Read what `save` wrote."""
-        found = read_npz(file, ("matrix", "names", "places", "free"), most=2**32)
+        found = read_npz(file, ("matrix", "names", "places", "free"), most=KEPT_BYTES)
         places = dict(zip(found["names"].tolist(), found["places"], strict=True))
         return cls(found["matrix"], places, tuple(found["free"].astype(int).tolist()))
 

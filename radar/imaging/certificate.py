@@ -144,12 +144,12 @@ def picked(bright: Brightness, count: int) -> tuple[tuple[np.ndarray, np.ndarray
     generator = np.random.default_rng(len(rows) * len(counts))
     even, total = 1 / bright.voxels, float(power @ rows)
     of_even, of_power = (0.5 * even, 0.5 / total) if total > 0 else (even, 0.0)
-    ladder = np.cumsum(rows * (of_even * counts.sum() + of_power * power))
+    ladder = np.r_[0.0, np.cumsum(rows * (of_even * counts.sum() + of_power * power))]
     at = (np.arange(count) + generator.random(count)) / count * ladder[-1]
-    row = np.searchsorted(ladder, at)
+    row = np.searchsorted(ladder[1:], at)
     likely = of_even + of_power * bright.along(row)
     steps = np.cumsum(counts * likely, axis=1)
-    inside = (at - np.r_[0.0, ladder][row]) / (ladder[row] - np.r_[0.0, ladder][row])  # share of the row before it
+    inside = (at - ladder[row]) / (ladder[row + 1] - ladder[row])  # share of the row before it
     place = (steps < inside[:, None] * steps[:, -1:]).sum(axis=1)
     return (row, place), even * ladder[-1] / likely[np.arange(count), place]
 

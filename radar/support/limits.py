@@ -11,6 +11,7 @@ RESULT_BYTES = 16 * MB  # of a benchmark's table or record: a thousand captures
 RAW_JSON_BYTES = 64 * MB  # of MAROON's, which hold more than is read
 PICKLE_BYTES = MODEL_BYTES = 256 * MB  # a frame of MAROON has 19, of 96 × 96 × 128 numbers; each file of COLMAP's
 ARRAY_BYTES = 256 * MB  # unpacked, of what is read from one archive
+KEPT_BYTES = 4096 * MB  # of one that a run keeps for itself
 MESH_BYTES = PICTURE_BYTES = 1024 * MB
 DEEPEST = 32  # lists and tables within each other
 MOST_VALUES = 200_000  # of a JSON file: checking them against a configuration takes a kB each

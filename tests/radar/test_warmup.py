@@ -17,6 +17,8 @@ def test_kernels_without_a_cache_are_compiled_elsewhere_before_any_runs_here(mon
     monkeypatch.setattr(warmup, "_cached", lambda: True)
     warmup.compile_kernels()
     assert done[2:] == ["here"]
+    warmup.compile_kernels(load=False)
+    assert done[3:] == []
 
 
 def test_kernels_that_ran_are_cached_for_this_processor_alone(monkeypatch):

@@ -10,10 +10,10 @@ import numpy as np
 from flint import acb, acb_mat, arb, ctx
 from numpy.typing import NDArray
 
-from radar.data.arrays import AntennaArray
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 
 ctx.prec = 128
-LIGHT_M_S = 299_792_458
+LIGHT_M_S = int(SPEED_OF_LIGHT_M_S)
 PI = arb.pi()
 Balls = NDArray[np.object_]
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from flint import arb
 
-from bench.studies.stability.balls import PI, balls, off
+from bench.studies.stability.balls import LIGHT_M_S, PI, balls, off
 from bench.studies.stability.cases import U_SINGLE, Seen, U, Works
 from bench.studies.stability.scenes import (
     FSK,
@@ -72,7 +72,7 @@ def _across() -> Seen:
     for difference_hz, sign in product((0.2e9, 0.5e9, 0.7e9, 2.3e9, 2.5e9, 9.8e9, 10e9), (-1, 1)):
         turns = sign * share / 2  # of the phase, from the step −Δz; exact
         image, one = np.exp(2j * np.pi * turns).astype(np.complex64), np.ones(len(share), np.complex64)
-        told = balls(depth_step_m(image, one, difference_hz)) * 2 * difference_hz / int(C)  # turns
+        told = balls(depth_step_m(image, one, difference_hz)) * 2 * difference_hz / LIGHT_M_S  # turns
         periods = np.rint(told.astype(np.float64) + turns)
         yield f"Δf {difference_hz / 1e9:g} GHz", off(0 * turns, (told + turns - periods) * 2 * PI).max()
 

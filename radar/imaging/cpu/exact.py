@@ -13,7 +13,7 @@ import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, positions, tones
 from radar.data.capture import largest_part
-from radar.imaging.cpu.steering import FAST, cis_turns, distances_m, steering
+from radar.imaging.cpu.steering import FAST, cis_turns, distances_m, phasor, steering
 from radar.support.errors import HandbenchError
 from radar.support.parallel import for_each
 
@@ -67,38 +67,31 @@ def exact_sums(
 
     From one tone to the next, steering is multiplied by that of their difference, which evenly spaced tones share.
     """
-    wavenumber = 2 * np.pi * np.asarray(frequencies_hz, np.float64) / SPEED_OF_LIGHT_M_S
-    points = np.asarray(points_m, np.float64)
+    tones_hz, points = np.asarray(frequencies_hz, np.float64), np.asarray(points_m, np.float64)
     lengths = [leg.passes * np.linalg.norm(leg.position_m[:, None] - points, axis=2) for leg in aperture.legs]
     images = np.empty((len(samples), len(points)), np.complex128)
-    tones = max(1, min(TONES, WAVES // max(length.size for length in lengths)))
+    count = max(1, min(TONES, WAVES // max(length.size for length in lengths)))
 
     def work(start: int) -> None:
-        some = slice(start, start + tones)
-        a, b = (_waves(wavenumber[some], length) for length in lengths)
+        some = slice(start, start + count)
+        a, b = (_waves(tones_hz[some], length) for length in lengths)
         heard = samples[some].reshape(*a.shape[:2], -1).astype(np.complex128) @ b
         images[some] = np.einsum("ftn,ftn->fn", a, heard)
 
-    for_each(work, range(0, len(samples), tones))
+    for_each(work, range(0, len(samples), count))
     return images if apart else images.sum(axis=0, keepdims=True)
 
 
-def _waves(wavenumber: np.ndarray, length_m: np.ndarray) -> np.ndarray:
-    """Steering exp(jkL) [f, a, n] of wavenumbers [f] at lengths [a, n]."""
-    waves = np.empty((len(wavenumber), *length_m.shape), np.complex128)
-    waves[0], spacing, steps = _cis(wavenumber[0] * length_m), 0.0, np.ones_like(waves[0])
+def _waves(frequencies_hz: np.ndarray, length_m: np.ndarray) -> np.ndarray:
+    """Steering exp(j2πfL/c) [f, a, n] of tones [f] at lengths [a, n]."""
+    waves = np.empty((len(frequencies_hz), *length_m.shape), np.complex128)
+    waves[0], spacing_hz, steps = phasor(length_m, frequencies_hz[0], 1), 0.0, np.ones_like(waves[0])
     for f in range(1, len(waves)):
-        if abs(wavenumber[f] - wavenumber[f - 1] - spacing) > SAME * wavenumber[f]:
-            spacing = wavenumber[f] - wavenumber[f - 1]
-            steps = _cis(spacing * length_m)
+        if abs(frequencies_hz[f] - frequencies_hz[f - 1] - spacing_hz) > SAME * frequencies_hz[f]:
+            spacing_hz = frequencies_hz[f] - frequencies_hz[f - 1]
+            steps = phasor(length_m, spacing_hz, 1)
         np.multiply(waves[f - 1], steps, out=waves[f])
     return waves
-
-
-def _cis(phase: np.ndarray) -> np.ndarray:
-    turned = np.empty(phase.shape, np.complex128)
-    turned.real, turned.imag = np.cos(phase), np.sin(phase)
-    return turned
 
 
 def direct_sum(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray) -> np.ndarray:
