@@ -19,7 +19,6 @@ MAY_IMPORT = {
 }
 FRONT_DOOR = "bench/cli"  # may import reports, lazily
 ONE_DOOR = {  # imports that need preparation, or a licence of their own, happen in one place
-    "mitsuba": "bench/studies/photogrammetry/path_tracer.py",
     "open3d": "radar/support/rays.py",
     "pycolmap": "groundtruth/cameras/cameras.py",
     "pymeshlab": "bench/scenes/implicit.py",  # under the GPL, see the README

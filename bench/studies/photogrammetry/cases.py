@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from bench.scenes.scene_file import SceneFile
 from radar.support.config import parse
@@ -26,8 +26,7 @@ PLACED = {"distance_m": 0.31, "offset_m": (0.0, -0.03)}  # handbench's hands and
 @dataclass(frozen=True)
 class Case:
     """A hand in a pose, its photographs, and how they are reconstructed. pose: a letter, or a mesh file in metres, in
-    the frame of handbench's hands. known: the intrinsics are given. renderer: takes photographs of a hand that carries
-    a bitmap, without lens distortion; "": handbench's own skin and lenses."""
+    the frame of handbench's hands. known: the intrinsics are given."""
 
     name: str
     pose: str
@@ -36,7 +35,6 @@ class Case:
     width: int = 3000
     quality: str = "normal"
     known: bool = True
-    renderer: Literal["", "handbench", "mitsuba"] = ""
     photos: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -62,13 +60,6 @@ def bars(poses: tuple[str, ...]) -> Iterator[Case]:
         yield Case("5 views, unknown intrinsics", pose, seed, cameras=5, known=False)
         yield Case("8 views, shine, focus, motion, exposure", pose, seed, photos=REAL)
         yield Case("8 views, contrast 0.3", pose, seed, photos={"texture_contrast": 0.3})
-
-
-def renderers(poses: tuple[str, ...]) -> Iterator[Case]:
-    """One hand with one bitmap before the same cameras, on each pose; the volume is not measured."""
-    for seed, pose in enumerate(poses, start=401):
-        yield Case("8 views by Mitsuba", pose, seed, renderer="mitsuba")
-        yield Case("the same by handbench", pose, seed, renderer="handbench")
 
 
 def sweep(pose: str, seed: int = 301) -> Iterator[Case]:

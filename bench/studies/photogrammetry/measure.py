@@ -1,38 +1,29 @@
 """Photographs of hands rendered, reconstructed as a user would, and scored against the truth."""
 
 import shutil
-from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
-from itertools import product
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.datasets.simulated import write_photographs, write_photos
+from bench.datasets.simulated import write_photos
 from bench.scenes.build import Scene, build
-from bench.scenes.photographs import Studio
 from bench.studies.columns import Record, rows
-from bench.studies.photogrammetry.atlas import Atlas
-from bench.studies.photogrammetry.cases import Case, bars, renderers, sweep
-from bench.studies.photogrammetry.path_tracer import PathTracer
+from bench.studies.photogrammetry.cases import Case, bars, sweep
 from bench.studies.photogrammetry.score import score
 from bench.studies.study import BLUE, GREEN, ORANGE, Study
-from groundtruth.cameras.cameras import Camera
 from groundtruth.options import Options
 from groundtruth.pipeline import reconstruct
 from radar.support.cost import measured
 from radar.support.files import content_hash
 from radar.support.store import keep
 
-CASES = {"bars": bars, "sweep": lambda poses: sweep(poses[0]), "renderers": renderers}
+CASES = {"bars": bars, "sweep": lambda poses: sweep(poses[0])}
 
 
 def study(work: Path, what: str, poses: str) -> Study:
-    """`bars`: what a ground truth is held to, on all poses; `sweep`: its price in time, on the first one; `renderers`:
-    the same hands photographed by Mitsuba and by handbench."""
+    """`bars`: what a ground truth is held to, on all poses; `sweep`: its price in time, on the first one."""
     return Study(
         f"photogrammetry_{what}",
         "Photogrammetry of rendered hands",
@@ -48,56 +39,26 @@ def measure(case: Case, work: Path) -> Record:
     """Photographs and stages are kept under `work`, so that cases which share them do so."""
     file = case.scene_file()
     scene = build(file, Path(case.pose).parent)
-    told: dict[str, str] = {"renderer": case.renderer} if case.renderer else {}
-    told |= {"mesh": content_hash(Path(case.pose))} if case.is_file else {}
-    values = {**file.model_dump(mode="json", exclude={"name"}), **told}
+    mesh = {"mesh": content_hash(Path(case.pose))} if case.is_file else {}
+    values = {**file.model_dump(mode="json", exclude={"name"}), **mesh}
     folder = work / f"{Path(case.pose).stem}-{content_hash(values)[:12]}"
-    box_m: tuple[float, ...] | None = tuple(scene.box_m.ravel())
-    if case.renderer:
-        scene, box_m = floating(scene), None
-        keep(folder / "capture", lambda temporary: photograph(scene, case.renderer, temporary / "photos"))
-    else:
-        keep(folder / "capture", lambda temporary: write_photos(scene, temporary))
+    keep(folder / "capture", lambda temporary: write_photos(scene, temporary))
     photos = folder / "capture" / "photos"
     if not case.known:
         photos = folder / "unknown"
         intrinsics = shutil.ignore_patterns("*cameras.json")
         keep(photos, partial(shutil.copytree, folder / "capture" / "photos", dirs_exist_ok=True, ignore=intrinsics))
     lens = None if case.known else False  # each rendered camera has a lens of its own, and none has EXIF data
-    options = Options(quality=case.quality, box_m=box_m, shared_intrinsics=lens)
+    options = Options(quality=case.quality, box_m=tuple(scene.box_m.ravel()), shared_intrinsics=lens)
+    return reconstructed(case, scene, photos, options, folder / "reconstruction")
+
+
+def reconstructed(case: Case, scene: Scene, photos: Path, options: Options, workdir: Path) -> Record:
+    """The case's record: its photographs reconstructed, and scored against the scene that they show."""
     with measured() as cost:
-        result = reconstruct(photos, options, folder / "reconstruction")
+        result = reconstruct(photos, options, workdir)
     scored = {**score(result, scene), "cpu_s": cost.cpu_seconds}
     return record(case, scored, result.seconds, cost.peak_memory_mb)
-
-
-def photograph(scene: Scene, renderer: str, folder: Path) -> None:
-    """Write the photographs of a scene whose target carries a bitmap, as one of the renderers takes them."""
-    folder.mkdir(parents=True)
-    vertices_m = scene.radar_from_photo.inverse().points(np.asarray(scene.target_mesh.vertices))
-    atlas = Atlas.of(vertices_m, np.asarray(scene.target_mesh.triangles), scene.file.seed)
-    take: Callable[[Camera, int], np.ndarray]
-    if renderer == "mitsuba":
-        take = PathTracer(scene, atlas).photograph
-    else:
-        studio = Studio(scene)
-        studio.bodies[0] = replace(studio.bodies[0], albedo=atlas.reflectance)
-        take = studio.photograph
-    write_photographs(scene, folder, take)
-
-
-def floating(scene: Scene) -> Scene:
-    """The scene without its block, before pinhole cameras: nothing but the target stands off the board."""
-    low, high = scene.target_mesh.get_min_bound(), scene.target_mesh.get_max_bound()
-    corners_m = scene.radar_from_photo.inverse().points(np.array(list(product(*zip(low, high, strict=True)))))
-    box_m = np.stack([corners_m.min(axis=0), corners_m.max(axis=0)])
-    return replace(scene, cameras=tuple(map(pinhole, scene.cameras)), block_m=None, box_m=box_m)
-
-
-def pinhole(camera: Camera) -> Camera:
-    """The camera with square pixels and without distortion."""
-    focal_px, _, *centre_px = camera.params[:4]
-    return camera.model_copy(update={"model": "PINHOLE", "params": (focal_px, focal_px, *centre_px)})
 
 
 def record(case: Case, scored: Record, seconds: dict[str, float], peak_memory_mb: float) -> Record:

@@ -27,6 +27,7 @@ from bench.datasets.native import ECHOES, TRUTH, CaptureFile, save_capture_file
 from bench.evaluation.alike import SMOOTHING
 from bench.evaluation.depth_errors import error_map
 from bench.results import HEADLINE, errors_path, write_errors
+from bench.results.tables import Column
 from bench.run import reconstruct_stage, scoring, tasks
 from bench.run.benchmark_file import BenchFile
 from bench.run.executors import Cluster, Executor, InPlace, executor
@@ -35,7 +36,6 @@ from bench.run.runner import Run
 from bench.run.scoring import EACH_FRAME, GRIDS, REFERENCES, TREATED, write_reference
 from bench.run.tabulation import tables
 from bench.run.tasks import Done
-from bench.results.tables import Column
 from bench.studies.columns import Record, Table
 from calibration.transforms import identity
 from groundtruth.mesh.depth import Reference

@@ -13,13 +13,12 @@ from bench.scenes.photographs import Studio
 from bench.scenes.rig import rig
 from bench.scenes.scene_file import SceneFile
 from bench.scenes.shapes import sphere_mesh
-from bench.studies.photogrammetry.atlas import TEXEL_M, Atlas
-from bench.studies.photogrammetry.cases import renderers
-from bench.studies.photogrammetry.measure import floating, pinhole
-from bench.studies.photogrammetry.path_tracer import PathTracer, load_mitsuba, sensor
 from calibration.transforms import identity
 from radar.support.config import parse
 from radar.support.errors import HandbenchError
+from tests.bench.studies.renderers.atlas import TEXEL_M, Atlas
+from tests.bench.studies.renderers.measure_renderers import floating, pinhole, renderers
+from tests.bench.studies.renderers.path_tracer import PathTracer, load_mitsuba, sensor
 
 
 def ball_atlas():
@@ -36,7 +35,7 @@ def mitsuba_or_skip():
 
 def test_without_mitsuba_a_sentence_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "mitsuba", None)
-    with pytest.raises(HandbenchError, match=r"^mitsuba: is not installed; .*handbench\[render\]"):
+    with pytest.raises(HandbenchError, match=r"^mitsuba: is not installed; .*pip install mitsuba"):
         load_mitsuba()
 
 

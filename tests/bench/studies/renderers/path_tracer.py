@@ -7,9 +7,9 @@ import numpy as np
 
 from bench.scenes.build import Scene
 from bench.scenes.stand import PLATE_M, plate_print
-from bench.studies.photogrammetry.atlas import Atlas
 from groundtruth.cameras.cameras import Camera
 from radar.support.errors import HandbenchError
+from tests.bench.studies.renderers.atlas import Atlas
 
 SAMPLES = 16  # paths per pixel, whose noise is that of the photographs
 BOUNCES = 1
@@ -22,7 +22,9 @@ def load_mitsuba() -> ModuleType:
     try:
         import mitsuba
     except ImportError:
-        raise HandbenchError("mitsuba: is not installed; expected the extra: pip install 'handbench[render]'") from None
+        raise HandbenchError(
+            "mitsuba: is not installed; expected it for this comparison alone: pip install mitsuba"
+        ) from None
     mitsuba.set_variant("scalar_rgb")
     return mitsuba
 
