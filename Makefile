@@ -19,7 +19,7 @@ $(VENV)/.ready: requirements.txt pyproject.toml
 table: setup
 	$(BIN)/handbench run paper_table -o $(RUN)
 	$(BIN)/handbench report $(RUN) -o $(RUN)/report
-	-@$(BIN)/python -m reports.readme $(RUN) --check
+	-@$(BIN)/python -m docs.readme $(RUN) --check
 
 test: lint
 	$(BIN)/python -m pytest -n 2 --dist loadfile

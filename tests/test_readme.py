@@ -11,11 +11,11 @@ import pytest
 from bench.evaluation.metrics import METRICS, PAPER
 from bench.evaluation.scoring_protocols import protocol
 from bench.run.benchmark_file import BenchFile, load_benchmark
+from docs import readme
 from radar.support.store import versions
-from reports import readme
 
 ROOT = Path(__file__).parents[1]
-MEND = "run `make table`, then `python -m reports.readme runs/table --write`"
+MEND = "run `make table`, then `python -m docs.readme runs/table --write`"
 
 
 @pytest.fixture(scope="module")

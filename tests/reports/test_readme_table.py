@@ -10,8 +10,8 @@ import pytest
 
 from bench import results
 from bench.results.tables import COMPARISONS, frame
+from docs import readme
 from radar.support.errors import HandbenchError
-from reports import readme
 from tests.reports.synthetic_result import METHODS, write_synthetic
 
 CONFIG = 'name = "x"\n[[capture]]\nscene = "hand.toml"\n[[capture]]\npath = "elsewhere"\n'

@@ -1,7 +1,7 @@
 """The README's table, made from a result, and found when it is stale.
 
-    python -m reports.readme [RESULT] --check     is the README what was recorded (and what RESULT says)?
-    python -m reports.readme RESULT --write       renew the table, its record docs/table.json, and the figure
+    python -m docs.readme [RESULT] --check     is the README what was recorded (and what RESULT says)?
+    python -m docs.readme RESULT --write       renew the table, its record docs/table.json, and the figure
 
 The record holds what the table shows and what it was made from. The README must be the record's rendering, its figure
 and the scenes those that the record names; a fresh result must agree with it to a unit of the last digit that is
@@ -232,7 +232,7 @@ def _sha256(path: Path) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Exit code 1 and a line for each problem where something is stale."""
-    parser = argparse.ArgumentParser(prog="python -m reports.readme", description="the README's table")
+    parser = argparse.ArgumentParser(prog="python -m docs.readme", description="the README's table")
     parser.add_argument("result", type=Path, nargs="?", metavar="RESULT", help="folder of a run of paper_table")
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--check", action="store_true", help="is the README stale?")
