@@ -12,7 +12,7 @@ def run(options: argparse.Namespace) -> None:
 
     if options.out is not None:
         free(options.out / "stability.csv", options.overwrite)
-    facts, cases = run_stability(options.groups, options.seed, options.scenes, options.out)
+    facts, cases = run_stability(options.groups, options.out)
     show(facts, cases)
     failed = cases.case[cases.verdict == "fails"]
     if len(failed):

@@ -1,8 +1,8 @@
 """Files that `handbench stability` writes, beside the result that a report shows it with.
 
 stability.csv    one line a hard case: see `bench.results.tables.CASES`
-stability.json   schema_version, kind of each case's bound, tables beside the cases (digits, random scenes), seed,
-                 seconds, versions, machine
+stability.json   schema_version, kind of each case's bound, tables beside the cases (digits, random scenes: of
+                 `tests/bench/studies/stability/measure_tables.py`, with its seed), seconds, versions, machine
 """
 
 from pathlib import Path
@@ -37,7 +37,7 @@ class StabilityFacts(Config):
     """Content of stability.json."""
 
     schema_version: Literal[1] = 1
-    seed: int
+    seed: int = 0
     seconds: float
     kinds: dict[str, str] = Field(default_factory=dict)
     tables: tuple[Table, ...] = ()

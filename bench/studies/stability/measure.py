@@ -1,4 +1,4 @@
-"""The stability study: every hard case, then the tables of errors that no single case shows."""
+"""The stability study: every hard case."""
 
 import time
 import warnings
@@ -12,7 +12,6 @@ import pandas as pd
 from bench.results.stability import StabilityFacts, counted, write_stability
 from bench.results.tables import CASES, frame
 from bench.studies.columns import markdown_table
-from bench.studies.stability import digits, random_scenes
 from bench.studies.stability.cases import GROUPS, cases, measured
 from bench.studies.study import carried_out, stand
 from radar.support.config import suggest
@@ -22,20 +21,16 @@ from radar.support.progress import say
 SHOWN = ["group", "case", "quantity", "bound", "kind", "measured", "unit", "verdict"]
 
 
-def run_stability(
-    groups: str | None = None, seed: int = 0, scenes: int = 10_000, folder: Path | None = None
-) -> tuple[StabilityFacts, pd.DataFrame]:
-    """Measure the cases of some groups (names with commas; None: all, and the tables), and write them to `folder`, if
-    one is given. scenes: random hard scenes, drawn from `seed`. Returns the facts, and the cases by `CASES`."""
+def run_stability(groups: str | None = None, folder: Path | None = None) -> tuple[StabilityFacts, pd.DataFrame]:
+    """Measure the cases of some groups (names with commas; None: all), and write them to `folder`, if one is given.
+    Returns the facts, and the cases by `CASES`."""
     start, chosen = time.perf_counter(), cases(_groups(groups))
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # a warning without meaning would reach a user too
         found, _ = carried_out(chosen, measured, attrgetter("name"), "cases")
-        tables = [] if groups else [digits.table(seed)]
-        tables += [random_scenes.table(seed, scenes)] if scenes and not groups else []
     table = frame(CASES, (line for _, line in found))
     kinds = {case.name: case.kind for case in chosen}
-    facts = StabilityFacts(seed=seed, seconds=time.perf_counter() - start, kinds=kinds, tables=tuple(tables), **stand())
+    facts = StabilityFacts(seconds=time.perf_counter() - start, kinds=kinds, **stand())
     if folder is not None:
         write_stability(folder, facts, table)
         say(f"stability: {folder / 'stability.csv'}")
@@ -51,14 +46,13 @@ def _groups(text: str | None) -> tuple[str, ...]:
 
 
 def show(facts: StabilityFacts, found: pd.DataFrame) -> None:
-    """Print the cases, then the tables, on stdout."""
-    print(_markdown(SHOWN, found[SHOWN].itertuples(index=False)))
-    for table in facts.tables:
-        print(f"{table.title}: {table.text}\n\n{_markdown(table.columns, table.rows)}")
+    """Print the cases on stdout."""
+    print(markdown(SHOWN, found[SHOWN].itertuples(index=False)))
     print(f"{len(found)} hard cases in {facts.seconds:.0f} s: {counted(found)}")
 
 
-def _markdown(headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+def markdown(headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Rows of text and numbers as Markdown."""
     columns = dict(zip(headings, zip(*rows, strict=True), strict=True))
     texts = [any(isinstance(cell, str) for cell in cells) for cells in columns.values()]
     return markdown_table({heading: list(map(_cell, cells)) for heading, cells in columns.items()}, texts)

@@ -1,29 +1,18 @@
-"""No silent wrong answer: thousands of random hard scenes, and every pixel that is further off than its σ allows.
+"""Random hard scenes: a cloud of random points on a known surface (so that speckle comes with it) before an array of
+24 + 24 antennas, with noise from far below to above what the paper's radar has, and what makes them harder still.
 
-A scene is a cloud of random points on a known surface (so that speckle comes with it) before an array of 24 + 24
-antennas, with noise from far below to above what the paper's radar has. A depth map states its own error, σ, and flags
-pixels whose phase may have wrapped. A pixel that is off by more than 5σ and bears no flag is a silent wrong answer:
-such pixels are counted, by what makes the scene hard. Off means: from every depth that the surface has within the
-pixel's resolution cell, for at an edge none of them is wrong.
+`tests/bench/studies/stability/silent_errors.py` counts the silent wrong answers in them, `handbench study trust`
+calibrates p_gross on them.
 """
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
-import pandas as pd
 
-from bench.results.stability import Table
-from bench.studies.stability.scenes import imaged, small_array
+from bench.studies.stability.scenes import small_array
 from radar.data.capture import RadarCapture
-from radar.data.depthmap import DepthMap
 from radar.simulation.forward import Scatterers, simulate
-from radar.support.errors import HandbenchError
-from radar.support.parallel import workers
-from radar.support.progress import track
 
-SIGMAS = 5.0
 POINTS, HALF_M = 300, 0.024
 AXIS = {"start_m": -0.02, "stop_m": 0.02, "step_m": 0.00125}  # the filters' 5 pixels are little more than a cell
 WITHIN_M = np.linspace(-2.5e-3, 2.5e-3, 5)  # the paper's lateral resolution: 5 mm
@@ -70,63 +59,6 @@ KINDS: dict[str, Callable[[np.random.Generator], Surface]] = {
     kind.__name__: kind for kind in (tilted, bumpy, step, fingers)
 }
 TROUBLES = ("none", "glint", "clutter", "dead", "clipped")
-KEYS = {"method": ("2fsk", "3fsk"), "surface": tuple(KINDS), "trouble": TROUBLES}
-
-
-COUNTED = ("scenes", "refused", "pixels", "beyond", "flagged", "gross")  # what `scene` counts, in order
-
-
-def table(seed: int = 0, scenes: int = 10_000) -> Table:
-    """Count over `scenes` random scenes, drawn from `seed`; the same on any number of threads."""
-    with ThreadPoolExecutor(workers()) as pool:
-        drawn = track(pool.map(lambda number: scene(seed, number), range(scenes)), "random scenes", scenes)
-        counts = pd.DataFrame([line for lines in drawn for line in lines], columns=[*KEYS, *COUNTED])
-    rows: list[tuple[str | float, ...]] = []
-    for key, names in KEYS.items():
-        sums = counts.groupby(key)[list(COUNTED)].sum().reindex(names, fill_value=0)
-        sums["silent_percent"] = 100 * (sums.beyond - sums.flagged) / sums.pixels.clip(lower=1)
-        rows += sums.itertuples(name=None)
-    whole = counts[list(COUNTED)].sum()
-    return Table(
-        title=f"{scenes} random hard scenes",
-        text=f"{whole.pixels} pixels, {whole.beyond} off by more than {SIGMAS:g}σ of their own; {whole.flagged} "
-        f"of these are flagged, {whole.beyond - whole.flagged} are silent",
-        columns=("", "depth maps", "refused", "pixels", "beyond 5σ", "flagged", "silent, > 5 mm", "silent %"),
-        rows=tuple(rows),
-    )
-
-
-def scene(seed: int, number: int) -> list[tuple[str | int, ...]]:
-    """One scene's depth maps: method, surface, trouble; whether it was refused; pixels that were given, those off by
-    more than 5σ, of these flagged, and the silent ones that are off by more than 5 mm too."""
-    rng = np.random.default_rng([seed, number])
-    kind, trouble = list(KINDS)[number % len(KINDS)], TROUBLES[number // len(KINDS) % len(TROUBLES)]
-    surface, middle_m = KINDS[kind](rng), rng.uniform(0.25, 0.35)
-    capture, _ = recorded(surface, middle_m, trouble, rng)
-    first_m = middle_m + rng.uniform(-0.1, 0.1)
-    known: dict[str, Any] = {"x": AXIS, "y": AXIS, "off_axis": True, "first_depth_m": first_m, "tolerance": None}
-    lines: list[tuple[str | int, ...]] = []
-    for name in KEYS["method"]:
-        try:
-            counts: tuple[int, ...] = (0, *_count(imaged(name, capture, **known), surface, middle_m))
-        except HandbenchError:
-            counts = (1, 0, 0, 0, 0)
-        lines.append((name, kind, trouble, 1, *counts))
-    return lines
-
-
-def _count(depth: DepthMap, surface: Surface, middle_m: float) -> tuple[int, ...]:
-    assert depth.sigma_m is not None and depth.wrapped is not None
-    given = np.isfinite(depth.z_m)
-    y, x = (depth.y_m[:, None] + WITHIN_M[:, None, None, None], depth.x_m + WITHIN_M[:, None, None])
-    within_m = middle_m + surface(*np.broadcast_arrays(x, y))
-    beside_m = np.maximum(within_m.min(axis=(0, 1)) - depth.z_m, depth.z_m - within_m.max(axis=(0, 1)))
-    error_m = np.maximum(beside_m, 0)[given]
-    with np.errstate(invalid="ignore"):
-        beyond = ~(error_m <= SIGMAS * depth.sigma_m[given])  # a σ that is no number covers nothing
-    flagged = beyond & depth.wrapped[given]
-    gross = beyond & ~flagged & (error_m > 5e-3)
-    return tuple(int(pixels.sum()) for pixels in (given, beyond, flagged, gross))
 
 
 def recorded(

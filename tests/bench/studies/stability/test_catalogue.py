@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bench.results.stability import StabilityFacts, Table, load_stability, write_stability
-from bench.studies.stability import balls, random_scenes
+from bench.studies.stability import balls
 from bench.studies.stability.cases import (
     CATALOGUE,
     GROUPS,
@@ -95,14 +95,6 @@ def test_a_refusal_has_to_say_why():
 
     assert refused(refuse, "300 GB") == Refused("volume: needs 300 GB; make the grid coarser")
     assert refused(refuse, "antenna").value == np.inf
-
-
-def test_random_scenes_are_the_same_for_a_seed_and_count_what_is_silent(monkeypatch):
-    """With a σ of nothing every pixel that is off at all counts."""
-    first, again = random_scenes.table(3, 8), random_scenes.table(3, 8)
-    assert first == again != random_scenes.table(4, 8)
-    monkeypatch.setattr(random_scenes, "SIGMAS", 0.0)
-    assert sum(row[4] for row in random_scenes.table(3, 8).rows[:2]) > sum(row[4] for row in first.rows[:2])
 
 
 def test_what_was_written_is_read_back(tmp_path):

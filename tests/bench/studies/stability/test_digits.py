@@ -7,11 +7,11 @@ import pytest
 
 from bench.evaluation.depth_errors import error_map
 from bench.evaluation.metrics import pool
-from bench.studies.stability import digits as d
-from bench.studies.stability.digits import Shake, digits, rounded
 from bench.studies.stability.scenes import imaged
 from radar.imaging.api import image_points, image_volume
 from radar.methods import fsk, projection
+from tests.bench.studies.stability import digits as d
+from tests.bench.studies.stability.digits import Shake, digits, rounded
 from tests.radar.imaging.test_single_precision import direct
 
 

@@ -5,6 +5,8 @@ Depths are kept in double precision, but for those of further frames; what singl
 apart. The error that the engine's tolerance allows is another perturbation of the images, as large as it may be.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
