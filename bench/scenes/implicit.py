@@ -150,13 +150,3 @@ def remesh(vertices_m: np.ndarray, faces: np.ndarray, edge_m: float) -> tuple[np
     )
     result = meshes.current_mesh()
     return result.vertex_matrix(), result.face_matrix()
-
-
-def crossing_faces(vertices_m: np.ndarray, faces: np.ndarray) -> int:
-    """The number of triangles that cut another one (open3d's own test compares all with all)."""
-    import pymeshlab
-
-    meshes = pymeshlab.MeshSet(verbose=False)
-    meshes.add_mesh(pymeshlab.Mesh(vertices_m, faces))
-    meshes.compute_selection_by_self_intersections_per_face()
-    return int(meshes.current_mesh().selected_face_number())

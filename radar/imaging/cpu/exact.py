@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numba
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, positions, tones
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, tones
 from radar.data.capture import largest_part
 from radar.imaging.cpu.steering import FAST, cis_turns, distances_m, phasor, steering
 from radar.support.errors import HandbenchError
@@ -92,17 +92,6 @@ def _waves(frequencies_hz: np.ndarray, length_m: np.ndarray) -> np.ndarray:
             steps = phasor(length_m, spacing_hz, 1)
         np.multiply(waves[f - 1], steps, out=waves[f])
     return waves
-
-
-def direct_sum(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray) -> np.ndarray:
-    """The same image by the formula as it stands, in float64: complex128 [n]. The reference of every faster path."""
-    check_samples(samples, frequencies_hz, aperture)
-    image = np.zeros(len(points_m), np.complex128)
-    for i, point in enumerate(positions("points_m", points_m)):
-        path_m = path_lengths(aperture, point)
-        for s, f in zip(samples, frequencies_hz, strict=True):
-            image[i] += np.sum(s * np.exp(2j * np.pi * f * path_m / SPEED_OF_LIGHT_M_S))
-    return image
 
 
 def path_lengths(aperture: Aperture, point_m: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 from bench.scenes.bones import skeleton
 from bench.scenes.hand import RADII_MM, hand_field, hand_mesh
 from bench.scenes.hand_pose import POSES, Pose
-from bench.scenes.implicit import crossing_faces, project
+from bench.scenes.implicit import project
 from groundtruth.mesh.mesh_files import mesh, raycasting_scene
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from radar.imaging.cpu.exact import tone_images
@@ -24,6 +24,16 @@ HAND_M = (0.0, -0.030, 0.310)  # where a scene puts the palm's centre
 SHADOW_BIAS_M = 2e-4  # a facet does not shadow itself
 POINTS = 3000  # at which depths are compared
 ON_TARGET = 10 ** (-13 / 20)  # amplitude over the strongest one's below which the methods see no target
+
+
+def crossing_faces(vertices_m: np.ndarray, faces: np.ndarray) -> int:
+    """The number of triangles that cut another one (open3d's own test compares all with all)."""
+    import pymeshlab
+
+    meshes = pymeshlab.MeshSet(verbose=False)
+    meshes.add_mesh(pymeshlab.Mesh(vertices_m, faces))
+    meshes.compute_selection_by_self_intersections_per_face()
+    return int(meshes.current_mesh().selected_face_number())
 
 
 def row(letter: str, edge_m: float = 1e-3) -> str:

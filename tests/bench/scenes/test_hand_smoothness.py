@@ -8,10 +8,16 @@ import pytest
 from bench.scenes.bones import skeleton
 from bench.scenes.hand import hand_field, hand_mesh
 from bench.scenes.hand_pose import POSES
-from bench.scenes.implicit import crossing_faces
 from groundtruth.mesh.mesh_files import load_open3d
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from tests.bench.scenes.hand_smoothness import TONES_HZ, facet_angles, parts_at, radar_change, subdivided
+from tests.bench.scenes.hand_smoothness import (
+    TONES_HZ,
+    crossing_faces,
+    facet_angles,
+    parts_at,
+    radar_change,
+    subdivided,
+)
 
 
 def test_angles_of_a_box() -> None:

@@ -7,7 +7,7 @@ from bench.studies.engine.checks import bars, exponent, finer, larger, resampled
 from bench.studies.engine.scope import Inputs, Scope, white_noise
 from bench.studies.engine.textbook import numba_sum, numpy_sum, range_compressed
 from radar.data.arrays import AntennaArray, qar50
-from radar.imaging.cpu.exact import direct_sum
+from tests.radar.direct_sums import direct_sum
 from tests.radar.samples import relative_error
 
 TONES_HZ = np.linspace(72e9, 82e9, 64)

@@ -9,8 +9,9 @@ from radar.data.arrays import AntennaArray, PlanarScan, qar50
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
 from radar.imaging.certificate import FACTOR, PICKS, Brightness, certified, picked
-from radar.imaging.cpu.exact import direct_sum, exact_sums
+from radar.imaging.cpu.exact import exact_sums
 from radar.imaging.cpu.steering import phasor
+from tests.radar.direct_sums import direct_sum
 from tests.radar.samples import noise, relative_error
 from tests.strategies import examples
 

@@ -13,7 +13,6 @@ from bench.studies import gpu_benchmark, study
 from radar.data.arrays import AntennaArray, PlanarScan, qar50
 from radar.data.grid import Axis, VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
-from radar.imaging.cpu.exact import direct_sum
 from radar.imaging.device import SETTING, array_module, chosen, describe, use_device
 from radar.imaging.gpu import exact, executor, levels
 from radar.imaging.plan import TreePlan
@@ -22,6 +21,7 @@ from radar.methods.fsk import three_tone
 from radar.methods.fsk_config import ThreeToneConfig
 from radar.methods.projection import BroadbandConfig
 from radar.support.errors import HandbenchError
+from tests.radar.direct_sums import direct_sum
 from tests.radar.imaging.cupy_stand_in import DeviceArray, cupy_stand_in
 from tests.radar.samples import noise, relative_error
 from tests.radar.simulated_points import around, points_capture

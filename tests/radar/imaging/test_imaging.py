@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from radar.data.arrays import AntennaArray, PlanarScan, qar50
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_points, image_volume, imaging_error, points_executor, project_volume
-from radar.imaging.cpu.exact import direct_sum
 from radar.imaging.cpu.executor import Executor, strongest_voxels
 from radar.imaging.tree import Family
 from radar.support.cost import require_time
 from radar.support.errors import HandbenchError
+from tests.radar.direct_sums import direct_sum
 from tests.radar.samples import noise, relative_error
 from tests.strategies import examples
 

@@ -7,8 +7,9 @@ from radar.data.arrays import AntennaArray, PlanarScan
 from radar.data.capture import RadarCapture, save_capture
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
-from radar.imaging.cpu.exact import backproject, direct_sum, path_lengths
+from radar.imaging.cpu.exact import backproject, path_lengths
 from radar.support.errors import HandbenchError
+from tests.radar.direct_sums import direct_sum
 
 RANDOM = np.random.default_rng(0)
 ARRAY = AntennaArray(RANDOM.uniform(-0.07, 0.07, (6, 3)) * [1, 1, 0], RANDOM.uniform(-0.07, 0.07, (5, 3)) * [1, 1, 0])

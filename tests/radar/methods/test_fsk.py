@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
 from radar.data.capture import RadarCapture
-from radar.imaging.cpu.exact import direct_sum
 from radar.methods.fsk import depth_step_m, three_tone, two_tone
 from radar.methods.fsk_config import SETTLING, ThreeToneConfig, TwoToneConfig
 from radar.methods.smoothing import masked_mean
 from radar.simulation.effects.receiver import strongest_amplitude, thermal_noise
 from radar.simulation.forward import direct_echoes
 from radar.support.errors import HandbenchError
+from tests.radar.direct_sums import direct_sum
 from tests.radar.simulated_points import (
     TONES_HZ,
     around,
