@@ -1,7 +1,7 @@
 """Placements of the calibration target, made as well as its description says, and what may go wrong with them; and the
 cloud of points that eight cameras would reconstruct of it, with errors like theirs."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,18 +16,11 @@ TURN_DEG = 30.0  # of the target, about each axis, at most
 PHASE_NOISE_RAD = 0.0281  # of the paper's table
 MADE = "made.toml"  # the target as it was really made, beside the scene
 
-FAULTS = {
-    "none": "the target as described, in view",
-    "two hidden": "two elements of the square are covered: from the radar, in every second placement from cameras too",
-    "fifth missing": "the element that breaks the symmetry is missing: likewise",
-    "wrong file": "the description is of a target whose square is 20 mm larger",
-    "clutter": "a metal ball stands beside the target whose echo is up to 16 dB stronger than the target's balls'",
-}
-
 
 @dataclass(frozen=True)
 class Case:
-    """One placement. scene: as it stands; described: what the user believes the target to be; fault: of FAULTS."""
+    """One placement. scene: as it stands; described: what the user believes the target to be; fault: none, two
+    hidden, fifth missing, wrong file, or one that a study adds."""
 
     number: int
     fault: str
@@ -107,12 +100,6 @@ def wrong(target: Target) -> Target:
             )
         }
     )
-
-
-def only(scene: Scene, shown: tuple[int, ...]) -> Scene:
-    """The scene with some of the target's elements alone, for its echoes."""
-    target = scene.target
-    return replace(scene, target=target.model_copy(update={"element": tuple(target.element[i] for i in shown)}))
 
 
 DENSITY_M2 = 2e6  # points on a square metre of foam: 2 per mm²

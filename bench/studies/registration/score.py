@@ -1,14 +1,11 @@
 """Errors of a registration whose truth is known, and whether its covariance told them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
-from bench.studies.columns import Record
 from calibration.registration.register import HAND_M
 from calibration.transforms import Transform, adjoint
 
@@ -39,22 +36,3 @@ def score(found: Transform, true: Transform) -> Score:
     return Score(
         shift_m, turn_rad, tre_m, predicted_m, float(error @ np.linalg.solve(carry @ found.covariance @ carry.T, error))
     )
-
-
-def summary(scores: Sequence[Score]) -> Record:
-    """Over all trials: root mean squares of shift and turn, the 95th percentile of the registration error over the
-    volume, its predicted root mean square over the one seen, and the mean NEES with the band that holds 95 % of what
-    honest covariances give."""
-    shift2, turn2 = (np.array([(getattr(s, key) ** 2).sum() for s in scores]) for key in ("shift_m", "turn_rad"))
-    tre_m, predicted_m = (np.concatenate([getattr(s, key) for s in scores]) for key in ("tre_m", "predicted_m"))
-    nees = np.array([s.nees for s in scores])
-    return {
-        "shift_rms_m": float(np.sqrt(shift2.mean())),
-        "turn_rms_rad": float(np.sqrt(turn2.mean())),
-        "turn_max_rad": float(np.sqrt(turn2.max())),
-        "tre_p95_m": float(np.quantile(tre_m, 0.95)),
-        "predicted_over_seen": float(np.sqrt((predicted_m**2).mean() / (tre_m**2).mean())),
-        "nees": float(nees.mean()),
-        "band": tuple(float(chi2.ppf(p, 6 * len(scores)) / len(scores)) for p in (0.025, 0.975)),
-        "within_95": float(np.mean(nees < chi2.ppf(0.95, 6))),
-    }

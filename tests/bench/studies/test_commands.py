@@ -14,16 +14,12 @@ from bench.results.stability import load_stability
 from bench.studies.stability import measure
 from bench.studies.stability.cases import cases
 
-SMALLEST = {
-    "registration": ["faults", "--trials", "1"],
-    "trust": ["--scenes", "20", "--methods", "3fsk", "--only", "points"],
-}
+SMALLEST = {"trust": ["--scenes", "20", "--methods", "3fsk", "--only", "points"]}
 NEEDED = {
     "ablation": ["--poses", "B"],
     "gpu": ["--device", "numpy"],
     "noise-fit": ["paper_table"],
     "photogrammetry": ["bars"],
-    "registration": ["full"],
 }
 
 

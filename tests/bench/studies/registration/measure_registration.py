@@ -1,8 +1,17 @@
-"""Placements of the calibration target simulated, calibrated as a user would, and compared with the truth."""
+"""Placements of the calibration target simulated, calibrated as a user would, and compared with the truth.
 
+python -m tests.bench.studies.registration.measure_registration full|faults [--trials N] [-o DIR]
+
+`full`: photographs and echoes simulated. `faults`: echoes simulated, clouds drawn, something wrong with every second
+placement.
+"""
+
+from __future__ import annotations
+
+import argparse
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,12 +22,14 @@ from scipy.stats import chi2
 
 from bench.datasets.native import TARGET
 from bench.datasets.simulated import simulate_capture
+from bench.results.tables import declared
 from bench.run.photogrammetry import calibrate_captures
+from bench.scenes.build import Scene
 from bench.scenes.echoes import choices, echo_scene
-from bench.studies.columns import Record, Table, columns
-from bench.studies.registration.cases import FAULTS, Case, case, only, seen_cloud
-from bench.studies.registration.score import score, summary
-from bench.studies.study import BLUE, Study
+from bench.studies.columns import Record, Table
+from bench.studies.registration.cases import Case, case, seen_cloud
+from bench.studies.registration.score import Score, score
+from bench.studies.study import BLUE, Study, run
 from calibration.registration.register import calibrate
 from calibration.target.description import save_target
 from calibration.transforms import Transform
@@ -27,6 +38,14 @@ from radar.simulation.scene import Ball, EchoScene
 from radar.simulation.simulate import simulate_scene
 from radar.support.errors import HandbenchError
 
+SCHEMAS = declared(__file__)
+FAULTS = {
+    "none": "the target as described, in view",
+    "two hidden": "two elements of the square are covered: from the radar, in every second placement from cameras too",
+    "fifth missing": "the element that breaks the symmetry is missing: likewise",
+    "wrong file": "the description is of a target whose square is 20 mm larger",
+    "clutter": "a metal ball stands beside the target whose echo is up to 16 dB stronger than the target's balls'",
+}
 CLUTTER_M = (0.010, 0.030)  # radius of the ball that stands beside the target, at least and at most
 APART_M = 0.06  # from the target's balls, at least: nearer it would not be beside it
 TRIALS = {"full": 20, "faults": 200}
@@ -34,8 +53,7 @@ WRONG_M = 2e-3  # an error of the transform, anywhere in the hand's volume, that
 
 
 def study(work: Path, what: str, trials: int | None) -> Study:
-    """`full`: photographs and echoes simulated. `faults`: echoes simulated, clouds drawn, something wrong with every
-    second placement."""
+    """One of the two, of so many placements."""
     faults = [one for fault in FAULTS if fault != "none" for one in ("none", fault)]
     count = trials or TRIALS[what]
     return Study(
@@ -54,9 +72,9 @@ def tables(records: list[Record]) -> list[Table]:
     reasons = dict.fromkeys(f"- {r['fault']}: {r['refused']}\n" for r in records if r["refused"])
     faults = [[r for r in records if r["fault"] == fault] for fault in dict.fromkeys(r["fault"] for r in records)]
     summaries = Table(
-        "summary", columns("registration.summary"), [summarised(of_it) for of_it in faults], note="".join(reasons)
+        "summary", SCHEMAS["summary"].columns, [summarised(of_it) for of_it in faults], note="".join(reasons)
     )
-    return [Table("rows", columns("registration.rows"), records, shown=False), summaries]
+    return [Table("rows", SCHEMAS["rows"].columns, records, shown=False), summaries]
 
 
 def summarised(records: list[Record]) -> Record:
@@ -70,6 +88,25 @@ def summarised(records: list[Record]) -> Record:
         "wrong": sum(float(s.tre_m.max()) > WRONG_M for s in scores),
         **(summary(scores) if scores else {}),
         "seconds": float(np.median([record["seconds"] for record in records])),
+    }
+
+
+def summary(scores: Sequence[Score]) -> Record:
+    """Over all trials: root mean squares of shift and turn, the 95th percentile of the registration error over the
+    volume, its predicted root mean square over the one seen, and the mean NEES with the band that holds 95 % of what
+    honest covariances give."""
+    shift2, turn2 = (np.array([(getattr(s, key) ** 2).sum() for s in scores]) for key in ("shift_m", "turn_rad"))
+    tre_m, predicted_m = (np.concatenate([getattr(s, key) for s in scores]) for key in ("tre_m", "predicted_m"))
+    nees = np.array([s.nees for s in scores])
+    return {
+        "shift_rms_m": float(np.sqrt(shift2.mean())),
+        "turn_rms_rad": float(np.sqrt(turn2.mean())),
+        "turn_max_rad": float(np.sqrt(turn2.max())),
+        "tre_p95_m": float(np.quantile(tre_m, 0.95)),
+        "predicted_over_seen": float(np.sqrt((predicted_m**2).mean() / (tre_m**2).mean())),
+        "nees": float(nees.mean()),
+        "band": tuple(float(chi2.ppf(p, 6 * len(scores)) / len(scores)) for p in (0.025, 0.975)),
+        "within_95": float(np.mean(nees < chi2.ppf(0.95, 6))),
     }
 
 
@@ -122,6 +159,12 @@ def _echoes(chosen: Case) -> RadarCapture:
     return simulate_scene(radar_scene, choices(scene, radar_scene)).capture
 
 
+def only(scene: Scene, shown: tuple[int, ...]) -> Scene:
+    """The scene with some of the target's elements alone, for its echoes."""
+    target = scene.target
+    return replace(scene, target=target.model_copy(update={"element": tuple(target.element[i] for i in shown)}))
+
+
 def _clutter(scene: EchoScene, number: int) -> Ball:
     """A bare metal ball somewhere in the searched volume, beside the target."""
     rng = np.random.default_rng([number, 7])
@@ -153,3 +196,17 @@ def draw(frames: dict[str, pd.DataFrame]) -> Figure | None:
     right.set(xlabel="normalised squared error", ylabel="share of the trials", title="honesty")
     right.legend(frameon=False, loc="lower right")
     return figure
+
+
+def main() -> None:
+    """Measure, write the files of a study, print the summary."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("what", choices=list(TRIALS), help="photographs too, or many placements with faults")
+    parser.add_argument("--trials", type=int, help="placements (default 20 and 200)")
+    parser.add_argument("-o", "--out", type=Path, default=Path("runs/registration"), help="default runs/registration")
+    given = parser.parse_args()
+    print(run(study(given.out / "work", given.what, given.trials), given.out).markdown())
+
+
+if __name__ == "__main__":
+    main()

@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.studies.registration.cases import FAULTS, case, made, seen_cloud, wrong
-from bench.studies.registration.measure import draw, tables, tried
-from bench.studies.registration.score import score, summary
+from bench.studies.registration.cases import case, made, seen_cloud, wrong
+from bench.studies.registration.score import score
 from calibration.target.description import default_target
 from calibration.target.matching import match
 from calibration.target.optical_detection import find_spheres
 from calibration.transforms import Transform
 from radar.support.errors import HandbenchError
+from tests.bench.studies.registration import measure_registration
+from tests.bench.studies.registration.measure_registration import FAULTS, draw, summary, tables, tried
 
 
 @pytest.fixture(scope="module")
@@ -107,3 +108,10 @@ def test_the_page_names_every_refusal(placement):
     assert cells[1:7] == ["none", "2", "1", "1", "0", "0.000"]
     assert "none: photographs: two ways; turn it" in summaries.markdown()
     assert len(draw({"rows": rows.frame}).axes) == 3
+
+
+def test_the_script_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["measure", "faults", "--trials", "1", "-o", str(tmp_path)])
+    measure_registration.main()
+    assert "| none" in capsys.readouterr().out
+    assert (tmp_path / "registration_faults.csv").is_file()
