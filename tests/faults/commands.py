@@ -48,7 +48,7 @@ COMMANDS = {  # the words after `handbench`: {i} is the folder of the inputs, {o
     "design": "design {i}/result --effect 0.2mm -o {o}/out.csv",
     "compare": "compare {i}/result {i}/other -o {o}/out",
     "draw": "draw target -o {o}/out.svg",
-    "study": "study registration faults --trials 1 -o {o}/out",
+    "study": "study trust --scenes 2 --methods 3fsk --only points -o {o}/out",
     "sensitivity": "sensitivity {i}/factors.toml --parts one -o {o}/out",
 }
 # Stands for minutes of photogrammetry, of which `calibrate` writes the outcome.
