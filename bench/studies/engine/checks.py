@@ -1,6 +1,5 @@
 """Checks that hold on any machine: cost grows as it should with finer steps, larger boxes, more channels and tones;
-results do not depend on the threads, kernels compile in seconds, and the engine is as fast and as exact as it says.
-"""
+kernels compile in seconds, and the engine is as fast and as exact as it says."""
 
 import os
 import subprocess
@@ -15,14 +14,10 @@ import numpy as np
 
 from bench.studies.columns import Record
 from bench.studies.engine.scope import Inputs, white_noise
-from bench.studies.engine.turns import Case, Work, interleaved, room, timed
-from bench.studies.study import relative_error
+from bench.studies.engine.turns import Case, Work, interleaved
 from radar.data.arrays import AntennaArray
-from radar.data.depthmap import DepthMap
 from radar.data.grid import VoxelGrid
-from radar.imaging.api import image_points, image_volume
-from radar.methods.fsk import three_tone
-from radar.simulation.forward import simulate
+from radar.imaging.api import image_volume
 
 TOLERANCE = 1e-3
 
@@ -118,32 +113,6 @@ def bars(records: list[Record]) -> list[Record]:
                 text = bar["words"].format(what) if "words" in bar else f"{bar['section']}, {what}: {bar['figure']}"
                 found.append({"bar": text, "expected": expected, "measured": value, "met": bool(kept)})
     return found
-
-
-def thread_differences(inputs: Inputs) -> list[Record]:
-    """Relative difference of every kind of result between one worker thread and all of them."""
-    found = []
-    for workers in ("1", ""):  # nothing: all
-        with room(HANDBENCH_WORKERS=workers) as place:
-            found.append({name: place.submit(timed, work, _values).result().kept for name, work in _works(inputs)})
-    one, every = found
-    return [{"section": "threads", "what": name, "difference": relative_error(every[name], one[name])} for name in one]
-
-
-def _works(inputs: Inputs) -> list[tuple[str, Work]]:
-    samples, tones_hz, array = inputs.samples["hand"], inputs.tones_hz, inputs.array
-    points_m = inputs.scatterers.position_m[::50]
-    return [
-        ("exact image", partial(image_points, samples, tones_hz, array, points_m, None)),
-        ("fast volume", partial(image_volume, samples, tones_hz, array, inputs.grid, TOLERANCE)),
-        ("3-FSK frame", partial(three_tone, inputs.frame, inputs.scope.frame)),
-        ("simulation", partial(simulate, inputs.scatterers, tones_hz, array, tolerance=TOLERANCE)),
-    ]
-
-
-def _values(result: np.ndarray | DepthMap) -> np.ndarray:
-    """The compared values: of a depth map its depths, 0 off target."""
-    return np.nan_to_num(result.z_m) if isinstance(result, DepthMap) else result
 
 
 def compilation(inputs: Inputs) -> list[Record]:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from bench.results.tables import each
 from bench.studies.columns import Record, Table, columns
-from bench.studies.engine.checks import bars, compilation, growth, thread_differences
+from bench.studies.engine.checks import bars, compilation, growth
 from bench.studies.engine.scope import QUICK, Inputs, Scope
 from bench.studies.engine.volume_rows import frame_rows, simulation_rows, volume_rows
 from bench.studies.study import BLUE, GREEN, GREY, VERMILION, Study
@@ -24,7 +24,6 @@ SECTIONS = {
     "3-FSK frame": frame_rows,
     "simulation": simulation_rows,
     "growth": growth,
-    "threads": thread_differences,
 }
 OF_ROWS = ("volume", "3-FSK frame", "simulation")
 

@@ -3,7 +3,6 @@ in turns, so that a machine that gets slower does so for all of them.
 """
 
 import contextlib
-import os
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -16,6 +15,7 @@ import numpy as np
 
 from bench.studies.columns import Record
 from radar.support.progress import say
+from radar.warmup import compile_kernels
 
 Work = Callable[[], Any]
 
@@ -84,9 +84,9 @@ class Measured:
         }
 
 
-def room(**environment: str) -> ProcessPoolExecutor:
-    """A process with its own environment, whose kernels are compiled; what it is given must be picklable."""
-    return ProcessPoolExecutor(1, get_context("spawn"), initializer=_enter, initargs=(environment,))
+def room() -> ProcessPoolExecutor:
+    """A process whose kernels are compiled; what it is given must be picklable."""
+    return ProcessPoolExecutor(1, get_context("spawn"), initializer=compile_kernels)
 
 
 def interleaved(title: str, cases: Sequence[Case], apart: bool = True) -> dict[str, Measured]:
@@ -119,13 +119,6 @@ def everything(result: Any) -> Any:
 def named(what: str, tolerance: float | None) -> str:
     """A method's name with its tolerance, as fast volume, 1e-3."""
     return "exact" if tolerance is None else f"{what}, {tolerance:.0e}".replace("e-0", "e-")
-
-
-def _enter(environment: dict[str, str]) -> None:
-    from radar.warmup import compile_kernels
-
-    os.environ.update(environment)
-    compile_kernels()
 
 
 def timed(work: Work, keep: Callable[[Any], Any] | None = None, calls: int = 1) -> Timing:
