@@ -11,7 +11,7 @@ from bench.datasets.dataset import open_capture
 from bench.run.reconstruct_stage import configuration
 from radar.data.capture import RadarCapture
 from radar.imaging import api
-from radar.imaging.certificate import Certificate, certified
+from radar.imaging.certificate import Certificate, certified, imaging_error
 from radar.imaging.device import describe
 from radar.methods.registry import Method, Reconstruction, method
 from radar.methods.trust import with_trust
@@ -77,7 +77,7 @@ def _imaged(
 def _check(volume: np.ndarray, echoes: RadarCapture, settings: Any, most: float, options: argparse.Namespace) -> None:
     """Say how far the volume is from the exact sum, and refuse one that is further than `most`."""
     samples, frequencies_hz = echoes.tones(settings.tones_hz(), options.frame)
-    error = api.imaging_error(volume, samples, frequencies_hz, echoes.aperture, settings.grid(), options.check)
+    error = imaging_error(volume, samples, frequencies_hz, echoes.aperture, settings.grid(), options.check)
     say(f"checked at {options.check} random voxels against the exact sum: relative error {error:.1e}")
     if error > most:
         raise HandbenchError(

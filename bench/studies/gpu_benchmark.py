@@ -18,7 +18,8 @@ from bench.studies.study import Study
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
 from radar.data.grid import Axis
-from radar.imaging.api import image_volume, imaging_error, project_volume
+from radar.imaging.api import image_volume, project_volume
+from radar.imaging.certificate import imaging_error
 from radar.imaging.device import array_module, chosen
 from radar.methods.fsk import three_tone
 from radar.methods.fsk_config import ThreeToneConfig

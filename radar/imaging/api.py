@@ -22,7 +22,7 @@ from radar.data.capture import largest_part, near_one
 from radar.data.grid import VoxelGrid
 from radar.imaging.certificate import of_nodes, of_points, opened
 from radar.imaging.cpu import executor as cpu
-from radar.imaging.cpu.exact import check_samples, exact_sums
+from radar.imaging.cpu.exact import check_samples
 from radar.imaging.device import chosen
 from radar.imaging.gpu import executor as gpu
 from radar.imaging.plan import KEPT, PLANNED, GridPlan, TreePlan, kept, roomy
@@ -231,24 +231,6 @@ class GridImager:
         else:
             images = self._executor.image(samples, self.plan.sort(self._executor.plan, nodes))
         return nodes, images.reshape(-1, *nodes.shape)
-
-
-def imaging_error(
-    image: np.ndarray,
-    samples: np.ndarray,
-    frequencies_hz: np.ndarray,
-    aperture: Aperture,
-    grid: VoxelGrid,
-    count: int = 500,
-    seed: int = 0,
-) -> float:
-    """A-posteriori check: relative L2 error of a volume [nz, ny, nx] at `count` random voxels against the exact sum in
-    float64, relative to the whole volume's own size."""
-    check_samples(samples, frequencies_hz, aperture)
-    picked = np.random.default_rng(seed).integers(0, image.size, count)
-    exact = exact_sums(samples, frequencies_hz, aperture, grid.points_at_m(picked))[0]
-    mean_square = np.mean(np.abs(image) ** 2, dtype=np.float64)
-    return float(np.sqrt(np.mean(np.abs(image.ravel()[picked] - exact) ** 2) / mean_square))
 
 
 def check(tolerance: float | None) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from radar.data.arrays import AntennaArray, Aperture, PlanarScan
 from radar.data.grid import VoxelGrid
-from radar.imaging.cpu.exact import exact_sums
+from radar.imaging.cpu.exact import check_samples, exact_sums
 from radar.imaging.plan import GridPlan
 
 PICKS = 16  # voxels at least; more, up to all of them and to MOST, as far as TERMS of the exact sum (1 ms) allow
@@ -59,6 +59,24 @@ def certified() -> Iterator[Certificate]:
         yield certificate
     finally:
         opened.reset(token)
+
+
+def imaging_error(
+    image: np.ndarray,
+    samples: np.ndarray,
+    frequencies_hz: np.ndarray,
+    aperture: Aperture,
+    grid: VoxelGrid,
+    count: int = 500,
+    seed: int = 0,
+) -> float:
+    """A-posteriori check: relative L2 error of a volume [nz, ny, nx] at `count` random voxels against the exact sum in
+    float64, relative to the whole volume's own size."""
+    check_samples(samples, frequencies_hz, aperture)
+    picked = np.random.default_rng(seed).integers(0, image.size, count)
+    exact = exact_sums(samples, frequencies_hz, aperture, grid.points_at_m(picked))[0]
+    mean_square = np.mean(np.abs(image) ** 2, dtype=np.float64)
+    return float(np.sqrt(np.mean(np.abs(image.ravel()[picked] - exact) ** 2) / mean_square))
 
 
 def of_points(

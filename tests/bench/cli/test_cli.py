@@ -79,7 +79,7 @@ def test_a_volume_is_checked_against_the_exact_sum_on_request(capture, tmp_path,
     command = ["reconstruct", str(capture), "--method", "narrowband", "-o", str(out), *LATERAL, "--check", "50"]
     assert main([*command, "--tolerance", "1e-3"]) == 0
     assert "checked at 50 random voxels" in capsys.readouterr().err
-    monkeypatch.setattr("radar.imaging.api.imaging_error", lambda *_: 0.01)
+    monkeypatch.setattr("bench.cli.reconstruct.imaging_error", lambda *_: 0.01)
     fails(capsys, [*command, "--tolerance", "1e-3", "--overwrite"], "relative error is 1.0e-02", "at most 0.001")
     flat = ["reconstruct", str(capture), "--method", "2fsk", "-o", str(tmp_path / "flat.npz"), "--check", "5"]
     fails(capsys, flat, "makes no volume")

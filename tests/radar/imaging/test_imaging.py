@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from radar.data.arrays import AntennaArray, PlanarScan, qar50
 from radar.data.grid import VoxelGrid
-from radar.imaging.api import image_points, image_volume, imaging_error, points_executor, project_volume
+from radar.imaging.api import image_points, image_volume, points_executor, project_volume
+from radar.imaging.certificate import imaging_error
 from radar.imaging.cpu.executor import Executor, strongest_voxels
 from radar.imaging.tree import Family
 from radar.support.cost import require_time
