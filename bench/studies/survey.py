@@ -11,6 +11,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -50,26 +51,16 @@ class Case:
 def study(work: Path, photos: Path, counts: str, shrinks: str, choices: str, seeds: int) -> Study:
     """Each count of photographs, first ones or evenly spread, at each resolution, with K and without."""
     centres_m = surveyed_centres_m(photos / "cameras")
-    named = [
-        path.name
-        for path in sorted(require_folder(photos / "images", "photographs").iterdir())
-        if path.name in centres_m
-    ]
+    images = require_folder(photos / "images", "photographs")
+    named = sorted(path.name for path in images.iterdir() if path.name in centres_m)
     cases = [
-        Case(names, choice, int(shrink), known, seed)
-        for shrink in shrinks.split(",")
-        for count in map(int, counts.split(","))
+        Case(names, choice, shrink, known, seed)
+        for shrink, count in product(map(int, shrinks.split(",")), map(int, counts.split(",")))
         for choice, names in _chosen(named, count, choices.split(","))
-        for known in (True, False)
-        for seed in range(seeds)
+        for known, seed in product((True, False), range(seeds))
     ]
-    return Study(
-        "survey",
-        "Camera centres against a survey",
-        cases,
-        lambda case: measure(case, photos, centres_m, work),
-        rows("survey"),
-    )
+    title = "Camera centres against a survey"
+    return Study("survey", title, cases, lambda case: measure(case, photos, centres_m, work), rows("survey"))
 
 
 def _chosen(names: list[str], count: int, choices: list[str]) -> Iterator[tuple[str, tuple[str, ...]]]:
