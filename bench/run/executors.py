@@ -6,6 +6,7 @@ in which they end does not matter, and a worker's loss costs the jobs that it ha
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
@@ -26,6 +27,7 @@ IN_FLIGHT = 256  # groups that the scheduler knows of at once: enough for as man
 BATCH = 64
 GROUPS_A_THREAD, LARGEST_GROUP = 16, 8  # so many groups at least, that no worker waits long for the last one
 CONNECT_S = 20.0
+LOGS = "distributed", "distributed.client", "tornado.application", "asyncio"  # print tracebacks of lost connections
 
 
 class Executor(Protocol):
@@ -131,6 +133,8 @@ def executor(scheduler: str | None = None) -> Iterator[Executor]:
         raise HandbenchError(
             f"--scheduler: needs Dask ({error}); pip install 'handbench[cluster]', or leave the option out"
         ) from error
+    for name in LOGS:  # what goes wrong here is told once, in a sentence
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = Client(scheduler, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
