@@ -13,6 +13,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("radar", "calibration", "groundtruth", "bench", "reports")
 FILES = sorted(path.relative_to(ROOT) for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+FILES.append(Path("handbench.py"))
 STUDY_PARTS = {"cases.py", "measure.py", "figure.py", "run.py", "score.py"}
 QUESTION = re.compile(r"(What|How|Whether|Where|Who)\b")
 MOST_LINES = 39_980
@@ -86,7 +87,7 @@ def test_questions_are_noticed():
 
 
 def test_the_product_keeps_its_size():
-    lines = {package: 0 for package in PACKAGES}
+    lines: dict[str, int] = defaultdict(int)
     for file in FILES:
         lines[file.parts[0]] += len((ROOT / file).read_text("utf-8").splitlines())
     assert sum(lines.values()) <= MOST_LINES, lines

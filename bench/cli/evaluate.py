@@ -7,21 +7,16 @@ import json
 def run(options: argparse.Namespace) -> None:
     """Depth map × mesh → metrics on stdout."""
     from bench.datasets.maroon_alignment import load_any_transform
-    from bench.evaluation.depth_errors import error_map
-    from bench.evaluation.floor import floor_mm
-    from bench.evaluation.metrics import definitions, pool
-    from bench.run.scoring import reference_depth
+    from bench.evaluation.metrics import definitions
+    from bench.run.scoring import score_map
     from calibration.transforms import identity
     from radar.data.depthmap import load_depthmap
-    from radar.data.grid import PixelGrid
 
     depth = load_depthmap(options.depth)
     if options.most_p_gross is not None:
         depth = depth.trusted(options.most_p_gross)
     transform = load_any_transform(options.transform) if options.transform else identity("radar")
-    reference = reference_depth(options.mesh, transform, PixelGrid(depth.x_m, depth.y_m))
-    errors = error_map(depth.x_m, depth.y_m, depth.z_m, reference.z_m, reference.sigma_m, reference.met)
-    values = pool([errors]) | {"floor_mm": floor_mm([errors], [reference])}
+    _, values = score_map(depth, options.mesh, transform)
     about = {"method": depth.method, "definitions": definitions(list(values))}
     if transform.refined:
         about["refined"] = f"{options.transform}: {transform.refined['reason']}"

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from importlib import import_module
+from importlib.metadata import version
 from pathlib import Path
 
 from bench.cli.options import add_options, declared
@@ -82,6 +83,7 @@ def parser() -> argparse.ArgumentParser:
     """All commands and their options."""
     purpose = "How well near-field radar sees a human hand, and what that accuracy costs in time."
     top = argparse.ArgumentParser(prog="handbench", description=purpose)
+    top.add_argument("--version", action="version", version=f"%(prog)s {version('handbench')}")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, entry in declared(COMMANDS).items():
         command = commands.add_parser(name, help=entry["help"], description=entry["help"])

@@ -20,7 +20,8 @@ from bench.evaluation import scoring_protocols
 from bench.evaluation.alike import SMOOTHING, Alike
 from bench.evaluation.depth_errors import error_map
 from bench.evaluation.equal_treatment import treat
-from bench.evaluation.metrics import Values, figures_of_frame
+from bench.evaluation.floor import floor_mm
+from bench.evaluation.metrics import Values, figures_of_frame, pool
 from bench.evaluation.scoring_protocols import Protocol
 from bench.results import errors_path, write_errors
 from bench.results.error_map import ErrorMap
@@ -147,6 +148,13 @@ def reference_depth(mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid
         surface = replace(surface, sigma_m=np.zeros(len(surface.vertices_m)))
         radar_from_mesh = replace(radar_from_mesh, covariance=np.zeros((6, 6)))
     return reference_on_grid(surface.moved(radar_from_mesh), grid.x_m, grid.y_m, radar_from_mesh)
+
+
+def score_map(depth: DepthMap, mesh_file: Path, radar_from_mesh: Transform) -> tuple[ErrorMap, Values]:
+    """One depth map's errors against a mesh file, and its figures: with `floor_mm`, all that metrics.toml defines."""
+    reference = reference_depth(mesh_file, radar_from_mesh, PixelGrid(depth.x_m, depth.y_m))
+    errors = error_map(depth.x_m, depth.y_m, depth.z_m, reference.z_m, reference.sigma_m, reference.met)
+    return errors, pool([errors]) | {"floor_mm": floor_mm([errors], [reference])}
 
 
 def read_errors(folder: Path, capture: str, method: str, reference: str) -> ErrorMap:

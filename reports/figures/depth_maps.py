@@ -14,7 +14,7 @@ from matplotlib.image import AxesImage
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
-from bench.results import HEADLINE, CaptureFacts, Result, Surface
+from bench.results import HEADLINE, CaptureFacts, ErrorMap, Result, Surface
 from reports.figures.style import Picture, methods, time_text
 from reports.tables.blocks import AGAINST, DRAWN, floor_note
 
@@ -46,8 +46,8 @@ def depth_maps(result: Result, capture: CaptureFacts) -> Picture:
         name = {"truth": "true surface", "photogrammetry": "photogrammetry"}[truth]
         panels.insert(0, (f"ground truth\n({name})", result.surface(capture.name, truth)))
     photo = result.photo(capture.name)
-    box = _box([surface for _, surface in panels])
-    figure, _, _ = _panels(panels, DEPTH_COLOURS, depth_scale(panels[0][1]), "z in mm", box, photo)
+    box = box_of([surface for _, surface in panels])
+    figure, _, _ = sheet(panels, DEPTH_COLOURS, depth_scale(panels[0][1]), "z in mm", box, photo)
     names = ", ".join(title.replace("\n", " ") for title, _ in panels)
     return Picture(
         f"depth_{capture.name}",
@@ -60,18 +60,11 @@ def depth_maps(result: Result, capture: CaptureFacts) -> Picture:
 def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture:
     """Like the paper's Fig. 4: signed errors of every method, on one diverging scale for every capture."""
     maps = [(method, result.errors(capture.name, method.name, reference)) for method in methods(result)]
-    box = _box([Surface(e.x_m, e.y_m, e.reference_z_m) for _, e in maps])
+    box = box_of([Surface(e.x_m, e.y_m, e.reference_z_m) for _, e in maps])
     told = [(method, mean_text(result, errors.error_m)) for method, errors in maps]
     titles = [f"{method.title}\n{mean}, {time_text(result, method)}" for method, mean in told]
     shown = [(title, Surface(e.x_m, e.y_m, e.error_m)) for title, (_, e) in zip(titles, maps, strict=True)]
-    figure, axes, bar = _panels(shown, ERROR_COLOURS, error_scale(), "z − z_ref in mm", box)
-    for axis, (_, errors) in zip(axes, maps, strict=False):
-        covered = np.isfinite(errors.reference_z_m)
-        if covered.any() and not covered.all():  # the reference's outline: where a sparse map lies on the hand
-            x_mm, y_mm = 1e3 * errors.x_m, 1e3 * errors.y_m
-            axis.contour(x_mm, y_mm, covered, levels=[0.5], colors="0.35", linewidths=0.4)
-    bar.set_ticks(ERROR_TICKS_MM, labels=[f"{tick:+d}".replace("-", "−").replace("+0", "0") for tick in ERROR_TICKS_MM])
-    bar.minorticks_off()
+    figure = error_sheet(shown, [errors for _, errors in maps], box)
     first = next(r for r in DRAWN if r in capture.references)
     return Picture(
         f"error_{capture.name}" + ("" if reference == first else f"__{reference}"),
@@ -85,6 +78,19 @@ def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture
     )
 
 
+def error_sheet(shown: list[tuple[str, Surface]], maps: list[ErrorMap], box: Box) -> Figure:
+    """A figure of titled errors in metres, each with its reference's outline: where a sparse map lies on the hand."""
+    figure, axes, bar = sheet(shown, ERROR_COLOURS, error_scale(), "z − z_ref in mm", box)
+    for axis, errors in zip(axes, maps, strict=False):
+        covered = np.isfinite(errors.reference_z_m)
+        if covered.any() and not covered.all():
+            x_mm, y_mm = 1e3 * errors.x_m, 1e3 * errors.y_m
+            axis.contour(x_mm, y_mm, covered, levels=[0.5], colors="0.35", linewidths=0.4)
+    bar.set_ticks(ERROR_TICKS_MM, labels=[f"{tick:+d}".replace("-", "−").replace("+0", "0") for tick in ERROR_TICKS_MM])
+    bar.minorticks_off()
+    return figure
+
+
 def error_scale() -> SymLogNorm:
     """The scale of signed errors in mm, the same everywhere: linear within ±1 mm, logarithmic to ±50 mm."""
     return SymLogNorm(linthresh=1, linscale=0.6, vmin=-50, vmax=50)
@@ -96,7 +102,7 @@ def mean_text(result: Result, error_m: np.ndarray) -> str:
     return f"{result.title(HEADLINE)} {1e3 * np.abs(seen).mean():.2f} mm" if len(seen) else "nothing observed"
 
 
-def _panels(
+def sheet(
     maps: list[tuple[str, Surface]], colours: str, norm: Normalize, label: str, box: Box, photo: Path | None = None
 ) -> tuple[Figure, list[Axes], Colorbar]:
     """A figure with a panel for each titled map in rows, a photograph at their left and the colour bar at their right;
@@ -136,7 +142,7 @@ def _panels(
     return figure, axes, figure.colorbar(image, cax=bar_axis, label=label, extend="both")
 
 
-def _box(surfaces: list[Surface], margin_mm: float = 8) -> Box:
+def box_of(surfaces: list[Surface], margin_mm: float = 8) -> Box:
     """The box around every pixel that any surface has."""
     x_mm = 1e3 * np.concatenate([s.x_m[np.isfinite(s.z_m).any(axis=0)] for s in surfaces])
     y_mm = 1e3 * np.concatenate([s.y_m[np.isfinite(s.z_m).any(axis=1)] for s in surfaces])

@@ -1,0 +1,319 @@
+"""handbench in Python: captures, depth maps, meshes and results, imaged, held against each other and drawn.
+
+    import handbench as hb
+
+    hand = hb.simulate("scene.toml", "capture")        # or hb.load("capture"), of any data set that handbench reads
+    depth = hand.reconstruct("3fsk")
+    score = depth.evaluate()                           # against the capture's own surface, or evaluate("mesh.ply")
+    print(score["mae_mm"])
+    score.plot("errors.png")
+
+Every function does what the command of its name does (`handbench reconstruct`, …), raises `HandbenchError` for a known
+mistake, and takes and gives SI units in the radar's frame (docs/conventions.md). Importing this file loads nothing but
+the standard library; what a call needs is imported by the call.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+    import xarray as xr
+    from matplotlib.figure import Figure
+    from open3d.geometry import PointCloud
+
+    from bench.results import Result
+    from bench.results.error_map import ErrorMap
+    from calibration.transforms import Transform
+    from groundtruth.mesh.surface import Surface
+    from radar.data.capture import RadarCapture
+    from radar.data.depthmap import DepthMap
+    from radar.support.errors import HandbenchError as HandbenchError
+
+LAZY = {  # what this module gives of others, imported when it is asked for
+    "HandbenchError": "radar.support.errors",
+    "RadarCapture": "radar.data.capture",
+    "DepthMap": "radar.data.depthmap",
+    "Surface": "groundtruth.mesh.surface",
+    "Transform": "calibration.transforms",
+    "Result": "bench.results",
+}
+MESHES = (".ply", ".obj", ".stl")
+__all__ = ["Capture", "Depth", "Score", "calibrate", "groundtruth", "load", "methods", "run", "simulate", *LAZY]
+File = str | Path
+
+
+def __getattr__(name: str) -> Any:
+    if name not in LAZY:
+        raise AttributeError(f"module 'handbench' has no attribute '{name}'")
+    return getattr(import_module(LAZY[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
+def load(path: File) -> Capture | Depth | Surface | Transform | Result:
+    """Read what lies at `path`: a capture folder (handbench's, MAROON's, or one with a mapping.toml), a result folder,
+    a depth map (.npz), a mesh (.ply, .obj, .stl; metres) or a transform (.json). HandbenchError for anything else."""
+    path = Path(path)
+    if path.suffix == ".npz":
+        from radar.data.depthmap import load_depthmap
+
+        return Depth(load_depthmap(path))
+    if path.suffix == ".json":
+        from bench.datasets.maroon_alignment import load_any_transform
+
+        return load_any_transform(path)
+    if path.suffix.lower() in MESHES:
+        from groundtruth.mesh.surface import read_surface
+
+        return read_surface(path)
+    if (path / "result.json").is_file():
+        from bench.results import load as load_result
+
+        return load_result(path)
+    return Capture(path)
+
+
+class Capture:
+    """One scene's data in a folder: echoes, and, where there are any, its surface and photographs."""
+
+    def __init__(self, path: File) -> None:
+        from bench.datasets.dataset import open_capture
+
+        self._recorded = open_capture(path)
+        self.name: str = self._recorded.about.name
+        self.folder: Path = self._recorded.folder
+
+    def __repr__(self) -> str:
+        echoes = self.echoes
+        ghz = echoes.frequencies_hz / 1e9
+        shape = " × ".join(map(str, echoes.aperture.channels))
+        tones = f"{len(ghz)} tones from {ghz.min():.4g} to {ghz.max():.4g} GHz"
+        return f"<handbench.Capture {self.name}: {len(echoes.samples)} frames, {tones}, {shape} channels>"
+
+    @cached_property
+    def echoes(self) -> RadarCapture:
+        """All frames' samples, with the tones and the antennas."""
+        return self._recorded.echoes()
+
+    @property
+    def photos(self) -> Path | None:
+        """The folder of its photographs."""
+        return self._recorded.photos
+
+    @property
+    def truth(self) -> Path | None:
+        """The file of the true surface, in the radar's frame."""
+        return self._recorded.truth
+
+    @property
+    def mesh(self) -> Path | None:
+        """The file of the measured surface, in the photographs' frame."""
+        return self._recorded.mesh()
+
+    @property
+    def transform(self) -> Transform | None:
+        """The transform that carries `mesh` into the radar's frame."""
+        return self._recorded.transform()
+
+    def reconstruct(self, method: str = "3fsk", frame: int = 0, **settings: Any) -> Depth:
+        """Image one frame by a method of `methods()`. settings: its parameters, as tolerance=1e-3 or
+        z={"step_m": 0.002}, over what the capture asks for; `handbench list methods` has them all."""
+        from bench.run.reconstruct_stage import configuration
+        from radar.methods import registry
+        from radar.methods.trust import with_trust
+        from radar.support.errors import HandbenchError
+        from radar.warmup import compile_kernels
+
+        if not 0 <= frame < len(self.echoes.samples):
+            raise HandbenchError(f"frame: is {frame}; the capture has frames 0 to {len(self.echoes.samples) - 1}")
+        chosen = registry.method(method)
+        usual = configuration(self.folder, method, {}).model_dump()
+        for key, value in settings.items():  # of an axis, what is not asked for stays
+            within = isinstance(value, dict) and isinstance(usual.get(key), dict)
+            settings[key] = {**usual[key], **value} if within else value
+        config = configuration(self.folder, method, settings)
+        compile_kernels()
+        found = chosen.run(self.echoes, config, frame).depth
+        return Depth(with_trust(found, self.echoes, config, frame), self)
+
+
+class Drawn:
+    """A thing with a figure, which notebooks show."""
+
+    def plot(self, file: File | None = None) -> Figure:
+        """The figure, of the maps as seen from the array; written to `file` (.png, .pdf, .svg) too, if it is named."""
+        from reports.figures.single import save
+
+        figure = self._figure()
+        if file is not None:
+            save(figure, file)
+        return figure
+
+    def _figure(self) -> Figure:
+        raise NotImplementedError
+
+    def _repr_png_(self) -> bytes:
+        from reports.figures.single import png
+
+        return png(self._figure())
+
+
+class Depth(Drawn):
+    """A depth map: x_m [nx], y_m [ny], z_m and amplitude_db [ny, nx], and all else that `DepthMap` holds (`.map`)."""
+
+    def __init__(self, map: DepthMap, capture: Capture | None = None) -> None:
+        self.map, self.capture = map, capture
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") or name == "map":  # not there yet while it is copied or unpickled
+            raise AttributeError(name)
+        return getattr(self.map, name)
+
+    def __repr__(self) -> str:
+        seen_mm = 1e3 * self.z_m[self.z_m == self.z_m]
+        depths = f"{seen_mm.min():.1f} to {seen_mm.max():.1f} mm" if len(seen_mm) else "nothing seen"
+        pixels = " × ".join(map(str, self.z_m.shape))
+        return f"<handbench.Depth {self.method}: {pixels} pixels, {len(seen_mm)} on target, {depths}>"
+
+    def save(self, file: File) -> None:
+        """Write the depth map's .npz."""
+        self.map.save(file)
+
+    def _figure(self) -> Figure:
+        from bench.results import Surface
+        from reports.figures.single import depth_figure
+
+        return depth_figure(Surface(self.x_m, self.y_m, self.z_m), self.method)
+
+    def points_m(self) -> np.ndarray:
+        """The pixels on target as points [n, 3] in the radar's frame."""
+        import numpy as np
+
+        x_m, y_m = np.meshgrid(self.x_m, self.y_m)
+        return np.stack([x_m, y_m, self.z_m], axis=-1)[np.isfinite(self.z_m)]
+
+    def to_pointcloud(self) -> PointCloud:
+        """The pixels on target as Open3D's point cloud, metres, radar frame."""
+        from radar.support.rays import load_open3d
+
+        o3d = load_open3d()
+        return o3d.geometry.PointCloud(o3d.utility.Vector3dVector(self.points_m()))
+
+    def to_xarray(self) -> xr.Dataset:
+        """The maps over y_m and x_m as a Dataset of xarray, which is no dependency: `pip install xarray`."""
+        try:
+            import xarray as xr
+        except ImportError as error:
+            from radar.support.errors import HandbenchError
+
+            raise HandbenchError(f"to_xarray: needs xarray ({error}); pip install xarray") from error
+        maps = {name: value for name, value in vars(self.map).items() if getattr(value, "shape", ()) == self.z_m.shape}
+        variables = {name: (("y_m", "x_m"), value) for name, value in maps.items()}
+        return xr.Dataset(variables, {"y_m": self.y_m, "x_m": self.x_m}, {"method": self.method})
+
+    def evaluate(self, mesh: File | None = None, transform: Transform | File | None = None) -> Score:
+        """Hold the map against a mesh file that `transform` carries into the radar's frame, where it lies without one;
+        by default against the surface of the capture that it was imaged from: the true one, or else the measured."""
+        from bench.datasets.maroon_alignment import load_any_transform
+        from bench.run.scoring import score_map
+        from calibration.transforms import identity
+        from radar.support.errors import HandbenchError
+
+        if mesh is None and self.capture is not None:
+            mesh = self.capture.truth
+            if mesh is None and self.capture.mesh is not None:
+                mesh, transform = self.capture.mesh, transform or self.capture.transform
+                if transform is None:
+                    raise HandbenchError("transform: is missing; nothing carries the capture's mesh to the radar")
+        if mesh is None:
+            raise HandbenchError("mesh: is missing, and no capture gives one; name a mesh file")
+        if isinstance(transform, str | Path):
+            transform = load_any_transform(Path(transform))
+        return Score(*score_map(self.map, Path(mesh), transform or identity("radar")), self.method)
+
+
+class Score(Drawn):
+    """The figures of a depth map against a surface, by name (`score["mae_mm"]`), and the error of each pixel."""
+
+    def __init__(self, errors: ErrorMap, values: dict[str, float | None], method: str) -> None:
+        self.errors, self.values, self.method = errors, values, method
+
+    def __getitem__(self, name: str) -> float | None:
+        return self.values[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.values)
+
+    def __repr__(self) -> str:
+        told = (f"{name} {value:.4g}" for name, value in self.values.items() if value is not None)
+        return f"<handbench.Score {', '.join(told)}>"
+
+    def _figure(self) -> Figure:
+        from reports.figures.single import error_figure
+
+        return error_figure(self.errors, self.method)
+
+
+def methods() -> dict[str, str]:
+    """Every method's id with a line on what it does."""
+    from radar.methods.registry import methods as registered
+
+    return {method.id: method.summary for method in registered()}
+
+
+def simulate(scene: File, folder: File, frames: int = 1, overwrite: bool = False) -> Capture:
+    """Write the capture of a scene file into a new folder, or in place of the capture there, if that is allowed."""
+    from bench.cli.options import free_folder
+    from bench.datasets.simulated import simulate_capture
+    from bench.scenes.build import load_scene
+
+    free_folder(Path(folder), overwrite, "capture.toml")
+    simulate_capture(load_scene(scene), folder, frames)
+    return Capture(folder)
+
+
+def groundtruth(photos: File, mesh: File | None = None, workdir: File | None = None, **options: Any) -> Surface:
+    """Reconstruct a folder of photographs as a metric surface; written to `mesh` (.ply) too, if it is named. options:
+    those of `groundtruth.options.Options`, as board=…, quality="draft"."""
+    from groundtruth.options import Options
+    from groundtruth.pipeline import reconstruct
+    from radar.support.config import parse
+
+    found = reconstruct(Path(photos), parse(Options, options, "groundtruth"), Path(workdir) if workdir else None)
+    if mesh is not None:
+        found.surface.save(mesh)
+    return found.surface
+
+
+def calibrate(captures: File | Sequence[File], quality: str = "draft", seed: int = 0) -> Transform:
+    """Find radar_from_photo, with its covariance, from one or several captures of one calibration target."""
+    from bench.run.photogrammetry import calibrate_captures
+
+    named = [captures] if isinstance(captures, str | Path) else captures
+    return calibrate_captures([Path(capture) for capture in named], quality, seed)
+
+
+def run(bench: File, folder: File, overwrite: bool = False) -> Result:
+    """Run or resume a benchmark file, or an embedded one by its name, into a result folder. Its tables are DataFrames:
+    `.table`, `.tasks`, `.comparisons`, …"""
+    from bench.results import load as load_result
+    from bench.run import runner
+    from bench.run.benchmark_file import load_benchmark
+
+    runner.run(*load_benchmark(str(bench)), Path(folder), overwrite)
+    return load_result(folder)
+
+
+if __name__ == "__main__":  # python -m handbench
+    from bench.cli.main import main
+
+    sys.exit(main())

@@ -1,0 +1,47 @@
+"""One depth map, or one map of errors, as a figure of its own."""
+
+import io
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from bench.results import ErrorMap, Surface
+from radar.support.errors import HandbenchError
+from radar.support.files import atomic_path
+from reports.figures.depth_maps import DEPTH_COLOURS, box_of, depth_scale, error_sheet, sheet
+from reports.figures.style import STYLE
+
+FORMATS = (".png", ".pdf", ".svg")
+
+
+def depth_figure(surface: Surface, title: str) -> Figure:
+    """A figure of a depth map, as seen from the array."""
+    with matplotlib.rc_context(STYLE):
+        return sheet([(title, surface)], DEPTH_COLOURS, depth_scale(surface), "z in mm", box_of([surface]))[0]
+
+
+def error_figure(errors: ErrorMap, title: str) -> Figure:
+    """A figure of signed errors with the reference's outline; red lies behind the reference, blue before it."""
+    seen_mm = 1e3 * np.abs(errors.error_m[np.isfinite(errors.error_m)])
+    told = f"{title}\nmean |error| {seen_mm.mean():.2f} mm" if len(seen_mm) else f"{title}\nnothing observed"
+    box = box_of([Surface(errors.x_m, errors.y_m, errors.reference_z_m)])
+    with matplotlib.rc_context(STYLE):
+        return error_sheet([(told, Surface(errors.x_m, errors.y_m, errors.error_m))], [errors], box)
+
+
+def save(figure: Figure, file: str | Path) -> None:
+    """Write a figure, atomically; HandbenchError for a suffix other than those of FORMATS."""
+    if Path(file).suffix.lower() not in FORMATS:
+        raise HandbenchError(f"{file}: is no picture's name; expected one that ends in {', '.join(FORMATS)}")
+    with matplotlib.rc_context(STYLE), atomic_path(file) as temporary:
+        figure.savefig(temporary, format=Path(file).suffix[1:].lower())
+
+
+def png(figure: Figure) -> bytes:
+    """The figure as the bytes of a PNG."""
+    stream = io.BytesIO()
+    with matplotlib.rc_context(STYLE):
+        figure.savefig(stream, format="png")
+    return stream.getvalue()
