@@ -18,7 +18,7 @@ from groundtruth.cameras.camera_files import cameras_of
 from groundtruth.cameras.cameras import CameraFile
 from groundtruth.mesh.surface import Surface, read_surface
 from groundtruth.photos.photos import find_photos
-from radar.data.arrays import PlanarScan
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan
 from radar.data.capture import RadarCapture, load_capture
 from radar.methods.registry import Method, method
 from radar.support.config import Config
@@ -28,6 +28,8 @@ from radar.support.files import inside
 FAR_M = 10.0  # further than anything near-field: a number of millimetres, most likely
 SMALL_M = 5e-3  # a surface that small is likelier to be told in another unit
 LOW_HZ = 1e6  # below any radar: a number of gigahertz, most likely
+MOST_WAVELENGTHS = 1000.0  # an array's extent: more are centimetres, most likely
+FLAT = 0.05  # of an array's largest extent: thinner, it is a plane
 
 
 @dataclass(frozen=True)
@@ -135,19 +137,39 @@ def _echoes(folder: Path) -> Found[RadarCapture | None]:
     echoes = yield from attempt(folder / ECHOES, lambda: load_capture(folder / ECHOES))
     if echoes is None:
         return None
-    array, calibration, empty = echoes.aperture, folder / ARRAY, folder / EMPTY
+    calibration, empty = folder / ARRAY, folder / EMPTY
     if calibration.exists():
         yield from attempt(calibration, lambda: load_array(calibration).applied_to(echoes, calibration))
     if empty.exists():
         yield from attempt(empty, lambda: load_capture(empty))
-    places_m = (array.position_m,) if isinstance(array, PlanarScan) else (array.tx_m, array.rx_m)
-    far_m = max(float(np.abs(place).max()) for place in places_m)
-    text = f"an antenna lies {far_m:g} m from the origin; are its positions millimetres?"
-    yield from _doubt(folder / ECHOES, far_m > FAR_M, text)
-    highest_hz = float(echoes.frequencies_hz.max())
-    text = f"its highest frequency is {highest_hz:g} Hz; are these gigahertz?"
-    yield from _doubt(folder / ECHOES, highest_hz < LOW_HZ, text)
+    for text in array_doubts(echoes):
+        yield Problem(folder / ECHOES, None, text, warning=True)
     return echoes
+
+
+def array_doubts(capture: RadarCapture) -> Iterator[str]:
+    """Doubts about where the antennas are and about the tones, each with its cure."""
+    places, tones_hz = places_m(capture), capture.frequencies_hz
+    far_m, extent_m = float(np.abs(places).max()), np.ptp(places, axis=0)
+    if far_m > FAR_M:
+        yield f"an antenna lies {far_m:g} m from the origin: are its positions millimetres? multiply them by 1e-3"
+    elif float(extent_m.max()) * tones_hz.max() > MOST_WAVELENGTHS * SPEED_OF_LIGHT_M_S:
+        span = f"the antennas span {extent_m.max():g} m, over {MOST_WAVELENGTHS:g} wavelengths"
+        yield f"{span}: are their positions centimetres? multiply them by 1e-2"
+    flat = int(extent_m.argmin())
+    if flat != 2 and extent_m[flat] < FLAT * extent_m.max() < extent_m[2]:
+        plane = f"the array lies in the plane of {'xy'[1 - flat]} and z"
+        yield f"{plane}, so that it looks along {'xy'[flat]}: z is to point away from it; exchange the axes"
+    if tones_hz.max() < LOW_HZ:
+        yield f"its highest frequency is {tones_hz.max():g} Hz: are these gigahertz? multiply them by 1e9"
+    if twice := len(tones_hz) - len(np.unique(tones_hz)):
+        yield f"{twice} of {len(tones_hz)} tones are there twice: leave them out, or mend frequencies_hz"
+
+
+def places_m(capture: RadarCapture) -> np.ndarray:
+    """Where the antennas are [n, 3]."""
+    array = capture.aperture
+    return array.position_m if isinstance(array, PlanarScan) else np.concatenate([array.tx_m, array.rx_m])
 
 
 def _doubt(file: Path, odd: bool, text: str) -> Iterator[Problem]:

@@ -1,0 +1,94 @@
+"""Doubts about data that every reader takes: sentences with what seems wrong and its cure. None is sure; all are cheap
+beside the hours that wrong data cost."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bench.datasets.native import NativeCapture
+from bench.run.reconstruct_stage import configuration
+from bench.validation import focus, surface_fit
+from bench.validation.capture_problems import array_doubts
+from calibration.transforms import Transform
+from groundtruth.mesh.surface import Surface, read_surface
+from radar.data.arrays import AntennaArray
+from radar.data.capture import RadarCapture
+from radar.data.depthmap import DepthMap
+from radar.methods.registry import method
+from radar.methods.trust import FLAGGED, with_trust
+from radar.support.errors import HandbenchError
+from radar.warmup import compile_kernels
+
+CROWDED = 0.5  # share of an image that nothing near a hand fills
+PROBES = ("3fsk", "2fsk", "broadband", "narrowband")  # the first whose tones were measured is held against a surface
+
+
+def of_capture(recorded: NativeCapture) -> Iterator[str]:
+    """Doubts about a capture: its arrays and tones, its echoes' focus, and where it has a surface, its frames."""
+    capture = recorded.echoes(1)
+    plain = list(array_doubts(capture))
+    yield from plain
+    if plain:
+        return  # all that follows would be about these
+    compile_kernels()
+    wrong = focus.findings(capture)
+    yield from wrong
+    depth = None if wrong else _imaged(recorded, capture)
+    if depth is None:
+        return
+    yield from of_map(depth)
+    surface = surface_of(recorded)
+    if surface is None:
+        return
+    array = capture.aperture
+    if isinstance(array, AntennaArray) and len(array.tx_m) == len(array.rx_m):
+        exchanged = _imaged(recorded, replace(capture, aperture=AntennaArray(array.rx_m, array.tx_m)))
+        as_is, other = surface_fit.fit(depth, surface), surface_fit.fit(exchanged or depth, surface)
+        if other.share > max(surface_fit.CERTAIN, surface_fit.GAINED * as_is.share):
+            yield (
+                f"with tx and rx exchanged the median error falls from {as_is.median_mm:.2f} to {other.median_mm:.2f} "
+                "mm: exchange tx_m and rx_m, or those axes of the samples"
+            )
+            return
+    yield from surface_fit.findings(depth, surface)
+
+
+def of_map(depth: DepthMap) -> Iterator[str]:
+    """Doubts about a depth map by itself."""
+    seen = np.isfinite(depth.z_m)
+    share = float(seen.mean())
+    if share > CROWDED:
+        yield f"{100 * share:.0f} % of the image is on target: nothing focuses there; `handbench inspect` the capture"
+    if depth.p_gross is not None and seen.any():
+        flagged = float((depth.p_gross[seen] > FLAGGED).mean())
+        if flagged > CROWDED:
+            yield f"{100 * flagged:.0f} % of the pixels on target are likelier wrong than right (p_gross > {FLAGGED:g})"
+
+
+def surface_of(recorded: NativeCapture) -> Surface | None:
+    """The capture's surface in the radar's frame: the true one, or the measured one where a transform carries it."""
+    if recorded.truth is not None:
+        return read_surface(recorded.truth)
+    mesh, transform = recorded.mesh(), recorded.transform()
+    if mesh is None or transform is None:
+        return None
+    return read_surface(mesh).moved(transform)
+
+
+def against(depth: DepthMap, mesh_file: Path, radar_from_mesh: Transform) -> list[str]:
+    """Doubts about a depth map beside a mesh file."""
+    return surface_fit.findings(depth, read_surface(mesh_file).moved(radar_from_mesh))
+
+
+def _imaged(recorded: NativeCapture, capture: RadarCapture) -> DepthMap | None:
+    """The depth map of the first of PROBES that the capture's tones serve."""
+    for name in PROBES:
+        config = configuration(recorded.folder, name, {})
+        try:
+            depth = method(name).run(capture, config, 0).depth
+        except HandbenchError:
+            continue
+        return with_trust(depth, capture, config)
+    return None

@@ -1,0 +1,97 @@
+"""Mistakes in echoes that no reader can see, told by focus: echoes focus best as they truly are.
+
+The echoes are imaged coarsely as they are and as they would be without each mistake. All of these images are of the
+same energy, so that the strongest voxel tells how well they focus. Focus does not tell a mirrored array, exchanged axes
+or antennas, or a wrong length: those images are as sharp. A surface tells them (`bench.validation.surface_fit`).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bench.validation.capture_problems import places_m
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan
+from radar.data.capture import RadarCapture, thinned
+from radar.data.grid import VoxelGrid
+from radar.imaging.api import image_volume
+
+ANTENNAS, TONES = 48, 32  # of each kind, at most: more do not change which is sharpest
+TOLERANCE = 0.1  # of a coarse image
+WIDE, NEAR, FAR = 0.85, 1.0, 8.0  # the box imaged, in apertures: to either side, and along z from and to
+CELL, DEEP = 2.0, 8.0  # resolution cell and depth of focus two apertures away, in wavelengths
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A way to get echoes wrong: its name, what to do, its undoing, how many dB better the undone echoes must focus,
+    and how many tones it takes to tell."""
+
+    name: str
+    cure: str
+    undo: Callable[[RadarCapture], RadarCapture]
+    better_db: float
+    tones: int = 1
+
+
+def _conjugated(capture: RadarCapture) -> RadarCapture:
+    return replace(capture, samples=capture.samples.conj())
+
+
+def _reversed(capture: RadarCapture) -> RadarCapture:
+    return replace(capture, samples=capture.samples[:, ::-1])
+
+
+# Measured on random scenes of ten kinds: undoing what is right costs 9.9 dB or more, and 1.3 dB or more of 128 tones.
+MISTAKES = (
+    Mistake("conjugated", 'conjugate the samples (sign = "+" in a mapping.toml)', _conjugated, 4.0),
+    Mistake("with the tones in reverse order", "reverse frequencies_hz, or the samples along it", _reversed, 1.0, 8),
+)
+
+
+def findings(capture: RadarCapture) -> list[str]:
+    """The mistakes that a capture's first frame shows by its focus, each with its cure; none where all is well."""
+    few = _few(capture)
+    possible = [mistake for mistake in MISTAKES if len(few.frequencies_hz) >= mistake.tones]
+    if not few.samples.any():
+        return []
+    as_is_db = focus_db(few)
+    gains = [(focus_db(mistake.undo(few)) - as_is_db, mistake) for mistake in possible]
+    gained_db, mistake = max(gains, key=lambda found: found[0] - found[1].better_db)
+    if gained_db < mistake.better_db:
+        return []
+    return [f"the echoes focus {gained_db:.0f} dB better {mistake.name}: {mistake.cure}"]
+
+
+def focus_db(capture: RadarCapture) -> float:
+    """Power of the strongest voxel of a coarse image of the first frame, over that of the samples."""
+    volume = image_volume(
+        capture.samples[0], capture.frequencies_hz, capture.aperture, _box(capture), TOLERANCE, carrier=False
+    )
+    return float(20 * np.log10(np.abs(volume).max() / np.linalg.norm(capture.samples[0])))
+
+
+def _few(capture: RadarCapture) -> RadarCapture:
+    """The first frame with few tones, in rising order, and few antennas: enough for a coarse image."""
+    order = np.argsort(capture.frequencies_hz, kind="stable")
+    kept = order[np.unique(np.linspace(0, len(order) - 1, min(TONES, len(order))).round().astype(int))]
+    first = replace(capture, samples=capture.samples[:1, kept], frequencies_hz=capture.frequencies_hz[kept])
+    most = ANTENNAS**2 if isinstance(capture.aperture, PlanarScan) else ANTENNAS
+    return thinned(first, max(1, -(-max(capture.aperture.channels) // most)))
+
+
+def _box(capture: RadarCapture) -> VoxelGrid:
+    """Coarse voxels before the aperture, which the echoes of anything near are in."""
+    places = places_m(capture)
+    middle_m, size_m = (places.min(axis=0) + places.max(axis=0)) / 2, float(np.ptp(places, axis=0).max())
+    length_m = SPEED_OF_LIGHT_M_S / capture.frequencies_hz.mean()
+    span_hz = np.ptp(capture.frequencies_hz)
+    deep_m = min(DEEP * length_m, 0.8 * SPEED_OF_LIGHT_M_S / (2 * span_hz) if span_hz > 0 else np.inf)
+    wide_m = max(WIDE * size_m, length_m)
+    across_m = np.arange(-wide_m, wide_m, max(CELL * length_m, wide_m / 40))
+    far_m = max(FAR * size_m, 2 * deep_m)
+    return VoxelGrid(
+        middle_m[0] + across_m,
+        middle_m[1] + across_m,
+        middle_m[2] + np.arange(NEAR * size_m, far_m, max(deep_m, far_m / 100)),
+    )
