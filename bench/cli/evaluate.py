@@ -9,8 +9,10 @@ def run(options: argparse.Namespace) -> None:
     from bench.datasets.maroon_alignment import load_any_transform
     from bench.evaluation.metrics import definitions
     from bench.run.scoring import score_map
+    from bench.validation.doubts import against
     from calibration.transforms import identity
     from radar.data.depthmap import load_depthmap
+    from radar.support.progress import say
 
     depth = load_depthmap(options.depth)
     if options.most_p_gross is not None:
@@ -20,4 +22,8 @@ def run(options: argparse.Namespace) -> None:
     about = {"method": depth.method, "definitions": definitions(list(values))}
     if transform.refined:
         about["refined"] = f"{options.transform}: {transform.refined['reason']}"
+    if doubts := against(depth, options.mesh, transform):
+        about["doubts"] = doubts
     print(json.dumps({**values, **about}, indent=2))
+    for doubt in doubts:
+        say(f"{options.depth}: {doubt}")

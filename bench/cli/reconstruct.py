@@ -9,6 +9,8 @@ import numpy as np
 from bench.cli.options import free
 from bench.datasets.dataset import open_capture
 from bench.run.reconstruct_stage import configuration
+from bench.validation.capture_problems import array_doubts
+from bench.validation.doubts import of_image
 from radar.data.capture import RadarCapture
 from radar.imaging import api
 from radar.imaging.certificate import Certificate, certified, imaging_error
@@ -38,10 +40,15 @@ def run(options: argparse.Namespace) -> None:
         raise HandbenchError(f"--frame: is {options.frame}; the capture has frames 0 to {len(echoes.samples) - 1}")
     if (options.volume is not None or options.check) and "z" not in chosen.config.model_fields:
         raise HandbenchError(f"--volume, --check: '{chosen.id}' makes no volume; choose broadband or narrowband")
+    for doubt in array_doubts(echoes):
+        say(f"{options.capture}: {doubt}")
     compile_kernels()
     asked = getattr(settings, "tolerance", None)
     result, settings, certificate = _imaged(chosen, echoes, settings, options)
-    with_trust(result.depth, echoes, settings, options.frame).save(options.out)
+    depth = with_trust(result.depth, echoes, settings, options.frame)
+    depth.save(options.out)
+    for doubt in of_image(depth, echoes):
+        say(f"{options.out}: {doubt}")
     if result.volume is not None and (options.volume is not None or options.check):
         volume = result.volume()
         if options.volume is not None:

@@ -167,7 +167,7 @@ def array_doubts(capture: RadarCapture) -> Iterator[str]:
 
 
 def places_m(capture: RadarCapture) -> np.ndarray:
-    """Where the antennas are [n, 3]."""
+    """Positions [n, 3] of the antennas."""
     array = capture.aperture
     return array.position_m if isinstance(array, PlanarScan) else np.concatenate([array.tx_m, array.rx_m])
 

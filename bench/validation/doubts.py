@@ -55,6 +55,13 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
     yield from surface_fit.findings(depth, surface)
 
 
+def of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
+    """Doubts about a depth map and, where there are some, about the echoes that it was imaged from."""
+    about = list(of_map(depth))
+    yield from about
+    yield from focus.findings(capture) if about else ()
+
+
 def of_map(depth: DepthMap) -> Iterator[str]:
     """Doubts about a depth map by itself."""
     seen = np.isfinite(depth.z_m)

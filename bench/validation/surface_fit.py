@@ -50,6 +50,8 @@ UNDONE = {
 def findings(depth: DepthMap, surface: Surface) -> list[str]:
     """The mistake, if any, without which a depth map lies much better on a surface (radar frame), with both errors."""
     as_is = fit(depth, surface)
+    if GAINED * as_is.share >= 1:
+        return []
     fits = {name: fit(depth, _moved(surface, matrix)) for name, matrix in UNDONE.items()}
     name, best = max(fits.items(), key=lambda found: found[1].share)
     if best.share < max(CERTAIN, GAINED * as_is.share):
@@ -63,7 +65,7 @@ def findings(depth: DepthMap, surface: Surface) -> list[str]:
 
 
 def fit(depth: DepthMap, surface: Surface) -> Fit:
-    """How a depth map lies on a surface."""
+    """The fit of a depth map to a surface."""
     seen = np.flatnonzero(np.isfinite(depth.z_m))
     strongest = seen[np.argsort(-depth.amplitude_db.ravel()[seen], kind="stable")[:STRONGEST]]
     try:

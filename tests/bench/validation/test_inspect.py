@@ -1,0 +1,152 @@
+"""Mistakes that every reader takes, and the cure that `handbench inspect` names.
+
+The echoes are sums of exponentials over points of an L-shaped plate, written here, and the mistakes are put into the
+files: nothing is shared with the check."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.cli.main import main
+from bench.validation import doubts, focus
+from groundtruth.mesh.mesh_files import mesh, write_mesh
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
+from radar.data.capture import RadarCapture, save_capture
+from radar.data.depthmap import DepthMap
+
+TONES_HZ = np.r_[np.linspace(72e9, 82e9, 24), 81.8e9, 79.5e9]
+CORNERS_M = np.array([(-30, -40), (20, -40), (20, -20), (-10, -20), (-10, 40), (-30, 40)]) * 1e-3
+Z_M = 0.29
+
+
+def on_the_plate(count: int) -> np.ndarray:
+    """Points [n, 3], evenly spread over an L that leans."""
+    x, y = np.random.default_rng(1).uniform(-0.04, 0.04, (2, 20 * count))
+    inside = (x > -0.03) & (x < 0.02) & ((y < -0.02) | (x < -0.01))
+    x, y = x[inside][:count], y[inside][:count]
+    return np.stack([x, y, depth_m(x, y)], axis=1)
+
+
+def depth_m(x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
+    return Z_M + 0.1 * x_m + 0.15 * y_m
+
+
+@pytest.fixture(scope="module")
+def right() -> RadarCapture:
+    """The echoes of 150 points of the plate before every second antenna."""
+    array = qar50()
+    tx_m, rx_m = array.tx_m[::2], array.rx_m[::2]
+    samples = np.zeros((len(TONES_HZ), len(tx_m), len(rx_m)), complex)
+    for point_m in on_the_plate(150):
+        path_m = np.linalg.norm(point_m - tx_m, axis=1)[:, None] + np.linalg.norm(point_m - rx_m, axis=1)
+        samples += np.exp(-2j * np.pi * TONES_HZ[:, None, None] * path_m / SPEED_OF_LIGHT_M_S)
+    return RadarCapture(samples[None].astype(np.complex64), TONES_HZ, AntennaArray(tx_m, rx_m))
+
+
+def written(folder: Path, capture: RadarCapture, scale: float = 1.0, turned: tuple[int, int, int] = (1, 1, 1)) -> Path:
+    """A capture's folder, with the plate's surface scaled and mirrored."""
+    folder.mkdir()
+    save_capture(folder / "echoes.h5", capture)
+    (folder / "capture.toml").write_text('version = 1\nname = "plate"\nkind = "other"\n')
+    vertices_m = np.column_stack([CORNERS_M, depth_m(*CORNERS_M.T)]) * turned * scale
+    write_mesh(folder / "truth.ply", mesh(vertices_m, np.array([(0, 2, 1), (0, 3, 2), (0, 4, 3), (0, 5, 4)])))
+    return folder
+
+
+def placed(capture: RadarCapture, change: np.ndarray) -> RadarCapture:
+    """The capture with its antennas elsewhere."""
+    array = capture.aperture
+    return replace(capture, aperture=AntennaArray(array.tx_m @ change.T, array.rx_m @ change.T))
+
+
+MISTAKES = {
+    "conjugated": (lambda c: replace(c, samples=c.samples.conj()), "sharper, conjugated: conjugate the samples"),
+    "tones": (lambda c: replace(c, frequencies_hz=c.frequencies_hz[::-1]), "reverse frequencies_hz"),
+    "swapped": (
+        lambda c: replace(c, aperture=AntennaArray(c.aperture.rx_m, c.aperture.tx_m)),
+        "exchange tx_m and rx_m",
+    ),
+    "x negated": (lambda c: placed(c, np.diag([-1.0, 1, 1])), "mirrored in x: undone, the median error falls from"),
+    "millimetres": (lambda c: placed(c, 1e3 * np.eye(3)), "multiply them by 1e-3"),
+    "centimetres": (lambda c: placed(c, 1e2 * np.eye(3)), "multiply them by 1e-2"),
+    "y and z": (lambda c: placed(c, np.eye(3)[[0, 2, 1]]), "looks along y"),
+    "gigahertz": (lambda c: replace(c, frequencies_hz=c.frequencies_hz / 1e9), "multiply them by 1e9"),
+    "twice": (lambda c: replace(c, frequencies_hz=np.r_[c.frequencies_hz[1], c.frequencies_hz[1:]]), "there twice"),
+}
+SURFACES = {
+    "upside down": ({"turned": (-1, -1, 1)}, "upside down"),
+    "mirrored in y": ({"turned": (1, -1, 1)}, "mirrored in y"),
+    "behind": ({"turned": (1, 1, -1)}, "mirrored in z"),
+    "inches": ({"scale": 1 / 0.0254}, "in inches"),
+    "millimetres": ({"scale": 1e3}, "in millimetres"),
+    "ten times": ({"scale": 10.0}, "ten times too large"),
+}
+
+
+def said(capsys, *words: str) -> str:
+    main(["inspect", *words])
+    return capsys.readouterr().out
+
+
+def test_what_is_right_is_not_doubted(right, tmp_path, capsys):
+    assert main(["inspect", str(written(tmp_path / "plate", right))]) == 0
+    assert "nothing looks wrong" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_echoes_with_a_mistake_are_doubted_with_its_cure(right, tmp_path, capsys, name):
+    change, cure = MISTAKES[name]
+    assert cure in said(capsys, str(written(tmp_path / "plate", change(right))))
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_a_surface_in_another_frame_or_unit_is_doubted(right, tmp_path, capsys, name):
+    change, cure = SURFACES[name]
+    assert cure in said(capsys, str(written(tmp_path / "plate", right, **change)))
+
+
+def test_a_single_tone_is_not_said_to_be_in_reverse_order(right):
+    one = replace(right, samples=right.samples[:, :1], frequencies_hz=TONES_HZ[:1])
+    assert focus.findings(one) == []
+    [text] = focus.findings(replace(one, samples=one.samples.conj()))
+    assert "conjugate" in text
+
+
+def test_a_depth_map_that_fills_the_image_or_contradicts_itself_is_doubted():
+    axis = np.arange(-5, 6) * 1e-3
+    z_m = np.full((11, 11), 0.3)
+    full = DepthMap(axis, axis, z_m, np.zeros_like(z_m), "m", p_gross=np.full_like(z_m, 0.9))
+    assert [text.split()[0:2] for text in doubts.of_map(full)] == [["100", "%"], ["100", "%"]]
+    z_m[:, 3:] = np.nan
+    assert list(doubts.of_map(replace(full, z_m=z_m, p_gross=np.full_like(z_m, 0.1)))) == []
+
+
+def test_a_depth_map_is_held_against_a_mesh(right, tmp_path, capsys):
+    folder = written(tmp_path / "plate", right)
+    assert main(["reconstruct", str(folder), "--method", "3fsk", "-o", str(tmp_path / "depth.npz")]) == 0
+    assert "nothing looks wrong" in said(capsys, str(tmp_path / "depth.npz"), "--mesh", str(folder / "truth.ply"))
+    wrong = written(tmp_path / "wrong", right, turned=(-1, 1, 1))
+    assert "mirrored in x" in said(capsys, str(tmp_path / "depth.npz"), "--mesh", str(wrong / "truth.ply"))
+    assert main(["inspect", str(folder), "--mesh", str(folder / "truth.ply")]) == 2
+    assert "capture has its own surface" in capsys.readouterr().err
+
+
+def test_imaging_and_scoring_say_what_they_doubt(right, tmp_path, capsys):
+    conjugated = written(tmp_path / "plate", replace(right, samples=right.samples.conj()))
+    depth = tmp_path / "depth.npz"
+    assert main(["reconstruct", str(conjugated), "--method", "3fsk", "-o", str(depth)]) == 0
+    assert "conjugate the samples" in capsys.readouterr().err
+    again = [str(written(tmp_path / "right", right)), "--method", "3fsk", "-o", str(depth), "--overwrite"]
+    assert main(["reconstruct", *again]) == 0
+    assert "sharper" not in capsys.readouterr().err
+    behind = written(tmp_path / "behind", right, turned=(1, 1, -1))
+    assert main(["evaluate", str(depth), "--mesh", str(behind / "truth.ply")]) == 0
+    found = capsys.readouterr()
+    assert "mirrored in z" in json.loads(found.out)["doubts"][0] and "mirrored in z" in found.err
+    assert main(["evaluate", str(depth), "--mesh", str(tmp_path / "right" / "truth.ply")]) == 0
+    assert "doubts" not in json.loads(capsys.readouterr().out)
