@@ -9,14 +9,16 @@ It holds 4×4 matrices in row order under `SOURCE2DEST`, applied to columns [p, 
   A third party that simulates the data set does the same the other way round: it carries the mesh by
   `photogrammetry2radar`, negates x, and computes echoes with the antennas as they are in the file, looking along +z.
 - Handedness: a camera or a photogrammetric mesh is right-handed, so that `X2radar` contains one reflection (negative
-  determinant). The code does not show it (no matrix is published with it), hence the argument `mirrored`; a file that
-  contradicts it is refused, since no rotation could then carry the one to the other.
+  determinant) if the drawing holds. No matrix is published with the code. One without says that the radar frame is
+  right-handed as ours, or that the points are a mirror image; `bench.datasets.maroon_handedness` decides.
 - Units: radar in metres (bounds of 0.2 to 0.9 and `mask_bb` are compared with points in it); photogrammetry in metres
   (`transform_error_to_meters` divides errors in the frames of the three cameras by 1000, there not at all); so
   `kinect2radar`, `realsense2radar` and `zed2radar` have a scale of 1/1000 and lead from millimetres.
 - Their `spatial_alignment.transform` takes `SOURCE2DEST` if it is there, else `SOURCE2radar` and inverses.
 """
 
+from collections.abc import Mapping
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -36,13 +38,14 @@ MIRROR_X = np.diag([-1.0, 1.0, 1.0, 1.0])
 FRAMES = {"photogrammetry": "photo"}  # ours for theirs; the others keep their names
 
 
-def load_alignment(path: str | Path, source: str = "photogrammetry", mirrored: bool = True) -> Transform:
+def load_alignment(path: str | Path, source: str = "photogrammetry", mirrored: bool | None = None) -> Transform:
     """`radar_from_SOURCE` in our radar frame, metres; it carries no covariance. `photogrammetry` becomes our `photo`.
 
     source: a sensor of the file; its points are in the unit that the file's matrix expects (see above), which the
-    transform's scale shows. mirrored: whether the file's radar frame has x to the right. The matrix is brought to the
-    nearest rotation with a scale. Raises HandbenchError for anything but a finite 4×4 similarity, for an unknown
-    source, and where the handedness contradicts `mirrored`.
+    transform's scale shows. mirrored: whether the file's radar frame has x to the right; None: if the matrix contains a
+    reflection. Asked for the other reading, the source is a mirror image, and the transform's scale negative. The
+    matrix is brought to the nearest rotation with a scale. Raises HandbenchError for anything but a finite 4×4
+    similarity, and for an unknown source.
     """
     content = read_table(path)
     key = f"{source}2radar"
@@ -56,25 +59,33 @@ def load_alignment(path: str | Path, source: str = "photogrammetry", mirrored: b
         raise HandbenchError(
             f"{path}: '{key}' shifts by {np.linalg.norm(matrix[:3, 3]):.4g} m; expected metres, {FARTHEST_M:g} at most"
         )
-    matrix = MIRROR_X @ matrix if mirrored else matrix
-    return Transform(FRAMES.get(source, source), "radar", _straight(path, key, matrix, mirrored))
+    reflects = bool(np.linalg.det(matrix[:3, :3]) < 0)
+    flip = MIRROR_X if (reflects if mirrored is None else mirrored) else np.eye(4)
+    return Transform(FRAMES.get(source, source), "radar", _straight(path, key, flip @ matrix))
 
 
-def save_alignment(path: str | Path, transform: Transform, mirrored: bool = True) -> None:
-    """Write `radar_from_photo` in MAROON's form, atomically: `photogrammetry2radar` and its inverse.
+def save_alignment(
+    path: str | Path, transform: Transform, mirrored: bool | None = None, others: Mapping[str, Transform] | None = None
+) -> None:
+    """Write `radar_from_photo` in MAROON's form, atomically, and `radar_from_SENSOR` of the others: between each two of
+    them and the radar, and into the world, which is the radar's frame in a new file.
 
-    An existing file keeps its other keys; those that lead to or from the photogrammetry without the radar stay as they
-    were, and speak of another calibration then. A new file gets what their viewer asks for besides: `radar2world`,
-    whose axes are the radar's, and the word that no Kinect matrix waits for correction. The covariance has no place
-    there.
+    An existing file keeps its other keys, and the hand of its radar frame; mirrored: the hand of a new one, None: x to
+    the right, as their code draws it. The covariance has no place there.
     """
     transform.require("photo", "radar", "transform")
-    known: dict[str, Any] = {"radar2world": np.eye(4), "kinect_calib": {"space": "depth"}}
+    known: dict[str, Any] = {"radar2world": np.eye(4), "kinect_calib": {"space": "depth"}}  # which no viewer corrects
     if Path(path).exists():
         known |= read_table(path)
-    flip = MIRROR_X if mirrored else np.eye(4)  # from their radar frame to ours, or back
-    there, back = flip @ transform.matrix, transform.inverse().matrix @ flip
-    write_json(path, known | {"photogrammetry2radar": there, "radar2photogrammetry": back})
+        if mirrored is None and "photogrammetry2radar" in known:
+            mirrored = load_alignment(path, mirrored=True).scale > 0
+    flip = np.eye(4) if mirrored is False else MIRROR_X  # from our radar frame to theirs, or back
+    sensors = {"photogrammetry": transform, **(others or {})}
+    to_radar = {name: flip @ of.matrix for name, of in sensors.items()} | {"radar": np.eye(4)}
+    world = checked_numbers(path, "radar2world", known["radar2world"], [(4, 4), (16,)]).reshape(4, 4)
+    from_radar = {name: of.inverse().matrix @ flip for name, of in sensors.items()} | {"radar": np.eye(4)}
+    between = {f"{a}2{b}": from_radar[b] @ to_radar[a] for a, b in permutations(to_radar, 2)}
+    write_json(path, known | between | {f"{name}2world": world @ to_radar[name] for name in sensors})
 
 
 def read_table(path: str | Path, what: str = "MAROON's alignment.json") -> dict[str, Any]:
@@ -85,20 +96,15 @@ def read_table(path: str | Path, what: str = "MAROON's alignment.json") -> dict[
     return content
 
 
-def _straight(path: str | Path, key: str, matrix: np.ndarray, mirrored: bool) -> np.ndarray:
-    """The matrix with the nearest rotation (polar decomposition) and the mean stretch as scale; says how far it was."""
+def _straight(path: str | Path, key: str, matrix: np.ndarray) -> np.ndarray:
+    """The matrix with the nearest rotation or reflection (polar decomposition) and the mean stretch as scale; says how
+    far it was."""
     u, stretch, vt = np.linalg.svd(matrix[:3, :3])
     scale, rotation = float(stretch.mean()), u @ vt
     crooked = float(np.abs(matrix[:3, :3] / scale - rotation).max()) if scale > 0 else np.inf
     if crooked > TOO_CROOKED:
         raise HandbenchError(
             f"{path}: '{key}' is {crooked:.2g} off a rotation with one scale; expected {TOO_CROOKED:g} at most"
-        )
-    if np.linalg.det(rotation) < 0:
-        has, other = ("no reflection", False) if mirrored else ("a reflection", True)
-        raise HandbenchError(
-            f"{path}: '{key}' has {has}, which a right-handed source and mirrored={mirrored} rule out; if the file's "
-            f"radar frame is the other one, ask for mirrored={other}; else its source is a mirror image, to be undone"
         )
     if crooked > ROUNDING:
         say(f"{path}: '{key}' was {crooked:.1e} off a rotation; the nearest one is taken")

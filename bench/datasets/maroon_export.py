@@ -9,6 +9,7 @@ from bench.datasets.dataset import open_capture
 from bench.datasets.maroon import EMPTY_FILTERED, FRAMES, MESHES, METADATA, PHOTOGRAMMETRY, VOLUMES
 from bench.datasets.maroon_alignment import ALIGNMENT, save_alignment
 from bench.datasets.maroon_frame import Frame, write_frame
+from bench.datasets.maroon_views import write_kinect, write_photograph
 from bench.datasets.native import EMPTY, TRUE_TRANSFORM, NativeCapture
 from calibration.transforms import Transform, load_transform
 from groundtruth.mesh.mesh_files import read_triangles
@@ -19,16 +20,26 @@ from radar.support.errors import HandbenchError
 from radar.support.files import atomic_folder, atomic_path, write_json
 
 SAME_M = 1e-7  # positions that agree to this are the same
+BRIGHTEST = 2**16 - 1  # of a maximum projection, which their code keeps as uint16
 
 
-def export_maroon(path: str | Path, root: str | Path, overwrite: bool = False) -> Path:
+def export_maroon(
+    path: str | Path,
+    root: str | Path,
+    overwrite: bool = False,
+    exact: bool = False,
+    mirrored: bool = True,
+    kinect: bool = False,
+) -> Path:
     """Write the capture at `path` as ROOT/NAME/CENTIMETRES, all or nothing, and return that folder.
 
-    Echoes come back bit for bit. The layout has no place for what a mesh's vertices carry (sigma_m, observed), for a
-    transform's covariance, and for the methods' settings but the box of `broadband`. Where the echoes of the empty room
-    are known, the frames NNNNNN_emptyfiltered.npy are without them. A simulated capture without transform of its own
-    gets the true one. Raises HandbenchError for another array than the radar's, which the layout takes for granted,
-    without a distance, and for a folder that is there already, if not to be overwritten.
+    Echoes come back bit for bit: their scale is a power of two that metadata.json tells, or 1 if exact. mirrored: x of
+    the radar frame to the right, as their code draws it. kinect: with one that sees the true surface. The layout has no
+    place for what a mesh's vertices carry (sigma_m, observed), for a transform's covariance, and for the methods'
+    settings but the box of `broadband`. Where the echoes of the empty room are known, the frames
+    NNNNNN_emptyfiltered.npy are without them. A simulated capture without transform of its own gets the true one.
+    Raises HandbenchError for another array than the radar's, which the layout takes for granted, without a distance,
+    and for a folder that is there already, if not to be overwritten.
     """
     capture = open_capture(path)
     about, echoes = capture.about, capture.echoes()
@@ -41,17 +52,25 @@ def export_maroon(path: str | Path, root: str | Path, overwrite: bool = False) -
     low_ghz, high_ghz = echoes.frequencies_hz.min() / 1e9, echoes.frequencies_hz.max() / 1e9
     with atomic_folder(folder) as temporary:
         radar = temporary / f"radar_{low_ghz:.1f}_{high_ghz:.1f}_{len(echoes.frequencies_hz)}"
-        _write_frames(radar / FRAMES, echoes, "")
+        scale = 1.0 if exact else _scale(echoes.samples)
+        _write_frames(radar / FRAMES, replace(echoes, samples=scale * echoes.samples), "")
         empty = capture.folder / EMPTY
         if empty.is_file():
-            filtered = replace(echoes, samples=echoes.samples - load_capture(empty).samples)
+            filtered = replace(echoes, samples=scale * (echoes.samples - load_capture(empty).samples))
             _write_frames(radar / FRAMES, filtered, f"_{EMPTY_FILTERED}")
-        write_json(radar / VOLUMES, {f"{0:06d}": {"volume": _volume(capture)}})
+        write_json(radar / VOLUMES, {f"{0:06d}": {"volume": _volume(capture, mirrored)}})
         box = {"zmin": 0.0, "zmax": 2 * about.distance_m}
         facts = {"distance_meters": about.distance_m, "mask_erosion": 0, "labels": [about.name], "mask_bb": box}
-        write_json(temporary / METADATA, facts)
-        _write_surfaces(capture, temporary)
+        write_json(temporary / METADATA, facts | {"handbench_echo_scale": scale})
+        _write_surfaces(capture, temporary, mirrored, len(echoes.samples) if kinect else 0)
     return folder
+
+
+def _scale(samples: np.ndarray) -> float:
+    """The power of two up to which no image of the echoes is brighter than BRIGHTEST, after their division by the
+    number of channels. Images near that stand far above the 1e-3 (1 + j) at which each of their 32 threads starts."""
+    most = float(np.abs(samples).mean(axis=(2, 3), dtype=np.float64).sum(axis=1).max())
+    return float(2.0 ** np.clip(np.floor(np.log2(BRIGHTEST / most)), -99, 99)) if most > 0 else 1.0
 
 
 def _require_radar(capture: NativeCapture, echoes: RadarCapture) -> None:
@@ -70,18 +89,18 @@ def _write_frames(folder: Path, echoes: RadarCapture, suffix: str) -> None:
         write_frame(folder / f"{number:06d}{suffix}.npy", number, frame)
 
 
-def _volume(capture: NativeCapture) -> dict[str, list[float]]:
+def _volume(capture: NativeCapture, mirrored: bool) -> dict[str, list[float]]:
     """The box of the broadband method for this capture, in their frame."""
     chosen = method("broadband")
     grid = chosen.configure(capture.about.methods.get(chosen.id, {}), str(capture.folder)).grid()
-    x_m, y_m, z_m = -grid.x_m[::-1], grid.y_m, grid.z_m
+    x_m, y_m, z_m = -grid.x_m[::-1] if mirrored else grid.x_m, grid.y_m, grid.z_m
     ends = {key: [axis[end] for axis in (x_m, y_m, z_m)] for key, end in (("bb_min", 0), ("bb_max", -1))}
     return {**ends, "grid_size": [len(axis) for axis in (x_m, y_m, z_m)]}
 
 
-def _write_surfaces(capture: NativeCapture, folder: Path) -> None:
+def _write_surfaces(capture: NativeCapture, folder: Path, mirrored: bool, kinect_frames: int) -> None:
     """alignment.json; the true surface as "synthetic" mesh; the measured surface, or else the true one, as the meshes
-    that are scored. Where nothing was photographed, the photo frame is the radar's own."""
+    that are scored and seen by a camera. Where nothing was photographed, the photo frame is the radar's own."""
     measured, true, transform = capture.mesh(), capture.truth, capture.transform()
     file = capture.folder / TRUE_TRANSFORM
     if transform is None and file.exists():
@@ -89,12 +108,21 @@ def _write_surfaces(capture: NativeCapture, folder: Path) -> None:
     elif transform is None and measured is None and capture.photos is None:
         transform = Transform("photo", "radar", np.eye(4))
     surfaces = {} if measured is None else dict.fromkeys(("whole", "masked"), read_triangles(measured)[:2])
+    if kinect_frames and (transform is None or true is None):
+        raise HandbenchError(
+            f"{capture.folder}: has no true surface with a transform for a Kinect to see; leave it out"
+        )
     if transform is not None:
-        save_alignment(folder / ALIGNMENT, transform)
+        others = {}
         if true is not None:
             vertices_m, faces, _ = read_triangles(true)
             carried = transform.inverse().points(vertices_m), faces
             surfaces = {"synthetic": carried} | (surfaces or dict.fromkeys(("whole", "masked"), carried))
+            if kinect_frames:
+                others["kinect"] = write_kinect(folder / "kinect", vertices_m, faces, kinect_frames)
+        save_alignment(folder / ALIGNMENT, transform, mirrored, others)
+        if "masked" in surfaces:
+            write_photograph(folder / PHOTOGRAMMETRY, *surfaces["masked"], transform)
     for kind, (vertices_m, faces) in surfaces.items():
         file = folder / PHOTOGRAMMETRY / MESHES[kind]
         with atomic_path(file) as temporary, temporary.open("w", encoding="ascii") as stream:

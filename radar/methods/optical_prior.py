@@ -32,7 +32,10 @@ def prior_two_tone(capture: RadarCapture, config: PriorConfig, frame: int = 0) -
     """Depth map of a frame, with σ and flags. HandbenchError for a prior on other pixels, without depths, or so far
     from the echoes' own depth, on the whole, that its pixels would be taken for those of another period."""
     tones, whole = Tones.of(capture, config, frame), config.grid()
-    grid, first_m = _first_depths_m(tones, config, whole)
+    if config.prior in capture.sensors:
+        grid, first_m = _told(whole, capture.sensor_z_m(config.prior, whole, frame))
+    else:
+        grid, first_m = _first_depths_m(tones, config, whole)
     look = tones.surface(grid, first_m)
     seen = look.at(amplitude_db(look.amplitude)) >= config.threshold_db
     look = replace(
@@ -61,8 +64,13 @@ def _first_depths_m(tones: Tones, config: PriorConfig, whole: PixelGrid) -> tupl
             f"{config.prior}: is a map of {prior.z_m.shape[1]} × {prior.z_m.shape[0]} pixels, "
             f"{np.isfinite(prior.z_m).sum()} of them with a depth; expected depths on the method's x and y"
         )
-    box = bounding_box(np.isfinite(prior.z_m))
-    return whole.part(box), prior.z_m[box].astype(np.float64)
+    return _told(whole, prior.z_m)
+
+
+def _told(whole: PixelGrid, z_m: np.ndarray) -> tuple[PixelGrid, np.ndarray]:
+    """The part of the grid that a prior [ny, nx] tells, and its depths there."""
+    box = bounding_box(np.isfinite(z_m))
+    return whole.part(box), z_m[box].astype(np.float64)
 
 
 def _another_period(look: Look, half_period_m: float, config: PriorConfig) -> np.ndarray:

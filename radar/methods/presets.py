@@ -5,15 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import Field, create_model
 
 from radar.data.capture import RadarCapture
+from radar.data.depthmap import DepthMap
 from radar.methods.fsk import AnyConfig, n_tone
 from radar.methods.fsk_config import (
     SETTLING,
     FskConfig,
     JointConfig,
     LadderConfig,
+    PixelsConfig,
     PriorConfig,
     ThreeToneConfig,
     TwoToneConfig,
@@ -26,6 +29,7 @@ from radar.support.config import Config
 
 OURS = f"docs/methods.md, after {PAPER}"
 ALONG_Z = "radar/methods/along_z.py, after Capon 1969 and Mallart & Fink 1994"
+OTHERS = "docs/maroon.md, Wirth et al. 2024 (arXiv 2411.00527)"
 PRIOR = "docs/methods.md, after arXiv 2511.01405 (multimodal 2-FSK)"
 # Every improvement: the second refinement settles what the first one, out of focus, leaves.
 PLUS: dict[str, Any] = {"off_axis": True, "weighted": True, "fine_refinements": 2, "drop_wrapped": True}
@@ -75,3 +79,19 @@ def _joint(capture: RadarCapture, config: JointConfig, frame: int) -> Reconstruc
 @register("prior-2fsk", PriorConfig, "two tones far apart, about another sensor's depth of each pixel", PRIOR)
 def _prior(capture: RadarCapture, config: PriorConfig, frame: int) -> Reconstruction:
     return Reconstruction(prior_two_tone(capture, config, frame))
+
+
+def _sensor(id: str, summary: str) -> None:
+    """Register the depth of another sensor of the capture as a method, for equal treatment with the radar's."""
+
+    @register(id, PixelsConfig, summary, OTHERS)
+    def run(capture: RadarCapture, config: PixelsConfig, frame: int) -> Reconstruction:
+        grid = config.grid()
+        z_m = capture.sensor_z_m(id, grid, frame)
+        db = np.where(np.isfinite(z_m), 0.0, -np.inf).astype(np.float32)
+        return Reconstruction(DepthMap(grid.x_m, grid.y_m, z_m, db, id, config.model_dump(mode="json")))
+
+
+_sensor("kinect", "the capture's own Azure Kinect (time of flight), where it holds one")
+_sensor("realsense", "its RealSense D435i (active stereo)")
+_sensor("zed", "its ZED X Mini (passive stereo)")
