@@ -5,12 +5,12 @@
                 photogrammetry/  mesh.obj  mesh_masked.obj  rgb/ …
                 kinect/ realsense/ zed/  calibration.json  depth/  mask/ …
 
-Their radar frame is ours with x negated (the evidence stands in `bench.datasets.maroon_alignment`), or ours where
-`bench.datasets.maroon_handedness` finds so: boxes are turned here, transforms there, and the antennas stay where they
-are. What the echoes are is told in `bench.datasets.maroon_frame`, the other sensors in `bench.datasets.maroon_sensors`.
+Their radar frame is ours with x negated, or ours where `bench.datasets.maroon_alignment` finds so: boxes are turned
+here, transforms there, and the antennas stay where they are.
 """
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -19,11 +19,10 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from bench.datasets.maroon_alignment import ALIGNMENT, load_alignment, read_table
-from bench.datasets.maroon_frame import Frame, read_frame
-from bench.datasets.maroon_handedness import Handedness, read_handedness
+from bench.datasets.maroon_alignment import ALIGNMENT, Handedness, Triangles, handedness_of, load_alignment, read_table
+from bench.datasets.maroon_frame import read_frame
 from bench.datasets.maroon_mask import eroded, radar_kernel_px
-from bench.datasets.maroon_sensors import SENSORS, OtherSensor, pictures, sensors_of
+from bench.datasets.maroon_sensors import LENSES, OtherSensor, pictures
 from bench.datasets.native import CaptureFile, NativeCapture
 from calibration.transforms import Transform, checked_numbers
 from groundtruth.mesh.mesh_files import read_triangles
@@ -50,7 +49,7 @@ MESHES = {
 BEHIND_M = {"start_m": -0.05, "stop_m": 0.10, "step_m": 0.001}  # their shipped box, 0.25 to 0.4 m for objects at 0.3 m
 NEAR_ZMIN_M, ZMAX_M = 0.26, 0.7  # their code's, where metadata.json has none: the first for objects at 0.3 m only
 ROUNDED = 7  # decimals of metres: they keep float32
-PLANES = ("2fsk", "3fsk", "nfsk", "joint", "prior-2fsk", *SENSORS)  # the methods that want pixels, and those of voxels
+PLANES = ("2fsk", "3fsk", "nfsk", "joint", "prior-2fsk", *LENSES)  # the methods that want pixels, and those of voxels
 PROJECTIONS = ("broadband", "narrowband")
 
 
@@ -109,10 +108,14 @@ class MaroonCapture(NativeCapture):
 
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
         """Its first `frames` frames, or as many as its first frame says that there are; they are calibrated already,
-        whatever is asked for. With them go the sensors that alignment.json knows."""
+        whatever is asked for; with the other sensors that alignment.json knows."""
         first = read_frame(self._file(0))
         count = first.count if frames is None else min(frames, first.count)
-        samples = np.stack([first.samples if k == 0 else self._later(k, first).samples for k in range(count)])
+        read = [first, *(read_frame(self._file(k)) for k in range(1, count))]
+        for number, frame in enumerate(read):
+            if not np.array_equal(frame.frequencies_hz, first.frequencies_hz):
+                raise HandbenchError(f"{self._file(number)}: 'fvec' differs from the first frame's; expected one sweep")
+        samples = np.stack([frame.samples for frame in read])
         parts = samples.view(np.float32)  # a power of two changes none of their digits
         parts *= np.float32(1 / self.metadata.handbench_echo_scale)
         try:
@@ -138,35 +141,22 @@ class MaroonCapture(NativeCapture):
             say(f"{self.folder}: has no {MESHES['masked']}; {MESHES['whole']} is taken, as their code does")
         return here.get("masked", here.get("whole"))
 
-    @property
-    def truth(self) -> Path | None:
-        """None: the model behind a printed object (mesh "synthetic") was itself aligned to photographs."""
-        return None
-
     def transform(self) -> Transform | None:
-        """radar_from_photo in our frame, of its alignment.json or else of its calibration's, said, with a note on its
-        hand; None without any."""
-        if self.alignment is None:
-            return None
-        found = self.handedness
-        return replace(load_alignment(self.alignment, mirrored=found.mirrored), note=found.note)
+        """radar_from_photo in our frame, with a note on its hand; None without an alignment."""
+        file, hand = self.alignment, self.handedness
+        return replace(load_alignment(file, mirrored=hand.mirrored), note=hand.note) if file else None
 
     @property
     def handedness(self) -> Handedness:
-        """How its radar frame's x lies to ours; without an alignment.json as their code draws it."""
+        """Direction of its radar frame's x; without an alignment.json as their code draws it."""
         return _handedness(self, self.key(1))
 
     def sensors(self) -> dict[str, OtherSensor]:
         """The other sensors that it holds and that alignment.json knows, by name."""
-        file, here = self.alignment, sensors_of(self.folder)
-        if file is None or not here:
-            return {}
-        known = read_table(file)
-        return {
-            name: OtherSensor(self.folder, name, file, lambda: self.handedness.mirrored)
-            for name in here
-            if f"{name}2radar" in known
-        }
+        file, mirrored = self.alignment, lambda: self.handedness.mirrored
+        here = [name for name in LENSES if pictures(self.folder, name, "depth")]
+        known = read_table(file) if file and here else {}
+        return {n: OtherSensor(self.folder, n, file, mirrored) for n in here if file and f"{n}2radar" in known}
 
     def mask(self, depth: DepthMap, erode: bool = False) -> np.ndarray:
         """Pixels [ny, nx] of a depth map that their code scores: on target and inside mask_bb. erode: away from the
@@ -177,8 +167,8 @@ class MaroonCapture(NativeCapture):
         found = np.isfinite(depth.z_m)
         if erode:
             found = eroded(found, radar_kernel_px(self.metadata.mask_erosion))
-        bounded = bool({"xmin", "xmax"} & self.metadata.mask_bb.keys())
-        x_m, y_m = np.meshgrid(-depth.x_m if bounded and self.handedness.mirrored else depth.x_m, depth.y_m)
+        turned = bool({"xmin", "xmax"} & self.metadata.mask_bb.keys()) and self.handedness.mirrored
+        x_m, y_m = np.meshgrid(-depth.x_m if turned else depth.x_m, depth.y_m)
         for axis, values_m in zip("xyz", (x_m, y_m, depth.z_m), strict=True):
             low_m, high_m = self._bounds_m(axis)
             with np.errstate(invalid="ignore"):
@@ -186,12 +176,11 @@ class MaroonCapture(NativeCapture):
         return found
 
     def key(self, frames: int | None = None) -> str:
-        """Hash of the content of the files that a run reads: its first `frames` frames (or all), descriptions, the mesh
-        or else the photographs, the other sensors' cameras, as many of their depths, and their last masks. What their
-        tools have made of the echoes does not count."""
+        """Hash of the content of the files that a run reads: the first `frames` frames (or all) of the radar and of the
+        other sensors, descriptions, masks, the mesh or else the photographs; not what their tools have made of it."""
         files = sorted(self._file(0).parent.glob(self._file(0).name.replace("000000", 6 * "[0-9]")))
         described = [self.folder / METADATA, self.alignment, self.radar / VOLUMES]
-        for sensor in sensors_of(self.folder):
+        for sensor in LENSES:
             depths, masks = (pictures(self.folder, sensor, kind) for kind in ("depth", "mask"))
             described += [self.folder / sensor / VOLUMES, *depths[:frames], *masks[-1:]]
         found = [*described, self.mesh() or self.photos, *files[:frames]]
@@ -200,13 +189,6 @@ class MaroonCapture(NativeCapture):
 
     def _file(self, frame: int) -> Path:
         return self.radar / FRAMES / f"{frame:06d}{f'_{EMPTY_FILTERED}' * self.empty_filtered}.npy"
-
-    def _later(self, number: int, first: Frame) -> Frame:
-        """A frame of the same sweep as the first."""
-        frame = read_frame(self._file(number))
-        if not np.array_equal(frame.frequencies_hz, first.frequencies_hz):
-            raise HandbenchError(f"{self._file(number)}: 'fvec' differs from the first frame's; expected one sweep")
-        return frame
 
     @cached_property
     def alignment(self) -> Path | None:
@@ -265,11 +247,10 @@ class MaroonCapture(NativeCapture):
             )
         if low[0] != -high[0] and self.handedness.mirrored:
             low[0], high[0] = -high[0], -low[0]
-        ends = zip(low, high, count, strict=True)
-        rounded = [(round(float(a), ROUNDED), round(float(b), ROUNDED), int(n)) for a, b, n in ends]
+        ends = zip(low.round(ROUNDED).tolist(), high.round(ROUNDED).tolist(), count.astype(int).tolist(), strict=True)
         return {
             axis: {"start_m": a, "stop_m": b, "step_m": (b - a) / (n - 1) if n > 1 and b > a else BEHIND_M["step_m"]}
-            for axis, (a, b, n) in zip("xyz", rounded, strict=True)
+            for axis, (a, b, n) in zip("xyz", ends, strict=True)
         }
 
 
@@ -279,13 +260,8 @@ def _handedness(capture: MaroonCapture, key: str) -> Handedness:
     file, mesh_file = capture.alignment, capture.mesh()
     if file is None:
         return Handedness(True, "")
+    found: dict[str, Callable[[], Triangles]] = {name: sensor.triangles for name, sensor in capture.sensors().items()}
     if mesh_file is not None:
-        vertices, faces, _ = read_triangles(mesh_file)
-        name, surface = (
-            PHOTOGRAMMETRY,
-            lambda mirrored: (load_alignment(file, mirrored=mirrored).points(vertices), faces),
-        )
-    else:
-        name, sensor = next(iter(capture.sensors().items()), (PHOTOGRAMMETRY, None))
-        surface = sensor and (lambda mirrored: sensor.surface(0, mirrored))
-    return read_handedness(file, name, surface, lambda: capture.echoes(1))
+        found = {PHOTOGRAMMETRY: lambda: read_triangles(mesh_file)[:2]}
+    source, surface = next(iter(found.items()), (PHOTOGRAMMETRY, None))
+    return handedness_of(file, source, surface, lambda: capture.echoes(1))

@@ -1,30 +1,26 @@
 """`alignment.json`, the file of transforms of the MAROON data set (Wirth et al. 2024, arXiv 2411.00527).
 
 It holds 4×4 matrices in row order under `SOURCE2DEST`, applied to columns [p, 1], between the frames of the sensors
-`radar`, `photogrammetry`, `kinect`, `realsense`, `zed` and a common `world`. What the public code says of them:
-
-- Radar frame: origin at the aperture's centre, x right, y up, z away (the drawing in `RadarControllerBase.
-  initialize_reconstruction`), which is left-handed. The antennas' file is the opposite in x ("the reconstruction
-  coordinate system"), and its x is negated before imaging. That file is ours, so that p_ours = diag(−1, 1, 1)·p_theirs.
-  A third party that simulates the data set does the same the other way round: it carries the mesh by
-  `photogrammetry2radar`, negates x, and computes echoes with the antennas as they are in the file, looking along +z.
-- Handedness: a camera or a photogrammetric mesh is right-handed, so that `X2radar` contains one reflection (negative
-  determinant) if the drawing holds. No matrix is published with the code. One without says that the radar frame is
-  right-handed as ours, or that the points are a mirror image; `bench.datasets.maroon_handedness` decides.
-- Units: radar in metres (bounds of 0.2 to 0.9 and `mask_bb` are compared with points in it); photogrammetry in metres
-  (`transform_error_to_meters` divides errors in the frames of the three cameras by 1000, there not at all); so
-  `kinect2radar`, `realsense2radar` and `zed2radar` have a scale of 1/1000 and lead from millimetres.
-- Their `spatial_alignment.transform` takes `SOURCE2DEST` if it is there, else `SOURCE2radar` and inverses.
+`radar`, `photogrammetry`, `kinect`, `realsense`, `zed` and a common `world`; metres in the first two, millimetres in
+the cameras' frames. Their code draws a left-handed radar frame, x to the right, y up, z away, so that p_ours =
+diag(−1, 1, 1)·p_theirs, and a matrix from a right-handed sensor contains a reflection. One without says that the radar
+frame is ours already, or that the sensor's points are a mirror image. Both readings place what the sensor saw before
+the radar, one mirrored in x, and the radar's own depth tells them apart. The evidence stands in docs/maroon.md.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import permutations
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from bench.evaluation.depth_errors import error_map
 from calibration.transforms import Transform, checked_numbers, load_transform
+from groundtruth.mesh.depth import depth_on_grid
+from groundtruth.mesh.mesh_files import mesh
+from radar.data.capture import RadarCapture
+from radar.methods.registry import method
 from radar.support.config import suggest
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json
@@ -36,6 +32,10 @@ ROUNDING, TOO_CROOKED = 1e-6, 1e-3  # largest element by which a matrix may miss
 FARTHEST_M = 10.0  # no two sensors of the set-up stand further apart; more are millimetres
 MIRROR_X = np.diag([-1.0, 1.0, 1.0, 1.0])
 FRAMES = {"photogrammetry": "photo"}  # ours for theirs; the others keep their names
+PIXELS = {"start_m": -0.15, "stop_m": 0.15, "step_m": 0.003}  # about x = 0
+LOOK = {"x": PIXELS, "y": PIXELS, "coarse_filter_px": 3, "fine_filter_px": 1}  # 3-FSK, a ninth of the paper's pixels
+CLEAR_MM = 0.5  # by which the reading that the matrix does not suggest must fit better; below, the object is symmetric
+Triangles = tuple[np.ndarray, np.ndarray]  # vertices [n, 3] and faces [m, 3]
 
 
 def load_alignment(path: str | Path, source: str = "photogrammetry", mirrored: bool | None = None) -> Transform:
@@ -112,6 +112,47 @@ def _straight(path: str | Path, key: str, matrix: np.ndarray) -> np.ndarray:
     straight[:3, :3] = scale * rotation
     straight[3] = [0, 0, 0, 1]
     return straight
+
+
+class Handedness(NamedTuple):
+    """mirrored: their x is ours negated; note: how it was found, in words."""
+
+    mirrored: bool
+    note: str
+
+
+def handedness_of(
+    path: Path, source: str, surface: Callable[[], Triangles] | None, echoes: Callable[[], RadarCapture]
+) -> Handedness:
+    """Handedness of an alignment file, said. surface: what `source` saw, in its frame; None where that is not known."""
+    mirrored = load_alignment(path, source, mirrored=False).scale < 0
+    note = f"{source}2radar has {'a' if mirrored else 'no'} reflection"
+    try:
+        if surface is None:
+            raise HandbenchError("there is nothing to check it by")
+        vertices, faces = surface()
+        gain_mm = _gain_mm(load_alignment(path, source).points(vertices), faces, echoes())
+        side = "further off" if gain_mm >= 0 else "nearer to"
+        note += f"; mirrored, what it saw lies {abs(gain_mm):.1f} mm {side} the radar's depth"
+        mirrored ^= gain_mm < -CLEAR_MM
+    except HandbenchError as error:
+        note += f", which was not checked ({error})"
+    note += f": x of its radar frame is {'negated' if mirrored else 'taken as it is'}"
+    say(f"{path}: {note}")
+    return Handedness(mirrored, note)
+
+
+def _gain_mm(vertices_m: np.ndarray, faces: np.ndarray, echoes: RadarCapture) -> float:
+    """Mean distance of the radar's points from the mirror image of a surface, less that from the surface itself."""
+    chosen = method("3fsk")
+    depth = chosen.run(echoes, chosen.configure(LOOK, "handedness"), 0).depth
+    surface_m = depth_on_grid(mesh(vertices_m, faces), depth.x_m, depth.y_m)
+    if not np.isfinite(surface_m).any():
+        raise HandbenchError("what it saw lies beside the radar's pixels")
+    both_m = surface_m, surface_m[:, ::-1]
+    maps = [error_map(depth.x_m, depth.y_m, depth.z_m, z_m, met=np.isfinite(z_m)) for z_m in both_m]
+    own_m, other_m = (np.nanmean(np.asarray(errors.to_reference_m)) for errors in maps)
+    return 1e3 * float(other_m - own_m)
 
 
 def load_any_transform(file: Path) -> Transform:

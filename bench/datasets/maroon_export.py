@@ -1,5 +1,7 @@
 """The way back: a capture as one object at one distance of MAROON, for their tools and for tests of ours."""
 
+import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,45 +10,44 @@ import numpy as np
 from bench.datasets.dataset import open_capture
 from bench.datasets.maroon import EMPTY_FILTERED, FRAMES, MESHES, METADATA, PHOTOGRAMMETRY, VOLUMES
 from bench.datasets.maroon_alignment import ALIGNMENT, save_alignment
-from bench.datasets.maroon_frame import Frame, write_frame
-from bench.datasets.maroon_views import write_kinect, write_photograph
+from bench.datasets.maroon_frame import FRAME_S, Frame, write_frame
+from bench.datasets.maroon_sensors import kinect_camera
 from bench.datasets.native import EMPTY, TRUE_TRANSFORM, NativeCapture
 from calibration.transforms import Transform, load_transform
+from groundtruth.cameras.cameras import Camera
+from groundtruth.cameras.metashape import read_metashape
 from groundtruth.mesh.mesh_files import read_triangles
 from radar.data.arrays import AntennaArray, qar50
 from radar.data.capture import RadarCapture, load_capture
 from radar.methods.registry import method
 from radar.support.errors import HandbenchError
-from radar.support.files import atomic_folder, atomic_path, write_json
+from radar.support.files import atomic_folder, atomic_path, write_json, write_text
+from radar.support.rays import Rays
 
 SAME_M = 1e-7  # positions that agree to this are the same
+CAMS, KINECT = (Path(__file__).with_name(name) for name in ("maroon_cams.xml", "maroon_kinect.json"))
+PHOTO_M, KINECT_M = np.array([0.0, -0.05, 0.0]), np.array([0.0, 0.05, 0.0])  # beside the radar's origin
+FACING = np.diag([-1.0, -1.0, 1.0])  # camera from radar: x right, y down
 BRIGHTEST = 2**16 - 1  # of a maximum projection, which their code keeps as uint16
 
 
 def export_maroon(
-    path: str | Path,
-    root: str | Path,
-    overwrite: bool = False,
-    exact: bool = False,
-    mirrored: bool = True,
-    kinect: bool = False,
+    path: Path, root: Path, overwrite: bool = False, exact: bool = False, mirrored: bool = True, kinect: bool = False
 ) -> Path:
     """Write the capture at `path` as ROOT/NAME/CENTIMETRES, all or nothing, and return that folder.
 
     Echoes come back bit for bit: their scale is a power of two that metadata.json tells, or 1 if exact. mirrored: x of
-    the radar frame to the right, as their code draws it. kinect: with one that sees the true surface. The layout has no
-    place for what a mesh's vertices carry (sigma_m, observed), for a transform's covariance, and for the methods'
-    settings but the box of `broadband`. Where the echoes of the empty room are known, the frames
-    NNNNNN_emptyfiltered.npy are without them. A simulated capture without transform of its own gets the true one.
-    Raises HandbenchError for another array than the radar's, which the layout takes for granted, without a distance,
-    and for a folder that is there already, if not to be overwritten.
+    the radar frame to the right, as their code draws it. kinect: with one that sees the true surface. docs/maroon.md
+    has what the layout has no place for. Where the echoes of the empty room are known, NNNNNN_emptyfiltered.npy are
+    without them. A simulated capture without transform of its own gets the true one. Raises HandbenchError for another
+    array than the radar's, without a distance, and for a folder that is there already, if not to be overwritten.
     """
     capture = open_capture(path)
     about, echoes = capture.about, capture.echoes()
     _require_radar(capture, echoes)
     if about.distance_m is None:
         raise HandbenchError(f"{capture.folder}: gives no distance_m, after which MAROON names its folders; add it")
-    folder = Path(root) / about.name / f"{100 * about.distance_m:.0f}"
+    folder = root / about.name / f"{100 * about.distance_m:.0f}"
     if folder.exists() and not overwrite:
         raise HandbenchError(f"{folder}: exists already; choose another -o, or --overwrite to replace it")
     low_ghz, high_ghz = echoes.frequencies_hz.min() / 1e9, echoes.frequencies_hz.max() / 1e9
@@ -67,8 +68,8 @@ def export_maroon(
 
 
 def _scale(samples: np.ndarray) -> float:
-    """The power of two up to which no image of the echoes is brighter than BRIGHTEST, after their division by the
-    number of channels. Images near that stand far above the 1e-3 (1 + j) at which each of their 32 threads starts."""
+    """The power of two up to which no image, a mean over the channels, is brighter than BRIGHTEST: far above the
+    1e-3 (1 + j) at which each of their 32 threads starts its sum."""
     most = float(np.abs(samples).mean(axis=(2, 3), dtype=np.float64).sum(axis=1).max())
     return float(2.0 ** np.clip(np.floor(np.log2(BRIGHTEST / most)), -99, 99)) if most > 0 else 1.0
 
@@ -109,9 +110,7 @@ def _write_surfaces(capture: NativeCapture, folder: Path, mirrored: bool, kinect
         transform = Transform("photo", "radar", np.eye(4))
     surfaces = {} if measured is None else dict.fromkeys(("whole", "masked"), read_triangles(measured)[:2])
     if kinect_frames and (transform is None or true is None):
-        raise HandbenchError(
-            f"{capture.folder}: has no true surface with a transform for a Kinect to see; leave it out"
-        )
+        raise HandbenchError(f"{capture.folder}: has no truth.ply and transform; --kinect needs them: leave it out")
     if transform is not None:
         others = {}
         if true is not None:
@@ -119,12 +118,61 @@ def _write_surfaces(capture: NativeCapture, folder: Path, mirrored: bool, kinect
             carried = transform.inverse().points(vertices_m), faces
             surfaces = {"synthetic": carried} | (surfaces or dict.fromkeys(("whole", "masked"), carried))
             if kinect_frames:
-                others["kinect"] = write_kinect(folder / "kinect", vertices_m, faces, kinect_frames)
+                others["kinect"] = _write_kinect(folder / "kinect", vertices_m, faces, kinect_frames)
         save_alignment(folder / ALIGNMENT, transform, mirrored, others)
         if "masked" in surfaces:
-            write_photograph(folder / PHOTOGRAMMETRY, *surfaces["masked"], transform)
+            _write_photograph(folder / PHOTOGRAMMETRY, *surfaces["masked"], transform)
     for kind, (vertices_m, faces) in surfaces.items():
         file = folder / PHOTOGRAMMETRY / MESHES[kind]
         with atomic_path(file) as temporary, temporary.open("w", encoding="ascii") as stream:
             np.savetxt(stream, vertices_m, "v %.9f %.9f %.9f")  # to a nanometre
             np.savetxt(stream, faces + 1, "f %d %d %d")
+
+
+def _write_photograph(folder: Path, vertices: np.ndarray, faces: np.ndarray, radar_from_photo: Transform) -> None:
+    """Write a photograph's camera and depth, in the photo frame and its unit as the mesh [n, 3], [m, 3]."""
+    R, centre = FACING @ radar_from_photo.rotation, radar_from_photo.inverse().points(PHOTO_M)
+    pose = " ".join(f"{number:.12g}" for number in [*np.c_[R.T, centre].ravel(), 0, 0, 0, 1])
+    write_text(folder / "cams.xml", CAMS.read_text("utf-8").format(pose=pose))
+    [camera] = read_metashape(folder / "cams.xml")
+    depth = _seen(camera, Rays(vertices, faces))
+    _write(folder, {f"depth/{camera.name}.tif": depth.astype(np.float32), f"rgb/{camera.name}.jpg": _shown(depth, 3)})
+
+
+def _write_kinect(folder: Path, vertices_m: np.ndarray, faces: np.ndarray, frames: int) -> Transform:
+    """Write a Kinect's folder with equal frames of a surface in the radar frame; the transform from its depth camera,
+    whose points are millimetres."""
+    lines, surface = ["filename device[us] system[ns] absolute[ns]\n"], Rays(vertices_m, faces)
+    known = json.loads(KINECT.read_text("utf-8"))["CalibrationInformation"]["Cameras"]
+    pose = {"R": FACING, "t": -FACING @ KINECT_M}
+    depth_m, colour_m = (_seen(kinect_camera(each).model_copy(update=pose), surface) for each in known)
+    pictures = {"depth": np.round(1e3 * depth_m).astype(np.uint16), "ir": _shown(depth_m).astype(np.uint16)}
+    pictures |= {"rgb": _shown(colour_m, 3), "mask": _shown(colour_m)}
+    for number in range(frames):
+        _write(folder, {f"{kind}/{number:06d}.png": picture for kind, picture in pictures.items()})
+        time_ns = round(1e9 * number * FRAME_S)
+        lines.append(f"{number:06d} {time_ns // 1000} {time_ns} {time_ns}\n")
+    write_text(folder / "timestamps.txt", "".join(lines))
+    shutil.copyfile(KINECT, folder / "calibration.json")
+    return Transform("kinect", "radar", np.r_[np.c_[1e-3 * FACING.T, KINECT_M], [[0, 0, 0, 1]]])
+
+
+def _seen(camera: Camera, surface: Rays) -> np.ndarray:
+    """Depth along the camera's z [height, width] of what each pixel's centre sees; 0: nothing."""
+    rays = camera.ray_directions().reshape(-1, 3)
+    distance, _ = surface.first_hits(np.broadcast_to(camera.centre_m, rays.shape), rays)
+    depth = np.where(np.isfinite(distance), distance * (rays @ camera.rotation[2]), 0.0)
+    return depth.reshape(camera.height, camera.width)
+
+
+def _shown(depth: np.ndarray, channels: int = 1) -> np.ndarray:
+    """White where something is seen: [height, width, channels]."""
+    return np.repeat(np.where(depth > 0, 255, 0).astype(np.uint8)[..., None], channels, axis=2)
+
+
+def _write(folder: Path, pictures: dict[str, np.ndarray]) -> None:
+    import cv2
+
+    for name, picture in pictures.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(cv2.imencode(Path(name).suffix, picture)[1].tobytes())

@@ -74,19 +74,6 @@ class RadarCapture:
             )
         return self.samples[frame][index], self.frequencies_hz[index]
 
-    def sensor_z_m(self, name: str, grid: PixelGrid, frame: int = 0) -> np.ndarray:
-        """Depth [ny, nx] that another sensor saw at a grid's pixels in a frame, NaN where it saw none; HandbenchError
-        for a sensor that the capture has not, and where it saw none at all."""
-        if name not in self.sensors:
-            known = ", ".join(self.sensors) or "of the radar alone"
-            raise HandbenchError(f"{name}: the capture holds no depth of that sensor, but {known}; leave it out")
-        z_m = self.sensors[name](grid, frame)
-        if not np.isfinite(z_m).any():
-            raise HandbenchError(
-                f"{name}: saw nothing before the radar's pixels; check how its frame lies to the radar's"
-            )
-        return z_m
-
 
 def single(samples: np.ndarray) -> np.ndarray:
     """Samples as complex64; HandbenchError where that would make all of them zero, or one infinite."""

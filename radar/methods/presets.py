@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Annotated, Any
 
-import numpy as np
 from pydantic import Field, create_model
 
 from radar.data.capture import RadarCapture
-from radar.data.depthmap import DepthMap
 from radar.methods.fsk import AnyConfig, n_tone
 from radar.methods.fsk_config import (
     SETTLING,
-    FskConfig,
     JointConfig,
     LadderConfig,
     PixelsConfig,
@@ -22,7 +19,7 @@ from radar.methods.fsk_config import (
     TwoToneConfig,
 )
 from radar.methods.joint import joint
-from radar.methods.optical_prior import prior_two_tone
+from radar.methods.optical_prior import other_sensor, prior_two_tone
 from radar.methods.projection import AlignedConfig, BroadbandConfig, NarrowbandConfig, ProjectionConfig, project, volume
 from radar.methods.registry import PAPER, Reconstruction, register
 from radar.support.config import Config
@@ -46,9 +43,11 @@ def _preset(id: str, config: type[Config], summary: str, source: str = OURS, **d
         config = create_model(config.__name__, __base__=config, **fields)
 
     @register(id, config, summary, source, base=id.rpartition("-")[0] or None)
-    def run(capture: RadarCapture, config: AnyConfig | ProjectionConfig, frame: int) -> Reconstruction:
-        if isinstance(config, FskConfig):
+    def run(capture: RadarCapture, config: AnyConfig | ProjectionConfig | PixelsConfig, frame: int) -> Reconstruction:
+        if isinstance(config, AnyConfig):
             return Reconstruction(replace(n_tone(capture, config, frame), method=id))
+        if isinstance(config, PixelsConfig):
+            return Reconstruction(other_sensor(capture, config, id, frame))
         depth = project(capture, config, id, frame)
         return Reconstruction(depth, lambda: volume(capture, config, frame), config.grid().z_m)
 
@@ -81,17 +80,6 @@ def _prior(capture: RadarCapture, config: PriorConfig, frame: int) -> Reconstruc
     return Reconstruction(prior_two_tone(capture, config, frame))
 
 
-def _sensor(id: str, summary: str) -> None:
-    """Register the depth of another sensor of the capture as a method, for equal treatment with the radar's."""
-
-    @register(id, PixelsConfig, summary, OTHERS)
-    def run(capture: RadarCapture, config: PixelsConfig, frame: int) -> Reconstruction:
-        grid = config.grid()
-        z_m = capture.sensor_z_m(id, grid, frame)
-        db = np.where(np.isfinite(z_m), 0.0, -np.inf).astype(np.float32)
-        return Reconstruction(DepthMap(grid.x_m, grid.y_m, z_m, db, id, config.model_dump(mode="json")))
-
-
-_sensor("kinect", "the capture's own Azure Kinect (time of flight), where it holds one")
-_sensor("realsense", "its RealSense D435i (active stereo)")
-_sensor("zed", "its ZED X Mini (passive stereo)")
+_preset("kinect", PixelsConfig, "another sensor of the capture, if it holds one: Azure Kinect, time of flight", OTHERS)
+_preset("realsense", PixelsConfig, "the same: RealSense D435i, active stereo", OTHERS)
+_preset("zed", PixelsConfig, "the same: ZED X Mini, passive stereo", OTHERS)

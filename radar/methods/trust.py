@@ -49,8 +49,7 @@ FEATURES = (
 
 
 def with_trust(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0) -> DepthMap:
-    """The map with p_gross [ny, nx], NaN off target; capture, config and frame: what the map was made of. Of another
-    sensor's map the echoes cannot tell it: that stays as it is."""
+    """The map with p_gross [ny, nx], NaN off target, by what it was made of; another sensor's map stays as it is."""
     if depth.method in capture.sensors:
         return depth
     index, found = features(depth, capture, config, frame)

@@ -11,8 +11,8 @@ import pytest
 
 from bench.cli.main import main
 from bench.datasets.dataset import import_capture, open_capture
+from bench.datasets.maroon_alignment import handedness_of
 from bench.datasets.maroon_export import export_maroon
-from bench.datasets.maroon_handedness import read_handedness
 from bench.run.scoring import reference_depth
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
@@ -108,10 +108,10 @@ def test_the_run_says_by_how_much_the_mirror_image_is_further_off(mine, capsys):
     folder, mirrored = mine
     transform = open_capture(folder).transform()
     said = capsys.readouterr().err
-    assert said.count("mirror image") == 1  # once a process
+    assert said.count("mirrored") == 1  # once a process
     assert transform.note is not None and transform.note in said
-    gain_mm = float(transform.note.split("lies +")[1].split(" mm further off")[0])
-    assert 15 < gain_mm < 20  # the patch beside x = 0 and its image share no pixel; 20 is what such pixels count
+    gain_mm = float(transform.note.split("lies ")[1].split(" mm further off")[0])
+    assert 35 < gain_mm < 65  # the image lies 60 mm beside the patch, which is 20 mm wide
     assert transform.scale == pytest.approx(1)
     assert ("negated" in transform.note) == mirrored
     np.testing.assert_allclose(depth_of(open_capture(folder)), expected(), atol=1e-8)
@@ -124,7 +124,7 @@ def test_points_that_are_mirror_images_are_noticed(mine, tmp_path):
     mirror(folder / "photogrammetry" / "mesh_masked.obj", folder)
     capture = open_capture(folder)
     assert capture.handedness.mirrored == mirrored
-    assert "its points are mirrored" in capture.handedness.note
+    assert "nearer to" in capture.handedness.note
     assert capture.transform().scale == pytest.approx(-1)
     assert capture.about.methods == before
     np.testing.assert_allclose(depth_of(capture), expected(), atol=1e-8)
@@ -144,7 +144,7 @@ def test_without_a_surface_the_matrix_decides(mine):
     shutil.rmtree(folder / "photogrammetry")
     shutil.rmtree(folder / "kinect")
     found = open_capture(folder).handedness
-    assert found.mirrored == mirrored and "no surface" in found.note
+    assert found.mirrored == mirrored and "nothing to check it by" in found.note
 
 
 def test_an_object_that_is_its_own_mirror_image_leaves_it_to_the_matrix(mine):
@@ -153,10 +153,10 @@ def test_an_object_that_is_its_own_mirror_image_leaves_it_to_the_matrix(mine):
     samples = simulate(Scatterers(points_m, np.ones(50)), TONES_HZ, qar50())[None]
     corners_m = np.array([[x, y, 0.29 + 0.1 * abs(x)] for y in (0.01, 0.03) for x in (-0.01, 0, 0.01)])
     faces = np.array([[0, 1, 3], [1, 4, 3], [1, 2, 4], [2, 5, 4]])
-    found = read_handedness(
+    found = handedness_of(
         folder / "alignment.json",
         "photogrammetry",
-        lambda _: (corners_m, faces),
+        lambda: (corners_m, faces),
         lambda: RadarCapture(samples.astype(np.complex64), TONES_HZ, qar50()),
     )
     assert found.mirrored == mirrored and "further off" in found.note
@@ -168,9 +168,7 @@ def test_echoes_that_cannot_be_imaged_leave_it_to_the_matrix(mine):
     def none() -> RadarCapture:
         return RadarCapture(np.ones((1, 2, 94, 94), np.complex64), np.array([72e9, 73e9]), qar50())
 
-    found = read_handedness(
-        folder / "alignment.json", "photogrammetry", lambda _: (np.eye(3), np.eye(3, dtype=int)), none
-    )
+    found = handedness_of(folder / "alignment.json", "photogrammetry", lambda: (np.eye(3), np.eye(3, dtype=int)), none)
     assert found.mirrored == mirrored and "not checked" in found.note
 
 
