@@ -161,8 +161,7 @@ def _seen(camera: Camera, surface: Rays) -> np.ndarray:
     """Depth along the camera's z [height, width] of what each pixel's centre sees; 0: nothing."""
     rays = camera.ray_directions().reshape(-1, 3)
     distance, _ = surface.first_hits(np.broadcast_to(camera.centre_m, rays.shape), rays)
-    depth = np.where(np.isfinite(distance), distance * (rays @ camera.rotation[2]), 0.0)
-    return depth.reshape(camera.height, camera.width)
+    return np.where(np.isfinite(distance), distance * (rays @ camera.rotation[2]), 0.0).reshape(-1, camera.width)
 
 
 def _shown(depth: np.ndarray, channels: int = 1) -> np.ndarray:

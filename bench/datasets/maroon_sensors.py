@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 
 from bench.datasets.maroon_alignment import Triangles, load_alignment, read_table
+from calibration.transforms import checked_numbers
 from groundtruth.cameras.cameras import Camera
 from groundtruth.mesh.depth import depth_on_grid
 from groundtruth.mesh.mesh_files import mesh
+from groundtruth.photos.photos import read_gray
 from radar.data.grid import PixelGrid
 from radar.support.errors import HandbenchError
-from radar.support.files import read_bytes
-from radar.support.limits import PICTURE_BYTES
+from radar.support.pictures import opened_picture
 
 LENSES = {"kinect": "", "realsense": "rgb", "zed": "left"}  # sensor → its lens in calibration.json (Kinect: own form)
 SIDES = {"zed": "left"}  # sensor → folder that its pictures lie deeper
@@ -56,12 +57,12 @@ class OtherSensor:
         depths, masks = (pictures(self.folder, self.name, kind) for kind in ("depth", "mask"))
         if not frame < len(depths):
             raise HandbenchError(f"{self.folder / self.name}: has {len(depths)} depth pictures, but no frame {frame}")
-        counts, mask = _picture(depths[frame], "uint16"), _picture(masks[-1], "uint8") > 0 if masks else np.array(True)
+        counts, mask = _counts(depths[frame]), read_gray(masks[-1]) > 0 if masks else np.array(True)
         content = read_table(self.folder / self.name / "calibration.json", f"the cameras of MAROON's {self.name}")
         try:
-            depth_mm = counts * 1e3 * float(content.get("capture", {}).get("scale", 1e-3))
+            depth_mm = counts * 1e3 * _numbers(content.get("capture", {}).get("scale", 1e-3), 1)
             points_mm, seen = (self._kinect if self.name == "kinect" else self._pinhole)(depth_mm, mask, content)
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except (HandbenchError, KeyError, TypeError, ValueError, AttributeError) as error:
             raise HandbenchError(f"{depths[frame].parent}: does not fit its calibration.json ({error})") from error
         scale = load_alignment(self.alignment, self.name).scale
         unit = {-3: 1.0, 0: 1e-3}.get(round(np.log10(scale)))
@@ -72,7 +73,7 @@ class OtherSensor:
     def _pinhole(self, depth_mm: np.ndarray, mask: np.ndarray, content: Any) -> tuple[np.ndarray, np.ndarray]:
         """Points [n, 3] of the pixels [height, width] that are seen, and these."""
         lens, (height, width), seen = content[LENSES[self.name]], depth_mm.shape, (depth_mm > 0) & mask
-        params = tuple(float(lens[key]) + 0.5 * (key[0] == "c") for key in ("fx", "fy", "cx", "cy"))
+        params = tuple(_numbers([lens[key] for key in ("fx", "fy", "cx", "cy")], 4) + [0, 0, 0.5, 0.5])
         camera = Camera(name=self.name, width=width, height=height, model="PINHOLE", params=params)
         return _points(camera, depth_mm, seen), seen
 
@@ -80,10 +81,9 @@ class OtherSensor:
         """The same, the mask being of the colour camera, in the frame of its matrix."""
         from scipy.ndimage import map_coordinates
 
-        known = content["CalibrationInformation"]["Cameras"]
-        cameras = {camera["Location"].removeprefix(LOCATION): camera for camera in known}
+        cameras = {c["Location"].removeprefix(LOCATION): c for c in content["CalibrationInformation"]["Cameras"]}
         depth, colour = (kinect_camera(cameras[place]) for place in MODES)
-        rotation, shift_m = (np.array(cameras["PV0"]["Rt"][key], float) for key in ("Rotation", "Translation"))
+        rotation, shift_m = (_numbers(cameras["PV0"]["Rt"][key], n) for key, n in (("Rotation", 9), ("Translation", 3)))
         seen = depth_mm > 0
         points_mm = _points(depth, depth_mm, seen)
         of_colour_mm = points_mm @ rotation.reshape(3, 3).T + 1e3 * shift_m
@@ -101,9 +101,13 @@ def kinect_camera(factory: dict[str, Any]) -> Camera:
     (wide, high), (left, top), (width, height) = MODES[place]
     if lens["ModelType"] != MODEL:
         raise ValueError(f"the lens is {lens['ModelType']}, expected {MODEL}")
-    cx, cy, fx, fy, *others = map(float, lens["ModelParameters"])
+    cx, cy, fx, fy, *others = _numbers(lens["ModelParameters"], 14)
     params = np.array([fx * wide, fy * high, cx * wide - left, cy * high - top, *others])[BROWN_CONRADY]
     return Camera(name=place, width=width, height=height, model="FULL_OPENCV", params=tuple(params))
+
+
+def _numbers(values: Any, count: int) -> np.ndarray:
+    return checked_numbers("its", "numbers", np.reshape(values, -1).tolist(), [(count,)], 1e4)
 
 
 def _points(camera: Camera, depth_mm: np.ndarray, seen: np.ndarray) -> np.ndarray:
@@ -123,12 +127,9 @@ def _joined(depth_mm: np.ndarray, seen: np.ndarray) -> np.ndarray:
     return faces[np.ptp(depth_mm[seen][faces], axis=1) <= LONGEST_MM]
 
 
-def _picture(file: Path, kind: str) -> np.ndarray:
-    """A picture's first channel [height, width]."""
-    import cv2
-
-    content = np.frombuffer(read_bytes(file, "a picture", PICTURE_BYTES), np.uint8)
-    picture = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
-    if picture is None or picture.dtype != kind:
-        raise HandbenchError(f"{file}: is {'no picture' if picture is None else picture.dtype}; expected one of {kind}")
-    return picture if picture.ndim == 2 else picture[..., 0]
+def _counts(file: Path) -> np.ndarray:
+    """A grey picture of 16 bits [height, width]."""
+    with opened_picture(file) as image:
+        if image.mode != "I;16":
+            raise HandbenchError(f"{file}: has pixels of mode {image.mode}; expected grey ones of 16 bits")
+        return np.asarray(image, np.float64)

@@ -215,14 +215,14 @@ def test_the_key_minds_what_is_read_of_the_sensors(mine):
 @pytest.mark.parametrize(
     ("file", "content", "reason"),
     [
-        ("depth/000000.png", b"no picture", "is no picture; expected one of uint16"),
-        ("depth/000000.png", np.zeros((576, 640), np.uint8), "is uint8; expected one of uint16"),
+        ("depth/000000.png", b"no picture", "is not a readable photograph"),
+        ("depth/000000.png", np.zeros((576, 640), np.uint8), "has pixels of mode L; expected grey ones of 16 bits"),
         ("depth/000000.png", np.ones((576, 600), np.uint16), "does not fit its calibration.json .*600"),
         ("depth/000000.png", np.zeros((576, 640), np.uint16), "saw nothing at the radar's pixels"),
         ("calibration.json", b"{}", "does not fit its calibration.json"),
         ("calibration.json", b"[]", "holds no table"),
         ("calibration.json", b'{"CalibrationInformation": {"Cameras": 3}}', "does not fit its calibration.json"),
-        ("mask/000001.png", b"no picture", "mask/000001.png: is no picture"),
+        ("mask/000001.png", b"no picture", "mask/000001.png: is not a readable photograph"),
     ],
 )
 def test_files_that_are_not_the_sensor_s_are_refused(mine, file, content, reason):
