@@ -136,7 +136,8 @@ def _write_photograph(folder: Path, vertices: np.ndarray, faces: np.ndarray, rad
     write_text(folder / "cams.xml", CAMS.read_text("utf-8").format(pose=pose))
     [camera] = read_metashape(folder / "cams.xml")
     depth = _seen(camera, Rays(vertices, faces))
-    _write(folder, {f"depth/{camera.name}.tif": depth.astype(np.float32), f"rgb/{camera.name}.jpg": _shown(depth, 3)})
+    pictures = {"rgb/{}.jpg": _shown(depth, 3), "mask/{}.png": _shown(depth), "depth/{}.tif": depth.astype(np.float32)}
+    _write(folder, {name.format(camera.name): picture for name, picture in pictures.items()})
 
 
 def _write_kinect(folder: Path, vertices_m: np.ndarray, faces: np.ndarray, frames: int) -> Transform:

@@ -84,8 +84,7 @@ class OtherSensor:
         cameras = {c["Location"].removeprefix(LOCATION): c for c in content["CalibrationInformation"]["Cameras"]}
         depth, colour = (kinect_camera(cameras[place]) for place in MODES)
         rotation, shift_m = (_numbers(cameras["PV0"]["Rt"][key], n) for key, n in (("Rotation", 9), ("Translation", 3)))
-        seen = depth_mm > 0
-        points_mm = _points(depth, depth_mm, seen)
+        points_mm = _points(depth, depth_mm, seen := depth_mm > 0)
         of_colour_mm = points_mm @ rotation.reshape(3, 3).T + 1e3 * shift_m
         if mask.ndim:
             pixels = np.asarray(colour.colmap().img_from_cam(of_colour_mm)) - 0.5

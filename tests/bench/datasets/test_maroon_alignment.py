@@ -80,6 +80,9 @@ def test_other_keys_stay(tmp_path):
     after = json.loads(path.read_text())
     assert (after["kinect2radar"], after["radar2world"], after["kinect_calib"]) == (BESIDE, world, {"space": "color"})
     assert after["photogrammetry2radar"] != BESIDE
+    np.testing.assert_allclose(
+        after["photogrammetry2world"], np.array(world) @ after["photogrammetry2radar"], atol=1e-12
+    )
     np.testing.assert_allclose(load_alignment(path).matrix, ours().matrix, atol=1e-12)
 
 

@@ -85,6 +85,8 @@ def test_the_photographs_loader_finds_mesh_camera_and_depth(written, calib):
     rgb = cv2.imread(str(folder / "rgb" / f"{name}.jpg"), cv2.IMREAD_UNCHANGED)
     depth = cv2.imread(str(folder / "depth" / f"{name}.tif"), cv2.IMREAD_UNCHANGED)
     assert (depth.dtype, depth.ndim, rgb.shape) == (np.float32, 2, (*depth.shape, 3))
+    mask = cv2.imread(str(folder / "mask" / f"{name}.png"))[:, :, 0]  # get_mesh
+    np.testing.assert_array_equal(mask > 0, depth > 0)
     chunk = ElementTree.parse(folder / "cams.xml").getroot().findall("chunk")[0]
     sensors = chunk.findall("sensors")[0].findall("sensor")
     [camera] = [c for c in chunk.findall("cameras")[0].findall("camera") if c.get("label") == name]

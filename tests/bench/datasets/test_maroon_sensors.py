@@ -15,6 +15,7 @@ from bench.cli.main import main
 from bench.datasets.dataset import open_capture
 from bench.datasets.maroon_alignment import save_alignment
 from bench.datasets.maroon_export import export_maroon
+from bench.datasets.maroon_sensors import kinect_camera
 from bench.run.reconstruct_stage import Imager
 from calibration.transforms import Transform
 from radar.data.grid import PixelGrid
@@ -122,6 +123,27 @@ def seen_by(factory, binned, corner, points):
     u = x * d + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
     v = y * d + 2 * p2 * x * y + p1 * (r2 + 2 * y * y)
     return u * fx * binned[0] + cx * binned[0] - corner[0] - 0.5, v * fy * binned[1] + cy * binned[1] - corner[1] - 0.5
+
+
+def test_a_kinect_s_lens_bends_as_its_maker_s_does():
+    """Terms of each kind, strong enough to be told apart; the first pixel's centre is at ½ with us."""
+    strong = [0.51, 0.47, 0.49, 0.5, 0.3, -0.2, 0.1, 0.4, -0.1, 0.05, 0, 0, 0.02, -0.03]
+    entry = {"Location": "CALIBRATION_CameraLocationD0", "Intrinsics": {"ModelParameters": strong,
+             "ModelType": "CALIBRATION_LensDistortionModelBrownConrady"}}  # fmt: skip
+    points = np.random.default_rng(3).uniform([-0.2, -0.2, 0.5], [0.2, 0.2, 1.0], (20, 3))
+    expected = np.stack(seen_by(strong, (1024, 1024), (192, 180), points), axis=1) + 0.5
+    np.testing.assert_allclose(kinect_camera(entry).colmap().img_from_cam(points), expected, atol=1e-9)
+
+
+def test_steps_of_more_than_a_centimetre_are_not_joined(mine):
+    depth = np.full((360, 500), 300, np.uint16)
+    depth[:, 200:300], depth[:, 300:] = 309, 320
+    write(mine, "realsense", {"depth/000000.png": depth}, {"rgb": LENS})
+    align(mine, "realsense")
+    vertices, faces = open_capture(mine).sensors()["realsense"].triangles()
+    spans_mm = np.ptp(vertices[faces][..., 2], axis=1)
+    assert set(spans_mm.round(9)) == {0.0, 9.0}
+    assert len(faces) == 2 * 359 * 498  # all quads but a column
 
 
 @pytest.mark.parametrize("space", ["depth", "color"])
