@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 
 from bench.datasets.maroon_alignment import Triangles, load_alignment, read_table
 from calibration.transforms import checked_numbers
 from groundtruth.cameras.cameras import Camera
 from groundtruth.mesh.depth import depth_on_grid
 from groundtruth.mesh.mesh_files import mesh
-from groundtruth.photos.photos import read_gray
 from radar.data.grid import PixelGrid
 from radar.support.errors import HandbenchError
 from radar.support.pictures import opened_picture
@@ -54,6 +54,8 @@ class OtherSensor:
     def triangles(self, frame: int = 0) -> Triangles:
         """A frame in its matrix's frame and unit, cut to the object where there is a mask. HandbenchError for a frame
         that is not there, and for files that are not the sensor's."""
+        from groundtruth.photos.photos import read_gray
+
         depths, masks = (pictures(self.folder, self.name, kind) for kind in ("depth", "mask"))
         if not frame < len(depths):
             raise HandbenchError(f"{self.folder / self.name}: has {len(depths)} depth pictures, but no frame {frame}")
@@ -79,8 +81,6 @@ class OtherSensor:
 
     def _kinect(self, depth_mm: np.ndarray, mask: np.ndarray, content: Any) -> tuple[np.ndarray, np.ndarray]:
         """The same, the mask being of the colour camera, in the frame of its matrix."""
-        from scipy.ndimage import map_coordinates
-
         cameras = {c["Location"].removeprefix(LOCATION): c for c in content["CalibrationInformation"]["Cameras"]}
         depth, colour = (kinect_camera(cameras[place]) for place in MODES)
         rotation, shift_m = (_numbers(cameras["PV0"]["Rt"][key], n) for key, n in (("Rotation", 9), ("Translation", 3)))
