@@ -23,7 +23,8 @@ class Transform:
     matrix: 4×4, upper left = scale · rotation, last column in metres. covariance: 6×6 (or 7×7 with log-scale) of
     [translation_m, rotation_rad(, log scale)], a left perturbation in the target frame about the target's origin.
     residuals_m: one distance per matched feature. refined: what aligning it to the radar's own depth map changed, and
-    the "reason" to distrust it for that (None: it was not).
+    the "reason" to distrust it for that (None: it was not). note: how it was read. A negative scale, which no file has,
+    tells that the source's points are a mirror image.
     """
 
     source: str
@@ -32,6 +33,7 @@ class Transform:
     covariance: np.ndarray | None = None
     residuals_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
     refined: dict[str, Any] | None = None
+    note: str | None = None
 
     @property
     def scale(self) -> float:
@@ -79,7 +81,7 @@ class Transform:
         """Write the transform file (JSON), atomically."""
         content: dict[str, Any] = {"from": self.source, "to": self.target, "matrix": self.matrix, "scale": self.scale}
         content |= {"covariance": self.covariance, "residuals_m": self.residuals_m}
-        write_json(path, content | ({"refined": self.refined} if self.refined else {}))
+        write_json(path, content | {key: told for key in ("refined", "note") if (told := getattr(self, key))})
 
 
 def identity(frame: str) -> Transform:
@@ -177,7 +179,8 @@ def load_transform(path: str | Path) -> Transform:
     refined = content.get("refined")
     if refined is not None and not (isinstance(refined, dict) and isinstance(refined.get("reason"), str)):
         raise HandbenchError(f"{path}: 'refined' tells no \"reason\"; expected what `calibrate --refine` wrote")
-    return Transform(source, target, matrix, covariance, residuals_m, refined)
+    note = str(content["note"]) if "note" in content else None
+    return Transform(source, target, matrix, covariance, residuals_m, refined, note)
 
 
 def checked_numbers(

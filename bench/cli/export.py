@@ -10,4 +10,5 @@ def run(options: argparse.Namespace) -> None:
     from bench.datasets.maroon_export import export_maroon
 
     for capture in options.captures:
-        say(f"capture: {export_maroon(capture, options.out, options.overwrite)}")
+        how = {"exact": options.exact, "mirrored": not options.plain_frame, "kinect": options.kinect}
+        say(f"capture: {export_maroon(capture, options.out, options.overwrite, **how)}")

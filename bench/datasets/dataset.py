@@ -84,6 +84,8 @@ def import_capture(kind: str, path: str | Path, folder: str | Path) -> None:
     if not isinstance(capture, FOREIGN[kind]):
         raise HandbenchError(f"{path}: is no capture of '{kind}' but of {type(capture).__name__}; name the right kind")
     about, mesh, transform = capture.about, capture.mesh(), capture.transform()
+    if transform is not None and transform.scale < 0:
+        raise HandbenchError(f"{path}: {transform.note}; a capture folder has no place for that: use it where it lies")
     with atomic_folder(folder) as temporary:
         save_capture(temporary / ECHOES, capture.echoes())
         for file, name in ((mesh, MESH), (capture.truth, TRUTH)):

@@ -3,26 +3,29 @@
     OBJECT/30/  metadata.json  alignment.json
                 radar_72.0_82.0_128/  calibration.json  calibrated_data/000000.npy  000000_emptyfiltered.npy …
                 photogrammetry/  mesh.obj  mesh_masked.obj  rgb/ …
+                kinect/ realsense/ zed/  calibration.json  depth/  mask/ …
 
-Their radar frame is ours with x negated (the evidence stands in `bench.datasets.maroon_alignment`): boxes are turned
-here, transforms there, and the antennas stay where they are. What the echoes are is told in
-`bench.datasets.maroon_frame`.
+Their radar frame is ours with x negated, or ours where `bench.datasets.maroon_alignment` finds so: boxes are turned
+here, transforms there, and the antennas stay where they are.
 """
 
 import re
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import Field
 
-from bench.datasets.maroon_alignment import ALIGNMENT, load_alignment, read_table
-from bench.datasets.maroon_frame import Frame, read_frame
+from bench.datasets.maroon_alignment import ALIGNMENT, Handedness, Triangles, handedness_of, load_alignment, read_table
+from bench.datasets.maroon_frame import read_frame
 from bench.datasets.maroon_mask import eroded, radar_kernel_px
+from bench.datasets.maroon_sensors import LENSES, OtherSensor, pictures
 from bench.datasets.native import CaptureFile, NativeCapture
 from calibration.transforms import Transform, checked_numbers
+from groundtruth.mesh.mesh_files import read_triangles
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
@@ -46,17 +49,20 @@ MESHES = {
 BEHIND_M = {"start_m": -0.05, "stop_m": 0.10, "step_m": 0.001}  # their shipped box, 0.25 to 0.4 m for objects at 0.3 m
 NEAR_ZMIN_M, ZMAX_M = 0.26, 0.7  # their code's, where metadata.json has none: the first for objects at 0.3 m only
 ROUNDED = 7  # decimals of metres: they keep float32
-FSK, PROJECTIONS = ("2fsk", "3fsk", "nfsk"), ("broadband", "narrowband")
+PLANES = ("2fsk", "3fsk", "nfsk", "joint", "prior-2fsk", *LENSES)  # the methods that want pixels, and those of voxels
+PROJECTIONS = ("broadband", "narrowband")
 
 
 class Metadata(Config, extra="ignore"):
-    """The part of `metadata.json` that is read. mask_bb: bounds in their radar frame, metres, under xmin … zmax."""
+    """The part of `metadata.json` that is read. mask_bb: bounds in their radar frame, metres, under xmin … zmax;
+    handbench_echo_scale: what an export of ours multiplied the echoes by."""
 
     calibration: str | None = None
     distance_meters: float | None = Field(default=None, gt=0)
     mask_erosion: float = Field(default=0.0, ge=0, le=1000)
     mask_bb: dict[str, float] = Field(default_factory=dict)
     mask_3d_threshold: float | None = None  # what zmax was called before
+    handbench_echo_scale: float = Field(default=1.0, ge=2**-100, le=2**100)
 
 
 @dataclass(frozen=True)
@@ -102,12 +108,18 @@ class MaroonCapture(NativeCapture):
 
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
         """Its first `frames` frames, or as many as its first frame says that there are; they are calibrated already,
-        whatever is asked for."""
+        whatever is asked for; with the other sensors that alignment.json knows."""
         first = read_frame(self._file(0))
         count = first.count if frames is None else min(frames, first.count)
-        samples = [first.samples if k == 0 else self._later(k, first).samples for k in range(count)]
+        read = [first, *(read_frame(self._file(k)) for k in range(1, count))]
+        for number, frame in enumerate(read):
+            if not np.array_equal(frame.frequencies_hz, first.frequencies_hz):
+                raise HandbenchError(f"{self._file(number)}: 'fvec' differs from the first frame's; expected one sweep")
+        samples = np.stack([frame.samples for frame in read])
+        parts = samples.view(np.float32)  # a power of two changes none of their digits
+        parts *= np.float32(1 / self.metadata.handbench_echo_scale)
         try:
-            return RadarCapture(np.stack(samples), first.frequencies_hz, qar50())
+            return RadarCapture(samples, first.frequencies_hz, qar50(), self.sensors())
         except HandbenchError as error:
             raise HandbenchError(f"{self._file(0).parent}: {error}") from None
 
@@ -129,15 +141,22 @@ class MaroonCapture(NativeCapture):
             say(f"{self.folder}: has no {MESHES['masked']}; {MESHES['whole']} is taken, as their code does")
         return here.get("masked", here.get("whole"))
 
-    @property
-    def truth(self) -> Path | None:
-        """None: the model behind a printed object (mesh "synthetic") was itself aligned to photographs."""
-        return None
-
     def transform(self) -> Transform | None:
-        """radar_from_photo in our frame, of its alignment.json or else of its calibration's, said; None without any."""
-        file = self._alignment()
-        return load_alignment(file) if file else None
+        """radar_from_photo in our frame, with a note on its hand; None without an alignment."""
+        file, hand = self.alignment, self.handedness
+        return replace(load_alignment(file, mirrored=hand.mirrored), note=hand.note) if file else None
+
+    @property
+    def handedness(self) -> Handedness:
+        """Direction of its radar frame's x; without an alignment.json as their code draws it."""
+        return _handedness(self, self.key(1))
+
+    def sensors(self) -> dict[str, OtherSensor]:
+        """The other sensors that it holds and that alignment.json knows, by name."""
+        file, mirrored = self.alignment, lambda: self.handedness.mirrored
+        here = [name for name in LENSES if pictures(self.folder, name, "depth")]
+        known = read_table(file) if file and here else {}
+        return {n: OtherSensor(self.folder, n, file, mirrored) for n in here if file and f"{n}2radar" in known}
 
     def mask(self, depth: DepthMap, erode: bool = False) -> np.ndarray:
         """Pixels [ny, nx] of a depth map that their code scores: on target and inside mask_bb. erode: away from the
@@ -148,18 +167,22 @@ class MaroonCapture(NativeCapture):
         found = np.isfinite(depth.z_m)
         if erode:
             found = eroded(found, radar_kernel_px(self.metadata.mask_erosion))
-        x_m, y_m = np.meshgrid(depth.x_m, depth.y_m)
-        for axis, values_m in zip("xyz", (-x_m, y_m, depth.z_m), strict=True):
+        turned = bool({"xmin", "xmax"} & self.metadata.mask_bb.keys()) and self.handedness.mirrored
+        x_m, y_m = np.meshgrid(-depth.x_m if turned else depth.x_m, depth.y_m)
+        for axis, values_m in zip("xyz", (x_m, y_m, depth.z_m), strict=True):
             low_m, high_m = self._bounds_m(axis)
             with np.errstate(invalid="ignore"):
                 found &= (values_m >= low_m) & (values_m <= high_m)
         return found
 
     def key(self, frames: int | None = None) -> str:
-        """Hash of the content of the files that a run reads: its first `frames` frames (or all), descriptions, and the
-        mesh or else the photographs. Other sensors' data and what their tools have made of the echoes do not count."""
+        """Hash of the content of the files that a run reads: the first `frames` frames (or all) of the radar and of the
+        other sensors, descriptions, masks, the mesh or else the photographs; not what their tools have made of it."""
         files = sorted(self._file(0).parent.glob(self._file(0).name.replace("000000", 6 * "[0-9]")))
-        described = [self.folder / METADATA, self._alignment(), self.radar / VOLUMES]
+        described = [self.folder / METADATA, self.alignment, self.radar / VOLUMES]
+        for sensor in LENSES:
+            depths, masks = (pictures(self.folder, sensor, kind) for kind in ("depth", "mask"))
+            described += [self.folder / sensor / VOLUMES, *depths[:frames], *masks[-1:]]
         found = [*described, self.mesh() or self.photos, *files[:frames]]
         read = [path for path in found if path is not None and path.exists()]
         return content_hash([f"{path.parent.name}/{path.name}" for path in read], *read)
@@ -167,14 +190,9 @@ class MaroonCapture(NativeCapture):
     def _file(self, frame: int) -> Path:
         return self.radar / FRAMES / f"{frame:06d}{f'_{EMPTY_FILTERED}' * self.empty_filtered}.npy"
 
-    def _later(self, number: int, first: Frame) -> Frame:
-        """A frame of the same sweep as the first."""
-        frame = read_frame(self._file(number))
-        if not np.array_equal(frame.frequencies_hz, first.frequencies_hz):
-            raise HandbenchError(f"{self._file(number)}: 'fvec' differs from the first frame's; expected one sweep")
-        return frame
-
-    def _alignment(self) -> Path | None:
+    @cached_property
+    def alignment(self) -> Path | None:
+        """Its alignment.json or else, said, that of its calibration; None without any."""
         beside = self.folder / ALIGNMENT
         name = self.metadata.calibration
         if beside.exists() or not name:
@@ -207,30 +225,43 @@ class MaroonCapture(NativeCapture):
         frame = read_table(file, f"MAROON's {VOLUMES}").get(f"{0:06d}", {}) if file.exists() else {}
         distance_m = self.metadata.distance_meters
         if isinstance(frame, dict) and "volume" in frame:
-            box = _axes(file, frame["volume"])
+            box = self._axes(file, frame["volume"])
         elif distance_m is not None:
             ends = {end: round(distance_m + BEHIND_M[end], ROUNDED) for end in ("start_m", "stop_m")}
             box = {"z": BEHIND_M | ends}
         else:
             return {}
         pixels = {axis: box[axis] for axis in "xy" if axis in box}
-        return dict.fromkeys(FSK, pixels) | dict.fromkeys(PROJECTIONS, box)
+        return dict.fromkeys(PLANES, pixels) | dict.fromkeys(PROJECTIONS, box)
 
-
-def _axes(file: Path, volume: Any) -> dict[str, dict[str, float]]:
-    """Our x, y and z of a `volume` of their calibration.json."""
-    told = volume if isinstance(volume, dict) else {}
-    low, high, count = (
-        checked_numbers(file, key, told.get(key), [(3,)], 1e4) for key in ("bb_min", "bb_max", "grid_size")
-    )
-    if (count < 1).any() or (count % 1 != 0).any() or (high < low).any():
-        raise HandbenchError(
-            f"{file}: 'volume' reaches from {low.tolist()} to {high.tolist()} in {count.tolist()} voxels; expected "
-            "whole numbers ≥ 1 and bb_min below bb_max"
+    def _axes(self, file: Path, volume: Any) -> dict[str, dict[str, float]]:
+        """Our x, y and z of a `volume` of their calibration.json."""
+        told = volume if isinstance(volume, dict) else {}
+        low, high, count = (
+            checked_numbers(file, key, told.get(key), [(3,)], 1e4) for key in ("bb_min", "bb_max", "grid_size")
         )
-    ends = zip((-high[0], low[1], low[2]), (-low[0], high[1], high[2]), count, strict=True)
-    rounded = [(round(float(a), ROUNDED), round(float(b), ROUNDED), int(n)) for a, b, n in ends]
-    return {
-        axis: {"start_m": a, "stop_m": b, "step_m": (b - a) / (n - 1) if n > 1 and b > a else BEHIND_M["step_m"]}
-        for axis, (a, b, n) in zip("xyz", rounded, strict=True)
-    }
+        if (count < 1).any() or (count % 1 != 0).any() or (high < low).any():
+            raise HandbenchError(
+                f"{file}: 'volume' reaches from {low.tolist()} to {high.tolist()} in {count.tolist()} voxels; expected "
+                "whole numbers ≥ 1 and bb_min below bb_max"
+            )
+        if low[0] != -high[0] and self.handedness.mirrored:
+            low[0], high[0] = -high[0], -low[0]
+        ends = zip(low.round(ROUNDED).tolist(), high.round(ROUNDED).tolist(), count.astype(int).tolist(), strict=True)
+        return {
+            axis: {"start_m": a, "stop_m": b, "step_m": (b - a) / (n - 1) if n > 1 and b > a else BEHIND_M["step_m"]}
+            for axis, (a, b, n) in zip("xyz", ends, strict=True)
+        }
+
+
+@cache
+def _handedness(capture: MaroonCapture, key: str) -> Handedness:
+    """That of a capture whose content has this key, decided once a process: by its mesh, or else by another sensor."""
+    file, mesh_file = capture.alignment, capture.mesh()
+    if file is None:
+        return Handedness(True, "")
+    found: dict[str, Callable[[], Triangles]] = {name: sensor.triangles for name, sensor in capture.sensors().items()}
+    if mesh_file is not None:
+        found = {PHOTOGRAMMETRY: lambda: read_triangles(mesh_file)[:2]}
+    source, surface = next(iter(found.items()), (PHOTOGRAMMETRY, None))
+    return handedness_of(file, source, surface, lambda: capture.echoes(1))

@@ -1,28 +1,26 @@
 """`alignment.json`, the file of transforms of the MAROON data set (Wirth et al. 2024, arXiv 2411.00527).
 
 It holds 4×4 matrices in row order under `SOURCE2DEST`, applied to columns [p, 1], between the frames of the sensors
-`radar`, `photogrammetry`, `kinect`, `realsense`, `zed` and a common `world`. What the public code says of them:
-
-- Radar frame: origin at the aperture's centre, x right, y up, z away (the drawing in `RadarControllerBase.
-  initialize_reconstruction`), which is left-handed. The antennas' file is the opposite in x ("the reconstruction
-  coordinate system"), and its x is negated before imaging. That file is ours, so that p_ours = diag(−1, 1, 1)·p_theirs.
-  A third party that simulates the data set does the same the other way round: it carries the mesh by
-  `photogrammetry2radar`, negates x, and computes echoes with the antennas as they are in the file, looking along +z.
-- Handedness: a camera or a photogrammetric mesh is right-handed, so that `X2radar` contains one reflection (negative
-  determinant). The code does not show it (no matrix is published with it), hence the argument `mirrored`; a file that
-  contradicts it is refused, since no rotation could then carry the one to the other.
-- Units: radar in metres (bounds of 0.2 to 0.9 and `mask_bb` are compared with points in it); photogrammetry in metres
-  (`transform_error_to_meters` divides errors in the frames of the three cameras by 1000, there not at all); so
-  `kinect2radar`, `realsense2radar` and `zed2radar` have a scale of 1/1000 and lead from millimetres.
-- Their `spatial_alignment.transform` takes `SOURCE2DEST` if it is there, else `SOURCE2radar` and inverses.
+`radar`, `photogrammetry`, `kinect`, `realsense`, `zed` and a common `world`; metres in the first two, millimetres in
+the cameras' frames. Their code draws a left-handed radar frame, x to the right, y up, z away, so that p_ours =
+diag(−1, 1, 1)·p_theirs, and a matrix from a right-handed sensor contains a reflection. One without says that the radar
+frame is ours already, or that the sensor's points are a mirror image. Both readings place what the sensor saw before
+the radar, one mirrored in x, and the radar's own depth tells them apart. The evidence stands in docs/maroon.md.
 """
 
+from collections.abc import Callable, Mapping
+from itertools import permutations
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from bench.evaluation.depth_errors import error_map
 from calibration.transforms import Transform, checked_numbers, load_transform
+from groundtruth.mesh.depth import depth_on_grid
+from groundtruth.mesh.mesh_files import mesh
+from radar.data.capture import RadarCapture
+from radar.methods.registry import method
 from radar.support.config import suggest
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json
@@ -34,15 +32,20 @@ ROUNDING, TOO_CROOKED = 1e-6, 1e-3  # largest element by which a matrix may miss
 FARTHEST_M = 10.0  # no two sensors of the set-up stand further apart; more are millimetres
 MIRROR_X = np.diag([-1.0, 1.0, 1.0, 1.0])
 FRAMES = {"photogrammetry": "photo"}  # ours for theirs; the others keep their names
+PIXELS = {"start_m": -0.15, "stop_m": 0.15, "step_m": 0.003}  # about x = 0
+LOOK = {"x": PIXELS, "y": PIXELS, "coarse_filter_px": 3, "fine_filter_px": 1}  # 3-FSK, a ninth of the paper's pixels
+CLEAR_MM = 0.5  # by which the reading that the matrix does not suggest must fit better; below, the object is symmetric
+Triangles = tuple[np.ndarray, np.ndarray]  # vertices [n, 3] and faces [m, 3]
 
 
-def load_alignment(path: str | Path, source: str = "photogrammetry", mirrored: bool = True) -> Transform:
+def load_alignment(path: str | Path, source: str = "photogrammetry", mirrored: bool | None = None) -> Transform:
     """`radar_from_SOURCE` in our radar frame, metres; it carries no covariance. `photogrammetry` becomes our `photo`.
 
     source: a sensor of the file; its points are in the unit that the file's matrix expects (see above), which the
-    transform's scale shows. mirrored: whether the file's radar frame has x to the right. The matrix is brought to the
-    nearest rotation with a scale. Raises HandbenchError for anything but a finite 4×4 similarity, for an unknown
-    source, and where the handedness contradicts `mirrored`.
+    transform's scale shows. mirrored: whether the file's radar frame has x to the right; None: if the matrix contains a
+    reflection. Asked for the other reading, the source is a mirror image, and the transform's scale negative. The
+    matrix is brought to the nearest rotation with a scale. Raises HandbenchError for anything but a finite 4×4
+    similarity, and for an unknown source.
     """
     content = read_table(path)
     key = f"{source}2radar"
@@ -56,25 +59,33 @@ def load_alignment(path: str | Path, source: str = "photogrammetry", mirrored: b
         raise HandbenchError(
             f"{path}: '{key}' shifts by {np.linalg.norm(matrix[:3, 3]):.4g} m; expected metres, {FARTHEST_M:g} at most"
         )
-    matrix = MIRROR_X @ matrix if mirrored else matrix
-    return Transform(FRAMES.get(source, source), "radar", _straight(path, key, matrix, mirrored))
+    reflects = bool(np.linalg.det(matrix[:3, :3]) < 0)
+    flip = MIRROR_X if (reflects if mirrored is None else mirrored) else np.eye(4)
+    return Transform(FRAMES.get(source, source), "radar", _straight(path, key, flip @ matrix))
 
 
-def save_alignment(path: str | Path, transform: Transform, mirrored: bool = True) -> None:
-    """Write `radar_from_photo` in MAROON's form, atomically: `photogrammetry2radar` and its inverse.
+def save_alignment(
+    path: str | Path, transform: Transform, mirrored: bool | None = None, others: Mapping[str, Transform] | None = None
+) -> None:
+    """Write `radar_from_photo` in MAROON's form, atomically, and `radar_from_SENSOR` of the others: between each two of
+    them and the radar, and into the world, which is the radar's frame in a new file.
 
-    An existing file keeps its other keys; those that lead to or from the photogrammetry without the radar stay as they
-    were, and speak of another calibration then. A new file gets what their viewer asks for besides: `radar2world`,
-    whose axes are the radar's, and the word that no Kinect matrix waits for correction. The covariance has no place
-    there.
+    An existing file keeps its other keys, and the hand of its radar frame; mirrored: the hand of a new one, None: x to
+    the right, as their code draws it. The covariance has no place there.
     """
     transform.require("photo", "radar", "transform")
-    known: dict[str, Any] = {"radar2world": np.eye(4), "kinect_calib": {"space": "depth"}}
+    known: dict[str, Any] = {"radar2world": np.eye(4), "kinect_calib": {"space": "depth"}}  # which no viewer corrects
     if Path(path).exists():
         known |= read_table(path)
-    flip = MIRROR_X if mirrored else np.eye(4)  # from their radar frame to ours, or back
-    there, back = flip @ transform.matrix, transform.inverse().matrix @ flip
-    write_json(path, known | {"photogrammetry2radar": there, "radar2photogrammetry": back})
+        if mirrored is None and "photogrammetry2radar" in known:
+            mirrored = load_alignment(path, mirrored=True).scale > 0
+    flip = np.eye(4) if mirrored is False else MIRROR_X  # from our radar frame to theirs, or back
+    sensors = {"photogrammetry": transform, **(others or {})}
+    to_radar = {name: flip @ of.matrix for name, of in sensors.items()} | {"radar": np.eye(4)}
+    world = checked_numbers(path, "radar2world", known["radar2world"], [(4, 4), (16,)]).reshape(4, 4)
+    from_radar = {name: of.inverse().matrix @ flip for name, of in sensors.items()} | {"radar": np.eye(4)}
+    between = {f"{a}2{b}": from_radar[b] @ to_radar[a] for a, b in permutations(to_radar, 2)}
+    write_json(path, known | between | {f"{name}2world": world @ to_radar[name] for name in sensors})
 
 
 def read_table(path: str | Path, what: str = "MAROON's alignment.json") -> dict[str, Any]:
@@ -85,8 +96,9 @@ def read_table(path: str | Path, what: str = "MAROON's alignment.json") -> dict[
     return content
 
 
-def _straight(path: str | Path, key: str, matrix: np.ndarray, mirrored: bool) -> np.ndarray:
-    """The matrix with the nearest rotation (polar decomposition) and the mean stretch as scale; says how far it was."""
+def _straight(path: str | Path, key: str, matrix: np.ndarray) -> np.ndarray:
+    """The matrix with the nearest rotation or reflection (polar decomposition) and the mean stretch as scale; says how
+    far it was."""
     u, stretch, vt = np.linalg.svd(matrix[:3, :3])
     scale, rotation = float(stretch.mean()), u @ vt
     crooked = float(np.abs(matrix[:3, :3] / scale - rotation).max()) if scale > 0 else np.inf
@@ -94,18 +106,53 @@ def _straight(path: str | Path, key: str, matrix: np.ndarray, mirrored: bool) ->
         raise HandbenchError(
             f"{path}: '{key}' is {crooked:.2g} off a rotation with one scale; expected {TOO_CROOKED:g} at most"
         )
-    if np.linalg.det(rotation) < 0:
-        has, other = ("no reflection", False) if mirrored else ("a reflection", True)
-        raise HandbenchError(
-            f"{path}: '{key}' has {has}, which a right-handed source and mirrored={mirrored} rule out; if the file's "
-            f"radar frame is the other one, ask for mirrored={other}; else its source is a mirror image, to be undone"
-        )
     if crooked > ROUNDING:
         say(f"{path}: '{key}' was {crooked:.1e} off a rotation; the nearest one is taken")
     straight = matrix.copy()
     straight[:3, :3] = scale * rotation
     straight[3] = [0, 0, 0, 1]
     return straight
+
+
+class Handedness(NamedTuple):
+    """mirrored: their x is ours negated; note: how it was found, in words."""
+
+    mirrored: bool
+    note: str
+
+
+def handedness_of(
+    path: Path, source: str, surface: Callable[[], Triangles] | None, echoes: Callable[[], RadarCapture]
+) -> Handedness:
+    """Handedness of an alignment file, said. surface: what `source` saw, in its frame; None where that is not known."""
+    mirrored = load_alignment(path, source, mirrored=False).scale < 0
+    note = f"{source}2radar has {'a' if mirrored else 'no'} reflection"
+    try:
+        if surface is None:
+            raise HandbenchError("there is nothing to check it by")
+        vertices, faces = surface()
+        gain_mm = _gain_mm(load_alignment(path, source).points(vertices), faces, echoes())
+        side = "further off" if gain_mm >= 0 else "nearer to"
+        note += f"; mirrored, what it saw lies {abs(gain_mm):.1f} mm {side} the radar's depth"
+        mirrored ^= gain_mm < -CLEAR_MM
+    except HandbenchError as error:
+        note += f", which was not checked ({error})"
+    note += f": x of its radar frame is {'negated' if mirrored else 'taken as it is'}"
+    say(f"{path}: {note}")
+    return Handedness(mirrored, note)
+
+
+def _gain_mm(vertices_m: np.ndarray, faces: np.ndarray, echoes: RadarCapture) -> float:
+    """Mean distance of the radar's points from the mirror image of a surface, less that from the surface itself."""
+    chosen = method("3fsk")
+    depth = chosen.run(echoes, chosen.configure(LOOK, "handedness"), 0).depth
+    surface_m = depth_on_grid(mesh(vertices_m, faces), depth.x_m, depth.y_m)
+    if not np.isfinite(surface_m).any():
+        raise HandbenchError("what it saw lies beside the radar's pixels")
+    both_m = surface_m, surface_m[:, ::-1]
+    maps = [error_map(depth.x_m, depth.y_m, depth.z_m, z_m, met=np.isfinite(z_m)) for z_m in both_m]
+    own_m, other_m = (np.nanmean(np.asarray(errors.to_reference_m)) for errors in maps)
+    return 1e3 * float(other_m - own_m)
 
 
 def load_any_transform(file: Path) -> Transform:

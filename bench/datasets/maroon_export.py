@@ -1,5 +1,7 @@
 """The way back: a capture as one object at one distance of MAROON, for their tools and for tests of ours."""
 
+import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,50 +10,68 @@ import numpy as np
 from bench.datasets.dataset import open_capture
 from bench.datasets.maroon import EMPTY_FILTERED, FRAMES, MESHES, METADATA, PHOTOGRAMMETRY, VOLUMES
 from bench.datasets.maroon_alignment import ALIGNMENT, save_alignment
-from bench.datasets.maroon_frame import Frame, write_frame
+from bench.datasets.maroon_frame import FRAME_S, Frame, write_frame
+from bench.datasets.maroon_sensors import kinect_camera
 from bench.datasets.native import EMPTY, TRUE_TRANSFORM, NativeCapture
 from calibration.transforms import Transform, load_transform
+from groundtruth.cameras.cameras import Camera
+from groundtruth.cameras.metashape import read_metashape
 from groundtruth.mesh.mesh_files import read_triangles
 from radar.data.arrays import AntennaArray, qar50
 from radar.data.capture import RadarCapture, load_capture
 from radar.methods.registry import method
 from radar.support.errors import HandbenchError
-from radar.support.files import atomic_folder, atomic_path, write_json
+from radar.support.files import atomic_folder, atomic_path, write_json, write_text
+from radar.support.rays import Rays
 
 SAME_M = 1e-7  # positions that agree to this are the same
+CAMS, KINECT = (Path(__file__).with_name(name) for name in ("maroon_cams.xml", "maroon_kinect.json"))
+PHOTO_M, KINECT_M = np.array([0.0, -0.05, 0.0]), np.array([0.0, 0.05, 0.0])  # beside the radar's origin
+FACING = np.diag([-1.0, -1.0, 1.0])  # camera from radar: x right, y down
+BRIGHTEST = 2**16 - 1  # of a maximum projection, which their code keeps as uint16
 
 
-def export_maroon(path: str | Path, root: str | Path, overwrite: bool = False) -> Path:
+def export_maroon(
+    path: Path, root: Path, overwrite: bool = False, exact: bool = False, mirrored: bool = True, kinect: bool = False
+) -> Path:
     """Write the capture at `path` as ROOT/NAME/CENTIMETRES, all or nothing, and return that folder.
 
-    Echoes come back bit for bit. The layout has no place for what a mesh's vertices carry (sigma_m, observed), for a
-    transform's covariance, and for the methods' settings but the box of `broadband`. Where the echoes of the empty room
-    are known, the frames NNNNNN_emptyfiltered.npy are without them. A simulated capture without transform of its own
-    gets the true one. Raises HandbenchError for another array than the radar's, which the layout takes for granted,
-    without a distance, and for a folder that is there already, if not to be overwritten.
+    Echoes come back bit for bit: their scale is a power of two that metadata.json tells, or 1 if exact. mirrored: x of
+    the radar frame to the right, as their code draws it. kinect: with one that sees the true surface. docs/maroon.md
+    has what the layout has no place for. Where the echoes of the empty room are known, NNNNNN_emptyfiltered.npy are
+    without them. A simulated capture without transform of its own gets the true one. Raises HandbenchError for another
+    array than the radar's, without a distance, and for a folder that is there already, if not to be overwritten.
     """
     capture = open_capture(path)
     about, echoes = capture.about, capture.echoes()
     _require_radar(capture, echoes)
     if about.distance_m is None:
         raise HandbenchError(f"{capture.folder}: gives no distance_m, after which MAROON names its folders; add it")
-    folder = Path(root) / about.name / f"{100 * about.distance_m:.0f}"
+    folder = root / about.name / f"{100 * about.distance_m:.0f}"
     if folder.exists() and not overwrite:
         raise HandbenchError(f"{folder}: exists already; choose another -o, or --overwrite to replace it")
     low_ghz, high_ghz = echoes.frequencies_hz.min() / 1e9, echoes.frequencies_hz.max() / 1e9
     with atomic_folder(folder) as temporary:
         radar = temporary / f"radar_{low_ghz:.1f}_{high_ghz:.1f}_{len(echoes.frequencies_hz)}"
-        _write_frames(radar / FRAMES, echoes, "")
+        scale = 1.0 if exact else _scale(echoes.samples)
+        _write_frames(radar / FRAMES, replace(echoes, samples=scale * echoes.samples), "")
         empty = capture.folder / EMPTY
         if empty.is_file():
-            filtered = replace(echoes, samples=echoes.samples - load_capture(empty).samples)
+            filtered = replace(echoes, samples=scale * (echoes.samples - load_capture(empty).samples))
             _write_frames(radar / FRAMES, filtered, f"_{EMPTY_FILTERED}")
-        write_json(radar / VOLUMES, {f"{0:06d}": {"volume": _volume(capture)}})
+        write_json(radar / VOLUMES, {f"{0:06d}": {"volume": _volume(capture, mirrored)}})
         box = {"zmin": 0.0, "zmax": 2 * about.distance_m}
         facts = {"distance_meters": about.distance_m, "mask_erosion": 0, "labels": [about.name], "mask_bb": box}
-        write_json(temporary / METADATA, facts)
-        _write_surfaces(capture, temporary)
+        write_json(temporary / METADATA, facts | {"handbench_echo_scale": scale})
+        _write_surfaces(capture, temporary, mirrored, len(echoes.samples) if kinect else 0)
     return folder
+
+
+def _scale(samples: np.ndarray) -> float:
+    """The power of two up to which no image, a mean over the channels, is brighter than BRIGHTEST: far above the
+    1e-3 (1 + j) at which each of their 32 threads starts its sum."""
+    most = float(np.abs(samples).mean(axis=(2, 3), dtype=np.float64).sum(axis=1).max())
+    return float(2.0 ** np.clip(np.floor(np.log2(BRIGHTEST / most)), -99, 99)) if most > 0 else 1.0
 
 
 def _require_radar(capture: NativeCapture, echoes: RadarCapture) -> None:
@@ -70,18 +90,18 @@ def _write_frames(folder: Path, echoes: RadarCapture, suffix: str) -> None:
         write_frame(folder / f"{number:06d}{suffix}.npy", number, frame)
 
 
-def _volume(capture: NativeCapture) -> dict[str, list[float]]:
+def _volume(capture: NativeCapture, mirrored: bool) -> dict[str, list[float]]:
     """The box of the broadband method for this capture, in their frame."""
     chosen = method("broadband")
     grid = chosen.configure(capture.about.methods.get(chosen.id, {}), str(capture.folder)).grid()
-    x_m, y_m, z_m = -grid.x_m[::-1], grid.y_m, grid.z_m
+    x_m, y_m, z_m = -grid.x_m[::-1] if mirrored else grid.x_m, grid.y_m, grid.z_m
     ends = {key: [axis[end] for axis in (x_m, y_m, z_m)] for key, end in (("bb_min", 0), ("bb_max", -1))}
     return {**ends, "grid_size": [len(axis) for axis in (x_m, y_m, z_m)]}
 
 
-def _write_surfaces(capture: NativeCapture, folder: Path) -> None:
+def _write_surfaces(capture: NativeCapture, folder: Path, mirrored: bool, kinect_frames: int) -> None:
     """alignment.json; the true surface as "synthetic" mesh; the measured surface, or else the true one, as the meshes
-    that are scored. Where nothing was photographed, the photo frame is the radar's own."""
+    that are scored and seen by a camera. Where nothing was photographed, the photo frame is the radar's own."""
     measured, true, transform = capture.mesh(), capture.truth, capture.transform()
     file = capture.folder / TRUE_TRANSFORM
     if transform is None and file.exists():
@@ -89,14 +109,70 @@ def _write_surfaces(capture: NativeCapture, folder: Path) -> None:
     elif transform is None and measured is None and capture.photos is None:
         transform = Transform("photo", "radar", np.eye(4))
     surfaces = {} if measured is None else dict.fromkeys(("whole", "masked"), read_triangles(measured)[:2])
+    if kinect_frames and (transform is None or true is None):
+        raise HandbenchError(f"{capture.folder}: has no truth.ply and transform; --kinect needs them: leave it out")
     if transform is not None:
-        save_alignment(folder / ALIGNMENT, transform)
+        others = {}
         if true is not None:
             vertices_m, faces, _ = read_triangles(true)
             carried = transform.inverse().points(vertices_m), faces
             surfaces = {"synthetic": carried} | (surfaces or dict.fromkeys(("whole", "masked"), carried))
+            if kinect_frames:
+                others["kinect"] = _write_kinect(folder / "kinect", vertices_m, faces, kinect_frames)
+        save_alignment(folder / ALIGNMENT, transform, mirrored, others)
+        if "masked" in surfaces:
+            _write_photograph(folder / PHOTOGRAMMETRY, *surfaces["masked"], transform)
     for kind, (vertices_m, faces) in surfaces.items():
         file = folder / PHOTOGRAMMETRY / MESHES[kind]
         with atomic_path(file) as temporary, temporary.open("w", encoding="ascii") as stream:
             np.savetxt(stream, vertices_m, "v %.9f %.9f %.9f")  # to a nanometre
             np.savetxt(stream, faces + 1, "f %d %d %d")
+
+
+def _write_photograph(folder: Path, vertices: np.ndarray, faces: np.ndarray, radar_from_photo: Transform) -> None:
+    """Write a photograph's camera and depth, in the photo frame and its unit as the mesh [n, 3], [m, 3]."""
+    R, centre = FACING @ radar_from_photo.rotation, radar_from_photo.inverse().points(PHOTO_M)
+    pose = " ".join(f"{number:.12g}" for number in [*np.c_[R.T, centre].ravel(), 0, 0, 0, 1])
+    write_text(folder / "cams.xml", CAMS.read_text("utf-8").format(pose=pose))
+    [camera] = read_metashape(folder / "cams.xml")
+    depth = _seen(camera, Rays(vertices, faces))
+    pictures = {"rgb/{}.jpg": _shown(depth, 3), "mask/{}.png": _shown(depth), "depth/{}.tif": depth.astype(np.float32)}
+    _write(folder, {name.format(camera.name): picture for name, picture in pictures.items()})
+
+
+def _write_kinect(folder: Path, vertices_m: np.ndarray, faces: np.ndarray, frames: int) -> Transform:
+    """Write a Kinect's folder with equal frames of a surface in the radar frame; the transform from its depth camera,
+    whose points are millimetres."""
+    lines, surface = ["filename device[us] system[ns] absolute[ns]\n"], Rays(vertices_m, faces)
+    known = json.loads(KINECT.read_text("utf-8"))["CalibrationInformation"]["Cameras"]
+    pose = {"R": FACING, "t": -FACING @ KINECT_M}
+    depth_m, colour_m = (_seen(kinect_camera(each).model_copy(update=pose), surface) for each in known)
+    pictures = {"depth": np.round(1e3 * depth_m).astype(np.uint16), "ir": _shown(depth_m).astype(np.uint16)}
+    pictures |= {"rgb": _shown(colour_m, 3), "mask": _shown(colour_m)}
+    for number in range(frames):
+        _write(folder, {f"{kind}/{number:06d}.png": picture for kind, picture in pictures.items()})
+        time_ns = round(1e9 * number * FRAME_S)
+        lines.append(f"{number:06d} {time_ns // 1000} {time_ns} {time_ns}\n")
+    write_text(folder / "timestamps.txt", "".join(lines))
+    shutil.copyfile(KINECT, folder / "calibration.json")
+    return Transform("kinect", "radar", np.r_[np.c_[1e-3 * FACING.T, KINECT_M], [[0, 0, 0, 1]]])
+
+
+def _seen(camera: Camera, surface: Rays) -> np.ndarray:
+    """Depth along the camera's z [height, width] of what each pixel's centre sees; 0: nothing."""
+    rays = camera.ray_directions().reshape(-1, 3)
+    distance, _ = surface.first_hits(np.broadcast_to(camera.centre_m, rays.shape), rays)
+    return np.where(np.isfinite(distance), distance * (rays @ camera.rotation[2]), 0.0).reshape(-1, camera.width)
+
+
+def _shown(depth: np.ndarray, channels: int = 1) -> np.ndarray:
+    """White where something is seen: [height, width, channels]."""
+    return np.repeat(np.where(depth > 0, 255, 0).astype(np.uint8)[..., None], channels, axis=2)
+
+
+def _write(folder: Path, pictures: dict[str, np.ndarray]) -> None:
+    import cv2
+
+    for name, picture in pictures.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(cv2.imencode(Path(name).suffix, picture)[1].tobytes())

@@ -35,7 +35,7 @@ class Surface:
 
     def moved(self, transform: Transform) -> "Surface":
         """The surface in the transform's target frame; the transform's own uncertainty is not added."""
-        sigma_m = self.sigma_m * transform.scale
+        sigma_m = self.sigma_m * abs(transform.scale)
         return Surface(transform.points(self.vertices_m), self.faces, sigma_m, self.observed)
 
     def save(self, file: str | Path) -> None:

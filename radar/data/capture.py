@@ -1,7 +1,8 @@
 """Radar captures: the echoes of one scene, and their file `echoes.h5`."""
 
 import os
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from radar.data.arrays import AntennaArray, Aperture, PlanarScan, tones
+from radar.data.grid import PixelGrid
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, require_file
 from radar.support.hdf5 import attribute, opened, read
@@ -23,11 +25,13 @@ QUIETEST, LOUDEST = 1e-30, 3e38  # largest part of samples that complex64 keeps 
 
 @dataclass(frozen=True)
 class RadarCapture:
-    """samples: complex64 [frame, f, t, r] (or [frame, f, n] of a PlanarScan); frequencies_hz: [f], ascending or not."""
+    """samples: complex64 [frame, f, t, r] (or [frame, f, n] of a PlanarScan); frequencies_hz: [f], ascending or not.
+    sensors: by name the other sensors that saw the scene, each z_m [ny, nx] of a grid's pixels in a frame."""
 
     samples: np.ndarray
     frequencies_hz: np.ndarray
     aperture: Aperture
+    sensors: Mapping[str, Callable[[PixelGrid, int], np.ndarray]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequencies_hz", tones("frequencies_hz", self.frequencies_hz))

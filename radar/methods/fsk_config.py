@@ -27,11 +27,20 @@ OddPixels = Annotated[int, AfterValidator(_odd)]
 Tone = Annotated[float, Field(gt=0)]
 
 
-class FskConfig(Config):
-    """Parameters that all FSK methods share."""
+class PixelsConfig(Config):
+    """The pixels of a depth map: all that another sensor's is asked for."""
 
     x: Axis = PAPER_LATERAL
     y: Axis = PAPER_LATERAL
+
+    def grid(self) -> PixelGrid:
+        """The pixels."""
+        return PixelGrid(self.x.values_m(), self.y.values_m())
+
+
+class FskConfig(PixelsConfig):
+    """Parameters that all FSK methods share."""
+
     first_depth_m: float = Field(default=0.45, gt=0, description="z_e of the first images")
     threshold_db: float = Field(default=-10.0, lt=0, description="pixels weaker than this are off target")
     corrections: int = Field(default=1, ge=1, description="times that z_e is corrected, at most (paper: once)")
@@ -39,10 +48,6 @@ class FskConfig(Config):
     off_axis: bool = Field(default=False, description="use the path's true derivative along z instead of 2")
     tolerance: float | None = Field(default=1e-5, gt=0, lt=1, description="relative error of the images; null: exact")
     spread_px: OddPixels = Field(default=9, description="window of the predicted error, pixels: two resolution cells")
-
-    def grid(self) -> PixelGrid:
-        """The pixels."""
-        return PixelGrid(self.x.values_m(), self.y.values_m())
 
 
 class AgreementConfig(Config):
@@ -143,7 +148,7 @@ class PriorConfig(AgreementConfig, FskConfig):
 
     threshold_db: float = Field(default=-16.0, lt=0, description="pixels weaker than this are off target")
     off_axis: bool = Field(default=True, description="use the path's true derivative along z instead of 2")
-    prior: str = Field(default="", description="depth map .npz on the same pixels; empty: the echoes' own coarse depth")
+    prior: str = Field(default="", description="depth map .npz, or other sensor; empty: the echoes' own coarse depth")
     f1_hz: float = Field(default=82.0e9, gt=0, description="first tone")
     far_hz: float = Field(default=77.0e9, gt=0, description="second tone; |f1 − far| sets what the prior may be off")
     close_hz: float = Field(default=81.8e9, gt=0, description="witness: with f1 it tells a depth of another period")

@@ -20,7 +20,7 @@ from radar.data.grid import PixelGrid
 from radar.methods.alignment import agreed
 from radar.methods.confidence import quadrature_m, spread_m, wrap_probability
 from radar.methods.fsk import Look, Tones, first_look
-from radar.methods.fsk_config import PriorConfig
+from radar.methods.fsk_config import PixelsConfig, PriorConfig
 from radar.methods.smoothing import bounding_box, masked_mean
 from radar.support.errors import HandbenchError
 
@@ -32,7 +32,7 @@ def prior_two_tone(capture: RadarCapture, config: PriorConfig, frame: int = 0) -
     """Depth map of a frame, with σ and flags. HandbenchError for a prior on other pixels, without depths, or so far
     from the echoes' own depth, on the whole, that its pixels would be taken for those of another period."""
     tones, whole = Tones.of(capture, config, frame), config.grid()
-    grid, first_m = _first_depths_m(tones, config, whole)
+    grid, first_m = _first_depths(tones, config, capture, frame)
     look = tones.surface(grid, first_m)
     seen = look.at(amplitude_db(look.amplitude)) >= config.threshold_db
     look = replace(
@@ -49,12 +49,27 @@ def prior_two_tone(capture: RadarCapture, config: PriorConfig, frame: int = 0) -
     return agreed(depth, np.ones(whole.shape), SPEED_OF_LIGHT_M_S / (4 * half_period_m), config)
 
 
-def _first_depths_m(tones: Tones, config: PriorConfig, whole: PixelGrid) -> tuple[PixelGrid, np.ndarray]:
-    """The part of the grid where the prior tells a depth, and these [ny, nx]: the file's, or the echoes' own."""
+def other_sensor(capture: RadarCapture, config: PixelsConfig, name: str, frame: int = 0) -> DepthMap:
+    """Depth map of another sensor, without amplitudes; HandbenchError where the capture has none, or it saw nothing."""
+    if name not in capture.sensors:
+        known = ", ".join(capture.sensors) or "the radar's alone"
+        raise HandbenchError(f"{name}: the capture holds no depth of that sensor, but {known}; leave it out")
+    grid = config.grid()
+    z_m = capture.sensors[name](grid, frame)
+    if not np.isfinite(z_m).any():
+        raise HandbenchError(f"{name}: saw nothing at the radar's pixels; check how its frame lies to the radar's")
+    db = np.where(np.isfinite(z_m), 0.0, -np.inf).astype(np.float32)
+    return DepthMap(grid.x_m, grid.y_m, z_m, db, name, config.model_dump(mode="json"))
+
+
+def _first_depths(tones: Tones, config: PriorConfig, capture: RadarCapture, frame: int) -> tuple[PixelGrid, np.ndarray]:
+    """The part of the grid where the prior tells a depth, and these [ny, nx]: a file's, sensor's or the echoes' own."""
+    whole = config.grid()
     if not config.prior:
         look = first_look(tones, config).cropped()
         return look.grid, masked_mean(look.z_m, config.coarse_filter_px, look.amplitude**2)
-    prior = load_depthmap(config.prior)
+    file = config.prior.endswith(".npz")
+    prior = load_depthmap(config.prior) if file else other_sensor(capture, config, config.prior, frame)
     same = prior.z_m.shape == whole.shape and np.allclose(prior.x_m, whole.x_m) and np.allclose(prior.y_m, whole.y_m)
     if not same or not np.isfinite(prior.z_m).any():
         raise HandbenchError(

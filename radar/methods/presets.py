@@ -11,21 +11,22 @@ from radar.data.capture import RadarCapture
 from radar.methods.fsk import AnyConfig, n_tone
 from radar.methods.fsk_config import (
     SETTLING,
-    FskConfig,
     JointConfig,
     LadderConfig,
+    PixelsConfig,
     PriorConfig,
     ThreeToneConfig,
     TwoToneConfig,
 )
 from radar.methods.joint import joint
-from radar.methods.optical_prior import prior_two_tone
+from radar.methods.optical_prior import other_sensor, prior_two_tone
 from radar.methods.projection import AlignedConfig, BroadbandConfig, NarrowbandConfig, ProjectionConfig, project, volume
 from radar.methods.registry import PAPER, Reconstruction, register
 from radar.support.config import Config
 
 OURS = f"docs/methods.md, after {PAPER}"
 ALONG_Z = "radar/methods/along_z.py, after Capon 1969 and Mallart & Fink 1994"
+OTHERS = "docs/maroon.md, Wirth et al. 2024 (arXiv 2411.00527)"
 PRIOR = "docs/methods.md, after arXiv 2511.01405 (multimodal 2-FSK)"
 # Every improvement: the second refinement settles what the first one, out of focus, leaves.
 PLUS: dict[str, Any] = {"off_axis": True, "weighted": True, "fine_refinements": 2, "drop_wrapped": True}
@@ -42,9 +43,11 @@ def _preset(id: str, config: type[Config], summary: str, source: str = OURS, **d
         config = create_model(config.__name__, __base__=config, **fields)
 
     @register(id, config, summary, source, base=id.rpartition("-")[0] or None)
-    def run(capture: RadarCapture, config: AnyConfig | ProjectionConfig, frame: int) -> Reconstruction:
-        if isinstance(config, FskConfig):
+    def run(capture: RadarCapture, config: AnyConfig | ProjectionConfig | PixelsConfig, frame: int) -> Reconstruction:
+        if isinstance(config, AnyConfig):
             return Reconstruction(replace(n_tone(capture, config, frame), method=id))
+        if isinstance(config, PixelsConfig):
+            return Reconstruction(other_sensor(capture, config, id, frame))
         depth = project(capture, config, id, frame)
         return Reconstruction(depth, lambda: volume(capture, config, frame), config.grid().z_m)
 
@@ -75,3 +78,8 @@ def _joint(capture: RadarCapture, config: JointConfig, frame: int) -> Reconstruc
 @register("prior-2fsk", PriorConfig, "two tones far apart, about another sensor's depth of each pixel", PRIOR)
 def _prior(capture: RadarCapture, config: PriorConfig, frame: int) -> Reconstruction:
     return Reconstruction(prior_two_tone(capture, config, frame))
+
+
+_preset("kinect", PixelsConfig, "another sensor of the capture, if it holds one: Azure Kinect, time of flight", OTHERS)
+_preset("realsense", PixelsConfig, "the same: RealSense D435i, active stereo", OTHERS)
+_preset("zed", PixelsConfig, "the same: ZED X Mini, passive stereo", OTHERS)

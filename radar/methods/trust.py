@@ -49,7 +49,9 @@ FEATURES = (
 
 
 def with_trust(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0) -> DepthMap:
-    """The map with p_gross [ny, nx], NaN off target; capture, config and frame: what the map was made of."""
+    """The map with p_gross [ny, nx], NaN off target, by what it was made of; another sensor's map stays as it is."""
+    if depth.method in capture.sensors:
+        return depth
     index, found = features(depth, capture, config, frame)
     p_gross = np.where(np.isfinite(depth.z_m), 1.0, np.nan)
     p_gross.ravel()[index] = probability(found, weights_of(depth.method))

@@ -146,6 +146,30 @@ def maroon(folder: Path) -> None:
     depth(folder)
 
 
+def maroon_sensors(folder: Path) -> None:
+    """A Kinect and a RealSense of an object of MAROON."""
+    import cv2
+
+    from bench.datasets.maroon_alignment import save_alignment
+    from bench.datasets.maroon_export import KINECT
+    from calibration.transforms import Transform
+    from radar.support.files import write_json
+
+    matrix = np.diag([1e-3, 1e-3, 1e-3, 1.0])
+    others = {name: Transform(name, "radar", matrix) for name in ("kinect", "realsense")}
+    save_alignment(folder / "alignment.json", radar_from_photo(), others=others)
+    for name, shape, shown in (("kinect", (576, 640), (1080, 1920)), ("realsense", (12, 16), (12, 16))):
+        for kind in ("depth", "mask"):
+            (folder / name / kind).mkdir(parents=True)
+        depth_mm = np.zeros(shape, np.uint16)
+        depth_mm[2:10, 3:12] = 300
+        cv2.imwrite(str(folder / name / "depth" / "000000.png"), depth_mm)
+        cv2.imwrite(str(folder / name / "mask" / "000000.png"), np.full(shown, 255, np.uint8))
+    (folder / "kinect" / "calibration.json").write_bytes(KINECT.read_bytes())
+    lens = {"fx": 20.0, "fy": 20.0, "cx": 8.0, "cy": 6.0}
+    write_json(folder / "realsense" / "calibration.json", {"capture": {"scale": 0.001}, "rgb": lens})
+
+
 def planar_scan(folder: Path) -> None:
     """The six arrays of a raster scan, and its phases."""
     rng = np.random.default_rng(2)

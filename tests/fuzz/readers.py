@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from radar.data.grid import PixelGrid
 from tests.fuzz import capture_seeds, geometry_seeds, result_seeds
 
 OUT = "out"  # beside an input: where a reader that writes may write
@@ -49,6 +52,13 @@ def _maroon(folder: Path) -> None:
     capture = open_capture(folder / "hand" / "30")
     _ = capture.about, capture.echoes(), capture.transform(), capture.mesh()
     capture.mask(load_depthmap(folder / "depth.npz"), erode=True)
+
+
+def _maroon_sensors(folder: Path) -> None:
+    from bench.datasets.maroon_sensors import OtherSensor
+
+    for name in ("realsense", "kinect"):
+        OtherSensor(folder, name, folder / "alignment.json", lambda: True)(PixelGrid(np.zeros(2), np.ones(3)))
 
 
 def _scene(folder: Path) -> None:
@@ -227,6 +237,19 @@ READERS: tuple[Reader, ...] = (
             "hand/30/radar_72.0_82.0_2/calibration.json",
         ),
         3,
+    ),
+    Reader(
+        "maroon_sensors",
+        capture_seeds.maroon_sensors,
+        _maroon_sensors,
+        (
+            *2 * ("kinect/calibration.json",),
+            "realsense/calibration.json",
+            "realsense/depth/000000.png",
+            "realsense/mask/000000.png",
+            "alignment.json",
+        ),
+        1,
     ),
     Reader("planar_scan", capture_seeds.planar_scan, _planar_scan, ("scan.npy", "phase.txt"), 3),
     Reader("scene", capture_seeds.scene, _scene, ("scene.toml",), 3),

@@ -100,6 +100,7 @@ def test_their_image_of_a_point_is_ours_with_x_negated(mine):
     file = next(mine.glob("radar_*/calibrated_data/000000.npy"))
     content = {"fvec": TONES_HZ, "xr": xr, "number_of_measurements": np.array([1]), "timestamp_us": np.array([5])}
     np.save(file, np.array(content, dtype=object), allow_pickle=True)
+    (mine / "metadata.json").write_text("{}")  # no scale of ours
     capture = open_capture(mine).echoes()
     images = np.abs(
         backproject(

@@ -1,5 +1,7 @@
 """The registered methods: presets of a few functions, each named after itself."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -21,6 +23,7 @@ PRESETS = {  # improved method: the one it starts from, and what it changes
     "nfsk-plus": ("nfsk", {"off_axis": True, "weighted": True, "fine_refinements": 2, "drop_wrapped": True}),
     "broadband-subvoxel": ("broadband", {"subvoxel": True}),
 }
+SENSORS = ["kinect", "realsense", "zed"]
 PIXELS = {axis: {"start_m": -0.006, "stop_m": 0.006, "step_m": 0.001} for axis in "xy"}
 SWEEP_HZ = np.unique([*np.linspace(72e9, 82e9, 128), 81.8e9, 79.5e9])  # what the embedded benchmark's radar measures
 
@@ -58,7 +61,20 @@ def test_a_plane_that_is_never_corrected_is_refused(name):
         method(name).configure({"corrections": 0}, name)
 
 
-@pytest.mark.parametrize("name", [m.id for m in methods()])
+@pytest.mark.parametrize("name", SENSORS)
+def test_another_sensor_is_asked_for_its_depth_alone(capture, name):
+    def saw(grid, frame):
+        return np.where(grid.points_m(0.0)[..., 0] < 0, 0.3 + 0.01 * frame, np.nan)
+
+    config = method(name).configure(PIXELS, name)
+    depth = method(name).run(replace(capture, sensors={name: saw}), config, 1).depth
+    assert depth.method == name and (np.isfinite(depth.z_m) == np.isfinite(depth.amplitude_db)).all()
+    np.testing.assert_array_equal(depth.z_m, np.where(np.arange(13) < 6, 0.31, np.nan) * np.ones((13, 1)))
+    with pytest.raises(HandbenchError, match=f"{name}: the capture holds no depth of that sensor"):
+        method(name).run(capture, config, 0)
+
+
+@pytest.mark.parametrize("name", [m.id for m in methods() if m.id not in SENSORS])
 def test_every_method_finds_the_point_with_measured_tones_and_says_its_name(capture, name):
     depth = method(name).run(capture, method(name).configure(PIXELS, name), 0).depth
     assert depth.method == name
