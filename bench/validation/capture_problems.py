@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.datasets.native import ARRAY, ECHOES, EMPTY, MESH, PHOTOS, TARGET, TRANSFORM, TRUTH, CaptureFile
 from bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed
-from calibration.array.array_file import load_array
+from calibration.array.array_file import with_calibration
 from calibration.target.description import Target
 from calibration.transforms import load_transform
 from groundtruth.board.board import Board
@@ -19,7 +19,8 @@ from groundtruth.cameras.cameras import CameraFile
 from groundtruth.mesh.surface import Surface, read_surface
 from groundtruth.photos.photos import find_photos
 from radar.data.arrays import PlanarScan
-from radar.data.capture import RadarCapture, load_capture
+from radar.data.capture import RadarCapture
+from radar.data.echoes_file import load_capture
 from radar.methods.registry import Method, method
 from radar.support.config import Config
 from radar.support.errors import HandbenchError
@@ -136,14 +137,14 @@ def _echoes(folder: Path) -> Found[RadarCapture | None]:
     if echoes is None:
         return None
     array, calibration, empty = echoes.aperture, folder / ARRAY, folder / EMPTY
-    if calibration.exists():
-        yield from attempt(calibration, lambda: load_array(calibration).applied_to(echoes, calibration))
+    yield from attempt(calibration, lambda: with_calibration(echoes, calibration))
     if empty.exists():
         yield from attempt(empty, lambda: load_capture(empty))
-    places_m = (array.position_m,) if isinstance(array, PlanarScan) else (array.tx_m, array.rx_m)
-    far_m = max(float(np.abs(place).max()) for place in places_m)
+    far_m = max(float(np.abs(leg.position_m).max()) for leg in array.legs)
     text = f"an antenna lies {far_m:g} m from the origin; are its positions millimetres?"
     yield from _doubt(folder / ECHOES, far_m > FAR_M, text)
+    lacks, pairs = (0, 1) if (heard := getattr(array, "measured", None)) is None else (np.sum(~heard), heard.size)
+    yield from _doubt(folder / ECHOES, lacks > 0, f"{lacks} of its {pairs} pairs were not measured; images do without")
     highest_hz = float(echoes.frequencies_hz.max())
     text = f"its highest frequency is {highest_hz:g} Hz; are these gigahertz?"
     yield from _doubt(folder / ECHOES, highest_hz < LOW_HZ, text)

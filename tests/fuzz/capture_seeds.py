@@ -11,6 +11,7 @@ import tomlkit
 from tests.fuzz.geometry_seeds import POINTS_M, depth, radar_from_photo, write_obj
 
 if TYPE_CHECKING:
+    from calibration.array.array_file import ArrayCalibration
     from radar.data.capture import RadarCapture
 
 MAROON = ("hand", "30", "radar_72.0_82.0_2")
@@ -29,7 +30,7 @@ def _echoes(tones: int = 3) -> RadarCapture:
 def capture(folder: Path) -> None:
     """A capture folder with the calibration of its array."""
     from bench.datasets.native import ARRAY, ECHOES, CaptureFile, save_capture_file
-    from radar.data.capture import save_capture
+    from radar.data.echoes_file import save_capture
 
     echoes = _echoes()
     save_capture(folder / ECHOES, echoes)
@@ -46,7 +47,14 @@ def capture(folder: Path) -> None:
 
 
 def _save_array(path: Path, tx_m: np.ndarray, rx_m: np.ndarray) -> None:
-    from calibration.array.array_file import ArrayCalibration, Side, save_array
+    from calibration.array.array_file import save_array
+
+    save_array(path, array_calibration(tx_m, rx_m))
+
+
+def array_calibration(tx_m: np.ndarray, rx_m: np.ndarray) -> ArrayCalibration:
+    """The calibration of an array whose antennas all err alike."""
+    from calibration.array.array_file import ArrayCalibration, Side
 
     def side(places_m: np.ndarray) -> Side:
         n = len(places_m)
@@ -61,16 +69,8 @@ def _save_array(path: Path, tx_m: np.ndarray, rx_m: np.ndarray) -> None:
             offset_sigma_m=[(1e-5,) * 3] * n,
         )
 
-    save_array(
-        path,
-        ArrayCalibration(
-            source="target",
-            reference_hz=77e9,
-            tx=side(tx_m),
-            rx=side(rx_m),
-            residual_before_db=-10,
-            residual_after_db=-30,
-        ),
+    return ArrayCalibration(
+        source="target", reference_hz=77e9, tx=side(tx_m), rx=side(rx_m), residual_before_db=-10, residual_after_db=-30
     )
 
 
@@ -91,7 +91,8 @@ def scan(folder: Path) -> None:
 
     from bench.datasets.native import ECHOES, CaptureFile, save_capture_file
     from radar.data.arrays import PlanarScan
-    from radar.data.capture import RadarCapture, save_capture
+    from radar.data.capture import RadarCapture
+    from radar.data.echoes_file import save_capture
 
     samples = np.ones((2, 3, 4), np.complex64)
     save_capture(folder / ECHOES, RadarCapture(samples, np.linspace(22e9, 26e9, 3), PlanarScan(np.eye(4)[:, :3])))

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from radar.data.arrays import AntennaArray, PlanarScan, load_positions, qar50
-from radar.data.capture import RadarCapture, load_capture, save_capture
+from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap, load_depthmap
+from radar.data.echoes_file import load_capture, save_capture
 from radar.data.grid import Axis
 from radar.support.errors import HandbenchError
 from radar.support.files import inside
@@ -177,7 +178,7 @@ MUTATED = """
 import sys
 import numpy as np
 from pathlib import Path
-from radar.data.capture import load_capture
+from radar.data.echoes_file import load_capture
 from radar.support.errors import HandbenchError
 
 path = Path(sys.argv[1])
