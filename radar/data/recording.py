@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from radar.data.arrays import AntennaArray, BistaticScan, PlanarScan, positions
+from radar.data.arrays import AntennaArray, BistaticScan, PlanarScan, positions, tones
 from radar.data.capture import RadarCapture, single
 from radar.support.cost import require_free
 from radar.support.errors import HandbenchError
@@ -34,8 +34,8 @@ class Recording:
     @property
     def channels(self) -> tuple[int, ...]:
         """Shape of one tone's samples, as pairs and places tell it."""
-        counts = [len(places) for places in self.places_m.values()]
-        return tuple(counts) if self.pairs is None else (len(self.pairs),)
+        whole = tuple(count for places in self.places_m.values() for count in places.shape[:1])
+        return whole if self.pairs is None else self.pairs.shape[:1]
 
     def capture(self) -> RadarCapture:
         """The capture. HandbenchError for what does not fit together, and where no channel was measured."""
@@ -61,11 +61,16 @@ class Recording:
         return self._of(filled, AntennaArray(tx_m, rx_m, measured))
 
     def check(self) -> None:
-        """HandbenchError for shapes that do not fit together, and for pairs that are none."""
-        shape = self.samples.shape
-        if len(shape) < 4 or shape[2:] != (len(self.frequencies_hz), *self.channels):
-            expected = ", ".join(map(str, ("frame", "sweep", len(self.frequencies_hz), *self.channels)))
-            raise HandbenchError(f"samples: have shape {shape} with the axis of sweeps; expected [{expected}]")
+        """HandbenchError for tones that are none, shapes that do not fit together, and pairs that are none."""
+        tones("frequencies_hz", self.frequencies_hz)
+        shape, expected = self.samples.shape, (len(self.frequencies_hz), *self.channels)
+        if len(shape) < 3 or shape[2:] != expected or self.samples.size == 0:
+            once = shape[1:2] == (1,)
+            axes = ", ".join(map(str, (("frame",) if once else ("frame", "sweep")) + expected))
+            raise HandbenchError(
+                f"samples: have shape {shape[:1] + shape[2:] if once else shape}; expected [{axes}] from the numbers of "
+                "frequencies and antennas"
+            )
         if self.gains is not None and self.gains.shape not in (shape[2:], shape[3:]):
             raise HandbenchError(f"gains: have shape {self.gains.shape}; expected {shape[3:]}, or {shape[2:]} by tone")
         if self.sweeps not in SWEEPS:
