@@ -13,6 +13,7 @@ from radar.data.capture import RadarCapture
 from radar.imaging import api
 from radar.imaging.certificate import Certificate, certified, imaging_error
 from radar.imaging.device import describe
+from radar.methods.advice import asked_tones, notes
 from radar.methods.registry import Method, Reconstruction, method
 from radar.methods.trust import with_trust
 from radar.support.errors import HandbenchError
@@ -48,6 +49,8 @@ def run(options: argparse.Namespace) -> None:
             write_npz(options.volume, volume=volume, z_m=result.volume_z_m)
         if options.check:
             _check(volume, echoes, settings, asked or EXACT, options)
+    for note in notes(result.depth, echoes, settings):
+        say(f"{options.out}: {note}")
     on_target = int((result.depth.z_m == result.depth.z_m).sum())
     bound = f"; images' relative error at most {certificate.bound:.1e}" if certificate.images else ""
     say(f"{options.out}: {on_target} pixels on target, imaged on {describe()}{bound}")
@@ -76,7 +79,7 @@ def _imaged(
 
 def _check(volume: np.ndarray, echoes: RadarCapture, settings: Any, most: float, options: argparse.Namespace) -> None:
     """Say how far the volume is from the exact sum, and refuse one that is further than `most`."""
-    samples, frequencies_hz = echoes.tones(settings.tones_hz(), options.frame)
+    samples, frequencies_hz = asked_tones(echoes, settings, options.frame)
     error = imaging_error(volume, samples, frequencies_hz, echoes.aperture, settings.grid(), options.check)
     say(f"checked at {options.check} random voxels against the exact sum: relative error {error:.1e}")
     if error > most:

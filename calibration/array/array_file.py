@@ -11,7 +11,7 @@ from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.data.capture import RadarCapture
 from radar.support.config import Config, parse
 from radar.support.errors import HandbenchError
-from radar.support.files import plain_json, read_json, write_json
+from radar.support.files import read_json, write_json
 
 SAME_M = 1e-7  # positions that agree to this are the same; offsets are larger
 Gain = Annotated[float, Field(ge=-100, le=100)]
@@ -106,7 +106,7 @@ class ArrayCalibration(Config):
         tx, rx = (np.divide(1, r, out=np.zeros_like(r), where=r != 0) for r in responses)
         samples = (capture.samples * tx[:, :, None] * rx[:, None]).astype(np.complex64)
         true = replace(self.array, measured=capture.aperture.measured)
-        return replace(capture, samples=samples, aperture=true, calibration="")
+        return replace(capture, samples=samples, aperture=true, calibration=None)
 
     def summary(self) -> str:
         """One line about it."""
@@ -132,12 +132,9 @@ def with_calibration(capture: RadarCapture, file: Path) -> tuple[RadarCapture, s
     line about that; the capture as it is, and "", where there is neither."""
     if file.exists():
         calibration, where = load_array(file), str(file)
-    elif capture.calibration:
+    elif capture.calibration is not None:
         where = f"{file.parent}: the {file.name} inside its echoes"
-        try:
-            calibration = _array(plain_json(capture.calibration), where)
-        except (ValueError, RecursionError) as error:
-            raise HandbenchError(f"{where}: is not readable as JSON ({error}); put in an array calibration") from None
+        calibration = _array(capture.calibration, where)
     else:
         return capture, ""
     return calibration.applied_to(capture, where), f"{where}: applied: {calibration.summary()}"

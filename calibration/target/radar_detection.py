@@ -97,10 +97,7 @@ def mimo_array(capture: RadarCapture) -> AntennaArray:
     if not isinstance(array, AntennaArray):
         raise HandbenchError("capture: a planar scan cannot see the calibration target; expected a MIMO array's echoes")
     if array.measured is not None or capture.wave_speed_m_s != SPEED_OF_LIGHT_M_S:
-        raise HandbenchError(
-            f"capture: {'a medium' if array.measured is None else 'an array with pairs that were not measured'} does "
-            "not do for the calibration target; expected the echoes of all pairs of an array, in air"
-        )
+        raise HandbenchError("capture: lacks pairs, or is of a medium; the calibration target needs all pairs, in air")
     return array
 
 

@@ -1,11 +1,12 @@
 """Radar captures: the echoes of one scene."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, tones
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, tones
 from radar.support.errors import HandbenchError
 
 SLOWEST = 100  # times slower than in vacuum a wave may be: in water it is 9
@@ -16,8 +17,8 @@ QUIETEST, LOUDEST = 1e-30, 3e38  # largest part of samples that complex64 keeps 
 class RadarCapture:
     """samples: complex64 [frame, f, t, r] (or [frame, f, n] of a scan); frequencies_hz: [f], ascending or not.
 
-    wave_speed_m_s: in the medium before the antennas; source, licence: whose recording it is; calibration: what an
-    `array.json` would hold of the antennas, not yet applied (`calibration.array.array_file`)."""
+    wave_speed_m_s: in the medium before the antennas; source, licence: whose recording it is; calibration: the values
+    of an `array.json` of the antennas, not yet applied (`calibration.array.array_file`)."""
 
     samples: np.ndarray
     frequencies_hz: np.ndarray
@@ -25,7 +26,7 @@ class RadarCapture:
     wave_speed_m_s: float = SPEED_OF_LIGHT_M_S
     source: str = ""
     licence: str = ""
-    calibration: str = ""
+    calibration: Any = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequencies_hz", tones("frequencies_hz", self.frequencies_hz))
@@ -69,8 +70,8 @@ class RadarCapture:
             )
         if len(np.unique(index)) < len(index):
             raise HandbenchError(
-                f"frequencies: two of the {len(wanted)} tones asked for fall on the same measured tone; "
-                "choose tones further apart"
+                f"frequencies: two of the {len(wanted)} tones asked for fall on the same one of the "
+                f"{len(self.frequencies_hz)} measured; choose tones further apart"
             )
         return self.samples[frame][index], self.frequencies_hz[index] * (SPEED_OF_LIGHT_M_S / self.wave_speed_m_s)
 
@@ -107,9 +108,11 @@ def thinned(capture: RadarCapture, every: int) -> RadarCapture:
         raise HandbenchError(f"every_nth_antenna: is {every}; expected a whole number ≥ 1 (1: all antennas)")
     if every == 1:
         return capture
-    aperture, some = capture.aperture, slice(None, None, every)
-    fewer = {name: value[some] for name, value in vars(aperture).items() if value is not None}
-    if isinstance(aperture, AntennaArray) and aperture.measured is not None:
-        fewer["measured"] = aperture.measured[some, some]
+    aperture, some, none = capture.aperture, slice(None, None, every), slice(None)
+    fewer = {
+        name: value[some, some if name == "measured" else none]
+        for name, value in vars(aperture).items()
+        if value is not None
+    }
     samples = capture.samples[:, :, *[some] * len(aperture.channels)]
     return replace(capture, samples=np.ascontiguousarray(samples), aperture=replace(aperture, **fewer))

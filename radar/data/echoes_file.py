@@ -1,6 +1,7 @@
 """The file `echoes.h5`: version 1 holds an array or a planar scan in air, version 2 any capture, and says what its
 numbers are (docs/files.md)."""
 
+import json
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ from radar.data.capture import RadarCapture, single
 from radar.data.recording import SWEEPS, Recording
 from radar.support.config import suggest
 from radar.support.errors import HandbenchError
-from radar.support.files import atomic_path, require_file
+from radar.support.files import atomic_path, plain_json, require_file
 from radar.support.hdf5 import attribute, opened, read
 from radar.support.limits import JSON_BYTES
 
@@ -58,7 +59,7 @@ def _contents(capture: RadarCapture) -> tuple[dict[str, np.ndarray], dict[str, A
     elif isinstance(aperture, AntennaArray) and aperture.measured is not None:
         data["pairs"], samples = np.argwhere(aperture.measured), samples[:, :, aperture.measured]
     if capture.calibration:
-        data[CALIBRATION] = np.frombuffer(capture.calibration.encode(), np.uint8)
+        data[CALIBRATION] = np.frombuffer(json.dumps(capture.calibration).encode(), np.uint8)
     data |= {"samples": samples, "frequencies_hz": capture.frequencies_hz}
     further = {name: getattr(capture, name) for name in ABOUT if getattr(capture, name) not in ("", SPEED_OF_LIGHT_M_S)}
     return data, OURS | further if further or {"pairs", CALIBRATION} & data.keys() else {}
@@ -102,7 +103,7 @@ def _recording(file: "h5py.File", path: Path, version: int) -> Recording:
     if (content := values.get(CALIBRATION)) is not None:
         if content.dtype != np.uint8 or content.size > JSON_BYTES:
             raise ValueError(f"'{CALIBRATION}' holds {content.dtype} of shape {content.shape}, not a file's bytes")
-        about["calibration"] = content.tobytes().decode("utf-8")
+        about["calibration"] = plain_json(content.tobytes().decode("utf-8"))
     samples, sweeps = values["samples"], told.get("sweeps")
     samples = samples[:, None] if sweeps is None and samples.ndim else samples
     of_pairs = values.get("pairs"), values.get("gains")

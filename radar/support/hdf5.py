@@ -63,10 +63,8 @@ def attribute(file: "h5py.File", name: str) -> Any:
     return file.attrs[name] if plain else None
 
 
-def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
-    """The data set of that name, whole. Raises ValueError for what is no data set of numbers that lie in this very file
-    (no link leads there), and where it declares more than the file can hold; HandbenchError where it is more than
-    memory holds."""
+def of_its_own(file: "h5py.File", name: str) -> Any:
+    """The thing of that name in this very file; ValueError where no hard links lead to one."""
     import h5py
 
     found: Any = file
@@ -75,6 +73,16 @@ def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
         if not isinstance(link, h5py.HardLink):
             raise ValueError(f"has no '{name[:200]}' of its own")
         found = found[part]
+    return found
+
+
+def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
+    """The data set of that name, whole. Raises ValueError for what is no data set of numbers that lie in this very file
+    (no link leads there), and where it declares more than the file can hold; HandbenchError where it is more than
+    memory holds."""
+    import h5py
+
+    found = of_its_own(file, name)
     if not isinstance(found, h5py.Dataset) or found.external or found.is_virtual:
         raise ValueError(f"'{name[:200]}' is no data set of this file")
     if found.dtype.hasobject or found.shape is None:

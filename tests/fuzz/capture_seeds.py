@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from calibration.array.array_file import ArrayCalibration
     from radar.data.capture import RadarCapture
 
+MATLAB = "hand.mat5"  # no .mat: those who know HDF5 would break it
 MAROON = ("hand", "30", "radar_72.0_82.0_2")
 
 
@@ -100,6 +101,40 @@ def scan(folder: Path) -> None:
         del file["samples"]
         file.create_dataset("samples", data=samples, chunks=(1, 2, 4), compression="gzip", shuffle=True)
     save_capture_file(folder, CaptureFile(name="scan", kind="scan", contains=(ECHOES,)))
+
+
+def pairs(folder: Path) -> None:
+    """A capture of version 2: a list of pairs with gains, swept twice, and the array's calibration in the file."""
+    import h5py
+
+    from bench.datasets.native import ECHOES, CaptureFile, save_capture_file
+
+    echoes, listed = _echoes(), [[0, 0], [0, 2], [1, 1], [1, 2]]
+    _save_array(folder / "array.json", echoes.aperture.tx_m, echoes.aperture.rx_m)
+    with h5py.File(folder / ECHOES, "w") as file:
+        file.attrs.update({"format": "handbench-echoes", "version": 2, "units": "m, Hz, m/s", "time": "-jwt"})
+        file.attrs.update({"frame": "x right, y up, z away", "sweeps": "mean", "wave_speed_m_s": 2e8, "licence": "CC0"})
+        file["samples"] = np.stack([echoes.samples[:, :, *np.transpose(listed)]] * 2, axis=1)
+        file["frequencies_hz"], file["pairs"], file["gains"] = echoes.frequencies_hz, listed, np.ones(4) + 0.1j
+        file["tx_m"], file["rx_m"] = (p * [-1, 1, 1] for p in (echoes.aperture.tx_m, echoes.aperture.rx_m))
+        file["array.json"] = np.frombuffer((folder / "array.json").read_bytes(), np.uint8)
+    (folder / "array.json").unlink()
+    save_capture_file(folder, CaptureFile(name="hand", contains=(ECHOES,)))
+
+
+def matlab(folder: Path) -> None:
+    """A file of MATLAB before 7.3, one variable packed, and its description."""
+    from scipy.io import savemat
+
+    mapping(folder)
+    echoes, side = _echoes(), [-1, 1, 1]
+    told = (folder / "mapping.toml").read_text().replace("set/", "").replace("hand.mat", MATLAB)
+    (folder / "mapping.toml").write_text(told)
+    (folder / "hand.mat").unlink()
+    places = {name: 1e3 * getattr(echoes.aperture, f"{name}_m") * side for name in ("tx", "rx")}
+    savemat(folder / MATLAB, {"f": echoes.frequencies_hz / 1e9, **places}, appendmat=False)
+    with (folder / MATLAB).open("ab") as stream:
+        savemat(stream, {"xr": echoes.samples.conj().T}, do_compression=True)
 
 
 def mapping(folder: Path) -> None:

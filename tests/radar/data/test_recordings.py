@@ -1,5 +1,7 @@
 """Captures of any kind by `echoes.h5`: a file of version 2 becomes the capture that version 1 would hold."""
 
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from calibration.array.array_file import save_array, with_calibration
 from radar.data.arrays import AntennaArray, BistaticScan, PlanarScan
 from radar.data.capture import RadarCapture, thinned
 from radar.data.echoes_file import load_capture, save_capture
-from radar.data.recording import SPARSE, Recording, joined
+from radar.data.recording import SPARSE, joined
 from radar.support.errors import HandbenchError
 from tests.fuzz.capture_seeds import array_calibration
 
@@ -105,19 +107,18 @@ def test_a_scan_without_some_of_its_positions(tmp_path):
 
 
 def test_several_arrays_hear_themselves_alone():
-    one, other = (Recording(SAMPLES[:, None], TONES_HZ, {"tx_m": TX_M + x, "rx_m": RX_M + x}) for x in (0.0, 1.0))
-    capture = joined([one, other]).capture()
+    one, other = (RadarCapture(SAMPLES, TONES_HZ, AntennaArray(TX_M + x, RX_M + x)) for x in (0.0, 1.0))
+    capture = joined([one, other])
     assert capture.samples.shape == (2, 5, 2 * T, 2 * R)
     np.testing.assert_array_equal(capture.aperture.measured, np.kron(np.eye(2), np.ones((T, R))) > 0)
     for k, x in enumerate((0.0, 1.0)):
         block = np.s_[:, :, k * T : (k + 1) * T, k * R : (k + 1) * R]
         np.testing.assert_array_equal(capture.samples[block], SAMPLES)
         np.testing.assert_array_equal(capture.aperture.rx_m[k * R : (k + 1) * R], RX_M + x)
-    with pytest.raises(HandbenchError, match="expected the same of all arrays"):
-        joined([one, Recording(SAMPLES[:1, None], TONES_HZ, one.places_m)])
-    scan = Recording(SAMPLES[:, None, :, 0], TONES_HZ, {"position_m": RX_M})
-    with pytest.raises(HandbenchError, match="one of several is a planar scan"):
-        joined([one, scan])
+    with pytest.raises(HandbenchError, match="the same frames and tones of all"):
+        joined([one, replace(one, samples=SAMPLES[:1])])
+    with pytest.raises(HandbenchError, match="1 of 2 are arrays"):
+        joined([one, RadarCapture(SAMPLES[..., 0, :], TONES_HZ, PlanarScan(RX_M))])
 
 
 def test_a_slower_wave_keeps_the_tones_and_scales_what_formulas_use(tmp_path):
@@ -140,7 +141,7 @@ MEASURED = np.arange(T * R).reshape(T, R) % 3 > 0
         (RadarCapture(SAMPLES[..., 0], TONES_HZ, PlanarScan(TX_M)), 1),
         (RadarCapture(np.where(MEASURED, SAMPLES, 0), TONES_HZ, AntennaArray(TX_M, RX_M, MEASURED)), 2),
         (RadarCapture(np.tile(SAMPLES[..., 0], 6), TONES_HZ, BistaticScan(*RNG.uniform(size=(2, 18, 3)))), 2),
-        (RadarCapture(SAMPLES, TONES_HZ, AntennaArray(TX_M, RX_M), 2e8, "a laboratory", "CC BY 4.0", "{}"), 2),
+        (RadarCapture(SAMPLES, TONES_HZ, AntennaArray(TX_M, RX_M), 2e8, "a laboratory", "CC BY 4.0", {"tx": [1]}), 2),
     ],
 )
 def test_what_was_saved_comes_back(tmp_path, capture, version):
@@ -175,13 +176,13 @@ def test_the_array_s_calibration_lies_inside(tmp_path):
     inside = loaded(tmp_path, samples=samples, pairs=there, **{"array.json": content})
     beside, told = with_calibration(bare, tmp_path / "array.json")
     within, said = with_calibration(inside, tmp_path / "none" / "array.json")
-    assert told.endswith(said.split("applied")[1]) and within.calibration == ""
+    assert told.endswith(said.split("applied")[1]) and within.calibration is None
     np.testing.assert_array_equal(within.samples, beside.samples)
     np.testing.assert_array_equal(within.aperture.measured, MEASURED)
     assert with_calibration(bare, tmp_path / "none" / "array.json") == (bare, "")
-    broken = loaded(tmp_path, **{"array.json": np.frombuffer(b"{", np.uint8)})
-    with pytest.raises(HandbenchError, match=r"array\.json inside its echoes: is not readable as JSON"):
-        with_calibration(broken, tmp_path / "none" / "array.json")
+    empty = loaded(tmp_path, **{"array.json": np.frombuffer(b"[]", np.uint8)})
+    with pytest.raises(HandbenchError, match=r"array\.json inside its echoes: is a list; expected"):
+        with_calibration(empty, tmp_path / "none" / "array.json")
 
 
 @pytest.mark.parametrize(
@@ -203,6 +204,7 @@ def test_the_array_s_calibration_lies_inside(tmp_path):
         ({}, {"pairs": EVERY * 0, "samples": SAMPLES.reshape(2, 5, -1)}, "tx 0 with rx 0 is there 12 times"),
         ({}, {"position_m": TX_M}, "unknown 'rx_m'; known: frequencies_hz, gains, position_m, samples"),
         ({}, {"array.json": np.ones(3)}, "holds float64 of shape"),
+        ({}, {"array.json": np.frombuffer(b"{", np.uint8)}, "not a readable echoes.h5"),
     ],
 )
 def test_what_does_not_fit_is_named(tmp_path, attributes, data, reason):
