@@ -79,6 +79,8 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config) -> Iterator[st
             )
         return
     ends_m, set_box = axis.values_m()[[0, -1]], "--set z.start_m=… --set z.stop_m=…"
+    if ends_m[0] == ends_m[1]:
+        return
     box_mm, at_end = 1e3 * np.ptp(ends_m), np.isclose(seen_m[:, None], ends_m, rtol=0, atol=1e-9).any(axis=1).sum()
     if at_end:
         yield (
