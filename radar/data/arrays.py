@@ -50,9 +50,9 @@ class AntennaArray:
         object.__setattr__(self, "tx_m", positions("tx_m", self.tx_m))
         object.__setattr__(self, "rx_m", positions("rx_m", self.rx_m))
         if self.measured is not None and (self.measured.shape != self.channels or not self.measured.any()):
+            count, shape = np.count_nonzero(self.measured), self.measured.shape
             raise HandbenchError(
-                f"measured: {np.count_nonzero(self.measured)} pairs of {self.measured.shape}; expected some of the "
-                f"{self.channels} pairs [tx, rx]: is anything left of the capture?"
+                f"measured: {count} pairs of {shape}; expected some of {self.channels}: is anything left?"
             )
         if self.measured is not None and self.measured.all():
             object.__setattr__(self, "measured", None)
@@ -93,15 +93,14 @@ class PlanarScan:
 
 @dataclass(frozen=True)
 class BistaticScan:
-    """A list of pairs: what tx_m[i] sends, rx_m[i] hears ([n, 3] each, metres), as where both are moved. It is summed
-    pair by pair: no tree of skeletons, whose antennas all hear each other."""
+    """A list of pairs: what tx_m[i] sends, rx_m[i] hears ([n, 3] each, metres), as where both are moved."""
 
     tx_m: np.ndarray
     rx_m: np.ndarray
 
     def __post_init__(self) -> None:
-        for name in ("tx_m", "rx_m"):
-            object.__setattr__(self, name, positions(name, getattr(self, name)))
+        object.__setattr__(self, "tx_m", positions("tx_m", self.tx_m))
+        object.__setattr__(self, "rx_m", positions("rx_m", self.rx_m))
         if len(self.tx_m) != len(self.rx_m):
             raise HandbenchError(f"rx_m: has {len(self.rx_m)} places; expected one for each of {len(self.tx_m)} tx_m")
 

@@ -31,10 +31,7 @@ class RadarCapture:
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequencies_hz", tones("frequencies_hz", self.frequencies_hz))
         if not SPEED_OF_LIGHT_M_S / SLOWEST <= self.wave_speed_m_s <= SPEED_OF_LIGHT_M_S:
-            raise HandbenchError(
-                f"wave_speed_m_s: is {self.wave_speed_m_s:g}; expected the medium's, {SPEED_OF_LIGHT_M_S:.0f} m/s or "
-                f"up to {SLOWEST} times less"
-            )
+            raise HandbenchError(f"wave_speed_m_s: is {self.wave_speed_m_s:g}; expected 1/{SLOWEST} to 1 of vacuum's")
         expected = (len(self.frequencies_hz), *self.aperture.channels)
         if self.samples.ndim != 1 + len(expected) or self.samples.shape[1:] != expected or len(self.samples) == 0:
             raise HandbenchError(
@@ -70,8 +67,8 @@ class RadarCapture:
             )
         if len(np.unique(index)) < len(index):
             raise HandbenchError(
-                f"frequencies: two of the {len(wanted)} tones asked for fall on the same one of the "
-                f"{len(self.frequencies_hz)} measured; choose tones further apart"
+                f"frequencies: two of the {len(wanted)} tones asked for fall on the same measured tone of "
+                f"{len(self.frequencies_hz)}; choose tones further apart"
             )
         return self.samples[frame][index], self.frequencies_hz[index] * (SPEED_OF_LIGHT_M_S / self.wave_speed_m_s)
 
@@ -108,11 +105,8 @@ def thinned(capture: RadarCapture, every: int) -> RadarCapture:
         raise HandbenchError(f"every_nth_antenna: is {every}; expected a whole number ≥ 1 (1: all antennas)")
     if every == 1:
         return capture
-    aperture, some, none = capture.aperture, slice(None, None, every), slice(None)
-    fewer = {
-        name: value[some, some if name == "measured" else none]
-        for name, value in vars(aperture).items()
-        if value is not None
-    }
+    aperture, some = capture.aperture, slice(None, None, every)
+    fewer = {name: value[some] for name, value in vars(aperture).items() if value is not None}
+    fewer |= {name: value[:, some] for name, value in fewer.items() if name == "measured"}
     samples = capture.samples[:, :, *[some] * len(aperture.channels)]
     return replace(capture, samples=np.ascontiguousarray(samples), aperture=replace(aperture, **fewer))

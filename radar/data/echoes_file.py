@@ -10,7 +10,7 @@ import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, BistaticScan
 from radar.data.capture import RadarCapture, single
-from radar.data.recording import SWEEPS, Recording
+from radar.data.recording import Recording
 from radar.support.config import suggest
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, plain_json, require_file
@@ -73,16 +73,13 @@ def load_capture(path: str | Path) -> RadarCapture:
             found = attribute(file, "format"), attribute(file, "version")
             version = next((v for v in (1, 2) if np.array_equal(found, (FORMAT, v))), None)
             if version is None:
-                raise HandbenchError(f"{path}: has format {found}; expected ('{FORMAT}', 1 or 2)")
+                raise HandbenchError(f"has format {found}; expected ('{FORMAT}', 1 or 2)")
             recording = _recording(file, path, version)
-    except HandbenchError:
-        raise
-    except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
-        raise HandbenchError(f"{path}: is not a readable echoes.h5 ({error}); record or copy it again") from error
-    try:
         return recording.capture()
     except HandbenchError as error:
-        raise HandbenchError(f"{path}: {error}") from None
+        raise HandbenchError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+    except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
+        raise HandbenchError(f"{path}: is not a readable echoes.h5 ({error}); record or copy it again") from error
 
 
 def _recording(file: "h5py.File", path: Path, version: int) -> Recording:
@@ -93,7 +90,7 @@ def _recording(file: "h5py.File", path: Path, version: int) -> Recording:
         there = set(known[:-1] if known is SCAN else known[:-3])
     else:
         told = {name: _plain(attribute(file, name)) for name in file.attrs}
-        _check(path, sorted(there), known, told)
+        _check(sorted(there), known, told)
     values = {name: _numbers(file, name, path) for name in known if name in there}
     if told["time"] == "-jwt":
         values |= {name: values[name].conj() for name in ("samples", "gains") if name in values}
@@ -104,28 +101,25 @@ def _recording(file: "h5py.File", path: Path, version: int) -> Recording:
         if content.dtype != np.uint8 or content.size > JSON_BYTES:
             raise ValueError(f"'{CALIBRATION}' holds {content.dtype} of shape {content.shape}, not a file's bytes")
         about["calibration"] = plain_json(content.tobytes().decode("utf-8"))
-    samples, sweeps = values["samples"], told.get("sweeps")
-    samples = samples[:, None] if sweeps is None and samples.ndim else samples
-    of_pairs = values.get("pairs"), values.get("gains")
-    return Recording(samples, values["frequencies_hz"], places_m, *of_pairs, sweeps or SWEEPS[0], about)
+    samples, further = values["samples"], (values.get("pairs"), values.get("gains"), told.get("sweeps", "mean"), about)
+    samples = samples[:, None] if "sweeps" not in told and samples.ndim else samples
+    return Recording(samples, values["frequencies_hz"], places_m, *further)
 
 
-def _check(path: Path, there: list[str], known: tuple[str, ...], told: dict[str, Any]) -> None:
+def _check(there: list[str], known: tuple[str, ...], told: dict[str, Any]) -> None:
     """HandbenchError that names all that is missing, and for what is not known: nothing is passed over."""
     needed = [name for name in known if name.endswith(("samples", "_hz", "_m"))]
     lacks = [f"data set '{name}'" for name in needed if name not in there]
     lacks += [f"attribute {name} = '{value}'" for name, value in OURS.items() if name not in told]
     if lacks:
-        raise HandbenchError(f"{path}: version 2 lacks {', '.join(lacks)}; add them")
+        raise HandbenchError(f"version 2 lacks {', '.join(lacks)}; add them")
     for names, those in ((there, known), (told, ("format", "version", *TOLD, *ABOUT, "sweeps"))):
         for name in names:
             if name not in those:
-                raise HandbenchError(f"{path}: unknown '{name[:80]}'; {suggest(name[:80], [*those])}")
+                raise HandbenchError(f"unknown '{name[:80]}'; {suggest(name[:80], [*those])}")
     for name, values in TOLD.items():
-        if told[name] not in values:
-            raise HandbenchError(
-                f"{path}: {name} is '{str(told[name])[:80]}'; expected {' or '.join(map(repr, values))}"
-            )
+        if (found := told[name]) not in values:
+            raise HandbenchError(f"{name} is '{str(found)[:80]}'; expected {' or '.join(map(repr, values))}")
 
 
 def _plain(told: Any) -> Any:

@@ -59,10 +59,8 @@ class Recording:
         shape, expected = self.samples.shape, (len(self.frequencies_hz), *channels)
         if len(shape) < 3 or shape[2:] != expected or self.samples.size == 0:
             first, seen = ("frame, ", shape[:1] + shape[2:]) if shape[1:2] == (1,) else ("frame, sweep, ", shape)
-            raise HandbenchError(
-                f"samples: have shape {seen}; expected [{first}{', '.join(map(str, expected))}] from the numbers of "
-                "frequencies and antennas"
-            )
+            axes = first + ", ".join(map(str, expected))
+            raise HandbenchError(f"samples: have shape {seen}; expected [{axes}] by frequencies and antennas")
         if self.gains is not None and self.gains.shape not in (expected, channels):
             raise HandbenchError(f"gains: have shape {self.gains.shape}; expected {channels}, or {expected} by tone")
         if self.sweeps not in SWEEPS:
@@ -93,10 +91,8 @@ def joined(captures: Sequence[RadarCapture]) -> RadarCapture:
     arrays = [capture.aperture for capture in captures if isinstance(capture.aperture, AntennaArray)]
     shapes = {capture.samples.shape[:2] for capture in captures}
     if len(arrays) < len(captures) or len(shapes) > 1:
-        raise HandbenchError(
-            f"array: {len(arrays)} of {len(captures)} are arrays with many pairs, samples [frame, frequency, …] have "
-            f"{sorted(shapes)}; expected arrays alone, and the same frames and tones of all"
-        )
+        found = f"{len(arrays)} of {len(captures)} are arrays, of {sorted(shapes)} [frame, frequency]"
+        raise HandbenchError(f"array: {found}; expected arrays alone, and the same frames and tones of all")
     heard = [np.ones(a.channels, bool) if a.measured is None else a.measured for a in arrays]
     pairs = np.argwhere(block_diag(*heard)).T  # in the order of the arrays and of their pairs
     samples = np.concatenate([c.samples[:, :, own] for c, own in zip(captures, heard, strict=True)], axis=2)
@@ -121,13 +117,7 @@ def _of_pairs(
 def _check_pairs(pairs: np.ndarray, n_tx: int, n_rx: int) -> None:
     good = pairs.ndim == 2 and pairs.shape[1] == 2 and pairs.dtype.kind in "iuf"
     if not good or not ((pairs >= 0) & (pairs < [n_tx, n_rx]) & (pairs == np.rint(pairs))).all():
-        raise HandbenchError(
-            f"pairs: {pairs.dtype} of shape {pairs.shape}; expected [n, 2] whole numbers from 0, of one of {n_tx} "
-            f"transmitters and of one of {n_rx} receivers"
-        )
-    found, counts = np.unique(pairs, axis=0, return_counts=True)
-    if len(found) < len(pairs):
-        raise HandbenchError(
-            "pairs: tx {:g} with rx {:g} is there {} times; expected each once: repeated sweeps have an axis of their "
-            "own".format(*found[counts.argmax()], counts.max())
-        )
+        expected = f"[n, 2] whole numbers from 0, of one of {n_tx} transmitters and of one of {n_rx} receivers"
+        raise HandbenchError(f"pairs: {pairs.dtype} of shape {pairs.shape}; expected {expected}")
+    if (often := len(pairs) - len(np.unique(pairs, axis=0))) > 0:
+        raise HandbenchError(f"pairs: {often} are there again; expected each once: repeated sweeps are an axis")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from typing import Any
 
 import numpy as np
@@ -29,31 +29,27 @@ def asked_tones(capture: RadarCapture, config: Config, frame: int = 0) -> tuple[
     try:
         return capture.tones(np.asarray(asked_hz(config)), frame)
     except HandbenchError as error:
-        told = {name: value for name, value in _suiting(config, capture).items() if value != getattr(config, name)}
-        advice = " ".join(f"--set {name}={_text(value)}" for name, value in told.items())
-        raise HandbenchError(f"{error}{advice and f', as by {advice}'}") from None
+        settings = _suiting(np.unique(capture.frequencies_hz)[::-1], type(config).model_fields)
+        try:
+            suited = type(config).model_validate({**config.model_dump(), **settings})
+            capture.tones(np.asarray(asked_hz(suited)))
+        except (HandbenchError, ValueError):  # its tones are too few, uneven, or no ladder
+            raise error from None
+        told = " ".join(f"--set {name}={_text(v)}" for name, v in settings.items() if v != getattr(config, name))
+        raise HandbenchError(f"{error}, as by {told}") from None
 
 
-def _suiting(config: Config, capture: RadarCapture) -> dict[str, Any]:
-    """Settings for which the capture has the tones; none where there are no such."""
-    tones_hz, known = np.unique(capture.frequencies_hz)[::-1], type(config).model_fields
-    names = [name for name in TONES if name in known]
-    if len(tones_hz) < max(len(names), 2 + ("tones_hz" in known)):
-        return {}
-    reach_hz, rungs = tones_hz[0] - tones_hz[1], [0, 1]
+def _suiting(tones_hz: np.ndarray, known: Container[str]) -> dict[str, Any]:
+    """The settings among those known by which a method takes tones that are there, the highest of them first."""
+    if "count" in known:
+        return {"start_hz": float(tones_hz[-1]), "stop_hz": float(tones_hz[0]), "count": len(tones_hz)}
+    rungs, reach_hz = [0, 1], np.ptp(tones_hz[:2])
     while len(tones_hz) > 2 and reach_hz < np.ptp(tones_hz):
         reach_hz *= CLIMB
         rungs.append(2 + int(np.abs(tones_hz[2:] - tones_hz[0] + reach_hz).argmin()))
-    found = tones_hz[np.unique(rungs)].tolist()
-    settings: dict[str, Any] = {"tones_hz": tuple(found)} if "tones_hz" in known else {}
-    settings |= dict(zip(names, found, strict=False))
-    if "count" in known:
-        settings = {"start_hz": float(tones_hz[-1]), "stop_hz": float(tones_hz[0]), "count": len(tones_hz)}
-    try:
-        capture.tones(np.asarray(asked_hz(type(config).model_validate({**config.model_dump(), **settings}))))
-    except (HandbenchError, ValueError):  # its tones are uneven, or no ladder
-        return {}
-    return settings
+    found = tones_hz[np.unique(rungs) % len(tones_hz)].tolist()
+    names = [name for name in TONES if name in known]
+    return {"tones_hz": tuple(found)} if "tones_hz" in known else dict(zip(names, found, strict=False))
 
 
 def _text(value: Any) -> str:
@@ -65,35 +61,26 @@ def _text(value: Any) -> str:
 
 def notes(depth: DepthMap, capture: RadarCapture, config: Config) -> Iterator[str]:
     """Sentences on what limits a depth map of this capture."""
-    seen_m, asked = depth.z_m[np.isfinite(depth.z_m)], asked_hz(config)
-    if asked is None or len(asked) < 2 or not len(seen_m):
+    seen, asked = np.isfinite(depth.z_m), asked_hz(config)
+    if asked is None or len(asked) < 2 or not seen.any():
         return
-    steps_hz = np.diff(np.sort(capture.tones(asked)[1]))
+    steps_hz, pixels = np.diff(np.sort(capture.tones(asked)[1])), f"of {seen.sum()} pixels are"
     cell_mm, period_mm = (500 * SPEED_OF_LIGHT_M_S / step_hz for step_hz in (steps_hz.sum(), steps_hz.min()))
-    if (axis := getattr(config, "z", None)) is None:
-        flagged = 0 if depth.wrapped is None else np.count_nonzero(depth.wrapped & np.isfinite(depth.z_m))
-        if flagged > len(seen_m) / 2 and hasattr(config, "first_depth_m"):
-            yield (
-                f"{flagged} of {len(seen_m)} pixels are flagged; the closest tones tell depths within "
-                f"{period_mm / 2:.0f} mm of first_depth_m = {config.first_depth_m:g}; set that to the target's distance"
-            )
-        return
-    ends_m, set_box = axis.values_m()[[0, -1]], "--set z.start_m=… --set z.stop_m=…"
-    if ends_m[0] == ends_m[1]:
-        return
-    box_mm, at_end = 1e3 * np.ptp(ends_m), np.isclose(seen_m[:, None], ends_m, rtol=0, atol=1e-9).any(axis=1).sum()
-    if at_end:
-        yield (
-            f"{at_end} of {len(seen_m)} pixels are strongest at an end of the depth box, {ends_m[0]:g} to "
-            f"{ends_m[1]:g} m, and flagged: the echo may lie beyond; {set_box}"
-        )
-    if cell_mm > box_mm:
-        yield (
-            f"the tones' range resolution c/2B is {cell_mm:.0f} mm, and the depth box {box_mm:.0f} mm deep: brightness "
-            "hardly tells a depth in it; phases do (2fsk, 3fsk, joint), or more bandwidth"
-        )
+    ends_m = axis.values_m()[[0, -1]] if (axis := getattr(config, "z", None)) else np.zeros(2)
+    box_mm, set_box = 1e3 * np.ptp(ends_m), "--set z.start_m=… --set z.stop_m=…"
+    at_end = np.isclose(depth.z_m[..., None], ends_m, rtol=0, atol=1e-9).any(axis=-1).sum()
+    flagged = 0 if axis or depth.wrapped is None else np.count_nonzero(depth.wrapped & seen)
+    if flagged > seen.sum() / 2 and (first_m := getattr(config, "first_depth_m", None)):
+        within = f"within {period_mm / 2:.0f} mm of first_depth_m = {first_m:g}"
+        yield f"{flagged} {pixels} flagged; the closest tones tell depths {within}; set that to the target's distance"
+    if box_mm and at_end:
+        box = f"the depth box, {ends_m[0]:g} to {ends_m[1]:g} m"
+        yield f"{at_end} {pixels} strongest at an end of {box}, and flagged: the echo may lie beyond; {set_box}"
+    if 0 < box_mm < cell_mm:
+        told = f"the tones' range resolution c/2B is {cell_mm:.0f} mm, and the depth box {box_mm:.0f} mm deep"
+        yield f"{told}: brightness hardly tells a depth in it; phases do (2fsk, 3fsk, joint), or more bandwidth"
     if period_mm < box_mm:
-        yield (
-            f"the tones' unambiguous range c/2Δf is {period_mm:.0f} mm, shorter than the depth box of {box_mm:.0f} mm: "
-            f"echoes repeat in it; {set_box}, or more tones"
+        told = (
+            f"the tones' unambiguous range c/2Δf is {period_mm:.0f} mm, shorter than the depth box of {box_mm:.0f} mm"
         )
+        yield f"{told}: echoes repeat in it; {set_box}, or more tones"

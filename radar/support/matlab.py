@@ -18,18 +18,13 @@ NUMBERS = range(6, 16)  # classes of arrays
 KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 
 
-def is_matlab(path: Path) -> bool:
-    """True for a file of these versions."""
-    with path.open("rb") as stream:
-        return stream.read(HEADER)[HEADER - 4 :] in ORDERS
-
-
 def read_matlab(path: Path) -> dict[str, np.ndarray]:
     """The arrays of numbers by name, as HDF5 would store them: their axes in reverse. ValueError for what is broken, or
     unpacks to more than is read."""
     content = memoryview(read_bytes(path, "a MATLAB file", ARRAY_BYTES))
-    order, left = ORDERS[bytes(content[HEADER - 4 : HEADER])], ARRAY_BYTES
-    found: dict[str, np.ndarray] = {}
+    if (order := ORDERS.get(bytes(content[HEADER - 4 : HEADER]))) is None:
+        raise ValueError("it does not begin as HDF5 does, nor as MATLAB's -v6 and -v7")
+    found, left = dict[str, np.ndarray](), ARRAY_BYTES
     try:
         for number, (kind, element) in enumerate(_elements(content[HEADER:], order)):
             if kind == COMPRESSED:

@@ -234,7 +234,7 @@ def test_it_becomes_a_capture_folder(folder, tmp_path_factory):
         ({"samples": {"axes": ["pair", "frequency"]}}, r"the table \[pairs\]"),
         ({"samples": {"axes": ["rx", "tx", "sweep", "frequency"]}}, r"sweeps = \"mean\" or \"frames\" is there if"),
         ({"gains": {"dataset": "re", "axes": ["pair"], "reversed": True}}, "gains.axes name the antennas as"),
-        ({"wave_speed_m_s": 1.0}, "wave_speed_m_s: is 1; expected the medium's"),
+        ({"wave_speed_m_s": 1.0}, "wave_speed_m_s: is 1; expected 1/100 to 1 of vacuum's"),
         ({"position": {"dataset": "p", "unit": "m", "reversed": False, "x": "left"}}, r"the table \[position\]"),
         ({"file": "../hand.mat"}, "leaves the folder"),
         ({"file": "foot.mat"}, r"foot\.mat: expected the HDF5 or MATLAB file that mapping\.toml names, found nothing"),

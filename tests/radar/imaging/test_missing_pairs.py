@@ -7,7 +7,7 @@ import pytest
 from radar.data.arrays import AntennaArray, BistaticScan, PlanarScan, qar50
 from radar.data.capture import RadarCapture
 from radar.data.grid import Axis, VoxelGrid
-from radar.imaging.api import image_points, image_volume, project_volume
+from radar.imaging.api import SCAN, image_points, image_volume, project_volume
 from radar.imaging.certificate import certified
 from radar.methods.fsk import path_rise
 from radar.methods.registry import method
@@ -157,3 +157,15 @@ def test_the_path_s_rise_is_that_of_the_pairs():
         for t, r in np.argwhere(heard)
     ]
     assert path_rise(p[None], AntennaArray(tx_m, rx_m, heard))[0] == pytest.approx(np.mean(rises), rel=1e-12)
+
+
+def test_a_long_sum_over_pairs_says_its_time_beforehand(monkeypatch):
+    """A term of a scan takes SCAN times as long as one of an array, which is summed by matrix products."""
+    told = {}
+    places, points = np.random.default_rng(4).uniform(-0.1, 0.1, (2, 36, 3)), np.tile([[0.0, 0.0, 0.3]], (50, 1))
+    for aperture in (BistaticScan(*places), AntennaArray(places[0, :6], places[1, :6])):
+        monkeypatch.setattr(
+            "radar.imaging.api.require_time", lambda core_s, what, a=aperture: told.update({type(a): core_s})
+        )
+        image_points(noise((3, *aperture.channels)), TONES_HZ, aperture, points, None)
+    assert told[BistaticScan] == pytest.approx(SCAN * told[AntennaArray])
