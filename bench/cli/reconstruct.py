@@ -13,7 +13,7 @@ from radar.data.capture import RadarCapture
 from radar.imaging import api
 from radar.imaging.certificate import Certificate, certified, imaging_error
 from radar.imaging.device import describe
-from radar.methods.advice import asked_tones, notes
+from radar.methods.advice import notes, require_tones
 from radar.methods.registry import Method, Reconstruction, method
 from radar.methods.trust import with_trust
 from radar.support.errors import HandbenchError
@@ -39,6 +39,7 @@ def run(options: argparse.Namespace) -> None:
         raise HandbenchError(f"--frame: is {options.frame}; the capture has frames 0 to {len(echoes.samples) - 1}")
     if (options.volume is not None or options.check) and "z" not in chosen.config.model_fields:
         raise HandbenchError(f"--volume, --check: '{chosen.id}' makes no volume; choose broadband or narrowband")
+    require_tones(echoes, settings)
     compile_kernels()
     asked = getattr(settings, "tolerance", None)
     result, settings, certificate = _imaged(chosen, echoes, settings, options)
@@ -79,7 +80,7 @@ def _imaged(
 
 def _check(volume: np.ndarray, echoes: RadarCapture, settings: Any, most: float, options: argparse.Namespace) -> None:
     """Say how far the volume is from the exact sum, and refuse one that is further than `most`."""
-    samples, frequencies_hz = asked_tones(echoes, settings, options.frame)
+    samples, frequencies_hz = echoes.tones(settings.tones_hz(), options.frame)
     error = imaging_error(volume, samples, frequencies_hz, echoes.aperture, settings.grid(), options.check)
     say(f"checked at {options.check} random voxels against the exact sum: relative error {error:.1e}")
     if error > most:

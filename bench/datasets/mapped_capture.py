@@ -65,7 +65,7 @@ class MappedCapture(NativeCapture):
 
 @contextmanager
 def _reader(path: Path, wanted: set[str]) -> Iterator[Read]:
-    """What reads the file's data sets; refuses a file that lacks some of those wanted, naming all."""
+    """A function that reads the file's data sets; refuses a file that lacks some of those wanted, naming all."""
     matlab = not h5py.is_hdf5(path)
     source: AbstractContextManager[Any] = nullcontext(read_matlab(path)) if matlab else opened(path)
     with source as file:

@@ -21,7 +21,7 @@ from groundtruth.photos.photos import find_photos
 from radar.data.arrays import PlanarScan
 from radar.data.capture import RadarCapture
 from radar.data.echoes_file import load_capture
-from radar.methods.advice import asked_hz, asked_tones
+from radar.methods.advice import require_tones
 from radar.methods.registry import Method, method
 from radar.support.config import Config
 from radar.support.errors import HandbenchError
@@ -63,11 +63,11 @@ class Seen:
             config = chosen.configure(values, "configuration")
         except HandbenchError:
             return None  # told where it stands
-        if self.frequencies_hz is None or asked_hz(config) is None:
+        if self.frequencies_hz is None:
             return None
         samples = np.zeros((1, len(self.frequencies_hz), 1), np.complex64)
         try:
-            asked_tones(RadarCapture(samples, self.frequencies_hz, PlanarScan(np.zeros((1, 3)))), config)
+            require_tones(RadarCapture(samples, self.frequencies_hz, PlanarScan(np.zeros((1, 3)))), config)
         except HandbenchError as error:
             return str(error)
         return None

@@ -23,11 +23,12 @@ def asked_hz(config: Config) -> np.ndarray | None:
     return None if told is None else np.asarray(told() if callable(told) else told)
 
 
-def asked_tones(capture: RadarCapture, config: Config, frame: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """`RadarCapture.tones` for a configuration; where the capture lacks some, the error names the settings that suit
-    those that it has."""
+def require_tones(capture: RadarCapture, config: Config) -> None:
+    """HandbenchError where the capture lacks tones that a configuration asks for; names settings for those it has."""
+    if (asked := asked_hz(config)) is None:
+        return
     try:
-        return capture.tones(np.asarray(asked_hz(config)), frame)
+        capture.tones(asked)
     except HandbenchError as error:
         settings = _suiting(np.unique(capture.frequencies_hz)[::-1], type(config).model_fields)
         try:

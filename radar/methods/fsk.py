@@ -22,7 +22,6 @@ from radar.data.depthmap import DepthMap, amplitude_db
 from radar.data.grid import PixelGrid, VoxelGrid
 from radar.imaging.api import image_points, image_volume
 from radar.imaging.cpu.steering import mean_rise
-from radar.methods.advice import asked_tones
 from radar.methods.confidence import Review
 from radar.methods.fsk_config import (
     FskConfig,
@@ -121,7 +120,7 @@ class Tones:
     @classmethod
     def of(cls, capture: RadarCapture, config: AnyConfig, frame: int) -> Tones:
         """The tones that are configured."""
-        samples, frequencies_hz = asked_tones(capture, config, frame)
+        samples, frequencies_hz = capture.tones(config.ladder_hz, frame)
         return cls(near_one(samples), frequencies_hz, capture.aperture, config)
 
     def __len__(self) -> int:

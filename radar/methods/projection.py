@@ -19,7 +19,6 @@ from radar.data.depthmap import DepthMap, amplitude_db
 from radar.data.grid import Axis, PixelGrid, VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
 from radar.imaging.cpu.executor import strongest_voxels
-from radar.methods.advice import asked_tones
 from radar.methods.alignment import agreed, align
 from radar.methods.along_z import capon, coherence_factor
 from radar.methods.confidence import least_coherence
@@ -88,14 +87,14 @@ ProjectionConfig = BroadbandConfig | NarrowbandConfig
 
 def volume(capture: RadarCapture, config: ProjectionConfig, frame: int = 0) -> np.ndarray:
     """Complex image of the configured voxels: complex64 [nz, ny, nx]."""
-    samples, frequencies_hz = asked_tones(capture, config, frame)
+    samples, frequencies_hz = capture.tones(config.tones_hz(), frame)
     return image_volume(samples, frequencies_hz, capture.aperture, config.grid(), config.tolerance)
 
 
 def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame: int = 0) -> DepthMap:
     """`maximum_projection` of the configured voxels, which are never held all at once; flagged as well are the pixels
     at whose depth the tones do not agree."""
-    samples, frequencies_hz = asked_tones(capture, config, frame)
+    samples, frequencies_hz = capture.tones(config.tones_hz(), frame)
     samples, grid = near_one(samples), config.grid()
     peaks = Peaks(*project_volume(samples, frequencies_hz, capture.aperture, grid, config.tolerance))
     depth = maximum_projection(peaks, config, method)
