@@ -65,8 +65,7 @@ def _require_radar(capture: NativeCapture, echoes: RadarCapture) -> None:
         or echoes.wave_speed_m_s != SPEED_OF_LIGHT_M_S
     ):
         raise HandbenchError(
-            f'{capture.folder}: its antennas are not those of MAROON\'s radar, array = "qar50", all of which hear each '
-            "other, in air; the layout has no place for others"
+            f'{capture.folder}: its antennas are not those of MAROON\'s radar, array = "qar50", all pairs'
         )
 
 

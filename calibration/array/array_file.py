@@ -90,9 +90,7 @@ class ArrayCalibration(Config):
         calibration has been applied already.
         """
         if not isinstance(capture.aperture, AntennaArray):
-            raise HandbenchError(
-                f"{where}: is for a MIMO array, but the capture is a planar scan or a short list of pairs"
-            )
+            raise HandbenchError(f"{where}: is for a MIMO array, but the capture is a planar scan or a list of pairs")
         nominal = AntennaArray(np.array(self.tx.nominal_m), np.array(self.rx.nominal_m))
         if _same(capture.aperture, self.array) and not _same(self.array, nominal):
             raise HandbenchError(f"{where}: has been applied to this capture already; apply it once")

@@ -49,12 +49,11 @@ class AntennaArray:
     def __post_init__(self) -> None:
         object.__setattr__(self, "tx_m", positions("tx_m", self.tx_m))
         object.__setattr__(self, "rx_m", positions("rx_m", self.rx_m))
-        if self.measured is not None and (self.measured.shape != self.channels or not self.measured.any()):
-            count, shape = np.count_nonzero(self.measured), self.measured.shape
-            raise HandbenchError(
-                f"measured: {count} pairs of {shape}; expected some of {self.channels}: is anything left?"
-            )
-        if self.measured is not None and self.measured.all():
+        heard = self.measured
+        if heard is not None and (heard.shape != self.channels or not heard.any()):
+            found = f"{np.count_nonzero(heard)} pairs of {heard.shape}"
+            raise HandbenchError(f"measured: {found}; expected some of {self.channels}: is anything left?")
+        if heard is not None and heard.all():
             object.__setattr__(self, "measured", None)
 
     @property

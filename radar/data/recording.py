@@ -70,12 +70,11 @@ class Recording:
 
     def _divided(self) -> tuple[np.ndarray, np.ndarray]:
         """Samples [frame, frequency, channels] without sweeps and gains; which channels [channels] have none."""
-        samples = self.samples
+        samples, missing = self.samples, np.isnan(self.samples).all(axis=(0, 1, 2))
         if self.sweeps == "frames":
             samples = samples.reshape(-1, *samples.shape[2:])
         else:
             samples = samples[:, 0] if samples.shape[1] == 1 else samples.mean(axis=1, dtype=np.complex128)
-        missing = np.isnan(samples).all(axis=(0, 1))
         if self.gains is None:
             return samples, missing
         alive = np.isfinite(self.gains) & (self.gains != 0)

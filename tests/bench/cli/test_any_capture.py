@@ -89,7 +89,7 @@ def test_a_capture_without_some_pairs_is_imaged_validated_and_calibrated(lacking
 
 def test_a_layout_without_a_place_for_missing_pairs_is_refused(lacking, tmp_path, capsys):
     assert main(["export", "maroon", str(lacking[0]), "-o", str(tmp_path / "out")]) == 2
-    assert "all of which hear each other" in capsys.readouterr().err
+    assert "antennas are not those of MAROON's radar" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

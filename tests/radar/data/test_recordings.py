@@ -80,6 +80,9 @@ def test_repeated_sweeps_are_averaged_or_become_frames(tmp_path):
     sweeps = np.stack([SAMPLES + 1, SAMPLES - 1, SAMPLES], axis=1)
     mean = loaded(tmp_path, {"sweeps": "mean"}, samples=sweeps)
     np.testing.assert_allclose(mean.samples, SAMPLES, atol=1e-6)
+    with pytest.raises(HandbenchError, match="10 of 120 are NaN"):  # one sweep of a channel failed, the others did not
+        failed = np.where(np.arange(36).reshape(1, 3, 1, T, R) == 5, np.nan, sweeps)
+        loaded(tmp_path, {"sweeps": "mean"}, samples=failed)
     frames = loaded(tmp_path, {"sweeps": "frames"}, samples=sweeps)
     np.testing.assert_array_equal(frames.samples, sweeps.reshape(6, *SAMPLES.shape[1:]))
 
