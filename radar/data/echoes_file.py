@@ -71,7 +71,7 @@ def load_capture(path: str | Path) -> RadarCapture:
     try:
         with opened(path) as file:
             found = attribute(file, "format"), attribute(file, "version")
-            version = next((v for v in (1, 2) if np.array_equal(found, (FORMAT, v))), None)
+            version = next((v for v in (1, 2) if found == (FORMAT, v)), None)
             if version is None:
                 raise HandbenchError(f"has format {found}; expected ('{FORMAT}', 1 or 2)")
             recording = _recording(file, path, version)
@@ -89,7 +89,7 @@ def _recording(file: "h5py.File", path: Path, version: int) -> Recording:
     if version == 1:
         there = set(known[:-1] if known is SCAN else known[:-3])
     else:
-        told = {name: _plain(attribute(file, name)) for name in file.attrs}
+        told = {name: attribute(file, name) for name in file.attrs}
         _check(sorted(there), known, told)
     values = {name: _numbers(file, name, path) for name in known if name in there}
     if told["time"] == "-jwt":
@@ -120,11 +120,6 @@ def _check(there: list[str], known: tuple[str, ...], told: dict[str, Any]) -> No
     for name, values in TOLD.items():
         if (found := told[name]) not in values:
             raise HandbenchError(f"{name} is '{str(found)[:80]}'; expected {' or '.join(map(repr, values))}")
-
-
-def _plain(told: Any) -> Any:
-    """A text or number, as h5py or MATLAB writes it."""
-    return told.decode("utf-8") if isinstance(told, bytes) else told.item() if isinstance(told, np.generic) else told
 
 
 def _numbers(file: "h5py.File", name: str, path: Path) -> np.ndarray:

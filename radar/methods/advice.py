@@ -10,6 +10,7 @@ import numpy as np
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
+from radar.data.grid import Axis
 from radar.support.config import Config
 from radar.support.errors import HandbenchError
 
@@ -67,7 +68,7 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config) -> Iterator[st
         return
     steps_hz, pixels = np.diff(np.sort(capture.tones(asked)[1])), f"of {seen.sum()} pixels are"
     cell_mm, period_mm = (500 * SPEED_OF_LIGHT_M_S / step_hz for step_hz in (steps_hz.sum(), steps_hz.min()))
-    ends_m = axis.values_m()[[0, -1]] if (axis := getattr(config, "z", None)) else np.zeros(2)
+    ends_m = axis.values_m()[[0, -1]] if isinstance(axis := getattr(config, "z", None), Axis) else np.zeros(2)
     box_mm, set_box = 1e3 * np.ptp(ends_m), "--set z.start_m=… --set z.stop_m=…"
     at_end = np.isclose(depth.z_m[..., None], ends_m, rtol=0, atol=1e-9).any(axis=-1).sum()
     flagged = 0 if axis or depth.wrapped is None else np.count_nonzero(depth.wrapped & seen)
@@ -81,7 +82,5 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config) -> Iterator[st
         told = f"the tones' range resolution c/2B is {cell_mm:.0f} mm, and the depth box {box_mm:.0f} mm deep"
         yield f"{told}: brightness hardly tells a depth in it; phases do (2fsk, 3fsk, joint), or more bandwidth"
     if period_mm < box_mm:
-        told = (
-            f"the tones' unambiguous range c/2Δf is {period_mm:.0f} mm, shorter than the depth box of {box_mm:.0f} mm"
-        )
+        told = f"the tones' unambiguous range c/2Δf is {period_mm:.0f} mm, shorter than the box of {box_mm:.0f} mm"
         yield f"{told}: echoes repeat in it; {set_box}, or more tones"

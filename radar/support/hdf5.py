@@ -60,7 +60,8 @@ def attribute(file: "h5py.File", name: str) -> Any:
         return None
     found = file.attrs.get_id(name)
     plain = found.shape == () and found.get_type().get_class() in (h5t.STRING, h5t.INTEGER, h5t.FLOAT)
-    return file.attrs[name] if plain else None
+    told = file.attrs[name] if plain else None  # as h5py or MATLAB writes it
+    return told.decode("utf-8") if isinstance(told, bytes) else told.item() if isinstance(told, np.generic) else told
 
 
 def of_its_own(file: "h5py.File", name: str) -> Any:

@@ -74,7 +74,7 @@ def test_limits_of_the_box_are_said(tmp_path, capsys):
     assert "unambiguous" not in said
     deep = shlex.split("--set z.start_m=0.1 --set z.stop_m=2.1 --set z.step_m=0.05 --overwrite")
     assert main([*command, *tones, *deep]) == 0
-    assert "unambiguous range c/2Δf is 1499 mm, shorter than the depth box of 2000 mm" in capsys.readouterr().err
+    assert "unambiguous range c/2Δf is 1499 mm, shorter than the box of 2000 mm" in capsys.readouterr().err
 
 
 def test_a_target_beyond_the_first_pair_is_said(tmp_path, capsys):

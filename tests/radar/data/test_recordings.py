@@ -227,3 +227,9 @@ def test_all_that_is_missing_is_named_at_once(tmp_path):
         load_capture(tmp_path / "echoes.h5")
     for word in ("samples", "frequencies_hz", "tx_m", "rx_m", "units", "frame", "time"):
         assert word in str(caught.value)
+
+
+def test_texts_of_fixed_length_are_texts(tmp_path):
+    """MATLAB's h5writeatt writes them so."""
+    fixed = {name: np.bytes_(value) for name, value in TOLD.items()} | {"licence": np.bytes_("CC0-1.0")}
+    assert loaded(tmp_path, fixed | {"version": np.float64(2)}).licence == "CC0-1.0"
