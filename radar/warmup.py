@@ -60,7 +60,7 @@ def _run_every_kernel() -> None:
     image_volume(echoes, tones_hz, array, grid, 1e-2)
     image_points(echoes, tones_hz, array, three + [0, 0, 1], None)
     project_volume(echoes, tones_hz, array, grid, 1e-2)
-    mean_rise(three, three + 1)
+    mean_rise(three, np.ones(3), three + 1)
     facets = Scatterers(three + [0, 0, 1], np.ones(3), np.array([[0.0, 0.0, -1.0]] * 3))
     for tolerance in (1e-2, None):
         simulate(facets, tones_hz, array, tolerance=tolerance)

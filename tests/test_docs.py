@@ -84,13 +84,16 @@ def own_data(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize(("capture", "point_m"), [("mine", (0.010, -0.020, 0.300)), ("scan", (0.0, 0.0, 0.300))])
-def test_echoes_written_with_h5py_alone_are_imaged_where_they_came_from(own_data, capture, point_m):
+@pytest.mark.parametrize(
+    ("capture", "point_m", "near_m"),  # two arrays see it at an angle, and 3-FSK takes the path's slope as 2
+    [("mine", (0.010, -0.020, 0.300), 1e-4), ("scan", (0.0, 0.0, 0.300), 1e-4), ("two", (0.010, 0.0, 0.300), 1e-3)],
+)
+def test_echoes_written_with_h5py_alone_are_imaged_where_they_came_from(own_data, capture, point_m, near_m):
     chosen, echoes = method("3fsk"), open_capture(own_data / capture).echoes()
     depth = chosen.run(echoes, chosen.configure(SMALL, "test"), 0).depth
     row, column = np.unravel_index(depth.amplitude_db.argmax(), depth.z_m.shape)
     assert (depth.x_m[column], depth.y_m[row]) == pytest.approx(point_m[:2], abs=1e-9)
-    assert depth.z_m[row, column] == pytest.approx(point_m[2], abs=1e-4)
+    assert depth.z_m[row, column] == pytest.approx(point_m[2], abs=near_m)
 
 
 def test_the_script_of_the_page_scores_and_draws(own_data):

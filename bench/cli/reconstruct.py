@@ -15,6 +15,7 @@ from radar.data.capture import RadarCapture
 from radar.imaging import api
 from radar.imaging.certificate import Certificate, certified, imaging_error
 from radar.imaging.device import describe
+from radar.methods.advice import notes, require_tones
 from radar.methods.registry import Method, Reconstruction, method
 from radar.methods.trust import with_trust
 from radar.support.errors import HandbenchError
@@ -42,6 +43,7 @@ def run(options: argparse.Namespace) -> None:
         raise HandbenchError(f"--volume, --check: '{chosen.id}' makes no volume; choose broadband or narrowband")
     for doubt in array_doubts(echoes):
         say(f"{options.capture}: {doubt}")
+    require_tones(echoes, settings)
     compile_kernels()
     asked = getattr(settings, "tolerance", None)
     result, settings, certificate = _imaged(chosen, echoes, settings, options)
@@ -55,6 +57,8 @@ def run(options: argparse.Namespace) -> None:
             write_npz(options.volume, volume=volume, z_m=result.volume_z_m)
         if options.check:
             _check(volume, echoes, settings, asked or EXACT, options)
+    for note in notes(result.depth, echoes, settings):
+        say(f"{options.out}: {note}")
     on_target = int((result.depth.z_m == result.depth.z_m).sum())
     bound = f"; images' relative error at most {certificate.bound:.1e}" if certificate.images else ""
     say(f"{options.out}: {on_target} pixels on target, imaged on {describe()}{bound}")

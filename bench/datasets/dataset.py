@@ -4,11 +4,12 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.datasets.mapping import MAPPING, MappedCapture
+from bench.datasets.mapped_capture import MappedCapture
+from bench.datasets.mapping import MAPPING
 from bench.datasets.maroon import EMPTY_FILTERED, METADATA, REGISTRATIONS, MaroonCapture
 from bench.datasets.native import DESCRIPTION, ECHOES, MESH, PHOTOS, TRANSFORM, TRUTH, NativeCapture, save_capture_file
 from groundtruth.mesh.mesh_files import read_mesh, write_mesh
-from radar.data.capture import save_capture
+from radar.data.echoes_file import save_capture
 from radar.support.config import suggest
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_folder, require_folder

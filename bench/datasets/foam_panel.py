@@ -12,7 +12,8 @@ import numpy as np
 
 from bench.datasets.native import ECHOES, CaptureFile, save_capture_file
 from radar.data.arrays import PlanarScan
-from radar.data.capture import RadarCapture, save_capture
+from radar.data.capture import RadarCapture
+from radar.data.echoes_file import save_capture
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_folder, read_array, read_text, require_file, require_folder
 from radar.support.limits import CSV_BYTES

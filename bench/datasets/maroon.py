@@ -119,7 +119,7 @@ class MaroonCapture(NativeCapture):
         parts = samples.view(np.float32)  # a power of two changes none of their digits
         parts *= np.float32(1 / self.metadata.handbench_echo_scale)
         try:
-            return RadarCapture(samples, first.frequencies_hz, qar50(), self.sensors())
+            return RadarCapture(samples, first.frequencies_hz, qar50(), sensors=self.sensors())
         except HandbenchError as error:
             raise HandbenchError(f"{self._file(0).parent}: {error}") from None
 

@@ -17,8 +17,9 @@ from calibration.transforms import Transform, load_transform
 from groundtruth.cameras.cameras import Camera
 from groundtruth.cameras.metashape import read_metashape
 from groundtruth.mesh.mesh_files import read_triangles
-from radar.data.arrays import AntennaArray, qar50
-from radar.data.capture import RadarCapture, load_capture
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
+from radar.data.capture import RadarCapture
+from radar.data.echoes_file import load_capture
 from radar.methods.registry import method
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_folder, atomic_path, write_json, write_text
@@ -80,8 +81,12 @@ def _require_radar(capture: NativeCapture, echoes: RadarCapture) -> None:
         not isinstance(ours, AntennaArray)
         or ours.channels != radar.channels
         or max(np.abs(ours.tx_m - radar.tx_m).max(), np.abs(ours.rx_m - radar.rx_m).max()) > SAME_M
+        or ours.measured is not None
+        or echoes.wave_speed_m_s != SPEED_OF_LIGHT_M_S
     ):
-        raise HandbenchError(f'{capture.folder}: its antennas are not those of MAROON\'s radar, array = "qar50"')
+        raise HandbenchError(
+            f'{capture.folder}: its antennas are not those of MAROON\'s radar, array = "qar50", all pairs'
+        )
 
 
 def _write_frames(folder: Path, echoes: RadarCapture, suffix: str) -> None:

@@ -10,10 +10,11 @@ import numpy as np
 import tomlkit
 from pydantic import Field
 
-from calibration.array.array_file import load_array
+from calibration.array.array_file import with_calibration
 from calibration.transforms import Transform, load_transform
-from radar.data.capture import RadarCapture, load_capture
+from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
+from radar.data.echoes_file import load_capture
 from radar.simulation.selection import Choice
 from radar.support.config import Config, Name, load
 from radar.support.errors import HandbenchError
@@ -80,14 +81,14 @@ class NativeCapture:
         return description
 
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
-        """Its first `frames` frames, or all; calibrated: where there is an `array.json`, with what it knows of the
-        antennas put in, said in one line."""
+        """Its first `frames` frames, or all; calibrated: where there is an `array.json`, beside the echoes or in their
+        file, with what it knows of the antennas put in, said in one line."""
         folder = require_folder(self.folder, WHAT)
-        echoes, file = load_capture(folder / ECHOES), folder / ARRAY
-        if calibrated and file.exists():
-            calibration = load_array(file)
-            echoes = calibration.applied_to(echoes, file)
-            say(f"{file}: applied: {calibration.summary()}")
+        echoes = load_capture(folder / ECHOES)
+        if calibrated:
+            echoes, told = with_calibration(echoes, folder / ARRAY)
+            if told:
+                say(told)
         return replace(echoes, samples=echoes.samples[:frames])
 
     @property

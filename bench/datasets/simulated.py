@@ -16,7 +16,7 @@ from bench.scenes.scene_file import HandTarget, MeshTarget
 from groundtruth.board.board import save_board
 from groundtruth.cameras.cameras import Camera, load_pycolmap, save_cameras
 from groundtruth.mesh.mesh_files import write_mesh
-from radar.data.capture import save_capture
+from radar.data.echoes_file import save_capture
 from radar.simulation.effects.dielectric import lost
 from radar.simulation.selection import Choice
 from radar.support.files import atomic_folder, atomic_path, write_text

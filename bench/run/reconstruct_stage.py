@@ -15,6 +15,7 @@ from radar.data.capture import thinned
 from radar.data.depthmap import DepthMap
 from radar.imaging.certificate import certified
 from radar.imaging.device import use_device
+from radar.methods.advice import require_tones
 from radar.methods.registry import Reconstruction, method
 from radar.methods.smoothing import masked_mean
 from radar.methods.trust import with_trust
@@ -69,6 +70,7 @@ class Imager:
         self.echoes = thinned(open_capture(capture).echoes(frames), every_nth_antenna)
         if len(self.echoes.samples) < frames:
             raise HandbenchError(f"{capture}: has {len(self.echoes.samples)} frames; expected {frames}")
+        require_tones(self.echoes, self.settings)
         compile_kernels()
 
     def images(self) -> Images:

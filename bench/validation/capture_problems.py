@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.datasets.native import ARRAY, ECHOES, EMPTY, MESH, PHOTOS, TARGET, TRANSFORM, TRUTH, CaptureFile
 from bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed
-from calibration.array.array_file import load_array
+from calibration.array.array_file import with_calibration
 from calibration.target.description import Target
 from calibration.transforms import load_transform
 from groundtruth.board.board import Board
@@ -19,7 +19,9 @@ from groundtruth.cameras.cameras import CameraFile
 from groundtruth.mesh.surface import Surface, read_surface
 from groundtruth.photos.photos import find_photos
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan
-from radar.data.capture import RadarCapture, load_capture
+from radar.data.capture import RadarCapture
+from radar.data.echoes_file import load_capture
+from radar.methods.advice import require_tones
 from radar.methods.registry import Method, method
 from radar.support.config import Config
 from radar.support.errors import HandbenchError
@@ -63,13 +65,11 @@ class Seen:
             config = chosen.configure(values, "configuration")
         except HandbenchError:
             return None  # told where it stands
-        asked_hz = getattr(config, "ladder_hz", None) or getattr(config, "tones_hz", None)
-        asked_hz = asked_hz() if callable(asked_hz) else asked_hz
-        if asked_hz is None or self.frequencies_hz is None:
+        if self.frequencies_hz is None:
             return None
         samples = np.zeros((1, len(self.frequencies_hz), 1), np.complex64)
         try:
-            RadarCapture(samples, self.frequencies_hz, PlanarScan(np.zeros((1, 3)))).tones(np.asarray(asked_hz))
+            require_tones(RadarCapture(samples, self.frequencies_hz, PlanarScan(np.zeros((1, 3)))), config)
         except HandbenchError as error:
             return str(error)
         return None
@@ -138,12 +138,15 @@ def _echoes(folder: Path) -> Found[RadarCapture | None]:
     if echoes is None:
         return None
     calibration, empty = folder / ARRAY, folder / EMPTY
-    if calibration.exists():
-        yield from attempt(calibration, lambda: load_array(calibration).applied_to(echoes, calibration))
+    yield from attempt(calibration, lambda: with_calibration(echoes, calibration))
     if empty.exists():
         yield from attempt(empty, lambda: load_capture(empty))
     for text in array_doubts(echoes):
         yield Problem(folder / ECHOES, None, text, warning=True)
+    heard = getattr(echoes.aperture, "measured", None)
+    if heard is not None:
+        lacks = f"{np.sum(~heard)} of its {heard.size} pairs were not measured; images do without"
+        yield from _doubt(folder / ECHOES, not heard.all(), lacks)
     return echoes
 
 
@@ -168,8 +171,7 @@ def array_doubts(capture: RadarCapture) -> Iterator[str]:
 
 def places_m(capture: RadarCapture) -> np.ndarray:
     """Positions [n, 3] of the antennas."""
-    array = capture.aperture
-    return array.position_m if isinstance(array, PlanarScan) else np.concatenate([array.tx_m, array.rx_m])
+    return np.concatenate([leg.position_m for leg in capture.aperture.legs])
 
 
 def _doubt(file: Path, odd: bool, text: str) -> Iterator[Problem]:

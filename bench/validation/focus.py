@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.validation.capture_problems import places_m
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.data.capture import RadarCapture, thinned
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_volume
 
 ANTENNAS, TONES = 48, 32  # of each kind, at most: more do not change which is sharpest
+SHALLOW = 0.3  # an array deeper than this share of its width may stand around its target, where none is looked for
 TOLERANCE = 0.1  # of a coarse image
 WIDE, NEAR, FAR = 0.85, 1.0, 8.0  # the box imaged, in apertures: to either side, and along z from and to
 CELL, DEEP = 2.0, 8.0  # resolution cell and depth of focus two apertures away, in wavelengths
@@ -50,9 +51,10 @@ MISTAKES = (
 
 
 def findings(capture: RadarCapture) -> list[str]:
-    """The mistakes that a capture's first frame shows by its focus, each with its cure; none where all is well."""
-    first = replace(capture, samples=capture.samples[:1])
-    if not first.samples.any():
+    """The mistakes that a capture's first frame shows by its focus, each with its cure; none where all is well, and of
+    arrays that may stand around what they see."""
+    first, (*across_m, deep_m) = replace(capture, samples=capture.samples[:1]), np.ptp(places_m(capture), axis=0)
+    if not first.samples.any() or deep_m > SHALLOW * max(across_m):
         return []
     as_is_db = sharpness_db(first)
     possible = [mistake for mistake in MISTAKES if len(first.frequencies_hz) >= mistake.tones]
@@ -75,8 +77,10 @@ def _few(capture: RadarCapture) -> RadarCapture:
     """The first frame with few tones, in rising order, and few antennas: enough for a coarse image."""
     order = np.argsort(capture.frequencies_hz, kind="stable")
     kept = order[np.unique(np.linspace(0, len(order) - 1, min(TONES, len(order))).round().astype(int))]
-    few = replace(capture, samples=capture.samples[:1, kept], frequencies_hz=capture.frequencies_hz[kept])
-    most = ANTENNAS**2 if isinstance(capture.aperture, PlanarScan) else ANTENNAS
+    samples, frequencies_hz = capture.samples[:1, kept], capture.frequencies_hz[kept]
+    in_vacuum = {"frequencies_hz": frequencies_hz * (SPEED_OF_LIGHT_M_S / capture.wave_speed_m_s)}
+    few = replace(capture, samples=samples, wave_speed_m_s=SPEED_OF_LIGHT_M_S, **in_vacuum)
+    most = ANTENNAS if isinstance(capture.aperture, AntennaArray) else ANTENNAS**2
     return thinned(few, max(1, -(-max(capture.aperture.channels) // most)))
 
 

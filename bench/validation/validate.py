@@ -17,7 +17,7 @@ from calibration.transforms import load_transform
 from groundtruth.board.board import Board
 from groundtruth.mesh.mesh_files import read_triangles
 from radar.data.arrays import load_positions
-from radar.data.capture import load_capture
+from radar.data.echoes_file import load_capture
 from radar.methods.registry import method
 from radar.support.config import Config, load
 from radar.support.errors import HandbenchError

@@ -1,7 +1,8 @@
 """Calibration of an array's antennas: its file `array.json`, and its application to captures."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -89,7 +90,7 @@ class ArrayCalibration(Config):
         calibration has been applied already.
         """
         if not isinstance(capture.aperture, AntennaArray):
-            raise HandbenchError(f"{where}: is for a MIMO array, but the capture is a planar scan")
+            raise HandbenchError(f"{where}: is for a MIMO array, but the capture is a planar scan or a list of pairs")
         nominal = AntennaArray(np.array(self.tx.nominal_m), np.array(self.rx.nominal_m))
         if _same(capture.aperture, self.array) and not _same(self.array, nominal):
             raise HandbenchError(f"{where}: has been applied to this capture already; apply it once")
@@ -101,8 +102,9 @@ class ArrayCalibration(Config):
         f_hz = capture.frequencies_hz
         responses = (side.response(f_hz, self.reference_hz) for side in (self.tx, self.rx))
         tx, rx = (np.divide(1, r, out=np.zeros_like(r), where=r != 0) for r in responses)
-        samples = capture.samples * tx[:, :, None] * rx[:, None]
-        return RadarCapture(samples.astype(np.complex64), f_hz, self.array)
+        samples = (capture.samples * tx[:, :, None] * rx[:, None]).astype(np.complex64)
+        true = replace(self.array, measured=capture.aperture.measured)
+        return replace(capture, samples=samples, aperture=true, calibration=None)
 
     def summary(self) -> str:
         """One line about it."""
@@ -120,10 +122,26 @@ def save_array(path: str | Path, calibration: ArrayCalibration) -> None:
 
 def load_array(path: str | Path) -> ArrayCalibration:
     """Read `array.json`; refuses unknown keys, wrong shapes, NaN and values that no array has."""
-    content = read_json(path, "an array calibration (array.json)")
+    return _array(read_json(path, "an array calibration (array.json)"), str(path))
+
+
+def with_calibration(capture: RadarCapture, file: Path) -> tuple[RadarCapture, str]:
+    """The capture with the calibration put in that is in `file`, an `array.json`, or else in the capture itself, and a
+    line about that; the capture as it is, and "", where there is neither."""
+    if file.exists():
+        calibration, where = load_array(file), str(file)
+    elif capture.calibration is not None:
+        where = f"{file.parent}: the {file.name} inside its echoes"
+        calibration = _array(capture.calibration, where)
+    else:
+        return capture, ""
+    return calibration.applied_to(capture, where), f"{where}: applied: {calibration.summary()}"
+
+
+def _array(content: Any, where: str) -> ArrayCalibration:
     if not isinstance(content, dict):
-        raise HandbenchError(f"{path}: is a {type(content).__name__}; expected an array calibration (array.json)")
-    return parse(ArrayCalibration, content, str(path))
+        raise HandbenchError(f"{where}: is a {type(content).__name__}; expected an array calibration (array.json)")
+    return parse(ArrayCalibration, content, where)
 
 
 def _same(one: AntennaArray, other: AntennaArray) -> bool:

@@ -92,10 +92,13 @@ def find_balls(capture: RadarCapture, target: Target, search: EchoSearch | None 
 
 
 def mimo_array(capture: RadarCapture) -> AntennaArray:
-    """The capture's antennas; HandbenchError for a planar scan."""
-    if not isinstance(capture.aperture, AntennaArray):
+    """The capture's antennas; HandbenchError for a scan, where pairs are missing, and in a medium."""
+    array = capture.aperture
+    if not isinstance(array, AntennaArray):
         raise HandbenchError("capture: a planar scan cannot see the calibration target; expected a MIMO array's echoes")
-    return capture.aperture
+    if array.measured is not None or capture.wave_speed_m_s != SPEED_OF_LIGHT_M_S:
+        raise HandbenchError("capture: lacks pairs, or is of a medium; the calibration target needs all pairs, in air")
+    return array
 
 
 def coarse_peaks(

@@ -4,6 +4,7 @@ import csv
 import io
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,10 +20,12 @@ FARTHEST_M = 1e7  # float64 tells a path to 4e-9 m there, a phase at 80 GHz to 1
 
 @dataclass(frozen=True)
 class Leg:
-    """One end of every path: antennas at position_m [n, 3] that the wave meets `passes` times."""
+    """One end of every path: antennas at position_m [n, 3] that the wave meets `passes` times; channels [n]: so many
+    of them each antenna has, or any multiple of that."""
 
     position_m: np.ndarray
     passes: int
+    channels: np.ndarray
 
     def lengths_m(self, point_m: np.ndarray) -> np.ndarray:
         """Length that the leg adds to the path over a point [3]: [n]."""
@@ -36,14 +39,22 @@ class Leg:
 
 @dataclass(frozen=True)
 class AntennaArray:
-    """A MIMO array: every transmitter tx_m [t, 3] is heard by every receiver rx_m [r, 3] (metres)."""
+    """A MIMO array: every transmitter tx_m [t, 3] is heard by every receiver rx_m [r, 3] (metres), or by those that
+    measured, bool [t, r], says; the samples of the other pairs are 0 and add nothing to an image."""
 
     tx_m: np.ndarray
     rx_m: np.ndarray
+    measured: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tx_m", positions("tx_m", self.tx_m))
         object.__setattr__(self, "rx_m", positions("rx_m", self.rx_m))
+        heard = self.measured
+        if heard is not None and (heard.shape != self.channels or not heard.any()):
+            found = f"{np.count_nonzero(heard)} pairs of {heard.shape}"
+            raise HandbenchError(f"measured: {found}; expected some of {self.channels}: is anything left?")
+        if heard is not None and heard.all():
+            object.__setattr__(self, "measured", None)
 
     @property
     def channels(self) -> tuple[int, ...]:
@@ -53,7 +64,9 @@ class AntennaArray:
     @property
     def legs(self) -> tuple[Leg, Leg]:
         """From the transmitters, to the receivers."""
-        return Leg(self.tx_m, 1), Leg(self.rx_m, 1)
+        every = [np.ones(n) for n in self.channels]
+        to, back = every if self.measured is None else (self.measured.mean(axis=1), self.measured.mean(axis=0))
+        return Leg(self.tx_m, 1, to), Leg(self.rx_m, 1, back)
 
 
 @dataclass(frozen=True)
@@ -74,10 +87,41 @@ class PlanarScan:
     def legs(self) -> tuple[Leg, Leg]:
         """There and back from the same antenna; the second leg is there only so that a scan looks like an array of
         one receiver."""
-        return Leg(self.position_m, 2), Leg(self.position_m[:1], 0)
+        return Leg(self.position_m, 2, np.ones(len(self.position_m))), Leg(self.position_m[:1], 0, np.ones(1))
 
 
-Aperture = AntennaArray | PlanarScan
+@dataclass(frozen=True)
+class BistaticScan:
+    """A list of pairs: what tx_m[i] sends, rx_m[i] hears ([n, 3] each, metres), as where both are moved."""
+
+    tx_m: np.ndarray
+    rx_m: np.ndarray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tx_m", positions("tx_m", self.tx_m))
+        object.__setattr__(self, "rx_m", positions("rx_m", self.rx_m))
+        if len(self.tx_m) != len(self.rx_m):
+            raise HandbenchError(f"rx_m: has {len(self.rx_m)} places; expected one for each of {len(self.tx_m)} tx_m")
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """Shape of one tone's samples: (n,)."""
+        return (len(self.tx_m),)
+
+    @property
+    def legs(self) -> tuple[Leg, Leg]:
+        """From the transmitters, to the receivers; their antennas belong together one by one."""
+        return Leg(self.tx_m, 1, np.ones(len(self.tx_m))), Leg(self.rx_m, 1, np.ones(len(self.rx_m)))
+
+
+Aperture = AntennaArray | PlanarScan | BistaticScan
+
+
+def as_of_an_array(aperture: Aperture, lengths: Any) -> Any:
+    """Lengths of both legs [t, …], [r, …] whose sums for every t and r are the paths; a list of pairs is seen as an
+    array of one receiver that adds nothing."""
+    to, back = lengths
+    return (to + back, 0 * back[:1]) if isinstance(aperture, BistaticScan) else (to, back)
 
 
 def qar50() -> AntennaArray:

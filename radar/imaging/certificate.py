@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from radar.data.arrays import AntennaArray, Aperture, PlanarScan
+from radar.data.arrays import AntennaArray, Aperture
 from radar.data.grid import VoxelGrid
 from radar.imaging.cpu.exact import check_samples, exact_sums
 from radar.imaging.plan import GridPlan
@@ -185,7 +185,7 @@ def _heard(samples: np.ndarray, aperture: Aperture) -> tuple[np.ndarray, Apertur
     if heard.all() or not heard.any():
         return samples, aperture
     if not isinstance(aperture, AntennaArray):
-        return samples[:, heard], PlanarScan(aperture.position_m[heard])
+        return samples[:, heard], type(aperture)(*(places_m[heard] for places_m in vars(aperture).values()))
     t, r = heard.any(axis=1), heard.any(axis=0)
     return samples[:, t][:, :, r], AntennaArray(aperture.tx_m[t], aperture.rx_m[r])
 

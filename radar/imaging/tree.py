@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, BistaticScan
 from radar.imaging.cpu.steering import probe_gains, steered_differences
 from radar.imaging.skeleton import band_skeleton, skeleton
 
@@ -97,8 +97,9 @@ class Family(NamedTuple):
 
 
 def crowded(aperture: Aperture) -> bool:
-    """True where the aperture has too many antennas for skeletons: a raster scan of tens of thousands of positions."""
-    return max(aperture.channels) > CROWDED
+    """True where the aperture is none for skeletons: its antennas are too many, as a raster scan's tens of thousands of
+    positions, or do not all hear each other."""
+    return isinstance(aperture, BistaticScan) or max(aperture.channels) > CROWDED
 
 
 def trunk(frequencies_hz: np.ndarray, aperture: Aperture) -> Node:

@@ -96,9 +96,10 @@ def depth_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float)
 
 
 def path_rise(points_m: np.ndarray, aperture: Aperture) -> np.ndarray:
-    """d(|p − t| + |p − r|)/dz [n] at points [n, 3], averaged over the antennas."""
+    """d(|p − t| + |p − r|)/dz [n] at points [n, 3], averaged over the channels."""
     points = np.ascontiguousarray(points_m, np.float64)
-    return np.asarray(sum(leg.passes * mean_rise(leg.position_m, points) for leg in aperture.legs))
+    rises = (leg.passes * mean_rise(leg.position_m, leg.channels, points) for leg in aperture.legs)
+    return np.asarray(sum(rises))
 
 
 def stretch(points_m: np.ndarray, aperture: Aperture) -> np.ndarray:

@@ -21,6 +21,7 @@ from radar.data.capture import RadarCapture, near_one
 from radar.data.depthmap import DepthMap
 from radar.data.grid import PixelGrid
 from radar.imaging.api import image_points
+from radar.methods.advice import asked_hz
 from radar.methods.smoothing import bounding_box
 from radar.support.config import Config
 
@@ -102,8 +103,7 @@ def _of_tones(
 ) -> dict[str, np.ndarray]:
     """Features [n] that the method's own tones, or the capture's where its configuration names none, tell at the depths
     that it found."""
-    named = getattr(config, "ladder_hz", getattr(config, "tones_hz", capture.frequencies_hz))
-    tones_hz = np.asarray(named() if callable(named) else named)
+    tones_hz = capture.frequencies_hz if (asked := asked_hz(config)) is None else asked
     some = np.unique(np.linspace(0, len(tones_hz) - 1, TONES).round().astype(int))
     samples, f = capture.tones(tones_hz[some], frame)
     points_m = PixelGrid(depth.x_m, depth.y_m).points_at_m(index, depth.z_m.ravel()[index])

@@ -32,8 +32,10 @@ def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
             raise HandbenchError(message) from None
         problems = error.errors()
         first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
-        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-        raise HandbenchError(f"{where}: {complaint(model, first)}{more}") from None
+        also = [p for p in problems if p["type"] == "missing" and p is not first]  # all of them: they are added at once
+        more = f" (and {others} more)" if (others := len(problems) - 1 - len(also)) else ""
+        told = "; ".join(complaint(model, problem) for problem in (first, *also))
+        raise HandbenchError(f"{where}: {told}{more}") from None
 
 
 def read_toml(path: str | Path, what: str) -> dict[str, Any]:

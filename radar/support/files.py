@@ -152,12 +152,16 @@ def write_json(path: str | Path, content: Any) -> None:
 def read_json(path: str | Path, what: str, most: int = limits.MOST_VALUES, most_bytes: int = limits.JSON_BYTES) -> Any:
     """Parse a JSON file; a missing, broken or too large one, of more than `most` values, is a HandbenchError."""
     try:
-        text = read_text(path, what, most_bytes)
-        if sum(map(text.count, "[{,")) > most:  # before they are made: a value takes a byte here, 60 in memory
-            raise ValueError(f"it holds more than {most} values")
-        return limits.require_shallow(json.loads(text))
+        return plain_json(read_text(path, what, most_bytes), most)
     except (ValueError, RecursionError) as error:
         raise HandbenchError(f"{path}: is not readable as JSON ({error}); expected {what}") from error
+
+
+def plain_json(text: str, most: int = limits.MOST_VALUES) -> Any:
+    """JSON's plain values; ValueError or RecursionError for what is none, too deep, or of more than `most` values."""
+    if sum(map(text.count, "[{,")) > most:  # before they are made: a value takes a byte here, 60 in memory
+        raise ValueError(f"it holds more than {most} values")
+    return limits.require_shallow(json.loads(text))
 
 
 def write_npz(path: str | Path, **arrays: Any) -> None:

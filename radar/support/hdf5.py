@@ -60,7 +60,20 @@ def attribute(file: "h5py.File", name: str) -> Any:
         return None
     found = file.attrs.get_id(name)
     plain = found.shape == () and found.get_type().get_class() in (h5t.STRING, h5t.INTEGER, h5t.FLOAT)
-    return file.attrs[name] if plain else None
+    told = file.attrs[name] if plain else None  # as h5py or MATLAB writes it
+    return told.decode("utf-8") if isinstance(told, bytes) else told.item() if isinstance(told, np.generic) else told
+
+
+def of_its_own(file: "h5py.File", name: str) -> Any:
+    """The thing of that name that lies in this very file; None where no hard links lead to one."""
+    import h5py
+
+    found: Any = file
+    for part in filter(None, name.split("/")):
+        if not isinstance(found, h5py.Group) or not isinstance(found.get(part, getlink=True), h5py.HardLink):
+            return None
+        found = found[part]
+    return found
 
 
 def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
@@ -69,12 +82,8 @@ def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
     memory holds."""
     import h5py
 
-    found: Any = file
-    for part in filter(None, name.split("/")):
-        link = found.get(part, getlink=True) if isinstance(found, h5py.Group) else None
-        if not isinstance(link, h5py.HardLink):
-            raise ValueError(f"has no '{name[:200]}' of its own")
-        found = found[part]
+    if (found := of_its_own(file, name)) is None:
+        raise ValueError(f"has no '{name[:200]}' of its own")
     if not isinstance(found, h5py.Dataset) or found.external or found.is_virtual:
         raise ValueError(f"'{name[:200]}' is no data set of this file")
     if found.dtype.hasobject or found.shape is None:

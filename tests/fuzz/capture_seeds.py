@@ -11,8 +11,10 @@ import tomlkit
 from tests.fuzz.geometry_seeds import POINTS_M, depth, radar_from_photo, write_obj
 
 if TYPE_CHECKING:
+    from calibration.array.array_file import ArrayCalibration
     from radar.data.capture import RadarCapture
 
+MATLAB = "hand.mat5"  # no .mat: those who know HDF5 would break it
 MAROON = ("hand", "30", "radar_72.0_82.0_2")
 
 
@@ -29,7 +31,7 @@ def _echoes(tones: int = 3) -> RadarCapture:
 def capture(folder: Path) -> None:
     """A capture folder with the calibration of its array."""
     from bench.datasets.native import ARRAY, ECHOES, CaptureFile, save_capture_file
-    from radar.data.capture import save_capture
+    from radar.data.echoes_file import save_capture
 
     echoes = _echoes()
     save_capture(folder / ECHOES, echoes)
@@ -46,7 +48,14 @@ def capture(folder: Path) -> None:
 
 
 def _save_array(path: Path, tx_m: np.ndarray, rx_m: np.ndarray) -> None:
-    from calibration.array.array_file import ArrayCalibration, Side, save_array
+    from calibration.array.array_file import save_array
+
+    save_array(path, array_calibration(tx_m, rx_m))
+
+
+def array_calibration(tx_m: np.ndarray, rx_m: np.ndarray) -> ArrayCalibration:
+    """The calibration of an array whose antennas all err alike."""
+    from calibration.array.array_file import ArrayCalibration, Side
 
     def side(places_m: np.ndarray) -> Side:
         n = len(places_m)
@@ -61,16 +70,8 @@ def _save_array(path: Path, tx_m: np.ndarray, rx_m: np.ndarray) -> None:
             offset_sigma_m=[(1e-5,) * 3] * n,
         )
 
-    save_array(
-        path,
-        ArrayCalibration(
-            source="target",
-            reference_hz=77e9,
-            tx=side(tx_m),
-            rx=side(rx_m),
-            residual_before_db=-10,
-            residual_after_db=-30,
-        ),
+    return ArrayCalibration(
+        source="target", reference_hz=77e9, tx=side(tx_m), rx=side(rx_m), residual_before_db=-10, residual_after_db=-30
     )
 
 
@@ -91,7 +92,8 @@ def scan(folder: Path) -> None:
 
     from bench.datasets.native import ECHOES, CaptureFile, save_capture_file
     from radar.data.arrays import PlanarScan
-    from radar.data.capture import RadarCapture, save_capture
+    from radar.data.capture import RadarCapture
+    from radar.data.echoes_file import save_capture
 
     samples = np.ones((2, 3, 4), np.complex64)
     save_capture(folder / ECHOES, RadarCapture(samples, np.linspace(22e9, 26e9, 3), PlanarScan(np.eye(4)[:, :3])))
@@ -99,6 +101,40 @@ def scan(folder: Path) -> None:
         del file["samples"]
         file.create_dataset("samples", data=samples, chunks=(1, 2, 4), compression="gzip", shuffle=True)
     save_capture_file(folder, CaptureFile(name="scan", kind="scan", contains=(ECHOES,)))
+
+
+def pairs(folder: Path) -> None:
+    """A capture of version 2: a list of pairs with gains, swept twice, and the array's calibration in the file."""
+    import h5py
+
+    from bench.datasets.native import ECHOES, CaptureFile, save_capture_file
+
+    echoes, listed = _echoes(), [[0, 0], [0, 2], [1, 1], [1, 2]]
+    _save_array(folder / "array.json", echoes.aperture.tx_m, echoes.aperture.rx_m)
+    with h5py.File(folder / ECHOES, "w") as file:
+        file.attrs.update({"format": "handbench-echoes", "version": 2, "units": "m, Hz, m/s", "time": "-jwt"})
+        file.attrs.update({"frame": "x right, y up, z away", "sweeps": "mean", "wave_speed_m_s": 2e8, "licence": "CC0"})
+        file["samples"] = np.stack([echoes.samples[:, :, *np.transpose(listed)]] * 2, axis=1)
+        file["frequencies_hz"], file["pairs"], file["gains"] = echoes.frequencies_hz, listed, np.ones(4) + 0.1j
+        file["tx_m"], file["rx_m"] = (p * [-1, 1, 1] for p in (echoes.aperture.tx_m, echoes.aperture.rx_m))
+        file["array.json"] = np.frombuffer((folder / "array.json").read_bytes(), np.uint8)
+    (folder / "array.json").unlink()
+    save_capture_file(folder, CaptureFile(name="hand", contains=(ECHOES,)))
+
+
+def matlab(folder: Path) -> None:
+    """A file of MATLAB before 7.3, one variable packed, and its description."""
+    from scipy.io import savemat
+
+    mapping(folder)
+    echoes, side = _echoes(), [-1, 1, 1]
+    told = (folder / "mapping.toml").read_text().replace("set/", "").replace("hand.mat", MATLAB)
+    (folder / "mapping.toml").write_text(told)
+    (folder / "hand.mat").unlink()
+    places = {name: 1e3 * getattr(echoes.aperture, f"{name}_m") * side for name in ("tx", "rx")}
+    savemat(folder / MATLAB, {"f": echoes.frequencies_hz / 1e9, **places}, appendmat=False)
+    with (folder / MATLAB).open("ab") as stream:
+        savemat(stream, {"xr": echoes.samples.conj().T}, do_compression=True)
 
 
 def mapping(folder: Path) -> None:

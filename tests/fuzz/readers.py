@@ -226,6 +226,8 @@ READERS: tuple[Reader, ...] = (
     Reader("capture", capture_seeds.capture, _capture, (*3 * ("echoes.h5",), "capture.toml", "array.json"), 6),
     Reader("scan", capture_seeds.scan, _capture, ("echoes.h5",), 3),
     Reader("mapping", capture_seeds.mapping, _capture, ("mapping.toml", "hand.mat", "hand.mat"), 4),
+    Reader("pairs", capture_seeds.pairs, _capture, ("echoes.h5",), 4),
+    Reader("matlab", capture_seeds.matlab, _capture, (*3 * (capture_seeds.MATLAB,), "mapping.toml"), 4),
     Reader(
         "maroon",
         capture_seeds.maroon,

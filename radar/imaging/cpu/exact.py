@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numba
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, tones
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, as_of_an_array, tones
 from radar.data.capture import largest_part
 from radar.imaging.cpu.steering import FAST, cis_turns, distances_m, phasor, steering
 from radar.support.errors import HandbenchError
@@ -69,6 +69,7 @@ def exact_sums(
     """
     tones_hz, points = np.asarray(frequencies_hz, np.float64), np.asarray(points_m, np.float64)
     lengths = [leg.passes * np.linalg.norm(leg.position_m[:, None] - points, axis=2) for leg in aperture.legs]
+    lengths = as_of_an_array(aperture, lengths)
     images = np.empty((len(samples), len(points)), np.complex128)
     count = max(1, min(TONES, WAVES // max(length.size for length in lengths)))
 
@@ -96,7 +97,7 @@ def _waves(frequencies_hz: np.ndarray, length_m: np.ndarray) -> np.ndarray:
 
 def path_lengths(aperture: Aperture, point_m: np.ndarray) -> np.ndarray:
     """Length of every channel's path over a point [3], metres: [t, r] or [n]."""
-    to, back = (leg.lengths_m(point_m) for leg in aperture.legs)
+    to, back = as_of_an_array(aperture, (leg.lengths_m(point_m) for leg in aperture.legs))
     return (to[:, None] + back).reshape(aperture.channels)
 
 
@@ -106,8 +107,9 @@ def _block_images(
     """Every tone's image complex64 [n] at one block of points_m [n, 3]; `stacked` comes from `_stack`."""
     points = np.ascontiguousarray(np.asarray(points_m, np.float64).T)
     if not isinstance(aperture, AntennaArray):
+        to, back = (leg.position_m for leg in aperture.legs)  # the second is not looked at where the first is met twice
         for s, frequency_hz in zip(stacked, frequencies_hz, strict=True):
-            yield _scan_image(s, aperture.position_m, points, 2 * frequency_hz / SPEED_OF_LIGHT_M_S)
+            yield _scan_image(s, to, back, aperture.legs[0].passes == 2, points, frequency_hz / SPEED_OF_LIGHT_M_S)
         return
     to, back = (distances_m(leg.position_m, points) for leg in aperture.legs)  # once for all tones
     a, u = (np.empty((2 * len(to), len(points_m)), np.float32) for _ in range(2))
@@ -139,15 +141,15 @@ def _contract(a, u):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(**FAST)
-def _scan_image(samples, position_m, points_m, turns_per_m):  # type: ignore[no-untyped-def]
+def _scan_image(samples, tx_m, rx_m, there_and_back, points_m, turns_per_m):  # type: ignore[no-untyped-def]
     n = points_m.shape[1]
     re, im = np.zeros(n, np.float64), np.zeros(n, np.float64)
-    for a in range(len(position_m)):
-        ax, ay, az = position_m[a, 0], position_m[a, 1], position_m[a, 2]
+    for a in range(len(tx_m)):
         s_re, s_im = samples[a].real, samples[a].imag
+        path_m = distances_m(tx_m[a : a + 1], points_m)[0]
+        path_m += path_m if there_and_back else distances_m(rx_m[a : a + 1], points_m)[0]
         for p in range(n):
-            dx, dy, dz = points_m[0, p] - ax, points_m[1, p] - ay, points_m[2, p] - az
-            cosine, sine = cis_turns(turns_per_m * np.sqrt(dx * dx + dy * dy + dz * dz))
+            cosine, sine = cis_turns(turns_per_m * path_m[p])
             re[p] += s_re * cosine - s_im * sine
             im[p] += s_re * sine + s_im * cosine
     return (re + 1j * im).astype(np.complex64)

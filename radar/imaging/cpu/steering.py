@@ -89,15 +89,15 @@ def steering(distance_m, turns_per_m, out):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(**FAST)
-def mean_rise(antennas_m, points_m):  # type: ignore[no-untyped-def]
-    """d|p − a|/dz [p] at points [p, 3], averaged over antennas [a, 3]."""
+def mean_rise(antennas_m, weight, points_m):  # type: ignore[no-untyped-def]
+    """d|p − a|/dz [p] at points [p, 3], averaged over antennas [a, 3] with weights [a]."""
     out = np.zeros(len(points_m))
     for p in range(len(points_m)):
         for a in range(len(antennas_m)):
             dx, dy = points_m[p, 0] - antennas_m[a, 0], points_m[p, 1] - antennas_m[a, 1]
             dz = points_m[p, 2] - antennas_m[a, 2]
-            out[p] += dz / np.sqrt(dx * dx + dy * dy + dz * dz)
-    return out / len(antennas_m)
+            out[p] += weight[a] * (dz / np.sqrt(dx * dx + dy * dy + dz * dz))
+    return out / weight.sum()
 
 
 def phasor(path_m: np.ndarray, frequency_hz: np.ndarray | float, sign: int) -> np.ndarray:

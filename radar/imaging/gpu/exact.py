@@ -10,7 +10,7 @@ from types import ModuleType
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, as_of_an_array
 from radar.imaging.cpu.exact import check_samples
 from radar.imaging.device import BLOCK_BYTES, Array, array_module, to_host
 
@@ -24,16 +24,17 @@ def exact_images(
     check_samples(samples, frequencies_hz, aperture)
     xp = array_module()
     turns_per_m = np.asarray(frequencies_hz, np.float64) / SPEED_OF_LIGHT_M_S
-    n_a, n_b = (len(leg.position_m) for leg in aperture.legs)
-    matrices = xp.asarray(samples.reshape(-1, n_a, n_b).swapaxes(1, 2), dtype=np.complex64)  # receivers first
+    matrices = samples.reshape(*samples.shape[:2], -1).swapaxes(1, 2)  # receivers first
+    matrices, (n_b, n_a) = xp.asarray(matrices, dtype=np.complex64), matrices.shape[1:]
     images = np.empty((len(samples) if apart else 1, len(points_m)), np.complex64)
     block = max(BLOCK_BYTES // (POINT_BYTES * (n_a + n_b)), 1)
     for start in range(0, len(points_m), block):
         here = slice(start, start + block)
         points = xp.asarray(np.ascontiguousarray(points_m[here].T, np.float64))[:, None]
-        paths_a, paths_b = (
+        lengths = [
             leg.passes * distances(xp, points, xp.asarray(leg.position_m.T)[:, :, None]) for leg in aperture.legs
-        )
+        ]
+        paths_a, paths_b = as_of_an_array(aperture, lengths)
         part = xp.zeros((len(images), points.shape[2]), np.complex64)
         for f, turns in enumerate(turns_per_m):
             heard = xp.matmul(matrices[f], cis(xp, turns * paths_a))  # a scan's sum over positions is a product

@@ -12,7 +12,8 @@ import pytest
 from bench.cli.main import main
 from bench.datasets.native import NativeCapture
 from radar.data.arrays import qar50
-from radar.data.capture import RadarCapture, save_capture
+from radar.data.capture import RadarCapture
+from radar.data.echoes_file import save_capture
 from radar.simulation.selection import IDS
 
 LATERAL = ["--set", "x.start_m=-0.01", "--set", "x.stop_m=0.01", "--set", "y.start_m=-0.01", "--set", "y.stop_m=0.01"]

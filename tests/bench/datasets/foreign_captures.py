@@ -7,7 +7,8 @@ import numpy as np
 from bench.datasets.native import ECHOES, TRUTH, CaptureFile, save_capture_file
 from groundtruth.mesh.mesh_files import mesh, write_mesh
 from radar.data.arrays import qar50
-from radar.data.capture import RadarCapture, save_capture
+from radar.data.capture import RadarCapture
+from radar.data.echoes_file import save_capture
 from radar.simulation.forward import Scatterers, simulate
 
 TONES_HZ = np.array([72e9, 74.5e9, 77e9, 79.5e9, 81.8e9, 82e9])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bench.datasets.dataset import open_capture
-from bench.datasets.mapping import Mapping
+from bench.datasets.mapping import Mapping, Pairs
 from bench.datasets.maroon_export import export_maroon
 from bench.datasets.native import CaptureFile
 from bench.run.benchmark_file import BenchFile, Source, load_benchmark
@@ -99,9 +99,11 @@ def test_a_data_set_lies_inside_the_benchmark_s_folder(data_set):
 
 def test_the_files_of_the_page_are_read():
     page = (Path(__file__).parents[3] / "docs" / "maroon.md").read_text("utf-8")
-    bench, mapping = (tomllib.loads(text) for text in re.findall(r"```toml\n(.*?)```", page, re.DOTALL))
+    bench, mapping, more = (tomllib.loads(text) for text in re.findall(r"```toml\n(.*?)```", page, re.DOTALL))
     assert BenchFile.model_validate(bench).dataset[0].distances == (30,)
-    assert Mapping.model_validate({**mapping, "rx": mapping["tx"]}).samples.reversed
+    assert Pairs.model_validate(more.pop("pairs")).first == 1  # of samples by pair, which these are not
+    told = Mapping.model_validate({**mapping, "rx": mapping["tx"], **more})
+    assert told.samples.reversed and told.array[0].datasets == ["tx2", "rx2", "xr2"] and told.wave_speed_m_s == 1e8
 
 
 def test_what_opens_a_folder(data_set, tmp_path):

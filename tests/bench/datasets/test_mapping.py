@@ -4,6 +4,7 @@ import h5py
 import numpy as np
 import pytest
 import tomlkit
+from scipy.io import savemat
 
 from bench.datasets.dataset import import_capture, open_capture
 from bench.datasets.mapping import MAPPING
@@ -109,6 +110,93 @@ def test_a_moved_transceiver(folder):
     np.testing.assert_allclose(capture.aperture.position_m, np.arange(36).reshape(12, 3) / 100)
 
 
+def test_a_file_of_matlab_before_7_3_is_read_by_the_same_mapping(folder):
+    """As SciPy writes it, which shares nothing with the reader."""
+    stored = {
+        "xr": SAMPLES.conj().T,
+        "f": TONES_HZ[None] / 1e9,
+        "n": 3.0,
+        "text": "abc",
+        "cell": np.array([[1, "a"]], object),
+    }
+    stored |= {"tx": 1e3 * TX_M * [-1, 1, 1], "rx": 1e3 * RX_M * [-1, 1, 1], "deep": {"xr": 1.0}}
+    told = mapping()
+    told["frequencies"]["dataset"], told["tx"]["dataset"], told["rx"]["dataset"] = "f", "tx", "rx"
+    for packed in (False, True):
+        savemat(folder / "hand.mat", stored, do_compression=packed)
+        assert same(described(folder, told))
+    told["samples"]["dataset"], told["rx"]["dataset"] = "text", "deep"
+    with pytest.raises(HandbenchError, match=r"hand\.mat: has no 'deep', 'text' of its own; it has xr, f, n, tx, rx"):
+        described(folder, told)
+    whole = (folder / "hand.mat").read_bytes()
+    for length in (130, 200, len(whole) // 2):
+        (folder / "hand.mat").write_bytes(whole[:length])
+        with pytest.raises(HandbenchError) as caught:
+            described(folder, told)
+        assert "\n" not in str(caught.value)
+
+
+def test_what_unpacks_to_more_than_is_read_is_refused(folder, monkeypatch):
+    monkeypatch.setattr("radar.support.matlab.ARRAY_BYTES", 2**16)
+    savemat(folder / "hand.mat", {"xr": np.zeros(2**14)}, do_compression=True)
+    assert (folder / "hand.mat").stat().st_size < 2**10
+    with pytest.raises(HandbenchError, match=r"more than 65536 bytes unpacked, .* save -v7\.3"):
+        open_capture(folder).echoes()
+
+
+def test_pairs_gains_sweeps_and_a_slower_wave(folder):
+    """xr(pair, sweep, f, frame), counted from 1 as MATLAB does; a pair was not measured, one gain is 0."""
+    pairs = RNG.permutation(np.argwhere(np.ones((3, 4), bool)))[:9]
+    gains = RNG.standard_normal(9) + 2j
+    gains[2] = 0
+    of_pairs = SAMPLES[:, :, pairs[:, 0], pairs[:, 1]]
+    swept = np.stack([of_pairs + 1j, of_pairs - 1j], axis=2) * gains  # [frame, f, sweep, pair]
+    swept[..., 5] = np.nan
+    parts = {"real": "re2", "imag": "im2", "axes": ["pair", "sweep", "frequency", "frame"], "sweeps": "mean"}
+    told = mapping(**parts) | {"wave_speed_m_s": 2e8, "licence": "CC0"}
+    del told["samples"]["dataset"]
+    told["pairs"] = {"dataset": "pairs", "reversed": True, "first": 1}
+    told["gains"] = {"dataset": "g", "axes": ["pair", "re_im"], "reversed": False}
+    with h5py.File(folder / "hand.mat", "a") as file:
+        file["re2"], file["im2"] = swept.real, -swept.imag  # e^{+j…}
+        file["pairs"], file["g"] = pairs.T + 1.0, np.stack([gains.real, -gains.imag], axis=1)
+    capture = described(folder, told)
+    there = np.zeros((3, 4), bool)
+    for k in set(range(9)) - {2, 5}:
+        there[tuple(pairs[k])] = True
+    np.testing.assert_array_equal(capture.aperture.measured, there)
+    np.testing.assert_allclose(capture.samples, np.where(there, SAMPLES, 0), atol=1e-6)  # single precision
+    assert (capture.wave_speed_m_s, capture.licence) == (2e8, "CC0")
+    told["samples"]["sweeps"] = "frames"
+    assert described(folder, told).samples.shape == (4, 5, 3, 4)
+
+
+def test_several_arrays_in_one_file(folder):
+    told = mapping()
+    second = {name: dict(told[name]) for name in ("samples", "tx", "rx")}
+    second["samples"]["dataset"], second["tx"]["dataset"] = "xr2", "set/tx2"
+    told["array"] = [second]
+    with h5py.File(folder / "hand.mat", "a") as file:
+        file["xr2"], file["set/tx2"] = 2 * file["xr"][:].view("c8").conj(), file["set/tx"][:] + 100.0
+    capture = described(folder, told)
+    assert capture.samples.shape == (2, 5, 6, 8)
+    np.testing.assert_allclose(capture.samples[:, :, :3, :4], SAMPLES, rtol=1e-6)
+    np.testing.assert_allclose(capture.samples[:, :, 3:, 4:], 2 * SAMPLES.conj(), rtol=1e-6)
+    assert capture.aperture.measured.sum() == 24 and not capture.samples[:, :, :3, 4:].any()
+
+
+def test_all_that_is_missing_is_named_at_once(folder):
+    told = mapping(dataset="xs")
+    told["tx"]["dataset"], told["gains"] = "set/t", {"dataset": "g", "axes": ["rx", "tx"], "reversed": True}
+    with pytest.raises(HandbenchError, match=r"has no 'g', 'set/t', 'xs' of its own; it has"):
+        described(folder, told)
+    del told["samples"]["reversed"], told["rx"]["unit"], told["file"]
+    with pytest.raises(HandbenchError) as caught:
+        described(folder, told)
+    for key in ("samples.reversed", "rx.unit", "file"):
+        assert f"key '{key}' is missing" in str(caught.value)
+
+
 def test_it_becomes_a_capture_folder(folder, tmp_path_factory):
     out = tmp_path_factory.mktemp("import") / "hand"
     import_capture("mapping", folder, out)
@@ -143,9 +231,13 @@ def test_it_becomes_a_capture_folder(folder, tmp_path_factory):
         ({"samples": {"order": "C"}}, r"unknown key 'samples\.order'"),
         ({"samples": {"axes": ["rx", "frequency"]}}, "axes hold"),
         ({"samples": {"real": "re"}}, "give either dataset"),
+        ({"samples": {"axes": ["pair", "frequency"]}}, r"the table \[pairs\]"),
+        ({"samples": {"axes": ["rx", "tx", "sweep", "frequency"]}}, r"sweeps = \"mean\" or \"frames\" is there if"),
+        ({"gains": {"dataset": "re", "axes": ["pair"], "reversed": True}}, "gains.axes name the antennas as"),
+        ({"wave_speed_m_s": 1.0}, "wave_speed_m_s: is 1; expected 1/100 to 1 of vacuum's"),
         ({"position": {"dataset": "p", "unit": "m", "reversed": False, "x": "left"}}, r"the table \[position\]"),
         ({"file": "../hand.mat"}, "leaves the folder"),
-        ({"file": "foot.mat"}, r"foot\.mat: expected the HDF5 file that mapping\.toml names, found nothing"),
+        ({"file": "foot.mat"}, r"foot\.mat: expected the HDF5 or MATLAB file that mapping\.toml names, found nothing"),
     ],
 )
 def test_what_does_not_fit_is_told(folder, change, reason):
@@ -196,6 +288,6 @@ def test_a_truncated_file_is_one_line(folder):
     whole = (folder / "hand.mat").read_bytes()
     for length in (0, 100, len(whole) // 2, len(whole) - 1):
         (folder / "hand.mat").write_bytes(whole[:length])
-        with pytest.raises(HandbenchError, match=r"hand\.mat: is not a readable HDF5 file") as caught:
+        with pytest.raises(HandbenchError, match=r"hand\.mat: is not a readable HDF5 or MATLAB file") as caught:
             open_capture(folder).echoes()
         assert "\n" not in str(caught.value)

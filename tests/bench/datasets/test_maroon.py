@@ -16,8 +16,9 @@ from bench.run.reconstruct_stage import Imager, configuration
 from bench.run.scoring import reference_depth
 from calibration.transforms import Transform, identity
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
-from radar.data.capture import RadarCapture, save_capture
+from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
+from radar.data.echoes_file import save_capture
 from radar.data.grid import Axis, PixelGrid
 from radar.imaging.cpu.exact import backproject
 from radar.methods.registry import method

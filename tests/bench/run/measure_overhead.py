@@ -40,7 +40,8 @@ from bench.studies.columns import Record, Table
 from calibration.transforms import identity
 from groundtruth.mesh.depth import Reference
 from radar.data.arrays import AntennaArray
-from radar.data.capture import RadarCapture, save_capture
+from radar.data.capture import RadarCapture
+from radar.data.echoes_file import save_capture
 from radar.support.files import write_json
 from radar.support.store import Stage
 

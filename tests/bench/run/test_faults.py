@@ -27,7 +27,8 @@ from groundtruth.dense.planesweep import swept_disparity
 from groundtruth.dense.views import Stereo
 from groundtruth.mesh.mesh_files import load_open3d, write_mesh
 from radar.data.arrays import PlanarScan, qar50
-from radar.data.capture import RadarCapture, load_capture, save_capture
+from radar.data.capture import RadarCapture
+from radar.data.echoes_file import load_capture, save_capture
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_volume
 from radar.support.errors import HandbenchError

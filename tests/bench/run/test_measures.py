@@ -19,7 +19,7 @@ from bench.scenes.scene_file import HandTarget, SceneFile
 from bench.studies import noise_fit
 from bench.studies.tradeoff.opening import opened
 from bench.validation.validate import problems_of
-from radar.data.capture import load_capture
+from radar.data.echoes_file import load_capture
 from radar.support.errors import HandbenchError
 
 BOTH = ("accuracy", "precision")

@@ -22,7 +22,7 @@ from bench.run.benchmark_file import load_benchmark
 from bench.run.runner import run
 from calibration.transforms import Transform
 from groundtruth.mesh.mesh_files import read_mesh, write_mesh
-from radar.data.capture import load_capture, save_capture
+from radar.data.echoes_file import load_capture, save_capture
 from radar.support.errors import HandbenchError
 from radar.support.folder import claimed
 

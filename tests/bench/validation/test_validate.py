@@ -16,7 +16,8 @@ from calibration.target.description import default_target, save_target
 from calibration.transforms import Transform
 from groundtruth.mesh.mesh_files import mesh, write_mesh
 from radar.data.arrays import AntennaArray
-from radar.data.capture import RadarCapture, save_capture
+from radar.data.capture import RadarCapture
+from radar.data.echoes_file import save_capture
 from radar.support.errors import HandbenchError
 
 VERTICES_M = np.array([(0, 0, 0.3), (0.1, 0, 0.4), (0, 0.1, 0.3)])

@@ -10,7 +10,7 @@ import pytest
 from bench.cli import reconstruct
 from bench.cli.main import main
 from bench.studies import gpu_benchmark, study
-from radar.data.arrays import AntennaArray, PlanarScan, qar50
+from radar.data.arrays import AntennaArray, BistaticScan, PlanarScan, qar50
 from radar.data.grid import Axis, VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
 from radar.imaging.device import SETTING, array_module, chosen, describe, use_device
@@ -57,7 +57,8 @@ def corner(nx=23, ny=29, nz=21) -> VoxelGrid:
 
 
 ARRAY = AntennaArray(qar50().tx_m[::3], qar50().rx_m[::4])  # 32 × 24: enough to be thinned, and quickly planned
-APERTURES = {"array": ARRAY, "one receiver": AntennaArray(ARRAY.tx_m, ARRAY.rx_m[:1]), "scan": scan(60)}
+PAIRS = BistaticScan(scan(50).position_m, scan(50).position_m + [0.01, 0.02, 0.0])
+APERTURES = {"array": ARRAY, "one receiver": AntennaArray(ARRAY.tx_m, ARRAY.rx_m[:1]), "scan": scan(60), "pairs": PAIRS}
 
 
 @pytest.mark.parametrize("aperture", APERTURES.values(), ids=APERTURES)

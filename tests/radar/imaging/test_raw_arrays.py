@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from radar.data.arrays import AntennaArray, PlanarScan
-from radar.data.capture import RadarCapture, save_capture
+from radar.data.capture import RadarCapture
+from radar.data.echoes_file import save_capture
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
 from radar.imaging.cpu.exact import backproject, path_lengths

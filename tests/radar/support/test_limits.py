@@ -13,7 +13,8 @@ import pytest
 from PIL import Image
 
 from radar.data.arrays import AntennaArray, load_positions
-from radar.data.capture import RadarCapture, load_capture, save_capture
+from radar.data.capture import RadarCapture
+from radar.data.echoes_file import load_capture, save_capture
 from radar.support import limits
 from radar.support.config import Config, parse, read_toml
 from radar.support.errors import HandbenchError

@@ -1,0 +1,159 @@
+"""Echoes in somebody else's HDF5 or MATLAB file, read as the `mapping.toml` beside it says."""
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from bench.datasets.mapping import MAPPING, RE_IM, Array, Gains, Mapping, Pairs, Positions
+from bench.datasets.native import CaptureFile, NativeCapture
+from radar.data.capture import RadarCapture
+from radar.data.recording import Recording, joined
+from radar.support.config import load
+from radar.support.errors import HandbenchError
+from radar.support.files import inside, require_file
+from radar.support.hdf5 import of_its_own, opened, read
+from radar.support.matlab import read_matlab
+
+UNITS = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9, "m": 1.0, "cm": 1e-2, "mm": 1e-3}
+PARTS = (("real", "imag"), ("r", "i"))  # names of a complex number's parts: MATLAB's, h5py's
+ORDER = ("frame", "sweep", "frequency", "tx", "rx", "pair", "position")  # of a recording's axes
+
+Read = Callable[[str], np.ndarray]  # from a name to the whole data set as it is stored
+
+
+@dataclass(frozen=True)
+class MappedCapture(NativeCapture):
+    """A folder with a `mapping.toml`; mesh, photographs and transform lie there as in a capture folder."""
+
+    @staticmethod
+    def fits(folder: Path) -> bool:
+        """True if this adapter reads the capture in `folder`."""
+        return (folder / MAPPING).is_file()
+
+    @cached_property
+    def mapping(self) -> Mapping:
+        """Its mapping.toml."""
+        return load(Mapping, self.folder / MAPPING, "a mapping of an HDF5 or MATLAB file")
+
+    @property
+    def about(self) -> CaptureFile:
+        """Its description."""
+        return self.mapping.capture
+
+    def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
+        """Its first `frames` frames, or all; they are as recorded."""
+        told, arrays = self.mapping, (self.mapping, *self.mapping.array)
+        path = require_file(inside(self.folder, told.file, MAPPING), "the HDF5 or MATLAB file that mapping.toml names")
+        try:
+            with _reader(
+                path, {told.frequencies.dataset, *(name for array in arrays for name in array.datasets)}
+            ) as of:
+                capture = joined([_recording(of, told, array).capture() for array in arrays])
+            return replace(capture, samples=capture.samples[:frames])
+        except HandbenchError as error:
+            raise HandbenchError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+        except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
+            reason = " ".join(str(error).split())
+            raise HandbenchError(f"{path}: is not a readable HDF5 or MATLAB file ({reason}); copy it again") from error
+
+
+@contextmanager
+def _reader(path: Path, wanted: set[str]) -> Iterator[Read]:
+    """A function that reads the file's data sets; refuses a file that lacks some of those wanted, naming all."""
+    matlab = not h5py.is_hdf5(path)
+    source: AbstractContextManager[Any] = nullcontext(read_matlab(path)) if matlab else opened(path)
+    with source as file:
+        found = file.get if matlab else partial(of_its_own, file)
+        if lacking := [name for name in sorted(wanted) if found(name) is None]:
+            names: dict[str, int] = dict.fromkeys(file, 0) if matlab else {}
+            if not matlab:
+                file.visit(lambda name: names.setdefault(name, len(names)) > 100 or None)
+            there = [name[:200] for name in names if matlab or isinstance(file[name], h5py.Dataset)]
+            lacks = ", ".join(f"'{name[:200]}'" for name in lacking)
+            raise HandbenchError(f"has no {lacks} of its own; it has {', '.join(there[:12]) or 'no data sets'}")
+        yield file.__getitem__ if matlab else partial(read, file, path=path)
+
+
+def _recording(of: Read, told: Mapping, array: Array) -> Recording:
+    """One of the arrays that the mapping tells of."""
+    frequencies_hz = _real(of, told.frequencies.dataset)
+    if frequencies_hz.size == 0 or frequencies_hz.size != max(frequencies_hz.shape, default=0):
+        raise _wrong(told.frequencies.dataset, frequencies_hz, "[frequency]")  # MATLAB's have an axis of one more
+    with np.errstate(over="ignore"):  # what is infinite then is refused with the capture
+        frequencies_hz = frequencies_hz.reshape(-1) * UNITS[told.frequencies.unit]
+    given = {name: at for name in ("tx", "rx", "position") if (at := getattr(array, name)) is not None}
+    places = {name: _table(of, at, 3, f"of {name}") * UNITS[at.unit] for name, at in given.items()}
+    places_m = {f"{name}_m": p * ([-1, 1, 1] if given[name].x == "right" else 1) for name, p in places.items()}
+    pairs = None if array.pairs is None else _table(of, array.pairs, 2, "of pairs") - array.pairs.first
+    counts = {name: len(place) for name, place in places.items()} | {"frequency": len(frequencies_hz), RE_IM: 2}
+    counts |= {} if pairs is None else {"pair": len(pairs)}
+    samples = _complex(of, array.samples, counts)
+    for place, axis in enumerate(ORDER[:2]):
+        samples = samples if axis in array.samples.axes else np.expand_dims(samples, place)
+    gains = None if array.gains is None else _complex(of, array.gains, counts)
+    if array.samples.sign == "+":
+        samples, gains = samples.conj(), None if gains is None else gains.conj()
+    about = {"wave_speed_m_s": told.wave_speed_m_s, "source": told.capture.source or "", "licence": told.licence}
+    return Recording(samples, frequencies_hz, places_m, pairs, gains, array.samples.sweeps or "mean", about)
+
+
+def _table(of: Read, told: Positions | Pairs, columns: int, what: str) -> np.ndarray:
+    """Real numbers [n, columns]."""
+    stored = _real(of, told.dataset)
+    if stored.ndim != 2 or stored.shape[0 if told.reversed else 1] != columns:
+        expected = f"[{columns}, n] as stored, for it is reversed" if told.reversed else f"[n, {columns}]"
+        raise _wrong(told.dataset, stored, f"{expected} {what}")
+    return stored.T if told.reversed else stored
+
+
+def _complex(of: Read, told: Gains, counts: dict[str, int]) -> np.ndarray:
+    """Complex numbers whose axes are in ORDER, as far as they are there."""
+    axes: tuple[str, ...] = told.axes[::-1] if told.reversed else told.axes
+    parts = {name: of(name) for name in told.datasets}
+    for name, values in parts.items():
+        expected = tuple(counts.get(axis, size) for axis, size in zip(axes, values.shape, strict=False))
+        if values.ndim != len(axes) or values.shape != expected or values.size == 0:
+            known = ", ".join(f"{axis} {counts[axis]}" if axis in counts else axis for axis in axes)
+            raise _wrong(name, values, f"[{known}] as stored")
+    with np.errstate(invalid="ignore", over="ignore"):  # what is infinite is refused with the capture
+        values = _joined(parts, axes)
+    axes = tuple(axis for axis in axes if axis != RE_IM)
+    return values.transpose([axes.index(axis) for axis in ORDER if axis in axes])
+
+
+def _joined(parts: dict[str, np.ndarray], axes: tuple[str, ...]) -> np.ndarray:
+    """Real and imaginary parts, as they are stored, put together."""
+    if len(parts) == 2 or RE_IM in axes:
+        given = [_require_real(name, values) for name, values in parts.items()]
+        real, imag = given if len(given) == 2 else np.moveaxis(given[0], axes.index(RE_IM), 0)
+        return real + 1j * imag
+    [(name, values)] = parts.items()
+    for real, imag in PARTS:
+        if values.dtype.names and set(values.dtype.names) == {real, imag}:
+            return values[real] + 1j * values[imag]
+    if values.dtype.kind != "c":
+        raise HandbenchError(
+            f"'{name}' holds {values.dtype}; expected complex numbers: name the data sets of both parts (real, imag) "
+            'or the axis "re_im"'
+        )
+    return values
+
+
+def _real(of: Read, name: str) -> np.ndarray:
+    return _require_real(name, of(name)).astype(np.float64)
+
+
+def _require_real(name: str, values: np.ndarray) -> np.ndarray:
+    if values.dtype.kind not in "iuf":
+        raise HandbenchError(f"'{name}' holds {values.dtype}; expected real numbers")
+    return values
+
+
+def _wrong(name: str, values: np.ndarray, expected: str) -> HandbenchError:
+    return HandbenchError(f"'{name}' has shape {values.shape}; expected {expected}; mend mapping.toml")
