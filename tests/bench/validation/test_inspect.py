@@ -16,7 +16,8 @@ from bench.cli.main import main
 from bench.validation import doubts, focus
 from groundtruth.mesh.mesh_files import mesh, write_mesh
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
-from radar.data.capture import RadarCapture, save_capture
+from radar.data.capture import RadarCapture
+from radar.data.echoes_file import save_capture
 from radar.data.depthmap import DepthMap
 
 TONES_HZ = np.r_[np.linspace(72e9, 82e9, 24), 81.8e9, 79.5e9]
