@@ -135,6 +135,8 @@ def image_points(
         parts = []
     family = Family(tolerance or 0.0, apart)
     planned = [points_executor(frequencies_hz, aperture, points[near], family, _device().Executor) for near in parts]
+    if any(executor.plan.countless for executor in planned):
+        planned, parts = [], []
     places = [executor.plan.sort(points[near]) for executor, near in zip(planned, parts, strict=True)]
     cost = sum(
         executor.plan.cost(len(executor.plan.touched(where))) for executor, where in zip(planned, places, strict=True)

@@ -8,6 +8,7 @@ import hashlib
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from math import prod
 from threading import Lock
 from typing import Any, NamedTuple, TypeVar, cast
 
@@ -31,6 +32,7 @@ KEPT = 24  # plans; the oldest goes first
 # What planning a box costs, in terms of the exact sum: an antennas' Gram matrix, and what a small one takes. A plan may
 # cost PLANNED in any case (some 3 s; images share it), beyond that no more than the exact sum of the image it is for.
 SMALL_BOX, PLANNED = 5e5, 1e10
+MOST_LEAVES = 1 << 24  # of a plan: an index of more takes longer than their images, and gigabytes
 
 Kept = TypeVar("Kept")
 
@@ -59,7 +61,9 @@ class TreePlan:
         self.passes, self.reference_m = carriers(aperture)
         self.trunk = trunk(frequencies_hz, aperture)
         self.root = branch(self.trunk, box, family, keep_antennas=True)
-        self.boxes = split(box, self.limbs)
+        self.count = prod(self.limbs.tolist())  # of limbs
+        self.edges_m = [np.linspace(a, b, n + 1) for a, b, n in zip(*box, self.limbs, strict=True)]
+        self.countless = self.count * self.leaves_per_limb > MOST_LEAVES
 
     def touched(self, where: Sorted) -> list[int]:
         """The limbs that points lie in."""
@@ -73,7 +77,9 @@ class TreePlan:
 
     def limb(self, limb: int) -> tuple[Node, list[Node]]:
         """A limb and its leaves, planned anew: executors keep what they need of those that points touch."""
-        node = branch(self.root, self.boxes[limb], self.family)
+        place = zip(self.edges_m, np.unravel_index(limb, self.limbs), strict=True)
+        box = Box(*np.array([edges_m[at : at + 2] for edges_m, at in place]).T)
+        node = branch(self.root, box, self.family)
         return node, [branch(node, box, self.family) for box in split(node.box, self.leaves)]
 
     def sort(self, points_m: np.ndarray) -> Sorted:
@@ -120,7 +126,7 @@ class GridPlan:
         box = Box(*(np.array([axis[i] for axis in nodes]) for i in (0, -1)))
         self.tree = None if crowded(aperture) else TreePlan(frequencies_hz, aperture, box, family)
         terms = float(np.prod(self.nodes.shape)) * len(frequencies_hz) * np.prod(aperture.channels)
-        if self.tree is not None and (cost := self.tree.cost(len(self.tree.boxes))) > max(PLANNED, terms):
+        if self.tree is not None and (cost := self.tree.cost(self.tree.count)) > max(PLANNED, terms):
             self.tree = None
         elif self.tree is not None:
             require_time(cost / TERMS_PER_S, f"planning images of {grid.shape} voxels [nz, ny, nx]")

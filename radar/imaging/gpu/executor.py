@@ -124,7 +124,7 @@ class Executor:
                     level(self._xp, above, [self.plan.root], [0] * len(above)),
                     level(self._xp, below, above, parent),
                 )
-            rows = np.full(len(self.plan.boxes), -1)
+            rows = np.full(self.plan.count, -1)
             rows[sorted(self._planned)] = np.arange(len(self._planned))
             return *self._levels, rows
 
