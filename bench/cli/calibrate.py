@@ -60,7 +60,7 @@ def _from_surface(options: argparse.Namespace) -> Transform:
     say(
         f"{options.out}: moved by ({shift}) mm and turned by ({turn})° about the surface's middle; RMS over "
         f"{report['pixels']} pixels {report['rms_before_mm']:.2f} → {report['rms_after_mm']:.2f} mm; "
-        f"{report['reason']}"
+        f"{report['reason']}; {report['uncertainty']}"
     )
     for direction in report["free"]:
         say(f"{options.out}: the surface does not hold {direction}; left as it was")
