@@ -7,6 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
+from bench.cli.main import main
 from bench.datasets.maroon_alignment import save_alignment
 from bench.evaluation import refine as refine_module
 from bench.evaluation.floor import BLOCK_M
@@ -351,3 +352,18 @@ def test_conditions_rise_from_the_direction_that_is_held_best():
     vectors, condition = _directions(np.diag([1.0, 3.0, 2.0, 6.0, 0.0, 0.5]), np.array([1.0, 1, 1, 0.25, 1, 1]))
     np.testing.assert_allclose(condition[:5], [1, 1, 9 / 4, 9, 36])
     assert condition[5] == pytest.approx(1e12) and np.abs(vectors[:, 5]).argmax() == 4
+
+
+def test_the_command_starts_from_maroons_file_and_tells_the_covariance_or_why_there_is_none(tmp_path, capsys):
+    plane = surface_of(lambda x, y: 0.3 + 0 * x)
+    save_alignment(tmp_path / "alignment.json", motion((0, 0, 0), (0, 0, 0)))
+    for name, surface in (("bumps", BUMPS), ("plane", plane)):
+        surface.save(tmp_path / f"{name}.ply")
+        depth_of(seen(surface)).save(tmp_path / f"{name}.npz")
+        given = [tmp_path / f"{name}.npz", "--mesh", tmp_path / f"{name}.ply", "-o", tmp_path / f"{name}.json"]
+        command = ["calibrate", "--refine", *given, "--transform", tmp_path / "alignment.json"]
+        assert main([str(word) for word in command]) == 0
+    told = capsys.readouterr().err
+    assert "one σ at the surface's middle 0." in told and "no covariance: the surface does not hold" in told
+    assert load_transform(tmp_path / "bumps.json").covariance is not None
+    assert load_transform(tmp_path / "plane.json").covariance is None
