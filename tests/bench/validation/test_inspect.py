@@ -17,8 +17,8 @@ from bench.validation import doubts, focus
 from groundtruth.mesh.mesh_files import mesh, write_mesh
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from radar.data.capture import RadarCapture
-from radar.data.echoes_file import save_capture
 from radar.data.depthmap import DepthMap
+from radar.data.echoes_file import save_capture
 
 TONES_HZ = np.r_[np.linspace(72e9, 82e9, 24), 81.8e9, 79.5e9]
 CORNERS_M = np.array([(-30, -40), (20, -40), (20, -20), (-10, -20), (-10, 40), (-30, 40)]) * 1e-3
