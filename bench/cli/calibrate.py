@@ -5,7 +5,7 @@ import argparse
 import numpy as np
 
 from bench.cli.options import free
-from bench.datasets.maroon_alignment import save_alignment
+from bench.datasets.maroon_alignment import load_any_transform, save_alignment
 from bench.evaluation.refine import refine_files
 from bench.run import photogrammetry
 from calibration.array.array_file import save_array
@@ -53,7 +53,8 @@ def _from_surface(options: argparse.Namespace) -> Transform:
         raise HandbenchError("--refine: does without a target; leave TARGET_CAPTURE and --array out")
     if options.mesh is None:
         raise HandbenchError("--refine: needs --mesh MESH.ply, the surface to align")
-    transform = refine_files(options.refine, options.mesh, options.transform)
+    start = load_any_transform(options.transform) if options.transform else None
+    transform = refine_files(options.refine, options.mesh, start)
     report = transform.refined or {}
     shift = ", ".join(f"{mm:+.2f}" for mm in report["translation_mm"])
     turn = ", ".join(f"{deg:+.2f}" for deg in report["rotation_deg"])

@@ -21,7 +21,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.datasets.maroon_alignment import load_any_transform
 from bench.evaluation.floor import BLOCK_M
 from calibration.transforms import Transform, adjoint, identity, perturbation_jacobian
 from groundtruth.mesh.depth import reference_on_grid
@@ -56,12 +55,9 @@ class _Pixels(NamedTuple):
     radius_m: float
 
 
-def refine_files(depth_file: Path, mesh_file: Path, start_file: Path | None) -> Transform:
+def refine_files(depth_file: Path, mesh_file: Path, start: Transform | None = None) -> Transform:
     """`refine` from files, which adds the depth map's name; without a start, the mesh lies in the radar frame."""
-    start = identity("radar")
-    if start_file is not None:
-        start = load_any_transform(start_file)
-    transform = refine(read_surface(mesh_file), load_depthmap(depth_file), start)
+    transform = refine(read_surface(mesh_file), load_depthmap(depth_file), start or identity("radar"))
     return replace(transform, refined={"depth": Path(depth_file).name, **(transform.refined or {})})
 
 

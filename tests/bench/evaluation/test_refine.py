@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from bench.cli.main import main
-from bench.datasets.maroon_alignment import save_alignment
+from bench.datasets.maroon_alignment import load_any_transform, save_alignment
 from bench.evaluation import refine as refine_module
 from bench.evaluation.floor import BLOCK_M
 from bench.evaluation.refine import (
@@ -230,14 +230,15 @@ def test_from_files(tmp_path):
     assert report["depth"] == "depth.npz" and "cannot show" in report["reason"]
     assert report["uncertainty"].startswith("one σ at the surface's middle 0.")
     motion((0, 0, 0), (0, 0, 0)).save(tmp_path / "start.json")
-    found = refine_files(tmp_path / "depth.npz", tmp_path / "mesh.ply", tmp_path / "start.json")
+    found = refine_files(tmp_path / "depth.npz", tmp_path / "mesh.ply", load_any_transform(tmp_path / "start.json"))
     assert apart_mm(found, truth) < 0.01 and found.source == "photo"
     save_alignment(tmp_path / "alignment.json", motion((0, 0, 0), (0, 0, 0)))
-    maroon = refine_files(tmp_path / "depth.npz", tmp_path / "mesh.ply", tmp_path / "alignment.json")
+    start = load_any_transform(tmp_path / "alignment.json")
+    maroon = refine_files(tmp_path / "depth.npz", tmp_path / "mesh.ply", start)
     np.testing.assert_allclose(maroon.matrix, found.matrix, atol=1e-9)
     Transform("radar", "photo", np.eye(4)).save(tmp_path / "back.json")
     with pytest.raises(HandbenchError, match="expected one from 'radar' to 'radar'"):
-        refine_files(tmp_path / "depth.npz", tmp_path / "mesh.ply", tmp_path / "back.json")
+        load_any_transform(tmp_path / "back.json")
 
 
 @pytest.fixture
