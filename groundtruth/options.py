@@ -22,6 +22,15 @@ class Effort(NamedTuple):
 
 
 EFFORT = {"draft": Effort(4, 2), "normal": Effort(2, 3), "high": Effort(1, 4), "thorough": Effort(1, 4, True)}
+# Processor time of a photograph, of a pair of them, of a megapixel's features and of its depths: measured on a hand.
+PHOTO_S, PAIR_S, FEATURES_S, DEPTHS_S = 1.6, 0.3, 0.25, {"draft": 0.3, "normal": 1.5, "high": 7.5, "thorough": 15.0}
+BASE_BYTES, MEGAPIXEL_BYTES = 6e8, 3e7  # at the peak: libraries, and a megapixel of all photographs
+
+
+def predicted(count: int, megapixels: float, quality: Quality) -> tuple[float, float]:
+    """Processor time, seconds, and bytes at the peak, from photographs of so many megapixels together to a mesh."""
+    seconds = PHOTO_S * count + PAIR_S * count * (count - 1) / 2 + (FEATURES_S + DEPTHS_S[quality]) * megapixels
+    return seconds, BASE_BYTES + MEGAPIXEL_BYTES * megapixels
 
 
 class Distance(Config):

@@ -5,7 +5,7 @@ import argparse
 import numpy as np
 
 from bench.cli.options import free
-from bench.datasets.maroon_alignment import save_alignment
+from bench.datasets.maroon_alignment import load_any_transform, save_alignment
 from bench.evaluation.refine import refine_files
 from bench.run import photogrammetry
 from calibration.array.array_file import save_array
@@ -53,14 +53,15 @@ def _from_surface(options: argparse.Namespace) -> Transform:
         raise HandbenchError("--refine: does without a target; leave TARGET_CAPTURE and --array out")
     if options.mesh is None:
         raise HandbenchError("--refine: needs --mesh MESH.ply, the surface to align")
-    transform = refine_files(options.refine, options.mesh, options.transform)
+    start = load_any_transform(options.transform) if options.transform else None
+    transform = refine_files(options.refine, options.mesh, start)
     report = transform.refined or {}
     shift = ", ".join(f"{mm:+.2f}" for mm in report["translation_mm"])
     turn = ", ".join(f"{deg:+.2f}" for deg in report["rotation_deg"])
     say(
         f"{options.out}: moved by ({shift}) mm and turned by ({turn})° about the surface's middle; RMS over "
         f"{report['pixels']} pixels {report['rms_before_mm']:.2f} → {report['rms_after_mm']:.2f} mm; "
-        f"{report['reason']}"
+        f"{report['reason']}; {report['uncertainty']}"
     )
     for direction in report["free"]:
         say(f"{options.out}: the surface does not hold {direction}; left as it was")

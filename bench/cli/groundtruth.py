@@ -19,13 +19,19 @@ def run(options: argparse.Namespace) -> None:
         return
     if options.unit is not None:
         raise HandbenchError(f"--unit: is for a mesh file, {options.photos} is none; leave it out")
-    from groundtruth.options import Options
+    from groundtruth.options import Options, predicted
+    from groundtruth.photos.photos import find_photos
     from groundtruth.pipeline import reconstruct
     from radar.support.config import parse
+    from radar.support.cost import require_time
 
     for kept in ("sparse", "dense.ply", "summary.json") if options.workdir else ():
         free(options.workdir / kept, options.overwrite)
-    result = reconstruct(options.photos, parse(Options, _values(options), "groundtruth"), options.workdir)
+    chosen, photos = parse(Options, _values(options), "groundtruth"), find_photos(options.photos)
+    megapixels = 1e-6 * sum(photo.width * photo.height for photo in photos)
+    core_s, bytes_ = predicted(len(photos), megapixels, chosen.quality)
+    require_time(core_s, f"{len(photos)} photographs, {megapixels:.0f} megapixels, {chosen.quality}", bytes_)
+    result = reconstruct(options.photos, chosen, options.workdir)
     result.surface.save(options.out)
     print(json.dumps(result.summary(), indent=2))
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from bench.cli.options import free
 from bench.datasets.dataset import open_capture
-from bench.run.reconstruct_stage import configuration
+from bench.run.reconstruct_stage import configuration, require_near
 from bench.validation.capture_problems import array_doubts
 from bench.validation.doubts import of_image
 from radar.data.capture import RadarCapture
@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> None:
     chosen = method(options.method)
     defaults = configuration(options.capture, chosen.id, {})
     settings = chosen.configure(_settings(options, defaults.model_dump(mode="json")), "--set or --tolerance")
-    echoes = open_capture(options.capture).echoes(max(options.frame, 0) + 1)
+    echoes = require_near(open_capture(options.capture).echoes(max(options.frame, 0) + 1))
     if not 0 <= options.frame < len(echoes.samples):
         raise HandbenchError(f"--frame: is {options.frame}; the capture has frames 0 to {len(echoes.samples) - 1}")
     if (options.volume is not None or options.check) and "z" not in chosen.config.model_fields:

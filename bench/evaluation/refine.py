@@ -5,6 +5,11 @@ e = (z_radar − z_mesh)·n_z, with the mesh's depth cast anew at each step. A s
 about the pixels' centre c, changes e by −n·dp, where n = (−∂z/∂x, −∂z/∂y, 1)/√(1 + |∇z|²). The factor n_z makes a steep
 surface count less, whose z swings with any sideways error. Tukey's weights keep strangers out.
 
+The pixels' errors hang together: within a resolution cell, which speckle and the methods' filters make and which the
+distances left over show, and further, by a bias of the radar that the fit takes for a motion. Both are in the
+covariance, as Gaussian functions of the pixels' separation: the first with strength and reach as the left-over
+distances have them, the second as simulated hands, whose pose is known, show it.
+
 What it aligns to is the radar itself: a bias of the radar is taken for a motion and cannot show afterwards. No metric
 calls this; whoever does says so in the transform that comes of it.
 """
@@ -17,7 +22,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bench.evaluation.floor import BLOCK_M
-from calibration.transforms import Transform, adjoint, identity, load_transform, perturbation_jacobian
+from calibration.transforms import Transform, adjoint, identity, perturbation_jacobian
 from groundtruth.mesh.depth import reference_on_grid
 from groundtruth.mesh.surface import Surface, read_surface
 from radar.data.depthmap import DepthMap, load_depthmap
@@ -27,32 +32,32 @@ REASON = "aligned to the radar's own depth map: its bias cannot show"
 STEEPEST = 0.5  # cosine to z (60°) below which a pixel is left out: its radar cell holds many depths
 TUKEY = 4.685  # 95 % efficient for Gaussian noise
 FINEST_M = 1e-6  # scale of the distances below which nothing is an outlier: the ray caster's own error
-CONDITION = 100.0  # a direction that answers with less than 1/10 of the best one's distance is not held
+CONDITION = 300.0  # a direction that answers with less than 1/17 of the best one's distance is not held
 STEPS, STILL_M = 60, 1e-6  # Gauss–Newton steps at most, and the motion (rms of the pixels) that ends them
+LEFT, FASTEST, ROUND = 0.02, 0.95, 6  # standard deviations left to walk that end it; see _left
+PROBE_M = 0.008  # over which the left-over distances are asked how far they reach: three cells of a 5 × 5 mm filter
+BIAS_M, BIAS_REACH_M = 1.2e-4, 0.025  # 1σ of the radar's bias along z, and its reach: measured on simulated hands
+MOST_ABSORBED = 0.9  # of the distances' variance by the fit; more is too small a surface for its cells
 FARTHEST_M, FARTHEST_RAD = 0.015, np.radians(10)  # beyond: another surface is as likely as this one
 FEWEST_PIXELS, FEWEST_BLOCKS = 100, 8  # six unknowns want more cells than unknowns that err apart
 DIRECTIONS = ("x", "y", "z", "about x", "about y", "about z")
 
 
 class _Pixels(NamedTuple):
-    """The n pixels that radar and mesh share. pixel: which [n] of the grid's; block [n]: its cell of BLOCK_M, from 0;
+    """The n pixels that radar and mesh share. pixel: which [n] of the grid's; place_m [2, n]: its x and y;
     distance_m [n]: e; jacobian [n, 6]: n·dp by [τ, ω·radius_m], in metres; centre_m [3], radius_m: their extent."""
 
     pixel: np.ndarray
-    block: np.ndarray
+    place_m: np.ndarray
     distance_m: np.ndarray
     jacobian: np.ndarray
     centre_m: np.ndarray
     radius_m: float
 
 
-def refine_files(depth_file: Path, mesh_file: Path, start_file: Path | None) -> Transform:
+def refine_files(depth_file: Path, mesh_file: Path, start: Transform | None = None) -> Transform:
     """`refine` from files, which adds the depth map's name; without a start, the mesh lies in the radar frame."""
-    start = identity("radar")
-    if start_file is not None:
-        start = load_transform(start_file)
-        start.require(start.source, "radar", start_file)
-    transform = refine(read_surface(mesh_file), load_depthmap(depth_file), start)
+    transform = refine(read_surface(mesh_file), load_depthmap(depth_file), start or identity("radar"))
     return replace(transform, refined={"depth": Path(depth_file).name, **(transform.refined or {})})
 
 
@@ -61,26 +66,28 @@ def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
 
     Its `refined` tells what was changed: reason, pixels, left_out (strangers), blocks, rms_before_mm and rms_after_mm
     (of e, over the pixels that the fit kept), translation_mm [3] of and rotation_deg [3] (a vector) about centre_mm,
-    held and free directions in words, start. The covariance (6×6, for the scale as given) takes the errors within a
-    resolution cell for one; along free directions it is the start's, and there is none where the start has none. It
-    says how well the radar's scatter fixes the motion, and knows nothing of a bias of the radar, which may be far
-    larger. Raises HandbenchError when the two share too little, or when the motion does not end or leaves the capture
-    range (15 mm, 10°).
+    uncertainty, held and free directions in words, start. The covariance (6×6, for the scale as given) has the scatter
+    that the distances show and the bias that a radar has on a hand (BIAS_M); along free directions it is the start's,
+    and there is none where the start has none. It knows nothing of a larger bias, as of a wrong delay. Raises
+    HandbenchError when the two share too little, or when the motion does not end or leaves the capture range (15 mm,
+    10°).
     """
-    matrix = start.matrix
-    for _ in range(STEPS):
+    matrix, walk, left = start.matrix, list[np.ndarray](), np.inf
+    while True:
         pixels = _shared(surface, depth, Transform(start.source, "radar", matrix))
         weight, curvature = _tukey(pixels.distance_m)
         vectors, condition = _directions(pixels.jacobian, weight)
-        holds = condition <= CONDITION
-        step = _solve(pixels, weight, vectors[:, holds])
-        matrix = _motion(step, pixels) @ matrix
-        if np.linalg.norm(step) < STILL_M:
+        held, free = vectors[:, condition <= CONDITION], vectors[:, condition > CONDITION]
+        scatter = _scatter(pixels, weight, curvature, held)
+        left = _left([held.T @ step for step in walk], scatter)
+        if left < LEFT or len(walk) == STEPS:
             break
-    else:
+        walk.append(_solve(pixels, weight, held))
+        matrix = _motion(walk[-1], pixels) @ matrix
+    if left > 1:
         raise HandbenchError(
-            f"refine: still moving by {1e3 * np.linalg.norm(step):.3f} mm after {STEPS} steps; mesh and depth map do "
-            "not settle: start nearer, or calibrate with a target"
+            f"refine: still moving by {1e3 * np.linalg.norm(walk[-1]):.3f} mm after {STEPS} steps; mesh and depth map "
+            "do not settle: start nearer, or calibrate with a target"
         )
     change = matrix @ np.linalg.inv(start.matrix)
     shift_m = pixels.centre_m - np.linalg.inv(change)[:3] @ [*pixels.centre_m, 1]  # of the point that came there
@@ -95,23 +102,25 @@ def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
     before = _shared(surface, depth, start)
     kept = weight > 0
     _, first, last = np.intersect1d(before.pixel, pixels.pixel[kept], return_indices=True)
-    named = np.array([f"{_name(v)} (condition {c:.3g})" for v, c in zip(vectors.T, condition, strict=True)])
-    covariance = _covariance(pixels, weight, curvature, vectors[:, holds], vectors[:, ~holds], start.covariance)
+    named = [f"{_name(v)} (condition {c:.3g})" for v, c in zip(vectors.T, condition, strict=True)]
+    covariance = _covariance(pixels, (1 + left**2) * scatter, held, free, start.covariance)
+    moved = Transform(start.source, "radar", matrix, covariance)
     refined = {
         "reason": REASON,
         "pixels": int(kept.sum()),
         "left_out": int((~kept).sum()),
-        "blocks": int(pixels.block.max() + 1),
+        "blocks": int(_blocks(*pixels.place_m).max() + 1),
         "rms_before_mm": 1e3 * float(np.sqrt((before.distance_m[first] ** 2).mean())),
         "rms_after_mm": 1e3 * float(np.sqrt((pixels.distance_m[kept][last] ** 2).mean())),
         "translation_mm": 1e3 * shift_m,
         "rotation_deg": np.degrees(turn_rad),
         "centre_mm": 1e3 * pixels.centre_m,
-        "held": named[holds].tolist(),
-        "free": named[~holds].tolist(),
+        "uncertainty": _uncertainty(moved, pixels, named[held.shape[1] :]),
+        "held": named[: held.shape[1]],
+        "free": named[held.shape[1] :],
         "start": start.matrix,
     }
-    return Transform(start.source, "radar", matrix, covariance, refined=refined)
+    return replace(moved, refined=refined)
 
 
 def _shared(surface: Surface, depth: DepthMap, radar_from_mesh: Transform) -> _Pixels:
@@ -126,14 +135,15 @@ def _shared(surface: Surface, depth: DepthMap, radar_from_mesh: Transform) -> _P
     if depth.wrapped is not None:
         trusted &= ~depth.wrapped
     row, column = np.nonzero(trusted)
-    block = _blocks(depth.x_m[column], depth.y_m[row])
-    if len(row) < FEWEST_PIXELS or block.max() + 1 < FEWEST_BLOCKS:
+    place_m = np.stack([depth.x_m[column], depth.y_m[row]])
+    blocks = _blocks(*place_m).max() + 1
+    if len(row) < FEWEST_PIXELS or blocks < FEWEST_BLOCKS:
         raise HandbenchError(
-            f"refine: mesh and depth map share {len(row)} pixels that are not steep, in {block.max() + 1} cells of "
+            f"refine: mesh and depth map share {len(row)} pixels that are not steep, in {blocks} cells of "
             f"{1e3 * BLOCK_M:.0f} mm; expected {FEWEST_PIXELS} in {FEWEST_BLOCKS} or more: check --transform, and that "
             "both show the same object"
         )
-    points_m = np.stack([depth.x_m[column], depth.y_m[row], z_m[row, column]], axis=1).astype(np.float64)
+    points_m = np.stack([*place_m, z_m[row, column]], axis=1).astype(np.float64)
     n_z, slope = n_z[row, column], np.stack([slope_x[row, column], slope_y[row, column]])
     normal = np.stack([-slope[0] * n_z, -slope[1] * n_z, n_z], axis=1)
     centre_m = points_m.mean(axis=0)
@@ -141,7 +151,7 @@ def _shared(surface: Surface, depth: DepthMap, radar_from_mesh: Transform) -> _P
     jacobian = np.einsum("ni,nij->nj", normal, perturbation_jacobian(points_m - centre_m)[:, :, :6])
     jacobian[:, 3:] /= radius_m
     distance_m = (depth.z_m[row, column] - points_m[:, 2]) * n_z
-    return _Pixels(np.flatnonzero(trusted), block, distance_m, jacobian, centre_m, radius_m)
+    return _Pixels(np.flatnonzero(trusted), place_m, distance_m, jacobian, centre_m, radius_m)
 
 
 def _tukey(distance_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -175,32 +185,70 @@ def _motion(step: np.ndarray, pixels: _Pixels) -> np.ndarray:
     return motion
 
 
+def _scatter(pixels: _Pixels, weight: np.ndarray, curvature: np.ndarray, held: np.ndarray) -> np.ndarray:
+    """Covariance [k, k] of the fit within the held directions [6, k]: M⁻¹ (s² Σ J_i J_jᵀ ρ(r_ij; ℓ) + β² Σ b_i b_jᵀ
+    ρ(r_ij; L)) M⁻¹ over all pairs of pixels, M = Σ ψ' JᵀJ, b = w·n_z·J (Conley 1999), ρ(r; ℓ) = exp(−r²/2ℓ²).
+
+    s² is the mean square of u = w·e over the share of it that the fit has not absorbed. With τ, the mean of u_i u_j/s²
+    over the pairs, each weighed by ρ(r_ij; q), ℓ² = q²τ/(1 − τ): the integral of ρ(r; ℓ)ρ(r; q) has τ = ℓ²/(ℓ² + q²).
+    """
+    jacobian, left_m = pixels.jacobian @ held, weight * pixels.distance_m
+    variance_m2 = float((left_m**2).mean()) + FINEST_M**2
+    probed_m2 = _paired(left_m[:, None], pixels, PROBE_M) / _paired(np.ones((len(left_m), 1)), pixels, PROBE_M)
+    shared = np.clip(float(probed_m2[0, 0]) / variance_m2, 1e-3, MOST_ABSORBED)
+    cells = _paired(jacobian, pixels, PROBE_M * np.sqrt(shared / (1 - shared)))
+    bread = np.linalg.inv(jacobian.T @ (curvature[:, None] * jacobian))
+    absorbed = np.clip(np.trace(bread @ cells) / len(left_m), 0, MOST_ABSORBED)
+    bias = BIAS_M**2 * _paired((weight * pixels.jacobian[:, 2])[:, None] * jacobian, pixels, BIAS_REACH_M)
+    scatter: np.ndarray = bread @ (variance_m2 / (1 - absorbed) * cells + bias) @ bread
+    return scatter
+
+
+def _paired(values: np.ndarray, pixels: _Pixels, reach_m: float) -> np.ndarray:
+    """Σ v_i v_jᵀ exp(−r_ij²/2ℓ²) [k, k] over all pairs of pixels with values [n, k]: along y, then along x."""
+    (x_m, column), (y_m, row) = (np.unique(axis, return_inverse=True) for axis in pixels.place_m)
+    grid = np.zeros((values.shape[1], len(y_m), len(x_m)))
+    grid[:, row, column] = values.T
+    near_y, near_x = (np.exp(-(((a[:, None] - a) / reach_m) ** 2) / 2) for a in (y_m, x_m))
+    return np.einsum("iyx,jyx->ij", grid, near_y @ grid @ near_x)
+
+
+def _left(walk: list[np.ndarray], scatter: np.ndarray) -> float:
+    """Standard deviations that the walk, of steps [k], still has before it: motions a, then b, of which the last are
+    |b|²/(|a| − |b|) for ever (Aitken). Of single steps, or of ROUND at once, which sees through a walk in circles: at
+    outlines pixels come and go. None are left once a step is below STILL_M."""
+    left = 0.0 if walk and np.linalg.norm(walk[-1]) < STILL_M else np.inf
+    for stride in (1, ROUND):
+        if len(walk) >= 2 * stride:
+            motions = np.sum(walk[-stride:], axis=0), np.sum(walk[-2 * stride : -stride], axis=0)
+            last, before = (float(np.sqrt(m @ np.linalg.solve(scatter, m))) for m in motions)
+            rate = min(last / max(before, 1e-300), FASTEST)
+            left = min(left, last * rate / (1 - rate))
+    return left
+
+
 def _covariance(
-    pixels: _Pixels,
-    weight: np.ndarray,
-    curvature: np.ndarray,
-    held: np.ndarray,
-    free: np.ndarray,
-    start: np.ndarray | None,
+    pixels: _Pixels, scatter: np.ndarray, held: np.ndarray, free: np.ndarray, start: np.ndarray | None
 ) -> np.ndarray | None:
-    """Covariance [6, 6] of [translation, rotation] about the origin, from the held [6, k] and the free directions:
-    M⁻¹ (Σ_b g_b g_bᵀ) M⁻¹ with M = Σ ψ' JᵀJ and one gradient g_b = Σ ψ J per block (Liang & Zeger 1986), times
-    b/(b − k) for k unknowns from b blocks. Errors that reach over the blocks' edges make it small: by a fifth in σ
-    where they reach as far as a resolution cell, 5 mm."""
+    """Covariance [6, 6] of [translation, rotation] about the origin: the scatter [k, k] along the held directions
+    [6, k], the start's along the free ones; None where it has none."""
     if free.shape[1] and start is None:
         return None
-    jacobian = pixels.jacobian @ held
-    blocks, unknowns = pixels.block.max() + 1, jacobian.shape[1]
-    gradient = np.zeros((blocks, unknowns))
-    np.add.at(gradient, pixels.block, (weight * pixels.distance_m)[:, None] * jacobian)
-    bread = np.linalg.inv(jacobian.T @ (curvature[:, None] * jacobian))
     to_origin = adjoint(-pixels.centre_m, 6) @ np.diag(np.repeat([1, 1 / pixels.radius_m], 3))  # from [τ, ω·radius_m]
-    root = to_origin @ held @ bread @ gradient.T
-    covariance: np.ndarray = blocks / (blocks - unknowns) * root @ root.T
+    covariance: np.ndarray = to_origin @ held @ scatter @ held.T @ to_origin.T
     if start is not None:
         unmoved = to_origin @ free @ free.T @ np.linalg.inv(to_origin)
         covariance += unmoved @ start[:6, :6] @ unmoved.T
     return covariance
+
+
+def _uncertainty(moved: Transform, pixels: _Pixels, free: list[str]) -> str:
+    """The sentence that tells the covariance at the pixels' centre, or why there is none."""
+    if moved.covariance is None:
+        return f"no covariance: the surface does not hold {', '.join(free)}, and the start states no error along it"
+    sigmas = 1e3 * np.diag(moved.point_covariance(pixels.centre_m)) ** 0.5, np.degrees(np.diag(moved.covariance) ** 0.5)
+    mm, degrees = (" × ".join(f"{sigma:.2f}" for sigma in three[-3:]) for three in sigmas)
+    return f"one σ at the surface's middle {mm} mm, {degrees}° (x × y × z), if the radar errs as it does on hands"
 
 
 def _blocks(x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:

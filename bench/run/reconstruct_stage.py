@@ -10,8 +10,9 @@ import numpy as np
 from scipy.stats import binom
 
 from bench.datasets.dataset import open_capture
+from bench.datasets.native import FAR_M
 from bench.evaluation.alike import OPEN_DB, SMOOTHING, Alike
-from radar.data.capture import thinned
+from radar.data.capture import RadarCapture, thinned
 from radar.data.depthmap import DepthMap
 from radar.imaging.certificate import certified
 from radar.imaging.device import use_device
@@ -20,7 +21,7 @@ from radar.methods.registry import Reconstruction, method
 from radar.methods.smoothing import masked_mean
 from radar.methods.trust import with_trust
 from radar.support.config import Config
-from radar.support.cost import others
+from radar.support.cost import others, setting
 from radar.support.errors import HandbenchError
 from radar.support.files import read_npz, write_json, write_npz
 from radar.warmup import compile_kernels
@@ -67,7 +68,7 @@ class Imager:
         self, capture: Path, method_id: str, config: dict[str, Any], frames: int = 1, every_nth_antenna: int = 1
     ) -> None:
         self.method, self.settings, self.frames = method(method_id), configuration(capture, method_id, config), frames
-        self.echoes = thinned(open_capture(capture).echoes(frames), every_nth_antenna)
+        self.echoes = thinned(require_near(open_capture(capture).echoes(frames)), every_nth_antenna)
         if len(self.echoes.samples) < frames:
             raise HandbenchError(f"{capture}: has {len(self.echoes.samples)} frames; expected {frames}")
         require_tones(self.echoes, self.settings)
@@ -105,6 +106,18 @@ def settled(seconds: list[float]) -> bool:
     if outer < 1:
         return False
     return ordered[-outer] - ordered[outer - 1] <= 2 * SETTLED * median(seconds)
+
+
+def require_near(echoes: RadarCapture) -> RadarCapture:
+    """The capture itself; HandbenchError where an antenna is further away than HANDBENCH_FARTHEST_M."""
+    farthest_m = setting("HANDBENCH_FARTHEST_M", FAR_M, "metres")
+    far_m = max(float(np.abs(leg.position_m).max()) for leg in echoes.aperture.legs)
+    if far_m > farthest_m:
+        raise HandbenchError(
+            f"echoes: an antenna lies {far_m:g} m from the origin; expected {farthest_m:g} m at most: are its "
+            "positions millimetres? multiply them by 1e-3; if they are not, raise HANDBENCH_FARTHEST_M"
+        )
+    return echoes
 
 
 def configuration(capture: Path, method_id: str, config: dict[str, Any]) -> Config:

@@ -17,7 +17,7 @@ from bench.datasets.dataset import open_capture
 from bench.datasets.native import TRUE_TRANSFORM
 from bench.results import REFERENCES, Failure
 from bench.run import jobs as plan
-from bench.run import outcome, write_result
+from bench.run import outcome, planned_cost, write_result
 from bench.run.benchmark_file import BenchFile, Origin, Source
 from bench.run.calibrate_stage import REGISTRATION
 from bench.run.executors import Executor, executor
@@ -29,6 +29,7 @@ from bench.run.tasks import HASH, Done
 from calibration.registration.register import HAND_M
 from calibration.transforms import Transform, identity, load_transform
 from groundtruth.mesh_stage import MESH, VIEW
+from radar.support.cost import require_time
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json
 from radar.support.folder import claimed
@@ -50,6 +51,9 @@ def run(
     command: what repeats the run, for the report.
     """
     config = tomlkit.dumps(bench.model_dump(mode="json", exclude_none=True))
+    if scheduler is None:  # of other machines neither cores nor memory are known
+        ahead = planned_cost.of_run(bench, base)
+        require_time(ahead.core_s, f"{len(bench.capture)} captures × {len(bench.method)} methods", ahead.bytes_)
     with executor(scheduler) as workers, claimed(folder) as work:
         _check_room(folder, config, overwrite)
         found = Run(bench, base.resolve(), work.resolve(), workers).execute()

@@ -23,9 +23,10 @@ from matplotlib.figure import Figure
 
 from bench.studies.columns import Record, Table
 from radar.imaging.device import describe
-from radar.support.cost import calibrated_machine
+from radar.support.cost import calibrated_machine, require_time
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, write_json, write_text
+from radar.support.parallel import workers
 from radar.support.progress import say, track
 from radar.support.store import versions
 from radar.warmup import compile_kernels
@@ -84,7 +85,7 @@ def run(study: Study, out: Path, command: str = "", only: str = "") -> Found:
     if not cases:
         known = ", ".join(map(study.label, study.cases))
         raise HandbenchError(f"--only: no case of '{study.name}' holds '{only}'; there are {known}")
-    measured, failures = carried_out(cases, study.measure, study.label, study.name)
+    measured, failures = carried_out(cases, study.measure, study.label, study.name, alike=True)
     if not measured:
         raise HandbenchError(f"every case failed; the first: {next(iter(failures.values()))}")
     found = [record for _, given in measured for record in (given if isinstance(given, list) else [given])]
@@ -96,12 +97,18 @@ def run(study: Study, out: Path, command: str = "", only: str = "") -> Found:
 
 
 def carried_out(
-    cases: Iterable[Any], measure: Callable[[Any], Any], label: Callable[[Any], str], title: str
+    cases: Iterable[Any], measure: Callable[[Any], Any], label: Callable[[Any], str], title: str, alike: bool = False
 ) -> tuple[list[tuple[Any, Any]], dict[str, str]]:
     """Each case with what `measure` gave, and by label the messages of those that failed, which are said and do not end
-    the study; an unknown error's traceback is shown."""
-    measured, failures = [], {}
-    for case in track(list(cases), title):
+    the study; an unknown error's traceback is shown. alike: the first case tells how long the others take, which is
+    said, or refused (`require_time`)."""
+    measured, failures, cases, start = [], {}, list(cases), time.perf_counter()
+    for number, case in enumerate(track(cases, title)):
+        if alike and number == 1:
+            others_s = (time.perf_counter() - start) * (len(cases) - 1)
+            require_time(
+                others_s * workers(), f"{title}: the other {len(cases) - 1} cases, if they are like the first,"
+            )
         try:
             measured.append((case, measure(case)))
         except Exception as error:

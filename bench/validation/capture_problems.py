@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.datasets.native import ARRAY, ECHOES, EMPTY, MESH, PHOTOS, TARGET, TRANSFORM, TRUTH, CaptureFile
+from bench.datasets.native import ARRAY, ECHOES, EMPTY, FAR_M, MESH, PHOTOS, TARGET, TRANSFORM, TRUTH, CaptureFile
 from bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed
 from calibration.array.array_file import with_calibration
 from calibration.target.description import Target
@@ -27,7 +27,6 @@ from radar.support.config import Config
 from radar.support.errors import HandbenchError
 from radar.support.files import inside
 
-FAR_M = 10.0  # further than anything near-field: a number of millimetres, most likely
 SMALL_M = 5e-3  # a surface that small is likelier to be told in another unit
 LOW_HZ = 1e6  # below any radar: a number of gigahertz, most likely
 MOST_WAVELENGTHS = 1000.0  # an array's extent: more are centimetres, most likely

@@ -127,7 +127,7 @@ def _factors(size: int) -> tuple[np.ndarray, np.ndarray]:
 def require_memory(needed_bytes: float, what: str) -> None:
     """Refuse what does not fit, with its size and what would: imaging may take a quarter of the machine's memory, or
     what HANDBENCH_MEMORY_GB says."""
-    limit = 1e9 * _setting("HANDBENCH_MEMORY_GB", psutil.virtual_memory().total / 4e9, "gigabytes")
+    limit = 1e9 * setting("HANDBENCH_MEMORY_GB", psutil.virtual_memory().total / 4e9, "gigabytes")
     if needed_bytes > limit:
         coarser = (needed_bytes / limit) ** (1 / 3)
         raise HandbenchError(
@@ -137,10 +137,10 @@ def require_memory(needed_bytes: float, what: str) -> None:
         )
 
 
-def require_time(core_s: float, what: str) -> None:
-    """Say about how long work on all cores is going to take that takes core_s on one, where that is long; refuse more
-    than HANDBENCH_HOURS (24)."""
-    hours, seconds = _setting("HANDBENCH_HOURS", MOST_HOURS, "hours"), core_s / workers()
+def require_time(core_s: float, what: str, bytes_: float | None = None) -> None:
+    """Say about how long work on all cores is going to take that takes core_s on one, where that is long or bytes_, the
+    memory that it takes, is told; refuse more than HANDBENCH_HOURS (24)."""
+    hours, seconds = setting("HANDBENCH_HOURS", MOST_HOURS, "hours"), core_s / workers()
     told = (
         f"{seconds:.0f} s"
         if seconds < 100
@@ -153,11 +153,13 @@ def require_time(core_s: float, what: str) -> None:
             f"{what}: would take about {told}, more than the limit of {hours:g} h; ask for less (fewer points, tones "
             "or pixels; are all lengths in metres?), or raise HANDBENCH_HOURS"
         )
-    if seconds > TOLD_S:
+    if bytes_ is not None:
+        say(f"predicted: about {told} and {bytes_ / 1e9:.1f} GB ({what})")
+    elif seconds > TOLD_S:
         say(f"{what}: about {told}")
 
 
-def _setting(name: str, default: float, unit: str) -> float:
+def setting(name: str, default: float, unit: str) -> float:
     """A positive number of the environment."""
     wanted = os.environ.get(name, "")
     try:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.results import CaptureFacts, Result, load, load_tradeoff
+from radar.support.cost import require_time
 from radar.support.errors import HandbenchError
 from radar.support.files import write_text
 from reports.figures import charts
@@ -18,6 +19,7 @@ from reports.tables.result_tables import findings
 
 ABREAST = 12  # captures on a page
 SECTIONS = ("verdicts", "effects", "uncertainty", "provenance", "command", "settings", "captures")
+REPORT_S, MAP_S = 4.0, 0.5  # of processor time: figures and tables of a result, and what a capture's method adds
 FIRST = 3  # captures on the first page where there are more
 
 
@@ -36,6 +38,8 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     result = load(folder)
     if out.resolve() == result.folder.resolve():
         raise HandbenchError(f"{out}: is the result folder itself, whose table.csv must stay; choose another place")
+    maps = len(result.about.captures) * len(result.about.methods)
+    require_time(REPORT_S + MAP_S * maps, f"report: {maps} maps")
     trade = load_tradeoff(sweep) if sweep else None
     rendering.begin(out)
     texts = {

@@ -15,9 +15,11 @@ from bench.studies.columns import markdown_table
 from bench.studies.stability.cases import GROUPS, cases, measured
 from bench.studies.study import carried_out, stand
 from radar.support.config import suggest
+from radar.support.cost import require_time
 from radar.support.errors import HandbenchError
 from radar.support.progress import say
 
+CASE_S = 0.25  # of processor time, on average
 SHOWN = ["group", "case", "quantity", "bound", "kind", "measured", "unit", "verdict"]
 
 
@@ -25,6 +27,7 @@ def run_stability(groups: str | None = None, folder: Path | None = None) -> tupl
     """Measure the cases of some groups (names with commas; None: all), and write them to `folder`, if one is given.
     Returns the facts, and the cases by `CASES`."""
     start, chosen = time.perf_counter(), cases(_groups(groups))
+    require_time(CASE_S * len(chosen), f"stability: {len(chosen)} cases")
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # a warning without meaning would reach a user too
         found, _ = carried_out(chosen, measured, attrgetter("name"), "cases")

@@ -9,6 +9,7 @@ import tomlkit
 
 from bench.results import Section, Setting, Tradeoff, TradeoffFacts, load_tradeoff, write_config, write_tradeoff
 from bench.run.benchmark_file import BenchFile
+from bench.run.planned_cost import of_sweep
 from bench.run.sweep import Sweep, completed, imaging_settings, known_configs
 from bench.studies.study import carried_out, stand
 from bench.studies.tradeoff import imaging_stage
@@ -16,6 +17,7 @@ from bench.studies.tradeoff.answer import front, rank, with_acquisition
 from bench.studies.tradeoff.opening import Context, Opened, opened
 from bench.studies.tradeoff.settings import FOLDER, write_settings
 from radar.support.config import parse
+from radar.support.cost import require_time
 from radar.support.errors import HandbenchError
 from radar.support.folder import claimed, drop
 from radar.support.progress import say
@@ -46,7 +48,11 @@ def run(
     if sections is not None:
         sweep = parse(Sweep, {**sweep.model_dump(), "sections": sections}, "--sections")
     bench = bench.model_copy(update={"tradeoff": sweep})
-    imaging_settings(sweep, known_configs(bench.method))  # what is wrong is said before anything is measured
+    settings = imaging_settings(sweep, known_configs(bench.method))  # what is wrong is said before anything is measured
+    if "imaging" in sweep.sections:
+        work_ahead = of_sweep(bench, base, settings, sweep.repeats)
+        what = f"imaging: {len(bench.capture)} captures × {len(settings)} settings"
+        require_time(work_ahead.core_s, what, work_ahead.bytes_)
     knobs = {name: _knobs(name, sweep) for name in sweep.sections if name in KNOBS}
     config = tomlkit.dumps(bench.model_dump(mode="json", exclude_none=True))
     with claimed(folder) as work:

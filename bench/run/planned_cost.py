@@ -1,0 +1,106 @@
+"""The cost of a run, predicted from the shapes of what is asked, before any of it is made.
+
+Processor time is counts times rates of whole stages, measured on two shared cores of an AMD EPYC: hands before 94 × 94
+antennas, 2 to 128 tones; a method's images for the figure, the time and the treatments. They tell minutes from days.
+"""
+
+from collections.abc import Iterable
+from math import prod
+from pathlib import Path
+from typing import NamedTuple
+
+from bench.datasets.dataset import open_capture
+from bench.run.benchmark_file import BenchFile, Origin, Source
+from bench.run.reconstruct_stage import configuration
+from bench.run.sweep import ImagingSetting
+from bench.scenes.scene_file import SceneFile
+from groundtruth.options import BASE_BYTES, predicted
+from radar.methods.registry import method
+from radar.support.config import Config, load
+from radar.support.cost import TERMS_PER_S
+from radar.support.errors import HandbenchError
+from radar.support.files import inside
+from radar.support.pictures import opened_picture
+
+CHANNELS, TONES = 94 * 94, 128  # the paper's radar, for what is not known before it is read
+STAGE_S, SCORED_S = 0.1, 2.7e-6  # a stage that has nothing to do; a pixel that is scored
+PIXEL_S, VOXEL_S, SAMPLE_S = 7e-6, 3.6e-7, 3.5e-6  # a pixel's tone, a voxel of a volume, a sample of the method's tones
+FRAME = 0.15  # of a stage, for each frame behind the first
+BODY_S, HAND_S, PHOTO_S = 0.5, 20.0, 0.9  # echoes of a small body and of a hand; a simulated megapixel
+VOXEL_BYTES, SAMPLE_BYTES = 24, 24
+
+
+class Work(NamedTuple):
+    """core_s: processor time; bytes_: memory at its peak."""
+
+    core_s: float
+    bytes_: float = BASE_BYTES
+
+
+def one_after_another(parts: Iterable[Work]) -> Work:
+    """All parts as one."""
+    times_s, sizes = zip(Work(0.0), *parts, strict=True)
+    return Work(sum(times_s), max(sizes))
+
+
+def of_run(bench: BenchFile, base: Path) -> Work:
+    """All stages of a benchmark whose paths start from `base`."""
+    return one_after_another(_of_capture(bench, base, source) for source in (*bench.capture, *bench.calibration))
+
+
+def of_sweep(bench: BenchFile, base: Path, settings: Iterable[ImagingSetting], rounds: int) -> Work:
+    """The captures of a trade-off, and its imaging settings in timed rounds, of exact volumes as of others: it sums a
+    plane of them."""
+    configs = [(method(s.method).configure(s.config, s.name), CHANNELS / s.every_nth_antenna**2) for s in settings]
+    parts = [imaging(config, channels, rounds, exact=False) for config, channels in configs] * len(bench.capture)
+    return one_after_another([of_run(bench.model_copy(update={"method": ()}), base), *parts])
+
+
+def imaging(settings: Config, channels: float = CHANNELS, frames: int = 1, exact: bool = True) -> Work:
+    """To image and score so many frames of so many channels by a method's settings; exact: as they say."""
+    asked_hz = getattr(settings, "ladder_hz", None) or getattr(settings, "tones_hz", None)
+    tones = TONES if asked_hz is None else len(asked_hz() if callable(asked_hz) else asked_hz)
+    shape, samples = settings.grid().shape if hasattr(settings, "grid") else (0, 0), tones * channels
+    points, of_point_s = prod(shape), VOXEL_S if "z" in type(settings).model_fields else PIXEL_S * tones
+    core_s = SAMPLE_S * samples + of_point_s * points + SCORED_S * prod(shape[-2:])
+    if exact and getattr(settings, "tolerance", 0.0) is None:
+        core_s += 2 * points * samples / TERMS_PER_S  # for the figure and for the time
+    size = BASE_BYTES + VOXEL_BYTES * points + SAMPLE_BYTES * samples * frames
+    return Work(STAGE_S + core_s * (1 + FRAME * (frames - 1)), size)
+
+
+def _of_capture(bench: BenchFile, base: Path, source: Origin) -> Work:
+    """A capture's stages; of one that cannot be opened nothing counts, since that is told where it stands."""
+    measures = source.measures if isinstance(source, Source) else ()
+    try:
+        folder = inside(base, source.path, "capture.path") if source.path is not None else None
+        made_s, count, megapixels = _recorded(folder) if folder else _simulated(base, source)
+        mesh_s, size = predicted(count, megapixels, bench.groundtruth.quality)
+        parts = [Work(STAGE_S + made_s + mesh_s, size)]
+        for entry in bench.method if measures else ():
+            values = entry.config if folder is None else configuration(folder, entry.id, entry.config).model_dump()
+            settings = method(entry.id).configure(values, entry.id)
+            wanted = {"accuracy": bench.frames} | ({"precision": bench.repeats} if entry.precision else {})
+            channels = CHANNELS / entry.every_nth_antenna**2
+            parts += [imaging(settings, channels, wanted[measure]) for measure in measures if measure in wanted]
+        return one_after_another(parts)
+    except (HandbenchError, OSError):
+        return Work(0.0)
+
+
+def _recorded(folder: Path) -> tuple[float, int, float]:
+    """To simulate a recorded capture, nothing; number and megapixels of photographs without a mesh, like the first."""
+    capture = open_capture(folder)
+    pictures = sorted(capture.photos.glob("*.[jJpPtT]*")) if capture.photos and capture.mesh() is None else []
+    if not pictures:
+        return 0.0, 0, 0.0
+    with opened_picture(pictures[0]) as picture:
+        return 0.0, len(pictures), 1e-6 * prod(picture.size) * len(pictures)
+
+
+def _simulated(base: Path, source: Origin) -> tuple[float, int, float]:
+    """Processor time to simulate a scene, and the number and megapixels of its photographs."""
+    scene = load(SceneFile, inside(base, source.scene or "", "capture.scene"), "a scene description")
+    photos = scene.photos if source.photos and "accuracy" in getattr(source, "measures", ("accuracy",)) else None
+    count, megapixels = (photos.cameras, 1e-6 * photos.cameras * photos.width * photos.height) if photos else (0, 0.0)
+    return (HAND_S if scene.target.kind == "hand" else BODY_S) + PHOTO_S * megapixels, count, megapixels
