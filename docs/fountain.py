@@ -1,4 +1,4 @@
-"""The figures of docs/measurements/fountain.md: python docs/fountain.py WORKDIR SURVEYED_CAMERAS MESH.ply OUT.png
+"""The figures of docs/measurements/fountain.md: python -m docs.fountain WORKDIR SURVEYED_CAMERAS MESH.ply OUT.png
 
 WORKDIR and MESH.ply come from `handbench groundtruth … --workdir WORKDIR`.
 """
@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from bench.studies.survey import centre_errors_m, surveyed_centres_m
 from groundtruth.cameras.cameras import load_pycolmap
 from groundtruth.mesh.mesh_files import load_open3d, raycasting_scene, read_mesh
+from tests.bench.studies.measure_survey import centre_errors_m, surveyed_centres_m
 
 
 def render(mesh_file: Path, model_folder: Path, out: Path, width: int = 768) -> None:

@@ -1,6 +1,6 @@
 """Cameras against a survey, on photographs of a room whose cameras are known."""
 
-from bench.studies import survey
+from tests.bench.studies import measure_survey as survey
 from tests.groundtruth import room
 
 VIEWS = 5

@@ -3,10 +3,13 @@
 The photographs are those of fountain-P11 (Strecha et al., CVPR 2008) or laid out as they: `images/`, `K.txt` and
 `cameras/NAME.camera`. Both are given the same files. Plain COLMAP is pycolmap with its default options and a seed, save
 that a model may have three images; with K its lens is PINHOLE and nothing of it is refined.
+
+python -m tests.bench.studies.measure_survey FOLDER [--counts 11,8,6,5] [--shrinks 1,2] [--choices first] [--seeds 1]
 """
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -17,7 +20,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from bench.studies.columns import Record, rows
+from bench.results.tables import declared
+from bench.studies.columns import Record, Table
 from bench.studies.study import Study
 from calibration.transforms import umeyama
 from groundtruth.cameras.cameras import pycolmap, registered
@@ -27,7 +31,9 @@ from groundtruth.sparse.sparse import register
 from radar.support.errors import HandbenchError
 from radar.support.files import require_folder
 from radar.support.store import keep
+from tests.bench.studies.script import measured
 
+SCHEMAS = declared(__file__)
 Intrinsics = tuple[float, float, float, float]
 CENTRE = slice(21, 24)  # among the numbers of a .camera file: after K, distortion and rotation
 JPEG_QUALITY, FEATURES = 95, "features.db"
@@ -60,7 +66,12 @@ def study(work: Path, photos: Path, counts: str, shrinks: str, choices: str, see
         for known, seed in product((True, False), range(seeds))
     ]
     title = "Camera centres against a survey"
-    return Study("survey", title, cases, lambda case: measure(case, photos, centres_m, work), rows("survey"))
+    return Study("survey", title, cases, lambda case: measure(case, photos, centres_m, work), tables)
+
+
+def tables(records: list[Record]) -> list[Table]:
+    """A row for each way of each case."""
+    return [Table("rows", SCHEMAS["rows"].columns, records)]
 
 
 def _chosen(names: list[str], count: int, choices: list[str]) -> Iterator[tuple[str, tuple[str, ...]]]:
@@ -171,3 +182,19 @@ def _record(case: Case, way: str, model: pycolmap.Reconstruction, centres_m: dic
         "error_px": float(model.compute_mean_reprojection_error()),
         "points": model.num_points3D(),
     }
+
+
+def main() -> None:
+    """Measure, write the files of a study, print the table."""
+    prog, purpose = "python -m tests.bench.studies.measure_survey", (__doc__ or "").partition("\n")[0]
+    parser = argparse.ArgumentParser(prog=prog, description=purpose)
+    parser.add_argument("photos", type=Path, metavar="FOLDER", help="holds images/, K.txt and cameras/NAME.camera")
+    parser.add_argument("--counts", default="11,8,6,5", help="of photographs (default 11,8,6,5)")
+    parser.add_argument("--shrinks", default="1,2", help="of their sides (default 1,2: whole and half)")
+    parser.add_argument("--choices", default="first", help="of first, last, spread: which photographs (default first)")
+    parser.add_argument("--seeds", type=int, default=1, help="repeats, each with a seed of its own (default 1)")
+    measured(parser, study, "survey")
+
+
+if __name__ == "__main__":
+    main()
