@@ -16,11 +16,11 @@ from bench.run import jobs
 from bench.run.benchmark_file import BenchFile, DataSet, load_benchmark
 from bench.run.runner import run
 from bench.scenes.scene_file import HandTarget, SceneFile
-from bench.studies import noise_fit
 from bench.studies.tradeoff.opening import opened
 from bench.validation.validate import problems_of
 from radar.data.echoes_file import load_capture
 from radar.support.errors import HandbenchError
+from tests.bench.studies import measure_noise_fit
 
 BOTH = ("accuracy", "precision")
 PLASTIC = 'material = { kind = "plastic" }\n[sensor]'
@@ -179,12 +179,12 @@ def test_the_noise_is_fitted_to_the_captures_of_the_precision(printed, monkeypat
         seen.append(([scene.file.name for scene in scenes], repeats))
         return 100 * phase_noise_rad
 
-    monkeypatch.setattr(noise_fit, "precision_mm", measured)
-    fitted = noise_fit.fit(str(with_prints(printed)), wanted_mm=3.6, repeats=None)[-1]
+    monkeypatch.setattr(measure_noise_fit, "precision_mm", measured)
+    fitted = measure_noise_fit.fit(str(with_prints(printed)), wanted_mm=3.6, repeats=None)[-1]
     assert fitted["phase_noise_rad"] == pytest.approx(0.036) and set(map(str, seen)) == {"(['print0', 'print1'], 3)"}
     printed.write_text(printed.read_text().replace('["precision"]', '["accuracy"]'))
     with pytest.raises(HandbenchError, match="no scene measures the precision"):
-        noise_fit.fit(str(printed), wanted_mm=3.6, repeats=None)
+        measure_noise_fit.fit(str(printed), wanted_mm=3.6, repeats=None)
 
 
 def embedded() -> tuple[BenchFile, dict[str, tuple[tuple[str, ...], SceneFile]]]:

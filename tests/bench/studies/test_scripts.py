@@ -6,7 +6,7 @@ from importlib import import_module
 
 import pytest
 
-NEEDED = {"measure_survey": ["."]}
+NEEDED = {"measure_survey": ["."], "measure_noise_fit": ["paper_table"]}
 
 
 @pytest.fixture

@@ -3,20 +3,26 @@
 The precision is that of the scenes that measure it and of the benchmark's own repeats, draw for draw, so that its
 table shows the fitted value; --repeats takes more draws than the benchmark does and shows how far its few are from
 many.
+
+python -m tests.bench.studies.measure_noise_fit BENCH.toml [--precision-mm 3.6] [--repeats N] [-o DIR]
 """
 
+from __future__ import annotations
+
+import argparse
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from bench.evaluation.metrics import precision
+from bench.results.tables import Column
 from bench.run.benchmark_file import load_benchmark
 from bench.run.repeat_stage import strongest_z_m
 from bench.scenes.build import Scene, build
 from bench.scenes.echoes import echoes
 from bench.scenes.scene_file import SceneFile, Sensor
-from bench.studies.columns import Record, rows
+from bench.studies.columns import Record, Table
 from bench.studies.study import Study
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.methods.fsk import two_tone
@@ -25,8 +31,15 @@ from radar.simulation.causes import Noise
 from radar.support.config import load
 from radar.support.errors import HandbenchError
 from radar.support.progress import track
+from tests.bench.studies.script import measured
 
 STEPS = 3  # of the fixed-point iteration: precision is nearly proportional to the noise
+STEP = "of the iteration, from the closed form of a point scatterer, σ_z = c/(4πΔf)·σ_φ"
+COLUMNS = (
+    Column("step", str, STEP, heading="step"),
+    Column("phase_noise_rad", float, "standard deviation of the phase noise", heading="phase_noise_rad", form="{:.5f}"),
+    Column("precision_mm", float, "precision of 2-FSK at this noise", heading="precision mm", form="{:.3f}"),
+)
 
 
 def study(work: Path, benchmark: str, precision_mm: float, repeats: int | None) -> Study:
@@ -36,7 +49,7 @@ def study(work: Path, benchmark: str, precision_mm: float, repeats: int | None) 
         f"Phase noise at which 2-FSK has a precision of {precision_mm:g} mm",
         [benchmark],
         lambda benchmark: fit(benchmark, precision_mm, repeats),
-        rows("noise-fit"),
+        lambda records: [Table("rows", COLUMNS, records)],
     )
 
 
@@ -69,3 +82,17 @@ def precision_mm(scenes: list[Scene], config: TwoToneConfig, phase_noise_rad: fl
         capture = echoes(replace(scene, file=file), repeats).capture
         hands.append(strongest_z_m([two_tone(capture, config, frame) for frame in range(repeats)]))
     return float(precision(hands)["precision_mm"])
+
+
+def main() -> None:
+    """Fit, write the files of a study, print the steps."""
+    prog, purpose = "python -m tests.bench.studies.measure_noise_fit", (__doc__ or "").partition("\n")[0]
+    parser = argparse.ArgumentParser(prog=prog, description=purpose)
+    parser.add_argument("benchmark", metavar="BENCH.toml", help="benchmark file, or the name of an embedded one")
+    parser.add_argument("--precision-mm", type=float, default=3.6, help="default 3.6, the paper's")
+    parser.add_argument("--repeats", type=int, help="draws of the noise (default: the benchmark's)")
+    measured(parser, study, "noise-fit")
+
+
+if __name__ == "__main__":
+    main()
