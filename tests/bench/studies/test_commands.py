@@ -15,7 +15,7 @@ from bench.studies.stability import measure
 from bench.studies.stability.cases import cases
 
 SMALLEST = {"trust": ["--scenes", "20", "--methods", "3fsk", "--only", "points"]}
-NEEDED = {"ablation": ["--poses", "B"], "gpu": ["--device", "numpy"], "photogrammetry": ["bars"]}
+NEEDED = {"ablation": ["--poses", "B"], "photogrammetry": ["bars"]}
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 
 from bench.cli import reconstruct
 from bench.cli.main import main
-from bench.studies import gpu_benchmark, study
+from bench.studies import study
 from radar.data.arrays import AntennaArray, BistaticScan, PlanarScan, qar50
 from radar.data.grid import Axis, VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
@@ -22,6 +22,7 @@ from radar.methods.fsk_config import ThreeToneConfig
 from radar.methods.projection import BroadbandConfig
 from radar.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
+from tests.radar.imaging import measure_gpu
 from tests.radar.imaging.cupy_stand_in import DeviceArray, cupy_stand_in
 from tests.radar.samples import noise, relative_error
 from tests.radar.simulated_points import around, points_capture
@@ -206,8 +207,10 @@ def test_without_a_device_every_door_says_so_in_one_line(count, message, monkeyp
     reconstruct = ["reconstruct", "nowhere", "--method", "3fsk", "-o", "depth.npz", "--device", "cuda"]
     assert main(reconstruct) == 2
     assert capsys.readouterr().err == f"handbench: --device cuda: {message}\n"
-    assert main(["study", "gpu"]) == 2
-    assert capsys.readouterr().err == f"handbench: --device cuda: {message}\n"
+    monkeypatch.setattr("sys.argv", ["measure_gpu"])
+    with pytest.raises(SystemExit):
+        measure_gpu.main()
+    assert capsys.readouterr().err == f"python -m tests.radar.imaging.measure_gpu: --device cuda: {message}\n"
     monkeypatch.setenv(SETTING, "cuda")
     with pytest.raises(HandbenchError):
         image_points(noise((16, 32, 24)), TONES_HZ, ARRAY, np.ones((1, 3)), None)
@@ -247,10 +250,11 @@ def test_the_benchmark_writes_its_rows(monkeypatch, tmp_path, capsys):
     monkeypatch.setitem(sys.modules, "cupy", cupy_stand_in())
     monkeypatch.setattr(study, "compile_kernels", lambda: None)
     few, deep = (Axis(start_m=z - 0.004, stop_m=z + 0.004, step_m=0.001) for z in (0.0, 0.28))
-    monkeypatch.setattr(gpu_benchmark, "SHARE", few)
-    monkeypatch.setattr(gpu_benchmark, "BroadbandConfig", lambda: BroadbandConfig(x=few, y=few, z=deep, count=5))
-    monkeypatch.setattr(gpu_benchmark, "ThreeToneConfig", lambda: ThreeToneConfig(x=few, y=few))
-    assert main(["study", "gpu", "--repeats", "1", "-o", str(tmp_path / "gpu.json")]) == 0
+    monkeypatch.setattr(measure_gpu, "SHARE", few)
+    monkeypatch.setattr(measure_gpu, "BroadbandConfig", lambda: BroadbandConfig(x=few, y=few, z=deep, count=5))
+    monkeypatch.setattr(measure_gpu, "ThreeToneConfig", lambda: ThreeToneConfig(x=few, y=few))
+    monkeypatch.setattr("sys.argv", ["measure_gpu", "--repeats", "1", "-o", str(tmp_path / "gpu.json")])
+    measure_gpu.main()
     result = json.loads((tmp_path / "gpu.json").read_text())
     assert result["machine"]["imaging_device"] == "cuda: Stand-in"
     assert [row["error"] < 1e-3 for row in result["rows"] if "error" in row] == [True, True]

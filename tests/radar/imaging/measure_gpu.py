@@ -2,8 +2,13 @@
 
 The echoes are those of a bumpy surface at 0.28 m; grid, tones and array are the paper's. --device cpu times the same on
 the processor, numpy in CuPy's place.
+
+python -m tests.radar.imaging.measure_gpu [--device cuda|cpu|numpy] [--repeats 10] [-o DIR]
 """
 
+from __future__ import annotations
+
+import argparse
 import statistics
 import time
 from collections.abc import Callable
@@ -13,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.studies.columns import Record, rows
+from bench.results.tables import Column
+from bench.studies.columns import Record, Table
 from bench.studies.study import Study
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
@@ -25,9 +31,21 @@ from radar.methods.fsk import three_tone
 from radar.methods.fsk_config import ThreeToneConfig
 from radar.methods.projection import BroadbandConfig
 from radar.simulation.forward import Scatterers, simulate
+from tests.bench.studies.script import measured
 
 TOLERANCE = 1e-3
 SHARE = Axis(start_m=-0.03, stop_m=0.03, step_m=0.001)  # x and y of the exact sum's part of the volume
+FIRST = "the first call: with the plan and, once per machine, the compilation"
+WHOLE = "of the exact sum of the whole volume, from the part's"
+ERROR = "relative L2 error at random voxels against the processor's exact sum"
+COLUMNS = (
+    Column("what", str, "what is imaged", heading="imaging"),
+    Column("first_ms", float, FIRST, heading="first ms"),
+    Column("ms", float, "median of the calls that follow", heading="ms"),
+    Column("voxels", int, "of the volume, or of its part", heading="voxels", form="{:,}"),
+    Column("whole_volume_ms", float, WHOLE, heading="whole volume ms", form="{:,.0f}"),
+    Column("error", float, ERROR, heading="error", form="{:.1e}"),
+)
 
 
 def study(work: Path, device: str, repeats: int) -> Study:
@@ -38,7 +56,7 @@ def study(work: Path, device: str, repeats: int) -> Study:
         "Imaging on a device",
         [f"{device}, {max(repeats, 1)} repeats"],
         lambda _: measure(*configs, max(repeats, 1)),
-        rows("gpu"),
+        lambda records: [Table("rows", COLUMNS, records)],
     )
 
 
@@ -93,3 +111,16 @@ def _milliseconds(work: Callable[[], Any]) -> tuple[Any, float]:
     end.record()
     end.synchronize()
     return result, float(cuda.get_elapsed_time(begin, end))
+
+
+def main() -> None:
+    """Time, write the files of a study, print the table."""
+    prog, purpose = "python -m tests.radar.imaging.measure_gpu", (__doc__ or "").partition("\n")[0]
+    parser = argparse.ArgumentParser(prog=prog, description=purpose)
+    parser.add_argument("--device", choices=("cuda", "cpu", "numpy"), default="cuda", help="default cuda")
+    parser.add_argument("--repeats", type=int, default=10, help="timings after the first (default 10)")
+    measured(parser, study, "gpu")
+
+
+if __name__ == "__main__":
+    main()
