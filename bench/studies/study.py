@@ -41,8 +41,7 @@ GREY = "0.35"
 @dataclass(frozen=True)
 class Study:
     """A study. name: of its files; measure: a case's record or records; tables: of all records, the first one for the
-    CSV file; figure: of the tables by name; check: raises a HandbenchError where the figures are not good enough, once
-    all is written; label: a case in words."""
+    CSV file; figure: of the tables by name; label: a case in words."""
 
     name: str
     title: str
@@ -50,7 +49,6 @@ class Study:
     measure: Callable[[Any], Record | list[Record]]
     tables: Callable[[list[Record]], list[Table]]
     figure: Callable[[dict[str, pd.DataFrame]], Figure | None] = lambda frames: None
-    check: Callable[[dict[str, pd.DataFrame]], None] = lambda frames: None
     label: Callable[[Any], str] = str
     seed: int | None = None
     text: str = ""

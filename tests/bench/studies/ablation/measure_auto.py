@@ -1,6 +1,12 @@
-""" "auto" on scenes that differ in kind, embedded or of random seeds: whether it keeps its tolerance against everything
-that the scene has a cause for, what it costs, and what its estimates are worth."""
+"""Scenes that differ in kind, from files or of random seeds: whether "auto" keeps its tolerance on them against
+everything that the scene has a cause for, what it costs, and what its estimates are worth.
 
+python -m tests.bench.studies.ablation.measure_auto [SCENE.toml …] [--tolerances 0.1,1] [--seeds N] [-o DIR]
+"""
+
+from __future__ import annotations
+
+import argparse
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,12 +15,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
+from bench.results.tables import declared
 from bench.scenes.build import Scene, load_scene
 from bench.scenes.echoes import choices, echo_scene
 from bench.scenes.scene_file import SceneFile
 from bench.studies.ablation.assorted_scenes import assorted_scene
-from bench.studies.columns import Record, Table, columns
+from bench.studies.columns import Record, Table
 from bench.studies.study import Study
 from radar.data.capture import RadarCapture
 from radar.methods.registry import method
@@ -25,7 +33,9 @@ from radar.simulation.selection import CONTAINED, EFFECTS, Choice, choose
 from radar.simulation.simulate import simulate_scene
 from radar.simulation.triage import LOST_MM
 from radar.support.errors import HandbenchError
+from tests.bench.studies.script import measured
 
+SCHEMAS = declared(__file__)
 SCENES = Path(__file__).parent / "scenes"
 FEW = ("2fsk", "3fsk", "nfsk", "narrowband")  # of the benchmark's methods, those that need five tones
 MANY = ("broadband", "broadband-subvoxel")
@@ -38,7 +48,7 @@ Maps = dict[str, np.ndarray]
 
 
 def study(work: Path, scenes: list[Path], tolerances: str, seeds: int) -> Study:
-    """The embedded scenes, or others, and random ones of the seeds 0 … seeds − 1, each at all tolerances."""
+    """The scenes of SCENES, or others, and random ones of the seeds 0 … seeds − 1, each at all tolerances."""
     tolerances_mm = tuple(float(text) for text in tolerances.split(","))
     named = scenes or ([] if seeds else sorted(SCENES.glob("*.toml")))
     cases: list[tuple[str, Callable[[], Scene]]] = [(path.stem, partial(load_scene, path)) for path in named]
@@ -50,7 +60,6 @@ def study(work: Path, scenes: list[Path], tolerances: str, seeds: int) -> Study:
         cases,
         lambda case: compare(case[1](), tolerances_mm),
         tables,
-        check=_check,
         label=lambda case: case[0],
         seed=seeds or None,
     )
@@ -59,8 +68,8 @@ def study(work: Path, scenes: list[Path], tolerances: str, seeds: int) -> Study:
 def tables(records: list[Record]) -> list[Table]:
     """Scenes, their effects' estimates against what leaving each out changes, and what comes of both."""
     rows, estimates = ([r for r in records if ("effect" in r) == of] for of in (False, True))
-    known = [("summary", summary(rows, estimates)), ("estimates", estimates)]
-    return [Table("rows", columns("auto.rows"), rows), *(Table(n, columns(f"auto.{n}"), r) for n, r in known)]
+    known = {"rows": rows, "summary": summary(rows, estimates), "estimates": estimates}
+    return [Table(name, SCHEMAS[name].columns, records) for name, records in known.items()]
 
 
 def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Record]:
@@ -193,7 +202,23 @@ def _round(scene: Scene, listed: dict[float | None, SceneFile]) -> dict[float | 
     return found
 
 
-def _check(frames: dict[str, Any]) -> None:
+def unbroken(frames: dict[str, pd.DataFrame]) -> None:
+    """HandbenchError where auto breaks its tolerance."""
     broken = frames["rows"][~frames["rows"].kept.astype(bool)]
     if len(broken):
         raise HandbenchError(f"auto: breaks its tolerance in {len(broken)} cases: {', '.join(broken.scene)}")
+
+
+def main() -> None:
+    """Measure, write the files of a study, print the tables"""
+    prog, purpose = "python -m tests.bench.studies.ablation.measure_auto", 'What effects = "auto" chooses.'
+    parser = argparse.ArgumentParser(prog=prog, description=purpose)
+    shown = f"default: those in {SCENES.name}/ beside this script"
+    parser.add_argument("scenes", nargs="*", type=Path, metavar="SCENE.toml", help=shown)
+    parser.add_argument("--tolerances", default="0.1,1", help="of auto, mm, separated by commas (default 0.1,1)")
+    parser.add_argument("--seeds", type=int, default=0, help="random scenes of that many seeds instead (default none)")
+    measured(parser, study, "auto", unbroken)
+
+
+if __name__ == "__main__":
+    main()
