@@ -6,7 +6,13 @@ from importlib import import_module
 
 import pytest
 
-NEEDED = {"measure_survey": ["."], "measure_noise_fit": ["paper_table"], "ablation.measure_auto": []}
+NEEDED = {
+    "registration.measure_registration": ["faults"],
+    "renderers.measure_renderers": [],
+    "measure_survey": ["."],
+    "measure_noise_fit": ["paper_table"],
+    "ablation.measure_auto": [],
+}
 
 
 @pytest.fixture

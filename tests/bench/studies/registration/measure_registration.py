@@ -29,7 +29,7 @@ from bench.scenes.echoes import choices, echo_scene
 from bench.studies.columns import Record, Table
 from bench.studies.registration.cases import Case, case, seen_cloud
 from bench.studies.registration.score import Score, score
-from bench.studies.study import BLUE, Study, run
+from bench.studies.study import BLUE, Study
 from calibration.registration.register import calibrate
 from calibration.target.description import save_target
 from calibration.transforms import Transform
@@ -37,6 +37,7 @@ from radar.data.capture import RadarCapture
 from radar.simulation.scene import Ball, EchoScene
 from radar.simulation.simulate import simulate_scene
 from radar.support.errors import HandbenchError
+from tests.bench.studies.script import measured
 
 SCHEMAS = declared(__file__)
 FAULTS = {
@@ -200,12 +201,11 @@ def draw(frames: dict[str, pd.DataFrame]) -> Figure | None:
 
 def main() -> None:
     """Measure, write the files of a study, print the summary."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    prog = "python -m tests.bench.studies.registration.measure_registration"
+    parser = argparse.ArgumentParser(prog=prog, description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("what", choices=list(TRIALS), help="photographs too, or many placements with faults")
     parser.add_argument("--trials", type=int, help="placements (default 20 and 200)")
-    parser.add_argument("-o", "--out", type=Path, default=Path("runs/registration"), help="default runs/registration")
-    given = parser.parse_args()
-    print(run(study(given.out / "work", given.what, given.trials), given.out).markdown())
+    measured(parser, study, "registration")
 
 
 if __name__ == "__main__":

@@ -22,13 +22,14 @@ from bench.scenes.photographs import Studio
 from bench.studies.columns import Record, rows
 from bench.studies.photogrammetry.cases import Case
 from bench.studies.photogrammetry.measure import reconstructed
-from bench.studies.study import Study, run
+from bench.studies.study import Study
 from groundtruth.cameras.cameras import Camera
 from groundtruth.options import Options
 from radar.support.files import content_hash
 from radar.support.store import keep
 from tests.bench.studies.renderers.atlas import Atlas
 from tests.bench.studies.renderers.path_tracer import PathTracer
+from tests.bench.studies.script import measured
 
 
 @dataclass(frozen=True)
@@ -86,22 +87,24 @@ def pinhole(camera: Camera) -> Camera:
     return camera.model_copy(update={"model": "PINHOLE", "params": (focal_px, focal_px, *centre_px)})
 
 
-def main() -> None:
-    """Measure, write the files of a study, print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--poses", default="C", help="letters or mesh files of hands, separated by commas (default C)")
-    parser.add_argument("-o", "--out", type=Path, default=Path("runs/renderers"), help="default runs/renderers")
-    given = parser.parse_args()
-    cases = list(renderers(tuple(given.poses.split(","))))
-    study = Study(
+def study(work: Path, poses: str) -> Study:
+    """Every hand, by both renderers."""
+    return Study(
         "photogrammetry_renderers",
         "Photogrammetry of hands by two renderers",
-        cases,
-        lambda case: measure(case, given.out / "work"),
+        list(renderers(tuple(poses.split(",")))),
+        lambda case: measure(case, work),
         rows("photogrammetry"),
         label=lambda case: f"{case.name}, {case.pose}",
     )
-    print(run(study, given.out).markdown())
+
+
+def main() -> None:
+    """Measure, write the files of a study, print the table."""
+    prog, purpose = "python -m tests.bench.studies.renderers.measure_renderers", (__doc__ or "").partition("\n")[0]
+    parser = argparse.ArgumentParser(prog=prog, description=purpose)
+    parser.add_argument("--poses", default="C", help="letters or mesh files of hands, separated by commas (default C)")
+    measured(parser, study, "renderers")
 
 
 if __name__ == "__main__":
