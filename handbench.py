@@ -129,6 +129,7 @@ class Capture:
         z={"step_m": 0.002}, over what the capture asks for; `handbench list methods` has them all."""
         from bench.run.reconstruct_stage import configuration
         from radar.methods import registry
+        from radar.methods.advice import require_tones
         from radar.methods.trust import with_trust
         from radar.support.errors import HandbenchError
         from radar.warmup import compile_kernels
@@ -141,6 +142,7 @@ class Capture:
             within = isinstance(value, dict) and isinstance(usual.get(key), dict)
             settings[key] = {**usual[key], **value} if within else value
         config = configuration(self.folder, method, settings)
+        require_tones(self.echoes, config)
         compile_kernels()
         found = chosen.run(self.echoes, config, frame).depth
         return Depth(with_trust(found, self.echoes, config, frame), self)
@@ -229,7 +231,7 @@ class Depth(Drawn):
         from radar.support.errors import HandbenchError
 
         if mesh is None and self.capture is not None:
-            mesh = self.capture.truth
+            mesh = self.capture.truth if transform is None else None  # which lies in the radar's frame already
             if mesh is None and self.capture.mesh is not None:
                 mesh, transform = self.capture.mesh, transform or self.capture.transform
                 if transform is None:

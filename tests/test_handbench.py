@@ -111,6 +111,8 @@ def test_mistakes_are_told_in_a_sentence(ball, tmp_path):
         depth.plot(tmp_path / "depth.gif")
     with pytest.raises(hb.HandbenchError, match="exists already"):
         hb.simulate(ball.folder.parent / "ball.toml", ball.folder)
+    with pytest.raises(hb.HandbenchError, match="name a mesh file"):  # the truth lies in the radar's frame already
+        depth.evaluate(transform=hb.Transform("photo", "radar", np.eye(4)))
     with pytest.raises(AttributeError, match="no attribute"):
         _ = hb.nothing
 

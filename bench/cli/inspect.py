@@ -15,16 +15,17 @@ def run(options: argparse.Namespace) -> None:
         return
     if options.mesh or options.transform:
         raise HandbenchError("--mesh, --transform: are for a DEPTH.npz; a capture has its own surface in its folder")
-    show([str(options.path)])
+    show([str(options.path)], scored=False)
     if options.path.is_dir():
-        _capture(options.path)
+        _captures(options.path)
 
 
-def _capture(folder: Path) -> None:
-    from bench.datasets.dataset import open_capture
+def _captures(root: Path) -> None:
+    from bench.datasets.dataset import captures, open_capture
     from bench.validation.doubts import of_capture
 
-    _tell(folder, list(of_capture(open_capture(folder))))
+    for folder in captures(root):
+        _tell(folder, list(of_capture(open_capture(folder))))
 
 
 def _depth_map(options: argparse.Namespace) -> None:

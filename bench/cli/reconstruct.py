@@ -9,7 +9,7 @@ import numpy as np
 from bench.cli.options import free
 from bench.datasets.dataset import open_capture
 from bench.run.reconstruct_stage import configuration, require_near
-from bench.validation.capture_problems import array_doubts
+from bench.validation.capture_problems import array_doubts, lacking
 from bench.validation.doubts import of_image
 from radar.data.capture import RadarCapture
 from radar.imaging import api
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> None:
         raise HandbenchError(f"--frame: is {options.frame}; the capture has frames 0 to {len(echoes.samples) - 1}")
     if (options.volume is not None or options.check) and "z" not in chosen.config.model_fields:
         raise HandbenchError(f"--volume, --check: '{chosen.id}' makes no volume; choose broadband or narrowband")
-    for doubt in array_doubts(echoes):
+    for doubt in (*array_doubts(echoes), *lacking(echoes)):
         say(f"{options.capture}: {doubt}")
     require_tones(echoes, settings)
     compile_kernels()

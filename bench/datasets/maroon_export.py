@@ -9,10 +9,11 @@ import numpy as np
 
 from bench.datasets.dataset import open_capture
 from bench.datasets.maroon import EMPTY_FILTERED, FRAMES, MESHES, METADATA, PHOTOGRAMMETRY, VOLUMES
-from bench.datasets.maroon_alignment import ALIGNMENT, save_alignment
+from bench.datasets.maroon_alignment import ALIGNMENT, read_table, save_alignment
 from bench.datasets.maroon_frame import FRAME_S, Frame, write_frame
 from bench.datasets.maroon_sensors import kinect_camera
-from bench.datasets.native import EMPTY, TRUE_TRANSFORM, NativeCapture
+from bench.datasets.native import ARRAY, EMPTY, TRUE_TRANSFORM, NativeCapture
+from calibration.array.array_file import with_calibration
 from calibration.transforms import Transform, load_transform
 from groundtruth.cameras.cameras import Camera
 from groundtruth.cameras.metashape import read_metashape
@@ -29,6 +30,7 @@ SAME_M = 1e-7  # positions that agree to this are the same
 CAMS, KINECT = (Path(__file__).with_name(name) for name in ("maroon_cams.xml", "maroon_kinect.json"))
 PHOTO_M, KINECT_M = np.array([0.0, -0.05, 0.0]), np.array([0.0, 0.05, 0.0])  # beside the radar's origin
 FACING = np.diag([-1.0, -1.0, 1.0])  # camera from radar: x right, y down
+SCALE = "handbench_echo_scale"  # of metadata.json
 BRIGHTEST = 2**16 - 1  # of a maximum projection, which their code keeps as uint16
 
 
@@ -51,6 +53,8 @@ def export_maroon(
     folder = root / about.name / f"{100 * about.distance_m:.0f}"
     if folder.exists() and not overwrite:
         raise HandbenchError(f"{folder}: exists already; choose another -o, or --overwrite to replace it")
+    if folder.exists() and not ((folder / METADATA).is_file() and SCALE in read_table(folder / METADATA)):
+        raise HandbenchError(f"{folder}: is no export of handbench's, and is not replaced; choose another -o")
     low_ghz, high_ghz = echoes.frequencies_hz.min() / 1e9, echoes.frequencies_hz.max() / 1e9
     with atomic_folder(folder) as temporary:
         radar = temporary / f"radar_{low_ghz:.1f}_{high_ghz:.1f}_{len(echoes.frequencies_hz)}"
@@ -58,12 +62,15 @@ def export_maroon(
         _write_frames(radar / FRAMES, replace(echoes, samples=scale * echoes.samples), "")
         empty = capture.folder / EMPTY
         if empty.is_file():
-            filtered = replace(echoes, samples=scale * (echoes.samples - load_capture(empty).samples))
+            room, _ = with_calibration(load_capture(empty), capture.folder / ARRAY)
+            if room.samples.shape[1:] != echoes.samples.shape[1:] or len(room.samples) not in (1, len(echoes.samples)):
+                raise HandbenchError(f"{empty}: has {room.samples.shape} samples; expected {echoes.samples.shape}")
+            filtered = replace(echoes, samples=scale * (echoes.samples - room.samples))
             _write_frames(radar / FRAMES, filtered, f"_{EMPTY_FILTERED}")
         write_json(radar / VOLUMES, {f"{0:06d}": {"volume": _volume(capture, mirrored)}})
         box = {"zmin": 0.0, "zmax": 2 * about.distance_m}
         facts = {"distance_meters": about.distance_m, "mask_erosion": 0, "labels": [about.name], "mask_bb": box}
-        write_json(temporary / METADATA, facts | {"handbench_echo_scale": scale})
+        write_json(temporary / METADATA, facts | {SCALE: scale})
         _write_surfaces(capture, temporary, mirrored, len(echoes.samples) if kinect else 0)
     return folder
 

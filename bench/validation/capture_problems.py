@@ -142,11 +142,16 @@ def _echoes(folder: Path) -> Found[RadarCapture | None]:
         yield from attempt(empty, lambda: load_capture(empty))
     for text in array_doubts(echoes):
         yield Problem(folder / ECHOES, None, text, warning=True)
-    heard = getattr(echoes.aperture, "measured", None)
-    if heard is not None:
-        lacks = f"{np.sum(~heard)} of its {heard.size} pairs were not measured; images do without"
-        yield from _doubt(folder / ECHOES, not heard.all(), lacks)
+    for text in lacking(echoes):
+        yield Problem(folder / ECHOES, None, text, warning=True)
     return echoes
+
+
+def lacking(capture: RadarCapture) -> Iterator[str]:
+    """A sentence on pairs of antennas that were not measured, if any."""
+    heard = getattr(capture.aperture, "measured", None)
+    if heard is not None and not heard.all():
+        yield f"{np.sum(~heard)} of its {heard.size} pairs were not measured; images do without"
 
 
 def array_doubts(capture: RadarCapture) -> Iterator[str]:

@@ -21,7 +21,7 @@ from radar.methods.trust import FLAGGED, with_trust
 from radar.support.errors import HandbenchError
 from radar.warmup import compile_kernels
 
-CROWDED = 0.5  # share of an image that nothing near a hand fills
+CROWDED, WIDE_M = 0.5, 0.1  # share of an image that nothing near a hand fills, if it is at least that wide and high
 PROBES = ("3fsk", "2fsk", "broadband", "narrowband")  # the first whose tones were measured is held against a surface
 
 
@@ -42,32 +42,41 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
     surface = surface_of(recorded)
     if surface is None:
         return
-    array = capture.aperture
-    if isinstance(array, AntennaArray) and len(array.tx_m) == len(array.rx_m):
-        exchanged = _imaged(recorded, replace(capture, aperture=AntennaArray(array.rx_m, array.tx_m)))
-        as_is, other = surface_fit.fit(depth, surface), surface_fit.fit(exchanged or depth, surface)
+    as_is = surface_fit.fit(depth, surface)
+    for name, (cure, undone) in _undone(capture).items():
+        other = surface_fit.fit(_imaged(recorded, undone) or depth, surface)
         if other.share > max(surface_fit.CERTAIN, surface_fit.GAINED * as_is.share):
-            yield (
-                f"with tx and rx exchanged the median error falls from {as_is.median_mm:.2f} to {other.median_mm:.2f} "
-                "mm: exchange tx_m and rx_m, or those axes of the samples"
-            )
+            yield f"with {name} the median error falls from {as_is.median_mm:.2f} to {other.median_mm:.2f} mm: {cure}"
             return
     yield from surface_fit.findings(depth, surface)
+
+
+def _undone(capture: RadarCapture) -> dict[str, tuple[str, RadarCapture]]:
+    """Mistakes in the order of a capture's data: the cure of each, and the capture without it."""
+    array, reversed_ = capture.aperture, replace(capture, samples=capture.samples[:, ::-1])
+    found = {"the tones in reverse order": ("reverse frequencies_hz, or the samples along it", reversed_)}
+    if isinstance(array, AntennaArray) and len(array.tx_m) == len(array.rx_m):
+        exchanged = replace(capture, aperture=AntennaArray(array.rx_m, array.tx_m, array.measured))
+        found["tx and rx exchanged"] = "exchange tx_m and rx_m, or those axes of the samples", exchanged
+    return found
 
 
 def of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
     """Doubts about a depth map and, where there are some, about the echoes that it was imaged from."""
     about = list(of_map(depth))
     yield from about
-    yield from focus.findings(capture) if about else ()
+    try:
+        yield from focus.findings(capture) if about else ()
+    except HandbenchError:  # a doubt that cannot be looked into takes no result away
+        return
 
 
 def of_map(depth: DepthMap) -> Iterator[str]:
     """Doubts about a depth map by itself."""
     seen = np.isfinite(depth.z_m)
     share = float(seen.mean())
-    if share > CROWDED:
-        yield f"{100 * share:.0f} % of the image is on target: nothing focuses there; `handbench inspect` the capture"
+    if share > CROWDED and min(np.ptp(depth.x_m), np.ptp(depth.y_m)) >= WIDE_M:
+        yield f"{100 * share:.0f} % of the image is on target: does nothing focus? `handbench inspect` the capture"
     if depth.p_gross is not None and seen.any():
         flagged = float((depth.p_gross[seen] > FLAGGED).mean())
         if flagged > CROWDED:

@@ -31,12 +31,12 @@ READERS: dict[str, Callable[[Path], Any]] = {".h5": load_capture, ".json": load_
 READERS |= dict.fromkeys((".ply", ".obj", ".stl"), read_triangles)
 
 
-def show(inputs: Sequence[str]) -> None:
+def show(inputs: Sequence[str], scored: bool = True) -> None:
     """Print every problem of every input, FILE:LINE: problem; what to do, and at last how many there are. Raises
     HandbenchError if there is one that is more than a warning."""
     problems = warnings = 0
     for name in inputs:
-        found = list(dict.fromkeys(problems_of(name)))
+        found = list(dict.fromkeys(problems_of(name, scored)))
         for problem in found:
             print(problem)
         if not found:
@@ -51,12 +51,12 @@ def show(inputs: Sequence[str]) -> None:
         print(f"{counted}; fine, if meant so")
 
 
-def problems_of(name: str) -> Iterator[Problem]:
+def problems_of(name: str, scored: bool = True) -> Iterator[Problem]:
     """The problems of one input: a capture folder or a folder of them; a benchmark, by file or name; the file of a
     scene, a target, a board, a mesh, echoes or a transform."""
     path = Path(name)
     if path.is_dir():
-        yield from _folder(path)
+        yield from _folder(path, scored)
         return
     try:
         path = find_benchmark(name)
@@ -78,14 +78,14 @@ def problems_of(name: str) -> Iterator[Problem]:
         yield from _benchmark(found)
 
 
-def _folder(path: Path) -> Iterator[Problem]:
+def _folder(path: Path, scored: bool) -> Iterator[Problem]:
     if (path / ECHOES).exists() or (path / DESCRIPTION).exists():
-        yield from _capture(path)
+        yield from _capture(path, scored)
         return
     folders = yield from attempt(path, lambda: captures(path))
     names: dict[str, Path] = {}
     for folder in track(folders or (), "captures"):
-        seen = yield from _capture(folder)
+        seen = yield from _capture(folder, scored)
         if seen.name is not None and names.setdefault(seen.name, folder) != folder:
             text = f"is named '{seen.name}', as {names[seen.name]} is; no benchmark can hold both"
             yield Problem(folder / DESCRIPTION, None, text, warning=True)

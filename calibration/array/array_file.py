@@ -103,7 +103,9 @@ class ArrayCalibration(Config):
         responses = (side.response(f_hz, self.reference_hz) for side in (self.tx, self.rx))
         tx, rx = (np.divide(1, r, out=np.zeros_like(r), where=r != 0) for r in responses)
         samples = (capture.samples * tx[:, :, None] * rx[:, None]).astype(np.complex64)
-        true = replace(self.array, measured=capture.aperture.measured)
+        alive = tx.any(axis=0)[:, None] & rx.any(axis=0)
+        heard = alive if capture.aperture.measured is None else alive & capture.aperture.measured
+        true = replace(self.array, measured=None if heard.all() else heard)
         return replace(capture, samples=samples, aperture=true, calibration=None)
 
     def summary(self) -> str:

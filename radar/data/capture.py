@@ -36,6 +36,8 @@ class RadarCapture:
         object.__setattr__(self, "frequencies_hz", tones("frequencies_hz", self.frequencies_hz))
         if not SPEED_OF_LIGHT_M_S / SLOWEST <= self.wave_speed_m_s <= SPEED_OF_LIGHT_M_S:
             raise HandbenchError(f"wave_speed_m_s: is {self.wave_speed_m_s:g}; expected 1/{SLOWEST} to 1 of vacuum's")
+        if "\0" in self.source + self.licence:
+            raise HandbenchError("source, licence: hold a NUL, which no file's text may; leave it out")
         expected = (len(self.frequencies_hz), *self.aperture.channels)
         if self.samples.ndim != 1 + len(expected) or self.samples.shape[1:] != expected or len(self.samples) == 0:
             raise HandbenchError(

@@ -58,7 +58,7 @@ def _contents(capture: RadarCapture) -> tuple[dict[str, np.ndarray], dict[str, A
         data["pairs"] = np.repeat(np.arange(len(aperture.tx_m))[:, None], 2, axis=1)
     elif isinstance(aperture, AntennaArray) and aperture.measured is not None:
         data["pairs"], samples = np.argwhere(aperture.measured), samples[:, :, aperture.measured]
-    if capture.calibration:
+    if capture.calibration is not None:
         data[CALIBRATION] = np.frombuffer(json.dumps(capture.calibration).encode(), np.uint8)
     data |= {"samples": samples, "frequencies_hz": capture.frequencies_hz}
     further = {name: getattr(capture, name) for name in ABOUT if getattr(capture, name) not in ("", SPEED_OF_LIGHT_M_S)}
@@ -120,6 +120,9 @@ def _check(there: list[str], known: tuple[str, ...], told: dict[str, Any]) -> No
     for name, values in TOLD.items():
         if (found := told[name]) not in values:
             raise HandbenchError(f"{name} is '{str(found)[:80]}'; expected {' or '.join(map(repr, values))}")
+    for name, kind in ABOUT.items():
+        if name in told and not isinstance(told[name], str if kind is str else float | int | np.number):
+            raise HandbenchError(f"{name} is {told[name]!r:.80}; expected one {'text' if kind is str else 'number'}")
 
 
 def _numbers(file: "h5py.File", name: str, path: Path) -> np.ndarray:

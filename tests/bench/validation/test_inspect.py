@@ -15,7 +15,7 @@ import pytest
 from bench.cli.main import main
 from bench.validation import doubts, focus
 from groundtruth.mesh.mesh_files import mesh, write_mesh
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, PlanarScan, qar50
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.data.echoes_file import save_capture
@@ -51,7 +51,7 @@ def right() -> RadarCapture:
 
 def written(folder: Path, capture: RadarCapture, scale: float = 1.0, turned: tuple[int, int, int] = (1, 1, 1)) -> Path:
     """A capture's folder, with the plate's surface scaled and mirrored."""
-    folder.mkdir()
+    folder.mkdir(parents=True)
     save_capture(folder / "echoes.h5", capture)
     (folder / "capture.toml").write_text('version = 1\nname = "plate"\nkind = "other"\n')
     vertices_m = np.column_stack([CORNERS_M, depth_m(*CORNERS_M.T)]) * turned * scale
@@ -66,7 +66,7 @@ def placed(capture: RadarCapture, change: np.ndarray) -> RadarCapture:
 
 
 MISTAKES = {
-    "conjugated": (lambda c: replace(c, samples=c.samples.conj()), "sharper, conjugated: conjugate the samples"),
+    "conjugated": (lambda c: replace(c, samples=c.samples.conj()), "m, conjugate the samples"),
     "tones": (lambda c: replace(c, frequencies_hz=c.frequencies_hz[::-1]), "reverse frequencies_hz"),
     "swapped": (
         lambda c: replace(c, aperture=AntennaArray(c.aperture.rx_m, c.aperture.tx_m)),
@@ -111,7 +111,64 @@ def test_a_surface_in_another_frame_or_unit_is_doubted(right, tmp_path, capsys, 
     assert cure in said(capsys, str(written(tmp_path / "plate", right, **change)))
 
 
-def test_a_single_tone_is_not_said_to_be_in_reverse_order(right):
+CROSS = AntennaArray(*(np.linspace(-0.07, 0.07, 20)[:, None] * np.eye(3)[axis] for axis in (0, 1)))
+BANDS_HZ = {
+    "wide": np.linspace(72e9, 82e9, 32),
+    "16 of 4 GHz": np.linspace(60e9, 64e9, 16),
+    "26 GHz": np.linspace(22e9, 26e9, 41),
+    "1 GHz": np.linspace(76e9, 77e9, 32),
+    "narrow": np.linspace(24e9, 24.12e9, 16),
+    "few": np.array([82e9, 81.8e9, 79.5e9]),
+}
+
+
+def points_before(array: AntennaArray, tones_hz: np.ndarray, points_m: np.ndarray, noise: float = 0.0) -> RadarCapture:
+    """The echoes of points, in noise over the strongest sample."""
+    path_m = [np.linalg.norm(points_m[:, None] - places_m, axis=2) for places_m in (array.tx_m, array.rx_m)]
+    waves = [np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_S * tones_hz[:, None, None] * length_m) for length_m in path_m]
+    samples = np.einsum("fpt,fpr->ftr", *waves)
+    draws = np.random.default_rng(1).standard_normal((2, *samples.shape))
+    samples += noise * np.abs(samples).max() * (draws[0] + 1j * draws[1])
+    return RadarCapture(samples[None].astype(np.complex64), tones_hz, array)
+
+
+@pytest.mark.parametrize("band", BANDS_HZ)
+def test_right_echoes_are_not_accused_whatever_the_band_and_the_place(band):
+    draw = np.random.default_rng(2)
+    for number in range(20):
+        distance_m = 10 ** draw.uniform(np.log10(0.15), np.log10(0.9))
+        points_m = draw.uniform(-0.3, 0.3, (draw.integers(1, 6), 3)) * distance_m + [0, 0, distance_m]
+        capture = points_before(CROSS, BANDS_HZ[band], points_m, noise=0.1 * (number % 2))
+        assert focus.findings(capture) == []
+
+
+def test_arrays_with_missing_columns_and_scans_are_looked_at():
+    point_m = np.array([[-0.03, 0.0, 0.3]])
+    array = replace(CROSS, measured=np.arange(20)[:, None] % 2 * np.ones(20, int) > 0)
+    right = points_before(array, BANDS_HZ["wide"], point_m)
+    right.samples[:, :, ::2] = 0
+    [text] = focus.findings(replace(right, samples=right.samples.conj()))
+    assert focus.findings(right) == [] and "conjugate" in text
+    places_m = np.stack(np.meshgrid(*[np.linspace(-0.05, 0.05, 30)] * 2, [0.0]), axis=-1).reshape(-1, 3)
+    path_m = 2 * np.linalg.norm(places_m - point_m, axis=1)
+    samples = np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_S * BANDS_HZ["26 GHz"][:, None] * path_m)[None]
+    scan = RadarCapture(samples.astype(np.complex64), BANDS_HZ["26 GHz"], PlanarScan(places_m))
+    [text] = focus.findings(replace(scan, samples=scan.samples.conj()))
+    assert focus.findings(scan) == [] and "conjugate" in text
+
+
+def test_echoes_alone_and_folders_of_captures_are_inspected(right, tmp_path, capsys):
+    alone = written(tmp_path / "all" / "alone", replace(right, samples=right.samples.conj()))
+    (alone / "truth.ply").unlink()
+    written(tmp_path / "all" / "plate", right)
+    assert main(["inspect", str(alone)]) == 0
+    assert "conjugate the samples" in capsys.readouterr().out
+    assert main(["inspect", str(tmp_path / "all")]) == 0
+    lines = capsys.readouterr().out
+    assert "alone: the echoes focus better" in lines and "plate: nothing looks wrong" in lines
+
+
+def test_a_single_tone_tells_its_sign(right):
     one = replace(right, samples=right.samples[:, :1], frequencies_hz=TONES_HZ[:1])
     assert focus.findings(one) == []
     [text] = focus.findings(replace(one, samples=one.samples.conj()))
@@ -119,12 +176,14 @@ def test_a_single_tone_is_not_said_to_be_in_reverse_order(right):
 
 
 def test_a_depth_map_that_fills_the_image_or_contradicts_itself_is_doubted():
-    axis = np.arange(-5, 6) * 1e-3
+    axis = np.arange(-5, 6) * 1e-2
     z_m = np.full((11, 11), 0.3)
     full = DepthMap(axis, axis, z_m, np.zeros_like(z_m), "m", p_gross=np.full_like(z_m, 0.9))
     assert [text.split()[0:2] for text in doubts.of_map(full)] == [["100", "%"], ["100", "%"]]
     z_m[:, 3:] = np.nan
     assert list(doubts.of_map(replace(full, z_m=z_m, p_gross=np.full_like(z_m, 0.1)))) == []
+    cropped = replace(full, x_m=axis / 10, y_m=axis / 10, z_m=np.full_like(z_m, 0.3), p_gross=np.full_like(z_m, 0.1))
+    assert list(doubts.of_map(cropped)) == []
 
 
 def test_a_depth_map_is_held_against_a_mesh(right, tmp_path, capsys):

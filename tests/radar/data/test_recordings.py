@@ -199,7 +199,7 @@ def test_the_array_s_calibration_lies_inside(tmp_path):
         ({"units": "mm"}, {}, "units is 'mm'; expected 'm, Hz, m/s'"),
         ({"sweeps": "median"}, {"samples": SAMPLES[:, None]}, "sweeps: is 'median'; expected mean or frames"),
         ({"sweeps": "mean"}, {}, r"samples: have shape \(2, 5, 3, 4\); expected \[frame, sweep, 5, 3, 4\]"),
-        ({"wave_speed_m_s": "fast"}, {}, "could not convert"),
+        ({"wave_speed_m_s": "fast"}, {}, "expected one number"),
         ({}, {"gains": np.ones((T, R + 1))}, r"gains: have shape \(3, 5\); expected \(3, 4\), or \(5, 3, 4\) by tone"),
         ({}, {"gains": np.zeros((T, R))}, "no channel was measured"),
         ({}, {"pairs": EVERY}, r"samples: have shape \(2, 5, 3, 4\); expected \[frame, 5, 12\]"),
