@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial import KDTree
 
-from bench.evaluation.depth_errors import error_map
 from calibration.transforms import Transform, checked_numbers, load_transform
 from groundtruth.mesh.depth import depth_on_grid
 from groundtruth.mesh.mesh_files import mesh
@@ -152,11 +152,13 @@ def _off_mm(vertices_m: np.ndarray, faces: np.ndarray, echoes: RadarCapture) -> 
     depth = chosen.run(echoes, chosen.configure(look, "handedness"), 0).depth
     z_m = depth.z_m if depth.wrapped is None else np.where(depth.wrapped, np.nan, depth.z_m)
     surface_m = depth_on_grid(mesh(vertices_m, faces), depth.x_m, depth.y_m)
-    if not np.isfinite(surface_m).any():
-        raise HandbenchError("what it saw lies beside the radar's pixels")
-    both_m = surface_m, surface_m[:, ::-1]
-    maps = [error_map(depth.x_m, depth.y_m, z_m, there_m, met=np.isfinite(there_m)) for there_m in both_m]
-    own_m, other_m = (float(np.nanmean(np.asarray(errors.to_reference_m))) for errors in maps)
+    if not (np.isfinite(surface_m).any() and np.isfinite(z_m).any()):
+        raise HandbenchError("what it saw lies beside the radar's pixels, or these are empty")
+    x_m, y_m = np.meshgrid(depth.x_m, depth.y_m)
+    seen_m, *both_m = (
+        np.stack([x_m, y_m, one_m], -1)[np.isfinite(one_m)] for one_m in (z_m, surface_m, surface_m[:, ::-1])
+    )
+    own_m, other_m = (float(KDTree(surface).query(seen_m)[0].mean()) for surface in both_m)
     return 1e3 * own_m, 1e3 * other_m
 
 
