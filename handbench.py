@@ -227,7 +227,7 @@ class Depth(Drawn):
         by default against the surface of the capture that it was imaged from: the true one, or else the measured."""
         from bench.datasets.maroon_alignment import load_any_transform
         from bench.run.scoring import score_map
-        from calibration.transforms import identity
+        from groundtruth.mesh.surface import read_surface
         from radar.support.errors import HandbenchError
 
         if mesh is None and self.capture is not None:
@@ -238,9 +238,9 @@ class Depth(Drawn):
                     raise HandbenchError("transform: is missing; nothing carries the capture's mesh to the radar")
         if mesh is None:
             raise HandbenchError("mesh: is missing, and no capture gives one; name a mesh file")
-        if isinstance(transform, str | Path):
-            transform = load_any_transform(Path(transform))
-        return Score(*score_map(self.map, Path(mesh), transform or identity("radar")), self.method)
+        if transform is None or isinstance(transform, str | Path):
+            transform = load_any_transform(None if transform is None else Path(transform))
+        return Score(*score_map(self.map, read_surface(mesh), transform), self.method)
 
 
 class Score(Drawn):

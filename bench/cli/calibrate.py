@@ -53,8 +53,7 @@ def _from_surface(options: argparse.Namespace) -> Transform:
         raise HandbenchError("--refine: does without a target; leave TARGET_CAPTURE and --array out")
     if options.mesh is None:
         raise HandbenchError("--refine: needs --mesh MESH.ply, the surface to align")
-    start = load_any_transform(options.transform) if options.transform else None
-    transform = refine_files(options.refine, options.mesh, start)
+    transform = refine_files(options.refine, options.mesh, load_any_transform(options.transform))
     report = transform.refined or {}
     shift = ", ".join(f"{mm:+.2f}" for mm in report["translation_mm"])
     turn = ", ".join(f"{deg:+.2f}" for deg in report["rotation_deg"])

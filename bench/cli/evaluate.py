@@ -9,20 +9,20 @@ def run(options: argparse.Namespace) -> None:
     from bench.datasets.maroon_alignment import load_any_transform
     from bench.evaluation.metrics import definitions
     from bench.run.scoring import score_map
-    from bench.validation.doubts import against
-    from calibration.transforms import identity
+    from bench.validation import surface_fit
+    from groundtruth.mesh.surface import read_surface
     from radar.data.depthmap import load_depthmap
     from radar.support.progress import say
 
     depth = load_depthmap(options.depth)
     if options.most_p_gross is not None:
         depth = depth.trusted(options.most_p_gross)
-    transform = load_any_transform(options.transform) if options.transform else identity("radar")
-    _, values = score_map(depth, options.mesh, transform)
+    transform, surface = load_any_transform(options.transform), read_surface(options.mesh)
+    _, values = score_map(depth, surface, transform)
     about = {"method": depth.method, "definitions": definitions(list(values))}
     if transform.refined:
         about["refined"] = f"{options.transform}: {transform.refined['reason']}"
-    if doubts := against(depth, options.mesh, transform):
+    if doubts := surface_fit.findings(depth, surface.moved(transform)):
         about["doubts"] = doubts
     print(json.dumps({**values, **about}, indent=2))
     for doubt in doubts:

@@ -30,8 +30,9 @@ def _captures(root: Path) -> None:
 
 def _depth_map(options: argparse.Namespace) -> None:
     from bench.datasets.maroon_alignment import load_any_transform
-    from bench.validation.doubts import against, of_map
-    from calibration.transforms import identity
+    from bench.validation import surface_fit
+    from bench.validation.doubts import of_map
+    from groundtruth.mesh.surface import read_surface
     from radar.data.depthmap import load_depthmap
 
     depth = load_depthmap(options.path)
@@ -39,8 +40,8 @@ def _depth_map(options: argparse.Namespace) -> None:
     print(f"{options.path}: {depth.method}, {seen} of {depth.z_m.size} pixels on target")
     doubts = list(of_map(depth))
     if options.mesh:
-        transform = load_any_transform(options.transform) if options.transform else identity("radar")
-        doubts += against(depth, options.mesh, transform)
+        surface = read_surface(options.mesh).moved(load_any_transform(options.transform))
+        doubts += surface_fit.findings(depth, surface)
     _tell(options.path, doubts)
 
 

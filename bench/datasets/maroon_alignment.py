@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
-from calibration.transforms import Transform, checked_numbers, load_transform
+from calibration.transforms import Transform, checked_numbers, identity, load_transform
 from groundtruth.mesh.depth import depth_on_grid
 from groundtruth.mesh.mesh_files import mesh
 from radar.data.capture import RadarCapture
@@ -162,7 +162,10 @@ def _off_mm(vertices_m: np.ndarray, faces: np.ndarray, echoes: RadarCapture) -> 
     return 1e3 * own_m, 1e3 * other_m
 
 
-def load_any_transform(file: Path) -> Transform:
-    """A transform into the radar frame: our form, or MAROON's in a file of that name, alignment.json."""
+def load_any_transform(file: Path | None) -> Transform:
+    """A transform into the radar frame: our form, or MAROON's in a file of that name, alignment.json; without a file,
+    of what lies there already."""
+    if file is None:
+        return identity("radar")
     transform = load_alignment(file) if file.name == ALIGNMENT else load_transform(file)
     return transform.require(transform.source, "radar", file)

@@ -15,6 +15,7 @@ from bench.run.reconstruct_stage import configuration
 from bench.run.sweep import ImagingSetting
 from bench.scenes.scene_file import SceneFile
 from groundtruth.options import BASE_BYTES, predicted
+from radar.methods.advice import asked_hz
 from radar.methods.registry import method
 from radar.support.config import Config, load
 from radar.support.cost import TERMS_PER_S
@@ -58,8 +59,8 @@ def of_sweep(bench: BenchFile, base: Path, settings: Iterable[ImagingSetting], r
 
 def imaging(settings: Config, channels: float = CHANNELS, frames: int = 1, exact: bool = True) -> Work:
     """To image and score so many frames of so many channels by a method's settings; exact: as they say."""
-    asked_hz = getattr(settings, "ladder_hz", None) or getattr(settings, "tones_hz", None)
-    tones = TONES if asked_hz is None else len(asked_hz() if callable(asked_hz) else asked_hz)
+    asked = asked_hz(settings)
+    tones = TONES if asked is None else len(asked)
     shape, samples = settings.grid().shape if hasattr(settings, "grid") else (0, 0), tones * channels
     points, of_point_s = prod(shape), VOXEL_S if "z" in type(settings).model_fields else PIXEL_S * tones
     core_s = SAMPLE_S * samples + of_point_s * points + SCORED_S * prod(shape[-2:])

@@ -28,7 +28,7 @@ from bench.results.error_map import ErrorMap
 from bench.run.reconstruct_stage import FRAMES, read_treated
 from calibration.transforms import Transform
 from groundtruth.mesh.depth import Reference, reference_on_grid
-from groundtruth.mesh.surface import read_surface
+from groundtruth.mesh.surface import Surface, read_surface
 from radar.data.depthmap import DepthMap, load_depthmap
 from radar.data.grid import PixelGrid
 from radar.support.files import read_json, read_npz, write_json, write_npz
@@ -150,9 +150,10 @@ def reference_depth(mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid
     return reference_on_grid(surface.moved(radar_from_mesh), grid.x_m, grid.y_m, radar_from_mesh)
 
 
-def score_map(depth: DepthMap, mesh_file: Path, radar_from_mesh: Transform) -> tuple[ErrorMap, Values]:
-    """One depth map's errors against a mesh file, and its figures: with `floor_mm`, all that metrics.toml defines."""
-    reference = reference_depth(mesh_file, radar_from_mesh, PixelGrid(depth.x_m, depth.y_m))
+def score_map(depth: DepthMap, surface: Surface, radar_from_mesh: Transform) -> tuple[ErrorMap, Values]:
+    """One depth map's errors against a surface, and its figures: with `floor_mm`, all that metrics.toml defines."""
+    radar_from_mesh.require(radar_from_mesh.source, "radar", "transform")
+    reference = reference_on_grid(surface.moved(radar_from_mesh), depth.x_m, depth.y_m, radar_from_mesh)
     errors = error_map(depth.x_m, depth.y_m, depth.z_m, reference.z_m, reference.sigma_m, reference.met)
     return errors, pool([errors]) | {"floor_mm": floor_mm([errors], [reference])}
 

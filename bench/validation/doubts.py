@@ -3,7 +3,6 @@ beside the hours that wrong data cost."""
 
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -11,13 +10,13 @@ from bench.datasets.native import NativeCapture
 from bench.run.reconstruct_stage import configuration
 from bench.validation import focus, surface_fit
 from bench.validation.capture_problems import array_doubts
-from calibration.transforms import Transform
 from groundtruth.mesh.surface import Surface, read_surface
 from radar.data.arrays import AntennaArray
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.methods.registry import method
 from radar.methods.trust import FLAGGED, with_trust
+from radar.support.config import Config
 from radar.support.errors import HandbenchError
 from radar.warmup import compile_kernels
 
@@ -35,17 +34,17 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
     compile_kernels()
     wrong = focus.findings(capture)
     yield from wrong
-    depth = None if wrong else _imaged(recorded, capture)
-    if depth is None:
+    imaged = None if wrong else _imaged(recorded, capture)
+    if imaged is None:
         return
-    yield from of_map(depth)
+    depth, config = imaged
+    yield from of_map(with_trust(depth, capture, config))
     surface = surface_of(recorded)
-    if surface is None:
+    if surface is None or not (as_is := surface_fit.fit(depth, surface)).improvable:
         return
-    as_is = surface_fit.fit(depth, surface)
     for name, (cure, undone) in _undone(capture).items():
-        other = surface_fit.fit(_imaged(recorded, undone) or depth, surface)
-        if other.share > max(surface_fit.CERTAIN, surface_fit.GAINED * as_is.share):
+        other = surface_fit.fit((_imaged(recorded, undone) or imaged)[0], surface)
+        if other.explains(as_is):
             yield f"with {name} the median error falls from {as_is.median_mm:.2f} to {other.median_mm:.2f} mm: {cure}"
             return
     yield from surface_fit.findings(depth, surface)
@@ -93,18 +92,12 @@ def surface_of(recorded: NativeCapture) -> Surface | None:
     return read_surface(mesh).moved(transform)
 
 
-def against(depth: DepthMap, mesh_file: Path, radar_from_mesh: Transform) -> list[str]:
-    """Doubts about a depth map beside a mesh file."""
-    return surface_fit.findings(depth, read_surface(mesh_file).moved(radar_from_mesh))
-
-
-def _imaged(recorded: NativeCapture, capture: RadarCapture) -> DepthMap | None:
-    """The depth map of the first of PROBES that the capture's tones serve."""
+def _imaged(recorded: NativeCapture, capture: RadarCapture) -> tuple[DepthMap, Config] | None:
+    """The depth map of the first of PROBES that the capture's tones serve, and its configuration."""
     for name in PROBES:
         config = configuration(recorded.folder, name, {})
         try:
-            depth = method(name).run(capture, config, 0).depth
+            return method(name).run(capture, config, 0).depth, config
         except HandbenchError:
             continue
-        return with_trust(depth, capture, config)
     return None

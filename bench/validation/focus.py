@@ -11,7 +11,7 @@ import numpy as np
 
 from bench.validation.capture_problems import places_m
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from radar.data.capture import RadarCapture
+from radar.data.capture import RadarCapture, evenly
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_volume
 
@@ -48,12 +48,12 @@ def sharpness_db(capture: RadarCapture) -> float:
 def _few(capture: RadarCapture) -> RadarCapture:
     """The first frame as in vacuum, with few tones, in rising order, and few antennas, all of which were measured."""
     order = np.argsort(capture.frequencies_hz, kind="stable")
-    tones, array = order[_spread(len(order), TONES)], capture.aperture
+    tones, array = order[evenly(len(order), TONES)], capture.aperture
     samples, frequencies_hz = capture.samples[:1, tones], capture.frequencies_hz[tones]
     if isinstance(array, AntennaArray):
         heard = np.ones(array.channels, bool) if array.measured is None else array.measured
         t, r = (np.flatnonzero(heard.any(axis=axis)) for axis in (1, 0))
-        t, r = t[_spread(len(t), ANTENNAS)], r[_spread(len(r), ANTENNAS)]
+        t, r = t[evenly(len(t), ANTENNAS)], r[evenly(len(r), ANTENNAS)]
         samples, places = samples[:, :, t[:, None], r], {"tx_m": array.tx_m[t], "rx_m": array.rx_m[r], "measured": None}
     else:  # at random: every n-th of a raster may be one column
         number = array.channels[0]
@@ -61,11 +61,6 @@ def _few(capture: RadarCapture) -> RadarCapture:
         samples, places = samples[:, :, some], {name: places_m[some] for name, places_m in vars(array).items()}
     slower = SPEED_OF_LIGHT_M_S / capture.wave_speed_m_s
     return RadarCapture(np.ascontiguousarray(samples), frequencies_hz * slower, replace(array, **places))
-
-
-def _spread(count: int, most: int) -> np.ndarray:
-    """At most `most` of `count` numbers from 0, evenly."""
-    return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
 
 
 def _box(capture: RadarCapture) -> VoxelGrid:

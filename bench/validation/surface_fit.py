@@ -27,6 +27,15 @@ class Fit:
     share: float
     median_mm: float
 
+    @property
+    def improvable(self) -> bool:
+        """False if nothing undone could explain it much better."""
+        return GAINED * self.share < 1
+
+    def explains(self, as_is: "Fit") -> bool:
+        """True if this, with a mistake undone, is so much better that the mistake is likely."""
+        return self.share >= max(CERTAIN, GAINED * as_is.share)
+
 
 def _diagonal(*values: float) -> np.ndarray:
     return np.diag([*values, 1.0])
@@ -50,11 +59,11 @@ UNDONE = {
 def findings(depth: DepthMap, surface: Surface) -> list[str]:
     """The mistake, if any, without which a depth map lies much better on a surface (radar frame), with both errors."""
     as_is = fit(depth, surface)
-    if GAINED * as_is.share >= 1:
+    if not as_is.improvable:
         return []
     fits = {name: fit(depth, _moved(surface, matrix)) for name, matrix in UNDONE.items()}
     name, best = max(fits.items(), key=lambda found: found[1].share)
-    if best.share < max(CERTAIN, GAINED * as_is.share):
+    if not best.explains(as_is):
         return []
     before = f"from {as_is.median_mm:.2f} to " if np.isfinite(as_is.median_mm) else "to "
     return [

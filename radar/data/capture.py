@@ -104,6 +104,11 @@ def near_one(samples: np.ndarray) -> np.ndarray:
     return np.ldexp(apart, -exponent).view(samples.dtype)
 
 
+def evenly(count: int, most: int) -> np.ndarray:
+    """At most `most` of the numbers 0 to count − 1, in even steps from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, most).round().astype(int))
+
+
 def thinned(capture: RadarCapture, every: int) -> RadarCapture:
     """The capture of an array with fewer antennas: every `every`-th transmitter and receiver in the order of the file,
     from the first; of a scan every `every`-th position. HandbenchError for less than 1."""

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.data.capture import RadarCapture, near_one
+from radar.data.capture import RadarCapture, evenly, near_one
 from radar.data.depthmap import DepthMap, amplitude_db
 from radar.data.grid import Axis, PixelGrid, VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
@@ -99,7 +99,7 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
     peaks = Peaks(*project_volume(samples, frequencies_hz, capture.aperture, grid, config.tolerance))
     depth = maximum_projection(peaks, config, method)
     capons = isinstance(config, AlignedConfig) and config.estimator == "capon"
-    some = np.unique(np.linspace(0, len(frequencies_hz) - 1, CHECKED * (1 + capons)).round().astype(int))
+    some = evenly(len(frequencies_hz), CHECKED * (1 + capons))
     range_cells = 2 * np.ptp(frequencies_hz) * np.ptp(grid.z_m) / SPEED_OF_LIGHT_M_S
     least = least_coherence(len(frequencies_hz), len(some), range_cells)
     if least >= 1 and not isinstance(config, AlignedConfig):  # noise aligns so few tones as well as an echo does

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.ndimage import label, maximum_filter, minimum_filter
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.data.capture import RadarCapture, near_one
+from radar.data.capture import RadarCapture, evenly, near_one
 from radar.data.depthmap import DepthMap
 from radar.data.grid import PixelGrid
 from radar.imaging.api import image_points
@@ -104,7 +104,7 @@ def _of_tones(
     """Features [n] that the method's own tones, or the capture's where its configuration names none, tell at the depths
     that it found."""
     tones_hz = capture.frequencies_hz if (asked := asked_hz(config)) is None else asked
-    some = np.unique(np.linspace(0, len(tones_hz) - 1, TONES).round().astype(int))
+    some = evenly(len(tones_hz), TONES)
     samples, f = capture.tones(tones_hz[some], frame)
     points_m = PixelGrid(depth.x_m, depth.y_m).points_at_m(index, depth.z_m.ravel()[index])
     tolerance = TOLERANCE if getattr(config, "tolerance", TOLERANCE) else None
