@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("radar", "calibration", "groundtruth", "bench", "reports")
 FILES = sorted(path.relative_to(ROOT) for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 FILES.append(Path("handbench.py"))
-STUDY_PARTS = {"cases.py", "measure.py", "figure.py", "run.py", "score.py"}
+STUDY_PARTS = {"cases.py", "measure.py", "figure.py", "run.py"}
 QUESTION = re.compile(r"(What|How|Whether|Where|Who)\b")
 MOST_LINES = 39_980
 MOST_MAE_FILES = 5

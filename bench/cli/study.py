@@ -50,8 +50,7 @@ def _command(name: str, known: dict[str, dict[str, Any]], given: dict[str, Any])
     words = ["handbench study", name]
     for option, settings in known.items():
         value = given[_key(option)]
-        if value in (settings.get("default"), None, False, []):
+        if value in (settings.get("default"), False):
             continue
-        shown = " ".join(map(str, value)) if isinstance(value, list) else str(value)
-        words.append(shown if not option.startswith("-") else option if value is True else f"{option} {shown}")
+        words.append(option if value is True else f"{option} {value}")
     return " ".join(words)

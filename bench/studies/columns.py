@@ -1,6 +1,6 @@
 """The tables of a study: records of plain values, columns (columns.toml) that say what they hold, both as Markdown."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,11 +15,6 @@ SCHEMAS = declared(__file__)
 def columns(name: str) -> tuple[Column, ...]:
     """The columns of a table of columns.toml, as engine.rows."""
     return SCHEMAS[name].columns
-
-
-def rows(study: str) -> "Callable[[list[Record]], list[Table]]":
-    """A study's one table: of all records, by the columns STUDY.rows."""
-    return lambda records: [Table("rows", columns(f"{study}.rows"), records)]
 
 
 @dataclass(frozen=True)

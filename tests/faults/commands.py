@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import shlex
 import shutil
 import traceback
 from collections.abc import Callable
@@ -48,7 +49,7 @@ COMMANDS = {  # the words after `handbench`: {i} is the folder of the inputs, {o
     "design": "design {i}/result --effect 0.2mm -o {o}/out.csv",
     "compare": "compare {i}/result {i}/other -o {o}/out",
     "draw": "draw target -o {o}/out.svg",
-    "study": "study trust --scenes 2 --methods 3fsk --only points -o {o}/out",
+    "study": "study exact --tones few --only 'sphere of 2 mm, metal' -o {o}/out",
     "sensitivity": "sensitivity {i}/factors.toml --parts one -o {o}/out",
 }
 # Stands for minutes of photogrammetry, of which `calibrate` writes the outcome.
@@ -102,7 +103,7 @@ def once(words: str) -> Ended:
     said = io.StringIO()
     with redirect_stderr(said), redirect_stdout(io.StringIO()), patch.object(photogrammetry, *MEASURED):
         try:
-            code: int | None = main(words.split())
+            code: int | None = main(shlex.split(words))
         except (Exception, SystemExit):
             traceback.print_exc(file=said)
             code = None

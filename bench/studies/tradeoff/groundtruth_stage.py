@@ -19,11 +19,10 @@ from bench.datasets.simulated import JPEG_QUALITY
 from bench.evaluation.metrics import pool
 from bench.results import Section, Setting
 from bench.results.error_map import ErrorMap
-from bench.studies.photogrammetry.score import GRID_M, radar_side
 from bench.studies.tradeoff.opening import Context, line, section
 from calibration.transforms import Transform, load_transform
 from groundtruth.cameras.cameras import Camera, load_cameras, save_cameras
-from groundtruth.mesh.depth import reference_on_grid
+from groundtruth.mesh.depth import depth_on_grid, reference_on_grid
 from groundtruth.mesh.mesh_files import raycasting_scene, read_mesh
 from groundtruth.options import Options, Quality
 from groundtruth.photos.photos import FEWEST, Photo, find_photos
@@ -32,9 +31,10 @@ from radar.support.config import Config
 from radar.support.cost import Cost, measured
 from radar.support.errors import HandbenchError
 from radar.support.progress import say, track
-from radar.support.rays import RaycastingScene
+from radar.support.rays import RaycastingScene, TriangleMesh
 
 CAMERAS, BOARD = "cameras.json", "board.toml"
+GRID_M = 5e-4  # of the rays from the radar's side that sample the true surface
 
 
 class GroundTruthKnobs(Config):
@@ -95,6 +95,21 @@ def _subject(folder: Path) -> Subject | None:
     side = radar_side(truth, radar_from_photo, None if box_m is None else np.reshape(box_m, (2, 3)))
     photos = find_photos(capture.photos)
     return Subject(capture.about.name, photos, box_m, raycasting_scene(truth), radar_from_photo, *side)
+
+
+def radar_side(
+    surface: TriangleMesh, radar_from_photo: Transform, box_m: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The places of the true surface that rays along +z meet first, in the radar frame, one per cell of a grid: x_m
+    [nx], y_m [ny], z_m [ny, nx], NaN beside the surface and outside the crop box [2, 3] of the photo frame."""
+    low, high = surface.get_min_bound()[:2], surface.get_max_bound()[:2]
+    x_m, y_m = (np.arange(a, b, GRID_M) for a, b in zip(low, high, strict=True))
+    z_m = depth_on_grid(surface, x_m, y_m)
+    if box_m is not None:
+        in_photo_m = radar_from_photo.inverse().points(np.stack([*np.meshgrid(x_m, y_m), z_m], -1).reshape(-1, 3))
+        inside = ((in_photo_m >= box_m[0]) & (in_photo_m <= box_m[1])).all(axis=1)
+        z_m = np.where(inside.reshape(z_m.shape), z_m, np.nan)
+    return x_m, y_m, z_m
 
 
 def spread(photos: tuple[Photo, ...], count: int) -> tuple[Photo, ...]:

@@ -3,7 +3,8 @@
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -15,12 +16,12 @@ from bench.evaluation.statistics.intervals import Interval, mean_interval
 from bench.results import Section, Setting
 from bench.scenes.build import build
 from bench.scenes.echoes import echoes
-from bench.studies.registration.cases import Case, case, seen_cloud
-from bench.studies.registration.score import VOLUME_M, score
 from bench.studies.tradeoff.opening import Context, line, section
+from bench.studies.tradeoff.target_placements import Placement, placement, seen_cloud
 from calibration.registration import register as registration
 from calibration.registration.register import combine
 from calibration.registration.rigid_fit import Pairs
+from calibration.transforms import Transform
 from radar.support.config import Config
 from radar.support.errors import HandbenchError
 from radar.support.progress import say, track
@@ -28,6 +29,7 @@ from radar.warmup import compile_kernels
 
 Made = TypeVar("Made")
 MOST = 100  # captures of a rig, and rigs: numbers that are drawn from do not meet
+VOLUME_M = np.array(list(product(np.linspace(-0.06, 0.06, 5), np.linspace(-0.1, 0.1, 5), np.linspace(0.25, 0.35, 5))))
 
 
 class RegistrationKnobs(Config):
@@ -42,7 +44,7 @@ class Measured:
     """The measurement of a rig's capture of the target (calibration.registration.register.measure), and in how many
     seconds."""
 
-    case: Case
+    placed: Placement
     pairs: Pairs
     common_m2: np.ndarray
     seconds: float
@@ -62,7 +64,7 @@ def measure(knobs: RegistrationKnobs, context: Context) -> tuple[Section, list[S
                 groups = [measured[i : i + count] for i in range(0, len(measured) - count + 1, count)]
                 found += [(count, number, *_combined(group)) for group in groups]
             for one in measured[:1]:
-                sensor = one.case.scene.file.sensor
+                sensor = one.placed.scene.file.sensor
                 acquisition_s = len(sensor.frequencies_hz) * sensor.step_time_s
     volume = " × ".join(f"{1e3 * size:.0f}" for size in np.ptp(VOLUME_M, axis=0))
     about = section("registration", _name(min(counts)), {"volume": volume, "trials": knobs.trials})
@@ -70,18 +72,18 @@ def measure(knobs: RegistrationKnobs, context: Context) -> tuple[Section, list[S
     return about, [_setting(about, n, tried[tried["count"] == n], n * acquisition_s) for n in counts]
 
 
-def placements(number: int, count: int, folder: Path) -> list[Case]:
+def placements(number: int, count: int, folder: Path) -> list[Placement]:
     """One rig and one target, which stands elsewhere in each of `count` captures."""
-    first = case(number, folder / str(number), photographs=False)
-    cases = [first]
+    first = placement(number, folder / str(number))
+    found = [first]
     for other in range(number + 1, number + count):
-        moved = case(other, folder / str(other), photographs=False).scene.file
+        moved = placement(other, folder / str(other)).scene.file
         file = first.scene.file.model_copy(update={"seed": other, "target": moved.target})
-        cases.append(Case(other, first.fault, build(file, folder / str(number)), first.described))
-    return cases
+        found.append(replace(first, number=other, scene=build(file, folder / str(number))))
+    return found
 
 
-def _measured(chosen: Case) -> Measured | None:
+def _measured(chosen: Placement) -> Measured | None:
     points_m, normals = seen_cloud(chosen)
     heard = echoes(chosen.scene).capture
     found, seconds = _timed(chosen, lambda: registration.measure(points_m, normals, heard, chosen.described))
@@ -91,16 +93,21 @@ def _measured(chosen: Case) -> Measured | None:
 def _combined(group: Sequence[Measured]) -> tuple[float, float]:
     """Several captures of one rig as one transform: mean square of its error over the hand's volume, m² (NaN: refused),
     and the seconds of all of it."""
-    first, common_m2 = group[0].case, np.mean([one.common_m2 for one in group], axis=0)
+    first, common_m2 = group[0].placed, np.mean([one.common_m2 for one in group], axis=0)
     known = {"common_m2": common_m2, "ball_offset_sigma_m": first.described.ball_offset_sigma_m}
     found, seconds = _timed(first, lambda: combine([one.pairs for one in group], **known))
     seconds += sum(one.seconds for one in group)
     if found is None:
         return np.nan, seconds
-    return float((score(found, first.scene.radar_from_photo).tre_m ** 2).mean()), seconds
+    return float((errors_m(found, first.scene.radar_from_photo) ** 2).mean()), seconds
 
 
-def _timed(chosen: Case, work: Callable[[], Made]) -> tuple[Made | None, float]:
+def errors_m(found: Transform, true: Transform) -> np.ndarray:
+    """Distances [n] between the places to which both transforms carry the points of VOLUME_M, where hands are."""
+    return np.linalg.norm(found.points(true.inverse().points(VOLUME_M)) - VOLUME_M, axis=1)
+
+
+def _timed(chosen: Placement, work: Callable[[], Made]) -> tuple[Made | None, float]:
     """The result of `work`, None where it is refused, as is said; and its seconds."""
     start, found = time.perf_counter(), None
     try:

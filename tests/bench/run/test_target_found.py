@@ -10,9 +10,9 @@ from bench.cli.main import main
 from bench.datasets.simulated import write_photos
 from bench.run.photogrammetry import photographs
 from bench.scenes.build import build
-from bench.studies.photogrammetry.cases import Case
 from groundtruth.mesh.mesh_files import raycasting_scene
 from groundtruth.mesh.surface import read_surface
+from tests.bench.studies.photogrammetry.photogrammetry_cases import Case
 
 pytestmark = pytest.mark.slow
 

@@ -12,6 +12,9 @@ NEEDED = {
     "measure_survey": ["."],
     "measure_noise_fit": ["paper_table"],
     "ablation.measure_auto": [],
+    "ablation.measure_ablation": ["--poses", "B"],
+    "photogrammetry.measure_photogrammetry": ["bars"],
+    "trust.measure_trust": [],
 }
 
 

@@ -21,7 +21,6 @@ from bench.results.tables import declared
 from bench.scenes.build import Scene, load_scene
 from bench.scenes.echoes import choices, echo_scene
 from bench.scenes.scene_file import SceneFile
-from bench.studies.ablation.assorted_scenes import assorted_scene
 from bench.studies.columns import Record, Table
 from bench.studies.study import Study
 from radar.data.capture import RadarCapture
@@ -33,6 +32,7 @@ from radar.simulation.selection import CONTAINED, EFFECTS, Choice, choose
 from radar.simulation.simulate import simulate_scene
 from radar.simulation.triage import LOST_MM
 from radar.support.errors import HandbenchError
+from tests.bench.studies.ablation.assorted_scenes import assorted_scene
 from tests.bench.studies.script import measured
 
 SCHEMAS = declared(__file__)

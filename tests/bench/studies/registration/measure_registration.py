@@ -27,9 +27,8 @@ from bench.run.photogrammetry import calibrate_captures
 from bench.scenes.build import Scene
 from bench.scenes.echoes import choices, echo_scene
 from bench.studies.columns import Record, Table
-from bench.studies.registration.cases import Case, case, seen_cloud
-from bench.studies.registration.score import Score, score
 from bench.studies.study import BLUE, Study
+from bench.studies.tradeoff.target_placements import seen_cloud
 from calibration.registration.register import calibrate
 from calibration.target.description import save_target
 from calibration.transforms import Transform
@@ -37,6 +36,8 @@ from radar.data.capture import RadarCapture
 from radar.simulation.scene import Ball, EchoScene
 from radar.simulation.simulate import simulate_scene
 from radar.support.errors import HandbenchError
+from tests.bench.studies.registration.faulty_placements import Case, case
+from tests.bench.studies.registration.registration_score import Score, score
 from tests.bench.studies.script import measured
 
 SCHEMAS = declared(__file__)
@@ -127,7 +128,7 @@ def photographed(number: int, work: Path) -> Record:
 def sampled(number: int, fault: str, work: Path) -> Record:
     """Echoes simulated; in place of photographs a cloud of what the cameras would see of the spheres."""
     chosen = case(number, work / f"placement-{number}", fault, photographs=False)
-    points_m, normals = seen_cloud(chosen)
+    points_m, normals = seen_cloud(chosen, chosen.seen)
     echoes = _echoes(chosen)
     return tried(chosen, lambda: calibrate(points_m, normals, echoes, chosen.described))
 

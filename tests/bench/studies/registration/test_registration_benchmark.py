@@ -5,15 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.studies.registration.cases import case, made, seen_cloud, wrong
-from bench.studies.registration.score import score
+from bench.studies.tradeoff.target_placements import made, seen_cloud
 from calibration.target.description import default_target
 from calibration.target.matching import match
 from calibration.target.optical_detection import find_spheres
 from calibration.transforms import Transform
 from radar.support.errors import HandbenchError
 from tests.bench.studies.registration import measure_registration
+from tests.bench.studies.registration.faulty_placements import case, wrong
 from tests.bench.studies.registration.measure_registration import FAULTS, draw, summary, tables, tried
+from tests.bench.studies.registration.registration_score import score
 
 
 @pytest.fixture(scope="module")

@@ -19,14 +19,14 @@ import numpy as np
 from bench.datasets.simulated import write_photographs
 from bench.scenes.build import Scene, build
 from bench.scenes.photographs import Studio
-from bench.studies.columns import Record, rows
-from bench.studies.photogrammetry.cases import Case
-from bench.studies.photogrammetry.measure import reconstructed
+from bench.studies.columns import Record
 from bench.studies.study import Study
 from groundtruth.cameras.cameras import Camera
 from groundtruth.options import Options
 from radar.support.files import content_hash
 from radar.support.store import keep
+from tests.bench.studies.photogrammetry.measure_photogrammetry import reconstructed, tables
+from tests.bench.studies.photogrammetry.photogrammetry_cases import Case
 from tests.bench.studies.renderers.atlas import Atlas
 from tests.bench.studies.renderers.path_tracer import PathTracer
 from tests.bench.studies.script import measured
@@ -94,7 +94,7 @@ def study(work: Path, poses: str) -> Study:
         "Photogrammetry of hands by two renderers",
         list(renderers(tuple(poses.split(",")))),
         lambda case: measure(case, work),
-        rows("photogrammetry"),
+        tables,
         label=lambda case: f"{case.name}, {case.pose}",
     )
 

@@ -20,7 +20,6 @@ from scipy.stats import chi2, norm
 from bench.evaluation.depth_errors import error_map
 from bench.evaluation.metrics import HEADLINE, METRICS, pool, precision, strongest_scatterer_z_m
 from bench.results.stability import Table
-from bench.studies.stability.random_scenes import fingers
 from bench.studies.stability.scenes import ALL_HZ, POINT_M, imaged
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
@@ -32,6 +31,7 @@ from radar.methods.fsk_config import JointConfig
 from radar.simulation.effects.receiver import strongest_amplitude, thermal_noise
 from radar.simulation.forward import Scatterers, simulate
 from radar.support.progress import track
+from tests.bench.studies.stability.random_scenes import fingers
 
 STAGES = ("samples", "images", "power")  # complex64, complex64 sums, and float32 magnitudes and decibels
 FSK = ("2fsk", "3fsk", "nfsk-plus", "joint")

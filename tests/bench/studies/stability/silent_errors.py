@@ -15,12 +15,12 @@ import numpy as np
 import pandas as pd
 
 from bench.results.stability import Table
-from bench.studies.stability.random_scenes import AXIS, KINDS, TROUBLES, WITHIN_M, Surface, recorded
 from bench.studies.stability.scenes import imaged
 from radar.data.depthmap import DepthMap
 from radar.support.errors import HandbenchError
 from radar.support.parallel import workers
 from radar.support.progress import track
+from tests.bench.studies.stability.random_scenes import AXIS, KINDS, TROUBLES, WITHIN_M, Surface, recorded
 
 SIGMAS = 5.0
 KEYS = {"method": ("2fsk", "3fsk"), "surface": tuple(KINDS), "trouble": TROUBLES}

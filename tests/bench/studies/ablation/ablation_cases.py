@@ -1,5 +1,7 @@
 """The cases: one hand scene with a plausible cause for every effect, and what is switched in each case."""
 
+from __future__ import annotations
+
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path

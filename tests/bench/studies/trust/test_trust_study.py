@@ -3,14 +3,16 @@
 import tomllib
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from bench.scenes.shapes import plate_mesh
-from bench.studies.trust.cases import BESIDE_M, off_mesh
-from bench.studies.trust.measure import as_toml, figures
-from bench.studies.trust.worth import BINS, DROPPED_PERCENT, fitted, reliability, silent_percent
 from radar.data.depthmap import DepthMap
 from radar.methods.trust import FEATURES, probability
+from tests.bench.studies.trust import measure_trust
+from tests.bench.studies.trust.measure_trust import as_toml, figures
+from tests.bench.studies.trust.trust_cases import BESIDE_M, off_mesh
+from tests.bench.studies.trust.worth import BINS, DROPPED_PERCENT, fitted, reliability, silent_percent
 
 
 def drawn(count=40_000, seed=1):
@@ -68,6 +70,17 @@ def test_a_depth_between_two_surfaces_is_off_from_both():
     beside, _ = off_mesh(front)(DepthMap(axis_m, axis_m, np.full_like(z_m, top_m[0]), z_m, "x"))
     past_m = axis_m[np.isfinite(beside[20])].max()
     assert past_m == pytest.approx(BESIDE_M + 0.0025, abs=0.0015)  # and half a resolution cell
+
+
+def test_the_script_runs(tmp_path, monkeypatch, capsys):
+    """At the smallest size that it takes: twenty scenes of points by one method, and their reliability."""
+    words = ["--scenes", "20", "--methods", "3fsk", "--only", "points", "-o", str(tmp_path)]
+    monkeypatch.setattr("sys.argv", ["measure", *words])
+    measure_trust.main()
+    assert "| 3fsk" in capsys.readouterr().out
+    table = pd.read_csv(tmp_path / "trust.csv")
+    assert table.groupby("method").scenes.sum().to_dict() == {"3fsk": 20} and (table.pixels > 0).all()
+    assert (tmp_path / "trust.png").is_file()
 
 
 def test_the_weights_file_reads_as_it_was_written():

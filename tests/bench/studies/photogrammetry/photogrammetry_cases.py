@@ -1,5 +1,7 @@
 """The hands that are photographed, and what is varied."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path

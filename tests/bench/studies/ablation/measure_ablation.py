@@ -1,7 +1,14 @@
-"""Each effect's case simulated, imaged by each method and scored against the true surface."""
+"""Each effect's case simulated, imaged by each method and scored against the true surface.
 
+python -m tests.bench.studies.ablation.measure_ablation [--poses B,F,U] [--frames N] [-o DIR]
+"""
+
+from __future__ import annotations
+
+import argparse
 import time
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +18,11 @@ from matplotlib.figure import Figure
 
 from bench.evaluation.depth_errors import error_map
 from bench.evaluation.metrics import HEADLINE, METRICS, pool, precision
-from bench.results.tables import Column
+from bench.results.tables import Column, declared
 from bench.run.repeat_stage import strongest_z_m
 from bench.scenes.build import Scene, build
 from bench.scenes.echoes import choices, echo_scene
-from bench.studies.ablation.cases import Case, cases, scene_file
-from bench.studies.columns import Record, Table, columns
+from bench.studies.columns import Record, Table
 from bench.studies.study import BLUE, GREY, VERMILION, Study
 from groundtruth.mesh.depth import depth_on_grid
 from radar.data.capture import RadarCapture
@@ -25,6 +31,8 @@ from radar.methods.registry import method
 from radar.simulation.rehearsal import Rehearsal
 from radar.simulation.selection import CONTAINED, EFFECTS
 from radar.simulation.simulate import simulate_scene
+from tests.bench.studies.ablation.ablation_cases import Case, cases, scene_file
+from tests.bench.studies.script import measured
 
 METHODS = ("2fsk", "3fsk", "broadband", "narrowband")
 REPEATED = ("2fsk", "3fsk")  # methods whose precision is measured
@@ -39,7 +47,7 @@ def _column(method: str, key: str, places: int, words: str = "") -> Column:
 
 
 COLUMNS = (
-    *columns("ablation.rows"),
+    *declared(__file__)["rows"].columns,
     *(_column(m, key, places) for m in METHODS for key, places in SHOWN.items()),
     *(_column(m, "precision_mm", 3, "precision") for m in REPEATED),
 )
@@ -47,12 +55,12 @@ COLUMNS = (
 
 def study(work: Path, poses: str, frames: int) -> Study:
     """All cases on all poses, `frames` repeats for the precision."""
-    scenes = {pose: build(scene_file(pose, cases()[0])) for pose in poses.split(",")}
+    scene = cache(lambda pose: build(scene_file(pose, cases()[0])))
     return Study(
         "ablation",
         "What each effect does to each method",
-        [(case, pose) for pose in scenes for case in cases()],
-        lambda chosen: show(chosen[0], chosen[1], scenes[chosen[1]], frames),
+        [(case, pose) for pose in poses.split(",") for case in cases()],
+        lambda chosen: show(chosen[0], chosen[1], scene(chosen[1]), frames),
         lambda records: [Table("rows", COLUMNS, pooled(records))],
         draw,
         label=lambda chosen: f"{chosen[0].name}, {chosen[1]}",
@@ -128,9 +136,9 @@ def draw(frames: dict[str, pd.DataFrame]) -> Figure:
     figure = Figure(figsize=(9.5, 5.2), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(3, 2), sharey=True)
     places = np.arange(len(effects))
-    measured, estimated = (effects[key].astype(float).clip(SMALLEST_MM) for key in ("change_mm", "estimate_mm"))
-    left.barh(places, measured, color=BLUE, height=0.6, label="measured, mean |Δz| of the 3-FSK map")
-    left.plot(estimated, places, "D", color=VERMILION, label="estimated")
+    seen_mm, estimated_mm = (effects[key].astype(float).clip(SMALLEST_MM) for key in ("change_mm", "estimate_mm"))
+    left.barh(places, seen_mm, color=BLUE, height=0.6, label="measured, mean |Δz| of the 3-FSK map")
+    left.plot(estimated_mm, places, "D", color=VERMILION, label="estimated")
     left.axvline(0.1, color=GREY, linestyle="--", linewidth=0.8)
     left.annotate("0.1 mm", (0.1, len(effects) - 0.4), color=GREY, ha="center", va="bottom", annotation_clip=False)
     left.set_yticks(places, effects.case)
@@ -140,3 +148,17 @@ def draw(frames: dict[str, pd.DataFrame]) -> Figure:
     right.set(xlabel="seconds per pose, 130 tones", title="what it costs")
     figure.legend(loc="outside lower center", ncols=4, frameon=False)
     return figure
+
+
+def main() -> None:
+    """Measure, write the files of a study, print the table."""
+    prog = "python -m tests.bench.studies.ablation.measure_ablation"
+    purpose = "what each effect of simulated echoes does to each method, and what it costs"
+    parser = argparse.ArgumentParser(prog=prog, description=purpose)
+    parser.add_argument("--poses", default="B,F,U", help="letters, separated by commas (default B,F,U)")
+    parser.add_argument("--frames", type=int, default=10, help="repeats for the precision (default 10)")
+    measured(parser, study, "ablation")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,15 +1,15 @@
 """Errors of a registration whose truth is known, and whether its covariance told them."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from bench.studies.tradeoff.registration_stage import VOLUME_M, errors_m
 from calibration.registration.register import HAND_M
 from calibration.transforms import Transform, adjoint
-
-VOLUME_M = np.array(list(product(np.linspace(-0.06, 0.06, 5), np.linspace(-0.1, 0.1, 5), np.linspace(0.25, 0.35, 5))))
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ def score(found: Transform, true: Transform) -> Score:
     back = true.inverse()
     shift_m = found.points(back.points(HAND_M)) - HAND_M
     turn_rad = Rotation.from_matrix(found.rotation @ true.rotation.T).as_rotvec()
-    tre_m = np.linalg.norm(found.points(back.points(VOLUME_M)) - VOLUME_M, axis=1)
+    tre_m = errors_m(found, true)
     predicted_m = np.sqrt(np.trace(found.point_covariance(VOLUME_M), axis1=1, axis2=2))
     error = np.concatenate([shift_m, turn_rad])
     carry = adjoint(HAND_M, 6)

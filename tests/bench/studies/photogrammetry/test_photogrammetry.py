@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from bench.scenes.rig import rig
-from bench.studies.columns import Table, columns
-from bench.studies.photogrammetry.cases import bars, sweep
-from bench.studies.photogrammetry.measure import draw, record
-from bench.studies.photogrammetry.score import completeness, scale_error
 from calibration.transforms import identity
+from tests.bench.studies.photogrammetry.measure_photogrammetry import draw, record, tables
+from tests.bench.studies.photogrammetry.photogrammetry_cases import bars, sweep
+from tests.bench.studies.photogrammetry.photogrammetry_score import completeness, scale_error
 
 POINTS_M = np.random.default_rng(0).uniform(-0.05, 0.05, (40, 3)) + (0, 0, 0.3)
 
@@ -44,11 +43,7 @@ def test_every_case_is_a_valid_scene_and_has_a_line():
         "within_2_sigma": 0.95,
         "within_95": 0.94,
     }
-    table = Table(
-        "rows",
-        columns("photogrammetry.rows"),
-        [record(c, score, {"sparse": 1.0, "dense": 2.0, "mesh": 3.0}, 500.0) for c in cases],
-    )
+    [table] = tables([record(c, score, {"sparse": 1.0, "dense": 2.0, "mesh": 3.0}, 500.0) for c in cases])
     head, _, *lines = ([cell.strip() for cell in line.split("|")] for line in table.markdown().splitlines())
     assert len(lines) == len(cases) and all(len(line) == len(head) for line in lines)
     assert lines[0][head.index("all s")] == "6.0" and lines[0][head.index("complete %")] == "90.0"

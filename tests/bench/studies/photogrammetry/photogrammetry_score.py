@@ -1,18 +1,18 @@
 """A reconstruction against the true scene: error, completeness, scale, and the honesty of its error bars."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from bench.evaluation.metrics import BAND
 from bench.scenes.build import Scene
 from bench.studies.columns import Record
-from calibration.transforms import Transform, umeyama
+from bench.studies.tradeoff.groundtruth_stage import radar_side
+from calibration.transforms import umeyama
 from groundtruth.cameras.cameras import Camera
-from groundtruth.mesh.depth import depth_on_grid
 from groundtruth.mesh.mesh_files import raycasting_scene
 from groundtruth.pipeline import Result
-from radar.support.rays import TriangleMesh
 
-GRID_M = 5e-4  # of the rays from the radar's side that sample the true surface
 COMPLETE_M = 1e-3
 WITHIN = {"within_1_sigma": 1.0, "within_2_sigma": 2.0, "within_95": BAND}  # standard deviations
 SCALED = 500  # points that the scale is told from
@@ -49,21 +49,6 @@ def completeness(points_m: np.ndarray, side_m: np.ndarray) -> float:
     from scipy.spatial import KDTree
 
     return float(np.mean(KDTree(points_m).query(side_m, distance_upper_bound=COMPLETE_M)[0] <= COMPLETE_M))
-
-
-def radar_side(
-    surface: TriangleMesh, radar_from_photo: Transform, box_m: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The places of the true surface that rays along +z meet first, in the radar frame, one per cell of a grid: x_m
-    [nx], y_m [ny], z_m [ny, nx], NaN beside the surface and outside the crop box [2, 3] of the photo frame."""
-    low, high = surface.get_min_bound()[:2], surface.get_max_bound()[:2]
-    x_m, y_m = (np.arange(a, b, GRID_M) for a, b in zip(low, high, strict=True))
-    z_m = depth_on_grid(surface, x_m, y_m)
-    if box_m is not None:
-        in_photo_m = radar_from_photo.inverse().points(np.stack([*np.meshgrid(x_m, y_m), z_m], -1).reshape(-1, 3))
-        inside = ((in_photo_m >= box_m[0]) & (in_photo_m <= box_m[1])).all(axis=1)
-        z_m = np.where(inside.reshape(z_m.shape), z_m, np.nan)
-    return x_m, y_m, z_m
 
 
 def scale_error(points_m: np.ndarray, ours: tuple[Camera, ...], true: dict[str, Camera]) -> float:

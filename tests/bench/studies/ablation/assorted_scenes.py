@@ -3,6 +3,8 @@
 Sizes of causes are spread evenly over decades, so that each effect is anything between all and nothing.
 """
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Any
 

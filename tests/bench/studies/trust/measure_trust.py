@@ -4,8 +4,13 @@ and on scenes of a generator that the calibration never saw.
 A pixel is wrong where its depth is more than 5 mm from the nearest depth that the true surface has within the pixel's
 resolution cell: a depth between two surfaces is wrong. What is measured shares the features with the product, and the
 truth with nothing that the methods know. Scenes are kept in the work folder: a study goes on where it stopped.
+
+python -m tests.bench.studies.trust.measure_trust [--scenes N] [--methods A,B] [--captures CAPTURE …] [--fit] [-o DIR]
 """
 
+from __future__ import annotations
+
+import argparse
 from dataclasses import replace
 from functools import partial
 from itertools import groupby
@@ -14,10 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.studies.columns import Record, Table, columns
+from bench.results.tables import declared
+from bench.studies.columns import Record, Table
 from bench.studies.study import Study
-from bench.studies.trust.cases import SWEPT, Case, cases, known
-from bench.studies.trust.worth import DROPPED_PERCENT, draw, fitted, reliability, silent_percent
 from radar.data.depthmap import DepthMap
 from radar.methods import trust
 from radar.methods.registry import method, method_key
@@ -25,7 +29,11 @@ from radar.methods.trust import FEATURES, FLAGGED, GROSS_M, WEIGHTS, features, k
 from radar.support.closure import key_of
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash, read_npz, write_npz, write_text
+from tests.bench.studies import script
+from tests.bench.studies.trust.trust_cases import SWEPT, Case, cases, known
+from tests.bench.studies.trust.worth import DROPPED_PERCENT, draw, fitted, reliability, silent_percent
 
+SCHEMAS = declared(__file__)
 FSK = ("2fsk", "3fsk", "3fsk-plus", "nfsk", "nfsk-plus", "joint", "prior-2fsk")
 VOLUMES = ("broadband", "broadband-aligned", "broadband-capon", "broadband-coherence", "narrowband")
 VOLUMES_EVERY = 5  # scenes of points, volumes are formed of one alone: they take longest
@@ -33,17 +41,18 @@ SILENT = 0.01  # p_gross below which nobody doubts a depth
 HANDS, ASSORTED = 10, 30  # scenes of points to one hand, and to one assorted scene
 MOVED_EVERY, MOVED_M, MOVED_PX = 2, (0.01, 0.08), 3  # rounds of kinds: calibrating maps in which some depths move
 PARTS = ("found", "wrong", "flag", "held")
+SCENES = ("trust.trust_cases", "ablation.assorted_scenes", "stability.random_scenes")  # modules beside this one
 
 
 def study(work: Path, scenes: int, methods: str, captures: list[Path], fit: bool, seed: int) -> Study:
     """So many scenes of points, some hands and assorted scenes to them, and captures."""
     chosen = tuple(methods.split(",")) if methods else FSK + VOLUMES
     features_hash = content_hash(Path(trust.__file__))  # without its weights, which no kept feature depends on
-    code = [key_of("bench.studies.trust.cases"), features_hash, *map(method_key, chosen)]
+    code = [*(key_of(f"tests.bench.studies.{name}") for name in SCENES), features_hash, *map(method_key, chosen)]
     folder = work / content_hash(*code, *chosen, seed, fit)[:16]
     drawn = cases(scenes, -(-scenes // HANDS), -(-scenes // ASSORTED), captures)
     measure = partial(measured, methods=chosen, seed=seed, work=folder, fit=fit)
-    text = (__doc__ or "").partition("\n\n")[2]
+    text = (__doc__ or "").split("\n\n")[1]
     return Study("trust", "Trust in depths", drawn, measure, partial(tables, fit=fit), draw, seed=seed, text=text)
 
 
@@ -107,8 +116,8 @@ def tables(records: list[Record], fit: bool) -> list[Table]:
         rows.append(facts | figures(p, *([r[name] for r in these] for name in PARTS[1:])))
         told = reliability(np.concatenate(p), np.concatenate([r["wrong"] for r in these]))
         bins += [facts | {"p_gross": mean, "wrong": share, "pixels": count} for mean, share, count in told]
-    shown = Table("rows", columns("trust.rows"), rows, by="group")
-    return [shown, Table("reliability", columns("trust.reliability"), bins, shown=False)]
+    shown = Table("rows", SCHEMAS["rows"].columns, rows, by="group")
+    return [shown, Table("reliability", SCHEMAS["reliability"].columns, bins, shown=False)]
 
 
 def figures(p: list[np.ndarray], wrong: list[np.ndarray], flag: list[np.ndarray], held: list[np.ndarray]) -> Record:
@@ -143,7 +152,27 @@ def _fitted(records: list[Record]) -> np.ndarray:
 
 def as_toml(weights: dict[str, np.ndarray]) -> str:
     """The file of weights [1 + k] by method."""
-    parts = ["# Weights of radar/methods/trust.py, written by `handbench study trust --fit`, which tells of what.\n"]
+    parts = ["# Weights of radar/methods/trust.py, written by `tests/bench/studies/trust/measure_trust.py --fit`.\n"]
     for id, values in weights.items():
         parts += [f"\n[{id}]\n", *(f"{n} = {w:.4f}\n" for n, w in zip(("constant", *FEATURES), values, strict=True))]
     return "".join(parts)
+
+
+def main() -> None:
+    """Measure, write the files of a study, print the tables."""
+    prog = "python -m tests.bench.studies.trust.measure_trust"
+    purpose = "whether p_gross is honest: calibrated on some random scenes and hands, tested on others"
+    parser = argparse.ArgumentParser(prog=prog, description=purpose)
+    count = "random scenes of points; one hand to 10, one assorted scene to 30 (default 240)"
+    parser.add_argument("--scenes", type=int, default=240, help=count)
+    parser.add_argument("--methods", default="", help="ids, separated by commas (default: twelve that differ)")
+    folders = "folders with truth.ply, imaged at the methods' defaults"
+    parser.add_argument("--captures", nargs="*", type=Path, default=[], metavar="CAPTURE", help=folders)
+    weights = "fit the weights anew and write them beside radar/methods/trust.py"
+    parser.add_argument("--fit", action="store_true", help=weights)
+    parser.add_argument("--seed", type=int, default=0, help="of the scenes (default 0); the weights stand on 0")
+    script.measured(parser, study, "trust")
+
+
+if __name__ == "__main__":
+    main()

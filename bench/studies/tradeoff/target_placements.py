@@ -1,8 +1,10 @@
-"""Placements of the calibration target, made as well as its description says, and what may go wrong with them; and the
-cloud of points that eight cameras would reconstruct of it, with errors like theirs."""
+"""Placements of the calibration target, made as well as its description says; and the cloud of points that eight
+cameras would reconstruct of it, with errors like theirs."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,30 +20,18 @@ MADE = "made.toml"  # the target as it was really made, beside the scene
 
 
 @dataclass(frozen=True)
-class Case:
-    """One placement. scene: as it stands; described: what the user believes the target to be; fault: none, two
-    hidden, fifth missing, wrong file, or one that a study adds."""
+class Placement:
+    """One placement. scene: as it stands; described: what the user believes the target to be."""
 
     number: int
-    fault: str
     scene: Scene
     described: Target
 
-    @property
-    def heard(self) -> tuple[int, ...]:
-        """Indices of the elements that the radar sees."""
-        hidden = {"two hidden": (self.number % 4, (self.number + 1) % 4), "fifth missing": (4,)}.get(self.fault, ())
-        return tuple(i for i in range(len(self.described.element)) if i not in hidden)
 
-    @property
-    def seen(self) -> tuple[int, ...]:
-        """Indices of the elements that the cameras see: the same, or, in every second placement, all."""
-        return self.heard if self.number // 8 % 2 == 0 else tuple(range(len(self.described.element)))
-
-
-def case(number: int, folder: Path, fault: str = "none", photographs: bool = True) -> Case:
+def placement(number: int, folder: Path, **more: Any) -> Placement:
     """Placement `number`: distance 0.26 to 0.32 m, 20 mm aside, turned by ±30° about each axis; the board's frame and
-    the antennas' polarisation drawn too, and the target's making within its description's tolerances."""
+    the antennas' polarisation drawn too, and the target's making within its description's tolerances. more: further
+    tables of the scene file."""
     rng = np.random.default_rng([number, 6])
     described = default_target()
     folder.mkdir(parents=True, exist_ok=True)
@@ -63,10 +53,9 @@ def case(number: int, folder: Path, fault: str = "none", photographs: bool = Tru
             "offset_m": [*rng.uniform(-0.01, 0.01, 2).tolist(), 0.43],
             "rotation_deg": rng.uniform(-5, 5, 3).tolist(),
         },
-        **({"photos": {"cameras": 8}} if photographs else {}),
+        **more,
     }
-    scene = build(parse(SceneFile, values, f"placement {number}"), folder)
-    return Case(number, fault, scene, wrong(described) if fault == "wrong file" else described)
+    return Placement(number, build(parse(SceneFile, values, f"placement {number}"), folder), described)
 
 
 def made(target: Target, rng: np.random.Generator) -> Target:
@@ -89,19 +78,6 @@ def _made(element: Element, target: Target, rng: np.random.Generator) -> Element
     )
 
 
-def wrong(target: Target) -> Target:
-    """A description of another target: the square 20 mm larger."""
-    larger = 1 + 0.02 / 0.12
-    return target.model_copy(
-        update={
-            "element": tuple(
-                e.model_copy(update={"centre_m": tuple((larger * np.array(e.centre_m)).tolist())})
-                for e in target.element
-            )
-        }
-    )
-
-
 DENSITY_M2 = 2e6  # points on a square metre of foam: 2 per mm²
 NOISE_M, PATCH_NOISE_M, PATCH_M = 3e-5, 1.5e-5, 3e-3  # of each point, and common to patches; measured on hands
 NORMAL_NOISE = 0.07  # per axis: 4°
@@ -109,17 +85,18 @@ STEEPEST = 0.35  # cosine at which a camera sees too little of a surface
 CAMERAS = 8
 
 
-def seen_cloud(case: Case) -> tuple[np.ndarray, np.ndarray]:
+def seen_cloud(placed: Placement, seen: Sequence[int] | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Points [n, 3] (metres, photo frame) and outward normals [n, 3] that two cameras or more see, behind no other
-    sphere, and the plate's."""
-    scene, target = case.scene, case.scene.target
+    sphere, and the plate's. seen: indices of the elements that are not covered, all by default."""
+    scene, target = placed.scene, placed.scene.target
     assert target is not None  # a placement has one
-    rng = np.random.default_rng([case.number, 8])
+    rng = np.random.default_rng([placed.number, 8])
     aim_m = np.array([0.0, 0.0, scene.file.target.distance_m])
     cameras = rig(CAMERAS, 2400, 1600, aim_m, scene.radar_from_photo, scene.file.seed)
     photo_from_radar = scene.radar_from_photo.inverse()
-    centres_m = photo_from_radar.points(scene.radar_from_target.points(target.centres_m))[list(case.seen)]
-    radii_m = np.array([target.element[i].sphere_radius_m for i in case.seen])
+    shown = list(range(len(target.element)) if seen is None else seen)
+    centres_m = photo_from_radar.points(scene.radar_from_target.points(target.centres_m))[shown]
+    radii_m = np.array([target.element[i].sphere_radius_m for i in shown])
     eyes_m = np.array([camera.centre_m for camera in cameras])
     points, normals = [], []
     for centre_m, radius_m in zip(centres_m, radii_m, strict=True):

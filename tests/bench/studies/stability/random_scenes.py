@@ -1,9 +1,10 @@
 """Random hard scenes: a cloud of random points on a known surface (so that speckle comes with it) before an array of
 24 + 24 antennas, with noise from far below to above what the paper's radar has, and what makes them harder still.
 
-`tests/bench/studies/stability/silent_errors.py` counts the silent wrong answers in them, `handbench study trust`
-calibrates p_gross on them.
+`silent_errors.py` counts the silent wrong answers in them, `tests/bench/studies/trust` calibrates p_gross on them.
 """
+
+from __future__ import annotations
 
 from collections.abc import Callable
 

@@ -1,5 +1,13 @@
-"""Photographs of hands rendered, reconstructed as a user would, and scored against the truth."""
+"""Photographs of hands rendered, reconstructed as a user would, and scored against the truth.
 
+python -m tests.bench.studies.photogrammetry.measure_photogrammetry bars|sweep [--poses C,Y] [-o DIR]
+
+`bars`: what a ground truth is held to. `sweep`: its price in time, on the first pose.
+"""
+
+from __future__ import annotations
+
+import argparse
 import shutil
 from functools import partial
 from pathlib import Path
@@ -8,16 +16,18 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from bench.datasets.simulated import write_photos
+from bench.results.tables import declared
 from bench.scenes.build import Scene, build
-from bench.studies.columns import Record, rows
-from bench.studies.photogrammetry.cases import Case, bars, sweep
-from bench.studies.photogrammetry.score import score
+from bench.studies.columns import Record, Table
 from bench.studies.study import BLUE, GREEN, ORANGE, Study
 from groundtruth.options import Options
 from groundtruth.pipeline import reconstruct
-from radar.support.cost import measured
+from radar.support.cost import measured as costs
 from radar.support.files import content_hash
 from radar.support.store import keep
+from tests.bench.studies.photogrammetry.photogrammetry_cases import Case, bars, sweep
+from tests.bench.studies.photogrammetry.photogrammetry_score import score
+from tests.bench.studies.script import measured
 
 CASES = {"bars": bars, "sweep": lambda poses: sweep(poses[0])}
 
@@ -29,10 +39,15 @@ def study(work: Path, what: str, poses: str) -> Study:
         "Photogrammetry of rendered hands",
         list(CASES[what](tuple(poses.split(",")))),
         lambda case: measure(case, work),
-        rows("photogrammetry"),
+        tables,
         draw if what == "sweep" else lambda frames: None,
         label=lambda case: f"{case.name}, {case.pose}",
     )
+
+
+def tables(records: list[Record]) -> list[Table]:
+    """The one table, of all records."""
+    return [Table("rows", declared(__file__)["rows"].columns, records)]
 
 
 def measure(case: Case, work: Path) -> Record:
@@ -55,7 +70,7 @@ def measure(case: Case, work: Path) -> Record:
 
 def reconstructed(case: Case, scene: Scene, photos: Path, options: Options, workdir: Path) -> Record:
     """The case's record: its photographs reconstructed, and scored against the scene that they show."""
-    with measured() as cost:
+    with costs() as cost:
         result = reconstruct(photos, options, workdir)
     scored = {**score(result, scene), "cpu_s": cost.cpu_seconds}
     return record(case, scored, result.seconds, cost.peak_memory_mb)
@@ -95,3 +110,18 @@ def draw(frames: dict[str, pd.DataFrame]) -> Figure:
     right.set_title("completeness")
     figure.legend(loc="outside lower center", ncols=5, frameon=False)
     return figure
+
+
+def main() -> None:
+    """Measure, write the files of a study, print the table."""
+    prog = "python -m tests.bench.studies.photogrammetry.measure_photogrammetry"
+    purpose = "what photogrammetry's accuracy costs in time, and whether its error bars are honest, on rendered hands"
+    parser = argparse.ArgumentParser(prog=prog, description=purpose)
+    parser.add_argument("what", choices=list(CASES), help="what a ground truth is held to, or its price in time")
+    poses = "letters or mesh files of hands, separated by commas; sweep takes the first (default C,Y)"
+    parser.add_argument("--poses", default="C,Y", help=poses)
+    measured(parser, study, "photogrammetry")
+
+
+if __name__ == "__main__":
+    main()

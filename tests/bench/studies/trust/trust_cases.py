@@ -1,6 +1,8 @@
 """Scenes whose true surface is known, of several families: points on surfaces; hands of many people with every effect
 of the simulation; assorted scenes with imperfect antennas; and captures with a truth."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
@@ -16,8 +18,6 @@ from bench.scenes.echoes import echo_scene, echoes
 from bench.scenes.hand_pose import POSES
 from bench.scenes.people import MOST_PEOPLE
 from bench.scenes.scene_file import SceneFile
-from bench.studies.ablation.assorted_scenes import BEHIND_M, SKIN, assorted_scene
-from bench.studies.stability.random_scenes import AXIS, KINDS, TROUBLES, WITHIN_M, recorded
 from groundtruth.mesh.depth import depth_on_grid
 from groundtruth.mesh.mesh_files import mesh, read_mesh
 from radar.data.capture import RadarCapture
@@ -26,6 +26,8 @@ from radar.methods.fsk_config import JointConfig, LadderConfig
 from radar.support.config import parse
 from radar.support.errors import HandbenchError
 from radar.support.rays import TriangleMesh
+from tests.bench.studies.ablation.assorted_scenes import BEHIND_M, SKIN, assorted_scene
+from tests.bench.studies.stability.random_scenes import AXIS, KINDS, TROUBLES, WITHIN_M, recorded
 
 SWEPT = 32  # tones of the volumes: as wide a band as the paper's 128, repeated in depth after 0.47 m
 TONES_HZ = np.unique([*np.linspace(72e9, 82e9, SWEPT), *LadderConfig().tones_hz, *JointConfig().tones_hz])

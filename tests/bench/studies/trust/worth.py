@@ -1,6 +1,8 @@
 """Logistic weights by maximum likelihood, and what a probability is worth: its reliability, the risk that is left where
 the least trusted pixels are dropped, and a figure of both."""
 
+from __future__ import annotations
+
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
