@@ -62,11 +62,11 @@ class Workers:
     def address(self) -> str:
         from distributed import Client
 
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 600  # a hang
         while not self.file.exists() and time.monotonic() < deadline:
             time.sleep(0.05)
         with Client(scheduler_file=str(self.file), set_as_default=False) as client:
-            client.wait_for_workers(2, timeout=60)
+            client.wait_for_workers(2, timeout=600)
             return client.scheduler.address
 
     def stop(self) -> None:

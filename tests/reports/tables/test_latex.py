@@ -81,7 +81,7 @@ def files_read(folder: Path, texts: dict[str, str]) -> str:
         (folder / name).write_text(text, encoding="utf-8")
     (folder / "document.tex").write_text(document(*texts), encoding="utf-8")
     options = ("-no-shell-escape", "-interaction=nonstopmode", "-halt-on-error", "-recorder")
-    done = subprocess.run(["pdflatex", *options, "document.tex"], cwd=folder, capture_output=True, timeout=60)
+    done = subprocess.run(["pdflatex", *options, "document.tex"], cwd=folder, capture_output=True, timeout=600)
     assert done.returncode == 0, done.stdout.decode("latin-1")[-1500:]
     return (folder / "document.fls").read_text("utf-8")
 
