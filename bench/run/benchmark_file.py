@@ -10,8 +10,9 @@ from bench.results.about import MEASURES, Measure
 from bench.run.sensitivity_table import SensitivityTable
 from bench.run.sweep import Sweep, imaging_settings, known_configs
 from bench.scenes.people import MOST_PEOPLE
+from bench.submissions.submission import load_submission
 from groundtruth.options import Quality
-from radar.methods.registry import method
+from radar.methods.registry import method, methods
 from radar.support.config import Config, Name, load, suggest
 from radar.support.errors import HandbenchError
 from radar.support.files import inside
@@ -97,12 +98,20 @@ class GroundTruth(Config):
 
 class MethodEntry(Config):
     """A method with what its configuration changes; precision = true measures its precision too; every_nth_antenna: of
-    transmitters and receivers, in the order of the file (see `radar.data.capture.thinned`)."""
+    transmitters and receivers, in the order of the file (see `radar.data.capture.thinned`). submission: the folder with
+    the depth maps of a method that is not ours (docs/submissions.md), relative to the benchmark file."""
 
     id: str
+    submission: str | None = None
     config: dict[str, Any] = Field(default_factory=dict)
     precision: bool = False
     every_nth_antenna: int = Field(default=1, ge=1)
+
+    @model_validator(mode="after")
+    def _submitted_as_it_is(self) -> "MethodEntry":
+        if self.submission is not None and (self.config or self.precision or self.every_nth_antenna > 1):
+            raise ValueError(f"method '{self.id}' is a submission, which is taken as it is; leave out all but id")
+        return self
 
 
 class BenchFile(Config):
@@ -176,10 +185,27 @@ def load_benchmark(name: str) -> tuple[BenchFile, Path]:
     captures; and the folder that its paths start from."""
     path = find_benchmark(name)
     bench = load(BenchFile, path, "a benchmark description")
-    for entry in bench.method:
-        method(entry.id).configure(entry.config, f"{path}: method '{entry.id}'")
+    bench = bench.model_copy(update={"method": tuple(_checked(entry, path) for entry in bench.method)})
     if bench.tradeoff is not None:
         imaging_settings(bench.tradeoff, known_configs(bench.method))
     found = tuple(source for dataset in bench.dataset or () for source in dataset.sources(path.parent))
     sources = (*(one for source in bench.capture for one in source.each()), *found)
     return bench.model_copy(update={"dataset": None, "capture": sources}), path.parent
+
+
+def _checked(entry: MethodEntry, path: Path) -> MethodEntry:
+    """The entry of a benchmark file; HandbenchError where its method, configuration or submission is not there."""
+    if entry.submission is None:
+        method(entry.id).configure(entry.config, f"{path}: method '{entry.id}'")
+        return entry
+    return submitted(inside(path.parent, entry.submission, f"{path}: submission"), entry.id)
+
+
+def submitted(folder: Path, id: str | None = None) -> MethodEntry:
+    """The entry of a submission, which holds a method `id` if one is named, and none that handbench has."""
+    name = load_submission(folder)[0].method
+    if id is not None and name != id:
+        raise HandbenchError(f"{folder}: is of the method '{name}'; expected '{id}', as the benchmark names it")
+    if name in {known.id for known in methods()}:
+        raise HandbenchError(f"{folder}: '{name}' is one of handbench's own methods; give yours another name")
+    return MethodEntry(id=name, submission=str(folder))

@@ -12,9 +12,11 @@ from bench.run.benchmark_file import BenchFile, MethodEntry, Origin, Source
 from bench.run.outcome import Capture
 from bench.run.photogrammetry import photographs
 from bench.run.reconstruct_stage import configuration
+from bench.run.submitted_stage import grid_of
 from bench.run.tasks import HASH
 from bench.scenes.build import named_files
 from bench.scenes.scene_file import SceneFile
+from bench.submissions.submission import load_submission
 from calibration.transforms import Transform
 from groundtruth import pipeline
 from groundtruth.dense_stage import CLOUD
@@ -22,6 +24,7 @@ from radar.imaging.device import chosen
 from radar.methods.registry import method_key
 from radar.simulation.causes import Noise
 from radar.support.config import load
+from radar.support.errors import HandbenchError
 from radar.support.files import inside
 from radar.support.store import Stage, stage
 
@@ -73,6 +76,8 @@ def meshing(bench: BenchFile, capture: Capture, work: Path) -> Clouds | None:
 def imaging(bench: BenchFile, capture: Capture, entry: MethodEntry) -> list[Stage]:
     """To image the capture by one method: for the accuracy the benchmark's frames, for the precision, where the method
     has one, all repeats."""
+    if entry.submission is not None:
+        return [_submitted(bench, capture, entry.id, Path(entry.submission))]
     given = {
         "capture": str(capture.folder),
         "method": entry.id,
@@ -89,6 +94,17 @@ def imaging(bench: BenchFile, capture: Capture, entry: MethodEntry) -> list[Stag
         stage(name, f"bench.run.{name}_stage:{name}", [*depends_on, frames], {**given, "frames": frames}, *about)
         for name, frames in wanted.items()
     ]
+
+
+def _submitted(bench: BenchFile, capture: Capture, id: str, submission: Path) -> Stage:
+    """To take a submitted depth map of the capture, which is scored as if it had been imaged here."""
+    about, rows = load_submission(submission)
+    if capture.name not in rows:
+        raise HandbenchError(f"{submission}: has no depth map of '{capture.name}'")
+    grid, config = grid_of(bench, capture.folder), about.model_dump(mode="json")
+    given = {"submission": str(submission), "capture": capture.name, "x_m": grid.x_m, "y_m": grid.y_m, "config": config}
+    depends_on = [capture.key, vars(rows[capture.name]), grid.x_m, grid.y_m]
+    return stage("reconstruct", "bench.run.submitted_stage:take", depends_on, given, capture.name, id)
 
 
 def scoring(

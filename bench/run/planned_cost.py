@@ -78,7 +78,7 @@ def _of_capture(bench: BenchFile, base: Path, source: Origin) -> Work:
         made_s, count, megapixels = _recorded(folder) if folder else _simulated(base, source)
         mesh_s, size = predicted(count, megapixels, bench.groundtruth.quality)
         parts = [Work(STAGE_S + made_s + mesh_s, size)]
-        for entry in bench.method if measures else ():
+        for entry in (e for e in bench.method if measures and e.submission is None):
             values = entry.config if folder is None else configuration(folder, entry.id, entry.config).model_dump()
             settings = method(entry.id).configure(values, entry.id)
             wanted = {"accuracy": bench.frames} | ({"precision": bench.repeats} if entry.precision else {})

@@ -108,8 +108,9 @@ def methods() -> list[Method]:
 
 
 def method_key(id: str) -> tuple[str, ...]:
-    """`source_key` of the method with this id; of none, "": nothing."""
-    return source_key(method(id)) if id else ()
+    """`source_key` of the method with this id; of none, "", and of one that only its depth maps are of: nothing."""
+    _load()
+    return source_key(METHODS[id]) if id in METHODS else ()
 
 
 @cache

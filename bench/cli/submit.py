@@ -1,0 +1,39 @@
+"""`handbench submit`: the depth maps of a foreign method, made by its own command, or checked."""
+
+import argparse
+import shutil
+
+from bench.cli.options import free_folder
+from radar.support.errors import HandbenchError
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run the command on every capture of a benchmark, or check a folder; exit code 2 if it cannot be scored."""
+    from bench.run import submitting
+    from bench.run.benchmark_file import load_benchmark
+    from bench.submissions import foreign
+    from bench.submissions.submission import DESCRIPTION, Submission
+    from radar.support.config import parse
+    from radar.support.cost import calibrated_machine
+
+    bench, base = load_benchmark(options.bench)
+    if options.check is not None:
+        submitting.require_complete(options.check, bench, base)
+        print(f"{options.check}: can be scored: handbench evaluate-submission {options.check} {options.bench} -o DIR")
+        return
+    if options.line is None or options.name is None or options.out is None:
+        raise HandbenchError("--command, --name, --out: one is missing; expected these three, or --check SUBMISSION")
+    foreign.parts(options.line)
+    given = {
+        "method": options.name,
+        "benchmark": bench.name,
+        "timing": "depth map" if options.own_seconds else "command",
+        "command": options.line,
+        "machine": calibrated_machine(),
+    }
+    about = parse(Submission, given, "--name")
+    if options.overwrite and options.out.exists():
+        free_folder(options.out, True, DESCRIPTION)
+        shutil.rmtree(options.out)
+    rows = submitting.make(options.out, about, bench, base, options.limit_s, options.limit_mb * 2**20)
+    print(f"submission: {options.out}, {len(rows)} captures")
