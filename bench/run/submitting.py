@@ -1,4 +1,4 @@
-"""What is handed in for a benchmark: made by a foreign method's command, checked, and ready to be scored."""
+"""Submissions to a benchmark: made by a foreign method's command, and checked to be ready for scoring."""
 
 from pathlib import Path
 

@@ -55,7 +55,7 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None, at_mm: 
     found = entries(result, load_tradeoff(sweep) if sweep else None, at_mm)
     rendering.begin(out)
     html.build(folder, out / "report", sweep)
-    grid, said = as_grid(found, at_mm, sweep is not None), about(result, found)
+    grid, said = as_grid(found, result.title(HEADLINE), at_mm, sweep is not None), about(result, found)
     cells = [tuple(map(escaped, row)) for row in grid.rows]
     first = [tuple(map(bold, row)) if entry.rank == 1 else row for entry, row in zip(found, cells, strict=True)]
     heading = f"# {escaped(result.about.name)}: leaderboard\n\n{escaped(said)}\n\n"
@@ -114,7 +114,7 @@ def hypervolume(settings: list[Setting]) -> float:
 
 
 def about(result: Result, found: list[Entry]) -> str:
-    """What the table stands on."""
+    """Words on the captures and figures that the table stands on."""
     captures, machine = len(result.scored()), result.about.machine
     tested = "" if any(entry.rank for entry in found) else " These are too few captures to test, so none has a rank."
     return (
@@ -125,11 +125,11 @@ def about(result: Result, found: list[Entry]) -> str:
     )
 
 
-def as_grid(found: list[Entry], at_mm: float, swept: bool) -> Grid:
-    """The entries as a table."""
+def as_grid(found: list[Entry], headline: str, at_mm: float, swept: bool) -> Grid:
+    """The entries as a table; headline: a metric's title."""
     over = "error over completeness"
     headings = ["rank", "method", "made of", f"{over}, averaged alike (mm)", f"{over}, unsmoothed (mm)"]
-    headings += ["MAE on common pixels (mm)", "right within 2 mm (%)", "time (s)", "work (GFLOP)"]
+    headings += [f"{headline} on common pixels (mm)", "right within 2 mm (%)", "time (s)", "work (GFLOP)"]
     if swept:
         headings += [f"time to {at_mm:g} mm (s)", "front"]
     rows = []
