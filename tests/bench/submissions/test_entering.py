@@ -9,7 +9,9 @@ import pytest
 from bench.cli.main import main
 from bench.results import load
 from bench.submissions.submission import DEPTHS, load_submission
+from radar.data.depthmap import load_depthmap
 from tests.bench.conftest import write_bench
+from tests.test_docs import DOCS, blocks
 
 FLAT_M = 0.2825  # of the foreign method's answer, whatever it sees
 PROGRAM = f"""
@@ -94,3 +96,17 @@ def test_a_name_of_our_own_and_scenes_are_refused(folder, tmp_path, capsys):
     assert main([command[0], scenes, *command[2:6], "-o", str(tmp_path / "t")]) == 2
     assert "which nobody has simulated" in capsys.readouterr().err
     assert main(["submit", bench, "--name", "x"]) == 2 and "one is missing" in capsys.readouterr().err
+
+
+def test_the_page_s_method_finds_the_ball(folder, tmp_path, capsys):
+    """Its 2-FSK in NumPy, on fewer pixels, against the sphere itself: at the glint: 30 mm behind the plane
+    imaged, where the path's slope, taken as 2, is up to 3 % smaller before this array."""
+    [code] = blocks(DOCS / "submissions.md", "python")
+    fewer = "np.arange(-20, 21, 2)"
+    (tmp_path / "page.py").write_text(code.replace("np.arange(-150, 151)", fewer))
+    command = f"{sys.executable} {tmp_path / 'page.py'} {{capture}} {{depth}}"
+    words = ["submit", str(folder / "bench.toml"), "--command", command, "--name", "page", "--own-seconds"]
+    assert fewer in (tmp_path / "page.py").read_text() and main([*words, "-o", str(tmp_path / "sub")]) == 0
+    depth = load_depthmap(tmp_path / "sub" / "maps" / "ball.npz")
+    assert depth.z_m[10, 10] == pytest.approx(0.28, abs=1e-3)
+    capsys.readouterr()
