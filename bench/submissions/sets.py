@@ -11,6 +11,7 @@ surfaces are made of it again, and `SEED` holds its hash, so that it is the same
 
 import hashlib
 from collections.abc import Iterator
+from datetime import date
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal
@@ -31,7 +32,7 @@ from radar.simulation.causes import Noise
 from radar.simulation.scene import Material
 from radar.support.config import Config, Name, load, suggest
 from radar.support.errors import HandbenchError
-from radar.support.files import atomic_folder, inside, read_text, require_file, write_json, write_text
+from radar.support.files import atomic_folder, inside, read_json, read_text, require_file, write_json, write_text
 from radar.support.progress import track
 from radar.warmup import compile_kernels
 
@@ -48,6 +49,7 @@ class SetFile(Config):
 
     version: Literal[1]
     name: Name
+    published: date
     scenes: tuple[str, ...] = Field(min_length=1)
     distances_m: tuple[float, ...] = Field(min_length=1)
     materials: tuple[Material, ...] = Field(min_length=1)
@@ -104,7 +106,7 @@ def write_set(
     write_text(folder / BENCH, tomlkit.dumps(bench))
     sums = {str(file.relative_to(folder)): _sha256(file) for name in names for file in _files(folder / CAPTURES / name)}
     write_text(folder / CHECKSUMS, "".join(f"{digest}  {name}\n" for name, digest in sums.items()))
-    write_json(folder / CROISSANT, croissant(bench["name"], sums))
+    write_json(folder / CROISSANT, croissant(chosen, bench["name"], sums))
     return names
 
 
@@ -151,18 +153,11 @@ def _sha256(file: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def croissant(name: str, sums: dict[str, str]) -> dict[str, Any]:
+def croissant(chosen: SetFile, name: str, sums: dict[str, str]) -> dict[str, Any]:
     """Metadata of a set's files, by MLCommons' Croissant 1.0: every file with its checksum."""
     kinds = {".h5": "application/x-hdf5", ".ply": "application/x-ply", ".toml": "application/toml"}
     return {
-        "@context": {
-            "@language": "en",
-            "@vocab": "https://schema.org/",
-            "sc": "https://schema.org/",
-            "cr": "http://mlcommons.org/croissant/",
-            "dct": "http://purl.org/dc/terms/",
-            "conformsTo": "dct:conformsTo",
-        },
+        "@context": read_json(SETS / "croissant_context.json", "the terms of Croissant"),
         "@type": "sc:Dataset",
         "conformsTo": "http://mlcommons.org/croissant/1.0",
         "name": name,
@@ -170,6 +165,8 @@ def croissant(name: str, sums: dict[str, str]) -> dict[str, Any]:
         "license": "https://spdx.org/licenses/BSD-3-Clause.html",
         "creator": {"@type": "sc:Organization", "name": "handbench"},
         "version": "1.0.0",
+        "datePublished": chosen.published.isoformat(),
+        "citeAs": "see CITATION.cff of handbench",
         "distribution": [
             {
                 "@type": "cr:FileObject",

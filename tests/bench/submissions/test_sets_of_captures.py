@@ -30,6 +30,7 @@ tones_hz = [82e9]
 SET = """
 version = 1
 name = "tiny"
+published = 2026-11-23
 scenes = ["f.toml"]
 distances_m = [0.36]
 materials = [{ kind = "plastic" }]
