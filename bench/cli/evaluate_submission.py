@@ -1,6 +1,8 @@
-"""`handbench evaluate-submission`: a foreign method's depth maps beside a benchmark's own methods."""
+"""`handbench evaluate-submission`: foreign methods' depth maps beside a benchmark's own methods."""
 
 import argparse
+
+from radar.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
@@ -10,10 +12,14 @@ def run(options: argparse.Namespace) -> None:
     from reports.tables.result_tables import show
 
     bench, base = load_benchmark(options.bench)
-    submitting.require_complete(options.submission, bench, base)
-    entered = submitted(options.submission.resolve())
+    for submission in options.submission:
+        submitting.require_complete(submission, bench, base)
+    entered = [submitted(submission.resolve()) for submission in options.submission]
+    if twice := [entry.id for number, entry in enumerate(entered) if entry.id in {e.id for e in entered[:number]}]:
+        raise HandbenchError(f"two submissions are of a method '{twice[0]}'; give each its own name")
     own = () if options.alone else bench.method
-    bench = bench.model_copy(update={"method": (*own, entered)})
-    command = f"handbench evaluate-submission {options.submission} {options.bench} -o DIR"
+    bench = bench.model_copy(update={"method": (*own, *entered)})
+    given = " ".join(map(str, options.submission))
+    command = f"handbench evaluate-submission {given} {options.bench} -o DIR"
     show(runner.run(bench, base, options.out, options.overwrite, command=command))
     print(f"results: {options.out}")

@@ -92,6 +92,8 @@ def test_a_name_of_our_own_and_scenes_are_refused(folder, tmp_path, capsys):
     assert main([*command[:5], "3fsk", "-o", str(tmp_path / "s")]) == 0
     assert main(["evaluate-submission", str(tmp_path / "s"), bench, "-o", str(tmp_path / "r")]) == 2
     assert "'3fsk' is one of handbench's own methods" in capsys.readouterr().err
+    twice = ["evaluate-submission", str(folder / "sub"), str(folder / "sub"), bench, "-o", str(tmp_path / "r")]
+    assert main(twice) == 2 and "two submissions are of a method 'mine'" in capsys.readouterr().err
     scenes = str(folder / "scenes" / "small.toml")
     assert main([command[0], scenes, *command[2:6], "-o", str(tmp_path / "t")]) == 2
     assert "which nobody has simulated" in capsys.readouterr().err
