@@ -7,7 +7,6 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from bench.datasets.dataset import AT_EMPTY_FILTERED, captures
 from bench.results.about import MEASURES, Measure
-from bench.run.sensitivity_table import SensitivityTable
 from bench.run.sweep import Sweep, imaging_settings, known_configs
 from bench.scenes.people import MOST_PEOPLE
 from bench.submissions.submission import load_submission
@@ -133,7 +132,6 @@ class BenchFile(Config):
     capture: tuple[Source, ...] = Field(default=(), max_length=MOST_TABLES)
     method: tuple[MethodEntry, ...] = Field(min_length=1, max_length=MOST_TABLES)
     tradeoff: Sweep | None = Field(default=None, description="what `handbench tradeoff` sweeps")
-    sensitivity: SensitivityTable | None = Field(default=None, description="what `handbench sensitivity` varies")
 
     @field_validator("calibration", mode="before")
     @classmethod

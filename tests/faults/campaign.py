@@ -18,7 +18,7 @@ from tests.faults.commands import COMMANDS, Command, write_inputs
 from tests.faults.disk import Try
 
 QUICK = ("simulate", "groundtruth", "calibrate", "reconstruct", "import", "export", "design")  # in well under a second
-EVERY = {"run": 5, "report": 9, "tradeoff": 7, "sensitivity": 9, "study": 2}  # of the writes of what takes seconds
+EVERY = {"run": 5, "report": 9, "tradeoff": 7, "study": 2}  # of the writes of what takes seconds
 LIMITS_MB = (100, 400, 1000, 2000, 2400, 2700, 3000, 4000, 6000, 8000)
 
 
@@ -96,7 +96,7 @@ def _clocks(ground: Ground) -> Iterator[Try]:
 
 
 def _edits(ground: Ground) -> Iterator[Try]:
-    for name in ("run", "simulate", "tradeoff", "sensitivity") if ground.every else ("simulate",):
+    for name in ("run", "simulate", "tradeoff") if ground.every else ("simulate",):
         yield from surroundings.silent_edits(Command(name, ground.inputs, ground.scratch / "out" / name))
 
 

@@ -30,9 +30,6 @@ from tests.reports.synthetic_result import write_synthetic
 ONE = BENCH.rpartition("[[method]]")[0]
 AXIS = "{ start_m = -0.02, stop_m = 0.02, step_m = 0.002 }"
 SWEPT = f'\n[tradeoff]\nrepeats = 1\n[[tradeoff.imaging]]\nmethod = "3fsk"\nconfig = {{ x = {AXIS}, y = {AXIS} }}\n'
-FACTORS = (
-    "[sensitivity]\nframes = 2\nsettings = 2\nplacements = 1\n[sensitivity.factor]\ndistance_m = [-0.005, 0.005]\n"
-)
 PIXELS = " ".join(f"--set {axis}.start_m=-0.01 --set {axis}.stop_m=0.01" for axis in "xy")
 COMMANDS = {  # the words after `handbench`: {i} is the folder of the inputs, {o} that of the outputs
     "run": "run {i}/one.toml -o {o}/out",
@@ -50,7 +47,6 @@ COMMANDS = {  # the words after `handbench`: {i} is the folder of the inputs, {o
     "compare": "compare {i}/result {i}/other -o {o}/out",
     "draw": "draw target -o {o}/out.svg",
     "study": "study exact --tones few --only 'sphere of 2 mm, metal' -o {o}/out",
-    "sensitivity": "sensitivity {i}/factors.toml --parts one -o {o}/out",
 }
 # Stands for minutes of photogrammetry, of which `calibrate` writes the outcome.
 MEASURED = "calibrate_captures", lambda *_, **__: Transform("photo", "radar", np.eye(4), np.diag([1e-5] * 6) ** 2)
@@ -65,7 +61,7 @@ def write_inputs(folder: Path) -> Path:
     """The inputs of all commands."""
     folder.mkdir()
     write_mesh(folder / "ball.ply", load_open3d().geometry.TriangleMesh.create_sphere(0.02, resolution=40))
-    benches = {"small": BENCH, "one": ONE, "swept": ONE + SWEPT, "factors": BENCH + FACTORS}
+    benches = {"small": BENCH, "one": ONE, "swept": ONE + SWEPT}
     for name, text in {"ball": SCENE, **benches}.items():
         (folder / f"{name}.toml").write_text(text)
     (folder / "foreign").mkdir()

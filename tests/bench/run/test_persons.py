@@ -81,7 +81,7 @@ def test_a_scene_names_its_person(tmp_path: Path) -> None:
 
 def test_the_embedded_hands_are_twelve_people(tmp_path: Path) -> None:
     bench, base = load_benchmark("hands")
-    assert sorted(embedded()) == ["hands", "paper_table", "sensitivity_settled"]
+    assert sorted(embedded()) == ["hands", "paper_table"]
     assert sorted(number for source in bench.capture for number in source.persons or ()) == list(range(1, 13))
     assert bench.reproduces is None and bench.phase_noise_rad == load_benchmark("paper_table")[0].phase_noise_rad
     for source in bench.capture:

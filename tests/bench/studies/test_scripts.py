@@ -15,6 +15,7 @@ NEEDED = {
     "ablation.measure_ablation": ["--poses", "B"],
     "photogrammetry.measure_photogrammetry": ["bars"],
     "trust.measure_trust": [],
+    "sensitivity.measure_sensitivity": ["paper_table"],
 }
 
 

@@ -1,5 +1,7 @@
 """Scenes as the simulated factors change them, and their echoes without noise, which are kept."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
@@ -7,11 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.run.sensitivity_table import SIMULATED
 from bench.scenes.build import Scene, build
 from bench.scenes.echoes import choices, echo_scene
-from bench.scenes.scene_file import CalibrationTarget, SceneFile
-from bench.studies.sensitivity.cases import Value
+from bench.scenes.scene_file import CalibrationTarget, MeshTarget, SceneFile
 from groundtruth.mesh.mesh_files import mesh
 from radar.data.arrays import AntennaArray
 from radar.simulation.causes import Noise
@@ -20,11 +20,14 @@ from radar.simulation.physics.facets import unit
 from radar.simulation.scene import EchoScene, Material
 from radar.simulation.selection import EFFECTS
 from radar.simulation.state import EchoState, require_facets
+from radar.support.closure import key_of
 from radar.support.config import load
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash, read_npz, write_npz
 from radar.support.rays import TriangleMesh
-from radar.support.store import code_hash, keep
+from radar.support.store import keep
+from tests.bench.studies.sensitivity.sensitivity_cases import Value
+from tests.bench.studies.sensitivity.sensitivity_factors import SIMULATED
 
 WAVES = 300  # of a smooth random field: with so many it is normal to three standard deviations
 PRINTS = ("permittivity", "layer_m")  # factors of printed hands alone
@@ -90,8 +93,10 @@ class Hand:
         return replace(mirrored, samples=samples.astype(np.complex64), strongest=strongest)
 
     def _kept(self, own: dict[str, Value], diffuse: bool, work: Path) -> Clean:
-        described = self.file.model_dump(mode="json", exclude={"photos", "noise"}), self.roughness_m
-        key = content_hash(*described, own, diffuse, code_hash(f"{__name__}:Hand"))
+        target = self.file.target
+        shape = self.path.parent / target.path if isinstance(target, MeshTarget) else None
+        described = self.file.model_dump(mode="json", exclude={"photos", "noise"}), shape, self.roughness_m
+        key = content_hash(*described, own, diffuse, key_of(__name__))  # of modules beside this one, `own` has all
         folder = work / f"echoes-{self.file.name}-{key[:16]}"
         keep(folder, lambda temporary: self._make(temporary / "echoes.npz", own, diffuse))
         found = read_npz(folder / "echoes.npz", KEPT)

@@ -1,9 +1,8 @@
-"""The factors that a sensitivity study varies: the [sensitivity] table of a benchmark file.
+"""The factors that a sensitivity study varies: a file of their own.
 
-    [sensitivity]
     settings = 64
 
-    [sensitivity.factor]
+    [factor]
     tilt_x_deg = [-10, 10]
     material = ["skin", "plastic", "metal"]
 
@@ -12,7 +11,8 @@ draws from the values where there are none between them (windows, materials). A 
 benchmark has it.
 """
 
-from functools import cache
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -21,7 +21,7 @@ from pydantic import AfterValidator, Field, field_validator
 from radar.methods.fsk_config import OddPixels
 from radar.support.config import Config, load, suggest
 
-DEFAULT = Path(__file__).parent / "benchmarks" / "sensitivity.toml"
+DEFAULT = Path(__file__).with_name("sensitivity.toml")
 
 Signed = tuple[float, ...]
 Positive = tuple[Annotated[float, Field(ge=0)], ...]
@@ -79,8 +79,8 @@ def _known(names: tuple[str, ...]) -> tuple[str, ...]:
     return names
 
 
-class SensitivityTable(Config):
-    """The whole table."""
+class FactorsFile(Config):
+    """The content of the file."""
 
     frames: int = Field(default=4, ge=2, le=1000, description="draws of all that is random, one factor at a time")
     settings: int = Field(default=64, ge=2, le=100_000, description="of the joint design")
@@ -106,16 +106,10 @@ class SensitivityTable(Config):
         return factor
 
 
-def completed(table: SensitivityTable | None) -> SensitivityTable:
-    """The table with what it leaves out: without factors those of the default one."""
-    if table is None:
-        return default()
-    if table.factor.listed():
-        return table
-    return table.model_copy(update={"factor": default().factor, "apart": table.apart or default().apart})
-
-
-@cache
-def default() -> SensitivityTable:
-    """The table of a benchmark that declares none."""
-    return load(SensitivityTable, DEFAULT, "a sensitivity study")
+def load_factors(path: Path = DEFAULT) -> FactorsFile:
+    """A file of factors with what it leaves out: without factors those of the default one."""
+    file = load(FactorsFile, path, "a sensitivity study")
+    if file.factor.listed():
+        return file
+    default = load_factors()
+    return file.model_copy(update={"factor": default.factor, "apart": file.apart or default.apart})

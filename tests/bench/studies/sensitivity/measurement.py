@@ -6,6 +6,8 @@ samples by the same configuration as in the benchmark itself are taken from ther
 what noise, the oscillator, the antennas and the calibration add to echoes without noise.
 """
 
+from __future__ import annotations
+
 import json
 import zlib
 from collections.abc import Mapping, Sequence
@@ -21,13 +23,8 @@ from bench.evaluation.metrics import averaged, deviation, mean_deviation, of_cap
 from bench.results.error_map import ErrorMap
 from bench.run.benchmark_file import BenchFile
 from bench.run.repeat_stage import strongest_z_m
-from bench.run.sensitivity_table import completed
 from bench.scenes.scene_file import SceneFile, Sensor
 from bench.studies.columns import Record
-from bench.studies.sensitivity.cases import BASE, Case, Value
-from bench.studies.sensitivity.configured import configured, grid_of, paper_methods, tones_of
-from bench.studies.sensitivity.nearness import BROADBAND, FSK, KEYS, PAPER, agreeing, distance
-from bench.studies.sensitivity.placement import Clean, Hand, smooth_field
 from groundtruth.mesh.depth import depth_on_grid
 from radar.data.capture import RadarCapture, thinned
 from radar.data.depthmap import DepthMap
@@ -40,6 +37,11 @@ from radar.support.errors import HandbenchError
 from radar.support.files import content_hash, inside
 from radar.support.parallel import for_each
 from radar.support.progress import say
+from tests.bench.studies.sensitivity.configured import configured, grid_of, paper_methods, tones_of
+from tests.bench.studies.sensitivity.nearness import BROADBAND, FSK, KEYS, PAPER, agreeing, distance
+from tests.bench.studies.sensitivity.placement import Clean, Hand, smooth_field
+from tests.bench.studies.sensitivity.sensitivity_cases import BASE, Case, Value
+from tests.bench.studies.sensitivity.sensitivity_factors import FactorsFile
 
 
 @dataclass
@@ -51,10 +53,10 @@ class Found:
 
 
 class Measurement:
-    """A benchmark whose paths start from `base`, with what is kept of it in the folder `work`."""
+    """A benchmark whose paths start from `base`, what is varied, and the folder `work` in which echoes are kept."""
 
-    def __init__(self, bench: BenchFile, base: Path, work: Path) -> None:
-        self.bench, self.work, self.table = bench, work, completed(bench.sensitivity)
+    def __init__(self, bench: BenchFile, base: Path, factors_file: FactorsFile, work: Path) -> None:
+        self.bench, self.work, self.factors_file = bench, work, factors_file
         self.entries = paper_methods(bench)
         self.hands = {economies: self._hands(base, economies) for economies in (True, False)}
         self._images: dict[str, DepthMap] = {}
@@ -83,7 +85,8 @@ class Measurement:
                 spread[f"{family}_precision_mm_sd"] = value and float(value[0] / np.sqrt(2 * value[1]))
         broadband, fsk = figures.get(BROADBAND), figures.get(FSK)
         turned = None if broadband is None or fsk is None else broadband < fsk
-        near = {"distance": distance(figures), "agree": agreeing(figures, self.table.within_percent), "turned": turned}
+        agree = agreeing(figures, self.factors_file.within_percent)
+        near = {"distance": distance(figures), "agree": agree, "turned": turned}
         told = {"number": case.number, "name": case.name, "placement": case.placement}
         told["values"] = json.dumps(dict(case.values))
         factor = next(iter(case.values), "") if case.placement < 0 else ""
@@ -115,7 +118,7 @@ class Measurement:
         truths: dict[str, np.ndarray] = {}
         cast: dict[tuple[bytes, bytes], np.ndarray] = {}  # methods that share a grid share its depth
         for family, entry in self.entries.items():
-            x_m, y_m = grid_of(configured(entry, case, self.table))
+            x_m, y_m = grid_of(configured(entry, case, self.factors_file))
             grid = x_m.tobytes(), y_m.tobytes()
             if grid not in cast:
                 cast[grid] = depth_on_grid(clean.surface, x_m, y_m)
@@ -140,7 +143,8 @@ class Measurement:
     def _capture(self, hand: Hand, clean: Clean, case: Case, frames: Sequence[int], draw: int) -> RadarCapture:
         noise_rad = self.bench.phase_noise_rad
         noise_rad = hand.file.noise.between_tones_rad if noise_rad is None else noise_rad
-        config = configured(self.entries["3fsk"], case, self.table) if "3fsk" in self.entries else ThreeToneConfig()
+        entry = self.entries.get("3fsk")
+        config = configured(entry, case, self.factors_file) if entry is not None else ThreeToneConfig()
         assert isinstance(config, ThreeToneConfig)
         late_hz, seed = (config.f2_hz, config.f3_hz), hand.file.seed
         samples = [received(clean, case.values, noise_rad, late_hz, seed, frame, draw) for frame in frames]
@@ -148,7 +152,7 @@ class Measurement:
 
     def _depth(self, family: str, case: Case, capture: RadarCapture, frame: int) -> DepthMap:
         """A frame's depth map, smoothed where the setting says so."""
-        entry, config = self.entries[family], configured(self.entries[family], case, self.table)
+        entry, config = self.entries[family], configured(self.entries[family], case, self.factors_file)
         chosen, (samples, tones_hz) = method(entry.id), capture.tones(tones_of(config), frame)
         alone = thinned(RadarCapture(samples[None], tones_hz, capture.aperture), entry.every_nth_antenna)
         depth = self._imaged(chosen, config, alone, case)
@@ -175,7 +179,7 @@ class Measurement:
             seen = np.isfinite(truth_m)
             error_m = np.zeros(truth_m.shape)
             points_m = np.stack([x_m[seen], y_m[seen]], axis=1)
-            error_m[seen] = sigma_m * smooth_field(points_m, self.table.reference_correlation_m, *seed)
+            error_m[seen] = sigma_m * smooth_field(points_m, self.factors_file.reference_correlation_m, *seed)
             truth_m = truth_m + error_m
         return truth_m + bias_m
 
@@ -192,10 +196,11 @@ class Measurement:
             file = load(SceneFile, path, "a scene description")
             accuracy, precise = ("accuracy" in source.measures), ("precision" in source.measures)
             used = [entry for entry in self.entries.values() if accuracy or entry.precision]
-            tones_hz = np.unique(np.concatenate([tones_of(configured(entry, case, self.table)) for entry in used]))
+            configs = [configured(entry, case, self.factors_file) for entry in used]
+            tones_hz = np.unique(np.concatenate([tones_of(config) for config in configs]))
             known = file.sensor.model_dump() | {"sweep": (), "tones_hz": tuple(tones_hz.tolist())}
             file = file.model_copy(update={"sensor": Sensor.model_validate(known)})
-            hands.append(Hand(file, path, accuracy, precise, self.table.roughness_correlation_m))
+            hands.append(Hand(file, path, accuracy, precise, self.factors_file.roughness_correlation_m))
             hands[-1].own({})
         if not any(hand.accuracy for hand in hands):
             raise HandbenchError("sensitivity: the benchmark simulates no scene that measures the accuracy; add one")

@@ -1,12 +1,14 @@
 """The settings: the benchmark as it is, each factor by itself, and a joint design over all of them."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.stats import qmc
 
-from bench.run.sensitivity_table import SIMULATED, SensitivityTable
+from tests.bench.studies.sensitivity.sensitivity_factors import SIMULATED, FactorsFile
 
 Value = float | int | str
 BASE, WHOLE = "as the benchmark has it", "without the study's economies"
@@ -27,22 +29,22 @@ class Case:
     placement: int = -1
 
 
-def one_at_a_time(table: SensitivityTable) -> list[Case]:
+def one_at_a_time(file: FactorsFile) -> list[Case]:
     """The benchmark itself, with and without the economies, and every value of every factor."""
-    draws = tuple(range(table.frames))
+    draws = tuple(range(file.frames))
     cases = [Case(0, BASE, draws=draws), Case(1, WHOLE, draws=draws, economies=False)]
-    for factor, values in table.factor.listed().items():
+    for factor, values in file.factor.listed().items():
         cases += [Case(len(cases) + n, told(factor, v), {factor: v}, draws) for n, v in enumerate(values)]
     return cases
 
 
-def joint(table: SensitivityTable) -> list[Case]:
+def joint(file: FactorsFile) -> list[Case]:
     """The settings of the joint design, sorted by placement: Latin hypercubes, one over the factors that only change
     what is received or processed, and one of fewer points over those that are simulated."""
-    listed = {name: values for name, values in table.factor.listed().items() if name not in table.apart}
+    listed = {name: values for name, values in file.factor.listed().items() if name not in file.apart}
     cheap = {name: values for name, values in listed.items() if name not in SIMULATED}
-    rows = filled(cheap, table.settings, table.seed)
-    places = filled({n: v for n, v in listed.items() if n in SIMULATED}, table.placements, table.seed + 1)
+    rows = filled(cheap, file.settings, file.seed)
+    places = filled({n: v for n, v in listed.items() if n in SIMULATED}, file.placements, file.seed + 1)
     cases = [
         Case(
             number, f"setting {number}", {**row, **places[number % len(places)]}, (number,), True, number % len(places)

@@ -1,23 +1,34 @@
-"""The two parts of the study: each factor by itself, and a joint design, with the tables of each."""
+"""Sensitivity: what would have to be true for the paper's table, over all that its set-up leaves open. The two parts
+are each factor by itself, and a joint design.
 
+python -m tests.bench.studies.sensitivity.measure_sensitivity BENCH [--factors FILE.toml] [--parts one|joint] [-o DIR]
+"""
+
+from __future__ import annotations
+
+import argparse
 from collections.abc import Callable
 from dataclasses import replace
 from math import ceil
+from pathlib import Path
 
 import pandas as pd
 
 from bench.evaluation.metrics import METRICS, TITLES
-from bench.results.tables import Column
-from bench.run.sensitivity_table import Factors, SensitivityTable
-from bench.studies.columns import Record, Table, columns
-from bench.studies.sensitivity.cases import joint, one_at_a_time, shown
-from bench.studies.sensitivity.figure import draw_map, draw_tornadoes
-from bench.studies.sensitivity.measure import Measurement
-from bench.studies.sensitivity.nearness import KEYS, PAPER, answer, factor_records
+from bench.results.tables import Column, declared
+from bench.run.benchmark_file import load_benchmark
+from bench.studies.columns import Record, Table
 from bench.studies.study import Study
+from tests.bench.studies.script import measured
+from tests.bench.studies.sensitivity.measurement import Measurement
+from tests.bench.studies.sensitivity.nearness import KEYS, PAPER, answer, factor_records
+from tests.bench.studies.sensitivity.sensitivity_cases import joint, one_at_a_time, shown
+from tests.bench.studies.sensitivity.sensitivity_factors import DEFAULT, Factors, FactorsFile, load_factors
+from tests.bench.studies.sensitivity.sensitivity_figure import draw_map, draw_tornadoes
 
+SCHEMAS = declared(__file__)
 SHOWN = 10  # settings of the joint design on its page
-SETTING = {column.name: column for column in columns("sensitivity.setting")}
+SETTING = {column.name: column for column in SCHEMAS["setting"].columns}
 TOLD = [SETTING[name] for name in ("number", "name", "factor", "values", "placement")]
 NAME = SETTING["name"]
 PRINTED: Record = {"name": "the paper", **{name: f"{value:g}" for name, value in PAPER.items()}}
@@ -34,21 +45,28 @@ JOINT = """\
 seed is {seed}. Reference: the true surface."""
 
 
+def studies(work: Path, bench: str, factors: Path, parts: str | None) -> list[Study]:
+    """Both parts, or the one that is named; they share echoes and images."""
+    chosen, base = load_benchmark(bench)
+    measurement = Measurement(chosen, base.resolve(), load_factors(factors), work)
+    return [PARTS[part](measurement) for part in ([parts] if parts else PARTS)]
+
+
 def one_part(measurement: Measurement) -> Study:
     """Each factor by itself."""
-    table = measurement.table
+    file = measurement.factors_file
     others = [entry.id for entry in measurement.bench.method if entry not in measurement.entries.values()]
     left_out = f" Not of the paper's table, and left out: {', '.join(others)}." if others else ""
-    text = ONE.format(frames=table.frames, repeats=measurement.bench.repeats, left_out=left_out)
+    text = ONE.format(frames=file.frames, repeats=measurement.bench.repeats, left_out=left_out)
     return Study(
         "one_at_a_time",
         "Sensitivity: one factor at a time",
-        one_at_a_time(table),
+        one_at_a_time(file),
         measurement,
         lambda records: [
             Table("rows", [*TOLD, *_figures(), *_spreads(), *VERDICT], records, shown=False),
             Table("table", [NAME, *_texts(), *VERDICT[:2]], [PRINTED, *map(_worded, records)]),
-            _ranges(table),
+            _ranges(file),
         ],
         draw_tornadoes,
         label=lambda case: case.name,
@@ -59,23 +77,23 @@ def one_part(measurement: Measurement) -> Study:
 
 def joint_part(measurement: Measurement) -> Study:
     """The joint design."""
-    table = measurement.table
-    cases = joint(table)
-    varied = {name: table.factor.listed()[name] for name in cases[0].values}
+    file = measurement.factors_file
+    cases = joint(file)
+    varied = {name: file.factor.listed()[name] for name in cases[0].values}
 
     def tables(records: list[Record]) -> list[Table]:
         settings = pd.DataFrame([r for r in records if r["distance"] == r["distance"]])
         settings = settings.sort_values("distance", ignore_index=True)
-        nearest = settings.head(ceil(len(settings) * table.near_percent / 100))
+        nearest = settings.head(ceil(len(settings) * file.near_percent / 100))
         factors = factor_records(settings, varied, nearest)
         turned = settings.assign(distance=settings.turned.astype(float))
         below = turned[turned.distance > 0]
         order = factor_records(turned, varied, below) if len(below) else []
-        words = answer(settings, len(cases), factors, order, table)
+        words = answer(settings, len(cases), factors, order, file)
         given = [Column(n, str, Factors.model_fields[n].description or "", heading=n) for n in varied]
         near = [_worded(record) for record in _records(settings.head(SHOWN))]
         every = [*TOLD, *(replace(column, heading="") for column in given), *_figures(), *VERDICT]
-        known = columns("sensitivity.factors")
+        known = SCHEMAS["factors"].columns
         return [
             Table("settings", every, _records(settings), shown=False),
             Table("nearest", [NAME, *_texts(), *VERDICT[:2]], [PRINTED, *near]),
@@ -92,8 +110,8 @@ def joint_part(measurement: Measurement) -> Study:
         tables,
         lambda frames: draw_map(frames, varied),
         label=lambda case: case.name,
-        seed=table.seed,
-        text=JOINT.format(settings=table.settings, factors=len(varied), placements=table.placements, seed=table.seed),
+        seed=file.seed,
+        text=JOINT.format(settings=file.settings, factors=len(varied), placements=file.placements, seed=file.seed),
     )
 
 
@@ -131,11 +149,27 @@ def _records(settings: pd.DataFrame) -> list[Record]:
     return [{str(name): value for name, value in line.items()} for line in settings.to_dict("records")]
 
 
-def _ranges(table: SensitivityTable) -> Table:
+def _ranges(file: FactorsFile) -> Table:
     """The factors with their values and meanings."""
     known = Factors.model_fields
     records: list[Record] = [
         {"factor": n, "values": ", ".join(shown(n, v) for v in values), "meaning": known[n].description}
-        for n, values in table.factor.listed().items()
+        for n, values in file.factor.listed().items()
     ]
-    return Table("factors", columns("sensitivity.range"), records)
+    return Table("factors", SCHEMAS["range"].columns, records)
+
+
+def main() -> None:
+    """Measure, write the files of each part, print the tables and the answer in words."""
+    prog = "python -m tests.bench.studies.sensitivity.measure_sensitivity"
+    purpose = "what would have to be true for the paper's table: factors one at a time, and jointly"
+    parser = argparse.ArgumentParser(prog=prog, description=purpose)
+    parser.add_argument("bench", metavar="BENCH", help="benchmark file, or the name of an embedded one")
+    varied = "what varies (default: sensitivity.toml beside this script)"
+    parser.add_argument("--factors", type=Path, default=DEFAULT, metavar="FILE.toml", help=varied)
+    parser.add_argument("--parts", choices=list(PARTS), help="one of the two parts alone (default: both)")
+    measured(parser, studies, "sensitivity")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,5 +1,7 @@
 """The distance of a table's figures to the paper's, and what the settings of a joint design say about it."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -7,9 +9,9 @@ import pandas as pd
 from scipy.stats import kruskal
 
 from bench.evaluation.metrics import HEADLINE, METRICS
-from bench.run.sensitivity_table import SIMULATED, SensitivityTable
 from bench.studies.columns import Record
-from bench.studies.sensitivity.cases import Value, ranged, shown, titled
+from tests.bench.studies.sensitivity.sensitivity_cases import Value, ranged, shown, titled
+from tests.bench.studies.sensitivity.sensitivity_factors import SIMULATED, FactorsFile
 
 KEYS = (HEADLINE, "max_mm", "precision_mm")
 PAPER = {f"{family}_{key}": value for key in KEYS for family, value in METRICS[key].paper.items()}  # the ten figures
@@ -75,9 +77,7 @@ def _span(name: str, found: pd.Series) -> str:
     return ", ".join(f"{shown(name, value)}: {count}" for value, count in zip(values.tolist(), counts, strict=True))
 
 
-def answer(
-    settings: pd.DataFrame, tried: int, factors: list[Record], turned: list[Record], table: SensitivityTable
-) -> str:
+def answer(settings: pd.DataFrame, tried: int, factors: list[Record], turned: list[Record], file: FactorsFile) -> str:
     """The answer in words. tried: how many settings there were, with those that failed; factors, turned: of
     `factor_records`, for the distance and for the order of broadband and 3-FSK."""
     first = settings.iloc[0]
@@ -90,12 +90,12 @@ def answer(
     parts = [
         f"{tried} settings were tried" + (f", {failed} of which failed" if failed else "") + ".",
         f"The nearest, {first['name']}, is {first.distance:.2f} from the paper (root mean square of ln(ours / paper)) "
-        f"and has {first.agree} of {len(PAPER)} figures within {table.within_percent:g} % of it; half of the settings "
+        f"and has {first.agree} of {len(PAPER)} figures within {file.within_percent:g} % of it; half of the settings "
         f"are within {settings.distance.median():.2f}.",
         _listed("Being near ties down", tied, "no factor that these settings could tell")
         + ", by the mean distance over "
         f"the parts of each factor's range (p < {SIGNIFICANT:g} for all {len(factors)} factors together; in brackets: "
-        f"where the nearest {table.near_percent:g} % lie).",
+        f"where the nearest {file.near_percent:g} % lie).",
         _listed("Not shown to matter for the distance", free, "none") + ".",
         f"Broadband has a lower mean absolute error than 3-FSK in {below} of {len(settings)} settings"
         + (_listed("; what these have in common", order, "no single factor") + "." if below else "."),

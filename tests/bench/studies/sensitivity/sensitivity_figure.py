@@ -1,6 +1,8 @@
 """Tornadoes of the figures over each factor's values, and the distance to the paper over the two factors that matter
 most."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -10,9 +12,9 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from bench.evaluation.metrics import METRICS, TITLES
-from bench.studies.sensitivity.cases import BASE, Value, ranged, shown, titled, unit_of
-from bench.studies.sensitivity.nearness import KEYS, PAPER
 from bench.studies.study import BLUE, GREY, ORANGE, VERMILION
+from tests.bench.studies.sensitivity.nearness import KEYS, PAPER
+from tests.bench.studies.sensitivity.sensitivity_cases import BASE, Value, ranged, shown, titled, unit_of
 
 MOST = 12  # factors in a tornado
 FEWEST = 3  # settings that a cell of the map is coloured by

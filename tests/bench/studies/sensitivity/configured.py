@@ -1,16 +1,18 @@
 """The paper's methods in a benchmark, and their configurations under a setting."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from bench.evaluation.metrics import HEADLINE, METRICS
 from bench.run.benchmark_file import BenchFile, MethodEntry
-from bench.run.sensitivity_table import SensitivityTable
-from bench.studies.sensitivity.cases import Case
 from radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
 from radar.methods.projection import BroadbandConfig, NarrowbandConfig
 from radar.methods.registry import method
 from radar.support.config import Config
 from radar.support.errors import HandbenchError
+from tests.bench.studies.sensitivity.sensitivity_cases import Case
+from tests.bench.studies.sensitivity.sensitivity_factors import FactorsFile
 
 FAMILIES = tuple(METRICS[HEADLINE].paper)  # the paper's methods
 WINDOWS = ("coarse_filter_px", "fine_filter_px")
@@ -31,7 +33,7 @@ def paper_methods(bench: BenchFile) -> dict[str, MethodEntry]:
     return found
 
 
-def configured(entry: MethodEntry, case: Case, table: SensitivityTable) -> Config:
+def configured(entry: MethodEntry, case: Case, file: FactorsFile) -> Config:
     """A method's configuration under a setting."""
     chosen, where, changed = method(entry.id), f"method '{entry.id}'", dict(entry.config)
     known = chosen.configure(changed, where)
@@ -39,10 +41,10 @@ def configured(entry: MethodEntry, case: Case, table: SensitivityTable) -> Confi
         for name, windows in FILTERS.items():
             changed |= {window: case.values[name] for window in windows if name in case.values}
     if isinstance(known, BroadbandConfig | NarrowbandConfig):
-        if case.economies and table.tolerance is not None:
-            changed["tolerance"] = table.tolerance
-        if case.economies and table.sweep_tones is not None and isinstance(known, BroadbandConfig):
-            changed |= sparser(known, table.sweep_tones)
+        if case.economies and file.tolerance is not None:
+            changed["tolerance"] = file.tolerance
+        if case.economies and file.sweep_tones is not None and isinstance(known, BroadbandConfig):
+            changed |= sparser(known, file.sweep_tones)
         if shift_m := float(case.values.get("box_shift_m", 0.0)):
             ends_m = {key: getattr(known.z, key) + shift_m for key in ("start_m", "stop_m")}
             changed["z"] = {**ends_m, "step_m": known.z.step_m}
