@@ -1,0 +1,81 @@
+"""`handbench demo`: a simulated hand, the paper's four methods on it, their errors, and one picture."""
+
+import argparse
+from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import version
+from pathlib import Path
+from statistics import median
+
+from radar.support.errors import HandbenchError
+from radar.support.files import write_text
+from radar.support.progress import say
+
+METHODS = ("2fsk", "3fsk", "narrowband", "broadband")
+SCENE, CAPTURE, PICTURE = "hand.toml", "capture", "demo.png"
+FIGURES = ("mae_mm", "complete_2mm_percent")
+TOLERANCE = 1e-3  # of the images: a hundredth of what the methods' errors are
+
+
+def run(options: argparse.Namespace) -> None:
+    """Simulate, image, score and draw, all in one folder, where an earlier demo of this version goes on."""
+    from bench.datasets.native import TRUTH
+    from bench.evaluation.metrics import METRICS as DEFINED
+    from bench.evaluation.metrics import TITLES
+    from bench.run.benchmark_file import EMBEDDED
+    from bench.run.reconstruct_stage import Imager
+    from bench.run.scoring import score_map
+    from calibration.transforms import identity
+    from groundtruth.mesh.surface import read_surface
+    from radar.support.cost import machine
+    from reports.figures.method_rows import save_rows
+    from reports.tables.result_tables import terminal_table, wide_console
+
+    folder: Path = options.out
+    capture, truth = folder / CAPTURE, folder / CAPTURE / TRUTH
+    _claim(folder, (EMBEDDED / "demo_hand.toml").read_text("utf-8"))
+    _simulate(folder / SCENE, capture)
+    surface, facts, lines, shown = read_surface(truth), machine(), [], []
+    for id in METHODS:
+        images = Imager(capture, id, {"tolerance": TOLERANCE}).images()
+        depth = images.results[0].depth
+        depth.save(folder / f"{id}.npz")
+        errors, values = score_map(depth, surface, identity("radar"))
+        lines.append((TITLES[id], *(f"{values[name]:.2f}" for name in FIGURES), f"{median(images.seconds):.2f}"))
+        shown.append((f"{TITLES[id]}\nMAE {values['mae_mm']:.2f} mm", depth.z_m, errors))
+        say(f"{folder / id}.npz: imaged and scored")
+    save_rows(shown, folder / PICTURE)
+    columns = ("", *(f"{DEFINED[name].title}, {DEFINED[name].unit}" for name in FIGURES), "seconds a frame")
+    wide_console().print(terminal_table("", columns, lines))
+    print(f"against the true surface; images to {TOLERANCE:g}, on {facts['cores']} cores of {facts['processor']}")
+    print(f"picture: {folder / PICTURE}\nnext:")
+    better = folder / "aligned.npz"
+    print(f"  handbench reconstruct {capture} --method broadband-aligned -o {better}")
+    print(f"  handbench evaluate {better} --mesh {truth}")
+    print(f"  handbench simulate {folder / SCENE} --explain")
+    print("  handbench list")
+
+
+def _claim(folder: Path, scene: str) -> None:
+    """Write the scene file into a folder that is new or empty; go on in one where it lies unchanged."""
+    marked = f"# The scene of `handbench demo`, handbench {version('handbench')}.\n{scene}"
+    mark = folder / SCENE
+    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+        write_text(mark, marked)
+    elif not mark.is_file() or mark.read_text("utf-8", "replace") != marked:
+        raise HandbenchError(f"{folder}: exists, and is no demo of this version; choose another -o, or remove it")
+
+
+def _simulate(scene: Path, capture: Path) -> None:
+    """The scene's capture, if it is not there yet; the kernels are compiled while the hand is shaped."""
+    from bench.datasets.simulated import simulate_capture
+    from bench.scenes.build import load_scene
+    from radar.warmup import compile_kernels
+
+    if capture.exists():  # which appears whole or not at all
+        say(f"{capture}: is there already")
+        return
+    with ThreadPoolExecutor() as pool:
+        compiled = pool.submit(compile_kernels, load=False)
+        built = load_scene(scene)
+        compiled.result()
+    simulate_capture(built, capture)
