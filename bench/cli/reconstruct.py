@@ -57,7 +57,7 @@ def run(options: argparse.Namespace) -> None:
             write_npz(options.volume, volume=volume, z_m=result.volume_z_m)
         if options.check:
             _check(volume, echoes, settings, asked or EXACT, options)
-    for note in notes(result.depth, echoes, settings):
+    for note in notes(result.depth, echoes, settings, options.frame):
         say(f"{options.out}: {note}")
     on_target = int((result.depth.z_m == result.depth.z_m).sum())
     bound = f"; images' relative error at most {certificate.bound:.1e}" if certificate.images else ""

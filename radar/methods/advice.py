@@ -10,11 +10,16 @@ import numpy as np
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
-from radar.data.grid import Axis
+from radar.data.grid import Axis, PixelGrid
+from radar.imaging.api import image_points
+from radar.methods.fsk import depth_step_m
 from radar.support.config import Config
 from radar.support.errors import HandbenchError
 
 CLIMB = 12.5  # times as far as the rung before it: 200 MHz to 2.5 GHz in the paper
+CLOSER, CLOSEST = 3, 16  # times as close as a method's pair: tones that reach further, and still tell the period
+STRONGEST = 200  # pixels whose echoes tell where the target is, together
+ALIKE = 0.5  # coherence of two tones' images, from which on they show one thing
 TONES = ("f1_hz", "f2_hz", "close_hz", "f3_hz", "far_hz")  # settings of one tone each, the pair that is close first
 
 
@@ -61,8 +66,8 @@ def _text(value: Any) -> str:
     return f"{value / 1e9:.10g}e9" if isinstance(value, float) else str(value)
 
 
-def notes(depth: DepthMap, capture: RadarCapture, config: Config) -> Iterator[str]:
-    """Sentences on what limits a depth map of this capture."""
+def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0) -> Iterator[str]:
+    """Sentences on what limits a depth map of this capture's frame."""
     seen, asked = np.isfinite(depth.z_m), asked_hz(config)
     if asked is None or len(asked) < 2 or not seen.any():
         return
@@ -72,9 +77,15 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config) -> Iterator[st
     box_mm, set_box = 1e3 * np.ptp(ends_m), "--set z.start_m=… --set z.stop_m=…"
     at_end = np.isclose(depth.z_m[..., None], ends_m, rtol=0, atol=1e-9).any(axis=-1).sum()
     flagged = 0 if axis or depth.wrapped is None else np.count_nonzero(depth.wrapped & seen)
-    if flagged > seen.sum() / 2 and (first_m := getattr(config, "first_depth_m", None)):
-        within = f"within {period_mm / 2:.0f} mm of first_depth_m = {first_m:g}"
-        yield f"{flagged} {pixels} flagged; the closest tones tell depths {within}; set that to the target's distance"
+    if first_m := getattr(config, "first_depth_m", None):
+        told = f"the closest tones tell depths within {period_mm / 2:.0f} mm of first_depth_m = {first_m:g}"
+        off_mm = 1e3 * _off_m(depth, capture, asked, frame)
+        if abs(off_mm) > period_mm / 2:
+            target_m = float(np.median(depth.z_m[seen])) + 1e-3 * off_mm
+            way = f"some {abs(off_mm):.0f} mm {'behind' if off_mm > 0 else 'before'} these depths"
+            yield f"{told}, and the target lies {way}, as closer tones tell; set first_depth_m={target_m:.2f}"
+        elif flagged > seen.sum() / 2:
+            yield f"{flagged} {pixels} flagged; {told}; set that to the target's distance"
     if box_mm and at_end:
         box = f"the depth box, {ends_m[0]:g} to {ends_m[1]:g} m"
         yield f"{at_end} {pixels} strongest at an end of {box}, and flagged: the echo may lie beyond; {set_box}"
@@ -84,3 +95,22 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config) -> Iterator[st
     if period_mm < box_mm:
         told = f"the tones' unambiguous range c/2Δf is {period_mm:.0f} mm, shorter than the box of {box_mm:.0f} mm"
         yield f"{told}: echoes repeat in it; {set_box}, or more tones"
+
+
+def _off_m(depth: DepthMap, capture: RadarCapture, asked_hz: np.ndarray, frame: int) -> float:
+    """By how much the target lies behind a map's strongest pixels, as a pair of the capture's tones tells that lie
+    closer together than any of those asked for; 0 where there is no such pair."""
+    first_hz, apart_hz = asked_hz[0], np.abs(capture.frequencies_hz - asked_hz[0])
+    gap_hz = np.diff(np.sort(asked_hz)).min()
+    fit = np.flatnonzero((apart_hz >= gap_hz / CLOSEST) & (apart_hz <= gap_hz / CLOSER))
+    if not len(fit):
+        return 0.0
+    pair_hz = np.array([first_hz, capture.frequencies_hz[fit[apart_hz[fit].argmin()]]])
+    samples, pair_hz = capture.tones(pair_hz, frame)
+    seen = np.flatnonzero(np.isfinite(depth.z_m))
+    strongest = seen[np.argsort(depth.amplitude_db.ravel()[seen])[-STRONGEST:]]
+    points_m = PixelGrid(depth.x_m, depth.y_m).points_at_m(strongest, depth.z_m.ravel()[strongest])
+    a, b = image_points(samples, pair_hz, capture.aperture, points_m, None, apart=True)
+    if abs(np.vdot(a, b)) < ALIKE * np.linalg.norm(a) * np.linalg.norm(b):  # noise has no distance
+        return 0.0
+    return float(depth_step_m(np.vdot(a, b), np.ones(1), pair_hz[1] - pair_hz[0])[0])

@@ -90,3 +90,21 @@ def test_a_target_beyond_the_first_pair_is_said(tmp_path, capsys):
         "pixels are flagged; the closest tones tell depths within 375 mm of first_depth_m = 0.45"
         in capsys.readouterr().err
     )
+
+
+@pytest.mark.parametrize(
+    ("tones_hz", "first_m", "told"),
+    [
+        ([82e9, 81.9e9, 81e9], 0.45, "150 mm before these depths, as closer tones tell; set first_depth_m=0.30"),
+        ([82e9, 81.9e9, 81e9], 0.16, "150 mm behind these depths, as closer tones tell; set first_depth_m=0.30"),
+        ([82e9, 81.9e9, 81e9], 0.3, None),
+        ([82e9, 81e9], 0.45, None),  # nothing tells
+    ],
+)
+def test_a_target_a_period_away_is_said_where_closer_tones_tell(tones_hz, first_m, told, tmp_path, capsys):
+    """A point at 0.3 m; tones 1 GHz apart repeat every c/2Δf = 150 mm."""
+    folder = foreign(tmp_path / "foreign", tones_hz)
+    command = ["reconstruct", str(folder), "--method", "2fsk", "-o", str(tmp_path / "d.npz"), *SMALL]
+    assert main([*command, "--set", "f2_hz=81e9", "--set", f"first_depth_m={first_m}"]) == 0
+    said = capsys.readouterr().err
+    assert (told in said and f"within 75 mm of first_depth_m = {first_m}" in said) if told else "set first" not in said
