@@ -1,9 +1,9 @@
-"""The README's table, made from a result, and found when it is stale.
+"""The tables of README.md and docs/results.md, made from a result, and found when they are stale.
 
-    python -m docs.readme [RESULT] --check     is the README what was recorded (and what RESULT says)?
-    python -m docs.readme RESULT --write       renew the table, its record docs/table.json, and the figure
+    python -m docs.readme [RESULT] --check     are the pages what was recorded (and what RESULT says)?
+    python -m docs.readme RESULT --write       renew the tables, their record docs/table.json, and the figure
 
-The record holds what the table shows and what it was made from. The README must be the record's rendering, its figure
+The record holds what the tables show and what they were made from. The pages must be the record's rendering, the figure
 and the scenes those that the record names; a fresh result must agree with it to a unit of the last digit that is
 printed. Times are left out of that: they are the machine's.
 """
@@ -15,7 +15,7 @@ import re
 import shutil
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -76,25 +76,28 @@ def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
     }
 
 
-def render(recorded: dict[str, Any]) -> str:
-    """The lines between the README's markers."""
+def render_own(recorded: dict[str, Any]) -> str:
+    """The lines between the README's markers: each method as it is."""
     machine = recorded["machine"]
     device = "no GPU" if machine["imaging_device"] == "cpu" else f"imaged on {machine['imaging_device']}"
-    sentences = "".join(f"- {escaped(sentence)}.\n" for sentence in recorded["sentences"])
     return (
-        "Against photogrammetry, as in the paper: each figure is formed for each pose and then averaged, on the pixels "
+        table(("", *recorded["titles"]), _own_lines(recorded))
+        + "\nAgainst photogrammetry, as in the paper: each figure is formed for each pose and then averaged, on the pixels "
         "that the method itself sees.\nIn italics the paper's figure; ± the deviation between frames; in brackets a "
         "95 % confidence interval, where there is one (of the precision: for further\nrepeats of these hands; three "
         "poses are too few to tell how others differ). "
         f"{machine['cores']} cores of an {escaped(str(machine['processor']))}, {escaped(device)}."
-        f"{' ' if recorded['busy'] else ''}{escaped(recorded['busy'])}\n\n"
-        + table(("", *recorded["titles"]), _own_lines(recorded))
-        + "\nUnder equal treatment, where thresholds and filters do not decide: on the pixels that all methods of the "
-        "benchmark see, and over completeness (the error\nof each method's strongest pixels, averaged over the shares "
-        "of the surface that they make up); against photogrammetry, completed by the true surface.\n\n"
-        + table(("", *recorded["titles"]), _equal_lines(recorded))
-        + (f"\n{sentences}" if sentences else "")
+        f"{' ' if recorded['busy'] else ''}{escaped(recorded['busy'])}\n"
     )
+
+
+def render_equal(recorded: dict[str, Any]) -> str:
+    """The lines between the markers of docs/results.md: the methods under equal treatment."""
+    sentences = "".join(f"- {escaped(sentence)}.\n" for sentence in recorded["sentences"])
+    return table(("", *recorded["titles"]), _equal_lines(recorded)) + (f"\n{sentences}" if sentences else "")
+
+
+PAGES: dict[str, Callable[[dict[str, Any]], str]] = {"README.md": render_own, "docs/results.md": render_equal}
 
 
 def _own_lines(recorded: dict[str, Any]) -> Iterator[tuple[str, ...]]:
@@ -149,8 +152,8 @@ def _cell(row: Any, star: bool) -> str:
 
 
 def write(result: Result, root: Path = ROOT) -> None:
-    """Renew the figures from the result's report, docs/table.json and the README's table."""
-    text, recorded = _readme(root), record(result, root)
+    """Renew the figures from the result's report, docs/table.json and the pages' tables."""
+    texts, recorded = {page: _page(root / page) for page in PAGES}, record(result, root)
     for name, source in FIGURES.items():
         drawn = result.folder / source
         if not drawn.is_file():
@@ -159,15 +162,19 @@ def write(result: Result, root: Path = ROOT) -> None:
         with atomic_path(root / name) as temporary:
             shutil.copyfile(drawn, temporary)
     write_text(root / "docs/table.json", json.dumps(recorded, indent=1, ensure_ascii=False) + "\n")
-    write_text(root / "README.md", BLOCK.sub(lambda m: m[1] + render(recorded) + m[3], text))
+    for page, rendered in PAGES.items():
+        shown = rendered(recorded)
+        write_text(root / page, BLOCK.sub(lambda m, shown=shown: m[1] + shown + m[3], texts[page]))
 
 
 def stale(root: Path = ROOT) -> list[str]:
     """Everything in the repository that no longer fits docs/table.json, a sentence each."""
     recorded = _recorded(root)
-    problems = []
-    if BLOCK.findall(_readme(root))[0][1] != render(recorded):
-        problems.append("README.md: the table is not what docs/table.json says")
+    problems = [
+        f"{page}: the table is not what docs/table.json says"
+        for page, rendered in PAGES.items()
+        if BLOCK.findall(_page(root / page))[0][1] != rendered(recorded)
+    ]
     for name, digest in recorded["figures"].items():
         if _sha256(root / name) != digest:
             problems.append(f"{name}: is not the figure that came with the table")
@@ -206,10 +213,10 @@ def _recorded(root: Path) -> dict[str, Any]:
         raise HandbenchError(f"{root / 'docs/table.json'}: cannot be read ({error}); make it with --write") from None
 
 
-def _readme(root: Path) -> str:
-    text = (root / "README.md").read_text("utf-8")
+def _page(file: Path) -> str:
+    text = file.read_text("utf-8")
     if len(BLOCK.findall(text)) != 1:
-        raise HandbenchError(f"{root / 'README.md'}: lacks its one pair of lines <!-- table: begin -->, … end -->")
+        raise HandbenchError(f"{file}: lacks its one pair of lines <!-- table: begin -->, … end -->")
     return text
 
 
@@ -232,10 +239,10 @@ def _sha256(path: Path) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Exit code 1 and a line for each problem where something is stale."""
-    parser = argparse.ArgumentParser(prog="python -m docs.readme", description="the README's table")
+    parser = argparse.ArgumentParser(prog="python -m docs.readme", description="the tables of README and docs/results.md")
     parser.add_argument("result", type=Path, nargs="?", metavar="RESULT", help="folder of a run of paper_table")
     what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--check", action="store_true", help="is the README stale?")
+    what.add_argument("--check", action="store_true", help="are they stale?")
     what.add_argument("--write", action="store_true", help="renew it")
     options = parser.parse_args(arguments)
     try:
@@ -247,7 +254,7 @@ def main(arguments: list[str] | None = None) -> int:
     except HandbenchError as error:
         print(f"handbench: {error}", file=sys.stderr)
         return 2
-    print("\n".join(problems) if problems else "README.md: the table is up to date")
+    print("\n".join(problems) if problems else "README.md and docs/results.md: the tables are up to date")
     return 1 if problems else 0
 
 

@@ -31,7 +31,7 @@ from groundtruth.mesh.mesh_files import mesh, write_mesh
 from radar.data.arrays import qar50
 from radar.data.depthmap import amplitude_db
 from radar.data.grid import PixelGrid
-from radar.methods.registry import METHODS, method
+from radar.methods.registry import method
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -57,16 +57,6 @@ def spans(page: Path) -> list[str]:
 
 
 # Code
-
-
-def test_the_method_of_the_page_registers():
-    method("2fsk")  # loads the built-in ones
-    [code] = blocks(DOCS / "methods.md", "python")
-    try:
-        exec(compile(code, "docs/methods.md", "exec"), {"__name__": "page"})
-        assert method("wide2fsk").configure({}, "page").f2_hz == 81.0e9
-    finally:
-        METHODS.pop("wide2fsk", None)
 
 
 @pytest.mark.parametrize("name", sorted({s for s in spans(DOCS / "methods.md") if re.match(r"radar\.\w+\.", s)}))

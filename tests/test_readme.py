@@ -1,4 +1,4 @@
-"""The README's table and figure are those of the result that was recorded, and that result is of today's benchmark."""
+"""The tables of README and docs/results.md, and the figure, are those of the recorded result, which is of today's benchmark."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The README's table: made from a result, and every way in which it can be stale is noticed."""
+"""The tables of README and docs/results.md: made from a result, and every way in which they can be stale is noticed."""
 
 from __future__ import annotations
 
@@ -57,7 +57,8 @@ def root(result, tmp_path) -> Path:
     (root / "docs").mkdir(parents=True)
     (root / readme.SCENES).mkdir(parents=True)
     (root / readme.SCENES / "hand.toml").write_text('pose = "F"\n', "utf-8")
-    (root / "README.md").write_text("before\n<!-- table: begin -->\nstale words\n<!-- table: end -->\nafter\n", "utf-8")
+    for page in readme.PAGES:
+        (root / page).write_text("before\n<!-- table: begin -->\nstale words\n<!-- table: end -->\nafter\n", "utf-8")
     readme.write(result, root)
     return root
 
@@ -70,19 +71,20 @@ def changed(result: results.Result, metric: str, factor: float) -> results.Resul
 
 
 def test_what_was_written_is_the_results_and_not_stale(result, root):
-    text = (root / "README.md").read_text("utf-8")
-    assert text.startswith("before\n<!--") and text.endswith("-->\nafter\n") and "stale words" not in text
+    text, alike_text = ((root / page).read_text("utf-8") for page in readme.PAGES)
+    for page in (text, alike_text):
+        assert page.startswith("before\n<!--") and page.endswith("-->\nafter\n") and "stale words" not in page
     row = result.row("mae_mm", "3fsk", "photogrammetry")
     [mae] = [line for line in text.splitlines() if line.startswith("| MAE (mm) |")]
     assert f"| **{row.value:.2f}** \\[{row.low:.2f}, {row.high:.2f}\\] *1.7* |" in mae and mae.count("**") == 2
     assert mae.endswith("| – | – |")  # this result has no methods of ours
-    sentences = [line for line in text.splitlines() if line.startswith("- ")]
+    sentences = [line for line in alike_text.splitlines() if line.startswith("- ")]
     assert sentences[0] == (
         "- 3-FSK and 2-FSK, on the pixels that all see: 3-FSK better by 1.0 mm unsmoothed \\[0.5, 1.5\\]; "
         "over completeness: not compared."
     )
     assert len(sentences) == 2 and "Broadband" in sentences[1]
-    [alike] = [line for line in text.splitlines() if line.startswith("| MAE on common pixels, unsmoothed (mm) |")]
+    [alike] = [line for line in alike_text.splitlines() if line.startswith("| MAE on common pixels, unsmoothed (mm) |")]
     equal = result.equal[(result.equal.metric == "mae_mm") & (result.equal.treatment == "none")].set_index("method")
     assert f"| **{equal.value['3fsk']:.2f}**" in alike and alike.count("**") == 2
     assert "(fitted) *3.6*" in text and "2 cores of an an \\| odd\\_one, no GPU." in text
@@ -94,6 +96,7 @@ def test_what_was_written_is_the_results_and_not_stale(result, root):
     ("file", "content", "problem"),
     [
         ("README.md", "<!-- table: begin -->\nby hand\n<!-- table: end -->\n", "the table is not what"),
+        ("docs/results.md", "<!-- table: begin -->\nby hand\n<!-- table: end -->\n", "the table is not what"),
         ("docs/depth_F.png", "another", "docs/depth_F.png: is not the figure"),
         ("docs/depth_F.png", None, "docs/depth_F.png: is not the figure"),
         ("bench/run/benchmarks/hand.toml", 'pose = "B"\n', "hand.toml: has changed"),
@@ -116,6 +119,9 @@ def test_a_record_edited_by_hand_is_noticed(root):
     recorded["rows"][0]["value"] *= 1.1
     (root / "docs" / "table.json").write_text(json.dumps(recorded), "utf-8")
     assert readme.stale(root) == ["README.md: the table is not what docs/table.json says"]
+    recorded["equal"][0]["value"] *= 1.1
+    (root / "docs" / "table.json").write_text(json.dumps(recorded), "utf-8")
+    assert readme.stale(root) == [f"{page}: the table is not what docs/table.json says" for page in readme.PAGES]
 
 
 def test_a_fresh_result_that_prints_other_figures_is_noticed(result, root):
