@@ -82,9 +82,9 @@ def render_own(recorded: dict[str, Any]) -> str:
     device = "no GPU" if machine["imaging_device"] == "cpu" else f"imaged on {machine['imaging_device']}"
     return (
         table(("", *recorded["titles"]), _own_lines(recorded))
-        + "\nAgainst photogrammetry, as in the paper: each figure is formed for each pose and then averaged, on the pixels "
-        "that the method itself sees.\nIn italics the paper's figure; ± the deviation between frames; in brackets a "
-        "95 % confidence interval, where there is one (of the precision: for further\nrepeats of these hands; three "
+        + "\nAgainst photogrammetry, as in the paper: each figure is formed for each pose and then averaged, on the "
+        "pixels that the method itself sees.\nIn italics the paper's figure; ± the deviation between frames; in brackets "
+        "a 95 % confidence interval, where there is one (of the precision: for further\nrepeats of these hands; three "
         "poses are too few to tell how others differ). "
         f"{machine['cores']} cores of an {escaped(str(machine['processor']))}, {escaped(device)}."
         f"{' ' if recorded['busy'] else ''}{escaped(recorded['busy'])}\n"
@@ -239,7 +239,7 @@ def _sha256(path: Path) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Exit code 1 and a line for each problem where something is stale."""
-    parser = argparse.ArgumentParser(prog="python -m docs.readme", description="the tables of README and docs/results.md")
+    parser = argparse.ArgumentParser(prog="python -m docs.readme", description="tables of README and docs/results.md")
     parser.add_argument("result", type=Path, nargs="?", metavar="RESULT", help="folder of a run of paper_table")
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--check", action="store_true", help="are they stale?")

@@ -129,9 +129,10 @@ def test_what_is_not_executed_is_there_and_few():
 def tutorials_hand(tmp_path_factory) -> hb.Capture:
     """The hand of the tutorial with a coarser mesh, the tones that are used, and the effects that take no time."""
     folder = tmp_path_factory.mktemp("tutorial")
-    text, sensor = toml_of("tutorial.md", "[target]"), "[sensor]\nsweep = []\ntones_hz = [82e9, 81.9e9, 81.8e9, 81e9]\n"
+    effects = 'effects = ["obliquity", "shadow_centre", "skin", "noise"]'
+    sensor = "[sensor]\nsweep = []\ntones_hz = [82e9, 81.9e9, 81.8e9, 81e9]\n"
+    text = toml_of("tutorial.md", "[target]").replace("[target]", f"{effects}\n[target]\nedge_m = 2e-3")
     text = re.sub(r"\[sensor\]\n.*?\n\n", sensor, text, flags=re.DOTALL)
-    text = text.replace("[target]", 'effects = ["obliquity", "shadow_centre", "skin", "noise"]\n[target]\nedge_m = 2e-3')
     (folder / "hand.toml").write_text(text, "utf-8")
     return hb.simulate(folder / "hand.toml", folder / "capture")
 

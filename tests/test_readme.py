@@ -1,4 +1,4 @@
-"""The tables of README and docs/results.md, and the figure, are those of the recorded result, which is of today's benchmark."""
+"""The tables of README and docs/results.md and the figure are those of the recorded result, of today's benchmark."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> None:
     save_rows(shown, folder / PICTURE)
     columns = ("", *(f"{DEFINED[name].title}, {DEFINED[name].unit}" for name in FIGURES), "seconds a frame")
     wide_console().print(terminal_table("", columns, lines))
-    print(f"against the true surface; images to {TOLERANCE:g}, on {facts['cores']} cores of {facts['processor']}")
+    print(f"against the true surface; images to {TOLERANCE:g}; {facts['cores']} cores of {facts['processor']}")
     print(f"picture: {folder / PICTURE}\nnext:")
     better = folder / "aligned.npz"
     print(f"  handbench reconstruct {capture} --method broadband-aligned -o {better}")
