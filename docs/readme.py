@@ -83,9 +83,9 @@ def render_own(recorded: dict[str, Any]) -> str:
     return (
         table(("", *recorded["titles"]), _own_lines(recorded))
         + "\nAgainst photogrammetry, as in the paper: each figure is formed for each pose and then averaged, on the "
-        "pixels that the method itself sees.\nIn italics the paper's figure; ± the deviation between frames; in brackets "
-        "a 95 % confidence interval, where there is one (of the precision: for further\nrepeats of these hands; three "
-        "poses are too few to tell how others differ). "
+        "pixels that the method itself sees.\nIn italics the paper's figure; ± the deviation between frames; in "
+        "brackets a 95 % confidence interval, where there is one (of the precision: for further\nrepeats of these "
+        "hands; three poses are too few to tell how others differ). "
         f"{machine['cores']} cores of an {escaped(str(machine['processor']))}, {escaped(device)}."
         f"{' ' if recorded['busy'] else ''}{escaped(recorded['busy'])}\n"
     )
