@@ -12,7 +12,6 @@ from radar.support.progress import say
 
 METHODS = ("2fsk", "3fsk", "narrowband", "broadband")
 SCENE, CAPTURE, PICTURE = "hand.toml", "capture", "demo.png"
-FIGURES = ("mae_mm", "complete_2mm_percent")
 TOLERANCE = 1e-3  # of the images: a hundredth of what the methods' errors are
 
 
@@ -21,6 +20,7 @@ def run(options: argparse.Namespace) -> None:
     from bench.datasets.native import TRUTH
     from bench.evaluation.metrics import METRICS as DEFINED
     from bench.evaluation.metrics import TITLES
+    from bench.results.about import HEADLINE, SHARES
     from bench.run.benchmark_file import EMBEDDED
     from bench.run.reconstruct_stage import Imager
     from bench.run.scoring import score_map
@@ -31,6 +31,7 @@ def run(options: argparse.Namespace) -> None:
     from reports.tables.result_tables import terminal_table, wide_console
 
     folder: Path = options.out
+    figures = HEADLINE, SHARES[-1]
     capture, truth = folder / CAPTURE, folder / CAPTURE / TRUTH
     _claim(folder, (EMBEDDED / "demo_hand.toml").read_text("utf-8"))
     _simulate(folder / SCENE, capture)
@@ -40,11 +41,11 @@ def run(options: argparse.Namespace) -> None:
         depth = images.results[0].depth
         depth.save(folder / f"{id}.npz")
         errors, values = score_map(depth, surface, identity("radar"))
-        lines.append((TITLES[id], *(f"{values[name]:.2f}" for name in FIGURES), f"{median(images.seconds):.2f}"))
-        shown.append((f"{TITLES[id]}\nMAE {values['mae_mm']:.2f} mm", depth.z_m, errors))
+        lines.append((TITLES[id], *(f"{values[name]:.2f}" for name in figures), f"{median(images.seconds):.2f}"))
+        shown.append((f"{TITLES[id]}\n{DEFINED[HEADLINE].title} {values[HEADLINE]:.2f} mm", depth.z_m, errors))
         say(f"{folder / id}.npz: imaged and scored")
     save_rows(shown, folder / PICTURE)
-    columns = ("", *(f"{DEFINED[name].title}, {DEFINED[name].unit}" for name in FIGURES), "seconds a frame")
+    columns = ("", *(f"{DEFINED[name].title}, {DEFINED[name].unit}" for name in figures), "seconds a frame")
     wide_console().print(terminal_table("", columns, lines))
     print(f"against the true surface; images to {TOLERANCE:g}; {facts['cores']} cores of {facts['processor']}")
     print(f"picture: {folder / PICTURE}\nnext:")
