@@ -19,15 +19,21 @@ def run(options: argparse.Namespace) -> None:
         return
     if options.unit is not None:
         raise HandbenchError(f"--unit: is for a mesh file, {options.photos} is none; leave it out")
+    from bench.validation.photo_problems import board_doubts
+    from groundtruth.board.board import load_board
     from groundtruth.options import Options, predicted
     from groundtruth.photos.photos import find_photos
     from groundtruth.pipeline import reconstruct
     from radar.support.config import parse
     from radar.support.cost import require_time
+    from radar.support.progress import say
 
     for kept in ("sparse", "dense.ply", "summary.json") if options.workdir else ():
         free(options.workdir / kept, options.overwrite)
     chosen, photos = parse(Options, _values(options), "groundtruth"), find_photos(options.photos)
+    described = options.board or options.photos / "board.toml"
+    for doubt in board_doubts(photos, load_board(described)) if described.is_file() else ():
+        say(f"{described}: {doubt}")
     megapixels = 1e-6 * sum(photo.width * photo.height for photo in photos)
     core_s, bytes_ = predicted(len(photos), megapixels, chosen.quality)
     require_time(core_s, f"{len(photos)} photographs, {megapixels:.0f} megapixels, {chosen.quality}", bytes_)

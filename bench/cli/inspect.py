@@ -1,31 +1,68 @@
 """`handbench inspect`: what seems wrong with data that can be read, and what to do."""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 from radar.support.errors import HandbenchError
 
+MESHES = (".ply", ".obj", ".stl")
+
 
 def run(options: argparse.Namespace) -> None:
     """Facts, problems and doubts on stdout; exit code 2 if there is a problem that is more than a doubt."""
-    from bench.validation.validate import show
-
     if options.path.suffix == ".npz":
         _depth_map(options)
         return
     if options.mesh or options.transform:
         raise HandbenchError("--mesh, --transform: are for a DEPTH.npz; a capture has its own surface in its folder")
+    if (options.path / "result.json").is_file():
+        _result(options.path)
+        return
+    from bench.validation.photo_problems import is_of_photographs
+    from bench.validation.validate import show
+
     show([str(options.path)], scored=False)
-    if options.path.is_dir():
-        _captures(options.path)
+    if options.path.suffix.lower() in MESHES:
+        _mesh(options.path)
+    elif options.path.suffix == ".toml":
+        _benchmark(options.path)
+    elif options.path.is_dir() and not is_of_photographs(options.path):
+        from bench.datasets.dataset import captures
+
+        _captures(captures(options.path))
 
 
-def _captures(root: Path) -> None:
-    from bench.datasets.dataset import captures, open_capture
+def _captures(folders: Sequence[Path]) -> None:
+    from bench.datasets.dataset import open_capture
     from bench.validation.doubts import of_capture
 
-    for folder in captures(root):
+    for folder in folders:
         _tell(folder, list(of_capture(open_capture(folder))))
+
+
+def _benchmark(file: Path) -> None:
+    from bench.run.benchmark_file import load_benchmark
+    from radar.support.config import read_toml
+    from radar.support.files import inside
+
+    if "method" in read_toml(file, "a benchmark"):  # else a scene, a board or a target, of which all is said
+        bench, base = load_benchmark(str(file))
+        _captures([inside(base, source.path, "capture.path") for source in bench.capture if source.path])
+
+
+def _result(folder: Path) -> None:
+    from bench.results import load
+    from bench.validation.file_doubts import of_result
+
+    _tell(folder, list(of_result(load(folder))))
+
+
+def _mesh(file: Path) -> None:
+    from bench.validation.file_doubts import of_mesh
+    from groundtruth.mesh.surface import read_surface
+
+    _tell(file, list(of_mesh(read_surface(file))))
 
 
 def _depth_map(options: argparse.Namespace) -> None:
@@ -34,10 +71,13 @@ def _depth_map(options: argparse.Namespace) -> None:
     from bench.validation.doubts import of_map
     from groundtruth.mesh.surface import read_surface
     from radar.data.depthmap import load_depthmap
+    from radar.methods.trust import FLAGGED
 
     depth = load_depthmap(options.path)
-    seen = int((depth.z_m == depth.z_m).sum())
-    print(f"{options.path}: {depth.method}, {seen} of {depth.z_m.size} pixels on target")
+    on_target = depth.z_m == depth.z_m
+    seen = int(on_target.sum())
+    flagged = "" if depth.p_gross is None else f", {int((depth.p_gross[on_target] > FLAGGED).sum())} of these flagged"
+    print(f"{options.path}: {depth.method}, {seen} of {depth.z_m.size} pixels on target{flagged}")
     doubts = list(of_map(depth))
     if options.mesh:
         surface = read_surface(options.mesh).moved(load_any_transform(options.transform))

@@ -9,16 +9,13 @@ from typing import Any
 import numpy as np
 
 from bench.datasets.native import ARRAY, ECHOES, EMPTY, FAR_M, MESH, PHOTOS, TARGET, TRANSFORM, TRUTH, CaptureFile
+from bench.validation.photo_problems import photo_problems
 from bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed
 from calibration.array.array_file import with_calibration
 from calibration.target.description import Target
 from calibration.transforms import load_transform
-from groundtruth.board.board import Board
-from groundtruth.cameras.camera_files import cameras_of
-from groundtruth.cameras.cameras import CameraFile
 from groundtruth.mesh.surface import Surface, read_surface
-from groundtruth.photos.photos import find_photos
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan
+from radar.data.arrays import PlanarScan
 from radar.data.capture import RadarCapture
 from radar.data.echoes_file import load_capture
 from radar.methods.advice import require_tones
@@ -28,8 +25,10 @@ from radar.support.errors import HandbenchError
 from radar.support.files import inside
 
 SMALL_M = 5e-3  # a surface that small is likelier to be told in another unit
-LOW_HZ = 1e6  # below any radar: a number of gigahertz, most likely
-MOST_WAVELENGTHS = 1000.0  # an array's extent: more are centimetres, most likely
+UNITS = ((1e3, "gigahertz", "1e9"), (1e6, "megahertz", "1e6"))  # of frequencies that are, in hertz, below any radar's
+LOWEST_HZ, HIGH_HZ = 3e8, 1e12  # of radars whose arrays are told of in metres; more is likelier a wrong unit
+MOST_WAVELENGTHS, LEAST_WAVELENGTHS = 1000.0, 0.25  # an array's extent: more or less is in another unit, most likely
+FEWEST_PLACES = 4  # that span as little
 FLAT = 0.05  # of an array's largest extent: thinner, it is a plane
 
 
@@ -84,13 +83,13 @@ def capture_problems(folder: Path, scored: bool = True) -> Found[Seen]:
     surfaces = {}
     for name in (TRUTH, MESH):
         if (folder / name).exists():
-            surfaces[name] = yield from _surface(folder / name)
+            surfaces[name] = yield from surface_problems(folder / name)
     if (folder / TRANSFORM).exists():
         yield from _transform(folder / TRANSFORM, surfaces.get(MESH))
     if (folder / TARGET).exists():
         yield from _target(folder / TARGET)
     if (folder / PHOTOS).is_dir():
-        yield from _photos(folder / PHOTOS)
+        yield from photo_problems(folder / PHOTOS)
     lacks = tuple(name for name in (TARGET, PHOTOS, ECHOES) if not (folder / name).exists())
     kind = about.kind if about is not None else "other"
     if kind == "target" and TARGET in lacks:
@@ -157,18 +156,28 @@ def lacking(capture: RadarCapture) -> Iterator[str]:
 def array_doubts(capture: RadarCapture) -> Iterator[str]:
     """Doubts about where the antennas are and about the tones, each with its cure."""
     places, tones_hz = places_m(capture), capture.frequencies_hz
-    far_m, extent_m = float(np.abs(places).max()), np.ptp(places, axis=0)
+    highest_hz, far_m, extent_m = float(tones_hz.max()), float(np.abs(places).max()), np.ptp(places, axis=0)
+    waves = float(extent_m.max()) * highest_hz / capture.wave_speed_m_s
+    unit, factor = next(((unit, factor) for below_hz, unit, factor in UNITS if highest_hz < below_hz), ("", ""))
+    if unit:
+        yield f"its highest frequency is {highest_hz:g} Hz: are these {unit}? multiply them by {factor}"
     if far_m > FAR_M:
         yield f"an antenna lies {far_m:g} m from the origin: are its positions millimetres? multiply them by 1e-3"
-    elif float(extent_m.max()) * tones_hz.max() > MOST_WAVELENGTHS * SPEED_OF_LIGHT_M_S:
+    elif unit:
+        pass  # no wavelength is known
+    elif waves > MOST_WAVELENGTHS and highest_hz > HIGH_HZ:
+        yield f"its highest frequency is {highest_hz:g} Hz: is that a thousand times too much? multiply them by 1e-3"
+    elif waves > MOST_WAVELENGTHS:
         span = f"the antennas span {extent_m.max():g} m, over {MOST_WAVELENGTHS:g} wavelengths"
-        yield f"{span}: are their positions centimetres? multiply them by 1e-2"
+        yield f"{span}: are their positions centimetres? multiply them by 1e-2; or inches? by 0.0254"
+    elif 0 < waves < LEAST_WAVELENGTHS and len(places) > FEWEST_PLACES:
+        span = f"the antennas span {extent_m.max():g} m, {waves:.2g} wavelengths at {highest_hz:g} Hz"
+        what = "frequencies kilohertz" if highest_hz < LOWEST_HZ else "positions kilometres"
+        yield f"{span}: are the {what}? multiply them by 1e3"
     flat = int(extent_m.argmin())
     if flat != 2 and extent_m[flat] < FLAT * extent_m.max() < extent_m[2]:
         plane = f"the array lies in the plane of {'xy'[1 - flat]} and z"
         yield f"{plane}, so that it looks along {'xy'[flat]}: z is to point away from it; exchange the axes"
-    if tones_hz.max() < LOW_HZ:
-        yield f"its highest frequency is {tones_hz.max():g} Hz: are these gigahertz? multiply them by 1e9"
     if twice := len(tones_hz) - len(np.unique(tones_hz)):
         yield f"{twice} of {len(tones_hz)} tones are there twice: leave them out, or mend frequencies_hz"
 
@@ -184,7 +193,8 @@ def _doubt(file: Path, odd: bool, text: str) -> Iterator[Problem]:
         yield Problem(file, None, text, warning=True)
 
 
-def _surface(file: Path) -> Found[Surface | None]:
+def surface_problems(file: Path) -> Found[Surface | None]:
+    """Problems of a surface's file."""
     surface = yield from attempt(file, lambda: read_surface(file))
     if surface is not None:
         longest_m = float(np.ptp(surface.vertices_m[np.unique(surface.faces)], axis=0).max())
@@ -213,20 +223,3 @@ def _target(file: Path) -> Iterator[Problem]:
             if largest_m > (FAR_M if key == "centre_m" else 1.0):
                 text = f"{key} is {largest_m:g} m; is that millimetres?"
                 yield found.problem(("element", index, key), text, warning=True)
-
-
-def _photos(folder: Path) -> Iterator[Problem]:
-    photos = yield from attempt(folder, lambda: find_photos(folder))
-    described, cameras = folder / "board.toml", folder / "cameras.json"
-    if described.exists():
-        _, board = yield from parsed(Board, described, "an ArUco board description")
-        reach_m = max((float(np.abs(c).max()) for c in board.corners_m().values()), default=0) if board else 0
-        yield from _doubt(described, reach_m > FAR_M, f"a corner lies {reach_m:g} m away; are these millimetres?")
-    posed = 0
-    if cameras.exists():
-        _, told = yield from parsed(CameraFile, cameras, 'a cameras file {"cameras": [...]}')
-        posed = sum(camera.R is not None and camera.t is not None for camera in told.cameras) if told else 0
-        if told is not None and photos is not None:
-            yield from attempt(cameras, partial(cameras_of, photos, cameras))
-    if not described.exists() and posed < 3:
-        yield Problem(folder, None, "nothing gives the scale; add board.toml, or poses (R, t) to cameras.json")

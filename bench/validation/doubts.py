@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.datasets.native import NativeCapture
+from bench.datasets.native import FAR_M, NativeCapture
 from bench.run.reconstruct_stage import configuration
 from bench.validation import focus, surface_fit
 from bench.validation.capture_problems import array_doubts
@@ -21,6 +21,8 @@ from radar.support.errors import HandbenchError
 from radar.warmup import compile_kernels
 
 CROWDED, WIDE_M = 0.5, 0.1  # share of an image that nothing near a hand fills, if it is at least that wide and high
+EXPLAINED = 0.9  # share of pixels on the surface with which a mistake explains an image; and of the best other share
+FIRST, NEAR_M = "first_depth_m", (0.05, FAR_M)  # where some methods begin to look, and where that may be
 PROBES = ("3fsk", "2fsk", "broadband", "narrowband")  # the first whose tones were measured is held against a surface
 
 
@@ -40,24 +42,44 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
     depth, config = imaged
     yield from of_map(with_trust(depth, capture, config))
     surface = surface_of(recorded)
-    if surface is None or not (as_is := surface_fit.fit(depth, surface)).improvable:
-        return
-    for name, (cure, undone) in _undone(capture).items():
-        other = surface_fit.fit((_imaged(recorded, undone) or imaged)[0], surface)
-        if other.explains(as_is):
-            yield f"with {name} the median error falls from {as_is.median_mm:.2f} to {other.median_mm:.2f} mm: {cure}"
-            return
-    yield from surface_fit.findings(depth, surface)
+    if surface is not None and (as_is := surface_fit.fit(depth, surface)).improvable:
+        yield from _explained(recorded, capture, surface, depth, as_is)
 
 
-def _undone(capture: RadarCapture) -> dict[str, tuple[str, RadarCapture]]:
-    """Mistakes in the order of a capture's data: the cure of each, and the capture without it."""
-    array, reversed_ = capture.aperture, replace(capture, samples=capture.samples[:, ::-1])
-    found = {"the tones in reverse order": ("reverse frequencies_hz, or the samples along it", reversed_)}
+def _explained(
+    recorded: NativeCapture, capture: RadarCapture, surface: Surface, depth: DepthMap, as_is: surface_fit.Fit
+) -> list[str]:
+    """The mistake, if any, without which an image fits its surface best. One in the order of the data must not focus
+    worse without it, since exchanged antennas may look as exchanged axes do; and one in the tones or the phases is
+    looked for only where no other frame or unit explains the image."""
+    share, moved = surface_fit.best(depth, surface, as_is)
+    start_m, sharpest_db, found = float(np.median(surface.vertices_m[:, 2])), focus.sharpness_db(capture), {}
+    for name, cure, undone, scale in _undone(capture, every=share < EXPLAINED):
+        image = _imaged(recorded, undone, scale * start_m if scale != 1 else None)
+        fitted = surface_fit.fit(image[0], surface_fit.moved(surface, scale * np.eye(3))) if image else as_is
+        if fitted.explains(as_is) and (scale != 1 or focus.sharpness_db(undone) >= sharpest_db):
+            text = f"with {name} the median error falls from {as_is.median_mm:.2f} to {fitted.median_mm / scale:.2f} mm"
+            found[f"{text}: {cure}"] = fitted.share
+    text = max(found, key=lambda text: found[text], default="")
+    return [text] if text and found[text] >= EXPLAINED * share else moved
+
+
+def _undone(capture: RadarCapture, every: bool) -> Iterator[tuple[str, str, RadarCapture, float]]:
+    """Mistakes in the order and the phases of a capture's data: the name and the cure of each, the capture without it,
+    and by how much larger all that it shows then is: a phase cannot tell half the path from half the scene. every:
+    those in the tones and the phases too."""
+    array = capture.aperture
     if isinstance(array, AntennaArray) and len(array.tx_m) == len(array.rx_m):
-        exchanged = replace(capture, aperture=AntennaArray(array.rx_m, array.tx_m, array.measured))
-        found["tx and rx exchanged"] = "exchange tx_m and rx_m, or those axes of the samples", exchanged
-    return found
+        exchanged = replace(capture, aperture=AntennaArray(array.rx_m, array.tx_m))
+        yield "tx and rx exchanged", "exchange tx_m and rx_m, or those axes of the samples", exchanged, 1.0
+    if not every:
+        return
+    in_order = replace(capture, samples=capture.samples[:, ::-1])
+    yield "the tones in reverse order", "reverse frequencies_hz, or the samples along it", in_order, 1.0
+    for scale, once, change in ((0.5, "one way only", "halve"), (2.0, "there and back twice", "double")):
+        places = {name: scale * values for name, values in vars(array).items() if name.endswith("_m")}
+        scaled = replace(capture, aperture=replace(array, **places))
+        yield f"a path counted {once}", f"it is there and back, once each; or {change} frequencies_hz", scaled, scale
 
 
 def of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
@@ -92,10 +114,18 @@ def surface_of(recorded: NativeCapture) -> Surface | None:
     return read_surface(mesh).moved(transform)
 
 
-def _imaged(recorded: NativeCapture, capture: RadarCapture) -> tuple[DepthMap, Config] | None:
-    """The depth map of the first of PROBES that the capture's tones serve, and its configuration."""
+def _imaged(
+    recorded: NativeCapture, capture: RadarCapture, first_depth_m: float | None = None
+) -> tuple[DepthMap, Config] | None:
+    """The depth map of the first of PROBES that the capture's tones serve, and its configuration; first_depth_m: where
+    those that begin with a depth do (None: at their own)."""
     for name in PROBES:
-        config = configuration(recorded.folder, name, {})
+        begun = (
+            first_depth_m is not None
+            and 0 < first_depth_m < FAR_M
+            and "first_depth_m" in method(name).config.model_fields
+        )
+        config = configuration(recorded.folder, name, {"first_depth_m": first_depth_m} if begun else {})
         try:
             return method(name).run(capture, config, 0).depth, config
         except HandbenchError:

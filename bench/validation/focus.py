@@ -18,7 +18,6 @@ from radar.imaging.api import image_volume
 ANTENNAS, POSITIONS, TONES = 32, 400, 32  # at most, of a kind and of a scan: more do not change which is sharpest
 SHARPER_DB = 3.0  # conjugated; conjugating what is right cost 7 dB or more on random scenes of ten kinds
 SHALLOW = 0.3  # an array deeper than this share of its width may stand around its target, where none is looked for
-TOLERANCE = 0.1  # of a coarse image
 WIDE, NEAR, FAR = 0.85, 1.0, 8.0  # the box imaged, in apertures: to either side, and along z from and to
 CELL, DEEP = 2.0, 8.0  # resolution cell and depth of focus two apertures away, in wavelengths
 
@@ -40,7 +39,7 @@ def findings(capture: RadarCapture) -> list[str]:
 def sharpness_db(capture: RadarCapture) -> float:
     """Sharpness of a coarse image of the first frame."""
     few = _few(capture)
-    volume = image_volume(few.samples[0], few.frequencies_hz, few.aperture, _box(few), TOLERANCE, carrier=False)
+    volume = image_volume(few.samples[0], few.frequencies_hz, few.aperture, _box(few), None)  # a plan takes longer
     power = np.abs(volume).astype(np.float64) ** 2
     return float(10 * np.log10((power**2).sum() / power.sum() ** 2))
 

@@ -59,18 +59,23 @@ UNDONE = {
 def findings(depth: DepthMap, surface: Surface) -> list[str]:
     """The mistake, if any, without which a depth map lies much better on a surface (radar frame), with both errors."""
     as_is = fit(depth, surface)
-    if not as_is.improvable:
-        return []
-    fits = {name: fit(depth, _moved(surface, matrix)) for name, matrix in UNDONE.items()}
-    name, best = max(fits.items(), key=lambda found: found[1].share)
-    if not best.explains(as_is):
-        return []
+    return best(depth, surface, as_is)[1] if as_is.improvable else []
+
+
+def best(depth: DepthMap, surface: Surface, as_is: Fit) -> tuple[float, list[str]]:
+    """The share of pixels on the surface without the mistake that explains most, and the sentence about it; share 0 and
+    none where none does."""
+    fits = {name: fit(depth, moved(surface, matrix)) for name, matrix in UNDONE.items()}
+    name, found = max(fits.items(), key=lambda each: each[1].share)
+    if not found.explains(as_is):
+        return 0.0, []
     before = f"from {as_is.median_mm:.2f} to " if np.isfinite(as_is.median_mm) else "to "
-    return [
+    text = (
         f"the surface, or the antennas' positions, may be {name}: undone, the median error falls {before}"
-        f"{best.median_mm:.2f} mm and {100 * best.share:.0f} % of the strongest pixels lie on the surface, not "
+        f"{found.median_mm:.2f} mm and {100 * found.share:.0f} % of the strongest pixels lie on the surface, not "
         f"{100 * as_is.share:.0f} %"
-    ]
+    )
+    return found.share, [text]
 
 
 def fit(depth: DepthMap, surface: Surface) -> Fit:
@@ -86,7 +91,8 @@ def fit(depth: DepthMap, surface: Surface) -> Fit:
     return Fit(float((met < NEAR_M).sum() / max(len(off_m), 1)), float(1e3 * np.median(met)) if len(met) else np.inf)
 
 
-def _moved(surface: Surface, matrix: np.ndarray) -> Surface:
+def moved(surface: Surface, matrix: np.ndarray) -> Surface:
+    """The surface where a matrix [3 or 4, 3 or 4] brings it, its normals outside."""
     vertices_m = surface.vertices_m @ matrix[:3, :3].T
-    faces = surface.faces if np.linalg.det(matrix) > 0 else surface.faces[:, ::-1]  # normals stay outside
+    faces = surface.faces if np.linalg.det(matrix) > 0 else surface.faces[:, ::-1]
     return Surface(vertices_m, faces, surface.sigma_m, surface.observed)

@@ -10,7 +10,8 @@ from bench.datasets.native import DESCRIPTION, ECHOES, TARGET, TRANSFORM
 from bench.results.about import MEASURES
 from bench.run.benchmark_file import BenchFile, DataSet, find_benchmark
 from bench.scenes.scene_file import BUILT_IN_ARRAY, SceneFile, name_of_person
-from bench.validation.capture_problems import Seen, capture_problems, method_problems
+from bench.validation.capture_problems import Seen, capture_problems, method_problems, surface_problems
+from bench.validation.photo_problems import is_of_photographs, photo_problems
 from bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed, sheet
 from calibration.target.description import Target, load_target
 from calibration.transforms import load_transform
@@ -28,7 +29,7 @@ from radar.support.progress import track
 # A key that tells what a TOML file is, if it is neither benchmark nor scene.
 DESCRIPTIONS: dict[str, type[Config]] = {"element": Target, "marker": Board, "charuco": Board}
 READERS: dict[str, Callable[[Path], Any]] = {".h5": load_capture, ".json": load_transform}
-READERS |= dict.fromkeys((".ply", ".obj", ".stl"), read_triangles)
+MESHES = (".ply", ".obj", ".stl")
 
 
 def show(inputs: Sequence[str], scored: bool = True) -> None:
@@ -63,6 +64,9 @@ def problems_of(name: str, scored: bool = True) -> Iterator[Problem]:
     except HandbenchError as error:
         yield Problem(path, None, str(error))
         return
+    if path.suffix.lower() in MESHES:
+        yield from surface_problems(path)
+        return
     if path.suffix.lower() in READERS:
         yield from attempt(path, lambda: READERS[path.suffix.lower()](path))
         return
@@ -81,6 +85,9 @@ def problems_of(name: str, scored: bool = True) -> Iterator[Problem]:
 def _folder(path: Path, scored: bool) -> Iterator[Problem]:
     if (path / ECHOES).exists() or (path / DESCRIPTION).exists():
         yield from _capture(path, scored)
+        return
+    if is_of_photographs(path):
+        yield from photo_problems(path, scored)
         return
     folders = yield from attempt(path, lambda: captures(path))
     names: dict[str, Path] = {}

@@ -168,7 +168,10 @@ def _pairs(
 
 def _require_size(photo: Photo, width: int, height: int, where: Path) -> None:
     if (width, height) != (photo.width, photo.height):
+        cure = "use what was made from these very files"
+        if (height, width) == (photo.width, photo.height):
+            cure = "exchange width and height, and with them what else is exchanged: fx and fy, cx and cy"
         raise HandbenchError(
             f"{where}: {photo.name} is {width} × {height} there, the photograph has {photo.width} × {photo.height} "
-            "pixels; use what was made from these very files"
+            f"pixels; {cure}"
         )

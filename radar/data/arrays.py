@@ -157,7 +157,8 @@ def tones(name: str, values: ArrayLike) -> np.ndarray:
     if found.ndim != 1 or found.dtype.kind not in "iuf" or len(found) == 0:
         raise HandbenchError(f"{name}: is {found.dtype} of shape {found.shape}; expected [f] hertz")
     if len(wrong := found[~((found > 0) & (found <= HIGHEST_HZ))]):
-        raise HandbenchError(f"{name}: holds {wrong[0]}, not positive hertz; expected tones, at most {HIGHEST_HZ:g}")
+        expected = f"expected positive hertz, at most {HIGHEST_HZ:g}: another unit? multiply them, as by 1e-3"
+        raise HandbenchError(f"{name}: holds {wrong[0]}; {expected}")
     return found.astype(np.float64)
 
 
