@@ -9,7 +9,7 @@ import numpy as np
 from bench.cli.options import free
 from bench.datasets.dataset import open_capture
 from bench.run.reconstruct_stage import configuration, require_near
-from bench.validation.capture_problems import array_doubts, lacking
+from bench.validation.array_doubts import array_doubts, lacking
 from bench.validation.doubts import of_image
 from radar.data.capture import RadarCapture
 from radar.imaging import api

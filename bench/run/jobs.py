@@ -1,8 +1,8 @@
 """The stages of a benchmark, as data: what each depends on, what it is given, and whose code it runs.
 
-They come in rounds: `opening` for every capture; of the captures that are open the photographs' `clouds`, which are two
-rounds, `sparse` and `dense`; then `calibration`, `meshing` and `imaging`, which do not wait for each other; last
-`scoring`, of the captures that have a reference.
+They come in rounds: `opening`, then `inspection`, for every capture; of the captures that are open the photographs'
+`clouds`, which are two rounds, `sparse` and `dense`; then `calibration`, `meshing` and `imaging`, which do not wait for
+each other; last `scoring`, of the captures that have a reference.
 """
 
 from pathlib import Path
@@ -48,6 +48,13 @@ def opening(bench: BenchFile, base: Path, source: Origin, frames: int, photos: b
     given = {"scene": scene.model_dump(mode="json"), "base": str(path.parent), "frames": frames}
     depends_on = [given["scene"], frames, *named_files(scene, path.parent)]
     return stage("simulate", "bench.run.simulate_stage:simulate", depends_on, given, scene.name)
+
+
+def inspection(capture: Capture) -> Stage:
+    """To look the capture over for mistakes before anything is believed of it."""
+    return stage(
+        "inspect", "bench.validation.doubts:make", [capture.key], {"capture": str(capture.folder)}, capture.name
+    )
 
 
 def clouds(bench: BenchFile, capture: Capture, work: Path) -> Clouds:

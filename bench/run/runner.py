@@ -14,7 +14,7 @@ import tomlkit
 
 from bench import results
 from bench.datasets.dataset import open_capture
-from bench.datasets.native import TRUE_TRANSFORM
+from bench.datasets.native import DOUBTS, TRUE_TRANSFORM
 from bench.results import REFERENCES, Failure
 from bench.run import jobs as plan
 from bench.run import outcome, planned_cost, write_result
@@ -87,6 +87,7 @@ class Run:
         """The list of steps."""
         captures, targets = self.open()
         found = Outcome(self.bench, captures, self.tasks, self.failures, machines=self.machines)
+        found.facts |= self.inspected(captures)
         clouds = [plan.clouds(self.bench, target, self.work) for target in targets]
         stages = [] if not targets else [plan.calibration(targets, [dense for _, dense, _ in clouds], self.work)]
         for capture in (c for c in captures if "accuracy" in c.measures):
@@ -108,6 +109,14 @@ class Run:
                 collect(stage, stage.folder(self.work), found)
         self.score(found, registration, meshes)
         return found
+
+    def inspected(self, captures: list[Capture]) -> dict[str, Any]:
+        """The doubts about each capture that has some, as a fact of the result; said when they are found."""
+        stages = [plan.inspection(capture) for capture in captures]
+        ended = zip(stages, self.perform(stages), strict=True)
+        files = {stage.capture: stage.folder(self.work) / DOUBTS for stage, done in ended if done.failure is None}
+        doubts = {name: read_json(file, "doubts")["doubts"] for name, file in files.items()}
+        return {"doubts": told} if (told := {name: texts for name, texts in doubts.items() if texts}) else {}
 
     def reconstructed(self, clouds: list[plan.Clouds], targets: int) -> list[Stage]:
         """The rounds of the photographs, sparse and dense; returned are the stages that then make the meshes. The

@@ -3,27 +3,45 @@ beside the hours that wrong data cost."""
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from bench.datasets.native import FAR_M, NativeCapture
+from bench.datasets.dataset import open_capture
+from bench.datasets.native import DOUBTS, FAR_M, NativeCapture
 from bench.run.reconstruct_stage import configuration
 from bench.validation import focus, surface_fit
-from bench.validation.capture_problems import array_doubts
+from bench.validation.array_doubts import array_doubts
 from groundtruth.mesh.surface import Surface, read_surface
 from radar.data.arrays import AntennaArray
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
+from radar.imaging.plan import fresh_plans
 from radar.methods.registry import method
 from radar.methods.trust import FLAGGED, with_trust
 from radar.support.config import Config
 from radar.support.errors import HandbenchError
+from radar.support.files import write_json
+from radar.support.progress import say
 from radar.warmup import compile_kernels
 
 CROWDED, WIDE_M = 0.5, 0.1  # share of an image that nothing near a hand fills, if it is at least that wide and high
 EXPLAINED = 0.9  # share of pixels on the surface with which a mistake explains an image; and of the best other share
 FIRST, NEAR_M = "first_depth_m", (0.05, FAR_M)  # where some methods begin to look, and where that may be
 PROBES = ("3fsk", "2fsk", "broadband", "narrowband")  # the first whose tones were measured is held against a surface
+
+
+def make(folder: Path, capture: str) -> None:
+    """The stage of a run that inspects a capture: doubts → DOUBTS, each said once. What cannot be looked into is told
+    by the stages that need it."""
+    with fresh_plans():  # those of the imaging stages are timed
+        try:
+            doubts = list(of_capture(open_capture(capture)))
+        except HandbenchError:
+            doubts = []
+    for doubt in doubts:
+        say(f"{capture}: {doubt}")
+    write_json(folder / DOUBTS, {"doubts": doubts})
 
 
 def of_capture(recorded: NativeCapture) -> Iterator[str]:

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.validation.capture_problems import places_m
+from bench.validation.array_doubts import places_m
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.data.capture import RadarCapture, evenly
 from radar.data.grid import VoxelGrid
