@@ -25,7 +25,6 @@ import numpy as np
 
 from bench.cli.main import main
 from bench.scenes.echoes import echo_scene
-from bench.studies.ablation import assorted_scenes
 from groundtruth.mesh.depth import depth_on_grid
 from groundtruth.mesh.mesh_files import mesh, write_mesh
 from groundtruth.mesh.surface import Surface, read_surface
@@ -34,6 +33,7 @@ from radar.data.capture import RadarCapture
 from radar.data.echoes_file import save_capture
 from radar.simulation.selection import EFFECTS, choose
 from radar.simulation.simulate import simulate_scene
+from tests.bench.studies.ablation import assorted_scenes
 from tests.bench.validation.photo_mistakes import PHOTO_MISTAKES, photographs
 
 TONES = {"sweep": [{"start_hz": 72e9, "stop_hz": 82e9, "count": 16}], "tones_hz": [81.8e9, 79.5e9]}
