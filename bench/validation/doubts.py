@@ -60,20 +60,28 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
     depth, config = imaged
     yield from of_map(with_trust(depth, capture, config))
     surface = surface_of(recorded)
-    if surface is not None and (as_is := surface_fit.fit(depth, surface)).improvable:
-        yield from _explained(recorded, capture, surface, depth, as_is)
+    if surface is None or not surface_fit.fit(depth, surface).improvable:
+        return
+    start_m = float(np.median(surface.vertices_m[:, 2]))
+    near, _ = _imaged(recorded, capture, start_m) or imaged
+    if surface_fit.fit(near, surface).improvable:
+        yield from _explained(recorded, capture, surface, (depth, near), start_m)
+        return
+    begun = f"{depth.method} begins at {getattr(config, FIRST):g} m and misses a surface {start_m:.2g} m away"
+    yield f"{begun}: set {FIRST} = {start_m:.2g}, as by --set"
 
 
 def _explained(
-    recorded: NativeCapture, capture: RadarCapture, surface: Surface, depth: DepthMap, as_is: surface_fit.Fit
+    recorded: NativeCapture, capture: RadarCapture, surface: Surface, depths: tuple[DepthMap, ...], start_m: float
 ) -> list[str]:
-    """The mistake, if any, without which an image fits its surface best. One in the order of the data must not focus
-    worse without it, since exchanged antennas may look as exchanged axes do; and one in the tones or the phases is
-    looked for only where no other frame or unit explains the image."""
-    share, moved = surface_fit.best(depth, surface, as_is)
-    start_m, sharpest_db, found = float(np.median(surface.vertices_m[:, 2])), focus.sharpness_db(capture), {}
+    """The mistake, if any, without which an image fits its surface, which begins start_m away, best. One in the order
+    of the data must not focus worse without it, since exchanged antennas may look as exchanged axes do; and one in the
+    tones or the phases is looked for only where no other frame or unit explains the images."""
+    as_is = max((surface_fit.fit(depth, surface) for depth in depths), key=lambda fit: fit.share)
+    share, moved = max((surface_fit.best(depth, surface, as_is) for depth in depths), key=lambda best: best[0])
+    sharpest_db, found = focus.sharpness_db(capture), {}
     for name, cure, undone, scale in _undone(capture, every=share < EXPLAINED):
-        image = _imaged(recorded, undone, scale * start_m if scale != 1 else None)
+        image = _imaged(recorded, undone, scale * start_m)
         fitted = surface_fit.fit(image[0], surface_fit.moved(surface, scale * np.eye(3))) if image else as_is
         if fitted.explains(as_is) and (scale != 1 or focus.sharpness_db(undone) >= sharpest_db):
             text = f"with {name} the median error falls from {as_is.median_mm:.2f} to {fitted.median_mm / scale:.2f} mm"
