@@ -24,7 +24,8 @@ FIRST = 3  # captures on the first page where there are more
 
 
 def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) -> Path:
-    """Read the result in `folder`, or the trade-off; write table.md, table.tex, table.csv, comparisons.*,
+    """Read the result in `folder`, or the trade-off; write table.md, table.tex, column.tex, table.csv,
+    comparisons.*,
     figures/*.png, *.pdf, index.html and, of many captures, pages/*.html to `out`.
 
     sweep: a trade-off folder to show beside the result; else the one that `folder` is or holds. Files of an earlier
@@ -45,6 +46,7 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     texts = {
         "table.md": result_tables.markdown(result),
         "table.tex": latex.latex(result),
+        "column.tex": latex.column(result),
         "table.csv": result_tables.csv_text(result),
         "comparisons.md": result_tables.comparisons_markdown(result),
         "comparisons.tex": latex.comparisons(result),
