@@ -11,8 +11,20 @@ from itertools import groupby, pairwise
 
 from bench.results import Result, Tradeoff
 from bench.results.tables import each
-from reports.tables.blocks import AGAINST, NONE, Block, Line
-from reports.tables.blocks import best_note, blocks, caption, decimals, known, p_text, printed, three_digits
+from reports.tables.blocks import (
+    AGAINST,
+    NONE,
+    Block,
+    Line,
+    best_note,
+    blocks,
+    caption,
+    decimals,
+    known,
+    p_text,
+    printed,
+    three_digits,
+)
 
 COLUMNS, ABREAST = 5, 4  # methods that fit beside each other on a page and in one of its columns
 TITLE = "30mm"  # width of the column of metrics, whose titles are long
@@ -67,7 +79,9 @@ def column(result: Result) -> str:
     """The figures that the paper prints, ours above the paper's, against the first reference: tables of at most ABREAST
     methods that fit one column of IEEEtran; empty without a figure."""
     found = blocks(result)[:1]
-    return "\n".join(_narrow(result.about.name, printed(block), part) for block in found for part in _parts(block, ABREAST))
+    return "\n".join(
+        _narrow(result.about.name, printed(block), part) for block in found for part in _parts(block, ABREAST)
+    )
 
 
 def _narrow(name: str, block: Block, part: slice) -> str:
@@ -189,11 +203,11 @@ def tradeoff(found: Tradeoff) -> str:
 def float_table(
     text: str, columns: str, head: Iterable[str], body: Iterable[str], kind: str = "table*", gap_pt: float = 3.5
 ) -> str:
-    """A float over the page's width, or (kind `table`) in a column. text: its caption, plain; head: cells that are LaTeX
-    already; body: rows made by `row`; gap_pt: half the room between two columns."""
+    """A float over the page's width, or (kind `table`) in a column. text: its caption, plain; head: cells of LaTeX; body:
+    rows made by `row`; gap_pt: half the room between two columns."""
     rows = "\n".join(body)
     return rf"""% needs \usepackage{{booktabs}} and \usepackage{{siunitx}}
-\begin{{{kind}}}[{'p' if kind == 'table*' else 't'}]
+\begin{{{kind}}}[{"p" if kind == "table*" else "t"}]
 \centering\footnotesize
 \caption{{{escaped(text)}}}\smallskip
 \setlength{{\tabcolsep}}{{{gap_pt}pt}}

@@ -110,7 +110,9 @@ def test_the_papers_table_fits_one_column_of_ieeetran(result, tmp_path):
         pytest.skip("LaTeX has no siunitx or IEEEtran (Debian: texlive-science, texlive-publishers)")
     titles = ("3-FSK weighted", "broadband sub-voxel", "broadband aligned", "narrowband")
     long = named(result, titles)
-    lines = long.table.assign(low=-0.4021, high=-0.3411, value=-0.3719).where(long.table.metric == "bias_mm", long.table)
+    lines = long.table.assign(low=-0.4021, high=-0.3411, value=-0.3719).where(
+        long.table.metric == "bias_mm", long.table
+    )
     many = replace(long, about=long.about.model_copy(update={"methods": long.about.methods * 2}), table=lines)
     assert latex.column(many).count(r"\begin{table}") == 2
     files_read(tmp_path, {"column.tex": latex.column(many), "table.tex": latex.latex(many)}, paper=True)
