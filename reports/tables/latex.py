@@ -203,8 +203,8 @@ def tradeoff(found: Tradeoff) -> str:
 def float_table(
     text: str, columns: str, head: Iterable[str], body: Iterable[str], kind: str = "table*", gap_pt: float = 3.5
 ) -> str:
-    """A float over the page's width, or (kind `table`) in a column. text: its caption, plain; head: cells of LaTeX; body:
-    rows made by `row`; gap_pt: half the room between two columns."""
+    """A float over the page's width, or (kind `table`) in a column. text: its caption, plain; head: cells of LaTeX;
+    body: rows made by `row`; gap_pt: half the room between two columns."""
     rows = "\n".join(body)
     return rf"""% needs \usepackage{{booktabs}} and \usepackage{{siunitx}}
 \begin{{{kind}}}[{"p" if kind == "table*" else "t"}]
