@@ -8,12 +8,18 @@ place for it.
 
 from __future__ import annotations
 
+import base64
+import html
+import io
 import json
 import posixpath
 import re
 from pathlib import Path
 from typing import Any
 
+import matplotlib
+from matplotlib.font_manager import FontProperties
+from matplotlib.mathtext import math_to_image
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -21,6 +27,14 @@ from mkdocs.structure.pages import Page
 ROOT = Path(__file__).parents[1]
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
 FENCE = re.compile(r"^(```.*?^```)", re.DOTALL | re.MULTILINE)
+MATH = re.compile(r"(`[^`]*`)|\$([^$\n]+)\$")
+SPELT = {  # LaTeX that matplotlib does not know: the same as it does
+    r"\\mathbf (\w)": r"\\mathbf{\1}",
+    r"\\[td]?frac\s*(\w)\s*(\w)": r"\\frac{\1}{\2}",
+    r"\\[td]frac": r"\\frac",
+    r"\\(g|l)e\b": r"\\\1eq",
+    r"\\[lr]vert\b": "|",
+}
 OUTSIDE = {  # file of the repository: page of the site
     "README.md": "index.md",
     "docs/README.md": "contents.md",
@@ -95,7 +109,31 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         return f"{image}[{text}]({posixpath.relpath(place, posixpath.dirname(page.file.src_uri) or '.')})"
 
     parts = FENCE.split(markdown)
-    return "".join(part if i % 2 else LINK.sub(link, part) for i, part in enumerate(parts))
+    return "".join(fenced(part) if i % 2 else formulas(LINK.sub(link, part)) for i, part in enumerate(parts))
+
+
+def fenced(block: str) -> str:
+    """A block of code as it is, one of mathematics as a picture."""
+    return f"<p>{formula(block[7:-3])}</p>" if block.startswith("```math") else block
+
+
+def formulas(text: str) -> str:
+    """Text whose formulas are pictures."""
+    return MATH.sub(lambda found: found[1] or formula(found[2]), text)
+
+
+def formula(latex: str) -> str:
+    """A formula as a picture in the page, which stands on the line of the text."""
+    spelt = " ".join(latex.split())
+    for unknown, known in SPELT.items():
+        spelt = re.sub(unknown, known, spelt)
+    drawn = io.BytesIO()
+    with matplotlib.rc_context({"svg.hashsalt": "handbench", "mathtext.fontset": "cm", "figure.facecolor": "none"}):
+        depth = math_to_image(f"${spelt}$", drawn, prop=FontProperties(size=12), format="svg", dpi=72)
+    source = base64.b64encode(drawn.getvalue()).decode("ascii")
+    alt = html.escape(" ".join(latex.split())).replace("|", "&#124;").replace("_", "&#95;").replace("*", "&#42;")
+    style = f"vertical-align:{-depth:.1f}pt"
+    return f'<img class="math" style="{style}" alt="{alt}" src="data:image/svg+xml;base64,{source}">'
 
 
 def moved(target: str, source: str) -> str:
