@@ -35,10 +35,6 @@ def test_every_page_is_built_and_in_the_navigation(site):
     assert {page for page in pages if not (site / page).is_file()} == set()
     front = (site / "index.html").read_text("utf-8")
     navigation = front[front.index("md-nav--primary") :]
-        front.index("md-nav--primary") : front.index("</nav>\n\n    </div>")
-        if "</nav>\n\n    </div>" in front
-        else None
-    ]
     assert {page for page in pages if f'href="{page}"' not in navigation} == set()
 
 
@@ -65,8 +61,6 @@ def test_formulas_are_pictures(site):
     text = (site / "methods.html").read_text("utf-8")
     words = re.sub(r"<code>.*?</code>|<script.*?</script>|alt=\"[^\"]*\"", "", text, flags=re.DOTALL)
     assert text.count('class="math"') > 50 and "$" not in words
-        r"<code>.*?</code>|<script.*?</script>|alt=\"[^\"]*\"", "", text, flags=re.S
-    )
 
 
 def test_parameters_are_told_one_by_one(site):

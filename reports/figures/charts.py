@@ -12,19 +12,8 @@ from matplotlib.lines import Line2D
 from bench.results import HEADLINE, MethodFacts, Result
 from bench.results.about import TREATMENTS
 from bench.results.tables import each
-from reports.figures.style import (
-    COLUMN_IN,
-    Picture,
-    draw,
-    log_axis,
-    looks,
-    methods,
-    name_all,
-    narrow,
-    side_by_side,
-    time_text,
-    whiskers,
-)
+from reports.figures.style import Picture, draw, log_axis, looks, methods, name_all, side_by_side, time_text, whiskers
+from reports.figures.style import width_in as wide
 from reports.tables.blocks import AGAINST, DRAWN, floor_note
 
 EDGES_MM = np.geomspace(0.02, 100, 400)
@@ -142,8 +131,7 @@ def repeats(result: Result) -> Picture:
     """Every repeat's depth of the strongest scatterer, from its hand's mean."""
     hands = sorted(set(result.repeats.capture))
     repeated = [m for m in methods(result) if (result.repeats.method == m.name).any()]
-    wide_in = COLUMN_IN if narrow() else 1.6 + 0.95 * max(len(repeated), 3)
-    figure = Figure(figsize=(wide_in, 3.2), layout="constrained")
+    figure = Figure(figsize=(wide(1.6 + 0.95 * max(len(repeated), 3)), 3.2), layout="constrained")
     axis = figure.subplots()
     look = looks(m.name for m in methods(result))
     for column, method in enumerate(repeated):
@@ -156,8 +144,8 @@ def repeats(result: Result) -> Picture:
             place_of = np.full(len(z_m), place)
             axis.plot(place_of, deviation_mm, ls="none", marker=marker, color=colour, markersize=4, alpha=0.6, mew=0)
     axis.axhline(0, color="0.6", linewidth=0.6)
-    turned: dict[str, Any] = {"rotation": 45, "ha": "right", "rotation_mode": "anchor"} if narrow() else {}
-    axis.set_xticks(range(len(repeated)), [method.title for method in repeated], **turned)
+    titles = [method.title for method in repeated]
+    axis.set_xticks(range(len(repeated)), titles, rotation=30, ha="right", rotation_mode="anchor")
     axis.set_ylabel("z − mean z of the hand in mm")
     axis.grid(axis="y", alpha=0.25, linewidth=0.4)
     return Picture(
@@ -188,8 +176,7 @@ def by_cause(result: Result, causes: pd.DataFrame, reference: str) -> Picture:
     """Mean absolute and signed error of each method over the bins of each cause."""
     shown = [cause for cause in CAUSES if (causes.cause == cause).any()]
     widths = [causes[causes.cause == cause].groupby(["part", "low"], dropna=False).ngroups + 1 for cause in shown]
-    wide_in = 2 * COLUMN_IN if narrow() else 2.6 * len(shown) + 1.6  # both columns of a paper
-    figure = Figure(figsize=(wide_in, 4.6), layout="constrained")
+    figure = Figure(figsize=(wide(2.6 * len(shown) + 1.6, columns=2), 4.6), layout="constrained")
     axes = figure.subplots(2, len(shown), sharex="col", sharey="row", squeeze=False, width_ratios=widths)
     for column, cause in zip(axes.T, shown, strict=True):
         lines = causes[causes.cause == cause].assign(bin=[bin_label(x) for x in each(causes[causes.cause == cause])])

@@ -49,9 +49,8 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     wide_in, high_in, abreast, of_styles = (COLUMN_IN, 2.9, 1, 2) if narrow() else (9, 4.4, 3, 6)
     names = [f"{i}  " + "\n     ".join(wrap(s.title, 46)) for i, s in enumerate(best, 1)]
     rows = sum(name.count("\n") + 1 for name in names) / abreast + 1
-    picture = Figure(
-        figsize=(wide_in, high_in + LINE_IN * (rows + (len(styles) + 2) / of_styles)), layout="constrained"
-    )
+    rows += (len({s.method for s in shown}) + 2) / of_styles
+    picture = Figure(figsize=(wide_in, high_in + LINE_IN * rows), layout="constrained")
     axis = picture.subplots()
     line = [s for i, s in enumerate(best) if all(s.error < before.error for before in best[:i])]
     axis.plot([s.seconds for s in line], [s.error for s in line], color="0.25", linewidth=1.2, zorder=2)
@@ -74,14 +73,8 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     picture.legend(handles=handles, loc="outside upper center", ncols=of_styles, **plain)
     blank = [Line2D([], [], linestyle="none", label=name) for name in names]
     picture.legend(handles=blank, loc="outside lower center", ncols=abreast, handlelength=0, **plain)
-    picture.draw_without_rendering()  # lays it out: only then is known where points and numbers lie
-    ends = [[(s.seconds_low, s.error), (s.seconds_high, s.error)] for s in shown if known(s.seconds_low)]
-    ends += [[(s.seconds, s.low), (s.seconds, s.high)] for s in shown if known(s.low)]
-    lines = [np.array(end, dtype=float) for end in (*ends, [(s.seconds, s.error) for s in line])]
-    at, others = (
-        np.array([(s.seconds, s.error) for s in these]) for these in (best, [s for s in shown if s not in best])
-    )
-    number_points(axis, at, others.reshape(-1, 2), lines)
+    if best:
+        _number(axis, best, shown, line)
     told = "; ".join(f"{s.title}: {error_text(s)} {s.unit}, {seconds_text(s)} s" for s in best)
     more = any(known(s.seen_percent) for s in shown)
     good = "time, accuracy and completeness together" if more else "both time and accuracy"
@@ -100,6 +93,16 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
         f"{metric_words(about)} against time of {len(shown)} settings. On the front, from fast to slow: {told}.",
         picture,
     )
+
+
+def _number(axis: Axes, best: list[Setting], shown: list[Setting], line: list[Setting]) -> None:
+    """The front's numbers, which give way to the other settings, to the intervals and to the line."""
+    axis.figure.draw_without_rendering()  # lays it out: only then is known where points and numbers lie
+    ends = [[(s.seconds_low, s.error), (s.seconds_high, s.error)] for s in shown if known(s.seconds_low)]
+    ends += [[(s.seconds, s.low), (s.seconds, s.high)] for s in shown if known(s.low)]
+    crossed = [np.array(end, dtype=float) for end in (*ends, [(s.seconds, s.error) for s in line])]
+    others = np.array([(s.seconds, s.error) for s in shown if s not in best]).reshape(-1, 2)
+    number_points(axis, np.array([(s.seconds, s.error) for s in best]), others, crossed)
 
 
 def metric_words(about: Section) -> str:

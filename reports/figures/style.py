@@ -68,6 +68,11 @@ def narrow() -> bool:
     return rcParams["figure.figsize"][0] == COLUMN_IN
 
 
+def width_in(page_in: float, columns: int = 1) -> float:
+    """A figure's width on a page, or over so many of a paper's columns."""
+    return columns * COLUMN_IN if narrow() else page_in
+
+
 def methods(result: Result) -> list[MethodFacts]:
     """Known methods in the paper's order, then the others."""
     rank = {name: i for i, name in enumerate(ORDER)}

@@ -23,8 +23,8 @@ from reports.tables.blocks import (
     known,
     p_text,
     printed,
-    three_digits,
 )
+from reports.tables.blocks import three_digits as digits
 
 COLUMNS, ABREAST = 5, 4  # methods that fit beside each other on a page and in one of its columns
 TITLE = "30mm"  # width of the column of metrics, whose titles are long
@@ -194,7 +194,7 @@ def tradeoff(found: Tradeoff) -> str:
         body = []
         for s in front:
             share = [num(s.seen_percent, 2)] if seen else []
-            cost = num_figure(s.seconds, s.seconds_low, s.seconds_high, "s"), num(s.ratio, three_digits(s.ratio))
+            cost = num_figure(s.seconds, s.seconds_low, s.seconds_high, "s"), num(s.ratio, digits(s.ratio))
             body.append(row([escaped(s.title), num_figure(s.error, s.low, s.high, s.unit), *share, *cost]))
         texts.append(float_table(text, f"l{'r' * len(head[1:])}", head, body))
     return "\n".join(texts)
