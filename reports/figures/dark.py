@@ -32,7 +32,7 @@ def darken(figure: Figure) -> Figure:
             changed = [dark(colour, lighten=not ends) for colour in colours]
             if changed:
                 getattr(artist, f"set_{name}")(changed if isinstance(artist, Collection) else changed[0])
-        if isinstance(artist, AxesImage) and np.ndim(artist.get_array()) == 2:  # a map, no photograph
+        if isinstance(artist, AxesImage) and (values := artist.get_array()) is not None and values.ndim == 2:  # a map
             artist.set_cmap(artist.cmap.with_extremes(bad=dark(artist.cmap.get_bad())))
     return figure
 

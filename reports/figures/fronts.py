@@ -74,6 +74,7 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     blank = [Line2D([], [], linestyle="none", label=name) for name in names]
     picture.legend(handles=blank, loc="outside lower center", ncols=abreast, handlelength=0, **plain)
     if best:
+        picture.draw_without_rendering()  # lays it out: only then is known where points and numbers lie
         _number(axis, best, shown, line)
     told = "; ".join(f"{s.title}: {error_text(s)} {s.unit}, {seconds_text(s)} s" for s in best)
     more = any(known(s.seen_percent) for s in shown)
@@ -97,7 +98,6 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
 
 def _number(axis: Axes, best: list[Setting], shown: list[Setting], line: list[Setting]) -> None:
     """The front's numbers, which give way to the other settings, to the intervals and to the line."""
-    axis.figure.draw_without_rendering()  # lays it out: only then is known where points and numbers lie
     ends = [[(s.seconds_low, s.error), (s.seconds_high, s.error)] for s in shown if known(s.seconds_low)]
     ends += [[(s.seconds, s.low), (s.seconds, s.high)] for s in shown if known(s.low)]
     crossed = [np.array(end, dtype=float) for end in (*ends, [(s.seconds, s.error) for s in line])]
