@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 RUN    ?= runs/table
 
-.PHONY: setup table test test-random fuzz faults mutation bench lint coverage requirements clean
+.PHONY: setup table test test-random fuzz faults mutation bench lint docs coverage requirements clean
 
 setup: $(VENV)/.ready
 
@@ -58,6 +58,10 @@ lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/python tests/typing_ratchet.py
+
+# The documentation as one site, runs/site/index.html; warnings are errors, and nothing is fetched.
+docs: setup
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet -f docs/mkdocs.yml
 
 coverage: setup
 	$(BIN)/python -m coverage erase

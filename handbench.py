@@ -60,8 +60,18 @@ def __dir__() -> list[str]:
 
 
 def load(path: File) -> Capture | Depth | Surface | Transform | Result:
-    """Read what lies at `path`: a capture folder (handbench's, MAROON's, or one with a mapping.toml), a result folder,
-    a depth map (.npz), a mesh (.ply, .obj, .stl; metres) or a transform (.json). HandbenchError for anything else."""
+    """Read what lies at a path.
+
+    Args:
+        path: a capture folder (handbench's, MAROON's, or one with a mapping.toml), a result folder, a depth map
+            (.npz), a mesh (.ply, .obj, .stl; metres) or a transform (.json).
+
+    Returns:
+        Capture, Result, Depth, Surface or Transform.
+
+    Raises:
+        HandbenchError: nothing that handbench reads lies there.
+    """
     path = Path(path)
     if path.suffix == ".npz":
         from radar.data.depthmap import load_depthmap
@@ -83,7 +93,15 @@ def load(path: File) -> Capture | Depth | Surface | Transform | Result:
 
 
 class Capture:
-    """One scene's data in a folder: echoes, and, where there are any, its surface and photographs."""
+    """One scene's data in a folder: echoes, and, where there are any, its surface and photographs.
+
+    Args:
+        path: the folder.
+
+    Attributes:
+        name: the capture's name.
+        folder: where it lies.
+    """
 
     def __init__(self, path: File) -> None:
         from bench.datasets.dataset import open_capture
@@ -101,7 +119,8 @@ class Capture:
 
     @cached_property
     def echoes(self) -> RadarCapture:
-        """All frames' samples, with the tones and the antennas."""
+        """All frames: `.samples` complex64 [frame, frequency, tx, rx], `.frequencies_hz`, `.aperture` with `tx_m`
+        [tx, 3] and `rx_m` [rx, 3]."""
         return self._recorded.echoes()
 
     @property
@@ -125,8 +144,20 @@ class Capture:
         return self._recorded.transform()
 
     def reconstruct(self, method: str = "3fsk", frame: int = 0, **settings: Any) -> Depth:
-        """Image one frame by a method of `methods()`. settings: its parameters, as tolerance=1e-3 or
-        z={"step_m": 0.002}, over what the capture asks for; `handbench list methods` has them all."""
+        """Image one frame.
+
+        Args:
+            method: an id of `methods()`.
+            frame: which frame, from 0.
+            settings: the method's parameters, as tolerance=1e-3 or z={"step_m": 0.002}, over what the capture asks
+                for; `handbench list methods` has them all.
+
+        Returns:
+            The depth map, which remembers this capture.
+
+        Raises:
+            HandbenchError: an unknown method or parameter, a frame or a tone that the capture does not have.
+        """
         from bench.run.reconstruct_stage import configuration
         from radar.methods import registry
         from radar.methods.advice import require_tones
@@ -152,7 +183,14 @@ class Drawn:
     """A thing with a figure, which notebooks show."""
 
     def plot(self, file: File | None = None) -> Figure:
-        """The figure, of the maps as seen from the array; written to `file` (.png, .pdf, .svg) too, if it is named."""
+        """Draw it as seen from the array: x grows to the left.
+
+        Args:
+            file: where the figure is written too (.png, .pdf, .svg), if it is named.
+
+        Returns:
+            Matplotlib's figure.
+        """
         from reports.figures.single import save
 
         figure = self._figure()
@@ -170,7 +208,12 @@ class Drawn:
 
 
 class Depth(Drawn):
-    """A depth map: x_m [nx], y_m [ny], z_m and amplitude_db [ny, nx], and all else that `DepthMap` holds (`.map`)."""
+    """A depth map: x_m [nx], y_m [ny], z_m and amplitude_db [ny, nx], and all else that `DepthMap` holds (`.map`).
+
+    Args:
+        map: the depth map.
+        capture: the capture that it was imaged from, whose surface `evaluate` takes.
+    """
 
     def __init__(self, map: DepthMap, capture: Capture | None = None) -> None:
         self.map, self.capture = map, capture
@@ -187,7 +230,11 @@ class Depth(Drawn):
         return f"<handbench.Depth {self.method}: {pixels} pixels, {len(seen_mm)} on target, {depths}>"
 
     def save(self, file: File) -> None:
-        """Write the depth map's .npz."""
+        """Write the depth map.
+
+        Args:
+            file: its .npz, as docs/files.md describes it.
+        """
         self.map.save(file)
 
     def _figure(self) -> Figure:
@@ -223,8 +270,18 @@ class Depth(Drawn):
         return xr.Dataset(variables, {"y_m": self.y_m, "x_m": self.x_m}, {"method": self.method})
 
     def evaluate(self, mesh: File | None = None, transform: Transform | File | None = None) -> Score:
-        """Hold the map against a mesh file that `transform` carries into the radar's frame, where it lies without one;
-        by default against the surface of the capture that it was imaged from: the true one, or else the measured."""
+        """Hold the map against a surface: by default that of its capture, the true one or else the measured.
+
+        Args:
+            mesh: a mesh file (.ply, .obj, .stl; metres).
+            transform: what carries the mesh into the radar's frame, or its .json; without one it lies there already.
+
+        Returns:
+            The figures, by name, and the map of signed errors.
+
+        Raises:
+            HandbenchError: no mesh, or nothing that carries the capture's own to the radar.
+        """
         from bench.datasets.maroon_alignment import load_any_transform
         from bench.run.scoring import score_map
         from groundtruth.mesh.surface import read_surface
@@ -244,7 +301,13 @@ class Depth(Drawn):
 
 
 class Score(Drawn):
-    """The figures of a depth map against a surface, by name (`score["mae_mm"]`), and the error of each pixel."""
+    """The figures of a depth map against a surface, by name (`score["mae_mm"]`), and the error of each pixel.
+
+    Args:
+        errors: signed errors in metres, z − z_ref: positive behind the surface.
+        values: metric → figure in the unit of its name; None where it is not defined.
+        method: the method's id.
+    """
 
     def __init__(self, errors: ErrorMap, values: dict[str, float | None], method: str) -> None:
         self.errors, self.values, self.method = errors, values, method
@@ -273,7 +336,17 @@ def methods() -> dict[str, str]:
 
 
 def simulate(scene: File, folder: File, frames: int = 1, overwrite: bool = False) -> Capture:
-    """Write the capture of a scene file into a new folder, or in place of the capture there, if that is allowed."""
+    """Write the capture of a scene file.
+
+    Args:
+        scene: the scene's .toml.
+        folder: where the capture is written.
+        frames: how many frames, each with noise of its own.
+        overwrite: whether it may take the place of a capture that lies there.
+
+    Returns:
+        The capture.
+    """
     from bench.cli.options import free_folder
     from bench.datasets.simulated import simulate_capture
     from bench.scenes.build import load_scene
@@ -284,8 +357,17 @@ def simulate(scene: File, folder: File, frames: int = 1, overwrite: bool = False
 
 
 def groundtruth(photos: File, mesh: File | None = None, workdir: File | None = None, **options: Any) -> Surface:
-    """Reconstruct a folder of photographs as a metric surface; written to `mesh` (.ply) too, if it is named. options:
-    those of `groundtruth.options.Options`, as board=…, quality="draft"."""
+    """Reconstruct photographs as a metric surface.
+
+    Args:
+        photos: the folder of photographs.
+        mesh: where the surface is written too (.ply), if it is named.
+        workdir: where the stages' files are kept, cameras and sparse points among them.
+        options: those of `groundtruth.options.Options`, as board="board.toml", quality="draft".
+
+    Returns:
+        `vertices_m` [n, 3], `faces` [m, 3], `sigma_m` [n] and `observed` [n] in the photographs' frame.
+    """
     from groundtruth.options import Options
     from groundtruth.pipeline import reconstruct
     from radar.support.config import parse
@@ -297,7 +379,16 @@ def groundtruth(photos: File, mesh: File | None = None, workdir: File | None = N
 
 
 def calibrate(captures: File | Sequence[File], quality: str = "draft", seed: int = 0) -> Transform:
-    """Find radar_from_photo, with its covariance, from one or several captures of one calibration target."""
+    """Find what carries the photographs' frame to the radar's.
+
+    Args:
+        captures: one or several captures of one calibration target.
+        quality: of the photogrammetry: draft, normal or high.
+        seed: of the random numbers.
+
+    Returns:
+        radar_from_photo, with its covariance (of [translation in metres, rotation vector in radians]).
+    """
     from bench.run.photogrammetry import calibrate_captures
 
     named = [captures] if isinstance(captures, str | Path) else captures
@@ -305,8 +396,16 @@ def calibrate(captures: File | Sequence[File], quality: str = "draft", seed: int
 
 
 def run(bench: File, folder: File, overwrite: bool = False) -> Result:
-    """Run or resume a benchmark file, or an embedded one by its name, into a result folder. Its tables are DataFrames:
-    `.table`, `.tasks`, `.comparisons`, …"""
+    """Run or resume a benchmark.
+
+    Args:
+        bench: its .toml, or an embedded one's name, as "paper_table".
+        folder: the result folder.
+        overwrite: whether another benchmark's result may be replaced.
+
+    Returns:
+        The result, whose tables are DataFrames: `.table`, `.tasks`, `.comparisons`, …
+    """
     from bench.results import load as load_result
     from bench.run import runner
     from bench.run.benchmark_file import load_benchmark

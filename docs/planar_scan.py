@@ -55,9 +55,9 @@ def main(capture: Path, picture: Path) -> None:
         figures = f"{1e3 * np.median(z_m):.1f} | {rms_mm(residual_m):.2f} | {rms_mm(kept_m):.2f}"
         print(f"{method.id} | {figures} | {len(residual_m) - len(kept_m)}")
         extent = [1e3 * v for v in (depth.x_m[0], depth.x_m[-1], depth.y_m[0], depth.y_m[-1])]
-        shown = column[0].imshow(1e3 * depth.z_m, origin="lower", extent=extent, vmin=70, vmax=130, cmap="viridis")
+        shown = column[0].imshow(1e3 * depth.z_m, origin="lower", extent=extent, vmin=70, vmax=130, cmap="viridis_r")
         loud = column[1].imshow(depth.amplitude_db, origin="lower", extent=extent, vmin=-20, vmax=0, cmap="gray")
-        column[0].set_title(method.id)
+        column[0].set(title=method.id, xlim=extent[1::-1])  # as seen from the array: x grows to the left
         column[1].set_xlabel("x in mm")
     for row, mappable, label in zip(axes, (shown, loud), ("depth in mm", "amplitude in dB"), strict=True):
         row[0].set_ylabel("y in mm")

@@ -12,7 +12,8 @@ from matplotlib.lines import Line2D
 from bench.results import HEADLINE, MethodFacts, Result
 from bench.results.about import TREATMENTS
 from bench.results.tables import each
-from reports.figures.style import Picture, draw, log_axis, looks, methods, side_by_side, time_text, whiskers
+from reports.figures.style import Picture, draw, log_axis, looks, methods, name_all, side_by_side, time_text, whiskers
+from reports.figures.style import width_in as wide
 from reports.tables.blocks import AGAINST, DRAWN, floor_note
 
 EDGES_MM = np.geomspace(0.02, 100, 400)
@@ -58,13 +59,12 @@ def accuracy_against_time(result: Result) -> Picture:
             if error.paper > 0:
                 axis.plot(x, error.paper, marker, color=colour, markersize=6, fillstyle="none")
             notes.append(f"{method.title} {AGAINST[reference]}: {error.value:.2f} mm in {time_text(result, method)}")
-        axis.set(xlabel="seconds per frame", title=AGAINST[reference])
+        axis.set(xlabel="seconds per frame", ylabel=f"{result.title(HEADLINE)} in mm", title=AGAINST[reference])
         axis.margins(0.15)
         for side in ("x", "y"):
             log_axis(axis, side)
-    axes[0].set_ylabel(f"{result.title(HEADLINE)} in mm")
     handles["paper (at our time)"] = Line2D([], [], color="0.3", marker="o", linestyle="none", fillstyle="none")
-    figure.legend(handles.values(), handles.keys(), loc="outside right center", frameon=False)
+    name_all(figure, handles.values(), handles)
     return Picture(
         "accuracy_time",
         "Accuracy against time: mean absolute error over seconds per frame, with 95 % intervals. "
@@ -84,8 +84,8 @@ def error_distributions(result: Result) -> Picture:
             draw(result, axis, method, EDGES_MM, _shares(result, method.name, reference), markevery=every)
         log_axis(axis, "x")
         axis.set(xlim=EDGES_MM[[0, -1]], ylim=(0, 100), xlabel="|z − z_ref| in mm", title=AGAINST[reference])
-    axes[0].set_ylabel("share of observed pixels in %")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", frameon=False)
+        axis.set_ylabel("share of observed pixels in %")
+    name_all(figure, *axes[0].get_legend_handles_labels())
     return Picture(
         "error_distribution",
         "Share of the observed pixels, of all captures together, whose absolute error is not above the abscissa.",
@@ -103,9 +103,8 @@ def risk_coverage(result: Result) -> Picture:
             curve = result.curves[(result.curves.method == method.name) & (result.curves.treatment == treatment)]
             draw(result, axis, method, curve.share_percent, curve.risk_mm, markevery=10)
         log_axis(axis, "y")
-        axis.set(xlabel="share of the surface in %", title=said)
-    axes[0].set_ylabel(f"{result.title(HEADLINE)} in mm")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", frameon=False)
+        axis.set(xlabel="share of the surface in %", ylabel=f"{result.title(HEADLINE)} in mm", title=said)
+    name_all(figure, *axes[0].get_legend_handles_labels())
     return Picture(
         "risk_coverage",
         f"Error over completeness {AGAINST[reference]}: the mean absolute error of each method's strongest pixels, as "
@@ -132,7 +131,7 @@ def repeats(result: Result) -> Picture:
     """Every repeat's depth of the strongest scatterer, from its hand's mean."""
     hands = sorted(set(result.repeats.capture))
     repeated = [m for m in methods(result) if (result.repeats.method == m.name).any()]
-    figure = Figure(figsize=(1.6 + 0.95 * max(len(repeated), 3), 3.2), layout="constrained")
+    figure = Figure(figsize=(wide(1.6 + 0.95 * max(len(repeated), 3)), 3.2), layout="constrained")
     axis = figure.subplots()
     look = looks(m.name for m in methods(result))
     for column, method in enumerate(repeated):
@@ -145,7 +144,8 @@ def repeats(result: Result) -> Picture:
             place_of = np.full(len(z_m), place)
             axis.plot(place_of, deviation_mm, ls="none", marker=marker, color=colour, markersize=4, alpha=0.6, mew=0)
     axis.axhline(0, color="0.6", linewidth=0.6)
-    axis.set_xticks(range(len(repeated)), [method.title for method in repeated])
+    titles = [method.title for method in repeated]
+    axis.set_xticks(range(len(repeated)), titles, rotation=30, ha="right", rotation_mode="anchor")
     axis.set_ylabel("z − mean z of the hand in mm")
     axis.grid(axis="y", alpha=0.25, linewidth=0.4)
     return Picture(
@@ -176,7 +176,7 @@ def by_cause(result: Result, causes: pd.DataFrame, reference: str) -> Picture:
     """Mean absolute and signed error of each method over the bins of each cause."""
     shown = [cause for cause in CAUSES if (causes.cause == cause).any()]
     widths = [causes[causes.cause == cause].groupby(["part", "low"], dropna=False).ngroups + 1 for cause in shown]
-    figure = Figure(figsize=(2.6 * len(shown) + 1.6, 4.6), layout="constrained")
+    figure = Figure(figsize=(wide(2.6 * len(shown) + 1.6, columns=2), 4.6), layout="constrained")
     axes = figure.subplots(2, len(shown), sharex="col", sharey="row", squeeze=False, width_ratios=widths)
     for column, cause in zip(axes.T, shown, strict=True):
         lines = causes[causes.cause == cause].assign(bin=[bin_label(x) for x in each(causes[causes.cause == cause])])
@@ -193,7 +193,7 @@ def by_cause(result: Result, causes: pd.DataFrame, reference: str) -> Picture:
     axes[1, 0].set_yscale("symlog", linthresh=LINEAR_MM)
     axes[1, 0].yaxis.set_major_formatter("{x:g}")
     figure.align_xlabels()
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right center", frameon=False)
+    name_all(figure, *axes[0, 0].get_legend_handles_labels())
     return Picture(
         f"causes__{reference}",
         f"Errors by cause, {AGAINST[reference]}: means of the pixels in each bin, formed for each capture and averaged "
@@ -212,9 +212,9 @@ def reliability(result: Result) -> Picture:
         axis.plot((50, 100), (50, 100), color="0.6", linewidth=0.8)
         for method, mine in _of_methods(result, lines[lines.reference == reference]):
             draw(result, axis, method, mine.nominal_percent, mine.observed_percent, linewidth=0.9)
-        axis.set(title=AGAINST[reference], xlabel="nominal coverage in %", xticks=sorted(set(lines.nominal_percent)))
-    axes[0].set_ylabel("observed coverage in %")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", frameon=False)
+        axis.set(title=AGAINST[reference], xlabel="nominal coverage in %", ylabel="observed coverage in %")
+        axis.set_xticks(sorted(set(lines.nominal_percent)))
+    name_all(figure, *axes[0].get_legend_handles_labels())
     return Picture(
         "reliability",
         "Reliability of σ: share of all errors that lie within the normal interval about the depth; on the grey line σ "

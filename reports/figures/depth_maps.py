@@ -1,99 +1,142 @@
 """Depth maps and error maps, as seen from the array: x grows to the left, so that they look like the photograph."""
 
 import math
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import zip_longest
+from textwrap import fill
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colorbar import Colorbar
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize, SymLogNorm
 from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
-from bench.results import HEADLINE, CaptureFacts, ErrorMap, Result, Surface
-from reports.figures.style import Picture, methods, time_text
+from bench.results import HEADLINE, CaptureFacts, ErrorMap, MethodFacts, Result, Surface
+from reports.figures.style import COLUMN_IN, Picture, methods, narrow, time_text
 from reports.tables.blocks import AGAINST, DRAWN, floor_note
 
 DEPTH_COLOURS, ERROR_COLOURS, EMPTY = "viridis_r", "RdBu_r", "#d9d9d9"
 ERROR_TICKS_MM = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
-X_LABEL = "x in mm, growing to the left (as seen from the array)"
-ABREAST = 6  # depth maps in a row, at most
-PANEL, GAP, LEFT, RIGHT, TOP, BOTTOM = 1.9, 0.14, 0.8, 0.75, 0.45, 0.55  # inches
+X_LABEL, X_SHORT = "x in mm, growing to the left (as seen from the array)", "x in mm (as seen from the array)"
+# Of a page and of a paper's column: panels in a row at most; in inches the width of one (0: what the column leaves),
+# the gap, the margins at the left and the right, the width of a colour bar.
+PAGE, COLUMN = (6, 1.9, 0.14, 0.8, 0.75, 0.14), (4, 0.0, 0.05, 0.48, 0.74, 0.08)
+LINE_IN, BOTTOM_IN = 0.155, 0.45  # of a title's line, and below the lowest panels
+SIGNED = (
+    "red lies behind the reference, blue before it, grey was not observed; the line is the reference's outline. The "
+    "scale, the same for every capture, is linear within ±1 mm and logarithmic beyond."
+)
 
 Box = tuple[float, float, float, float]  # left, right, bottom, top in mm; left > right
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A titled map, in metres, with the outline of the reference of `errors`, if they are given; or a photograph's
+    pixels; or nothing."""
+
+    title: str = ""
+    surface: Surface | None = None
+    errors: ErrorMap | None = None
+    photo: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Strip:
+    """Panels of one colour scale, in mm."""
+
+    panels: Sequence[Panel]
+    colours: str
+    norm: Normalize
+    label: str
+
+
+def depth_strip(panels: Sequence[Panel], first: Surface) -> Strip:
+    """Depths on the scale of one of them."""
+    return Strip(panels, DEPTH_COLOURS, depth_scale(first), "z in mm")
+
+
+def error_strip(panels: Sequence[Panel]) -> Strip:
+    """Signed errors."""
+    return Strip(panels, ERROR_COLOURS, error_scale(), "z − z_ref in mm")
+
+
+def error_panel(title: str, errors: ErrorMap) -> Panel:
+    """Signed errors and their reference's outline: where a sparse map lies on the hand."""
+    return Panel(title, Surface(errors.x_m, errors.y_m, errors.error_m), errors)
+
+
+def error_scale() -> SymLogNorm:
+    """The scale of signed errors in mm, the same everywhere: linear within ±1 mm, logarithmic to ±50 mm."""
+    return SymLogNorm(linthresh=1, linscale=0.6, vmin=-50, vmax=50)
 
 
 def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
     """One capture's pictures."""
     if result.about.methods:
-        yield depth_maps(result, capture)
-        for reference in DRAWN:
-            if reference in capture.references:
-                yield error_maps(result, capture, reference)
+        references = [reference for reference in DRAWN if reference in capture.references]
+        yield depth_maps(result, capture, *references[:1])
+        for reference in references[1:]:
+            yield error_maps(result, capture, reference)
 
 
-def depth_maps(result: Result, capture: CaptureFacts) -> Picture:
-    """Like the paper's Fig. 3: photograph | ground truth | methods, one colour scale."""
-    panels = [
-        (f"{m.title}\n{time_text(result, m)} per frame", result.surface(capture.name, m.name)) for m in methods(result)
-    ]
-    truth = next((r for r in DRAWN if r in capture.references), None)
-    if truth:
-        name = {"truth": "true surface", "photogrammetry": "photogrammetry"}[truth]
-        panels.insert(0, (f"ground truth\n({name})", result.surface(capture.name, truth)))
-    photo = result.photo(capture.name)
-    box = box_of([surface for _, surface in panels])
-    figure, _, _ = sheet(panels, DEPTH_COLOURS, depth_scale(panels[0][1]), "z in mm", box, photo)
-    names = ", ".join(title.replace("\n", " ") for title, _ in panels)
+def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Picture:
+    """Like the paper's Fig. 3 and 4: ground truth and methods on one colour scale, and below each its errors against
+    the reference, beside the photograph."""
+    maps = [Panel(_title(result, m), result.surface(capture.name, m.name)) for m in methods(result)]
+    surfaces, photo = [panel.surface for panel in maps if panel.surface], result.photo(capture.name)
+    before = [Panel("photograph", photo=np.asarray(Image.open(photo).convert("RGB")))] if photo else []
+    said, alt, errors = "; grey: not observed.", "", []
+    if reference:
+        name = {"truth": "true surface", "photogrammetry": "photogrammetry"}[reference]
+        surfaces.insert(0, result.surface(capture.name, reference))
+        below, alt = _errors(result, capture, reference, timed=False)
+        errors = [error_strip([*(before or [Panel()]), *below])]
+        before = [Panel("ground\ntruth" if narrow() else f"ground truth\n({name})", surfaces[0])]
+        said = f", and below them their errors {AGAINST[reference]}; {SIGNED}{floor_note(result)}"
+    figure = sheet([depth_strip([*before, *maps], surfaces[0]), *errors], box_of(surfaces))
+    names = ", ".join(panel.title.replace("\n", " ") for panel in (*before, *maps))
     return Picture(
         f"depth_{capture.name}",
-        f"Capture {capture.name}: depth maps on one colour scale; grey: not observed.",
-        f"Depth maps of capture {capture.name}, side by side: {'photograph, ' if photo else ''}{names}.",
+        f"Capture {capture.name}: depth maps on one colour scale{said}",
+        f"Depth maps of capture {capture.name}, side by side: {names}{', and the photograph' * bool(photo)}. {alt}",
         figure,
     )
 
 
 def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture:
     """Like the paper's Fig. 4: signed errors of every method, on one diverging scale for every capture."""
-    maps = [(method, result.errors(capture.name, method.name, reference)) for method in methods(result)]
-    box = box_of([Surface(e.x_m, e.y_m, e.reference_z_m) for _, e in maps])
-    told = [(method, mean_text(result, errors.error_m)) for method, errors in maps]
-    titles = [f"{method.title}\n{mean}, {time_text(result, method)}" for method, mean in told]
-    shown = [(title, Surface(e.x_m, e.y_m, e.error_m)) for title, (_, e) in zip(titles, maps, strict=True)]
-    figure = error_sheet(shown, [errors for _, errors in maps], box)
-    first = next(r for r in DRAWN if r in capture.references)
+    shown, alt = _errors(result, capture, reference, timed=True)
     return Picture(
-        f"error_{capture.name}" + ("" if reference == first else f"__{reference}"),
-        f"Capture {capture.name}: signed errors {AGAINST[reference]}; red lies behind the reference, blue before it, "
-        "grey was not observed; the line is the reference's outline. The scale, the same for every capture, is linear "
-        f"within ±1 mm and logarithmic beyond.{floor_note(result)}",
-        f"Error maps of capture {capture.name} {AGAINST[reference]}. "
-        + "; ".join(f"{method.title}: {mean}" for method, mean in told)
-        + ".",
-        figure,
+        f"error_{capture.name}__{reference}",
+        f"Capture {capture.name}: signed errors {AGAINST[reference]}; {SIGNED}{floor_note(result)}",
+        alt,
+        sheet([error_strip(shown)], box_of([result.surface(capture.name, reference)])),
     )
 
 
-def error_sheet(shown: list[tuple[str, Surface]], maps: list[ErrorMap], box: Box) -> Figure:
-    """A figure of titled errors in metres, each with its reference's outline: where a sparse map lies on the hand."""
-    figure, axes, bar = sheet(shown, ERROR_COLOURS, error_scale(), "z − z_ref in mm", box)
-    for axis, errors in zip(axes, maps, strict=False):
-        covered = np.isfinite(errors.reference_z_m)
-        if covered.any() and not covered.all():
-            x_mm, y_mm = 1e3 * errors.x_m, 1e3 * errors.y_m
-            axis.contour(x_mm, y_mm, covered, levels=[0.5], colors="0.35", linewidths=0.4)
-    bar.set_ticks(ERROR_TICKS_MM, labels=[f"{tick:+d}".replace("-", "−").replace("+0", "0") for tick in ERROR_TICKS_MM])
-    bar.minorticks_off()
-    return figure
+def _errors(result: Result, capture: CaptureFacts, reference: str, timed: bool) -> tuple[list[Panel], str]:
+    """The methods' errors, titled by their means and, if timed, by names and times too; and all in words."""
+    shown, words = [], []
+    for m in methods(result):
+        errors = result.errors(capture.name, m.name, reference)
+        mean = mean_text(result, errors.error_m)
+        words.append(f"{m.title}: {mean}")
+        mean = mean.removeprefix(f"{result.title(HEADLINE)} ") if narrow() else mean
+        shown.append(error_panel(_title(result, m, mean) if timed else mean, errors))
+    return shown, f"Error maps of capture {capture.name} {AGAINST[reference]}. {'; '.join(words)}."
 
 
-def error_scale() -> SymLogNorm:
-    """The scale of signed errors in mm, the same everywhere: linear within ±1 mm, logarithmic to ±50 mm."""
-    return SymLogNorm(linthresh=1, linscale=0.6, vmin=-50, vmax=50)
+def _title(result: Result, method: MethodFacts, mean: str = "") -> str:
+    """A method's name, its mean error, if it is told, and its time."""
+    time = time_text(result, method)
+    if narrow():
+        return "\n".join(filter(None, (fill(method.title, 11), mean, time)))
+    return f"{method.title}\n{mean}, {time}" if mean else f"{method.title}\n{time} per frame"
 
 
 def mean_text(result: Result, error_m: np.ndarray) -> str:
@@ -102,47 +145,49 @@ def mean_text(result: Result, error_m: np.ndarray) -> str:
     return f"{result.title(HEADLINE)} {1e3 * np.abs(seen).mean():.2f} mm" if len(seen) else "nothing observed"
 
 
-def sheet(
-    maps: list[tuple[str, Surface]], colours: str, norm: Normalize, label: str, box: Box, photo: Path | None = None
-) -> tuple[Figure, list[Axes], Colorbar]:
-    """A figure with a panel for each titled map in rows, a photograph at their left and the colour bar at their right;
-    numbers and names stand on the outer axes only, and nothing where no panel is."""
-    rows = math.ceil(len(maps) / ABREAST)
-    columns = math.ceil(len(maps) / rows)
-    shape = min(max((box[3] - box[2]) / (box[0] - box[1]), 0.5), 2.2)
-    wide, high = PANEL, PANEL * shape
-    picture = np.asarray(Image.open(photo).convert("RGB")) if photo else np.zeros((1, 0, 3))
-    photo_wide = min(high * picture.shape[1] / picture.shape[0], 1.4 * wide)
-    left = photo_wide + LEFT
-    width, height = left + columns * (wide + GAP) + RIGHT, BOTTOM + rows * (high + TOP)
-    figure = Figure(figsize=(width, height))
+def sheet(strips: Sequence[Strip], box: Box) -> Figure:
+    """A figure of strips, one below the other, in as many turns as a row has too few places, with a colour bar at the
+    right of each row; numbers and names stand on the outer axes only, and nothing where no panel is."""
+    count = max(len(strip.panels) for strip in strips)
+    abreast, wide, gap, left, right, bar_wide = COLUMN if narrow() else PAGE
+    columns = math.ceil(count / math.ceil(count / abreast))
+    wide = wide or (COLUMN_IN - left - right) / columns - gap
+    high = wide * min(max((box[3] - box[2]) / (box[0] - box[1]), 0.5), 2.2)
+    parts = [(s, s.panels[i : i + columns]) for i in range(0, count, columns) for s in strips]
+    rows = [replace(strip, panels=part) for strip, part in parts if part]
+    tops = [0.1 + LINE_IN * (1 + max(panel.title.count("\n") for panel in row.panels)) for row in rows]
+    width, height = left + columns * (wide + gap) + right, BOTTOM_IN + sum(tops) + len(rows) * high
+    figure, axes, y = Figure(figsize=(width, height)), [], height
 
-    def place(x: float, y: float, w: float, h: float) -> Axes:
-        return figure.add_axes((x / width, y / height, w / width, h / height))
+    def place(x: float, w: float) -> Axes:
+        return figure.add_axes((x / width, y / height, w / width, high / height))
 
-    if photo:
-        axis = place(0.1, BOTTOM + (rows - 1) * (high + TOP), photo_wide, high)
-        axis.imshow(picture)
-        axis.set(title="photograph", anchor="N")
-        axis.set_axis_off()
-    bottoms = [BOTTOM + (rows - 1 - row) * (high + TOP) for row in range(rows)]
-    axes = [place(left + column * (wide + GAP), y, wide, high) for y in bottoms for column in range(columns)]
-    bar_axis = place(width - RIGHT, BOTTOM, 0.14, bottoms[0] + high - BOTTOM)
-    figure.text(left / width + columns * (wide + GAP) / 2 / width, 0.08 / height, X_LABEL, ha="center", va="bottom")
-    for axis, (title, surface) in zip(axes, maps, strict=False):
-        image = _draw(axis, surface, colours, norm, box)
-        axis.set_title(title)
-    for axis in axes[-columns:]:
-        axis.tick_params(labelbottom=True)
-    for axis in axes[::columns]:
-        axis.tick_params(labelleft=True)
-        axis.set_ylabel("y in mm")
-    for axis in axes[len(maps) :]:
-        axis.set_axis_off()
-    return figure, axes, figure.colorbar(image, cax=bar_axis, label=label, extend="both")
+    for row, top in zip(rows, tops, strict=True):
+        y -= top + high
+        axes.append([place(left + column * (wide + gap), wide) for column in range(len(row.panels))])
+        for axis, panel in zip(axes[-1], row.panels, strict=True):
+            _draw(axis, panel, row, box)
+        axes[-1][0].tick_params(labelleft=True)
+        axes[-1][0].set_ylabel("y in mm", labelpad=1)
+        _bar(figure, row, place(width - right, bar_wide))
+    for below in zip_longest(*axes):  # a photograph has no numbers
+        next(axis for axis in reversed(below) if axis).tick_params(labelbottom=True)
+    middle = (left + columns * (wide + gap) / 2) / width
+    figure.text(middle, 0.06 / height, X_SHORT if narrow() else X_LABEL, ha="center")
+    return figure
 
 
-def box_of(surfaces: list[Surface], margin_mm: float = 8) -> Box:
+def _bar(figure: Figure, strip: Strip, axis: Axes) -> None:
+    """The strip's colour bar, that of signed errors with their ticks."""
+    bar = figure.colorbar(ScalarMappable(strip.norm, strip.colours), cax=axis, extend="both")
+    bar.set_label(strip.label, labelpad=1)
+    if isinstance(strip.norm, SymLogNorm):
+        ticks = ERROR_TICKS_MM[:: 2 if narrow() else 1]
+        bar.set_ticks(ticks, labels=[f"{tick:+d}".replace("-", "−").replace("+0", "0") for tick in ticks])
+        bar.minorticks_off()
+
+
+def box_of(surfaces: Sequence[Surface], margin_mm: float = 8) -> Box:
     """The box around every pixel that any surface has."""
     x_mm = 1e3 * np.concatenate([s.x_m[np.isfinite(s.z_m).any(axis=0)] for s in surfaces])
     y_mm = 1e3 * np.concatenate([s.y_m[np.isfinite(s.z_m).any(axis=1)] for s in surfaces])
@@ -159,18 +204,30 @@ def depth_scale(surface: Surface) -> Normalize:
     return Normalize(5 * math.floor(z_mm.min() / 5 - 0.5), 5 * math.ceil(z_mm.max() / 5 + 0.5))
 
 
-def _draw(axis: Axes, surface: Surface, colours: str, norm: Normalize, box: Box) -> AxesImage:
-    """One map in mm, pixel for pixel on its even grid, cut to `box`."""
+def _draw(axis: Axes, panel: Panel, strip: Strip, box: Box) -> None:
+    """One map in mm, pixel for pixel on its even grid, cut to `box`; or a photograph."""
+    axis.set_title(panel.title)
+    if panel.surface is None:
+        axis.set_axis_off()
+        if panel.photo is not None:
+            axis.set_anchor("N")
+            axis.imshow(panel.photo)
+        return
     axis.set_facecolor(EMPTY)
-    colour_map = colormaps[colours].with_extremes(bad=EMPTY)
-    values_mm = np.ma.masked_invalid(1e3 * surface.z_m)
-    extent = (*_edges_mm(surface.x_m), *_edges_mm(surface.y_m))
-    image = axis.imshow(values_mm, colour_map, norm, interpolation="nearest", origin="lower", extent=extent)
+    colour_map = colormaps[strip.colours].with_extremes(bad=EMPTY)
+    values_mm = np.ma.masked_invalid(1e3 * panel.surface.z_m)
+    extent = (*_edges_mm(panel.surface.x_m), *_edges_mm(panel.surface.y_m))
+    axis.imshow(values_mm, colour_map, strip.norm, interpolation="nearest", origin="lower", extent=extent)
+    if panel.errors:
+        covered = np.isfinite(panel.errors.reference_z_m)
+        if covered.any() and not covered.all():
+            x_mm, y_mm = 1e3 * panel.errors.x_m, 1e3 * panel.errors.y_m
+            axis.contour(x_mm, y_mm, covered, levels=[0.5], colors="0.35", linewidths=0.4)
     axis.set(xlim=box[:2], ylim=box[2:], aspect="equal")
-    axis.yaxis.set_major_locator(MaxNLocator(5))
-    axis.xaxis.set_major_locator(MaxNLocator(4, prune="both"))  # numbers at the edges would meet the next panel's
+    axis.yaxis.set_major_locator(MaxNLocator(4 if narrow() else 5))
+    # Numbers at the edges would meet the next panel's.
+    axis.xaxis.set_major_locator(MaxNLocator(2) if narrow() else MaxNLocator(4, prune="both"))
     axis.tick_params(labelbottom=False, labelleft=False, length=2.5, width=0.6)
-    return image
 
 
 def _edges_mm(centres_m: np.ndarray) -> tuple[float, float]:

@@ -11,11 +11,12 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.typing import MarkerType
 
 from bench.results import HEADLINE, Section, Setting, Tradeoff
-from reports.figures.style import COLOURS, Picture, log_axis, look, looks, whiskers
+from reports.figures.numbers import number_points
+from reports.figures.style import COLOURS, COLUMN_IN, Picture, log_axis, look, looks, narrow, whiskers
 from reports.tables.blocks import figure as figure_text
 from reports.tables.blocks import known, number, three_digits
 
-NAMES = 20  # of the front beside the picture at most
+LINE_IN = 0.165  # of a legend
 PARTS = {  # of a frame's time: name, colour, hatch
     "acquisition_s": ("acquisition", COLOURS[5], "//"),
     "imaging_s": ("imaging", COLOURS[0], ""),
@@ -45,7 +46,11 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     shown = [s for s in settings if plotted(s)]
     best = sorted((s for s in shown if s.on_front), key=lambda s: s.seconds)
     styles = looks(filter(None, (s.method for s in shown))) | {"": look(0)}  # some settings have no method
-    picture = Figure(figsize=(9, 4.6), layout="constrained")
+    wide_in, high_in, abreast, of_styles = (COLUMN_IN, 2.9, 1, 2) if narrow() else (9, 4.4, 3, 6)
+    names = [f"{i}  " + "\n     ".join(wrap(s.title, 46)) for i, s in enumerate(best, 1)]
+    rows = sum(name.count("\n") + 1 for name in names) / abreast + 1
+    rows += (len({s.method for s in shown}) + 2) / of_styles
+    picture = Figure(figsize=(wide_in, high_in + LINE_IN * rows), layout="constrained")
     axis = picture.subplots()
     line = [s for i, s in enumerate(best) if all(s.error < before.error for before in best[:i])]
     axis.plot([s.seconds for s in line], [s.error for s in line], color="0.25", linewidth=1.2, zorder=2)
@@ -54,8 +59,6 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
         bold = {"markersize": 6, "zorder": 3} if s.on_front else {"markersize": 4, "alpha": 0.4, "fillstyle": "none"}
         bars = whiskers(s.error, s.low, s.high), whiskers(s.seconds, s.seconds_low, s.seconds_high)
         axis.errorbar(s.seconds, s.error, *bars, color=colour, marker=marker, elinewidth=0.7, linestyle="none", **bold)
-    for i, s in enumerate(best, 1):
-        axis.annotate(str(i), (s.seconds, s.error), (5, 5), textcoords="offset points", fontsize=8, zorder=5)
     reference = next((s for s in settings if s.name == about.reference), None)
     if reference in shown:
         axis.plot(reference.seconds, reference.error, "s", color="0.25", fillstyle="none", markersize=12, zorder=4)
@@ -65,8 +68,14 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     axis.set(xlabel="seconds", ylabel=f"{metric_words(about)} in {about.unit}")
     if reference and reference.seconds:
         _ratios(axis, reference.title, reference.seconds)
-    handles = _legend({s.method: styles[s.method] for s in shown}, best, reference in shown)
-    picture.legend(handles=handles, loc="outside right upper", frameon=False, fontsize=7.5)
+    handles = _legend({s.method: styles[s.method] for s in shown}, reference in shown)
+    plain = {"frameon": False, "fontsize": 8, "labelspacing": 0.25, "columnspacing": 1, "handletextpad": 0.3}
+    picture.legend(handles=handles, loc="outside upper center", ncols=of_styles, **plain)
+    blank = [Line2D([], [], linestyle="none", label=name) for name in names]
+    picture.legend(handles=blank, loc="outside lower center", ncols=abreast, handlelength=0, **plain)
+    if best:
+        picture.draw_without_rendering()  # lays it out: only then is known where points and numbers lie
+        _number(axis, best, shown, line)
     told = "; ".join(f"{s.title}: {error_text(s)} {s.unit}, {seconds_text(s)} s" for s in best)
     more = any(known(s.seen_percent) for s in shown)
     good = "time, accuracy and completeness together" if more else "both time and accuracy"
@@ -87,6 +96,15 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     )
 
 
+def _number(axis: Axes, best: list[Setting], shown: list[Setting], line: list[Setting]) -> None:
+    """The front's numbers, which give way to the other settings, to the intervals and to the line."""
+    ends = [[(s.seconds_low, s.error), (s.seconds_high, s.error)] for s in shown if known(s.seconds_low)]
+    ends += [[(s.seconds, s.low), (s.seconds, s.high)] for s in shown if known(s.low)]
+    crossed = [np.array(end, dtype=float) for end in (*ends, [(s.seconds, s.error) for s in line])]
+    others = np.array([(s.seconds, s.error) for s in shown if s not in best]).reshape(-1, 2)
+    number_points(axis, np.array([(s.seconds, s.error) for s in best]), others, crossed)
+
+
 def metric_words(about: Section) -> str:
     """The section's metric as a person writes it."""
     name = about.metric.removesuffix("_percent").removesuffix(f"_{about.unit}").replace("_", " ")
@@ -102,16 +120,13 @@ def _ratios(axis: Axes, title: str, seconds: float) -> None:
     above.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _legend(styles: dict[str, tuple[str, MarkerType]], best: list[Setting], reference: bool) -> list[Line2D]:
-    """The markers' meaning, then the names of the front's numbers."""
+def _legend(styles: dict[str, tuple[str, MarkerType]], reference: bool) -> list[Line2D]:
+    """The markers' meaning."""
     handles = [
         Line2D([], [], color=colour, marker=marker, markersize=5, linestyle="none", label=name or "setting")
         for name, (colour, marker) in styles.items()
     ]
-    handles.append(Line2D([], [], color="0.25", marker=".", label="front, from fast to slow:"))
-    numbers = [f"   {i}  " + "\n        ".join(wrap(s.title, 40)) for i, s in enumerate(best[:NAMES], 1)]
-    numbers += [f"   … {len(best) - NAMES} more in the table"] if len(best) > NAMES else []
-    handles += [Line2D([], [], linestyle="none", label=number) for number in numbers]
+    handles.append(Line2D([], [], color="0.25", marker=".", label="front"))
     if reference:
         square = Line2D([], [], color="0.25", marker="s", markersize=9, fillstyle="none", linestyle="none")
         square.set_label("reference")
@@ -130,7 +145,9 @@ def time_split(about: Section, settings: tuple[Setting, ...]) -> Picture:
     which many frames share."""
     told = sorted((s for s in settings if parts(s)), key=lambda s: not s.on_front)
     known, left_out = sorted(told[:BARS], key=lambda s: sum(parts(s))), len(told[BARS:])
-    figure = Figure(figsize=(9, 1.1 + 0.2 * len(known)), layout="constrained")
+    names = ["\n".join(wrap(s.title, 24)) if narrow() else s.title for s in known]
+    lines = sum(name.count("\n") + 1 for name in names)
+    figure = Figure(figsize=(COLUMN_IN if narrow() else 9, 1.1 + 0.2 * lines), layout="constrained")
     frame, plan = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
     rows, seconds = np.arange(len(known)), np.array([parts(s) for s in known])
     shares = 100 * seconds / seconds.sum(axis=1, keepdims=True)
@@ -139,11 +156,12 @@ def time_split(about: Section, settings: tuple[Setting, ...]) -> Picture:
         frame.barh(rows, share, left=left, color=colour, hatch=hatch, edgecolor="white", linewidth=0.4, label=name)
         left += share
     for row, total in enumerate(seconds.sum(axis=1)):
-        frame.annotate(f" {number(total, three_digits(total))} s", (100, row), va="center", fontsize=7.5)
+        frame.annotate(f" {number(total, three_digits(total))} s", (100, row), va="center", fontsize=8)
     plan.barh(rows, [s.plan_s or 0 for s in known], color="0.55")
-    plan.set_xlabel("plan in seconds")
-    frame.set_yticks(range(len(known)), [s.title for s in known], fontsize=7.5)
-    frame.set(xlim=(0, 115), xlabel="share of a frame's time in %", xticks=range(0, 101, 20))
+    plan.set_xlabel("plan in s" if narrow() else "plan in seconds")
+    frame.set_yticks(range(len(known)), names, fontsize=8)
+    frame.set(xlim=(0, 170 if narrow() else 115), xticks=range(0, 101, 50 if narrow() else 20))
+    frame.set_xlabel("share of time in %" if narrow() else "share of a frame's time in %")
     frame.set_ylim(len(known) - 0.4, -0.6)
     figure.legend(loc="outside upper center", ncols=len(PARTS), frameon=False, fontsize=8)
     more = f" {left_out} settings that others beat are left out." if left_out else ""

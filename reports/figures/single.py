@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from bench.results import ErrorMap, Surface
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path
-from reports.figures.depth_maps import DEPTH_COLOURS, box_of, depth_scale, error_sheet, sheet
+from reports.figures.depth_maps import Panel, box_of, depth_strip, error_panel, error_strip, sheet
 from reports.figures.style import STYLE
 
 FORMATS = (".png", ".pdf", ".svg")
@@ -19,7 +19,7 @@ FORMATS = (".png", ".pdf", ".svg")
 def depth_figure(surface: Surface, title: str) -> Figure:
     """A figure of a depth map, as seen from the array."""
     with matplotlib.rc_context(STYLE):
-        return sheet([(title, surface)], DEPTH_COLOURS, depth_scale(surface), "z in mm", box_of([surface]))[0]
+        return sheet([depth_strip([Panel(title, surface)], surface)], box_of([surface]))
 
 
 def error_figure(errors: ErrorMap, title: str) -> Figure:
@@ -28,7 +28,7 @@ def error_figure(errors: ErrorMap, title: str) -> Figure:
     told = f"{title}\nmean |error| {seen_mm.mean():.2f} mm" if len(seen_mm) else f"{title}\nnothing observed"
     box = box_of([Surface(errors.x_m, errors.y_m, errors.reference_z_m)])
     with matplotlib.rc_context(STYLE):
-        return error_sheet([(told, Surface(errors.x_m, errors.y_m, errors.error_m))], [errors], box)
+        return sheet([error_strip([error_panel(told, errors)])], box)
 
 
 def save(figure: Figure, file: str | Path) -> None:

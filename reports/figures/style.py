@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
@@ -22,6 +23,8 @@ STYLE: dict[RcKeyType, object] = {
     "pdf.fonttype": 42,
     "text.parse_math": False,  # names are text, whatever dollars they hold
 }
+COLUMN_IN = 3.5  # of a paper in two columns (IEEEtran), whose figures have 8 pt throughout
+COLUMN = STYLE | {"font.size": 8, "axes.titlesize": 8, "figure.figsize": (COLUMN_IN, 2.6), "savefig.dpi": 300}
 ORDER = (  # as the paper's Fig. 3, then ours; each has its colour and marker everywhere
     "broadband",
     "2fsk",
@@ -60,6 +63,16 @@ class Picture:
     figure: Figure
 
 
+def narrow() -> bool:
+    """True where a picture is drawn for a paper's column: COLUMN is the style in force."""
+    return rcParams["figure.figsize"][0] == COLUMN_IN
+
+
+def width_in(page_in: float, columns: int = 1) -> float:
+    """A figure's width on a page, or over so many of a paper's columns."""
+    return columns * COLUMN_IN if narrow() else page_in
+
+
 def methods(result: Result) -> list[MethodFacts]:
     """Known methods in the paper's order, then the others."""
     rank = {name: i for i, name in enumerate(ORDER)}
@@ -85,9 +98,22 @@ def draw(result: Result, axis: Axes, method: MethodFacts, x: ArrayLike, y: Array
 
 
 def side_by_side(columns: int, wide_in: float = 3.6) -> tuple[Figure, np.ndarray]:
-    """A figure of axes in a row, with room for names at their right, and the axes."""
+    """A figure of axes in a row, one below the other in a paper's column, with room for names; and the axes."""
+    if narrow():
+        figure = Figure(figsize=(COLUMN_IN, 0.8 + 1.7 * columns), layout="constrained")
+        return figure, figure.subplots(columns, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     figure = Figure(figsize=(wide_in * columns + 1.6, 3.2), layout="constrained")
     return figure, figure.subplots(1, columns, sharex=True, sharey=True, squeeze=False)[0]
+
+
+def name_all(figure: Figure, handles: Iterable[Any], names: Iterable[str]) -> None:
+    """A legend of everything beside the axes, or below them in a paper's column; labels on the outer axes alone."""
+    place: dict[str, Any] = {"loc": "outside right center"}
+    if narrow():
+        place = {"loc": "outside lower center", "ncols": 2, "columnspacing": 1, "handletextpad": 0.4}
+    figure.legend(list(handles), list(names), frameon=False, fontsize="medium", **place)
+    for axis in figure.axes:
+        axis.label_outer()
 
 
 def time_text(result: Result, method: MethodFacts) -> str:

@@ -15,7 +15,7 @@ from reports.tables.blocks import AGAINST, NONE, number
 def section(result: Result, folder: Path) -> dict[str, Any] | None:
     """Its pictures, written into `folder`, and tables; None where the result tells neither causes nor reliability."""
     grids = [*by_cause(result), *reliability(result)]
-    return {"pictures": rendering.images(explained(result), folder), "grids": grids} if grids else None
+    return {"pictures": rendering.images(lambda: explained(result), folder), "grids": grids} if grids else None
 
 
 def by_cause(result: Result) -> list[Grid]:

@@ -1,6 +1,7 @@
 """The report: tables, figures and pages that need nothing else."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,8 @@ FIRST = 3  # captures on the first page where there are more
 
 
 def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) -> Path:
-    """Read the result in `folder`, or the trade-off; write table.md, table.tex, table.csv, comparisons.*,
+    """Read the result in `folder`, or the trade-off; write table.md, table.tex, column.tex, table.csv,
+    comparisons.*,
     figures/*.png, *.pdf, index.html and, of many captures, pages/*.html to `out`.
 
     sweep: a trade-off folder to show beside the result; else the one that `folder` is or holds. Files of an earlier
@@ -45,6 +47,7 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     texts = {
         "table.md": result_tables.markdown(result),
         "table.tex": latex.latex(result),
+        "column.tex": latex.column(result),
         "table.csv": result_tables.csv_text(result),
         "comparisons.md": result_tables.comparisons_markdown(result),
         "comparisons.tex": latex.comparisons(result),
@@ -56,7 +59,7 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
         old.unlink()
     groups = pages(result.scored())
     parts = [f"pages/{i:03d}.html" for i in range(1, len(groups))]
-    overview = rendering.images(charts.overview(result), out / "figures")
+    overview = rendering.images(lambda: charts.overview(result), out / "figures")
     swept = tradeoff_section.section(trade, out) if trade else None
     for i, captures in enumerate(groups):
         facts = _captures(result, captures, out / "figures") | {"parts": parts, "part": i, "groups": groups}
@@ -86,7 +89,7 @@ def _summary(result: Result, overview: list[Image], swept: Any, causes: Any = No
 
 def _captures(result: Result, captures: Sequence[CaptureFacts], folder: Path) -> dict[str, Any]:
     """Content of a page on its captures: their pictures, and what turns in 3-D."""
-    details = [(capture, rendering.images(panels(result, capture), folder)) for capture in captures]
+    details = [(capture, rendering.images(partial(panels, result, capture), folder)) for capture in captures]
     scenes = list(filter(None, (scene3d.scene(result, capture) for capture in captures)))
     titles = {method.name: method.title for method in methods(result)}
     shown = "3fsk" if "3fsk" in titles else next(iter(titles), None)  # the paper's own, else the first

@@ -3,8 +3,8 @@
 import base64
 import hashlib
 import io
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,10 +12,12 @@ from typing import Any
 import jinja2
 import matplotlib
 from markupsafe import Markup
+from matplotlib.figure import Figure
 from PIL import Image as Pixels
 
 from radar.support.files import atomic_path, write_text
-from reports.figures.style import STYLE, Picture
+from reports.figures.dark import darken
+from reports.figures.style import COLUMN, STYLE, Picture
 
 TEMPLATES = Path(__file__).parent / "templates"
 WIDTH_PX = 1900  # of a picture inside a page at most; the files beside it have every pixel
@@ -25,8 +27,8 @@ SHOWN = 0.42  # CSS pixels for one of the file's: text as large as the page's sm
 
 @dataclass(frozen=True)
 class Image:
-    """A picture inside a page: its bytes as a data: URI, its size there in CSS pixels, words, and the stem of the files
-    beside it (empty: there are none)."""
+    """A picture inside a page: its bytes as a data: URI, its size there in CSS pixels, words, the stem of the files
+    beside it (empty: there are none), and its bytes on a dark page (empty: the same)."""
 
     uri: str
     width: int
@@ -34,6 +36,7 @@ class Image:
     alt: str
     caption: str = ""
     stem: str = ""
+    dark: str = ""
 
 
 def begin(out: Path) -> None:
@@ -42,31 +45,46 @@ def begin(out: Path) -> None:
         write_text(out / "index.html", "<p>This report is not finished: make it again.\n")
 
 
-def images(pictures: Iterable[Picture], folder: Path) -> list[Image]:
-    """Write STEM.png and STEM.pdf of every picture into `folder`, each as an image for the page; each figure is let go
-    before the next is drawn."""
+def images(draw: Callable[[], Iterable[Picture]], folder: Path) -> list[Image]:
+    """Write each drawn picture into `folder`, STEM.png for a screen and STEM.pdf for a paper's column, and give it as
+    an image for the page, light and dark; each figure is let go before the next is drawn."""
     written = []
     with matplotlib.rc_context(STYLE):
-        for picture in pictures:
-            for suffix, metadata in ((".png", {}), (".pdf", {"CreationDate": None})):  # same data, same bytes
-                with atomic_path(folder / f"{picture.stem}{suffix}") as temporary:
-                    picture.figure.savefig(temporary, metadata=metadata)
-                picture.figure.set_layout_engine("none")  # laid out once
+        for picture in draw():
+            with atomic_path(folder / f"{picture.stem}.png") as temporary:
+                picture.figure.savefig(temporary)
             with Pixels.open(folder / f"{picture.stem}.png") as pixels:
-                written.append(image(pixels, picture.alt, picture.caption, picture.stem, SHOWN))
+                light = image(pixels, picture.alt, picture.caption, picture.stem, SHOWN)
+            picture.figure.set_layout_engine("none")  # laid out once
+            written.append(replace(light, dark=_uri(_pixels(darken(picture.figure)))))
+    with matplotlib.rc_context(COLUMN):
+        for picture in draw():
+            with atomic_path(folder / f"{picture.stem}.pdf") as temporary:
+                picture.figure.savefig(temporary, metadata={"CreationDate": None})  # same data, same bytes
     return written
+
+
+def _pixels(figure: Figure) -> Pixels.Image:
+    """A figure as it is shown inside a page."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=min(matplotlib.rcParams["savefig.dpi"], WIDTH_PX / figure.get_figwidth()))
+    return Pixels.open(stream)
 
 
 def image(picture: Pixels.Image, alt: str, caption: str = "", stem: str = "", shown: float = 1.0) -> Image:
     """A picture to lie inside a page; shown: CSS pixels for one of its own."""
-    small = picture.convert("RGB")
+    width = round(shown * picture.width)
+    return Image(_uri(picture), width, round(width * picture.height / picture.width), alt, caption, stem)
+
+
+def _uri(picture: Pixels.Image) -> str:
+    """A picture as a data: URI, no wider than WIDTH_PX."""
+    small = picture.convert("RGBA" if picture.has_transparency_data else "RGB")
     if small.width > WIDTH_PX:
         small = small.resize((WIDTH_PX, round(small.height * WIDTH_PX / small.width)), Pixels.Resampling.LANCZOS)
     stream = io.BytesIO()
     small.save(stream, "WEBP", quality=QUALITY, method=2)
-    uri = "data:image/webp;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
-    width = round(shown * picture.width)
-    return Image(uri, width, round(width * small.height / small.width), alt, caption, stem)
+    return "data:image/webp;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
 
 
 def render(template: str, **facts: Any) -> str:

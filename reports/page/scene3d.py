@@ -126,12 +126,13 @@ def still(result: Result, capture: CaptureFacts, method: str | None) -> Image.Im
     normal = np.stack([-slope_x, slope_y, np.ones_like(z_m)], axis=-1)  # in the eye's axes, where x and z are turned
     light = normal @ (LIGHT / np.linalg.norm(LIGHT)) / np.linalg.norm(normal, axis=-1)
     shade = np.nan_to_num(0.35 + 0.65 * np.clip(light, 0, 1), nan=0.6)[..., None]
-    picture = np.where(np.isfinite(z_m)[..., None], np.array(SKIN) * shade, 1.0)
+    picture, there = np.array(SKIN) * shade, np.isfinite(z_m)
     if reference and method:
         errors = result.errors(capture.name, method, reference)
         if errors.error_m.shape == surface.z_m.shape:
             error_mm = 1e3 * errors.error_m[inside]
             colours = colormaps[ERROR_COLOURS](error_scale()(np.nan_to_num(error_mm)))[..., :3]
             picture = np.where(np.isfinite(error_mm)[..., None], colours * shade, picture)
-    picture = picture[::-1, ::-1]  # y up, x to the left
+            there = there | np.isfinite(error_mm)
+    picture = np.dstack([picture, there])[::-1, ::-1]  # y up, x to the left; the page shows through beside it
     return Image.fromarray(np.round(255 * picture.repeat(STILL_PX, 0).repeat(STILL_PX, 1)).astype(np.uint8))

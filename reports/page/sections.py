@@ -1,16 +1,16 @@
 """Sections of the page besides tables and pictures: findings in words, effects, uncertainty, stability, provenance."""
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.results import HEADLINE, HEADLINES, Result
+from bench.results import HEADLINE, Result
 from bench.results.about import TREATMENTS, on_common_pixels
 from bench.results.result_folder import shown
 from bench.results.stability import KINDS, VERDICTS, counted, load_stability
 from bench.results.tables import each
-from reports.tables.blocks import AGAINST, NONE, Block, blocks, figure, known, number, p_text, three_digits
+from reports.tables.blocks import AGAINST, NONE, Block, blocks, figure, known, number, p_text, printed, three_digits
 from reports.tables.result_tables import stages
 
 LEADING = 4  # sentences of a metric that are read without opening the list
@@ -202,9 +202,4 @@ def command(result: Result) -> str:
 
 def all_blocks(result: Result) -> list[tuple[Block, Block]]:
     """Each reference's table in two: the lines that the paper prints or that stand for the result, and the others."""
-    found = []
-    for block in blocks(result):
-        printed = {line.metric for line in block.lines if line.source == "paper"} | set(HEADLINES)
-        first, rest = (tuple(x for x in block.lines if (x.metric in printed) is shown) for shown in (True, False))
-        found.append((replace(block, lines=first), replace(block, lines=rest)))
-    return found
+    return [(printed(block), printed(block, rest=True)) for block in blocks(result)]

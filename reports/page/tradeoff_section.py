@@ -29,7 +29,7 @@ def section(found: Tradeoff, out: Path) -> dict[str, Any]:
     """Write tables and pictures to `out`; what a page shows of them."""
     write_text(out / "front.md", result_tables.tradeoff_markdown(found))
     write_text(out / "front.tex", latex.tradeoff(found))
-    saved = {image.stem: image for image in rendering.images(pictures(found), out / "figures")}
+    saved = {image.stem: image for image in rendering.images(lambda: pictures(found), out / "figures")}
     parts = []
     for about in found.facts.sections:
         shown = [saved[stem] for stem in (f"front_{about.name}", f"time_{about.name}") if stem in saved]

@@ -7,7 +7,7 @@ from typing import TypeGuard
 
 import pandas as pd
 
-from bench.results import HEADLINE, REFERENCES, CaptureFacts, Result
+from bench.results import HEADLINE, HEADLINES, REFERENCES, CaptureFacts, Result
 from bench.results.about import TREATMENTS, on_common_pixels
 
 HEADINGS = {
@@ -54,6 +54,12 @@ def blocks(result: Result) -> list[Block]:
     scored = set(result.table.reference)
     found = [_block(result, reference) for reference in REFERENCES if reference in scored]
     return [*found[:1], *_equal_block(result), *found[1:]]
+
+
+def printed(block: Block, rest: bool = False) -> Block:
+    """The block with the lines that the paper prints or that stand for the result alone, or with the rest."""
+    metrics = {line.metric for line in block.lines if line.source == "paper"} | set(HEADLINES)
+    return replace(block, lines=tuple(line for line in block.lines if (line.metric in metrics) != rest))
 
 
 def _equal_block(result: Result) -> list[Block]:

@@ -1,7 +1,8 @@
 r"""LaTeX tables for papers: booktabs rules, siunitx numbers and units, whatever text they are given.
 
 Each text is a row of floats to \input: the document needs \usepackage{booktabs} and \usepackage{siunitx} (version 3),
-and no particular encoding, for every character that is not ASCII is written as a command.
+and no particular encoding, for every character that is not ASCII is written as a command. `column` fits one column of
+IEEEtran (252 pt), the other tables a page's width.
 """
 
 import unicodedata
@@ -10,10 +11,24 @@ from itertools import groupby, pairwise
 
 from bench.results import Result, Tradeoff
 from bench.results.tables import each
-from reports.tables.blocks import NONE, Block, Line, best_note, blocks, caption, decimals, known, p_text, three_digits
+from reports.tables.blocks import (
+    AGAINST,
+    NONE,
+    Block,
+    Line,
+    best_note,
+    blocks,
+    caption,
+    decimals,
+    known,
+    p_text,
+    printed,
+)
+from reports.tables.blocks import three_digits as digits
 
-COLUMNS = 5  # methods that fit beside each other
+COLUMNS, ABREAST = 5, 4  # methods that fit beside each other on a page and in one of its columns
 TITLE = "30mm"  # width of the column of metrics, whose titles are long
+COLUMN_PT, TITLE_PT, SEP_PT = 251, 62, 2  # of a table in a column: its width, its titles', half the gap
 UNITS = {"mm": r"\unit{\milli\metre}", "s": r"\unit{\second}", "%": r"\unit{\percent}", "m": r"\unit{\metre}"}
 
 
@@ -60,40 +75,76 @@ def latex(result: Result) -> str:
     return "\n".join(_block_table(result.about.name, block, part, facts) for block in found for part in _parts(block))
 
 
-def _parts(block: Block) -> list[slice]:
+def column(result: Result) -> str:
+    """The figures that the paper prints, ours above the paper's, against the first reference: tables of at most ABREAST
+    methods that fit one column of IEEEtran; empty without a figure."""
+    found = blocks(result)[:1]
+    return "\n".join(
+        _narrow(result.about.name, printed(block), part) for block in found for part in _parts(block, ABREAST)
+    )
+
+
+def _narrow(name: str, block: Block, part: slice) -> str:
+    lines = [line for line in block.lines if line.source in ("ours", "paper")]
+    body = _body(lines, part, rf"{TITLE_PT}pt", False)
+    wide_pt = (COLUMN_PT - TITLE_PT) / len(block.methods[part]) - 2 * SEP_PT
+    heads = (rf"\parbox[b]{{{wide_pt:.1f}pt}}{{\centering\hspace{{0pt}}{escaped(m)}}}" for m in block.methods[part])
+    interval = any(" [" in cell for line in lines for cell in line.cells[part])
+    text = f"{name} {AGAINST[block.reference]}, ours and the paper's{' (continued)' if part.start else ''}"
+    text += ". In brackets the 95 % confidence interval" * interval + f".{best_note([block])}"
+    columns = rf"@{{}}p{{{TITLE_PT}pt}}{_s_columns(lines, part)}@{{}}"
+    return float_table(text, columns, ("", *heads), body, "table", SEP_PT)
+
+
+def _parts(block: Block, abreast: int = COLUMNS) -> list[slice]:
     """The methods in as few parts as fit, of sizes that differ by one at most."""
     count = len(block.methods)
-    parts = max(-(-count // COLUMNS), 1)
+    parts = max(-(-count // abreast), 1)
     edges = [count * i // parts for i in range(parts + 1)]
     return [slice(*pair) for pair in pairwise(edges)]
 
 
 def _block_table(name: str, block: Block, part: slice, facts: str) -> str:
-    body: list[str] = []
-    for _, group in groupby(block.lines, key=lambda line: line.metric):
-        body += ([r"\addlinespace"] if body else []) + [row for line in group for row in _line_rows(line, part)]
-    columns = [_s_column(cells) for cells in zip(*(line.cells[part] for line in block.lines), strict=True)]
+    body = _body(block.lines, part, TITLE, True)
     text = f"{name}. {block.heading}{' (continued)' if part.start else ''}. {facts}"
     head = ("Metric", "", *map(escaped, block.methods[part]))
-    return float_table(text, f"p{{{TITLE}}}l{''.join(columns)}", head, body)
+    return float_table(text, f"p{{{TITLE}}}l{_s_columns(block.lines, part)}", head, body)
 
 
-def _line_rows(line: Line, part: slice) -> list[str]:
-    """The figures, and under them, if there are any, their intervals; nothing where the paper has no figure."""
-    if line.source != "ours" and not set(line.cells[part]) - {NONE}:
+def _body(lines: Iterable[Line], part: slice, wide: str, sources: bool) -> list[str]:
+    """The rows of a table, with room between its metrics."""
+    body: list[str] = []
+    for _, group in groupby(lines, key=lambda line: line.metric):
+        rows = [row for line in group for row in _line_rows(line, part, wide, sources)]
+        body += ([r"\addlinespace"] if body else []) + rows
+    return body
+
+
+def _line_rows(line: Line, part: slice, wide: str, sources: bool) -> list[str]:
+    """The figures, and under them, if there are any, their intervals; nothing without a figure. wide: the titles'
+    column; sources: in a column of their own, else where no title is."""
+    if not set(line.cells[part]) - {NONE}:
         return []
     cells = [cell.partition(" ")[::2] for cell in line.cells[part]]
     stars = line.best[part] or (False,) * len(cells)
     title = titled(line.title.removesuffix(f" ({line.unit})"), line.unit) if line.title else ""
     known = any(interval for _, interval in cells)
+    title = rf"\parbox[t]{{{wide}}}{{\raggedright {title}\strut}}" if title else ""
     if known and title:  # hangs down beside the intervals, where it takes two lines
-        title = rf"\raisebox{{0pt}}[0pt][0pt]{{\parbox[t]{{{TITLE}}}{{\raggedright {title}}}}}"
+        title = rf"\raisebox{{0pt}}[0pt][0pt]{{{title}}}"
     shown = [rf"\bfseries {value}" if star else value for (value, _), star in zip(cells, stars, strict=True)]
     values = ["{--}" if value.endswith(NONE) else value.replace("−", "-") for value in shown]
-    rows = [row([title, escaped(line.source), *values])]
+    source = escaped(line.source)
+    rows = [row([*([title, source] if sources else [title or rf"\quad {source}"]), *values])]
     if known:
-        rows.append(row(["", "", *(f"{{\\scriptsize {escaped(interval)}}}" for _, interval in cells)]))
+        size = r"\scriptsize" if sources else r"\fontsize{6}{7}\selectfont"
+        rows.append(row([*([""] * (1 + sources)), *(f"{{{size} {escaped(interval)}}}" for _, interval in cells)]))
     return rows
+
+
+def _s_columns(lines: Iterable[Line], part: slice) -> str:
+    """A column for each method."""
+    return "".join(_s_column(cells) for cells in zip(*(line.cells[part] for line in lines), strict=True))
 
 
 def _s_column(cells: Iterable[str]) -> str:
@@ -143,21 +194,23 @@ def tradeoff(found: Tradeoff) -> str:
         body = []
         for s in front:
             share = [num(s.seen_percent, 2)] if seen else []
-            cost = num_figure(s.seconds, s.seconds_low, s.seconds_high, "s"), num(s.ratio, three_digits(s.ratio))
+            cost = num_figure(s.seconds, s.seconds_low, s.seconds_high, "s"), num(s.ratio, digits(s.ratio))
             body.append(row([escaped(s.title), num_figure(s.error, s.low, s.high, s.unit), *share, *cost]))
         texts.append(float_table(text, f"l{'r' * len(head[1:])}", head, body))
     return "\n".join(texts)
 
 
-def float_table(text: str, columns: str, head: Iterable[str], body: Iterable[str]) -> str:
-    """A float over the page's width. text: its caption, plain; head: cells that are LaTeX already; body: rows made by
-    `row`."""
+def float_table(
+    text: str, columns: str, head: Iterable[str], body: Iterable[str], kind: str = "table*", gap_pt: float = 3.5
+) -> str:
+    """A float over the page's width, or (kind `table`) in a column. text: its caption, plain; head: cells of LaTeX;
+    body: rows made by `row`; gap_pt: half the room between two columns."""
     rows = "\n".join(body)
     return rf"""% needs \usepackage{{booktabs}} and \usepackage{{siunitx}}
-\begin{{table*}}[p]
+\begin{{{kind}}}[{"p" if kind == "table*" else "t"}]
 \centering\footnotesize
 \caption{{{escaped(text)}}}\smallskip
-\setlength{{\tabcolsep}}{{3.5pt}}
+\setlength{{\tabcolsep}}{{{gap_pt}pt}}
 \begin{{tabular}}{{{columns}}}
 \toprule
 {row(f"{{{title}}}" for title in head)}
@@ -165,7 +218,7 @@ def float_table(text: str, columns: str, head: Iterable[str], body: Iterable[str
 {rows}
 \bottomrule
 \end{{tabular}}
-\end{{table*}}
+\end{{{kind}}}
 """
 
 

@@ -142,10 +142,10 @@ def draw(folder: Path, rungs: Sequence[str]) -> Figure | None:
     axes = figure.subplots(2, len(kept) + 1, sharex=True, sharey=True)
     low_mm, high_mm = 1e3 * np.nanpercentile(kept[0]["exact_m"], [0.5, 99.5])
     depths = (low_mm - 1, high_mm + 1)
-    shown = _shown(axes[0, 0], kept[0], kept[0]["exact_m"], depths, "viridis", "exact")
+    shown = _shown(axes[0, 0], kept[0], kept[0]["exact_m"], depths, "viridis_r", "exact")
     axes[1, 0].set_axis_off()
     for (above, below), maps, rung in zip(axes.T[1:], kept, rungs, strict=True):
-        _shown(above, maps, maps["ours_m"], depths, "viridis", f"ours, {rung}")
+        _shown(above, maps, maps["ours_m"], depths, "viridis_r", f"ours, {rung}")
         off = _shown(below, maps, maps["ours_m"] - maps["exact_m"], (-MOST_MM, MOST_MM), "RdBu_r", "ours − exact")
     figure.colorbar(shown, ax=axes[0], label="depth, mm")
     figure.colorbar(off, ax=axes[1], label="difference, mm")
@@ -167,5 +167,5 @@ def _shown(
     ends_mm = (float(x_mm[0]), float(x_mm[-1]), float(y_mm[0]), float(y_mm[-1]))
     low_mm, high_mm = limits_mm
     image = axes.imshow(1e3 * values_m, colours, extent=ends_mm, origin="lower", vmin=low_mm, vmax=high_mm)
-    axes.set(title=title, xlim=(-SHOWN_MM, SHOWN_MM), ylim=(-SHOWN_MM, SHOWN_MM), facecolor="0.92")
+    axes.set(title=title, xlim=(SHOWN_MM, -SHOWN_MM), ylim=(-SHOWN_MM, SHOWN_MM), facecolor="0.92")
     return image

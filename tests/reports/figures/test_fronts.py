@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from bench import results
 from radar.support.errors import HandbenchError
 from reports.figures import fronts
-from reports.figures.style import STYLE, looks
+from reports.figures.style import COLUMN, STYLE, looks
 from reports.page import html, rendering, tradeoff_section
 from tests.reports.synthetic_result import METHODS, write_synthetic, write_synthetic_tradeoff
 
@@ -64,6 +66,39 @@ def test_beaten_settings_differ_in_more_than_colour(drawn):
     fills = {line.get_fillstyle() for line in points}
     assert len(points) == 6 and fills == {"full", "none"}
     assert {line.get_color() for line in points} == {looks([])[name][0] for name in ("2fsk", "3fsk", "broadband")}
+
+
+@pytest.mark.parametrize("style", [STYLE, COLUMN], ids=["page", "column"])
+def test_numbers_of_a_crowded_front_do_not_meet(found, style):
+    """Thirty settings, ten of them within a marker of each other: every one has its number and its line in the legend,
+    and no number lies on another, as the renderer measures them."""
+    about, first = found.facts.sections[0], found.section("imaging")[0]
+    random = np.random.default_rng(0)
+    places = np.vstack([random.uniform(0, 1, (20, 2)), 0.5 + 0.01 * random.uniform(-1, 1, (10, 2))])
+    settings = tuple(
+        replace(
+            first, name=f"s{i}", title=f"setting {i} of a name that is long", on_front=True, low=None, high=None,
+            error=0.1 * 100**y, seconds=0.01 * 100**x, seconds_low=0.009 * 100**x, seconds_high=0.012 * 100**x,
+        )
+        for i, (x, y) in enumerate(places)
+    )  # fmt: skip
+    with matplotlib.rc_context(style):
+        figure = fronts.front(about, settings).figure
+        figure.draw_without_rendering()
+        axis = figure.axes[0]
+        boxes = [Text.get_window_extent(text) for text in axis.texts]
+        assert [text.get_text() for text in axis.texts] == [str(i) for i in range(1, 31)]
+        assert [(a, b) for a, b in combinations(range(30), 2) if _meet(boxes[a], boxes[b])] == []
+        assert all(axis.bbox.containsx(box.x0) and axis.bbox.containsy(box.y0) for box in boxes)
+        assert {f"{text.get_text().split()[0]}" for text in figure.legends[-1].texts} == set(map(str, range(1, 31)))
+        frames = [legend.get_window_extent() for legend in figure.legends]
+        assert all(figure.bbox.y0 <= frame.y0 and frame.y1 <= figure.bbox.y1 + 1 for frame in frames)
+
+
+def _meet(a, b):
+    """Boxes that share more than a hair: the renderer's have a font's whole height, of which digits fill 3/4."""
+    wide, high = min(a.x1, b.x1) - max(a.x0, b.x0), min(a.y1, b.y1) - max(a.y0, b.y0)
+    return wide > 1 and high > 0.25 * a.height
 
 
 def test_ratios_stand_above_the_seconds(found, drawn):

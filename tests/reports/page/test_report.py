@@ -13,6 +13,8 @@ from html.parser import HTMLParser
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
+from matplotlib.text import Text
 from PIL import Image
 
 from bench import results
@@ -23,8 +25,9 @@ from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json
 from reports.figures import depth_maps
 from reports.figures.charts import overview
+from reports.figures.dark import darken
 from reports.figures.depth_maps import panels
-from reports.figures.style import COLOURS, MARKERS, STYLE, looks
+from reports.figures.style import COLOURS, COLUMN, MARKERS, STYLE, looks
 from reports.page import html, rendering, scene3d, sections
 from reports.page.rendering import render
 from tests.reports.synthetic_result import METHODS, write_synthetic
@@ -56,9 +59,9 @@ def report(folder, tmp_path_factory):
 
 
 def test_every_file_is_there_and_nothing_else(report):
-    own = (f"depth_{SCRIPT}", f"error_{SCRIPT}", f"error_{SCRIPT}__truth")
+    own = (f"depth_{SCRIPT}", f"error_{SCRIPT}__truth")
     stems = ("accuracy_time", *own, "error_distribution", "repeats")
-    expected = {"table.md", "table.tex", "table.csv", "index.html"}
+    expected = {"table.md", "table.tex", "column.tex", "table.csv", "index.html"}
     expected |= {f"figures/{stem}{suffix}" for stem in stems for suffix in (".png", ".pdf")}
     assert {str(path.relative_to(report)) for path in report.rglob("*") if path.is_file()} == expected
     assert all((report / name).stat().st_size > 500 for name in expected)
@@ -85,7 +88,7 @@ class Tags(HTMLParser):
         self.meta += [dict(attrs)] * (tag == "meta")
         if tag == "script":
             self.scripts.append([dict(attrs).get("type"), ""])
-        if tag not in ("img", "meta", "input"):
+        if tag not in ("img", "meta", "input", "source"):
             self.open.append(tag)
 
     def handle_data(self, data):
@@ -107,7 +110,7 @@ def test_the_page_is_self_contained_and_escaped(report):
     text, tags = (report / "index.html").read_text(encoding="utf-8"), parsed(report / "index.html")
     assert tags.open == []
     assert not tags.names & {"i", "link", "iframe", "object"}
-    assert len(tags.images) == 7
+    assert len(tags.images) == 6 and text.count('media="screen and (prefers-color-scheme: dark)"') == 5
     assert all(image["src"].startswith("data:image/webp;base64,") and len(image["alt"]) > 40 for image in tags.images)
     assert not re.search(r"(src|href)=\"?(http|/|\.)", text)
     assert "&lt;script&gt;" in text
@@ -189,8 +192,13 @@ def test_depth_maps_share_scale_and_axes_seen_from_the_array(result_folder):
     figure = drawn(result_folder, "depth_B").figure
     shown = [axis for axis in figure.axes if axis.images and axis.axison]
     titles = [axis.get_title().split("\n")[0] for axis in shown]
-    assert titles == ["ground truth", "Broadband", "2-FSK", "3-FSK", "Narrowband"]
-    assert len({axis.images[0].norm for axis in shown}) == 1
+    assert titles[:5] == ["ground truth", "Broadband", "2-FSK", "3-FSK", "Narrowband"]
+    assert len(shown) == 9 and all(title.startswith("MAE ") for title in titles[5:])  # each below its depths
+    places = [(axis.get_position().x0, axis.get_position().y0) for axis in shown]
+    assert all(a[0] == pytest.approx(b[0]) and a[1] > b[1] for a, b in zip(places[1:5], places[5:], strict=True))
+    assert (
+        len({axis.images[0].norm for axis in shown[:5]}) == len({(axis.images[0].norm.vmax) for axis in shown[5:]}) == 1
+    )
     assert len({(axis.get_xlim(), axis.get_ylim()) for axis in shown}) == 1
     left, right = shown[0].get_xlim()
     assert left > right  # x grows to the left
@@ -207,9 +215,11 @@ def test_a_pixel_is_drawn_where_it_lies():
 def test_the_error_scale_is_the_same_for_every_capture(result_folder):
     scales = set()
     for capture in "BFU":
-        picture = drawn(result_folder, f"error_{capture}")
+        picture = drawn(result_folder, f"error_{capture}__truth")
         shown = [axis for axis in picture.figure.axes if axis.images]
         assert len(shown) == 4
+        below = [axis for axis in drawn(result_folder, f"depth_{capture}").figure.axes if "MAE" in axis.get_title()]
+        shown += below
         scales |= {(axis.images[0].norm.vmin, axis.images[0].norm.vmax) for axis in shown}
     assert scales == {(-50, 50)}
 
@@ -222,8 +232,49 @@ def test_nothing_observed_is_drawn_and_said(tmp_path):
         blank = results.ErrorMap(errors.x_m, errors.y_m, empty, errors.reference_z_m)
         results.write_errors(folder, "B", "3fsk", reference, blank)
     results.write_surface(folder, "B", "3fsk", results.Surface(errors.x_m, errors.y_m, empty))
-    assert "3-FSK: nothing observed" in drawn(folder, "error_B").alt
+    assert "3-FSK: nothing observed" in drawn(folder, "depth_B").alt
     assert scene3d.scene(results.load(folder), results.load(folder).scored()[0])["surfaces"][-1]["pixels"] == 0
+
+
+def every_picture(result):
+    """All pictures of a result but those of the other captures."""
+    yield from overview(result)
+    yield from panels(result, result.scored()[0])
+
+
+def test_pictures_of_a_column_are_as_wide_as_one_with_8_pt(result_folder):
+    """3.5 inches and 8 points: IEEEtran's column and footnotes; nothing lies outside."""
+    with matplotlib.rc_context(COLUMN):
+        for picture in every_picture(results.load(result_folder)):
+            figure = picture.figure
+            assert figure.get_figwidth() == 3.5
+            figure.draw_without_rendering()
+            texts = [t for t in figure.findobj(Text) if t.get_text() and t.get_visible()]
+            assert {t.get_fontsize() for t in texts} == {8}, picture.stem
+            box = figure.get_tightbbox()
+            assert box.x0 > -0.02 and box.x1 < 3.52 and box.y0 > -0.02, picture.stem
+
+
+def test_dark_pictures_have_a_dark_page_light_text_and_the_same_scales(result_folder):
+    """Contrast 4.5 of text on the page (WCAG 2, level AA), formed here from the pixels' colours."""
+    with matplotlib.rc_context(STYLE):
+        for picture in every_picture(results.load(result_folder)):
+            figure = picture.figure
+            images = [image for axis in figure.axes for image in axis.images if image.get_array().ndim == 2]
+            before = [image.cmap(np.linspace(0, 1, 9)) for image in images]
+            darken(figure)
+            page = np.array(figure.get_facecolor()[:3])
+            assert page.max() < 0.15
+            inks = {to_rgb(t.get_color()) for t in figure.findobj(Text) if t.get_text() and t.get_visible()}
+            assert all((luminance_of(ink) + 0.05) / (luminance_of(page) + 0.05) > 4.5 for ink in inks)
+            for image, scale in zip(images, before, strict=True):
+                np.testing.assert_array_equal(image.cmap(np.linspace(0, 1, 9)), scale)
+                assert max(image.cmap.get_bad()[:3]) < 0.3  # what was not observed
+
+
+def luminance_of(rgb):
+    """Relative luminance (WCAG 2), with its linear part left out: the colours here are none so dark but the page."""
+    return float(np.asarray(rgb) ** 2.4 @ [0.2126, 0.7152, 0.0722])
 
 
 def test_the_distribution_of_errors_is_that_of_all_captures(result_folder):

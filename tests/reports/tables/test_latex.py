@@ -75,11 +75,15 @@ def document(*files: str) -> str:
     return "\n".join([*start, *inputs, r"\end{document}", ""])
 
 
-def files_read(folder: Path, texts: dict[str, str]) -> str:
-    """Compile the texts; LaTeX's record of the files that it opened."""
+def files_read(folder: Path, texts: dict[str, str], paper: bool = False) -> str:
+    """Compile the texts, of a paper in IEEEtran; LaTeX's record of the files that it opened."""
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
-    (folder / "document.tex").write_text(document(*texts), encoding="utf-8")
+    whole = document(*texts)
+    if paper:
+        whole = whole.replace("[10pt,a4paper]{article}", "[journal]{IEEEtran}")
+        whole = whole.replace(r"\usepackage[margin=18mm]{geometry}", "")
+    (folder / "document.tex").write_text(whole, encoding="utf-8")
     options = ("-no-shell-escape", "-interaction=nonstopmode", "-halt-on-error", "-recorder")
     done = subprocess.run(["pdflatex", *options, "document.tex"], cwd=folder, capture_output=True, timeout=600)
     assert done.returncode == 0, done.stdout.decode("latin-1")[-1500:]
@@ -97,6 +101,31 @@ def test_every_table_compiles_whatever_the_names(result, tmp_path):
     for i, name in enumerate(HOSTILE):
         texts |= {f"front{i}.tex": latex.tradeoff(tradeoff(name)), f"compare{i}.tex": comparison.tex(compared(name))}
     assert "/etc/passwd" not in files_read(tmp_path, texts)
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is not installed: no table was compiled")
+def test_the_papers_table_fits_one_column_of_ieeetran(result, tmp_path):
+    """No box is wider than its column of 252 pt, with titles as long as ours and intervals of sixteen characters."""
+    if any(not subprocess.run(["kpsewhich", f], capture_output=True).stdout for f in ("siunitx.sty", "IEEEtran.cls")):
+        pytest.skip("LaTeX has no siunitx or IEEEtran (Debian: texlive-science, texlive-publishers)")
+    titles = ("3-FSK weighted", "broadband sub-voxel", "broadband aligned", "narrowband")
+    long = named(result, titles)
+    lines = long.table.assign(low=-0.4021, high=-0.3411, value=-0.3719).where(
+        long.table.metric == "bias_mm", long.table
+    )
+    many = replace(long, about=long.about.model_copy(update={"methods": long.about.methods * 2}), table=lines)
+    assert latex.column(many).count(r"\begin{table}") == 2
+    files_read(tmp_path, {"column.tex": latex.column(many), "table.tex": latex.latex(many)}, paper=True)
+    assert "Overfull" not in (tmp_path / "document.log").read_text("latin-1")
+
+
+def test_the_papers_table_has_what_the_paper_prints(result):
+    """Its metrics and no others, ours above its, in one column; a result without methods has none."""
+    text = latex.column(result)
+    assert r"\quad paper & 6.6 & 1.7 & 1.0 & 13.4 \\" in text and "table*" not in text
+    assert "RMSE" not in text and "ours / paper" not in text
+    mae = result.row("mae_mm", "2fsk", "photogrammetry").value
+    assert re.search(rf"MAE /~\\unit{{\\milli\\metre}}\\strut}}+ & {mae:.2f} & ", text)
 
 
 @given(st.text())
@@ -131,7 +160,7 @@ def test_the_table_has_our_figure_its_interval_and_the_papers(result):
     assert r" & paper & 6.6 & 1.7 & 1.0 & 13.4 \\" in text
     assert r" & paper & 3.6 & 0.3 & {--} & {--} \\" in text
     assert r"MAE /~\unit{\milli\metre}" in text and r"time per frame /~\unit{\second}" in text
-    assert r"observed pixels & ours" in text
+    assert r"observed pixels\strut} & ours" in text
     widths = {line.count("&") for line in text.replace(r"\&", "").splitlines() if line.endswith(r"\\")}
     assert widths == {5} and text.count(r"\midrule") == 2
 
