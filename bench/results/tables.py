@@ -100,12 +100,12 @@ def conform(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
     """The table with the columns and dtypes of its schema; what an optional column lacks is filled."""
     typed = {}
     for column in schema.columns:
-        values = table[column.name].astype(object)
-        if column.kind is not float and values.isna().any():
+        values = table[column.name]
+        if column.kind is not float and values.hasnans:
             if not column.optional:
                 raise ValueError(f"'{column.name}' has lines without a value")
-            values = values.mask(values.isna(), OLDER[column.kind])
-        typed[column.name] = values.astype(DTYPES[column.kind])
+            values = values.astype(object).mask(values.isna(), OLDER[column.kind])
+        typed[column.name] = values if values.dtype == DTYPES[column.kind] else values.astype(DTYPES[column.kind])
     return pd.DataFrame(typed, columns=schema.names).reset_index(drop=True)
 
 

@@ -7,6 +7,7 @@ packages on the way; those for types alone (`if TYPE_CHECKING:`) never run and d
 
 import ast
 import gc
+import re
 import sys
 from collections.abc import Iterator
 from functools import cache
@@ -138,10 +139,20 @@ def _statements(node: ast.AST) -> Iterator[ast.AST]:
 def installed(library: str) -> tuple[str, ...]:
     """The distributions that bring a library, as it is imported, with their versions; where there is none, the library
     with "none"."""
-    return tuple(sorted(with_version(name) for name in set(_distributions().get(library, [library]))))
+    brought_by = {one.metadata["Name"] for one in _distributions().get(library, [])}
+    return tuple(sorted(map(with_version, brought_by or {library})))
 
 
-_distributions = cache(metadata.packages_distributions)
+@cache
+def _distributions() -> dict[str, list[metadata.Distribution]]:
+    """The installed distributions by the names that they bring, as `metadata.packages_distributions` tells, but from
+    the records' text: an object of each of 30 000 files takes four times as long."""
+    found: dict[str, list[metadata.Distribution]] = {}
+    for one in metadata.distributions():
+        inferred = re.findall(r"(?m)^([^/,\n]+?)(?:/[^,\n]*)?\.py,", one.read_text("RECORD") or "")
+        for name in (one.read_text("top_level.txt") or "").split() or set(inferred):
+            found.setdefault(name, []).append(one)
+    return found
 
 
 def with_version(distribution: str) -> str:

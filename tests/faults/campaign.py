@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.bench.conftest import write_bench
-from tests.bench.run.test_resume import with_photographs
+from tests.bench.run.photographed import with_photographs
 from tests.bench.run.test_schedule import several
 from tests.faults import disk, processes, surroundings, together
 from tests.faults.commands import COMMANDS, Command, write_inputs

@@ -1,7 +1,8 @@
 """`python -m tests.faults.forked BENCH photographs|plain`: a process that has imported all that a run needs, and does
 runs in forks of itself, so that a signal meets their work rather than their imports.
 
-Reads lines `OUT<tab>FILE`; answers each with the number of the process, then with its exit code. FILE takes its stderr.
+Reads lines `OUT<tab>FILE<tab>STAGE`; answers each with the number of the process, then with its exit code. FILE takes
+its stderr; after the first STAGE, if there is one, a run with photographs ends as if it were killed.
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ import traceback
 from importlib import import_module
 
 from bench.cli.main import main
+from bench.run import reconstruct_stage
+from radar.support.closure import key_of
 from radar.support.rays import load_open3d
-from tests.bench.run.test_resume import RUN
+from tests.bench.run.photographed import RUN
 
 NEEDED = (
     "bench.cli.run", "bench.run.runner", "bench.run.simulate_stage", "bench.run.reconstruct_stage", "bench.run.scoring",
@@ -30,11 +33,15 @@ def serve() -> None:
     load_open3d()
     for module in NEEDED:
         import_module(module)
+        if module.startswith("bench.run.") and module != "bench.run.runner":
+            key_of(module)
+    reconstruct_stage.SETTLE_S = 0.0  # nobody reads the times
+    scope: dict[str, object] = {}
     if photographs:
         sys.argv = ["run", bench, "", "never"]
-        exec(RUN.rpartition("sys.exit(")[0], {})
+        exec(RUN.rpartition("sys.exit(")[0], scope)
     for line in sys.stdin:
-        out, said = line.rstrip("\n").split("\t")
+        out, said, scope["last"] = line.rstrip("\n").split("\t")
         child = os.fork()
         if child == 0:
             _run(bench, out, said)

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.bench.run.test_resume import RUN
+from tests.bench.run.photographed import RUN
 from tests.bench.studies.stability.faults import content
 from tests.faults.commands import Ended
 from tests.faults.disk import Try
@@ -60,12 +60,19 @@ class Runs:
         command = [sys.executable, "-m", "tests.faults.forked", str(self.bench), kind]
         return subprocess.Popen(command, stdin=-1, stdout=-1, text=True, cwd=ROOT)
 
-    def stopped(self, out: Path, sent: int, moment_s: float) -> tuple[int, str]:
-        """Run into the folder, and send a signal after so many seconds: exit code, and what was said on stderr."""
-        said = self.scratch / "said"
-        self.forks.stdin.write(f"{out}\t{said}\n")
+    def end(self) -> None:
+        """End the process that carries out runs."""
+        self.forks.communicate()
+
+    def started(self, out: Path, last: str = "never") -> int:
+        """Begin a run into the folder, which ends after the first stage `last`: the number of its process."""
+        self.forks.stdin.write(f"{out}\t{self.scratch / 'said'}\t{last}\n")
         self.forks.stdin.flush()
-        process, start = int(self.forks.stdout.readline()), time.monotonic()
+        return int(self.forks.stdout.readline())
+
+    def stopped(self, out: Path, sent: int, moment_s: float, last: str = "never") -> tuple[int, str]:
+        """Run into the folder, and send a signal after so many seconds: exit code, and what was said on stderr."""
+        process, start = self.started(out, last), time.monotonic()
         ended, _, _ = select.select([self.forks.stdout], [], [], moment_s)
         if not ended:
             os.kill(process, sent)
@@ -74,11 +81,11 @@ class Runs:
             os.kill(process, signal.SIGKILL)
         self.seconds = time.monotonic() - start
         code = int(self.forks.stdout.readline())
-        return code if ended else HUNG, said.read_text()
+        return code if ended else HUNG, (self.scratch / "said").read_text()
 
-    def run(self, out: Path) -> tuple[int, str]:
-        """Run into the folder to the end."""
-        return self.stopped(out, signal.SIGKILL, HANG_S)
+    def run(self, out: Path, last: str = "never") -> tuple[int, str]:
+        """Run into the folder to the end, or to that of the first stage `last`."""
+        return self.stopped(out, signal.SIGKILL, HANG_S, last)
 
     @cached_property
     def undisturbed(self) -> tuple[float, dict[str, bytes]]:

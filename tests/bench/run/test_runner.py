@@ -6,8 +6,6 @@ import os
 import re
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,6 +23,7 @@ from groundtruth.mesh.mesh_files import read_mesh, write_mesh
 from radar.data.echoes_file import load_capture, save_capture
 from radar.support.errors import HandbenchError
 from radar.support.folder import claimed
+from tests.faults.processes import Runs
 
 
 def execute(bench_file: Path, folder: Path, **options: bool) -> results.Result:
@@ -123,22 +122,20 @@ def content(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.slow
 def test_a_killed_run_resumes_to_the_same_folder(small_bench, tmp_path):
-    """Killed once the first stage is done; HANDBENCH_KILLS=10 adds as many runs, killed at random moments."""
-    compile_kernels = "from radar.warmup import compile_kernels; compile_kernels()"
-    subprocess.run([sys.executable, "-c", compile_kernels], check=True)  # kernels just compiled round otherwise
-    run_to = [sys.executable, "-m", "bench.cli.main", "run", str(small_bench), "-o"]
-    start = time.monotonic()
-    subprocess.run([*run_to, str(tmp_path / "whole")], check=True, capture_output=True)
-    whole_s, expected = time.monotonic() - start, content(tmp_path / "whole")
+    """Killed once the first stage is done; HANDBENCH_KILLS=10 adds as many runs, killed at random moments. Each run is
+    a process of its own, forked from one that has imported what it needs."""
+    runs = Runs(small_bench, tmp_path, photographs=False)
+    assert runs.run(tmp_path / "whole")[0] == 0
+    whole_s, expected = runs.seconds, content(tmp_path / "whole")
 
     def killed_and_resumed(out: Path, wait: Callable[[], None]) -> bool:
-        process = subprocess.Popen([*run_to, str(out)], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        process = runs.started(out)
         wait()
-        os.kill(process.pid, signal.SIGKILL)
-        killed = process.wait() == -signal.SIGKILL and not (out / "result.json").exists()
+        os.kill(process, signal.SIGKILL)
+        killed = int(runs.forks.stdout.readline()) == -signal.SIGKILL and not (out / "result.json").exists()
         if killed and (out / "work").exists():
             (out / "work" / ".reconstruct-abc-half").mkdir()  # what a kill inside a stage leaves behind
-        subprocess.run([*run_to, str(out)], check=True, capture_output=True)
+        assert runs.run(out)[0] == 0
         assert content(out) == expected
         return killed
 
@@ -152,6 +149,7 @@ def test_a_killed_run_resumes_to_the_same_folder(small_bench, tmp_path):
     moments_s = np.random.default_rng(0).uniform(0.3, 0.85, int(os.environ.get("HANDBENCH_KILLS", "0"))) * whole_s
     killed = [killed_and_resumed(tmp_path / f"{m:.3f}", lambda m=m: time.sleep(m)) for m in moments_s]
     print(f"{sum(killed)} of {len(killed)} runs had not ended when they were killed, after {moments_s.round(2)} s")
+    runs.end()
 
 
 @pytest.fixture

@@ -98,7 +98,6 @@ def finished(work: Path) -> int:
 
 @pytest.mark.slow
 def test_a_cluster_that_loses_a_worker_gives_the_serial_table(balls, workers, tmp_path):
-    python("-c", "from radar.warmup import compile_kernels; compile_kernels()")  # just compiled, they round otherwise
     python("-m", "bench.cli.main", "run", str(balls), "-o", str(tmp_path / "serial"))
     bench, base = load_benchmark(str(balls))
     work, stages = tmp_path / "cluster" / "work", 5 * CAPTURES

@@ -1,0 +1,70 @@
+"""Runs of a benchmark with photographs that take no photogrammetry, killed after any stage if need be."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from PIL import Image
+
+from bench.datasets.simulated import simulate_capture
+from bench.scenes.build import load_scene
+
+# Photographs and their registration stand for themselves: what they would give is written at once. os._exit is a kill.
+RUN = """
+import os, shutil, sys
+from pathlib import Path
+import numpy as np
+from bench.cli.main import main
+from bench.run import calibrate_stage
+from calibration.transforms import Transform
+from groundtruth import dense_stage, mesh_stage, sparse_stage
+from radar.support import store
+
+bench, out, last = Path(sys.argv[1]), sys.argv[2], sys.argv[3]
+exact = np.diag([1e-5] * 6) ** 2
+
+def sparse(folder, photos, options):
+    (folder / "images.txt").write_text(photos)
+
+def dense(folder, photos, options, sparse):
+    assert (Path(sparse) / "images.txt").is_file()
+    (folder / dense_stage.CLOUD).write_text("points")
+
+def mesh(folder, photos, options, sparse, dense):
+    assert (Path(dense) / dense_stage.CLOUD).is_file()
+    shutil.copyfile(bench.parent / "recorded" / "truth.ply", folder / mesh_stage.MESH)
+    shutil.copyfile(next(Path(photos).iterdir()), folder / mesh_stage.VIEW)
+
+def calibrate(folder, captures, clouds):
+    assert all(Path(cloud).is_file() for cloud in clouds)
+    Transform("photo", "radar", np.eye(4), exact, np.array([1e-5])).save(folder / calibrate_stage.REGISTRATION)
+
+sparse_stage.make, dense_stage.make, mesh_stage.make, calibrate_stage.calibrate = sparse, dense, mesh, calibrate
+keep = store.keep
+
+def killed(folder, make):
+    cached = keep(folder, make)
+    if folder.name.startswith(f"{last}-"):
+        os._exit(9)
+    return cached
+
+store.keep = killed
+sys.exit(main(["run", str(bench), "-o", out]))
+"""
+
+
+def with_photographs(small_bench: Path) -> Path:
+    """The small benchmark with photographs too: its scene, the capture with photographs, and that as a target."""
+    recorded = small_bench.parent / "recorded"
+    simulate_capture(load_scene(small_bench.parent / "ball.toml"), recorded, frames=3)
+    about = (recorded / "capture.toml").read_text()
+    (recorded / "capture.toml").write_text(about.replace('name = "ball"', 'name = "recorded"'))
+    (recorded / "photos").mkdir()
+    Image.new("RGB", (40, 30)).save(recorded / "photos" / "a.jpg")
+    shutil.copytree(recorded, small_bench.parent / "target")
+    target = small_bench.parent / "target" / "capture.toml"
+    target.write_text(target.read_text().replace('"recorded"', '"target"'))
+    more = '[[capture]]\npath = "recorded"\n[[calibration]]\npath = "target"\n[[method]]'
+    small_bench.write_text(small_bench.read_text().replace("[[method]]", more, 1))
+    return small_bench
