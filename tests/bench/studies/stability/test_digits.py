@@ -88,7 +88,7 @@ def test_only_the_stage_that_is_asked_for_is_perturbed():
     assert np.linalg.norm(images[1] - values) / np.linalg.norm(values) == pytest.approx(1e-3, rel=0.2)
 
 
-@pytest.mark.parametrize("id", ["2fsk", "3fsk", "joint"])
+@pytest.mark.parametrize("id", ["3fsk", "joint"])  # 2-FSK is the first half of 3-FSK
 def test_images_in_double_precision_agree_to_the_digits_that_are_told(id, monkeypatch):
     """Against images by sums in double precision, written apart. The sums round oftener than once: half a digit."""
 
@@ -114,11 +114,12 @@ def test_images_in_double_precision_agree_to_the_digits_that_are_told(id, monkey
 
 def test_digits_are_seeded_and_the_same_on_any_number_of_workers(monkeypatch):
     """A tolerance of 1e-3 leaves fewer digits than one of 1e-5, and that fewer than single precision."""
-    monkeypatch.setattr(d, "DRAWS", 4)
+    monkeypatch.setattr(d, "DRAWS", 3)
     monkeypatch.setenv("HANDBENCH_WORKERS", "1")
     one = d.table(3, ["2fsk", "narrowband"])
     monkeypatch.setenv("HANDBENCH_WORKERS", "2")
-    assert d.table(3, ["2fsk", "narrowband"]) == one != d.table(4, ["2fsk", "narrowband"])
+    assert d.table(3, ["2fsk", "narrowband"]) == one
+    assert d.table(4, ["2fsk"]).rows != one.rows[:3]
     assert [row[:2] for row in one.rows][:3] == [(title, "2fsk") for title in ("MAE", "MAX of AE", "precision")]
     for row in one.rows[:3]:
         stage, _, images, chain, _, fine, coarse = row[2:]
