@@ -27,7 +27,6 @@ def scene_and_photos(tmp_path_factory):
 def test_the_hand_is_found_before_the_larger_board(scene_and_photos, tmp_path, capsys):
     scene, photos = scene_and_photos
     command = ["groundtruth", str(photos), "-o", str(tmp_path / "mesh.ply"), "--dense", "cpu"]
-    command += ["--quality", "draft"]
     assert main([*command, "--workdir", str(tmp_path / "work")]) == 0
     said, summary = capsys.readouterr().err, json.loads((tmp_path / "work" / "summary.json").read_text())
     assert "target: " in said and "volume (" in said and " s of processor time and " in said
@@ -37,7 +36,7 @@ def test_the_hand_is_found_before_the_larger_board(scene_and_photos, tmp_path, c
     assert (box_m[0] < scene.box_m[0]).all() and (box_m[1] > scene.box_m[1]).all()
     # What matching takes time for: surroundings that are no more than the plate's, and a cloud of what stands off it.
     assert np.prod(np.diff(box_m, axis=0)) < 100 * np.prod(np.diff(scene.box_m, axis=0))  # measured: 48
-    assert summary["points"] < 50_000  # measured: 17 000
+    assert summary["points"] < 200_000  # measured: 93 000
 
     surface = read_surface(tmp_path / "mesh.ply")
     assert surface.vertices_m[:, 2].min() > 0.002  # nothing of the plate, which is three times as large
@@ -46,7 +45,7 @@ def test_the_hand_is_found_before_the_larger_board(scene_and_photos, tmp_path, c
     distance_m = raycasting_scene(scene.target_mesh).compute_distance(
         scene.radar_from_photo.points(points_m).astype(np.float32)
     )
-    assert len(points_m) > 500 and np.median(distance_m.numpy()) < 0.5e-3
+    assert len(points_m) > 2000 and np.median(distance_m.numpy()) < 0.5e-3
     assert np.ptp(points_m, axis=0)[1] > 0.8 * np.ptp(scene.box_m, axis=0)[1]  # from the wrist to the fingertips
 
 
