@@ -1,4 +1,4 @@
-"""One depth map, one map of errors, or the maps of several methods before one surface, as a figure of its own."""
+"""One depth map, one map of errors, or the maps of several methods of one surface, as a figure of its own."""
 
 import io
 from collections.abc import Sequence
