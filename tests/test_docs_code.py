@@ -31,7 +31,8 @@ from tests.radar.simulated_points import point_capture
 from tests.test_docs import DOCS, PAGES, ROOT, blocks, toml_of
 
 FENCES = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
-NOT_RUN = {  # how a block begins → why it is not executed
+NOT_RUN = {  # how a block begins → why it is not executed here
+    "import sys\nimport time": "docs/submissions.md: takes arguments; run in tests/bench/submissions/test_entering.py",
     "import subprocess\nfrom dask_jobqueue": "docs/cluster.md: starts jobs on a SLURM cluster",
     '        "within_2mm": observed': "CONTRIBUTING.md: an entry of a dictionary inside a function",
     '            "within_2mm_percent": 100': "CONTRIBUTING.md: an entry of a dictionary inside a function",
@@ -122,7 +123,7 @@ def test_the_code_of_a_page_runs_and_prints_what_it_says(page, tmp_path, monkeyp
 def test_what_is_not_executed_is_there_and_few():
     codes = [code for page in PAGES for code, _ in ran(page)]
     assert all(any(code.startswith(beginning) for code in codes) for beginning in NOT_RUN)
-    assert len(NOT_RUN) <= 3 < len(codes) / 5
+    assert len(NOT_RUN) <= 4 < len(codes) / 5
 
 
 @pytest.fixture(scope="module")

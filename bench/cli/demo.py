@@ -27,7 +27,7 @@ def run(options: argparse.Namespace) -> None:
     from calibration.transforms import identity
     from groundtruth.mesh.surface import read_surface
     from radar.support.cost import machine
-    from reports.figures.method_rows import save_rows
+    from reports.figures.single import methods_figure, save
     from reports.tables.result_tables import terminal_table, wide_console
 
     folder: Path = options.out
@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> None:
         lines.append((TITLES[id], *(f"{values[name]:.2f}" for name in figures), f"{median(images.seconds):.2f}"))
         shown.append((f"{TITLES[id]}\n{DEFINED[HEADLINE].title} {values[HEADLINE]:.2f} mm", depth.z_m, errors))
         say(f"{folder / id}.npz: imaged and scored")
-    save_rows(shown, folder / PICTURE)
+    save(methods_figure(shown), folder / PICTURE)
     columns = ("", *(f"{DEFINED[name].title}, {DEFINED[name].unit}" for name in figures), "seconds a frame")
     wide_console().print(terminal_table("", columns, lines))
     print(f"against the true surface; images to {TOLERANCE:g}; {facts['cores']} cores of {facts['processor']}")

@@ -1,6 +1,7 @@
-"""One depth map, or one map of errors, as a figure of its own."""
+"""One depth map, one map of errors, or the maps of several methods of one surface, as a figure of its own."""
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib
@@ -29,6 +30,18 @@ def error_figure(errors: ErrorMap, title: str) -> Figure:
     box = box_of([Surface(errors.x_m, errors.y_m, errors.reference_z_m)])
     with matplotlib.rc_context(STYLE):
         return sheet([error_strip([error_panel(told, errors)])], box)
+
+
+def methods_figure(shown: Sequence[tuple[str, np.ndarray, ErrorMap]]) -> Figure:
+    """A figure of a true surface, beside it the titled depths z_m [ny, nx] of methods, and below these their errors,
+    which hold the surface of all."""
+    maps = [errors for *_, errors in shown]
+    truth = Surface(maps[0].x_m, maps[0].y_m, maps[0].reference_z_m)
+    depths = [Panel(title, Surface(errors.x_m, errors.y_m, z_m)) for title, z_m, errors in shown]
+    upper = depth_strip([Panel("true surface\n", truth), *depths], truth)
+    lower = error_strip([Panel(), *(error_panel("", errors) for errors in maps)])
+    with matplotlib.rc_context(STYLE):
+        return sheet([upper, lower], box_of([truth]))
 
 
 def save(figure: Figure, file: str | Path) -> None:
