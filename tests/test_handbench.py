@@ -82,7 +82,6 @@ def test_a_depth_map_is_drawn_saved_and_turned_into_points(ball, tmp_path):
 
 
 def test_a_dataset_of_xarray_has_the_maps_over_their_axes(ball):
-    pytest.importorskip("xarray", reason="xarray, which is no dependency, is not installed")
     found = ball.reconstruct("2fsk", **PIXELS).to_xarray()
     assert found.z_m.dims == ("y_m", "x_m") and {"z_m", "amplitude_db", "sigma_m", "p_gross"} <= set(found)
     assert found.attrs["method"] == "2fsk"
@@ -94,6 +93,7 @@ def test_load_knows_files_by_what_they_are(ball, tmp_path):
     found = [hb.load(path) for path in (ball.folder, ball.truth, tmp_path / "result", tmp_path / "T.json")]
     assert [type(one) for one in found] == [hb.Capture, hb.Surface, hb.Result, hb.Transform]
     assert not found[2].table.empty
+    assert repr(found[2]) == "<handbench.Result synthetic: 8 captures; 2fsk, 3fsk, broadband, narrowband>"
     assert "ball: 1 frames, 3 tones from 79.5 to 82 GHz, 94 × 94 channels" in repr(found[0])
 
 

@@ -39,6 +39,10 @@ class Result:
     causes: pd.DataFrame = field(default_factory=lambda: frame(TABLES["causes"]))
     reliability: pd.DataFrame = field(default_factory=lambda: frame(TABLES["reliability"]))
 
+    def __repr__(self) -> str:
+        methods = ", ".join(method.name for method in self.about.methods)
+        return f"<handbench.Result {self.about.name}: {len(self.about.captures)} captures; {methods}>"
+
     def row(self, metric: str, method: str, reference: str) -> Any:
         """The table's line, a named tuple of its columns; None without one."""
         found = self.table[(self.table.method == method) & (self.table.metric == metric)]
