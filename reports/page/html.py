@@ -1,7 +1,7 @@
 """The report: tables, figures and pages that need nothing else."""
 
-from collections.abc import Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -65,22 +65,22 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     parts = page_names(groups)
     overview = rendering.images(lambda: charts.overview(result), out / "figures")
     swept = tradeoff_section.section(trade, out) if trade else None
-    with _processes(len(parts)) as drawn:
-        further = [drawn.submit(further_page, folder, out, groups, i) for i in range(1, len(groups))]
-        facts = _captures(result, groups[0], out / "figures") | {"parts": parts, "part": 0, "groups": groups}
-        causes = cause_section.section(result, out / "figures")
-        for page in track(further, "pages") if further else ():
-            page.result()
+    facts = _captures(result, groups[0], out / "figures") | {"parts": parts, "part": 0, "groups": groups}
+    causes = cause_section.section(result, out / "figures")
+    for _ in track(_drawn(partial(further_page, folder, out, groups), range(1, len(groups))), "pages", len(parts)):
+        pass
     write_text(out / "index.html", render("index.html", **_summary(result, overview, swept, causes), **facts))
     return out / "index.html"
 
 
-def _processes(pages: int) -> Executor:
-    """Processes for the further pages, as many as there are cores for them beside this one; a thread for a single
-    one, which a process's start would only delay."""
-    if min(pages, workers()) < 2:
-        return ThreadPoolExecutor(1)
-    return ProcessPoolExecutor(min(pages, workers()), get_context("spawn"))
+def _drawn(page: Callable[[int], None], numbers: Sequence[int]) -> Iterator[None]:
+    """Write pages by number, in as many processes as there are cores, since matplotlib's threads would meet."""
+    count = min(len(numbers), workers())
+    if count < 2:
+        yield from map(page, numbers)
+        return
+    with ProcessPoolExecutor(count, get_context("spawn")) as processes:
+        yield from processes.map(page, numbers)
 
 
 def further_page(folder: Path, out: Path, groups: Sequence[Sequence[CaptureFacts]], part: int) -> None:
