@@ -1,7 +1,9 @@
 """The report: tables, figures and pages that need nothing else."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,8 @@ from bench.results import CaptureFacts, Result, load, load_tradeoff
 from radar.support.cost import require_time
 from radar.support.errors import HandbenchError
 from radar.support.files import write_text
+from radar.support.parallel import workers
+from radar.support.progress import track
 from reports.figures import charts
 from reports.figures.depth_maps import panels
 from reports.figures.style import methods
@@ -58,17 +62,38 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     for old in out.glob("pages/[0-9][0-9][0-9]*.html"):
         old.unlink()
     groups = pages(result.scored())
-    parts = [f"pages/{i:03d}.html" for i in range(1, len(groups))]
+    parts = page_names(groups)
     overview = rendering.images(lambda: charts.overview(result), out / "figures")
     swept = tradeoff_section.section(trade, out) if trade else None
-    for i, captures in enumerate(groups):
-        facts = _captures(result, captures, out / "figures") | {"parts": parts, "part": i, "groups": groups}
-        if i:
-            write_text(out / parts[i - 1], render("captures.html", about=result.about, **facts))
-        else:
-            causes = cause_section.section(result, out / "figures")
-            write_text(out / "index.html", render("index.html", **_summary(result, overview, swept, causes), **facts))
+    facts = _captures(result, groups[0], out / "figures") | {"parts": parts, "part": 0, "groups": groups}
+    causes = cause_section.section(result, out / "figures")
+    for _ in track(_drawn(partial(further_page, folder, out, groups), range(1, len(groups))), "pages", len(parts)):
+        pass
+    write_text(out / "index.html", render("index.html", **_summary(result, overview, swept, causes), **facts))
     return out / "index.html"
+
+
+def _drawn(page: Callable[[int], None], numbers: Sequence[int]) -> Iterator[None]:
+    """Write pages by number, in as many processes as there are cores, since matplotlib's threads would meet."""
+    count = min(len(numbers), workers())
+    if count < 2:
+        yield from map(page, numbers)
+        return
+    with ProcessPoolExecutor(count, get_context("spawn")) as processes:
+        yield from processes.map(page, numbers)
+
+
+def further_page(folder: Path, out: Path, groups: Sequence[Sequence[CaptureFacts]], part: int) -> None:
+    """Write a further page of captures, groups[part], of the result in `folder`; its pictures as PNG alone."""
+    result, parts = load(folder), page_names(groups)
+    facts = _captures(result, groups[part], out / "figures", paper=False)
+    facts |= {"parts": parts, "part": part, "groups": groups}
+    write_text(out / parts[part - 1], render("captures.html", about=result.about, **facts))
+
+
+def page_names(groups: Sequence[Sequence[CaptureFacts]]) -> list[str]:
+    """The files of the further pages."""
+    return [f"pages/{i:03d}.html" for i in range(1, len(groups))]
 
 
 def pages(captures: Sequence[CaptureFacts]) -> list[tuple[CaptureFacts, ...]]:
@@ -87,9 +112,9 @@ def _summary(result: Result, overview: list[Image], swept: Any, causes: Any = No
     return parts | {"blocks": sections.all_blocks(result)}
 
 
-def _captures(result: Result, captures: Sequence[CaptureFacts], folder: Path) -> dict[str, Any]:
+def _captures(result: Result, captures: Sequence[CaptureFacts], folder: Path, paper: bool = True) -> dict[str, Any]:
     """Content of a page on its captures: their pictures, and what turns in 3-D."""
-    details = [(capture, rendering.images(partial(panels, result, capture), folder)) for capture in captures]
+    details = [(capture, rendering.images(partial(panels, result, capture), folder, paper)) for capture in captures]
     scenes = list(filter(None, (scene3d.scene(result, capture) for capture in captures)))
     titles = {method.name: method.title for method in methods(result)}
     shown = "3fsk" if "3fsk" in titles else next(iter(titles), None)  # the paper's own, else the first

@@ -11,7 +11,9 @@ from typing import Any
 
 import jinja2
 import matplotlib
+import numpy as np
 from markupsafe import Markup
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image as Pixels
 
@@ -21,7 +23,7 @@ from reports.figures.style import COLUMN, STYLE, Picture
 
 TEMPLATES = Path(__file__).parent / "templates"
 WIDTH_PX = 1900  # of a picture inside a page at most; the files beside it have every pixel
-QUALITY = 82
+QUALITY, FAST = 82, 1  # of WebP; effort of packing a PNG
 SHOWN = 0.42  # CSS pixels for one of the file's: text as large as the page's small print
 
 
@@ -45,20 +47,25 @@ def begin(out: Path) -> None:
         write_text(out / "index.html", "<p>This report is not finished: make it again.\n")
 
 
-def images(draw: Callable[[], Iterable[Picture]], folder: Path) -> list[Image]:
-    """Write each drawn picture into `folder`, STEM.png for a screen and STEM.pdf for a paper's column, and give it as
-    an image for the page, light and dark; each figure is let go before the next is drawn."""
+def images(draw: Callable[[], Iterable[Picture]], folder: Path, paper: bool = True) -> list[Image]:
+    """Write each drawn picture into `folder` as STEM.png, and give it as an image for the page, light and dark; each
+    figure is let go before the next is drawn. paper: the PNG file is fine, and STEM.pdf is for a paper's column; else
+    the PNG is the page's own, and there is no other."""
     written = []
     with matplotlib.rc_context(STYLE):
         for picture in draw():
             with atomic_path(folder / f"{picture.stem}.png") as temporary:
-                picture.figure.savefig(temporary)
+                if paper:
+                    picture.figure.savefig(temporary)
+                else:
+                    _pixels(picture.figure).save(temporary, compress_level=FAST)
             with Pixels.open(folder / f"{picture.stem}.png") as pixels:
-                light = image(pixels, picture.alt, picture.caption, picture.stem, SHOWN)
+                fine = SHOWN if paper else SHOWN * matplotlib.rcParams["savefig.dpi"] / _dpi(picture.figure)
+                light = image(pixels, picture.alt, picture.caption, picture.stem, fine)
             picture.figure.set_layout_engine("none")  # laid out once
             written.append(replace(light, dark=_uri(_pixels(darken(picture.figure)))))
     with matplotlib.rc_context(COLUMN):
-        for picture in draw():
+        for picture in draw() if paper else ():
             with atomic_path(folder / f"{picture.stem}.pdf") as temporary:
                 picture.figure.savefig(temporary, metadata={"CreationDate": None})  # same data, same bytes
     return written
@@ -66,9 +73,14 @@ def images(draw: Callable[[], Iterable[Picture]], folder: Path) -> list[Image]:
 
 def _pixels(figure: Figure) -> Pixels.Image:
     """A figure as it is shown inside a page."""
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=min(matplotlib.rcParams["savefig.dpi"], WIDTH_PX / figure.get_figwidth()))
-    return Pixels.open(stream)
+    figure.set_dpi(_dpi(figure))
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return Pixels.fromarray(np.array(canvas.buffer_rgba()))
+
+
+def _dpi(figure: Figure) -> float:
+    return float(min(matplotlib.rcParams["savefig.dpi"], WIDTH_PX / figure.get_figwidth()))
 
 
 def image(picture: Pixels.Image, alt: str, caption: str = "", stem: str = "", shown: float = 1.0) -> Image:

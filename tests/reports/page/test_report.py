@@ -140,7 +140,7 @@ def test_the_page_shows_and_explains_the_floor(report):
 @pytest.fixture
 def undrawn(monkeypatch):
     """A report without pictures, where words are looked at."""
-    monkeypatch.setattr(rendering, "images", lambda pictures, folder: [])
+    monkeypatch.setattr(rendering, "images", lambda pictures, folder, paper=True: [])
 
 
 def test_a_result_without_a_floor_is_reported(folder, tmp_path, undrawn):
@@ -338,6 +338,21 @@ def test_many_captures_go_to_pages_of_their_own(tmp_path, monkeypatch, undrawn):
     assert "capture-B" in first.ids and not {"capture-F", "capture-U"} & set(first.ids)
     assert {"capture-F", "capture-U"} <= set(further.ids)
     assert '<a href="../index.html' in (out / "pages/001.html").read_text(encoding="utf-8")
+
+
+def test_pages_are_the_same_from_one_process_and_from_two(tmp_path, monkeypatch):
+    folder = write_synthetic(tmp_path / "r", tuple("BFU"), {"3fsk": METHODS["3fsk"]}, ("truth",), step_m=6e-3)
+    monkeypatch.setattr(html, "ABREAST", 1)
+    monkeypatch.setattr(html, "FIRST", 1)
+    written = []
+    for count in ("1", "2"):
+        monkeypatch.setenv("HANDBENCH_WORKERS", count)
+        html.build(folder, out := tmp_path / count)
+        written.append({file.relative_to(out): file.read_bytes() for file in sorted(out.rglob("*.html"))})
+    assert len(written[0]) == 3 and written[0] == written[1]
+    assert {file.name for file in (out / "figures").glob("depth_*")} == {
+        *("depth_B.pdf", "depth_B.png", "depth_F.png", "depth_U.png")  # of further pages nothing for a paper
+    }
 
 
 def test_captures_on_pages():
