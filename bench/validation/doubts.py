@@ -52,14 +52,15 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
     if plain:
         return  # all that follows would be about these
     compile_kernels()
-    wrong = focus.findings(capture)
-    yield from wrong
-    imaged = None if wrong else _imaged(recorded, capture)
+    surface, imaged = surface_of(recorded), _imaged(recorded, capture)
+    if surface is None or imaged is None or surface_fit.fit(imaged[0], surface).improvable:
+        wrong = focus.findings(capture)  # only conjugated or otherwise wrong echoes miss their surface
+        yield from wrong
+        imaged = None if wrong else imaged
     if imaged is None:
         return
     depth, config = imaged
     yield from of_map(with_trust(depth, capture, config))
-    surface = surface_of(recorded)
     if surface is None or not surface_fit.fit(depth, surface).improvable:
         return
     start_m = float(np.median(surface.vertices_m[:, 2]))
@@ -74,20 +75,22 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
 def _explained(
     recorded: NativeCapture, capture: RadarCapture, surface: Surface, depths: tuple[DepthMap, ...], start_m: float
 ) -> list[str]:
-    """The mistake, if any, without which an image fits its surface, which begins start_m away, best. One in the order
-    of the data must not focus worse without it, since exchanged antennas may look as exchanged axes do; and one in the
-    tones or the phases is looked for only where no other frame or unit explains the images."""
+    """The mistake, if any, without which an image fits its surface, which begins start_m away, best; two where one in
+    the order of the data explains it as well as one of frames, as exchanged antennas of an array that is its own mirror
+    image. Others than that of the antennas are looked for only where no frame or unit explains the images."""
     as_is = max((surface_fit.fit(depth, surface) for depth in depths), key=lambda fit: fit.share)
     share, moved = max((surface_fit.best(depth, surface, as_is) for depth in depths), key=lambda best: best[0])
-    sharpest_db, found = focus.sharpness_db(capture), {}
+    found: dict[str, float] = {}
     for name, cure, undone, scale in _undone(capture, every=share < EXPLAINED):
         image = _imaged(recorded, undone, scale * start_m)
         fitted = surface_fit.fit(image[0], surface_fit.moved(surface, scale * np.eye(3))) if image else as_is
-        if fitted.explains(as_is) and (scale != 1 or focus.sharpness_db(undone) >= sharpest_db):
+        if fitted.explains(as_is):
             text = f"with {name} the median error falls from {as_is.median_mm:.2f} to {fitted.median_mm / scale:.2f} mm"
             found[f"{text}: {cure}"] = fitted.share
     text = max(found, key=lambda text: found[text], default="")
-    return [text] if text and found[text] >= EXPLAINED * share else moved
+    if not text or found[text] < EXPLAINED * share:
+        return moved
+    return [f"{text}; or {moved[0]}"] if EXPLAINED * found[text] < share else [text]
 
 
 def _undone(capture: RadarCapture, every: bool) -> Iterator[tuple[str, str, RadarCapture, float]]:
