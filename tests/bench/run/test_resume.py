@@ -14,7 +14,7 @@ from bench.datasets.simulated import simulate_capture
 from bench.scenes.build import load_scene
 from radar.support.closure import PACKAGES, ROOT
 
-STAGES = ("simulate", "sparse", "dense", "mesh", "calibrate", "reconstruct", "repeat", "score")
+STAGES = ("simulate", "inspect", "sparse", "dense", "mesh", "calibrate", "reconstruct", "repeat", "score")
 
 # Photographs and their registration stand for themselves: what they would give is written at once. os._exit is a kill.
 RUN = """
