@@ -28,6 +28,7 @@ from radar.warmup import compile_kernels
 CROWDED, WIDE_M = 0.5, 0.1  # share of an image that nothing near a hand fills, if it is at least that wide and high
 EXPLAINED = 0.9  # share of pixels on the surface with which a mistake explains an image; and of the best other share
 FIRST, NEAR_M = "first_depth_m", (0.05, FAR_M)  # where some methods begin to look, and where that may be
+FURTHER_M = 1.2  # begun from there, the tones of PROBES reach what they do not from their own first depth
 PROBES = ("3fsk", "2fsk", "broadband", "narrowband")  # the first whose tones were measured is held against a surface
 
 
@@ -53,20 +54,21 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
         return  # all that follows would be about these
     compile_kernels()
     surface, imaged = surface_of(recorded), _imaged(recorded, capture)
-    if surface is None or imaged is None or surface_fit.fit(imaged[0], surface).improvable:
-        wrong = focus.findings(capture)  # only conjugated or otherwise wrong echoes miss their surface
-        yield from wrong
-        imaged = None if wrong else imaged
-    if imaged is None:
+    if surface is not None and imaged is not None and not surface_fit.fit(imaged[0], surface).improvable:
+        return  # what lies on its surface needs no further look
+    wrong = focus.findings(capture)
+    yield from wrong
+    if wrong or imaged is None:
         return
     depth, config = imaged
     yield from of_map(with_trust(depth, capture, config))
-    if surface is None or not surface_fit.fit(depth, surface).improvable:
+    if surface is None:
         return
     start_m = float(np.median(surface.vertices_m[:, 2]))
     near, _ = _imaged(recorded, capture, start_m) or imaged
     if surface_fit.fit(near, surface).improvable:
-        yield from _explained(recorded, capture, surface, (depth, near), start_m)
+        further, _ = _imaged(recorded, capture, FURTHER_M) or imaged  # for where the surface lies may be the mistake
+        yield from _explained(recorded, capture, surface, (depth, near, further), start_m)
         return
     begun = f"{depth.method} begins at {getattr(config, FIRST):g} m and misses a surface {start_m:.2g} m away"
     yield f"{begun}: set {FIRST} = {start_m:.2g}, as by --set"
