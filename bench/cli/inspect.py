@@ -17,19 +17,24 @@ def run(options: argparse.Namespace) -> None:
     if options.mesh or options.transform:
         raise HandbenchError("--mesh, --transform: are for a DEPTH.npz; a capture has its own surface in its folder")
     if (options.path / "result.json").is_file():
-        _result(options.path)
+        from bench.results import load
+        from bench.validation.file_doubts import of_result
+
+        _tell(options.path, list(of_result(load(options.path))))
         return
+    from bench.datasets.dataset import captures
     from bench.validation.photo_problems import is_of_photographs
     from bench.validation.validate import show
 
     show([str(options.path)], scored=False)
     if options.path.suffix.lower() in MESHES:
-        _mesh(options.path)
+        from bench.validation.file_doubts import of_mesh
+        from groundtruth.mesh.surface import read_surface
+
+        _tell(options.path, list(of_mesh(read_surface(options.path))))
     elif options.path.suffix == ".toml":
         _benchmark(options.path)
     elif options.path.is_dir() and not is_of_photographs(options.path):
-        from bench.datasets.dataset import captures
-
         _captures(captures(options.path))
 
 
@@ -49,20 +54,6 @@ def _benchmark(file: Path) -> None:
     if "method" in read_toml(file, "a benchmark"):  # else a scene, a board or a target, of which all is said
         bench, base = load_benchmark(str(file))
         _captures([inside(base, source.path, "capture.path") for source in bench.capture if source.path])
-
-
-def _result(folder: Path) -> None:
-    from bench.results import load
-    from bench.validation.file_doubts import of_result
-
-    _tell(folder, list(of_result(load(folder))))
-
-
-def _mesh(file: Path) -> None:
-    from bench.validation.file_doubts import of_mesh
-    from groundtruth.mesh.surface import read_surface
-
-    _tell(file, list(of_mesh(read_surface(file))))
 
 
 def _depth_map(options: argparse.Namespace) -> None:

@@ -28,6 +28,7 @@ from radar.warmup import compile_kernels
 CROWDED, WIDE_M = 0.5, 0.1  # share of an image that nothing near a hand fills, if it is at least that wide and high
 EXPLAINED = 0.9  # share of pixels on the surface with which a mistake explains an image; and of the best other share
 FIRST, NEAR_M = "first_depth_m", (0.05, FAR_M)  # where some methods begin to look, and where that may be
+FURTHER_M = 1.2  # begun from there, the tones of PROBES reach what they do not from their own first depth
 PROBES = ("3fsk", "2fsk", "broadband", "narrowband")  # the first whose tones were measured is held against a surface
 
 
@@ -52,20 +53,22 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
     if plain:
         return  # all that follows would be about these
     compile_kernels()
+    surface, imaged = surface_of(recorded), _imaged(recorded, capture)
+    if surface is not None and imaged is not None and not surface_fit.fit(imaged[0], surface).improvable:
+        return  # what lies on its surface needs no further look
     wrong = focus.findings(capture)
     yield from wrong
-    imaged = None if wrong else _imaged(recorded, capture)
-    if imaged is None:
+    if wrong or imaged is None:
         return
     depth, config = imaged
     yield from of_map(with_trust(depth, capture, config))
-    surface = surface_of(recorded)
-    if surface is None or not surface_fit.fit(depth, surface).improvable:
+    if surface is None:
         return
     start_m = float(np.median(surface.vertices_m[:, 2]))
     near, _ = _imaged(recorded, capture, start_m) or imaged
     if surface_fit.fit(near, surface).improvable:
-        yield from _explained(recorded, capture, surface, (depth, near), start_m)
+        further, _ = _imaged(recorded, capture, FURTHER_M) or imaged  # for where the surface lies may be the mistake
+        yield from _explained(recorded, capture, surface, (depth, near, further), start_m)
         return
     begun = f"{depth.method} begins at {getattr(config, FIRST):g} m and misses a surface {start_m:.2g} m away"
     yield f"{begun}: set {FIRST} = {start_m:.2g}, as by --set"
@@ -74,20 +77,22 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
 def _explained(
     recorded: NativeCapture, capture: RadarCapture, surface: Surface, depths: tuple[DepthMap, ...], start_m: float
 ) -> list[str]:
-    """The mistake, if any, without which an image fits its surface, which begins start_m away, best. One in the order
-    of the data must not focus worse without it, since exchanged antennas may look as exchanged axes do; and one in the
-    tones or the phases is looked for only where no other frame or unit explains the images."""
+    """The mistake, if any, without which an image fits its surface, which begins start_m away, best; two where one in
+    the order of the data explains it as well as one of frames, as exchanged antennas of an array that is its own mirror
+    image. Others than that of the antennas are looked for only where no frame or unit explains the images."""
     as_is = max((surface_fit.fit(depth, surface) for depth in depths), key=lambda fit: fit.share)
     share, moved = max((surface_fit.best(depth, surface, as_is) for depth in depths), key=lambda best: best[0])
-    sharpest_db, found = focus.sharpness_db(capture), {}
+    found: dict[str, float] = {}
     for name, cure, undone, scale in _undone(capture, every=share < EXPLAINED):
         image = _imaged(recorded, undone, scale * start_m)
         fitted = surface_fit.fit(image[0], surface_fit.moved(surface, scale * np.eye(3))) if image else as_is
-        if fitted.explains(as_is) and (scale != 1 or focus.sharpness_db(undone) >= sharpest_db):
+        if fitted.explains(as_is):
             text = f"with {name} the median error falls from {as_is.median_mm:.2f} to {fitted.median_mm / scale:.2f} mm"
             found[f"{text}: {cure}"] = fitted.share
     text = max(found, key=lambda text: found[text], default="")
-    return [text] if text and found[text] >= EXPLAINED * share else moved
+    if not text or found[text] < EXPLAINED * share:
+        return moved
+    return [f"{text}; or {moved[0]}"] if EXPLAINED * found[text] < share else [text]
 
 
 def _undone(capture: RadarCapture, every: bool) -> Iterator[tuple[str, str, RadarCapture, float]]:

@@ -59,9 +59,10 @@ def board_doubts(photos: Sequence[Photo], board: Board, cameras: Sequence[Camera
         if len(seen) < FEWEST_SEEN:
             continue
         told_px = camera.params[0] if camera else photo.focal_px or focal_length_px(photo, seen, board)
-        sets = [corners_m[at] for at in seen], list(seen.values())
-        wide_m, wide_px = (np.linalg.norm(np.std(corners, axis=0)) for corners in sets)
-        distance_m = (told_px or max(photo.width, photo.height)) * float(wide_m / wide_px)
+        board_m, seen_px = (
+            np.linalg.norm(np.std(of, axis=0)) for of in ([corners_m[at] for at in seen], [*seen.values()])
+        )
+        distance_m = (told_px or max(photo.width, photo.height)) * float(board_m / seen_px)
         if not NEAREST_M < distance_m < FARTHEST_M:
             scale = "large" if distance_m > FARTHEST_M else "small"
             seen_from = f"{photo.name} was taken {distance_m:.2g} m from the board"

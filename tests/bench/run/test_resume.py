@@ -14,7 +14,7 @@ from radar.support.closure import PACKAGES, ROOT
 from tests.bench.run.photographed import with_photographs
 from tests.faults.processes import Runs
 
-STAGES = ("simulate", "sparse", "dense", "mesh", "calibrate", "reconstruct", "repeat", "score")
+STAGES = ("simulate", "inspect", "sparse", "dense", "mesh", "calibrate", "reconstruct", "repeat", "score")
 
 
 @pytest.fixture

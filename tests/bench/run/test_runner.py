@@ -44,7 +44,7 @@ def test_result_folder_is_complete_and_plausible(small_bench, tmp_path):
     assert result.row("precision_mm", "2fsk", "truth").value > 0
     assert result.row("precision_mm", "narrowband", "truth") is None
     assert len(result.repeats) == 3
-    assert set(result.tasks.stage) == {"simulate", "reconstruct", "repeat", "score"}
+    assert set(result.tasks.stage) == {"simulate", "inspect", "reconstruct", "repeat", "score"}
     assert (result.tasks[["seconds", "peak_memory_mb"]] > 0).all(axis=None) and not result.tasks.cached.any()
     by_amplitude = result.causes[result.causes.cause == "below_maximum_db"].groupby("method").n_pixels.sum()
     observed = result.table[result.table.metric == "n_observed"].set_index("method").value

@@ -37,7 +37,7 @@ from tests.bench.studies.ablation import assorted_scenes
 from tests.bench.validation.photo_mistakes import PHOTO_MISTAKES, photographs
 
 TONES = {"sweep": [{"start_hz": 72e9, "stop_hz": 82e9, "count": 16}], "tones_hz": [81.8e9, 79.5e9]}
-SLOW = {"shadow_antennas", "shadow_diffraction", "multipath", "roughness"}  # minutes a scene; they do not unfocus
+SLOW = {"shadow_antennas", "shadow_diffraction", "multipath", "roughness", "clutter"}  # in all, hours of simulation
 RIGHT = 1000  # seed of the first capture without a mistake
 REACH_M = 0.825  # of 2-FSK at 200 MHz, c/(4Δf) = 0.375 m, which begins at 0.45 m
 ALIKE_M = 3e-3  # a surface's median distance to its moved self under which nothing tells the two apart
@@ -186,7 +186,7 @@ def verdict(mistake: Mistake, said: str, surface: Surface) -> str:
         return "told"
     if mistake.moved is not None:
         named = [name for name in FRAMES if re.search(rf"(may be|with) {name}\b", said)]
-        if named and lies_on(surface, moved(surface, FRAMES[named[0]] @ mistake.moved)):
+        if any(lies_on(surface, moved(surface, FRAMES[name] @ mistake.moved)) for name in named):
             return "told"
     return "silent" if FINE in said else "otherwise"
 
@@ -237,8 +237,11 @@ def accused(seeds: range, log: Callable[[str], None]) -> tuple[int, int]:
         with tempfile.TemporaryDirectory() as scratch:
             capture, surface = recorded(seed, Path(scratch))
             start = time.process_time()
-            said = inspected(written(Path(scratch) / "right", capture, surface))
-            doubted += FINE not in said
+            folder = written(Path(scratch) / "right", capture, surface)
+            said = inspected(folder)
+            (folder / "truth.ply").unlink()  # what then is left to tell by is focus
+            said += inspected(folder)
+            doubted += said.count(FINE) < 2
             reached += "misses a surface" in said and float(np.median(surface.vertices_m[:, 2])) > REACH_M
             kind = assorted_scenes.KINDS[seed % len(assorted_scenes.KINDS)]
             log(f"{seed} {kind} | right | {time.process_time() - start:.1f} s | {' / '.join(said.splitlines())}")

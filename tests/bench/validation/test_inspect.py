@@ -19,6 +19,7 @@ from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, PlanarScan, qar5
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.data.echoes_file import save_capture
+from tests.bench.validation.photo_mistakes import PHOTO_MISTAKES, photographs
 
 TONES_HZ = np.r_[np.linspace(72e9, 82e9, 24), 81.8e9, 79.5e9]
 CORNERS_M = np.array([(-30, -40), (20, -40), (20, -20), (-10, -20), (-10, 40), (-30, 40)]) * 1e-3
@@ -40,13 +41,17 @@ def depth_m(x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
 @pytest.fixture(scope="module")
 def right() -> RadarCapture:
     """The echoes of 150 points of the plate before every second antenna."""
-    array = qar50()
-    tx_m, rx_m = array.tx_m[::2], array.rx_m[::2]
-    samples = np.zeros((len(TONES_HZ), len(tx_m), len(rx_m)), complex)
+    array = AntennaArray(qar50().tx_m[::2], qar50().rx_m[::2])
+    return RadarCapture(echoes_of(array)[None], TONES_HZ, array)
+
+
+def echoes_of(array: AntennaArray, share: float = 1.0) -> np.ndarray:
+    """Samples [f, t, r] of 150 points of the plate. share: of the way there and back that the phases count."""
+    samples = np.zeros((len(TONES_HZ), len(array.tx_m), len(array.rx_m)), complex)
     for point_m in on_the_plate(150):
-        path_m = np.linalg.norm(point_m - tx_m, axis=1)[:, None] + np.linalg.norm(point_m - rx_m, axis=1)
-        samples += np.exp(-2j * np.pi * TONES_HZ[:, None, None] * path_m / SPEED_OF_LIGHT_M_S)
-    return RadarCapture(samples[None].astype(np.complex64), TONES_HZ, AntennaArray(tx_m, rx_m))
+        path_m = np.linalg.norm(point_m - array.tx_m, axis=1)[:, None] + np.linalg.norm(point_m - array.rx_m, axis=1)
+        samples += np.exp(-2j * np.pi * TONES_HZ[:, None, None] * share * path_m / SPEED_OF_LIGHT_M_S)
+    return samples.astype(np.complex64)
 
 
 def written(folder: Path, capture: RadarCapture, scale: float = 1.0, turned: tuple[int, int, int] = (1, 1, 1)) -> Path:
@@ -77,6 +82,10 @@ MISTAKES = {
     "centimetres": (lambda c: placed(c, 1e2 * np.eye(3)), "multiply them by 1e-2"),
     "y and z": (lambda c: placed(c, np.eye(3)[[0, 2, 1]]), "looks along y"),
     "gigahertz": (lambda c: replace(c, frequencies_hz=c.frequencies_hz / 1e9), "multiply them by 1e9"),
+    "megahertz": (lambda c: replace(c, frequencies_hz=c.frequencies_hz / 1e6), "multiply them by 1e6"),
+    "kilohertz": (lambda c: replace(c, frequencies_hz=c.frequencies_hz / 1e3), "kilohertz? multiply them by 1e3"),
+    "kilometres": (lambda c: placed(c, 1e-3 * np.eye(3)), "kilometres? multiply them by 1e3"),
+    "one way": (lambda c: replace(c, samples=echoes_of(c.aperture, 0.5)[None]), "one way only the median error falls"),
     "twice": (lambda c: replace(c, frequencies_hz=np.r_[c.frequencies_hz[1], c.frequencies_hz[1:]]), "there twice"),
 }
 SURFACES = {
@@ -210,3 +219,34 @@ def test_imaging_and_scoring_say_what_they_doubt(right, tmp_path, capsys):
     assert "mirrored in z" in json.loads(found.out)["doubts"][0] and "mirrored in z" in found.err
     assert main(["evaluate", str(depth), "--mesh", str(tmp_path / "right" / "truth.ply")]) == 0
     assert "doubts" not in json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("name", PHOTO_MISTAKES)
+def test_photographs_are_held_against_their_cameras_and_their_board(tmp_path, capsys, name):
+    text = said(capsys, str(photographs(tmp_path, 3, name)))
+    assert PHOTO_MISTAKES[name] in text if PHOTO_MISTAKES[name] else text.strip() == f"{tmp_path}: fine"
+
+
+def test_a_mesh_inside_out_or_full_of_holes_is_doubted(tmp_path, capsys):
+    corners_m = np.array([(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1)])
+    outside = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
+    for name, faces, words in (
+        ("right", outside, "nothing looks wrong"),
+        ("turned", outside[:, ::-1], "inside out"),
+        ("open", outside[:2], "belong to one triangle alone"),
+    ):
+        write_mesh(tmp_path / f"{name}.ply", mesh(corners_m, faces))
+        assert words in said(capsys, str(tmp_path / f"{name}.ply"))
+
+
+def test_a_run_records_what_it_doubts_and_the_result_shows_it(right, tmp_path, capsys):
+    written(tmp_path / "plate", replace(right, samples=right.samples.conj()))
+    table = 'version = 1\nname = "b"\n[[capture]]\npath = "plate"\nmeasures = ["accuracy"]\n[[method]]\nid = "2fsk"\n'
+    (tmp_path / "bench.toml").write_text(table)
+    for seen in (True, False):  # a resumed run does not look again
+        assert main(["run", str(tmp_path / "bench.toml"), "-o", str(tmp_path / "out")]) == 0
+        assert ("conjugate the samples" in capsys.readouterr().err) == seen
+        [told] = json.loads((tmp_path / "out" / "result.json").read_text())["facts"]["doubts"]["plate"]
+        assert "conjugate the samples" in told
+    assert "plate: the echoes focus better" in said(capsys, str(tmp_path / "out"))
+    assert "conjugate the samples" in said(capsys, str(tmp_path / "bench.toml"))
