@@ -1,34 +1,16 @@
-"""One depth map, or one map of errors, as a figure of its own."""
+"""Figures as files and as bytes."""
 
 import io
 from pathlib import Path
 
 import matplotlib
-import numpy as np
 from matplotlib.figure import Figure
 
-from bench.results import ErrorMap, Surface
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path
-from reports.figures.depth_maps import Panel, box_of, depth_strip, error_panel, error_strip, sheet
 from reports.figures.style import STYLE
 
 FORMATS = (".png", ".pdf", ".svg")
-
-
-def depth_figure(surface: Surface, title: str) -> Figure:
-    """A figure of a depth map, as seen from the array."""
-    with matplotlib.rc_context(STYLE):
-        return sheet([depth_strip([Panel(title, surface)], surface)], box_of([surface]))
-
-
-def error_figure(errors: ErrorMap, title: str) -> Figure:
-    """A figure of signed errors with the reference's outline; red lies behind the reference, blue before it."""
-    seen_mm = 1e3 * np.abs(errors.error_m[np.isfinite(errors.error_m)])
-    told = f"{title}\nmean |error| {seen_mm.mean():.2f} mm" if len(seen_mm) else f"{title}\nnothing observed"
-    box = box_of([Surface(errors.x_m, errors.y_m, errors.reference_z_m)])
-    with matplotlib.rc_context(STYLE):
-        return sheet([error_strip([error_panel(told, errors)])], box)
 
 
 def save(figure: Figure, file: str | Path) -> None:
