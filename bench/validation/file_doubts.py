@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bench.results import Result
+from bench.results import HEADLINE, Result
 from bench.results.tables import each
 from groundtruth.mesh.surface import Surface
 
@@ -30,6 +30,6 @@ def of_result(result: Result) -> Iterator[str]:
     yield from (failure.line for failure in result.about.failures)
     for row in each(result.table):
         share = row.metric in ("relative_accuracy_percent", "relative_precision_percent")
-        if (share and not 0 <= row.value <= 100) or (row.metric == "mae_mm" and row.value > FARTHEST_MM):
+        if (share and not 0 <= row.value <= 100) or (row.metric == HEADLINE and row.value > FARTHEST_MM):
             figure = f"{result.title(row.metric)} is {row.value:.4g} {row.unit}"
             yield f"{row.method}: {figure}: `handbench inspect` the captures"
