@@ -239,9 +239,9 @@ class Depth(Drawn):
 
     def _figure(self) -> Figure:
         from bench.results import Surface
-        from reports.figures.single import depth_figure
+        from reports.figures.layers import depth_layers, layers_figure
 
-        return depth_figure(Surface(self.x_m, self.y_m, self.z_m), self.method)
+        return layers_figure(depth_layers(Surface(self.x_m, self.y_m, self.z_m), {}), self.method)
 
     def points_m(self) -> np.ndarray:
         """The pixels on target as points [n, 3] in the radar's frame."""
@@ -323,9 +323,9 @@ class Score(Drawn):
         return f"<handbench.Score {', '.join(told)}>"
 
     def _figure(self) -> Figure:
-        from reports.figures.single import error_figure
+        from reports.figures.layers import error_layer, layers_figure
 
-        return error_figure(self.errors, self.method)
+        return layers_figure([error_layer(self.errors)], self.method)
 
 
 def methods() -> dict[str, str]:

@@ -17,9 +17,10 @@ from bench.scenes.stand import cuboid, plate_box_m
 from radar.data.capture import RadarCapture
 from radar.methods.registry import method
 from radar.simulation.causes import Causes, Pattern
+from radar.simulation.known_effects import IDS
 from radar.simulation.rehearsal import Rehearsal
 from radar.simulation.scene import Body, EchoScene, Material
-from radar.simulation.selection import CONTAINED, EFFECTS, IDS, choose
+from radar.simulation.selection import CONTAINED, EFFECTS, choose
 from radar.simulation.simulate import simulate_scene
 from tests.radar.simulation.effects.closed_forms import (
     phase_errors_rad,

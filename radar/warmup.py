@@ -7,39 +7,25 @@ between the process that compiled and all later ones.
 
 import subprocess
 import sys
-from threading import Timer
 
 import numpy as np
 from numba.core import config
 
-from radar.data.arrays import AntennaArray, PlanarScan
-from radar.data.grid import VoxelGrid
-from radar.imaging.api import image_points, image_volume, project_volume
 from radar.imaging.cpu.ascent import scatter
 from radar.imaging.cpu.descent import gather
-from radar.imaging.cpu.exact import backproject
-from radar.imaging.cpu.steering import mean_rise
-from radar.simulation.forward import Scatterers, simulate
 from radar.support.progress import say
-
-NOTED_S = 1.0  # what takes no longer needs no line
 
 
 def compile_kernels(load: bool = True) -> None:
     """Have the kernels compiled where they are not, and load each by running it on next to nothing, so that no measured
     time holds either."""
-    note = Timer(NOTED_S, say, ("compiling the kernels (once on this machine, then cached) ...",))
-    note.daemon = True
-    note.start()
-    try:
-        if not _cached():
-            child = subprocess.run([sys.executable, "-m", "radar.warmup"], check=False, stderr=subprocess.DEVNULL)
-            if child.returncode:
-                say("the kernels were not compiled beforehand: the last bits of echoes may differ from a later run's")
-        if load:
-            _run_every_kernel()
-    finally:
-        note.cancel()
+    if not _cached():
+        say("compiling the kernels (once on this machine, then cached) ...")
+        child = subprocess.run([sys.executable, "-m", "radar.warmup"], check=False, stderr=subprocess.DEVNULL)
+        if child.returncode:
+            say("the kernels were not compiled beforehand: the last bits of echoes may differ from a later run's")
+    if load:
+        _run_every_kernel()
 
 
 def _cached() -> bool:
@@ -51,6 +37,13 @@ def _cached() -> bool:
 
 
 def _run_every_kernel() -> None:
+    from radar.data.arrays import AntennaArray, PlanarScan
+    from radar.data.grid import VoxelGrid
+    from radar.imaging.api import image_points, image_volume, project_volume
+    from radar.imaging.cpu.exact import backproject
+    from radar.imaging.cpu.steering import mean_rise
+    from radar.simulation.forward import Scatterers, simulate
+
     three = np.array([[-0.05, 0.0, 0.0], [0.0, 0.03, 0.0], [0.05, 0.0, 0.0]])
     array, scan, tones_hz = AntennaArray(three, three), PlanarScan(three), np.linspace(72e9, 82e9, 4)
     axis_m = 1e-3 * np.arange(40)

@@ -1,39 +1,58 @@
-"""`handbench list`: methods with their defaults and sources, metrics, benchmarks, effects, poses."""
+"""`handbench list`: methods with their defaults and sources, metrics, benchmarks, effects, data sets, poses."""
 
 import argparse
 import json
+from collections.abc import Iterator
 
-from bench.evaluation.metrics import definitions
-from bench.run.benchmark_file import embedded
-from bench.scenes.hand_pose import POSES
-from radar.methods import registry
-from radar.methods.registry import methods
-from radar.simulation.selection import EFFECTS
-from radar.support.closure import with_version
+from bench.cli.options import COMMANDS, declared
+
+SECTIONS = {  # as commands.toml names them → title
+    "methods": "methods",
+    "plugins": "plug-ins that could not be loaded",
+    "metrics": "metrics",
+    "benchmarks": "embedded benchmarks",
+    "effects": "effects of simulated echoes",
+    "datasets": "data sets",
+    "poses": "poses",
+}
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print everything that has a name."""
-    print("methods")
-    for method in methods():
-        print(f"  {method.id:<18} {method.summary}")
-        print(f"  {'':<18} source: {method.source}")
-        if method.distribution is not None:
-            print(f"  {'':<18} plug-in: {with_version(method.distribution)}")
-        for key, value in method.config().model_dump(mode="json").items():
-            print(f"  {'':<18} {key} = {json.dumps(value)}")
-    if registry.BROKEN:
-        print("plug-ins that could not be loaded")
-    for name, reason in registry.BROKEN.items():
-        print(f"  {name}: {reason}")
-    print("metrics")
-    for key, definition in definitions().items():
-        print(f"  {key:<28} {definition}")
-    print("embedded benchmarks")
-    for name in embedded():
-        print(f"  {name}")
-    print("effects of simulated echoes")
-    for effect in EFFECTS:
-        print(f"  {effect.id:<18} {effect.does}")
-        print(f"  {'':<18} source: {effect.source}")
-    print(f"poses\n  {', '.join(POSES)}")
+    """Print everything that has a name: of one section, with a text in the name or the line about it, if asked for."""
+    wanted = (options.filter or "").casefold()
+    for section in [options.section] if options.section else SECTIONS:
+        found = [entry for entry in _entries(section) if wanted in entry[0].casefold()]
+        if found:
+            print(SECTIONS[section], *(f"  {line}" for entry in found for line in entry), sep="\n")
+
+
+def _entries(section: str) -> Iterator[list[str]]:
+    """The lines of each entry."""
+    from bench.datasets.dataset import KNOWN
+    from bench.evaluation.metrics import definitions
+    from bench.run.benchmark_file import embedded
+    from bench.scenes.hand_pose import POSES
+    from radar.methods.registry import BROKEN, methods
+    from radar.simulation.known_effects import DECLARED
+    from radar.support.closure import with_version
+
+    known = methods()  # which loads the plug-ins, too
+    if section == "methods":
+        for method in known:
+            about = [f"source: {method.source}"]
+            about += [f"plug-in: {with_version(method.distribution)}"] if method.distribution is not None else []
+            about += [f"{k} = {json.dumps(v)}" for k, v in method.config().model_dump(mode="json").items()]
+            yield [f"{method.id:<18} {method.summary}", *(f"{'':<18} {line}" for line in about)]
+    elif section == "effects":
+        for name, facts in DECLARED.items():
+            yield [f"{name:<18} {facts['does']}", f"{'':<18} source: {facts['source']}"]
+    else:
+        imported = ", ".join(declared(COMMANDS)["import"]["options"]["dataset"]["choices"])
+        lines = {
+            "plugins": [f"{name}: {reason}" for name, reason in BROKEN.items()],
+            "metrics": [f"{key:<28} {definition}" for key, definition in definitions().items()],
+            "benchmarks": embedded(),
+            "datasets": [f"read where they lie: {KNOWN}", f"by `handbench import`: {imported}"],
+            "poses": [", ".join(POSES)],
+        }
+        yield from ([line] for line in lines[section])

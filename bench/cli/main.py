@@ -1,3 +1,4 @@
+# PYTHON_ARGCOMPLETE_OK
 """The command line: handbench COMMAND. Nothing heavy is imported before a command is chosen."""
 
 import argparse
@@ -9,13 +10,11 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from importlib import import_module
 from importlib.metadata import version
-from pathlib import Path
 
-from bench.cli.options import add_options, declared
+from bench.cli.options import COMMANDS, add_options, declared
 from bench.cli.study import add_studies
 from radar.support.errors import HandbenchError
 
-COMMANDS = Path(__file__).with_name("commands.toml")
 LIBRARIES_BYTES, THREAD_BYTES = 2**31, 2**28  # of addresses, without which libraries hang or crash as they are loaded
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES}
 GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO}  # while a command works
@@ -23,7 +22,12 @@ GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO}  # while a command
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; a known error is one line on stderr and exit code 2, an unknown one keeps its traceback."""
-    options = parser().parse_args(arguments)
+    known = parser()
+    if "_ARGCOMPLETE" in os.environ:  # a shell asks what could come next
+        import argcomplete
+
+        argcomplete.autocomplete(known)
+    options = known.parse_args(arguments)
     try:
         _require_addresses()
         with _device(options):

@@ -11,13 +11,14 @@ from bench.datasets.dataset import open_capture
 from bench.run.reconstruct_stage import configuration, require_near
 from bench.validation.array_doubts import array_doubts, lacking
 from bench.validation.doubts import of_image
+from bench.validation.map_doubts import flagged
 from radar.data.capture import RadarCapture
 from radar.imaging import api
 from radar.imaging.certificate import Certificate, certified, imaging_error
 from radar.imaging.device import describe
 from radar.methods.advice import notes, require_tones
 from radar.methods.registry import Method, Reconstruction, method
-from radar.methods.trust import with_trust
+from radar.methods.trust import FLAGGED, with_trust
 from radar.support.errors import HandbenchError
 from radar.support.files import write_npz
 from radar.support.progress import say
@@ -44,7 +45,7 @@ def run(options: argparse.Namespace) -> None:
     for doubt in (*array_doubts(echoes), *lacking(echoes)):
         say(f"{options.capture}: {doubt}")
     require_tones(echoes, settings)
-    compile_kernels()
+    compile_kernels(load=False)
     asked = getattr(settings, "tolerance", None)
     result, settings, certificate = _imaged(chosen, echoes, settings, options)
     depth = with_trust(result.depth, echoes, settings, options.frame)
@@ -54,14 +55,16 @@ def run(options: argparse.Namespace) -> None:
     if result.volume is not None and (options.volume is not None or options.check):
         volume = result.volume()
         if options.volume is not None:
-            write_npz(options.volume, volume=volume, z_m=result.volume_z_m)
+            write_npz(options.volume, volume=volume, x_m=depth.x_m, y_m=depth.y_m, z_m=result.volume_z_m)
         if options.check:
             _check(volume, echoes, settings, asked or EXACT, options)
     for note in notes(result.depth, echoes, settings, options.frame):
         say(f"{options.out}: {note}")
     on_target = int((result.depth.z_m == result.depth.z_m).sum())
     bound = f"; images' relative error at most {certificate.bound:.1e}" if certificate.images else ""
-    say(f"{options.out}: {on_target} pixels on target, imaged on {describe()}{bound}")
+    share = flagged(depth)
+    doubted = "" if share is None else f", {100 * share:.1f} % of them flagged (p_gross > {FLAGGED:g})"
+    say(f"{options.out}: {on_target} pixels on target{doubted}, imaged on {describe()}{bound}")
 
 
 def _imaged(

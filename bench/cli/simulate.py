@@ -8,7 +8,7 @@ from bench.scenes.build import load_scene
 from bench.scenes.echoes import choices
 from bench.scenes.photo_pilot import choose
 from bench.scenes.photographs import Studio
-from radar.simulation.selection import Choice
+from radar.simulation.known_effects import Choice
 from radar.support.errors import HandbenchError
 from radar.support.progress import say
 

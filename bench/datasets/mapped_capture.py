@@ -7,7 +7,6 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
 from bench.datasets.mapping import MAPPING, RE_IM, Array, Gains, Mapping, Pairs, Positions
@@ -66,6 +65,8 @@ class MappedCapture(NativeCapture):
 @contextmanager
 def _reader(path: Path, wanted: set[str]) -> Iterator[Read]:
     """A function that reads the file's data sets; refuses a file that lacks some of those wanted, naming all."""
+    import h5py
+
     matlab = not h5py.is_hdf5(path)
     source: AbstractContextManager[Any] = nullcontext(read_matlab(path)) if matlab else opened(path)
     with source as file:

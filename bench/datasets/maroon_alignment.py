@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from calibration.transforms import Transform, checked_numbers, identity, load_transform
 from groundtruth.mesh.depth import depth_on_grid
@@ -147,6 +146,8 @@ def handedness_of(
 
 def _off_mm(vertices_m: np.ndarray, faces: np.ndarray, echoes: RadarCapture) -> tuple[float, float]:
     """Mean distance of the radar's points from a surface, and from its mirror image in x."""
+    from scipy.spatial import KDTree
+
     chosen, middle_m = method("3fsk"), float(np.median(vertices_m[:, 2]))
     look = LOOK | ({"first_depth_m": middle_m} if middle_m > 0 else {})
     depth = chosen.run(echoes, chosen.configure(look, "handedness"), 0).depth

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import map_coordinates
 
 from bench.datasets.maroon_alignment import Triangles, load_alignment, read_table
 from calibration.transforms import checked_numbers
@@ -81,6 +80,8 @@ class OtherSensor:
 
     def _kinect(self, depth_mm: np.ndarray, mask: np.ndarray, content: Any) -> tuple[np.ndarray, np.ndarray]:
         """The same, the mask being of the colour camera, in the frame of its matrix."""
+        from scipy.ndimage import map_coordinates
+
         cameras = {c["Location"].removeprefix(LOCATION): c for c in content["CalibrationInformation"]["Cameras"]}
         depth, colour = (kinect_camera(cameras[place]) for place in MODES)
         rotation, shift_m = (_numbers(cameras["PV0"]["Rt"][key], n) for key, n in (("Rotation", 9), ("Translation", 3)))

@@ -15,7 +15,7 @@ from calibration.transforms import Transform, load_transform
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.data.echoes_file import load_capture
-from radar.simulation.selection import Choice
+from radar.simulation.known_effects import Choice
 from radar.support.config import Config, Name, load
 from radar.support.errors import HandbenchError
 from radar.support.files import content_hash, inside, require_folder, write_text

@@ -18,7 +18,7 @@ from groundtruth.cameras.cameras import Camera, load_pycolmap, save_cameras
 from groundtruth.mesh.mesh_files import write_mesh
 from radar.data.echoes_file import save_capture
 from radar.simulation.effects.dielectric import lost
-from radar.simulation.selection import Choice
+from radar.simulation.known_effects import Choice
 from radar.support.files import atomic_folder, atomic_path, write_text
 from radar.support.parallel import for_each
 from radar.support.progress import say

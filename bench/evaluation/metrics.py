@@ -1,16 +1,20 @@
 """The metrics: each one's unit, direction and definition, and its value for a depth map."""
 
+from __future__ import annotations
+
 import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import pandas as pd
 
 from bench.results.about import HEADLINE as HEADLINE
 from bench.results.error_map import ErrorMap as ErrorMap
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Values = dict[str, float | int | None]
 Terms = dict[str, Any]  # arrays of one shape, or numbers
@@ -119,6 +123,8 @@ def figures_of_frame(error_m: np.ndarray) -> Values:
 def over_frames(frames: Sequence[Values]) -> Values:
     """The figures over a capture's frames from `figures_of_frame` of each; none where it has a single one, or one in
     which nothing was observed."""
+    import pandas as pd
+
     figures = pd.DataFrame(list(frames), dtype=float)
     if len(figures) < 2 or figures.isna().any(axis=None):
         return {}
@@ -131,6 +137,8 @@ def over_frames(frames: Sequence[Values]) -> Values:
 
 def of_captures(maps: Iterable[ErrorMap]) -> pd.DataFrame:
     """The metrics of each capture's map, one a line; NaN where a figure has nothing to stand on."""
+    import pandas as pd
+
     return pd.DataFrame([pool([m]) for m in maps], columns=list(pool([])), dtype=float)
 
 

@@ -1,10 +1,10 @@
 """The result folder as a whole: written by the runner, read by the reports."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from bench.results.about import About, CaptureFacts, read_facts
 from bench.results.error_map import ErrorMap
@@ -13,6 +13,9 @@ from bench.results.tables import LEVEL, SCHEMAS, each, frame, read, write
 from radar.support.errors import HandbenchError
 from radar.support.files import read_bytes, require_folder, write_json, write_text
 from radar.support.limits import TOML_BYTES
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # Tables that older folders may lack.
 OPTIONAL = ("repeats", "comparisons", "equal", "curves", "captures", "causes", "reliability")

@@ -4,20 +4,24 @@ written here as pandas DataFrames.
 A figure that is not known is NaN in a DataFrame and an empty cell in a file. Text is never missing: it may be empty.
 """
 
+from __future__ import annotations
+
 import io
 import math
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from radar.support.errors import HandbenchError
 from radar.support.files import atomic_path, read_text
 from radar.support.limits import MOST_CELLS, MOST_COLUMNS, RESULT_BYTES
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 LEVEL = 0.95  # of every confidence interval
 KINDS: dict[str, type] = {"text": str, "real": float, "whole": int, "flag": bool, "list": tuple}
@@ -93,11 +97,15 @@ DESIGN = SCHEMAS["design"]
 
 def frame(schema: Schema, rows: Iterable[Mapping[str, Any]] | Iterable[Sequence[Any]] = ()) -> pd.DataFrame:
     """A table from its lines: mappings by column, or values in the order of the columns. None: not known."""
+    import pandas as pd
+
     return conform(pd.DataFrame(list(rows), columns=schema.names), schema)
 
 
 def conform(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
     """The table with the columns and dtypes of its schema; what an optional column lacks is filled."""
+    import pandas as pd
+
     typed = {}
     for column in schema.columns:
         values = table[column.name]
@@ -123,6 +131,8 @@ def records(table: pd.DataFrame) -> list[dict[str, Any]]:
 def read(path: Path, schema: Schema) -> pd.DataFrame:
     """Read a CSV file that `write` wrote. Other columns, and the first cell that is not of its kind, with its line, are
     a HandbenchError. An older file may lack the last columns, those that are optional."""
+    import pandas as pd
+
     options: dict[str, Any] = {"header": None, "dtype": str, "keep_default_na": False, "skip_blank_lines": False}
     try:
         text = read_text(path, f"a CSV file with the columns {', '.join(schema.names)}", RESULT_BYTES)

@@ -7,24 +7,20 @@ from statistics import median
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import binom
 
 from bench.datasets.dataset import open_capture
 from bench.datasets.native import FAR_M
 from bench.evaluation.alike import OPEN_DB, SMOOTHING, Alike
 from radar.data.capture import RadarCapture, thinned
 from radar.data.depthmap import DepthMap
-from radar.imaging.certificate import certified
 from radar.imaging.device import use_device
 from radar.methods.advice import require_tones
 from radar.methods.registry import Reconstruction, method
 from radar.methods.smoothing import masked_mean
-from radar.methods.trust import with_trust
 from radar.support.config import Config
 from radar.support.cost import others, setting
 from radar.support.errors import HandbenchError
 from radar.support.files import read_npz, write_json, write_npz
-from radar.warmup import compile_kernels
 
 DEPTH, FRAMES, TIMING = "depth.npz", "frames.npz", "timing.json"
 PLANNED_S = 20.0  # what takes longer than any plan is not imaged twice
@@ -36,6 +32,8 @@ def reconstruct(
 ) -> None:
     """Image frame 0 → DEPTH, and for equal treatment again → ALIKE; the depths of all frames → FRAMES; what each took →
     TIMING. All on the client's device."""
+    from radar.methods.trust import with_trust
+
     with use_device(device), others() as busy:
         imager = Imager(Path(capture), method, config, frames, every_nth_antenna)
         found = imager.images()
@@ -67,6 +65,8 @@ class Imager:
     def __init__(
         self, capture: Path, method_id: str, config: dict[str, Any], frames: int = 1, every_nth_antenna: int = 1
     ) -> None:
+        from radar.warmup import compile_kernels
+
         self.method, self.settings, self.frames = method(method_id), configuration(capture, method_id, config), frames
         self.echoes = thinned(require_near(open_capture(capture).echoes(frames)), every_nth_antenna)
         if len(self.echoes.samples) < frames:
@@ -78,6 +78,8 @@ class Imager:
         """Image every frame. The first image of a geometry plans the engine's skeletons, which a radar does once: the
         other frames' times count, or where there is none and a plan may matter, that of the first frame imaged again;
         what the first image took more is the plan's, and its certificate's."""
+        from radar.imaging.certificate import certified
+
         with certified() as certificate:
             first = self._timed(0)
         results, (first_s, *seconds) = zip(first, *map(self._timed, range(1, self.frames)), strict=True)
@@ -101,6 +103,8 @@ class Imager:
 
 def settled(seconds: list[float]) -> bool:
     """True where the median's 95 % interval, between two order statistics, lies within SETTLED of it."""
+    from scipy.stats import binom
+
     n, ordered = len(seconds), sorted(seconds)
     outer = int(binom.ppf(0.025, n, 0.5))  # so many may lie below the interval
     if outer < 1:

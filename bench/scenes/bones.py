@@ -8,7 +8,6 @@ the thumb lies on the -x side. The hand frame has the same origin; the pose's tu
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from bench.scenes.hand_pose import FingerPose, Pose, ThumbPose, WristPose
 from bench.scenes.people import LENGTHS_MM, MEAN, Person
@@ -75,6 +74,8 @@ def skeleton_of_palm(pose: Pose, person: Person = MEAN) -> dict[str, tuple[Bone,
 
 def hand_from_palm(pose: Pose) -> np.ndarray:
     """The rotation [3, 3] that carries points of the palm frame into the hand frame."""
+    from scipy.spatial.transform import Rotation
+
     return Rotation.from_euler("xyz", pose.turn_deg, degrees=True).as_matrix()
 
 

@@ -10,8 +10,9 @@ from radar.data.arrays import AntennaArray, load_positions, qar50
 from radar.simulation.effects.base import echo_s
 from radar.simulation.effects.scattering import ShadowCentre
 from radar.simulation.forward import Scatterers
+from radar.simulation.known_effects import Choice
 from radar.simulation.scene import Ball, Body, EchoScene
-from radar.simulation.selection import EFFECTS, Choice, choose
+from radar.simulation.selection import EFFECTS, choose
 from radar.simulation.simulate import SimulatedCapture, simulate_scene
 from radar.simulation.state import EchoState
 from radar.support.cost import require_time

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from scipy.special import ndtri
 
 # Mean bone lengths, millimetres: metacarpal, then the phalanges outwards.
 LENGTHS_MM = {
@@ -62,6 +61,8 @@ class Draws:
         self.generator = np.random.default_rng(seed)
 
     def __call__(self, *shape: int) -> np.ndarray:
+        from scipy.special import ndtri
+
         return ndtri(self.generator.uniform(*TAILS, shape))
 
 

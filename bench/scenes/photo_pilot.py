@@ -20,7 +20,7 @@ from groundtruth.dense.dense import USUAL
 from groundtruth.dense.fusion import AGREEMENT_PX
 from groundtruth.dense.patchmatch import RADIUS, SIGMA_GRAY, SIGMA_PX
 from groundtruth.options import EFFORT
-from radar.simulation.selection import Choice
+from radar.simulation.known_effects import Choice
 from radar.support.errors import HandbenchError
 from radar.support.rays import load_open3d
 

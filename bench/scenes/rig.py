@@ -1,7 +1,6 @@
 """Eight calibrated cameras on the radar's side, around the radar."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from calibration.transforms import Transform
 from groundtruth.cameras.cameras import Camera
@@ -46,4 +45,6 @@ def _look(forward: np.ndarray, roll_rad: float) -> np.ndarray:
     z = forward / np.linalg.norm(forward)
     x = np.cross(z, [0.0, 1.0, 0.0])
     x /= np.linalg.norm(x)
+    from scipy.spatial.transform import Rotation
+
     return Rotation.from_rotvec([0, 0, roll_rad]).as_matrix() @ np.stack([x, np.cross(z, x), z])

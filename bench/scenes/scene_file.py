@@ -4,15 +4,14 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
-from scipy.spatial.transform import Rotation
 
 from bench.scenes.hand_pose import POSES, Pose
 from bench.scenes.holding import held
 from bench.scenes.people import MOST_PEOPLE, Person, person, placement
 from calibration.transforms import Transform
 from radar.simulation.causes import Causes, Motion, Noise, Roughness, SensorFaults
+from radar.simulation.known_effects import check_names
 from radar.simulation.scene import DEPTH_STEP_HZ, Material
-from radar.simulation.selection import check_names
 from radar.support.config import Config, Name, suggest
 from radar.support.errors import HandbenchError
 
@@ -279,6 +278,8 @@ def _placed(
 ) -> Transform:
     """radar_from_SOURCE without scale: `axes` [3, 3], turned about the fixed x, y and z axes in this order, then moved
     by an offset [3]."""
+    from scipy.spatial.transform import Rotation
+
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix() @ axes
     matrix[:3, 3] = offset_m

@@ -12,20 +12,20 @@ from bench.datasets.native import DOUBTS, FAR_M, NativeCapture
 from bench.run.reconstruct_stage import configuration
 from bench.validation import focus, surface_fit
 from bench.validation.array_doubts import array_doubts
+from bench.validation.map_doubts import of_map as of_map
 from groundtruth.mesh.surface import Surface, read_surface
 from radar.data.arrays import AntennaArray
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.imaging.plan import fresh_plans
 from radar.methods.registry import method
-from radar.methods.trust import FLAGGED, with_trust
+from radar.methods.trust import with_trust
 from radar.support.config import Config
 from radar.support.errors import HandbenchError
 from radar.support.files import write_json
 from radar.support.progress import say
 from radar.warmup import compile_kernels
 
-CROWDED, WIDE_M = 0.5, 0.1  # share of an image that nothing near a hand fills, if it is at least that wide and high
 EXPLAINED = 0.9  # share of pixels on the surface with which a mistake explains an image; and of the best other share
 FIRST, NEAR_M = "first_depth_m", (0.05, FAR_M)  # where some methods begin to look, and where that may be
 FURTHER_M = 1.2  # begun from there, the tones of PROBES reach what they do not from their own first depth
@@ -121,18 +121,6 @@ def of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
         yield from focus.findings(capture) if about else ()
     except HandbenchError:  # a doubt that cannot be looked into takes no result away
         return
-
-
-def of_map(depth: DepthMap) -> Iterator[str]:
-    """Doubts about a depth map by itself."""
-    seen = np.isfinite(depth.z_m)
-    share = float(seen.mean())
-    if share > CROWDED and min(np.ptp(depth.x_m), np.ptp(depth.y_m)) >= WIDE_M:
-        yield f"{100 * share:.0f} % of the image is on target: does nothing focus? `handbench inspect` the capture"
-    if depth.p_gross is not None and seen.any():
-        flagged = float((depth.p_gross[seen] > FLAGGED).mean())
-        if flagged > CROWDED:
-            yield f"{100 * flagged:.0f} % of the pixels on target are likelier wrong than right (p_gross > {FLAGGED:g})"
 
 
 def surface_of(recorded: NativeCapture) -> Surface | None:

@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import tomlkit
 from pydantic import Field, field_validator, model_validator
@@ -48,6 +47,8 @@ class Charuco(Config):
 
     def cv_board(self) -> Any:
         """OpenCV's board object; HandbenchError for a dictionary with too few markers."""
+        import cv2
+
         dictionary = cv_dictionary(self.dictionary)
         needed, there = self.columns * self.rows // 2, len(dictionary.bytesList)
         if needed > there:
@@ -102,6 +103,8 @@ class Board(Config):
 
 def cv_dictionary(name: str) -> Any:
     """OpenCV's dictionary object of a name; HandbenchError for one that it does not have."""
+    import cv2
+
     number = getattr(cv2.aruco, name, None)
     if not name.startswith("DICT_") or number is None:
         raise HandbenchError(f"board: unknown dictionary '{name}'; use one of OpenCV's, as DICT_4X4_50")

@@ -9,7 +9,6 @@ belong to the stored one: sizes cannot tell.
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from PIL import Image
 
@@ -85,6 +84,8 @@ def stored_picture(photo: Photo, upright: np.ndarray) -> np.ndarray:
 
 
 def _gray(image: Image.Image, path: Path) -> np.ndarray:
+    import cv2
+
     if image.mode in ("I", "F"):
         raise HandbenchError(f"{path}: has 32 bits a pixel; expected 8 or 16 bits a channel, save it so")
     if not is_deep(image):
@@ -165,6 +166,8 @@ def _without_blurred(photos: tuple[Photo, ...], looks: dict[str, Look]) -> tuple
 def look_at(photo: Photo) -> Look:
     """Sharpness is the power of the picture's second derivative along a line over that of its first, in the direction
     where this is least: contrast and plain surfaces cancel, and a camera that moved along a line is noticed too."""
+    import cv2
+
     gray = photo.gray()
     pixels = content_hash(gray)
     scale = LOOK_PX / max(gray.shape)
@@ -178,6 +181,8 @@ def look_at(photo: Photo) -> Look:
 
 def _features(gray: np.ndarray) -> int:
     """Number of features: of the middle quarter, if it has enough of them, since the whole takes four times as long."""
+    import cv2
+
     h, w = gray.shape
     sift = cv2.SIFT_create()
     middle = len(sift.detect(gray[h // 4 : h - h // 4, w // 4 : w - w // 4], None))

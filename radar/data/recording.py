@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from radar.data.arrays import AntennaArray, Aperture, BistaticScan, PlanarScan, positions, tones
 from radar.data.capture import RadarCapture, single
@@ -85,6 +84,8 @@ class Recording:
 def joined(captures: Sequence[RadarCapture]) -> RadarCapture:
     """The capture of several arrays at once, of which each hears itself alone; HandbenchError where their frames or
     tones differ, and where one is no array."""
+    from scipy.linalg import block_diag
+
     if len(captures) == 1:
         return captures[0]
     arrays = [capture.aperture for capture in captures if isinstance(capture.aperture, AntennaArray)]

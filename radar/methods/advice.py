@@ -11,8 +11,6 @@ from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.data.grid import Axis, PixelGrid
-from radar.imaging.api import image_points
-from radar.methods.fsk import depth_step_m
 from radar.support.config import Config
 from radar.support.errors import HandbenchError
 
@@ -100,6 +98,9 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
 def _off_m(depth: DepthMap, capture: RadarCapture, asked_hz: np.ndarray, frame: int) -> float:
     """By how much the target lies behind a map's strongest pixels, as a pair of the capture's tones tells that lie
     closer together than any of those asked for; 0 where there is no such pair."""
+    from radar.imaging.api import image_points
+    from radar.methods.fsk import depth_step_m
+
     first_hz, apart_hz = asked_hz[0], np.abs(capture.frequencies_hz - asked_hz[0])
     gap_hz = np.diff(np.sort(asked_hz)).min()
     fit = np.flatnonzero((apart_hz >= gap_hz / CLOSEST) & (apart_hz <= gap_hz / CLOSER))

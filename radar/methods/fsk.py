@@ -23,19 +23,10 @@ from radar.data.grid import PixelGrid, VoxelGrid
 from radar.imaging.api import image_points, image_volume
 from radar.imaging.cpu.steering import mean_rise
 from radar.methods.confidence import Review
-from radar.methods.fsk_config import (
-    FskConfig,
-    JointConfig,
-    LadderConfig,
-    PriorConfig,
-    RefinedConfig,
-    ThreeToneConfig,
-    TwoToneConfig,
-    reach_hz,
-)
+from radar.methods.fsk_config import AnyConfig, FskConfig, RefinedConfig, reach_hz
+from radar.methods.fsk_config import TwoToneConfig as TwoToneConfig  # which plug-ins import from here
 from radar.methods.smoothing import bounding_box, masked_mean
 
-AnyConfig = TwoToneConfig | ThreeToneConfig | LadderConfig | JointConfig | PriorConfig
 Step = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 
 

@@ -194,3 +194,6 @@ def reach_hz(tones_hz: Iterable[float]) -> float:
     makes the step from them unambiguous within ±c/(4·reach)."""
     *others, last = tones_hz
     return max(abs(last - tone) for tone in others[:2])
+
+
+AnyConfig = TwoToneConfig | ThreeToneConfig | LadderConfig | JointConfig | PriorConfig

@@ -1,4 +1,5 @@
-"""The paper's four methods and what improves on them: presets of the same functions."""
+"""The paper's four methods and what improves on them: presets of the same functions, whose code is imported when they
+run, so that a method is known by name and configuration at once."""
 
 from __future__ import annotations
 
@@ -8,9 +9,9 @@ from typing import Annotated, Any
 from pydantic import Field, create_model
 
 from radar.data.capture import RadarCapture
-from radar.methods.fsk import AnyConfig, n_tone
 from radar.methods.fsk_config import (
     SETTLING,
+    AnyConfig,
     JointConfig,
     LadderConfig,
     PixelsConfig,
@@ -18,9 +19,7 @@ from radar.methods.fsk_config import (
     ThreeToneConfig,
     TwoToneConfig,
 )
-from radar.methods.joint import joint
-from radar.methods.optical_prior import other_sensor, prior_two_tone
-from radar.methods.projection import AlignedConfig, BroadbandConfig, NarrowbandConfig, ProjectionConfig, project, volume
+from radar.methods.projection_config import AlignedConfig, BroadbandConfig, NarrowbandConfig, ProjectionConfig
 from radar.methods.registry import PAPER, Reconstruction, register
 from radar.support.config import Config
 
@@ -44,6 +43,10 @@ def _preset(id: str, config: type[Config], summary: str, source: str = OURS, **d
 
     @register(id, config, summary, source, base=id.rpartition("-")[0] or None)
     def run(capture: RadarCapture, config: AnyConfig | ProjectionConfig | PixelsConfig, frame: int) -> Reconstruction:
+        from radar.methods.fsk import n_tone
+        from radar.methods.optical_prior import other_sensor
+        from radar.methods.projection import project, volume
+
         if isinstance(config, AnyConfig):
             return Reconstruction(replace(n_tone(capture, config, frame), method=id))
         if isinstance(config, PixelsConfig):
@@ -72,11 +75,15 @@ _preset("broadband-coherence", AlignedConfig, "the same by the coherence factor"
 
 @register("joint", JointConfig, "any tones, all at once: the depth at which they agree best", OURS)
 def _joint(capture: RadarCapture, config: JointConfig, frame: int) -> Reconstruction:
+    from radar.methods.joint import joint
+
     return Reconstruction(joint(capture, config, frame))
 
 
 @register("prior-2fsk", PriorConfig, "two tones far apart, about another sensor's depth of each pixel", PRIOR)
 def _prior(capture: RadarCapture, config: PriorConfig, frame: int) -> Reconstruction:
+    from radar.methods.optical_prior import prior_two_tone
+
     return Reconstruction(prior_two_tone(capture, config, frame))
 
 

@@ -8,81 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
-from pydantic import Field, model_validator
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.data.capture import RadarCapture, evenly, near_one
 from radar.data.depthmap import DepthMap, amplitude_db
-from radar.data.grid import Axis, PixelGrid, VoxelGrid
+from radar.data.grid import PixelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
 from radar.imaging.cpu.executor import strongest_voxels
 from radar.methods.alignment import agreed, align
 from radar.methods.along_z import capon, coherence_factor
 from radar.methods.confidence import least_coherence
 from radar.methods.fsk import path_rise
-from radar.methods.fsk_config import PAPER_LATERAL, AgreementConfig
-from radar.support.config import Config
+from radar.methods.projection_config import AlignedConfig, ProjectionConfig
 
 CHECKED = 8  # tones imaged once more, to see whether a depth is an echo's: 3 to 8 % of the paper's frame
-FEWEST = 3  # tones that can be aligned and still tell how well they are
-
-
-class _VolumeConfig(Config):
-    x: Axis = PAPER_LATERAL
-    y: Axis = PAPER_LATERAL
-    z: Axis = Axis(start_m=0.245, stop_m=0.325, step_m=0.001)
-    threshold_db: float = Field(default=-13.0, lt=0, description="pixels weaker than this are off target")
-    subvoxel: bool = Field(default=False, description="depth between voxels, by a parabola (paper: whole voxels)")
-    tolerance: float | None = Field(default=1e-5, gt=0, lt=1, description="relative error of the image; null: exact")
-
-    def grid(self) -> VoxelGrid:
-        """The voxels."""
-        return VoxelGrid(self.x.values_m(), self.y.values_m(), self.z.values_m())
-
-
-class BroadbandConfig(_VolumeConfig):
-    """Broadband backprojection with the paper's parameters."""
-
-    start_hz: float = Field(default=72e9, gt=0)
-    stop_hz: float = Field(default=82e9, gt=0)
-    count: int = Field(default=128, ge=2, description="stepped tones from start to stop, both included")
-
-    def tones_hz(self) -> np.ndarray:
-        """The stepped tones."""
-        return np.linspace(self.start_hz, self.stop_hz, self.count)
-
-
-class AlignedConfig(AgreementConfig, BroadbandConfig):
-    """Broadband with depths at which some tones' phases agree."""
-
-    estimator: Literal["phases", "capon", "coherence"] = Field(default="phases", description="of the shift along z")
-
-    @model_validator(mode="after")
-    def _alignable(self) -> AlignedConfig:
-        fewest = FEWEST + (self.estimator == "capon")  # whose spectrum of two subsets is flat
-        if self.count < fewest:
-            raise ValueError(f"count = {self.count}: aligned needs {fewest} tones or more")
-        if self.subvoxel:
-            raise ValueError("subvoxel does nothing to aligned depths, which are between voxels; leave it out")
-        return self
-
-
-class NarrowbandConfig(_VolumeConfig):
-    """The same projection with the three tones of 3-FSK only."""
-
-    f1_hz: float = Field(default=82.0e9, gt=0)
-    f2_hz: float = Field(default=81.8e9, gt=0)
-    f3_hz: float = Field(default=79.5e9, gt=0)
-
-    def tones_hz(self) -> np.ndarray:
-        """The three tones."""
-        return np.array([self.f1_hz, self.f2_hz, self.f3_hz])
-
-
-ProjectionConfig = BroadbandConfig | NarrowbandConfig
 
 
 def volume(capture: RadarCapture, config: ProjectionConfig, frame: int = 0) -> np.ndarray:

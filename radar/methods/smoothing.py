@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import correlate1d
 
 
 def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = None) -> np.ndarray:
@@ -26,6 +25,8 @@ def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = No
 
 def _window_sum(values: np.ndarray, size_px: int) -> np.ndarray:
     """Each window's sum by itself: a running sum would carry the rounding of strong pixels on to weak ones."""
+    from scipy.ndimage import correlate1d
+
     for axis in (0, 1):
         values = correlate1d(values, np.ones(size_px), axis, mode="constant")
     return values

@@ -15,13 +15,11 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import label, maximum_filter, minimum_filter
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.data.capture import RadarCapture, evenly, near_one
 from radar.data.depthmap import DepthMap
 from radar.data.grid import PixelGrid
-from radar.imaging.api import image_points
 from radar.methods.advice import asked_hz
 from radar.methods.smoothing import bounding_box
 from radar.support.config import Config
@@ -104,6 +102,8 @@ def _of_tones(
 ) -> dict[str, np.ndarray]:
     """Features [n] that the method's own tones, or the capture's where its configuration names none, tell at the depths
     that it found."""
+    from radar.imaging.api import image_points
+
     tones_hz = capture.frequencies_hz if (asked := asked_hz(config)) is None else asked
     some = evenly(len(tones_hz), TONES)
     samples, f = capture.tones(tones_hz[some], frame)
@@ -126,6 +126,8 @@ def _of_tones(
 
 def _of_neighbours(depth: DepthMap, on: np.ndarray) -> dict[str, np.ndarray]:
     """Features [n] that the map tells about each pixel's surroundings."""
+    from scipy.ndimage import label, maximum_filter, minimum_filter
+
     box = bounding_box(on)
     on, z_m, db = on[box], depth.z_m[box], depth.amplitude_db[box]
     window = [1 + 2 * round(BESIDE_M / np.ptp(axis[:2])) if len(axis) > 1 else 1 for axis in (depth.y_m, depth.x_m)]

@@ -13,9 +13,10 @@ import numpy as np
 
 from radar.data.capture import RadarCapture
 from radar.data.grid import Axis
-from radar.methods.fsk import AnyConfig, two_tone
-from radar.methods.fsk_config import PAPER_LATERAL, SETTLING, ThreeToneConfig, TwoToneConfig
-from radar.methods.projection import NarrowbandConfig, project
+from radar.methods.fsk import two_tone
+from radar.methods.fsk_config import PAPER_LATERAL, SETTLING, AnyConfig, ThreeToneConfig, TwoToneConfig
+from radar.methods.projection import project
+from radar.methods.projection_config import NarrowbandConfig
 from radar.simulation.effects.base import Effect
 from radar.simulation.physics.line_of_sight import rays_of
 from radar.simulation.pilot import TOLERANCE

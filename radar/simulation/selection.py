@@ -12,13 +12,13 @@ from radar.simulation.effects.dielectric import Dielectric
 from radar.simulation.effects.further import Clutter, Multipath
 from radar.simulation.effects.motion import TargetMotion
 from radar.simulation.effects.roughness import SurfaceRoughness
+from radar.simulation.known_effects import Choice, check_names
 from radar.simulation.rehearsal import FINE, Rehearsal
 from radar.simulation.scene import EchoScene
 from radar.simulation.triage import Triage, triage
-from radar.support.config import Config, suggest
 from radar.support.errors import HandbenchError
 
-# In the order in which they are applied.
+# In the order in which they are applied, which is that of known_effects.toml.
 EFFECTS: tuple[Effect, ...] = (
     antennas.PositionErrors(),
     antennas.AntennaPattern(),
@@ -39,27 +39,9 @@ EFFECTS: tuple[Effect, ...] = (
     receiver.Quantisation(),
     antennas.DeadElements(),
 )
-IDS = tuple(effect.id for effect in EFFECTS)
-
 Wanted = tuple[str, ...] | Literal["auto"]
 # The one is done by the other, where that is on.
 CONTAINED = {"shadow_centre": "shadow_antennas", "shadow_antennas": "shadow_diffraction"}
-
-
-class Choice(Config):
-    """One effect's row: whether it is on and why; its estimate (None: not asked for, or the scene has no cause):
-    depth_mm, of 3-FSK's map, worst_mm, of that of the method that it changes most, pixels_percent, lost and gained, and
-    level_db; cost_s, what it was expected to take; seconds, what it took (None: off or not simulated)."""
-
-    effect: str
-    on: bool
-    why: str
-    depth_mm: float | None = None
-    worst_mm: float | None = None
-    pixels_percent: float | None = None
-    level_db: float | None = None
-    cost_s: float | None = None
-    seconds: float | None = None
 
 
 def choose(scene: EchoScene, wanted: Wanted, tolerance_mm: float, explain: bool = False) -> tuple[Choice, ...]:
@@ -96,15 +78,6 @@ def _explain(found: Triage, scene: EchoScene, effects: Sequence[Effect]) -> None
         while container := _container(name, there - without):
             without.add(container)
         found.changes[name], found.levels_db[name] = rehearsal.change(without), rehearsal.level_db(without)
-
-
-def check_names(names: tuple[str, ...]) -> None:
-    """Refuse names that no effect has, and repeated ones."""
-    for name in names:
-        if name not in IDS:
-            raise HandbenchError(f"effects: '{name}' is not an effect; {suggest(name, list(IDS))}")
-        if names.count(name) > 1:
-            raise HandbenchError(f"effects: '{name}' is listed twice; list it once")
 
 
 def _choice(name: str, wanted: Wanted, missing: str, found: Triage) -> Choice:

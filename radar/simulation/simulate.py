@@ -9,8 +9,9 @@ import numpy as np
 
 from radar.data.arrays import AntennaArray
 from radar.data.capture import RadarCapture
+from radar.simulation.known_effects import Choice
 from radar.simulation.scene import EchoScene
-from radar.simulation.selection import EFFECTS, Choice
+from radar.simulation.selection import EFFECTS
 from radar.simulation.state import EchoState
 
 ECHOES = "echoes"  # the row of the base simulation in the table of times

@@ -1,8 +1,10 @@
-"""Rays against triangles: open3d's Embree, and the one place that imports open3d."""
+"""Rays against triangles and nearest points: open3d's Embree and trees, and the one place that imports open3d."""
 
 import ctypes
 import os
+import sys
 from functools import cache
+from importlib import import_module
 from types import ModuleType
 from typing import Any, TypeAlias
 
@@ -15,20 +17,33 @@ PointCloud: TypeAlias = Any
 RaycastingScene: TypeAlias = Any
 FARTHEST_M = 500.0  # single precision tells places to 3e-5 m there, well below the next:
 OWN_SURFACE_M = 2e-4  # what is hit closer than this to a ray's end is the surface that the end lies on
+WINDOWS = "open3d.visualization"  # which imports a web server
+
+
+def _windows(name: str) -> ModuleType:
+    """Of open3d what `load_open3d` left out."""
+    if f"open3d.{name}" != WINDOWS:
+        raise AttributeError(f"module 'open3d' has no attribute '{name}'")
+    return import_module(WINDOWS)
 
 
 @cache
 def load_open3d() -> ModuleType:
     """Import open3d, giving it the libusb that its wheel needs and a bare machine lacks, and keeping numba away from
-    the TBB that it brings (too old: numba would warn)."""
+    the TBB that it brings (too old: numba would warn). Its windows and web pages, which take as long to import as all
+    that is used of it, are imported when somebody asks for them."""
     import libusb_package
-    import numba
 
     ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
     os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp workqueue tbb")
-    numba.config.reload_config()  # type: ignore[no-untyped-call]
+    if numba := sys.modules.get("numba"):
+        numba.config.reload_config()
+    left_out = None if WINDOWS in sys.modules else sys.modules.setdefault(WINDOWS, ModuleType(WINDOWS))
     import open3d
 
+    if left_out:
+        del sys.modules[WINDOWS]
+        vars(open3d)["__getattr__"] = _windows
     open3d.utility.set_verbosity_level(open3d.utility.VerbosityLevel.Error)
     return open3d
 
@@ -72,3 +87,14 @@ class Rays:
         rays = np.empty((len(origins_m), 6), np.float32)
         rays[:, :3], rays[:, 3:] = origins_m, directions
         return load_open3d().core.Tensor(rays)
+
+
+def nearest_m(points_m: np.ndarray, among_m: np.ndarray) -> np.ndarray:
+    """Distance [n] of each point [n, 3] to the nearest of others [m, 3], in double precision; infinite without any."""
+    if not (len(points_m) and len(among_m)):
+        return np.full(len(points_m), np.inf)
+    core = load_open3d().core
+    tree = core.nns.NearestNeighborSearch(core.Tensor(np.ascontiguousarray(among_m, np.float64)))
+    tree.knn_index()
+    _, squares_m2 = tree.knn_search(core.Tensor(np.ascontiguousarray(points_m, np.float64)), 1)
+    return np.sqrt(squares_m2.numpy()[:, 0])

@@ -1,4 +1,4 @@
-"""One depth map, one map of errors, or the maps of several methods of one surface, as a figure of its own."""
+"""Figures as files and as bytes, and the maps of several methods of one surface as a figure of its own."""
 
 import io
 from collections.abc import Sequence
@@ -15,21 +15,6 @@ from reports.figures.depth_maps import Panel, box_of, depth_strip, error_panel, 
 from reports.figures.style import STYLE
 
 FORMATS = (".png", ".pdf", ".svg")
-
-
-def depth_figure(surface: Surface, title: str) -> Figure:
-    """A figure of a depth map, as seen from the array."""
-    with matplotlib.rc_context(STYLE):
-        return sheet([depth_strip([Panel(title, surface)], surface)], box_of([surface]))
-
-
-def error_figure(errors: ErrorMap, title: str) -> Figure:
-    """A figure of signed errors with the reference's outline; red lies behind the reference, blue before it."""
-    seen_mm = 1e3 * np.abs(errors.error_m[np.isfinite(errors.error_m)])
-    told = f"{title}\nmean |error| {seen_mm.mean():.2f} mm" if len(seen_mm) else f"{title}\nnothing observed"
-    box = box_of([Surface(errors.x_m, errors.y_m, errors.reference_z_m)])
-    with matplotlib.rc_context(STYLE):
-        return sheet([error_strip([error_panel(told, errors)])], box)
 
 
 def methods_figure(shown: Sequence[tuple[str, np.ndarray, ErrorMap]]) -> Figure:

@@ -9,6 +9,8 @@ from matplotlib import colormaps
 from PIL import Image
 
 from bench.results import CaptureFacts, Result, Surface
+from radar.support.errors import HandbenchError
+from reports.figures import layers
 from reports.figures.depth_maps import DEPTH_COLOURS, ERROR_COLOURS, depth_scale, error_scale, mean_text
 from reports.figures.style import methods
 from reports.tables.blocks import AGAINST, DRAWN
@@ -17,8 +19,6 @@ PIXELS = 60_000  # of one surface at most: of a finer one every second, third, â
 LEVELS = 65_535  # a depth is one of so many steps between the capture's nearest and farthest
 ERROR_STEP_MM, NO_ERROR = 0.002, -32_768
 COLOURS = 65  # samples of each colour scale
-SKIN = (0.93, 0.77, 0.67)
-LIGHT = np.array([-0.45, 0.55, 0.70])  # as the view's own: x to the right, y up, z towards the eye
 STILL_PX = 3  # pixels of the still picture for one of the map, each way
 
 
@@ -50,13 +50,23 @@ def scene(result: Result, capture: CaptureFacts) -> dict[str, Any] | None:
     }
 
 
+def plain(name: str, title: str, surface: Surface) -> dict[str, Any]:
+    """A surface alone for the view; HandbenchError where nothing was observed at all."""
+    z_mm = 1e3 * surface.z_m[np.isfinite(surface.z_m)]
+    if not len(z_mm):
+        raise HandbenchError(f"{name}: nothing was observed, so that there is nothing to turn")
+    norm, low_mm, step_mm = depth_scale(surface), float(z_mm.min()), max(float(np.ptp(z_mm)) / LEVELS, 1e-6)
+    depth = {"low_mm": low_mm, "step_mm": step_mm, "depth_mm": [norm.vmin, norm.vmax]}
+    return {"capture": name, "references": [], "surfaces": [_surface(title, title, surface, low_mm, step_mm)], **depth}
+
+
 def scales() -> dict[str, Any]:
     """The colours of depth and error, and where an error of so many mm stands on its scale (0 to 1)."""
     norm = error_scale()
     ticks_mm = [-30, -10, -3, -1, 0, 1, 3, 10, 30]
     at = np.linspace(0, 1, COLOURS)
     return {
-        "skin": SKIN,
+        "skin": layers.SKIN,
         "depth": _hex(DEPTH_COLOURS, at),
         "error": _hex(ERROR_COLOURS, at),
         "error_mm": [round(float(value), 6) for value in norm.inverse(at)],  # the error at each colour, rising
@@ -122,11 +132,8 @@ def still(result: Result, capture: CaptureFacts, method: str | None) -> Image.Im
     surface = result.surface(capture.name, source)
     inside = _box(surface.z_m)
     z_m, x_m, y_m = surface.z_m[inside], surface.x_m[inside[1]], surface.y_m[inside[0]]
-    slope_y, slope_x = np.gradient(z_m, y_m, x_m)
-    normal = np.stack([-slope_x, slope_y, np.ones_like(z_m)], axis=-1)  # in the eye's axes, where x and z are turned
-    light = normal @ (LIGHT / np.linalg.norm(LIGHT)) / np.linalg.norm(normal, axis=-1)
-    shade = np.nan_to_num(0.35 + 0.65 * np.clip(light, 0, 1), nan=0.6)[..., None]
-    picture, there = np.array(SKIN) * shade, np.isfinite(z_m)
+    shade = layers.shade(Surface(x_m, y_m, z_m))
+    picture, there = np.array(layers.SKIN) * shade, np.isfinite(z_m)
     if reference and method:
         errors = result.errors(capture.name, method, reference)
         if errors.error_m.shape == surface.z_m.shape:

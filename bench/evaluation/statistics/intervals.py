@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
 
 from bench.evaluation.metrics import METRICS, deviation, usable_repeats
 from bench.results.tables import LEVEL
@@ -37,6 +36,8 @@ def mean_interval(values: Sequence[float] | np.ndarray) -> Interval | None:
     T = (m − μ)/s is transformed to T + γT²/3 + γ²T³/27 + γ/6n, γ the skewness, whose distribution is Student's to a
     higher order, and back at its ends.
     """
+    from scipy.special import stdtrit
+
     known = np.asarray(values, float)
     known = known[np.isfinite(known)]
     n = len(known)

@@ -13,7 +13,7 @@ from radar.data.arrays import AntennaArray, qar50
 from radar.data.capture import RadarCapture
 from radar.data.grid import Axis, VoxelGrid
 from radar.methods.fsk_config import PAPER_LATERAL, ThreeToneConfig
-from radar.methods.projection import BroadbandConfig
+from radar.methods.projection_config import BroadbandConfig
 from radar.simulation.forward import Scatterers, simulate
 
 PAPER_DEPTH = Axis(start_m=0.245, stop_m=0.325, step_m=0.001)

@@ -28,7 +28,7 @@ from radar.data.capture import RadarCapture
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_volume
 from radar.methods.fsk_config import ThreeToneConfig
-from radar.methods.projection import BroadbandConfig, NarrowbandConfig
+from radar.methods.projection_config import BroadbandConfig, NarrowbandConfig
 from radar.methods.registry import method
 from radar.support.config import Config
 

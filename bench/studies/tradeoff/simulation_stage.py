@@ -16,8 +16,9 @@ from bench.studies.study import in_turns
 from bench.studies.tradeoff.opening import Context, line, section
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
+from radar.simulation.known_effects import Choice
 from radar.simulation.scene import EchoScene
-from radar.simulation.selection import CONTAINED, EFFECTS, Choice, choose
+from radar.simulation.selection import CONTAINED, EFFECTS, choose
 from radar.simulation.simulate import simulate_scene
 from radar.support.config import Config, suggest
 from radar.warmup import compile_kernels

@@ -18,8 +18,6 @@ class PositionErrors(Effect):
     """Each antenna is off by a normal error per axis; the capture keeps the nominal positions."""
 
     id = "positions"
-    does = "true antenna positions about the nominal ones"
-    source = "normal errors of the given spread, drawn once per scene"
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.positions.sigma_m else "[sensor.positions] with sigma_m"
@@ -35,8 +33,6 @@ class AntennaPattern(Effect):
     """Every antenna radiates and receives with the amplitude cosᵠθ, θ from the z axis."""
 
     id = "pattern"
-    does = "the antennas' directivity"
-    source = "cosᵠ: Balanis, Antenna Theory, sec. 2.6; the QAR50's width is not public"
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.pattern.beamwidth_deg is not None else "[sensor.pattern] with beamwidth_deg"
@@ -49,8 +45,6 @@ class AntennaCoupling(Effect):
     """Every channel also receives a direct wave, falling with the distance between its antennas."""
 
     id = "coupling"
-    does = "leakage from transmitters to receivers"
-    source = "a direct wave at the level that the scene gives"
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.coupling.level_db is not None else "[sensor.coupling] with level_db"
@@ -72,8 +66,6 @@ class ChannelErrors(Effect):
     """Every antenna's signal is multiplied by its own gain, phase and delay."""
 
     id = "channels"
-    does = "gain, phase and delay errors of each antenna"
-    source = "normal errors of the given spread, drawn once per scene"
 
     def missing(self, scene: EchoScene) -> str:
         causes = scene.causes.channels
@@ -99,8 +91,6 @@ class DeadElements(Effect):
     """The channels of dead antennas are zero."""
 
     id = "dead"
-    does = "antennas that give nothing"
-    source = "zeros in those channels"
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.dead.tx or scene.causes.dead.rx else "[sensor.dead] with tx or rx"

@@ -42,11 +42,9 @@ class Glance:
 
 
 class Effect(ABC):
-    """One effect. id: its name in scene files; does: one line for people; source: where its model comes from."""
+    """One effect. id: its name in scene files and in known_effects.toml."""
 
     id: ClassVar[str]
-    does: ClassVar[str]
-    source: ClassVar[str]
 
     def missing(self, scene: EchoScene) -> str:
         """The needs of the effect that the scene lacks, as a phrase ("[noise] in the scene file"); "" if it has all."""

@@ -28,8 +28,6 @@ class Dielectric(Effect):
     """Partial reflection, penetration and delay."""
 
     id = "dielectric"
-    does = "foam delays what is inside it and echoes from front and back; plastic reflects in part"
-    source = "Fresnel at normal incidence, straight rays with (n − 1)·path, geometrical optics for balls' foam"
 
     def missing(self, scene: EchoScene) -> str:
         found = _of_dielectric(scene) or any(map(has_foam, scene.balls))

@@ -36,8 +36,6 @@ class Multipath(Effect):
     Left out: more bounces, edges."""
 
     id = "multipath"
-    does = "echoes over two to four places of the target, such as two fingers"
-    source = "shooting and bouncing rays: Ling, Chou & Lee 1989; the bound: the energy that geometrical optics returns"
 
     def missing(self, scene: EchoScene) -> str:
         return scene.lacks_surface
@@ -116,8 +114,6 @@ class Clutter(Effect):
     and room are left out."""
 
     id = "clutter"
-    does = "echoes of what stands around the target"
-    source = "physical optics of the room, cut out where the target stands before it"
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.room else "[stand] with reflectivity_db"

@@ -26,8 +26,6 @@ class TargetMotion(Effect):
     """The target moves between tones."""
 
     id = "motion"
-    does = "hand tremor and steady motion between the tones of a frame"
-    source = "Δz = (f/Δf)·Δδ, the motion between two tones as a phase; tremor 6–12 Hz: Elble & Randall 1978"
 
     def missing(self, scene: EchoScene) -> str:
         motion = scene.causes.motion

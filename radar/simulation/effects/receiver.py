@@ -29,8 +29,6 @@ class OscillatorNoise(Effect):
     """
 
     id = "oscillator"
-    does = "phase noise of the common oscillator"
-    source = "range correlation, Budge & Burt 1993"
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.oscillator.level_dbc_hz is not None else "[sensor.oscillator] with level_dbc_hz"
@@ -54,8 +52,6 @@ class ThermalNoise(Effect):
     """White circular Gaussian noise in every channel, tone and frame."""
 
     id = "noise"
-    does = "thermal noise of the receivers"
-    source = "σ_z = c/(4πΔf)·σ_φ·A_max/A, its mean magnitude √(2/π)·σ_z"
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.noise.between_tones_rad else "[noise] with phase_noise_rad or snr_db"
@@ -103,8 +99,6 @@ class Quantisation(Effect):
     """Both quadratures are rounded to the converter's steps and clipped at its full scale."""
 
     id = "converter"
-    does = "quantisation and clipping by the converter"
-    source = "white noise of step²/12 per quadrature (Widrow & Kollár 2008)"
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.causes.converter.bits else "[sensor.converter] with bits"

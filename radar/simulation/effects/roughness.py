@@ -28,8 +28,6 @@ class SurfaceRoughness(Effect):
     """Relief displaces facets and weakens what they mirror."""
 
     id = "roughness"
-    does = "roughness and layer lines: facets displaced, and weakened by what is finer than they are"
-    source = "random Fourier features of a Gaussian correlation; coherent loss exp(−2k²σ²): Ament 1953"
 
     def missing(self, scene: EchoScene) -> str:
         rough = scene.causes.roughness

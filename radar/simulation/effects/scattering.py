@@ -21,8 +21,6 @@ class Obliquity(Effect):
     """Without it a facet scatters evenly towards every antenna."""
 
     id = "obliquity"
-    does = "facets scatter with physical optics' obliquity, each antenna by its own angle"
-    source = "the integrand 2n·û of physical optics, see radar.simulation.forward"
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.target is not None else "a target with a surface"
@@ -39,8 +37,6 @@ class ShadowCentre(Effect):
     """Facets that the aperture's centre does not see echo nothing."""
 
     id = "shadow_centre"
-    does = "facets hidden from the aperture's centre, or turned away from it, echo nothing"
-    source = "geometry, one ray per facet"
 
     def missing(self, scene: EchoScene) -> str:
         return scene.lacks_surface
@@ -69,8 +65,6 @@ class ShadowAntennas(_OfEachAntenna):
     """Each antenna sees what nothing hides from it alone."""
 
     id = "shadow_antennas"
-    does = "each antenna has shadows of its own (those from the centre are then not used)"
-    source = "geometry, rays from every antenna"
 
     def glance(self, scene: EchoScene) -> Glance:
         """The share of the surface that not all of the array sees, as the aperture's centre sees or would see it."""
@@ -105,8 +99,6 @@ class ShadowDiffraction(_OfEachAntenna):
     its shadows stay sharp."""
 
     id = "shadow_diffraction"
-    does = "shadows of each antenna are as blurred as diffraction makes them (sharp ones are then not used)"
-    source = "Kirchhoff's integral along outlines: Miyamoto & Wolf 1962; waves that creep: Pathak 1979"
 
     def glance(self, scene: EchoScene) -> Glance | None:
         """The share of the surface that lies behind or beside an outline, as the corners of the array see it. What
@@ -159,8 +151,6 @@ class Skin(Effect):
     """
 
     id = "skin"
-    does = "reflection of skin, with the palm's horny layer"
-    source = "Gabriel et al. 1996 and Alekseev & Ziskin 2007"
 
     def missing(self, scene: EchoScene) -> str:
         return "" if scene.target is not None and scene.target.material.kind == "skin" else "a target of skin"

@@ -14,7 +14,7 @@ from bench.datasets.native import NativeCapture
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
 from radar.data.echoes_file import save_capture
-from radar.simulation.selection import IDS
+from radar.simulation.known_effects import IDS
 
 LATERAL = ["--set", "x.start_m=-0.01", "--set", "x.stop_m=0.01", "--set", "y.start_m=-0.01", "--set", "y.stop_m=0.01"]
 
@@ -107,9 +107,10 @@ def test_outputs_are_not_overwritten_silently(capture, tmp_path, capsys):
 
 def test_unknown_names_are_met_with_a_suggestion(capture, small_bench, tmp_path, capsys):
     out = ["-o", str(tmp_path / "out")]
-    fails(capsys, ["reconstruct", str(capture), "--method", "3fks", *out], "'3fks'", "'3fsk'")
+    depth = ["-o", str(tmp_path / "out.npz")]
+    fails(capsys, ["reconstruct", str(capture), "--method", "3fks", *depth], "'3fks'", "'3fsk'")
     wrong = ["--set", "treshold_db=-9"]
-    fails(capsys, ["reconstruct", str(capture), "--method", "2fsk", *wrong, *out], "treshold_db", "'threshold_db'")
+    fails(capsys, ["reconstruct", str(capture), "--method", "2fsk", *wrong, *depth], "treshold_db", "'threshold_db'")
     fails(capsys, ["run", "paper_tabel", *out], "'paper_table'")
     small_bench.write_text(small_bench.read_text().replace("repeats", "repeat"))
     fails(capsys, ["run", str(small_bench), *out], "repeat", "'repeats'")
@@ -119,11 +120,12 @@ def test_unknown_names_are_met_with_a_suggestion(capture, small_bench, tmp_path,
 @pytest.mark.parametrize("command", ["run", "simulate", "groundtruth", "calibrate", "reconstruct", "evaluate"])
 def test_missing_inputs_are_named(command, tmp_path, capsys):
     missing = str(tmp_path / "nowhere.toml")
-    arguments = [command, missing, "-o", str(tmp_path / "out")]
+    suffix = {"groundtruth": ".ply", "calibrate": ".json", "reconstruct": ".npz"}.get(command, "")
+    arguments = [command, missing, "-o", str(tmp_path / f"out{suffix}")]
     arguments = [command, missing, "--mesh", missing] if command == "evaluate" else arguments
     arguments += ["--method", "2fsk"] if command == "reconstruct" else []
     fails(capsys, arguments, missing, "expected")
-    assert not (tmp_path / "out").exists()
+    assert not list(tmp_path.iterdir())
 
 
 def test_nan_in_the_echoes_and_wrong_sizes_are_named(capture, tmp_path, capsys):

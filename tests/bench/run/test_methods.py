@@ -8,7 +8,7 @@ import pytest
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
 from radar.methods.fsk_config import SETTLING, LadderConfig, ThreeToneConfig
-from radar.methods.projection import BroadbandConfig
+from radar.methods.projection_config import BroadbandConfig
 from radar.methods.registry import PAPER, method, methods
 from radar.simulation.forward import Scatterers, simulate
 from radar.support.errors import HandbenchError

@@ -18,7 +18,7 @@ from calibration.transforms import identity
 from groundtruth.mesh.depth import Reference
 from radar.data.depthmap import DepthMap
 from radar.methods.fsk_config import ThreeToneConfig
-from radar.methods.projection import AlignedConfig, NarrowbandConfig
+from radar.methods.projection_config import AlignedConfig, NarrowbandConfig
 
 AXIS_M = 1e-3 * np.arange(9.0)
 

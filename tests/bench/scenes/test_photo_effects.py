@@ -15,7 +15,7 @@ from bench.datasets.native import NativeCapture
 from bench.datasets.simulated import write_photos
 from bench.scenes.photo_pilot import WITHOUT, Change, Pilot, choose, without
 from bench.scenes.photographs import Studio
-from radar.simulation.selection import Choice
+from radar.simulation.known_effects import Choice
 
 SIZE = {"cameras": 4, "width": 900, "height": 600}
 SCENE = """

@@ -14,7 +14,7 @@ from bench.run.sweep import ImagingEntry, Sweep, completed, default, imaging_set
 from bench.studies.tradeoff.answer import LENGTHS, TIMES, answer, dominates, front, quantity, rank, with_acquisition
 from bench.studies.tradeoff.claims import counted_factor, three_tone_images, volume_images
 from radar.methods.fsk_config import ThreeToneConfig
-from radar.methods.projection import BroadbandConfig
+from radar.methods.projection_config import BroadbandConfig
 from radar.support.config import parse
 from radar.support.errors import HandbenchError
 

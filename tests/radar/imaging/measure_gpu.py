@@ -29,7 +29,7 @@ from radar.imaging.certificate import imaging_error
 from radar.imaging.device import array_module, chosen
 from radar.methods.fsk import three_tone
 from radar.methods.fsk_config import ThreeToneConfig
-from radar.methods.projection import BroadbandConfig
+from radar.methods.projection_config import BroadbandConfig
 from radar.simulation.forward import Scatterers, simulate
 from tests.bench.studies.script import measured
 

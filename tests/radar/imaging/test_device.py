@@ -19,7 +19,7 @@ from radar.imaging.plan import TreePlan
 from radar.imaging.tree import Box, Family
 from radar.methods.fsk import three_tone
 from radar.methods.fsk_config import ThreeToneConfig
-from radar.methods.projection import BroadbandConfig
+from radar.methods.projection_config import BroadbandConfig
 from radar.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
 from tests.radar.imaging import measure_gpu

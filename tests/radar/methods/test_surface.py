@@ -9,15 +9,8 @@ from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
 from radar.data.grid import Axis
 from radar.imaging.cpu.executor import strongest_voxels
-from radar.methods.projection import (
-    BroadbandConfig,
-    NarrowbandConfig,
-    Peaks,
-    maximum_projection,
-    peak_offset,
-    project,
-    volume,
-)
+from radar.methods.projection import Peaks, maximum_projection, peak_offset, project, volume
+from radar.methods.projection_config import BroadbandConfig, NarrowbandConfig
 from tests.radar.simulated_points import around, bumpy, point_capture, points_capture, strongest_z_m, surface_points
 from tests.strategies import examples
 

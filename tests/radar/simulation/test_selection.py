@@ -8,8 +8,9 @@ import pytest
 from radar.simulation import selection, triage
 from radar.simulation.causes import Causes
 from radar.simulation.effects.base import Effect, Glance
+from radar.simulation.known_effects import DECLARED, IDS
 from radar.simulation.scene import Material
-from radar.simulation.selection import EFFECTS, IDS
+from radar.simulation.selection import EFFECTS
 from radar.support.errors import HandbenchError
 from tests.radar.simulation.effects.small_scenes import bead_scene
 
@@ -17,7 +18,6 @@ from tests.radar.simulation.effects.small_scenes import bead_scene
 def effect(name, worst_mm, lacks="", cost_s=1.0, **more):
     class Known(Effect):
         id = name
-        does = source = "a test"
 
         def missing(self, scene):
             return lacks
@@ -153,9 +153,8 @@ def test_how_strongly_a_target_echoes_is_never_left_out(kind):
 
 
 def test_every_effect_says_what_it_is():
-    assert len(set(IDS)) == len(EFFECTS) == 18
-    for known in EFFECTS:
-        assert known.does and known.source
+    assert tuple(effect.id for effect in EFFECTS) == IDS
+    assert all(about.keys() == {"does", "source"} and all(about.values()) for about in DECLARED.values())
 
 
 def test_what_takes_the_image_away_is_no_small_change():

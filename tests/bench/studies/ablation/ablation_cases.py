@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.scenes.scene_file import SceneFile
-from radar.simulation.selection import IDS
+from radar.simulation.known_effects import IDS
 from radar.support.config import parse
 
 CAUSES: dict[str, Any] = tomllib.loads(Path(__file__).with_name("causes.toml").read_text("utf-8"))

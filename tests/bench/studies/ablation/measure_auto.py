@@ -25,10 +25,11 @@ from bench.studies.columns import Record, Table
 from bench.studies.study import Study
 from radar.data.capture import RadarCapture
 from radar.methods.registry import method
+from radar.simulation.known_effects import Choice
 from radar.simulation.rehearsal import FINE, Change
 from radar.simulation.rehearsal import METHODS as REHEARSED
 from radar.simulation.scene import EchoScene
-from radar.simulation.selection import CONTAINED, EFFECTS, Choice, choose
+from radar.simulation.selection import CONTAINED, EFFECTS, choose
 from radar.simulation.simulate import simulate_scene
 from radar.simulation.triage import LOST_MM
 from radar.support.errors import HandbenchError

@@ -7,7 +7,7 @@ import numpy as np
 from bench.evaluation.metrics import HEADLINE, METRICS
 from bench.run.benchmark_file import BenchFile, MethodEntry
 from radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
-from radar.methods.projection import BroadbandConfig, NarrowbandConfig
+from radar.methods.projection_config import BroadbandConfig, NarrowbandConfig
 from radar.methods.registry import method
 from radar.support.config import Config
 from radar.support.errors import HandbenchError

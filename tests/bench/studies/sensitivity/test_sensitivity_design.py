@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from bench.run.benchmark_file import EMBEDDED, load_benchmark
-from radar.methods.projection import BroadbandConfig
+from radar.methods.projection_config import BroadbandConfig
 from radar.support.config import parse
 from radar.support.errors import HandbenchError
 from tests.bench.studies.sensitivity.configured import paper_methods, sparser

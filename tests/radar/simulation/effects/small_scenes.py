@@ -7,9 +7,10 @@ from radar.data.grid import Axis
 from radar.methods.fsk import n_tone
 from radar.methods.fsk_config import ThreeToneConfig
 from radar.simulation.causes import Causes
+from radar.simulation.known_effects import IDS
 from radar.simulation.rehearsal import Change, Rehearsal
 from radar.simulation.scene import Body, EchoScene
-from radar.simulation.selection import CONTAINED, EFFECTS, IDS, choose
+from radar.simulation.selection import CONTAINED, EFFECTS, choose
 from radar.simulation.simulate import SimulatedCapture, simulate_scene
 
 TONES_HZ = np.array([79.5e9, 81.8e9, 82e9])

@@ -1,0 +1,135 @@
+"""Maps side by side, each with a scale of its own: all that a depth map knows, a volume's projections, a surface from
+several sides."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from bench.results import ErrorMap, Surface
+from reports.figures import depth_maps
+from reports.figures.style import STYLE
+
+SKIN, INVENTED = (0.93, 0.77, 0.67), (0.72, 0.72, 0.76)
+LIGHT = np.array([-0.45, 0.55, 0.70])  # of the eye's axes: from the upper left, a little before the surface
+HIGH_IN, LEFT_IN, RIGHT_IN = 2.6, 0.7, 0.8  # of a panel, and beside it: names, and a bar of colours
+DECIBELS: dict[str, Any] = {"colours": "magma", "norm": Normalize(-40, 0), "label": "dB below the maximum"}
+SIGMAS: dict[str, Any] = {"colours": "cividis", "norm": LogNorm(0.01, 10), "ticks": (0.01, 0.1, 1, 10)}
+ERRORS = depth_maps.error_scale()
+KNOWN: dict[str, tuple[float, dict[str, Any]]] = {  # beside a depth map: units, look
+    "amplitude_db": (1, DECIBELS | {"title": "amplitude"}),
+    "sigma_m": (1e3, SIGMAS | {"title": "predicted error", "label": "σ in mm"}),
+    "p_gross": (
+        1,
+        {"title": "probability to be off by > 5 mm", "colours": "plasma", "norm": Normalize(0, 1), "label": " "},
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One panel: values [ny, nx], or colours [ny, nx, 3], on even pixel centres x, y in mm, with its axes' names; of
+    values the colours, their scale, its name (empty: as another panel's) and numbers. outline [ny, nx]: what is
+    encircled; box: what is shown (None: all)."""
+
+    title: str
+    x_mm: np.ndarray
+    y_mm: np.ndarray
+    values: np.ndarray
+    colours: str = ""
+    norm: Normalize | None = None
+    label: str = ""
+    axes: tuple[str, str] = ("x in mm", "y in mm")
+    outline: np.ndarray | None = None
+    box: depth_maps.Box | None = None
+    ticks: tuple[float, ...] = ()
+
+    @property
+    def shown_mm(self) -> depth_maps.Box:
+        """Its box, or the outer edges of its pixels: left, right, bottom, top; the first is larger than the second."""
+        (low, high), (bottom, top) = (depth_maps._edges_mm(1e-3 * axis) for axis in (self.x_mm, self.y_mm))
+        return self.box or (high, low, bottom, top)
+
+
+def layers_figure(layers: Sequence[Layer], title: str) -> Figure:
+    """A figure of panels in a row, all millimetres as long; x, and z from the side, grow to the left."""
+    spans_mm = np.array([(box[0] - box[1], box[3] - box[2]) for box in (layer.shown_mm for layer in layers)])
+    sizes_in = np.maximum(HIGH_IN * spans_mm / spans_mm[:, 1].max(), 0.3)
+    rights_in = [RIGHT_IN if layer.label else 0.1 for layer in layers]
+    width, height, x = sizes_in[:, 0].sum() + len(layers) * LEFT_IN + sum(rights_in), HIGH_IN + 1.05, LEFT_IN
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(width, height))
+        figure.suptitle(title, fontsize=9, y=1 - 0.06 / height)
+        for layer, (wide, high), right in zip(layers, sizes_in, rights_in, strict=True):
+            y, box = 0.5 + (HIGH_IN - high) / 2, layer.shown_mm
+            axis = figure.add_axes((x / width, y / height, wide / width, high / height), facecolor=depth_maps.EMPTY)
+            colours = colormaps[layer.colours].with_extremes(bad=depth_maps.EMPTY) if layer.colours else None
+            shown = np.ma.masked_invalid(layer.values) if colours else layer.values
+            extent = (*depth_maps._edges_mm(1e-3 * layer.x_mm), *depth_maps._edges_mm(1e-3 * layer.y_mm))
+            image = axis.imshow(shown, colours, layer.norm, interpolation="nearest", origin="lower", extent=extent)
+            if layer.outline is not None and layer.outline.any() and not layer.outline.all():
+                axis.contour(layer.x_mm, layer.y_mm, layer.outline, levels=[0.5], colors="0.35", linewidths=0.4)
+            axis.set(xlabel=layer.axes[0], ylabel=layer.axes[1], title=layer.title, xlim=box[:2], ylim=box[2:])
+            axis.xaxis.set_major_locator(MaxNLocator(2 if wide < 1.6 else 4))
+            if layer.label:
+                place = ((x + wide + 0.07) / width, y / height, 0.11 / width, high / height)
+                bar = figure.colorbar(image, cax=figure.add_axes(place), label=layer.label)
+                if layer.ticks:
+                    bar.set_ticks(layer.ticks, labels=[f"{tick:g}" for tick in layer.ticks])
+                    bar.minorticks_off()
+            x += wide + right + LEFT_IN
+    return figure
+
+
+def depth_layers(surface: Surface, others: dict[str, np.ndarray]) -> list[Layer]:
+    """A depth map's panel, and those of what else is KNOWN [ny, nx]."""
+    look, box = (depth_maps.DEPTH_COLOURS, depth_maps.depth_scale(surface), "z in mm"), depth_maps.box_of([surface])
+    depth = Layer("depth", 1e3 * surface.x_m, 1e3 * surface.y_m, 1e3 * surface.z_m, *look, box=box)
+    known = [(unit * others[name], look) for name, (unit, look) in KNOWN.items() if name in others]
+    return [depth] + [replace(depth, values=values, **look) for values, look in known]
+
+
+def error_layer(errors: ErrorMap) -> Layer:
+    """Signed errors with the reference's outline; red lies behind the reference, blue before it."""
+    seen_mm, look = 1e3 * np.abs(errors.error_m[np.isfinite(errors.error_m)]), (depth_maps.ERROR_COLOURS, ERRORS)
+    title = f"mean |error| {seen_mm.mean():.2f} mm" if len(seen_mm) else "nothing observed"
+    box = depth_maps.box_of([Surface(errors.x_m, errors.y_m, errors.reference_z_m)])
+    layer = Layer(title, 1e3 * errors.x_m, 1e3 * errors.y_m, 1e3 * errors.error_m, *look, "z − z_ref in mm", box=box)
+    return replace(layer, ticks=depth_maps.ERROR_TICKS_MM, outline=np.isfinite(errors.reference_z_m))
+
+
+def score_layers(surface: Surface, errors: ErrorMap) -> list[Layer]:
+    """A depth map beside its errors."""
+    box = depth_maps.box_of([surface, Surface(errors.x_m, errors.y_m, errors.reference_z_m)])
+    error = replace(error_layer(errors), box=box)
+    return [replace(depth_layers(surface, {})[0], box=box, outline=error.outline), error]
+
+
+def volume_layers(volume: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> list[Layer]:
+    """Maximum projections of a complex volume [nz, ny, nx] along its three axes, in dB below its maximum."""
+    magnitude, (x, y, z), silent = np.abs(volume), (1e3 * x_m, 1e3 * y_m, 1e3 * z_m), DECIBELS | {"label": ""}
+    with np.errstate(divide="ignore"):
+        front, above, side = (20 * np.log10(magnitude.max(axis=i) / max(magnitude.max(), 1e-38)) for i in range(3))
+    layers = [Layer("from the array", x, y, front, **silent)]
+    layers.append(Layer("from above", x, z, above, axes=("x in mm", "z in mm"), **silent))
+    return [*layers, Layer("from the left", z, y, side.T, axes=("z in mm", "y in mm"), **DECIBELS)]
+
+
+def shade(surface: Surface) -> np.ndarray:
+    """Brightness [ny, nx, 1] of a height field that is lit from the upper left of who sees x grow to the left."""
+    slope_y, slope_x = np.gradient(surface.z_m, surface.y_m, surface.x_m)
+    normal = np.stack([-slope_x, slope_y, np.ones_like(surface.z_m)], axis=-1)  # in the eye's axes: x and z are turned
+    light = normal @ (LIGHT / np.linalg.norm(LIGHT)) / np.linalg.norm(normal, axis=-1)
+    return np.nan_to_num(0.35 + 0.65 * np.clip(light, 0, 1), nan=0.6)[..., None]
+
+
+def shaded(surface: Surface, seen: np.ndarray) -> np.ndarray:
+    """Colours [ny, nx, 3] of a height field; greyish where it was not `seen`, but invented."""
+    colours = np.where(seen[..., None], SKIN, INVENTED) * shade(surface)
+    return np.where(np.isfinite(surface.z_m)[..., None], colours, 1.0)
