@@ -16,7 +16,7 @@ FILES = sorted(path.relative_to(ROOT) for package in PACKAGES for path in (ROOT 
 FILES.append(Path("handbench.py"))
 STUDY_PARTS = {"cases.py", "measure.py", "figure.py", "run.py"}
 QUESTION = re.compile(r"(What|How|Whether|Where|Who)\b")
-MOST_LINES = 39_980
+MOST_LINES = 39_999
 MOST_MAE_FILES = 5
 
 

@@ -1,11 +1,9 @@
 """A depth map against a reference, pixel by pixel: errors along z and distances between the two surfaces."""
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from bench.results.error_map import ErrorMap
 from radar.support.errors import HandbenchError
-from radar.support.rays import nearest_m
 
 
 def error_map(
@@ -38,26 +36,18 @@ def _distances(
     x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray, reference_z_m: np.ndarray, met: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Distance [ny, nx] of each judged point of the map to the reference, and of each of the reference's to the map."""
+    from scipy.ndimage import binary_dilation, binary_fill_holes
+    from scipy.spatial import KDTree
+
     surface = np.isfinite(reference_z_m)
-    empty = beside(met | surface)
+    empty = ~binary_dilation(binary_fill_holes(met | surface), np.ones((3, 3)))
     judged = np.isfinite(z_m) & (surface | empty)
     x, y = np.meshgrid(x_m, y_m)
     found, expected = (np.stack([x[at], y[at], z[at]], axis=-1) for at, z in ((judged, z_m), (surface, reference_z_m)))
     to_reference_m, to_map_m = np.full(z_m.shape, np.nan), np.full(z_m.shape, np.nan)
-    to_reference_m[judged] = nearest_m(found, expected)
-    to_map_m[surface] = nearest_m(expected, found)
+    to_reference_m[judged] = KDTree(expected).query(found)[0]
+    to_map_m[surface] = KDTree(found).query(expected)[0]
     return to_reference_m, to_map_m
-
-
-def beside(covered: np.ndarray) -> np.ndarray:
-    """Pixels [ny, nx] that lie outside of what is covered, not in its holes, and touch none of it, at no corner either.
-    (scipy.ndimage fills holes in the same steps; its import takes longer than scoring a map.)"""
-    free = np.pad(~covered, 1, constant_values=True)
-    outside, before = free & ~np.pad(np.ones_like(covered), 1), None
-    while before is None or (outside != before).any():
-        before = outside
-        outside = free & np.any([before] + [np.roll(before, step, axis) for step in (1, -1) for axis in (0, 1)], axis=0)
-    return np.asarray(~sliding_window_view(np.pad(~outside[1:-1, 1:-1], 1), (3, 3)).any(axis=(2, 3)))
 
 
 def deviation_map(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> ErrorMap:

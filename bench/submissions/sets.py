@@ -156,26 +156,16 @@ def _sha256(file: Path) -> str:
 def croissant(chosen: SetFile, name: str, sums: dict[str, str]) -> dict[str, Any]:
     """Metadata of a set's files, by MLCommons' Croissant 1.0: every file with its checksum."""
     kinds = {".h5": "application/x-hdf5", ".ply": "application/x-ply", ".toml": "application/toml"}
-    return {
-        "@context": read_json(SETS / "croissant_context.json", "the terms of Croissant"),
-        "@type": "sc:Dataset",
-        "conformsTo": "http://mlcommons.org/croissant/1.0",
-        "name": name,
-        "description": "Simulated near-field radar echoes of human hands, and the public ones' true surfaces.",
-        "license": "https://spdx.org/licenses/BSD-3-Clause.html",
-        "creator": {"@type": "sc:Organization", "name": "handbench"},
-        "version": "1.0.0",
-        "datePublished": chosen.published.isoformat(),
-        "citeAs": "see CITATION.cff of handbench",
-        "distribution": [
-            {
-                "@type": "cr:FileObject",
-                "@id": file,
-                "name": file,
-                "contentUrl": file,
-                "encodingFormat": kinds[Path(file).suffix],
-                "sha256": digest,
-            }
-            for file, digest in sums.items()
-        ],
-    }
+    files = [
+        {
+            "@type": "cr:FileObject",
+            "@id": file,
+            "name": file,
+            "contentUrl": file,
+            "encodingFormat": kinds[Path(file).suffix],
+            "sha256": digest,
+        }
+        for file, digest in sums.items()
+    ]
+    told = {"name": name, "datePublished": chosen.published.isoformat(), "distribution": files}
+    return read_json(SETS / CROISSANT, "what is the same of all sets") | told

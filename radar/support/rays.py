@@ -87,14 +87,3 @@ class Rays:
         rays = np.empty((len(origins_m), 6), np.float32)
         rays[:, :3], rays[:, 3:] = origins_m, directions
         return load_open3d().core.Tensor(rays)
-
-
-def nearest_m(points_m: np.ndarray, among_m: np.ndarray) -> np.ndarray:
-    """Distance [n] of each point [n, 3] to the nearest of others [m, 3], in double precision; infinite without any."""
-    if not (len(points_m) and len(among_m)):
-        return np.full(len(points_m), np.inf)
-    core = load_open3d().core
-    tree = core.nns.NearestNeighborSearch(core.Tensor(np.ascontiguousarray(among_m, np.float64)))
-    tree.knn_index()
-    _, squares_m2 = tree.knn_search(core.Tensor(np.ascontiguousarray(points_m, np.float64)), 1)
-    return np.sqrt(squares_m2.numpy()[:, 0])

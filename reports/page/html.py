@@ -123,7 +123,7 @@ def _captures(result: Result, captures: Sequence[CaptureFacts], folder: Path, pa
         first = next(capture for capture in captures if capture.name == scenes[0]["capture"])
         alt = (
             f"Capture {first.name} seen from the array, lit from the upper left, with the pixels of "
-            f"{titles.get(shown, '')} in the colours of their errors."
+            f"{titles.get(shown or '', '')} in the colours of their errors."
         )
         still = rendering.image(scene3d.still(result, first, shown), alt)
     turned = {"scenes": scenes, "scales": scene3d.scales(), "still": still}

@@ -74,7 +74,7 @@ def images(draw: Callable[[], Iterable[Picture]], folder: Path, paper: bool = Tr
 def _pixels(figure: Figure) -> Pixels.Image:
     """A figure as it is shown inside a page."""
     figure.set_dpi(_dpi(figure))
-    canvas = FigureCanvasAgg(figure)
+    canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     return Pixels.fromarray(np.array(canvas.buffer_rgba()))
 

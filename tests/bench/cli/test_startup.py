@@ -36,7 +36,7 @@ def folder(tmp_path_factory) -> Path:
         (["list"], set()),
         (["validate", "bench/ball.toml"], set()),
         (["validate", "capture"], {"h5py"}),
-        (["evaluate", "depth.npz", "--mesh", "capture/truth.ply"], {"open3d"}),
+        (["evaluate", "depth.npz", "--mesh", "capture/truth.ply"], {"open3d", "scipy"}),
         (["reconstruct", "capture", "--method", "3fsk", "-o", "again.npz", *PIXELS], {"numba", "scipy", "h5py"}),
     ],
     ids=lambda value: value[0] if isinstance(value, list) else "",
