@@ -20,7 +20,7 @@ def run(options: argparse.Namespace) -> None:
     from bench.evaluation.floor import floor_interval
     from bench.evaluation.metrics import definitions
     from bench.run.scoring import score_map
-    from bench.validation import map_doubts, surface_fit
+    from bench.validation import figure_doubts, map_doubts, surface_fit
     from groundtruth.mesh.depth import reference_on_grid
     from groundtruth.mesh.surface import read_surface
     from radar.data.depthmap import load_depthmap
@@ -34,19 +34,16 @@ def run(options: argparse.Namespace) -> None:
     transform, surface = load_any_transform(options.transform), read_surface(options.mesh)
     errors, values = score_map(depth, surface, transform)
     doubts = surface_fit.findings(depth, surface.moved(transform))  # which tell a cure
-    doubts += [*map_doubts.of_map(depth), *map_doubts.of_figures(depth, values)]
+    doubts += [*map_doubts.of_map(depth), *figure_doubts.of_figures(depth, values)]
     about: dict[str, Any] = {"method": depth.method, "definitions": definitions(list(values))}
     if transform.refined:
         about["refined"] = f"{options.transform}: {transform.refined['reason']}"
     for doubt in doubts:
         say(f"{options.depth}: {doubt}")
     if options.plot is not None:
-        from bench.results import Surface
-        from reports.figures.layers import layers_figure, score_layers
-        from reports.figures.single import save
+        from reports.figures.single import methods_figure, save
 
-        map_ = Surface(depth.x_m, depth.y_m, depth.z_m)
-        save(layers_figure(score_layers(map_, errors), depth.method), options.plot)
+        save(methods_figure([(f"{depth.method}\n", depth.z_m, errors)]), options.plot)
     if options.json or not sys.stdout.isatty():
         print(json.dumps(({"doubts": doubts} if doubts else {}) | values | about, indent=2))
     else:

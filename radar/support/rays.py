@@ -4,7 +4,6 @@ import ctypes
 import os
 import sys
 from functools import cache
-from importlib import import_module
 from types import ModuleType
 from typing import Any, TypeAlias
 
@@ -24,7 +23,10 @@ def _windows(name: str) -> ModuleType:
     """Of open3d what `load_open3d` left out."""
     if f"open3d.{name}" != WINDOWS:
         raise AttributeError(f"module 'open3d' has no attribute '{name}'")
-    return import_module(WINDOWS)
+    import open3d.visualization
+
+    found: ModuleType = open3d.visualization
+    return found
 
 
 @cache
@@ -38,7 +40,8 @@ def load_open3d() -> ModuleType:
     os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp workqueue tbb")
     if numba := sys.modules.get("numba"):
         numba.config.reload_config()
-    left_out = None if WINDOWS in sys.modules else sys.modules.setdefault(WINDOWS, ModuleType(WINDOWS))
+    asked = {WINDOWS, "ipykernel"} & sys.modules.keys()  # in a notebook open3d asks for them itself
+    left_out = None if asked else sys.modules.setdefault(WINDOWS, ModuleType(WINDOWS))
     import open3d
 
     if left_out:

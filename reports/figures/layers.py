@@ -104,13 +104,6 @@ def error_layer(errors: ErrorMap) -> Layer:
     return replace(layer, ticks=depth_maps.ERROR_TICKS_MM, outline=np.isfinite(errors.reference_z_m))
 
 
-def score_layers(surface: Surface, errors: ErrorMap) -> list[Layer]:
-    """A depth map beside its errors."""
-    box = depth_maps.box_of([surface, Surface(errors.x_m, errors.y_m, errors.reference_z_m)])
-    error = replace(error_layer(errors), box=box)
-    return [replace(depth_layers(surface, {})[0], box=box, outline=error.outline), error]
-
-
 def volume_layers(volume: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> list[Layer]:
     """Maximum projections of a complex volume [nz, ny, nx] along its three axes, in dB below its maximum."""
     magnitude, (x, y, z), silent = np.abs(volume), (1e3 * x_m, 1e3 * y_m, 1e3 * z_m), DECIBELS | {"label": ""}

@@ -159,7 +159,7 @@ def test_doubts_come_first(made, tmp_path, capsys):
 def test_figures_that_can_hardly_be_are_doubted(config, z_m, said):
     from bench.evaluation.depth_errors import error_map
     from bench.evaluation.metrics import pool
-    from bench.validation.map_doubts import of_figures
+    from bench.validation.figure_doubts import of_figures
 
     axis_m = np.linspace(-0.05, 0.05, 40)
     truth = np.where(np.isfinite(hand_m(axis_m, axis_m)), 0.29, np.nan)

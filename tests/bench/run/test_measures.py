@@ -73,8 +73,8 @@ def test_the_precision_is_that_of_captures_that_are_not_scored(printed, tmp_path
     }
     assert result.about.failures == () and [capture.name for capture in result.scored()] == ["ball"]
     stages = result.tasks.groupby("capture").stage.agg(lambda found: ",".join(sorted(found))).to_dict()
-    assert stages == {"ball": "reconstruct,reconstruct,score,simulate"} | dict.fromkeys(
-        ("print0", "print1"), "repeat,simulate"
+    assert stages == {"ball": "inspect,reconstruct,reconstruct,score,simulate"} | dict.fromkeys(
+        ("print0", "print1"), "inspect,repeat,simulate"
     )
     assert frames_and_files(tmp_path / "out") == {"ball": (1, False), "print0": (3, False), "print1": (3, False)}
     hands = [lines.z_m.to_numpy() for _, lines in result.repeats.groupby("capture")]

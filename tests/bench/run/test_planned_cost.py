@@ -90,7 +90,8 @@ def test_antennas_in_millimetres_are_refused_before_they_are_imaged(
     bench = folder / "mm.toml"
     bench.write_text(small_bench.read_text().replace('scene = "ball.toml"', 'path = "mm"'))
     asked = [str(bench)] if command == "run" else [str(folder / "mm"), "--method", "2fsk"]
-    assert main([command, *asked, "-o", str(tmp_path / "out")]) == 2
+    out = tmp_path / ("out" if command == "run" else "out.npz")
+    assert main([command, *asked, "-o", str(out)]) == 2
     assert "are its positions millimetres? multiply them by 1e-3" in capsys.readouterr().err
     assert not list(tmp_path.rglob("*.npz"))
     with pytest.raises(HandbenchError, match="expected 10 m at most"):

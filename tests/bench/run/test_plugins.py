@@ -64,12 +64,12 @@ def test_the_package_of_the_page_adds_its_method(site, capsys):
     assert found.distribution == "wide-methods" and found.configure({}, "").f2_hz == 81e9
     assert method("2fsk").distribution is None
     frequencies_hz = np.array([82e9, 81e9])
-    point = Scatterers(np.array([[0.0, 0.0, 0.45]]), np.ones(1))
+    point = Scatterers(np.array([[0.0, 0.0, 0.30]]), np.ones(1))
     capture = RadarCapture(simulate(point, frequencies_hz, qar50())[None], frequencies_hz, qar50())
     axis = {"start_m": -0.002, "stop_m": 0.002, "step_m": 0.001}
     depth = found.run(capture, found.configure({"x": axis, "y": axis}, ""), 0).depth
     assert depth.method == "wide2fsk"
-    assert abs(depth.z_m[2, 2] - 0.45) < 5e-4  # without noise, at the first z_e
+    assert abs(depth.z_m[2, 2] - 0.30) < 5e-4  # without noise, at the first z_e
     assert main(["list"]) == 0
     listed = capsys.readouterr().out
     section = listed[listed.index("wide2fsk") :]

@@ -100,7 +100,7 @@ def finished(work: Path) -> int:
 def test_a_cluster_that_loses_a_worker_gives_the_serial_table(balls, workers, tmp_path):
     python("-m", "bench.cli.main", "run", str(balls), "-o", str(tmp_path / "serial"))
     bench, base = load_benchmark(str(balls))
-    work, stages = tmp_path / "cluster" / "work", 5 * CAPTURES
+    work, stages = tmp_path / "cluster" / "work", 6 * CAPTURES
     killed_at: list[int] = []
 
     def kill_in_the_middle() -> None:

@@ -57,7 +57,7 @@ def test_planar_scan_round_trip(tmp_path):
     [
         ("samples", np.full((1, 5, 3, 4), np.nan, np.complex64), "no channel was measured"),
         ("samples", np.ones((1, 5, 3, 5), np.complex64), r"shape \(1, 5, 3, 5\); expected \[frame, 5, 3, 4\]"),
-        ("frequencies_hz", np.array([1.0, 2.0, 3.0, 4.0, -5.0]), "not positive"),
+        ("frequencies_hz", np.array([1.0, 2.0, 3.0, 4.0, -5.0]), "expected positive hertz"),
         ("frequencies_hz", np.float64(1.0), r"shape \(\); expected \[f\]"),
         ("tx_m", np.zeros((3, 2)), r"shape \(3, 2\); expected \[n, 3\]"),
         ("tx_m", None, "not a readable echoes.h5"),
