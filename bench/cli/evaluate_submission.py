@@ -17,8 +17,7 @@ def run(options: argparse.Namespace) -> None:
     entered = [submitted(submission.resolve()) for submission in options.submission]
     if twice := [entry.id for number, entry in enumerate(entered) if entry.id in {e.id for e in entered[:number]}]:
         raise HandbenchError(f"two submissions are of a method '{twice[0]}'; give each its own name")
-    own = () if options.alone else bench.method
-    bench = bench.model_copy(update={"method": (*own, *entered)})
+    bench = bench.model_copy(update={"method": (*bench.method, *entered)})
     given = " ".join(map(str, options.submission))
     command = f"handbench evaluate-submission {given} {options.bench} -o DIR"
     show(runner.run(bench, base, options.out, options.overwrite, command=command))

@@ -5,6 +5,7 @@ import json
 from collections.abc import Iterator
 
 from bench.cli.options import COMMANDS, declared
+from radar.support.errors import HandbenchError
 
 SECTIONS = {  # as commands.toml names them → title
     "methods": "methods",
@@ -20,10 +21,14 @@ SECTIONS = {  # as commands.toml names them → title
 def run(options: argparse.Namespace) -> None:
     """Print everything that has a name: of one section, with a text in the name or the line about it, if asked for."""
     wanted = (options.filter or "").casefold()
+    told = False
     for section in [options.section] if options.section else SECTIONS:
         found = [entry for entry in _entries(section) if wanted in entry[0].casefold()]
+        told = told or bool(found)
         if found:
             print(SECTIONS[section], *(f"  {line}" for entry in found for line in entry), sep="\n")
+    if wanted and not told:
+        raise HandbenchError(f"list: nothing has '{options.filter}' in its name or in the line about it")
 
 
 def _entries(section: str) -> Iterator[list[str]]:

@@ -13,6 +13,7 @@ def run(options: argparse.Namespace) -> None:
     from bench.run.benchmark_file import load_benchmark
     from bench.submissions import foreign
     from bench.submissions.submission import DESCRIPTION, Submission
+    from radar.methods.registry import methods
     from radar.support.config import parse
     from radar.support.cost import calibrated_machine
 
@@ -24,6 +25,8 @@ def run(options: argparse.Namespace) -> None:
     if options.line is None or options.name is None or options.out is None:
         raise HandbenchError("--command, --name, --out: one is missing; expected these three, or --check SUBMISSION")
     foreign.parts(options.line)
+    if options.name in {known.id for known in methods()} or not options.limit_s > 0 or options.limit_mb < 0:
+        raise HandbenchError("--name, --limit-s, --limit-mb: expected a name of your own, and limits above 0")
     given = {
         "method": options.name,
         "benchmark": bench.name,

@@ -183,7 +183,7 @@ def load_benchmark(name: str) -> tuple[BenchFile, Path]:
     captures; and the folder that its paths start from."""
     path = find_benchmark(name)
     bench = load(BenchFile, path, "a benchmark description")
-    bench = bench.model_copy(update={"method": tuple(_checked(entry, path) for entry in bench.method)})
+    bench = bench.model_copy(update={"method": tuple(checked(entry, path) for entry in bench.method)})
     if bench.tradeoff is not None:
         imaging_settings(bench.tradeoff, known_configs(bench.method))
     found = tuple(source for dataset in bench.dataset or () for source in dataset.sources(path.parent))
@@ -191,7 +191,7 @@ def load_benchmark(name: str) -> tuple[BenchFile, Path]:
     return bench.model_copy(update={"dataset": None, "capture": sources}), path.parent
 
 
-def _checked(entry: MethodEntry, path: Path) -> MethodEntry:
+def checked(entry: MethodEntry, path: Path) -> MethodEntry:
     """The entry of a benchmark file; HandbenchError where its method, configuration or submission is not there."""
     if entry.submission is None:
         method(entry.id).configure(entry.config, f"{path}: method '{entry.id}'")

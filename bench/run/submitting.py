@@ -4,7 +4,7 @@ from pathlib import Path
 
 from bench.datasets.dataset import open_capture
 from bench.run import jobs
-from bench.run.benchmark_file import BenchFile, Source
+from bench.run.benchmark_file import BenchFile, Source, submitted
 from bench.run.submitted_stage import grid_of
 from bench.submissions import foreign
 from bench.submissions.submission import MAPS, Row, Submission, load_submission, problems, save_submission, sha256
@@ -22,6 +22,7 @@ def require_complete(submission: Path, bench: BenchFile, base: Path) -> None:
         folder = inside(base, source.path, "capture.path") if source.path is not None else None
         name = jobs.opening(bench, base, source, bench.frames).capture
         grids[name] = grid_of(bench, folder)
+    submitted(submission)  # whose name is none of ours
     found = list(problems(submission, grids, bench.name))
     for problem in found:
         say(problem)
@@ -43,6 +44,7 @@ def make(
                 "with `handbench hands` or `handbench simulate`, and list their paths"
             )
         captures.append(open_capture(inside(base, source.path, "capture.path")))
+    save_submission(folder, about, rows)
     for capture in track(captures, "captures"):
         name, file = capture.about.name, folder / MAPS / f"{capture.about.name}.npz"
         if name in rows and file.is_file() and sha256(file) == rows[name].sha256:
@@ -60,8 +62,14 @@ def _kept(folder: Path, about: Submission) -> dict[str, Row]:
     if not folder.exists():
         return {}
     before, rows = load_submission(folder)
-    if (before.method, before.benchmark, before.command) != (about.method, about.benchmark, about.command):
-        raise HandbenchError(f"{folder}: holds another submission; choose another -o, or --overwrite to replace it")
+    told = "method", "benchmark", "command", "timing"
+    same = all(getattr(before, name) == getattr(about, name) for name in told)
+    if not same or before.machine.get("processor") != about.machine.get("processor"):
+        raise HandbenchError(
+            f"{folder}: holds a submission of another command, timing or machine; choose another -o, or --overwrite"
+        )
+    if rows:
+        say(f"{folder}: {len(rows)} depth maps are kept; if the program or the captures have changed, --overwrite")
     return rows
 
 

@@ -39,9 +39,6 @@ class Submission(Config):
     version: Literal[1] = 1
     method: Name
     benchmark: Name
-    title: str = ""
-    authors: str = ""
-    source: str = ""
     inputs: tuple[Input, ...] = Field(default=("echoes",), min_length=1)
     timing: Literal["depth map", "command"] = "depth map"
     command: str | None = None
@@ -66,14 +63,18 @@ def load_submission(folder: str | Path) -> tuple[Submission, dict[str, Row]]:
 
 
 def _rows(file: Path) -> list[Row]:
-    lines = csv.DictReader(read_text(file, "a line for each depth map", CSV_BYTES).splitlines(), strict=True)
-    if tuple(lines.fieldnames or ()) != COLUMNS:
-        raise HandbenchError(f"{file}: has the columns {lines.fieldnames}; expected {', '.join(COLUMNS)}")
+    try:
+        text = read_text(file, "a line for each depth map", CSV_BYTES)
+        first, *lines = list(csv.reader(text.splitlines(), strict=True)) or [[]]
+    except (ValueError, csv.Error) as error:
+        raise HandbenchError(f"{file}: is not readable as CSV ({error}); expected {', '.join(COLUMNS)}") from None
+    if tuple(first) != COLUMNS:
+        raise HandbenchError(f"{file}: has the columns {first}; expected {', '.join(COLUMNS)}")
     found: list[Row] = []
-    for line in lines:
-        where = f"{file}: line {lines.line_num}"
-        if None in line or None in line.values():
-            raise HandbenchError(f"{where}: expected {len(COLUMNS)} values")
+    for number, values in enumerate(lines, 2):
+        where, line = f"{file}: line {number}", dict(zip(COLUMNS, values, strict=False))
+        if len(values) != len(COLUMNS) or not line["capture"].isprintable():
+            raise HandbenchError(f"{where}: expected {len(COLUMNS)} values, the first a capture's name")
         try:
             seconds = float(line["seconds"])
         except ValueError:

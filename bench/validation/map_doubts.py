@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from bench.datasets.native import FAR_M
 from radar.data.depthmap import DepthMap
 from radar.methods.trust import FLAGGED
 
@@ -21,5 +22,7 @@ def of_map(depth: DepthMap) -> Iterator[str]:
     share = float(np.isfinite(depth.z_m).mean())
     if share > CROWDED and min(np.ptp(depth.x_m), np.ptp(depth.y_m)) >= WIDE_M:
         yield f"{100 * share:.0f} % of the image is on target: does nothing focus? `handbench inspect` the capture"
+    if float(np.nanmax(np.abs(depth.z_m), initial=0.0)) > FAR_M:
+        yield f"depths lie further than {FAR_M:g} m away: are they millimetres? multiply them by 1e-3"
     if (wrong := flagged(depth) or 0.0) > CROWDED:
         yield f"{100 * wrong:.0f} % of the pixels on target are likelier wrong than right (p_gross > {FLAGGED:g})"

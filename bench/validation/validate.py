@@ -8,7 +8,7 @@ from typing import Any
 from bench.datasets.dataset import AT_EMPTY_FILTERED, captures, open_capture
 from bench.datasets.native import DESCRIPTION, ECHOES, TARGET, TRANSFORM
 from bench.results.about import MEASURES
-from bench.run.benchmark_file import BenchFile, DataSet, find_benchmark
+from bench.run.benchmark_file import BenchFile, DataSet, MethodEntry, checked, find_benchmark
 from bench.scenes.scene_file import BUILT_IN_ARRAY, SceneFile, name_of_person
 from bench.validation.capture_problems import Seen, capture_problems, method_problems, surface_problems
 from bench.validation.photo_problems import is_of_photographs, photo_problems
@@ -183,7 +183,10 @@ def _methods(found: Sheet) -> Found[dict[str, dict[str, Any]]]:
     """Method id → its entry, of those that are well formed."""
     good = {}
     for at, entry in _tables(found, "method"):
-        if isinstance(entry.get("id"), str):
+        if isinstance(entry.get("id"), str) and "submission" in entry:
+            checks = partial(checked, MethodEntry.model_construct(**entry), found.file)
+            yield from found.attempt((*at, "submission"), checks)
+        elif isinstance(entry.get("id"), str):
             values = entry.get("config", {})
             config = yield from method_problems(found, entry["id"], values, (*at, "id"), (*at, "config"))
             if config is not None:

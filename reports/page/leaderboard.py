@@ -16,6 +16,7 @@ from bench.results import HEADLINE, Result, Setting, Tradeoff, load, load_tradeo
 from bench.results.about import TREATMENTS, MethodFacts
 from bench.results.result_folder import shown
 from bench.results.tables import each
+from radar.support.errors import HandbenchError
 from radar.support.files import write_text
 from reports.page import html, rendering
 from reports.page.sections import Grid
@@ -53,6 +54,8 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None, at_mm: 
     fronts and the time in which each is as accurate as `at_mm`. Returns the path of index.html."""
     result, out = load(folder), Path(out)
     found = entries(result, load_tradeoff(sweep) if sweep else None, at_mm)
+    if not found:
+        raise HandbenchError(f"{folder}: no methods were treated equally; expected two or more")
     rendering.begin(out)
     html.build(folder, out / "report", sweep)
     grid, said = as_grid(found, result.title(HEADLINE), at_mm, sweep is not None), about(result, found)
@@ -135,20 +138,21 @@ def as_grid(found: list[Entry], headline: str, at_mm: float, swept: bool) -> Gri
     rows = []
     for e in found:
         cells = [str(e.rank or NONE), e.title, e.inputs, e.by, e.unsmoothed, e.common, number(e.complete_percent, 2)]
-        numbers = [e.seconds, e.work, *([e.reached_s, e.front] if swept else [])]
-        rows.append((*cells, *(number(value, three_digits(value)) for value in numbers)))
+        work = f"{e.work:.1g}" if np.isfinite(e.work) else NONE  # the rate is measured beside whatever else runs
+        rest = [number(value, three_digits(value)) for value in ((e.reached_s, e.front) if swept else ())]
+        rows.append((*cells, number(e.seconds, three_digits(e.seconds)), work, *rest))
     return Grid("Methods, the best first", tuple(headings), tuple(rows), texts=3)
 
 
 def _submitted(facts: MethodFacts) -> tuple[float, str]:
-    """A submission's GFLOP/s and what it was made of; of an own method 0 and "echoes"."""
+    """A submission's GFLOP/s and what it was made of; of an own method 0 and "ours"."""
     told: Any = next(iter(facts.config.values()), {})
     if not isinstance(told, dict) or "inputs" not in told or "benchmark" not in told:
-        return 0.0, "echoes"
+        return 0.0, "ours"
     rate = told.get("machine", {}).get("gemm_gflops", np.nan)
-    return float(rate) if isinstance(
-        rate, int | float
-    ) else np.nan, f"{', '.join(map(str, told['inputs']))} (submitted)"
+    timed = ", time of the whole command" if told.get("timing") == "command" else ""
+    inputs = f"{', '.join(map(str, told['inputs']))} (submitted{timed})"
+    return float(rate) if isinstance(rate, int | float) else np.nan, inputs
 
 
 def _equal(result: Result, metric: str, treatment: str, method: str) -> Any:

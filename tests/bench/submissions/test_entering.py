@@ -1,5 +1,6 @@
 """The typed commands: a foreign method is run on a benchmark, checked, scored beside our own, and ranked."""
 
+import shutil
 import sys
 
 import numpy as np
@@ -57,7 +58,7 @@ def test_it_is_scored_beside_our_own_and_ranked(folder, capsys):
     assert set(load(result).equal.method) == {"2fsk", "narrowband", "mine"}  # on common pixels, treated alike
     assert main(["leaderboard", result, "-o", str(folder / "board")]) == 0
     text = (folder / "board" / "leaderboard.md").read_text()
-    assert "| mine | echoes (submitted) |" in text and "too few captures to test" in text
+    assert "| mine | echoes (submitted, time of the whole command) |" in text and "too few captures to test" in text
     values = pd.read_csv(folder / "result" / "equal.csv").query("metric == 'aurc_mm' and treatment == 'window'")
     by_value = values.sort_values("value").method
     titles = {"2fsk": "2-FSK", "narrowband": "narrowband", "mine": "mine"}
@@ -71,7 +72,9 @@ def test_a_second_try_runs_nothing_again_and_another_command_is_refused(folder, 
     assert main(submit(folder)) == 0
     assert (folder / "sub" / "maps" / "ball.npz").stat().st_mtime_ns == before
     assert main([*submit(folder)[:3], "other {capture} {depth}", *submit(folder)[4:]]) == 2
-    assert "holds another submission" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "1 depth maps are kept" in said and "holds a submission of another command" in said
+    assert main([*submit(folder), "--own-seconds"]) == 2 and "timing" in capsys.readouterr().err
     (folder / "mine.py").write_text(PROGRAM.replace("0.015", "0.014"))
     assert main([*submit(folder), "--overwrite"]) == 0
     assert (folder / "sub" / "maps" / "ball.npz").stat().st_mtime_ns > before
@@ -89,8 +92,12 @@ def test_a_submission_with_a_hole_is_refused_in_words(folder, tmp_path, capsys):
 def test_a_name_of_our_own_and_scenes_are_refused(folder, tmp_path, capsys):
     bench = str(folder / "bench.toml")
     command = submit(folder)
-    assert main([*command[:5], "3fsk", "-o", str(tmp_path / "s")]) == 0
-    assert main(["evaluate-submission", str(tmp_path / "s"), bench, "-o", str(tmp_path / "r")]) == 2
+    assert main([*command[:5], "3fsk", "-o", str(tmp_path / "s")]) == 2
+    assert "expected a name of your own" in capsys.readouterr().err
+    shutil.copytree(folder / "sub", tmp_path / "s")
+    about = tmp_path / "s" / "submission.toml"
+    about.write_text(about.read_text().replace('"mine"', '"3fsk"'))
+    assert main(["submit", bench, "--check", str(tmp_path / "s")]) == 2
     assert "'3fsk' is one of handbench's own methods" in capsys.readouterr().err
     twice = ["evaluate-submission", str(folder / "sub"), str(folder / "sub"), bench, "-o", str(tmp_path / "r")]
     assert main(twice) == 2 and "two submissions are of a method 'mine'" in capsys.readouterr().err
@@ -112,3 +119,21 @@ def test_the_page_s_method_finds_the_ball(folder, tmp_path, capsys):
     depth = load_depthmap(tmp_path / "sub" / "maps" / "ball.npz")
     assert depth.z_m[10, 10] == pytest.approx(0.28, abs=1e-3)
     capsys.readouterr()
+
+
+def test_a_benchmark_may_list_a_submission(folder, capsys):
+    text = (folder / "bench.toml").read_text()
+    (folder / "listed.toml").write_text(f'{text}\n[[method]]\nid = "mine"\nsubmission = "sub"\n')
+    assert main(["validate", str(folder / "listed.toml")]) == 0
+    (folder / "listed.toml").write_text(f'{text}\n[[method]]\nid = "mine"\nsubmission = "../sub"\n')
+    assert main(["validate", str(folder / "listed.toml")]) == 2
+    assert "leaves the folder" in capsys.readouterr().out
+
+
+def test_a_board_needs_two_methods(folder, tmp_path, capsys):
+    alone = (folder / "bench.toml").read_text()
+    first, second = alone.index("[[method]]"), alone.rindex("[[method]]")
+    (folder / "one.toml").write_text(alone[:first] + alone[second:])
+    assert main(["run", str(folder / "one.toml"), "-o", str(tmp_path / "r")]) == 0
+    assert main(["leaderboard", str(tmp_path / "r"), "-o", str(tmp_path / "b")]) == 2
+    assert "expected two or more" in capsys.readouterr().err

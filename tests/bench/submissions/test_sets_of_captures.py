@@ -1,4 +1,4 @@
-"""Sets of captures: the hidden part gives nothing of the hands away until its seed is told."""
+"""Sets of captures: what they hold, how they grow, and what is refused before hours are spent."""
 
 import hashlib
 import json
@@ -10,7 +10,6 @@ from bench.cli.main import main
 from bench.datasets.dataset import open_capture
 from bench.run.benchmark_file import load_benchmark
 from bench.scenes.build import build
-from bench.scenes.people import MOST_PEOPLE
 from bench.submissions import sets
 from groundtruth.mesh.mesh_files import read_mesh
 
@@ -45,56 +44,68 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sets")
     (folder / "f.toml").write_text(SCENE)
     (folder / "tiny.toml").write_text(SET)
-    hidden = ["hands", str(folder / "tiny.toml"), "--part", "hidden", "--seed", "20261", "-o", str(folder / "hidden")]
-    assert main([*hidden, "--limit", "1"]) == 0
+    assert main(["hands", str(folder / "tiny.toml"), "-o", str(folder / "set"), "--limit", "1"]) == 0
     return folder
 
 
-def test_the_hidden_part_tells_nothing_but_letter_and_distance(folder):
-    hidden = folder / "hidden"
-    [at] = (hidden / "captures").iterdir()
-    assert at.name == "F-h01-360mm-plastic" and sorted(p.name for p in at.iterdir()) == ["capture.toml", "echoes.h5"]
-    text = (at / "capture.toml").read_text()
-    number = int(np.random.default_rng(20261).choice(np.arange(1000, MOST_PEOPLE), 2, replace=False)[0])
-    assert str(number) not in text and "seed" not in text
-    recorded = open_capture(at)
-    assert recorded.about.distance_m == 0.36 and recorded.about.seed is None and recorded.truth is None
-    assert "20261" not in "".join(p.read_text() for p in hidden.iterdir() if p.is_file())
-
-
-def test_its_seed_reveals_the_surface_that_was_there_and_another_does_not(folder, capsys):
-    hidden = folder / "hidden"
-    [at] = (hidden / "captures").iterdir()
-    echoes = (at / "echoes.h5").read_bytes()
-    reveal = ["hands", str(folder / "tiny.toml"), "--reveal", "--limit", "1", "-o", str(hidden)]
-    assert main([*reveal, "--seed", "3"]) == 2 and "is not the one" in capsys.readouterr().err
-    assert main(reveal) == 2 and "--seed: is missing" in capsys.readouterr().err
-    assert main([*reveal, "--seed", "20261"]) == 0
-    assert (at / "echoes.h5").read_bytes() == echoes
+def test_a_capture_is_the_persons_hand_as_the_set_says(folder):
     chosen, base = sets.find_set(str(folder / "tiny.toml"))
-    number = int(np.random.default_rng(20261).choice(np.arange(1000, MOST_PEOPLE), 2, replace=False)[0])
-    scene, _ = next(sets.scenes(chosen, base, {"h01": number}))
-    vertices_m = np.asarray(read_mesh(at / "truth.ply").vertices)
+    (scene, distance_m), (other, _) = sets.scenes(chosen, base)
+    assert (scene.name, other.name) == ("F-p01-360mm-plastic", "F-p02-360mm-plastic")
+    recorded = open_capture(folder / "set" / "captures" / scene.name)
+    assert recorded.about.distance_m == distance_m == 0.36 and scene.target.person == 1
+    vertices_m = np.asarray(read_mesh(recorded.truth).vertices)
     assert np.allclose(vertices_m, np.asarray(build(scene, base).target_mesh.vertices), atol=1e-6)
+    z = recorded.about.methods["broadband"]["z"]
+    assert z["start_m"] < vertices_m[:, 2].min() and z["stop_m"] > vertices_m[:, 2].min() + 0.03  # fingers and palm
+
+
+def test_a_set_grows_and_keeps_what_is_there(folder, tmp_path, capsys):
+    [at] = (folder / "set" / "captures").iterdir()
+    before = (at / "echoes.h5").stat().st_mtime_ns
+    command = ["hands", str(folder / "tiny.toml"), "-o", str(folder / "set"), "--limit"]
+    assert main([*command, "2"]) == 0 and main([*command, "1"]) == 0
+    assert (at / "echoes.h5").stat().st_mtime_ns == before
+    bench, _ = load_benchmark(str(folder / "set" / "bench.toml"))
+    assert len(bench.capture) == 2  # not cut to the one that was asked for last
+    (folder / "other.toml").write_text(SET.replace("tiny", "other"))
+    assert main(["hands", str(folder / "other.toml"), "-o", str(folder / "set")]) == 2
+    assert "holds another set than other" in capsys.readouterr().err
+
+
+WRONG = {
+    "two of a name": (
+        "materials = [{ kind",
+        'materials = [{ kind = "plastic", permittivity = 4.0 }, { kind',
+        "two captures",
+    ),
+    "no method": ('"2fsk"', '"2fks"', "did you mean '2fsk'?"),
+    "outside": ('"f.toml"', '"../f.toml"', "leaves the folder"),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "words"), WRONG.values(), ids=WRONG)
+def test_a_wrong_set_is_refused_before_anything_is_simulated(folder, tmp_path, capsys, old, new, words):
+    (tmp_path / "f.toml").write_text(SCENE)
+    (tmp_path / "tiny.toml").write_text(SET.replace(old, new))
+    assert main(["hands", str(tmp_path / "tiny.toml"), "-o", str(tmp_path / "set")]) == 2
+    assert words in capsys.readouterr().err and not (tmp_path / "set").exists()
 
 
 def test_its_tables_are_right(folder):
-    hidden = folder / "hidden"
-    for line in (hidden / "checksums.txt").read_text().splitlines():
+    made = folder / "set"
+    for line in (made / "checksums.txt").read_text().splitlines():
         digest, name = line.split("  ")
-        assert hashlib.sha256((hidden / name).read_bytes()).hexdigest() == digest
-    about = json.loads((hidden / "croissant.json").read_text())
+        assert hashlib.sha256((made / name).read_bytes()).hexdigest() == digest
+    about = json.loads((made / "croissant.json").read_text())
     assert {entry["contentUrl"] for entry in about["distribution"]} == {
-        str(file.relative_to(hidden)) for file in (hidden / "captures").rglob("*") if file.is_file()
+        str(file.relative_to(made)) for file in (made / "captures").rglob("*") if file.is_file()
     }
-    bench, _ = load_benchmark(str(hidden / "bench.toml"))
-    assert [source.path for source in bench.capture] == ["captures/F-h01-360mm-plastic"]
 
 
 def test_the_embedded_set_is_whole():
     chosen, base = sets.find_set("hands-1")
-    people = {f"p{number:02}": number for number in range(1, chosen.people + 1)}
-    names = [scene.name for scene, _ in sets.scenes(chosen, base, people)]
+    names = [scene.name for scene, _ in sets.scenes(chosen, base)]
     assert len(set(names)) == len(names) == 10 * 3 * 2 * 2
 
 

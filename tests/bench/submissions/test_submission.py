@@ -77,6 +77,7 @@ BROKEN = {
     "no seconds": (lambda text: [text[0], text[1].replace("0.25", "0"), text[2]], "expected a number above 0"),
     "twice": (lambda text: [*text, text[1]], "has 'A' again"),
     "columns": (lambda text: ["capture,file", *text[1:]], "has the columns"),
+    "an open quote": (lambda text: [*text, '"C'], "is not readable as CSV"),
     "short": (lambda text: [text[0], "A,maps/0.npz"], "expected 4 values"),
 }
 
