@@ -18,6 +18,7 @@ import numpy as np
 import tomlkit
 from pydantic import Field
 
+from bench.datasets.native import FAR_M
 from radar.data.depthmap import DepthMap
 from radar.data.grid import PixelGrid
 from radar.support.config import Config, Name, load, suggest
@@ -28,7 +29,6 @@ from radar.support.limits import ARRAY_BYTES, CSV_BYTES
 DESCRIPTION, DEPTHS, MAPS = "submission.toml", "depths.csv", "maps"
 COLUMNS = ("capture", "file", "sha256", "seconds")
 SAME_M = 1e-6  # places on two grids that are the same
-FAR_M = 10.0  # further than anything near-field: a number of millimetres, most likely
 Input = Literal["echoes", "photographs", "mesh", "other sensors"]
 
 
@@ -59,10 +59,10 @@ def load_submission(folder: str | Path) -> tuple[Submission, dict[str, Row]]:
     """A submission's description, and its rows by capture. A HandbenchError names the first line that is wrong."""
     folder = require_folder(folder, f"a submission ({DESCRIPTION}, {DEPTHS})")
     about = load(Submission, folder / DESCRIPTION, "a submission's description")
-    return about, {row.capture: row for row in _rows(folder / DEPTHS)}
+    return about, _rows(folder / DEPTHS)
 
 
-def _rows(file: Path) -> list[Row]:
+def _rows(file: Path) -> dict[str, Row]:
     try:
         text = read_text(file, "a line for each depth map", CSV_BYTES)
         first, *lines = list(csv.reader(text.splitlines(), strict=True)) or [[]]
@@ -70,7 +70,7 @@ def _rows(file: Path) -> list[Row]:
         raise HandbenchError(f"{file}: is not readable as CSV ({error}); expected {', '.join(COLUMNS)}") from None
     if tuple(first) != COLUMNS:
         raise HandbenchError(f"{file}: has the columns {first}; expected {', '.join(COLUMNS)}")
-    found: list[Row] = []
+    found: dict[str, Row] = {}
     for number, values in enumerate(lines, 2):
         where, line = f"{file}: line {number}", dict(zip(COLUMNS, values, strict=False))
         if len(values) != len(COLUMNS) or not line["capture"].isprintable():
@@ -81,9 +81,9 @@ def _rows(file: Path) -> list[Row]:
             seconds = np.nan
         if not 0 < seconds < np.inf:
             raise HandbenchError(f"{where}: seconds is '{line['seconds']}'; expected a number above 0")
-        if line["capture"] in {row.capture for row in found}:
+        if line["capture"] in found:
             raise HandbenchError(f"{where}: has '{line['capture']}' again; expected each capture once")
-        found.append(Row(line["capture"], line["file"], line["sha256"].lower(), seconds))
+        found[line["capture"]] = Row(line["capture"], line["file"], line["sha256"].lower(), seconds)
     return found
 
 
