@@ -52,7 +52,7 @@ mutation: setup
 	  --sample $(or $(SAMPLE),40) --seed $(or $(SEED),0) --minutes 40 -o ../mutants.json
 
 bench: setup
-	$(BIN)/handbench study engine -o runs/bench.json
+	$(BIN)/python -m tests.bench.studies.engine.measure_engine -o runs/bench.json
 
 lint: setup
 	$(BIN)/ruff check .

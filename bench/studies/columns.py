@@ -13,7 +13,7 @@ SCHEMAS = declared(__file__)
 
 
 def columns(name: str) -> tuple[Column, ...]:
-    """The columns of a table of columns.toml, as engine.rows."""
+    """The columns of a table of columns.toml, as exact.rows."""
     return SCHEMAS[name].columns
 
 

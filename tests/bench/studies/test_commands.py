@@ -13,6 +13,7 @@ from bench.cli.study import STUDIES
 from bench.results.stability import load_stability
 from bench.studies.stability import measure
 from bench.studies.stability.cases import cases
+from tests.bench.studies.engine import measure_engine
 
 SMALLEST = {"exact": ["--tones", "few", "--only", "sphere of 2 mm, metal"]}
 
@@ -29,10 +30,11 @@ def test_stability_measures_cases(tmp_path, capsys, monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_engine_s_benchmark_runs(tmp_path, capsys):
+def test_the_engine_s_benchmark_runs(tmp_path, capsys, monkeypatch):
     """As `make bench` does, of its sections one, on a small volume, and the figures that the bars ask for."""
     out = tmp_path / "bench.json"
-    assert main(["study", "engine", "--quick", "--only", "3-FSK", "-o", str(out)]) == 0
+    monkeypatch.setattr("sys.argv", ["measure_engine", "--quick", "--only", "3-FSK", "-o", str(out)])
+    measure_engine.main()
     result = json.loads(out.read_text())
     assert result["failures"] == {} and {row["section"] for row in result["rows"]} == {"3-FSK frame"}
     expected = {"method", "seconds", "ratio_to_exact", "relative_error", "gflops", "peak_memory_mb"}

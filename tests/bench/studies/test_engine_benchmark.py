@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from bench.studies.engine.checks import bars, exponent, finer, larger, resampled
-from bench.studies.engine.scope import Inputs, Scope, white_noise
-from bench.studies.engine.textbook import numba_sum, numpy_sum, range_compressed
 from radar.data.arrays import AntennaArray, qar50
+from tests.bench.studies.engine.checks import bars, exponent, finer, larger, resampled
+from tests.bench.studies.engine.scope import Inputs, Scope, white_noise
+from tests.bench.studies.engine.textbook import numba_sum, numpy_sum, range_compressed
 from tests.radar.direct_sums import direct_sum
 from tests.radar.samples import relative_error
 

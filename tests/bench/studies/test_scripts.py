@@ -9,6 +9,7 @@ import pytest
 NEEDED = {
     "registration.measure_registration": ["faults"],
     "renderers.measure_renderers": [],
+    "engine.measure_engine": [],
     "measure_survey": ["."],
     "measure_noise_fit": ["paper_table"],
     "ablation.measure_auto": [],

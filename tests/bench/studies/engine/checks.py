@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from bench.studies.columns import Record
-from bench.studies.engine.scope import Inputs, white_noise
-from bench.studies.engine.turns import Case, Work, interleaved
 from radar.data.arrays import AntennaArray
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_volume
+from tests.bench.studies.engine.scope import Inputs, white_noise
+from tests.bench.studies.engine.turns import Case, Work, interleaved
 
 TOLERANCE = 1e-3
 

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.studies.columns import Record
-from bench.studies.engine.scope import Inputs
-from bench.studies.engine.textbook import numpy_sum
 from radar.data.depthmap import amplitude_db
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_volume
 from radar.imaging.cpu.exact import backproject
 from radar.imaging.cpu.executor import strongest_voxels
 from radar.methods.projection import Peaks, peak_offset
+from tests.bench.studies.engine.scope import Inputs
+from tests.bench.studies.engine.textbook import numpy_sum
 
 STAND_IN = 1e-6  # tolerance of the volume that gives the mask and the root mean square
 

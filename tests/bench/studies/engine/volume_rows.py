@@ -9,10 +9,6 @@ from typing import Any
 import numpy as np
 
 from bench.studies.columns import Record
-from bench.studies.engine import textbook
-from bench.studies.engine.reference import Reference, column_peaks, column_points_m, reference
-from bench.studies.engine.scope import Inputs
-from bench.studies.engine.turns import Case, Measured, Work, everything, interleaved, named
 from bench.studies.study import relative_error
 from radar.data.depthmap import DepthMap
 from radar.data.grid import VoxelGrid
@@ -22,6 +18,10 @@ from radar.methods.fsk import three_tone
 from radar.methods.projection import Peaks
 from radar.simulation.forward import simulate
 from radar.support.cost import gemm
+from tests.bench.studies.engine import textbook
+from tests.bench.studies.engine.reference import Reference, column_peaks, column_points_m, reference
+from tests.bench.studies.engine.scope import Inputs
+from tests.bench.studies.engine.turns import Case, Measured, Work, everything, interleaved, named
 
 TOLERANCES = (None, 1e-3, 1e-5)
 FRAMES = 10  # timed together: a radar images frame after frame

@@ -3,6 +3,7 @@
 Seconds drift with the machine; ratio_to_exact, within one run, is what counts.
 """
 
+import argparse
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,12 +12,13 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bench.results.tables import each
-from bench.studies.columns import Record, Table, columns
-from bench.studies.engine.checks import bars, compilation, growth
-from bench.studies.engine.scope import QUICK, Inputs, Scope
-from bench.studies.engine.volume_rows import frame_rows, simulation_rows, volume_rows
+from bench.results.tables import declared, each
+from bench.studies.columns import Record, Table
 from bench.studies.study import BLUE, GREEN, GREY, VERMILION, Study
+from tests.bench.studies import script
+from tests.bench.studies.engine.checks import bars, compilation, growth
+from tests.bench.studies.engine.scope import QUICK, Inputs, Scope
+from tests.bench.studies.engine.volume_rows import frame_rows, simulation_rows, volume_rows
 
 SECTIONS = {
     "compilation": compilation,
@@ -25,6 +27,7 @@ SECTIONS = {
     "simulation": simulation_rows,
     "growth": growth,
 }
+SCHEMAS = declared(__file__)
 OF_ROWS = ("volume", "3-FSK frame", "simulation")
 
 
@@ -40,9 +43,9 @@ def tables(records: list[Record]) -> list[Table]:
     """Rows by section, growth, and the bars."""
     of_rows, of_growth = ([r for r in records if r["section"] in names] for names in (OF_ROWS, ("growth",)))
     return [
-        Table("rows", columns("engine.rows"), of_rows, by="section"),
-        Table("growth", columns("engine.growth"), of_growth),
-        Table("bars", columns("engine.bars"), bars(records)),
+        Table("rows", SCHEMAS["rows"].columns, of_rows, by="section"),
+        Table("growth", SCHEMAS["growth"].columns, of_growth),
+        Table("bars", SCHEMAS["bars"].columns, bars(records)),
     ]
 
 
@@ -99,3 +102,18 @@ def _growth(axes: Axes, series: list[Record]) -> None:
     sizes, seconds = np.array(series[0]["sizes"], float), series[0]["seconds"]
     axes.plot(sizes, seconds[0] * sizes / sizes[0], color=GREY, linestyle=":", linewidth=0.8)
     axes.set(xscale="log", yscale="log", xlabel="voxels", ylabel="seconds at a tolerance of 1e-3")
+
+
+def main() -> None:
+    """Measure, write the files of a study, print the tables."""
+    prog = "python -m tests.bench.studies.engine.measure_engine"
+    purpose = "what imaging and simulation cost in time, error and memory, and how that grows"
+    parser = argparse.ArgumentParser(prog=prog, description=purpose)
+    parser.add_argument("--quick", action="store_true", help="a small volume, in two minutes: does it all run?")
+    whole = "measure the exact volume whole instead of extrapolating"
+    parser.add_argument("--full", action="store_true", help=whole)
+    script.measured(parser, study, "engine")
+
+
+if __name__ == "__main__":
+    main()

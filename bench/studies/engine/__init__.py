@@ -1,1 +1,0 @@
-"""The engine's benchmark: what imaging and simulation cost, measured in one run."""
