@@ -2,11 +2,21 @@
 
 import argparse
 
+from radar.support.errors import HandbenchError
+
 
 def run(options: argparse.Namespace) -> None:
     """Write the set, or what is missing of it."""
-    from bench.submissions.sets import BENCH, find_set, write_set
+    from bench.submissions.sets import BENCH, find_set, hidden, read_secret, write_set
 
+    if options.truth and options.hidden is None:
+        raise HandbenchError("--truth: adds the surfaces of a hidden part; name its secret, --hidden SECRET")
     chosen, base = find_set(options.set)
-    names = write_set(options.out, chosen, base, options.limit)
-    print(f"{chosen.name}: {len(names)} captures; handbench run {options.out / BENCH} -o DIR")
+    if options.hidden is None:
+        names = write_set(options.out, chosen, base, options.limit)
+    else:
+        secret = read_secret(options.hidden, new=not options.truth)
+        chosen = hidden(chosen, secret)
+        names = write_set(options.out, chosen, base, options.limit, secret, options.truth)
+    then = "submit" if options.hidden and not options.truth else "run"
+    print(f"{chosen.name}: {len(names)} captures; handbench {then} {options.out / BENCH} -o DIR")

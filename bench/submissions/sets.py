@@ -4,9 +4,15 @@ bench.toml      a benchmark of all captures: `handbench run`, `handbench submit`
 captures/NAME   capture folders: echoes and the true surface
 checksums.txt   of every capture's files, as `sha256sum -c` reads them
 croissant.json  what the set holds (MLCommons Croissant 1.0)
+
+A hidden part has people and noise that only the holder of a secret can make again, and no true surfaces until that
+holder adds them.
 """
 
 import hashlib
+import re
+import secrets
+import shutil
 from collections.abc import Iterator
 from datetime import date
 from itertools import product
@@ -18,7 +24,7 @@ from pydantic import Field
 
 from bench.datasets.native import DESCRIPTION, ECHOES, TRUTH, CaptureFile, save_capture_file
 from bench.datasets.simulated import description
-from bench.scenes.build import build
+from bench.scenes.build import Scene, build
 from bench.scenes.echoes import echoes
 from bench.scenes.scene_file import HandTarget, SceneFile
 from groundtruth.mesh.mesh_files import write_mesh
@@ -28,7 +34,7 @@ from radar.simulation.causes import Noise
 from radar.simulation.scene import Material
 from radar.support.config import Config, Name, load, read_toml, suggest
 from radar.support.errors import HandbenchError
-from radar.support.files import atomic_folder, inside, read_json, require_file, write_json, write_text
+from radar.support.files import atomic_folder, inside, read_bytes, read_json, require_file, write_json, write_text
 from radar.support.progress import track
 from radar.warmup import compile_kernels
 
@@ -68,38 +74,66 @@ def find_set(name: str) -> tuple[SetFile, Path]:
     return chosen, base
 
 
-def scenes(chosen: SetFile, base: Path) -> Iterator[tuple[SceneFile, float]]:
-    """The scenes of a set, and the distance that each is said to have. HandbenchError where two have one name."""
+def read_secret(file: Path, new: bool) -> str:
+    """The secret of a hidden part, 32 hexadecimal digits; new: made where there is no such file."""
+    if new and not file.exists():
+        write_text(file, secrets.token_hex(16) + "\n")
+        file.chmod(0o600)
+    secret = read_bytes(file, "the secret of a hidden part", 64).decode("ascii", "replace").strip()
+    if not re.fullmatch("[0-9a-f]{32}", secret):
+        raise HandbenchError(f"{file}: holds no 32 hexadecimal digits; a new file's name makes a secret")
+    return secret
+
+
+def _drawn(secret: str, *of: object) -> int:
+    """A number of 128 bits, that nobody finds by trying all."""
+    return int.from_bytes(hashlib.sha256("/".join(map(str, (secret, *of))).encode()).digest()[:16])
+
+
+def hidden(chosen: SetFile, secret: str) -> SetFile:
+    """The hidden part of a set; its name binds it to the secret, and does not tell it."""
+    return chosen.model_copy(update={"name": f"{chosen.name}-hidden-{_drawn(secret, 'name') >> 96:08x}"})
+
+
+def scenes(chosen: SetFile, base: Path, secret: str = "") -> Iterator[tuple[SceneFile, float]]:
+    """The scenes of a set, and the distance that each is said to have; secret: of its hidden part. HandbenchError where
+    two have one name."""
     names: set[str] = set()
     for number, file, distance_m, material in product(
         range(1, chosen.people + 1), chosen.scenes, chosen.distances_m, chosen.materials
     ):
         path = inside(base, file, "scenes")
-        scene = load(SceneFile, path, "a scene description").of_person(number)
+        person = _drawn(secret, "person", number) if secret else number
+        scene = load(SceneFile, path, "a scene description").of_person(person)
         if not isinstance(scene.target, HandTarget):
             raise HandbenchError(f"{path}: has no hand; expected one in each scene of a set")
         further_m = distance_m - HandTarget.model_fields["distance_m"].default
         moved = {"distance_m": scene.target.distance_m + further_m, "material": material}
         x_m, y_m, z_m = scene.mount.offset_m  # the stand goes along with the hand
         mount = scene.mount.model_copy(update={"offset_m": (x_m, y_m, z_m + further_m)})
-        full = f"{scene.target.pose}-p{number:02}-{1e3 * distance_m:.0f}mm-{material.kind}"
+        full = f"{scene.target.pose}-{'h' if secret else 'p'}{number:02}-{1e3 * distance_m:.0f}mm-{material.kind}"
         if full in names:
             raise HandbenchError(f"set '{chosen.name}': two captures are named {full}; make poses, mm and kinds differ")
         names.add(full)
         facts = {"name": full, "target": scene.target.model_copy(update=moved), "mount": mount, "photos": None}
+        facts |= {"seed": _drawn(secret, "seed", full)} if secret else {}
         yield scene.model_copy(update=facts | {"noise": Noise(phase_noise_rad=chosen.phase_noise_rad)}), distance_m
 
 
-def write_set(folder: Path, chosen: SetFile, base: Path, limit: int | None) -> list[str]:
+def write_set(
+    folder: Path, chosen: SetFile, base: Path, limit: int | None, secret: str = "", truth: bool = True
+) -> list[str]:
     """Simulate the first `limit` captures that a set's folder does not hold yet, and write the tables of all that it
-    holds then; their names. base: of the scenes' paths. HandbenchError where the folder holds another set."""
-    every = list(scenes(chosen, base))
+    holds then; their names. base: of the scenes' paths; secret: of the hidden part, which gets its true surfaces where
+    `truth` says so. HandbenchError where the folder holds another set."""
+    every = list(scenes(chosen, base, secret))
     if (bench := folder / BENCH).exists() and read_toml(bench, "a benchmark").get("name") != chosen.name:
         raise HandbenchError(f"{folder}: holds another set than {chosen.name}; choose another -o")
     compile_kernels(load=False)
     for scene, distance_m in track(every[:limit], "captures"):
-        if not (at := folder / CAPTURES / scene.name).is_dir():
-            _write_capture(at, scene, base, distance_m)
+        at = folder / CAPTURES / scene.name
+        if not at.is_dir() or (truth and not (at / TRUTH).exists()):
+            _write_capture(at, build(scene, base), distance_m, bool(secret), truth)
     names = [scene.name for scene, _ in every if (folder / CAPTURES / scene.name).is_dir()]
     content: dict[str, Any] = {"version": 1, "name": chosen.name}
     content["capture"] = [{"path": f"{CAPTURES}/{name}", "measures": ["accuracy"]} for name in names]
@@ -111,15 +145,19 @@ def write_set(folder: Path, chosen: SetFile, base: Path, limit: int | None) -> l
     return names
 
 
-def _write_capture(at: Path, scene: SceneFile, base: Path, distance_m: float) -> None:
-    """Write a capture folder, whose volumes lie about the distance."""
-    built = build(scene, base)
+def _write_capture(at: Path, built: Scene, distance_m: float, secret: bool, truth: bool) -> None:
+    """Write a capture folder, whose volumes lie about the distance; echoes that are there stay. A secret one does not
+    tell its seed."""
     with atomic_folder(at) as temporary:
-        save_capture(temporary / ECHOES, echoes(built).capture)
-        write_mesh(temporary / TRUTH, built.target_mesh)
+        if at.is_dir():
+            shutil.copyfile(at / ECHOES, temporary / ECHOES)
+        else:
+            save_capture(temporary / ECHOES, echoes(built).capture)
+        if truth:
+            write_mesh(temporary / TRUTH, built.target_mesh)
         z_m = {"start_m": round(distance_m - NEAR_M, 6), "stop_m": round(distance_m + BEHIND_M, 6), "step_m": 1e-3}
         about = description(built, sorted(file.name for file in temporary.iterdir()), ())
-        told = {key: about[key] for key in ("name", "kind", "pose", "seed", "contains")}
+        told = {key: about[key] for key in ("name", "kind", "pose", "contains", *([] if secret else ["seed"]))}
         boxes = {id: {"z": z_m} for id in BOXES}
         save_capture_file(temporary, CaptureFile(**told, distance_m=distance_m, methods=boxes))
 

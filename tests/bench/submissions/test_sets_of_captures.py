@@ -39,6 +39,9 @@ methods = ["2fsk"]
 """
 
 
+SHARED = ("bench.toml", "checksums.txt", "croissant.json")
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sets")
@@ -71,6 +74,72 @@ def test_a_set_grows_and_keeps_what_is_there(folder, tmp_path, capsys):
     (folder / "other.toml").write_text(SET.replace("tiny", "other"))
     assert main(["hands", str(folder / "other.toml"), "-o", str(folder / "set")]) == 2
     assert "holds another set than other" in capsys.readouterr().err
+
+
+def made(folder, *options):
+    """A hidden part of one capture: its folder, what `handbench hands` ends with, and its echoes."""
+    ended = main(["hands", str(folder.parent / "tiny.toml"), "-o", str(folder), "--limit", "1", *options])
+    echoes = [file.read_bytes() for file in folder.glob("captures/*/echoes.h5")]
+    return ended, echoes
+
+
+@pytest.fixture
+def hidden(folder, tmp_path):
+    for name in ("f.toml", "tiny.toml"):
+        (tmp_path / name).write_text((folder / name).read_text())
+    assert made(tmp_path / "part", "--hidden", str(tmp_path / "secret"))[0] == 0
+    return tmp_path / "part", tmp_path / "secret"
+
+
+def test_a_hidden_part_tells_nothing_of_its_people_and_gets_its_surfaces_later(folder, hidden):
+    part, secret = hidden
+    assert secret.stat().st_mode & 0o077 == 0 and len(bytes.fromhex(secret.read_text())) == 16
+    held = [file for file in part.rglob("*") if file.is_file()]
+    assert {file.name for file in held} == {*SHARED, "capture.toml", "echoes.h5"}
+    for file in held:
+        content = file.read_bytes()
+        assert secret.read_bytes().strip() not in content and b"seed" not in content and b"person" not in content
+    _, [before] = made(part, "--hidden", str(secret))
+    assert made(part, "--hidden", str(secret), "--truth") == (0, [before])
+    [truth] = part.glob("captures/*/truth.ply")
+    public = next((folder / "set").glob("captures/*/truth.ply"))
+    assert "truth.ply" in open_capture(truth.parent).about.contains
+    assert "truth.ply" in (part / "checksums.txt").read_text()
+    assert np.abs(np.asarray(read_mesh(truth).vertices)[:50] - np.asarray(read_mesh(public).vertices)[:50]).max() > 1e-3
+
+
+def test_a_secret_alone_makes_a_hidden_part_again(hidden, tmp_path):
+    """The same echoes by the same secret, others by another: nothing else draws people and noise."""
+    part, secret = hidden
+    _, first = made(part, "--hidden", str(secret))
+    _, again = made(tmp_path / "again", "--hidden", str(secret))
+    _, other = made(tmp_path / "other", "--hidden", str(tmp_path / "other secret"))
+    assert first == again != other
+
+
+def test_numbers_of_people_are_too_many_to_be_tried(hidden):
+    chosen, base = sets.find_set(str(hidden[0].parent / "tiny.toml"))
+    drawn = {n for s, _ in sets.scenes(chosen, base, hidden[1].read_text().strip()) for n in (s.seed, s.target.person)}
+    assert len(drawn) == 4 and min(drawn) > 2**100  # of 128 bits: smaller once in 10⁸
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--truth"], "name its secret"),
+        (["--hidden", "no file", "--truth"], "no file"),
+        (["--hidden", "tiny.toml", "--truth"], "tiny.toml"),
+        (["--hidden", "part"], "part"),
+        (["--hidden", "another"], "holds another set than tiny-hidden-"),
+    ],
+)
+def test_a_wrong_secret_is_told(hidden, monkeypatch, capsys, options, words):
+    part, _ = hidden
+    monkeypatch.chdir(part.parent)
+    kept = sorted((file, file.read_bytes()) for file in part.rglob("*") if file.is_file())
+    assert made(part, *options)[0] == 2
+    assert words in capsys.readouterr().err
+    assert kept == sorted((file, file.read_bytes()) for file in part.rglob("*") if file.is_file())
 
 
 WRONG = {
