@@ -82,14 +82,16 @@ def landed(hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray, wav
 def mirrored_on(rays: Rays, hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray) -> Hits:
     """Those of the hits whose tubes meet the body once more where they are mirrored at their end."""
     tubes = landed(hits, patches, surface, tx_m)
-    before = unit(tubes.points_m[:, -1] - tubes.points_m[:, -2])
-    onward = before - 2 * (before * tubes.normal).sum(axis=1)[:, None] * tubes.normal
-    start_m = tubes.points_m[:, -1] + OWN_SURFACE_M * onward
+    lit = np.flatnonzero(tubes.root_m2 > 0)  # points and normals of the others were never written
+    hits, points_m, normal = hits.where(lit), tubes.points_m[lit], tubes.normal[lit]
+    before = unit(points_m[:, -1] - points_m[:, -2])
+    onward = before - 2 * (before * normal).sum(axis=1)[:, None] * normal
+    start_m = points_m[:, -1] + OWN_SURFACE_M * onward
     distance, face = rays.first_hits(start_m, onward)
-    chosen = np.flatnonzero(np.isfinite(distance) & (tubes.root_m2 > 0))
-    faces = np.column_stack([hits.faces, face])[chosen].astype(np.int32)
-    end_m = (start_m + np.where(np.isfinite(distance), distance, 0)[:, None] * onward)[chosen]
-    return Hits(hits.transmitter[chosen], hits.patch[chosen], faces, end_m, (hits.length_m + distance)[chosen])
+    met = np.flatnonzero(np.isfinite(distance))
+    faces = np.column_stack([hits.faces, face])[met].astype(np.int32)
+    end_m = start_m[met] + distance[met, None] * onward[met]
+    return Hits(hits.transmitter[met], hits.patch[met], faces, end_m, (hits.length_m + distance)[met])
 
 
 def mirrors_of(rays: Rays, body: Body, antennas_m: np.ndarray, longest_m: float, bounces: int = 1) -> Mirrors:

@@ -9,7 +9,7 @@ from radar.simulation.effects.base import Glance
 from radar.simulation.effects.further import Multipath
 from radar.simulation.effects.motion import echoes_of_moving
 from radar.simulation.physics.bundles import Bundles, traced_nodes
-from radar.simulation.physics.ray_tubes import Hits, landed, mirrors_of, patches_of, trace
+from radar.simulation.physics.ray_tubes import Hits, landed, mirrored_on, mirrors_of, patches_of, trace
 from radar.simulation.physics.reflection import oblique_ratios
 from radar.simulation.scene import Body, EchoScene, Material
 from radar.simulation.state import EchoState
@@ -256,3 +256,23 @@ def test_the_peak_of_a_trihedral_is_its_third_bounce(monkeypatch):
     assert cross_section_m2(body) == pytest.approx(expected, rel=5e-3)
     monkeypatch.setattr(further, "BOUNCES", 2)
     assert cross_section_m2(body) < 1e-3 * expected
+
+
+def test_tubes_that_land_nowhere_are_not_followed(monkeypatch):
+    """Their points are never written: whatever the memory held would be traced, with a warning at best."""
+    empty = np.empty
+
+    def poisoned(shape, dtype=float, **settings):
+        made = empty(shape, dtype, **settings)
+        if np.issubdtype(made.dtype, np.floating):
+            made[...] = np.inf
+        return made
+
+    rays = Rays(FINGERS.vertices_m, FINGERS.faces)
+    mirrors = mirrors_of(rays, FINGERS, SPARSE.tx_m, further.PATCH * WAVELENGTH_M)
+    hits = trace(rays, mirrors, SPARSE, 1, 0.0).hits
+    turned = np.random.default_rng(0).integers(len(FINGERS.faces), size=hits.faces.shape)  # half of them look away
+    hits = hits._replace(faces=turned.astype(np.int32))
+    monkeypatch.setattr(np, "empty", poisoned)
+    found = mirrored_on(rays, hits, mirrors.patches, mirrors.surface, SPARSE.tx_m)
+    assert np.isfinite(found.end_m).all() and len(found.patch) < len(hits.patch)
