@@ -54,7 +54,8 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
         return  # all that follows would be about these
     compile_kernels()
     surface, imaged = surface_of(recorded), _imaged(recorded, capture)
-    if surface is not None and imaged is not None and not surface_fit.fit(imaged[0], surface).improvable:
+    as_is = surface_fit.fit(imaged[0], surface) if surface is not None and imaged is not None else None
+    if as_is is not None and not as_is.improvable:
         return  # what lies on its surface needs no further look
     wrong = focus.findings(capture)
     yield from wrong
@@ -62,16 +63,18 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
         return
     depth, config = imaged
     yield from of_map(with_trust(depth, capture, config))
-    if surface is None:
+    if surface is None or as_is is None:
         return
     start_m = float(np.median(surface.vertices_m[:, 2]))
     near, _ = _imaged(recorded, capture, start_m) or imaged
-    if surface_fit.fit(near, surface).improvable:
+    found, told = surface_fit.fit(near, surface), list[str]()
+    if found.improvable:
         further, _ = _imaged(recorded, capture, FURTHER_M) or imaged  # for where the surface lies may be the mistake
-        yield from _explained(recorded, capture, surface, (depth, near, further), start_m)
-        return
-    begun = f"{depth.method} begins at {getattr(config, FIRST):g} m and misses a surface {start_m:.2g} m away"
-    yield f"{begun}: set {FIRST} = {start_m:.2g}, as by --set"
+        told = _explained(recorded, capture, surface, (depth, near, further), start_m)
+    if not told and found.explains(as_is):
+        begun = f"{depth.method} begins at {getattr(config, FIRST):g} m and misses a surface {start_m:.2g} m away"
+        told = [f"{begun}: set {FIRST} = {start_m:.2g}, as by --set"]
+    yield from told
 
 
 def _explained(

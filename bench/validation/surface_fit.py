@@ -17,6 +17,7 @@ from radar.support.errors import HandbenchError
 NEAR_M = 3e-3  # a pixel that close lies on the surface
 STRONGEST = 1500  # pixels that are looked at, at most: those that shine most
 CERTAIN, GAINED = 0.3, 1.5  # share of pixels on the undone surface, at least, and over that on the surface as it is
+ROUGH_MM, FALLEN = 1.0, 3.0  # median error of what may be improved, and how many times smaller it then is
 
 
 @dataclass(frozen=True)
@@ -30,11 +31,12 @@ class Fit:
     @property
     def improvable(self) -> bool:
         """False if nothing undone could explain it much better."""
-        return GAINED * self.share < 1
+        return GAINED * self.share < 1 or self.median_mm > ROUGH_MM
 
     def explains(self, as_is: "Fit") -> bool:
         """True if this, with a mistake undone, is so much better that the mistake is likely."""
-        return self.share >= max(CERTAIN, GAINED * as_is.share)
+        nearer = self.share > as_is.share and FALLEN * self.median_mm < as_is.median_mm > ROUGH_MM
+        return self.share >= CERTAIN and (nearer or self.share >= GAINED * as_is.share)
 
 
 def _diagonal(*values: float) -> np.ndarray:
