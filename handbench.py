@@ -186,7 +186,7 @@ class Drawn:
         """Draw it as seen from the array: x grows to the left.
 
         Args:
-            file: where the figure is written too (.png, .pdf, .svg), if it is named.
+            file: where the figure is written too (.png, .pdf, .svg), if it is named; replaced if it exists.
 
         Returns:
             Matplotlib's figure.
@@ -233,7 +233,7 @@ class Depth(Drawn):
         """Write the depth map.
 
         Args:
-            file: its .npz, as docs/files.md describes it.
+            file: its .npz, as docs/files.md describes it; replaced if it exists.
         """
         self.map.save(file)
 
