@@ -1,9 +1,10 @@
-"""Threads over independent blocks; results never depend on how many there are."""
+"""Threads over independent blocks; results never depend on how many there are. Processes beside a caller's script."""
 
 import os
-from collections.abc import Callable, Iterable
+import sys
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from functools import cache
 from threading import Event, local
 from typing import TypeVar
@@ -56,6 +57,19 @@ def for_each(function: Callable[[Item], None], items: Iterable[Item]) -> None:
 def one_blas_thread() -> AbstractContextManager[None]:
     """A context in which BLAS keeps to one thread, for small products outside `for_each`."""
     return _blas().limit(limits=1, user_api="blas")
+
+
+@contextmanager
+def script_left_out() -> Iterator[None]:
+    """A context in which processes that start do not run the caller's script once more, which multiprocessing's
+    "spawn" does for what is pickled from it: a script without `if __name__ == "__main__"` would start again there."""
+    script = sys.modules["__main__"]
+    hidden = {name: vars(script)[name] for name in ("__file__", "__spec__") if name in vars(script)}
+    vars(script).update(dict.fromkeys(hidden))
+    try:
+        yield
+    finally:
+        vars(script).update(hidden)
 
 
 _inside = local()  # work within a worker stays there: waiting for the pool's other threads could wait for ever
