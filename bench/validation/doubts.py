@@ -67,14 +67,13 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
         return
     start_m = float(np.median(surface.vertices_m[:, 2]))
     near, _ = _imaged(recorded, capture, start_m) or imaged
-    found, told = surface_fit.fit(near, surface), list[str]()
-    if found.improvable:
-        further, _ = _imaged(recorded, capture, FURTHER_M) or imaged  # for where the surface lies may be the mistake
-        told = _explained(recorded, capture, surface, (depth, near, further), start_m)
-    if not told and found.explains(as_is):
+    found = surface_fit.fit(near, surface)
+    if found.covers and found.explains(as_is):
         begun = f"{depth.method} begins at {getattr(config, FIRST):g} m and misses a surface {start_m:.2g} m away"
-        told = [f"{begun}: set {FIRST} = {start_m:.2g}, as by --set"]
-    yield from told
+        yield f"{begun}: set {FIRST} = {start_m:.2g}, as by --set"
+        return
+    further, _ = _imaged(recorded, capture, FURTHER_M) or imaged  # for where the surface lies may be the mistake
+    yield from _explained(recorded, capture, surface, (depth, near, further), start_m)
 
 
 def _explained(

@@ -29,9 +29,14 @@ class Fit:
     median_mm: float
 
     @property
+    def covers(self) -> bool:
+        """True if most pixels lie on the surface: no other could have many times as many."""
+        return GAINED * self.share >= 1
+
+    @property
     def improvable(self) -> bool:
         """False if nothing undone could explain it much better."""
-        return GAINED * self.share < 1 or self.median_mm > ROUGH_MM
+        return not self.covers or self.median_mm > ROUGH_MM
 
     def explains(self, as_is: "Fit") -> bool:
         """True if this, with a mistake undone, is so much better that the mistake is likely."""
