@@ -1,4 +1,5 @@
-"""Executors carry out the jobs of a run: this process, one after the other, or the workers of a Dask cluster.
+"""Executors carry out the jobs of a run: this process, one after the other, processes of this machine, or the workers
+of a Dask cluster.
 
 The jobs of one call depend on nothing in that call: what needs another stage's outcome is in a later call. So the order
 in which they end does not matter, and a worker's loss costs the jobs that it had.
@@ -9,11 +10,12 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from bench.run.processes import WORTH_S, Processes
 from bench.run.tasks import Done, perform
 from radar.support.errors import HandbenchError
 from radar.support.store import Stage
@@ -122,10 +124,12 @@ def _unwell(future: Future, jobs: list[Stage]) -> list[Done] | None:
 
 
 @contextmanager
-def executor(scheduler: str | None = None) -> Iterator[Executor]:
-    """In place, or the cluster of the Dask scheduler at this address, tcp://host:port."""
+def executor(scheduler: str | None = None, core_s: float = 0.0) -> Iterator[Executor]:
+    """In place, or, where so much processor time is worth it, with processes beside this one; or the cluster of the
+    Dask scheduler at this address, tcp://host:port."""
     if scheduler is None:
-        yield InPlace()
+        with closing(Processes()) as processes:
+            yield processes if core_s > WORTH_S else InPlace()
         return
     try:
         from distributed import Client

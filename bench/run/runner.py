@@ -51,10 +51,11 @@ def run(
     command: what repeats the run, for the report.
     """
     config = tomlkit.dumps(bench.model_dump(mode="json", exclude_none=True))
+    ahead = planned_cost.Work(0.0)
     if scheduler is None:  # of other machines neither cores nor memory are known
         ahead = planned_cost.of_run(bench, base)
         require_time(ahead.core_s, f"{len(bench.capture)} captures × {len(bench.method)} methods", ahead.bytes_)
-    with executor(scheduler) as workers, claimed(folder) as work:
+    with executor(scheduler, ahead.core_s) as workers, claimed(folder) as work:
         _check_room(folder, config, overwrite)
         found = Run(bench, base.resolve(), work.resolve(), workers).execute()
         found.facts |= {} if command is None else {"command": command}

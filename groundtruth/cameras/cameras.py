@@ -105,10 +105,10 @@ class Camera(Config):
         """World points [n, 3] to pixels [n, 2], lens distortion included."""
         return np.asarray(self.colmap().img_from_cam(points_m @ self.rotation.T + self.translation_m))
 
-    def ray_directions(self) -> np.ndarray:
-        """World-frame unit directions [height, width, 3] through every pixel's centre (distortion undone)."""
-        u, v = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
-        return self.directions(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(self.height, self.width, 3)
+    def ray_directions(self, rows: slice = slice(None)) -> np.ndarray:
+        """World-frame unit directions [rows, width, 3] through every pixel's centre (distortion undone)."""
+        u, v = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height)[rows] + 0.5)
+        return self.directions(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(*u.shape, 3)
 
     def directions(self, pixels: np.ndarray) -> np.ndarray:
         """World-frame unit directions [n, 3] through pixels [n, 2] (distortion undone)."""

@@ -75,11 +75,15 @@ def _busy_s() -> float:
     return sum(getattr(times, name, 0.0) for name in ("user", "nice", "system", "irq", "softirq", "steal"))
 
 
-@cache
+CALIBRATED: dict[str, Any] = {}  # the machine's facts, once they are measured
+
+
 def calibrated_machine() -> dict[str, Any]:
     """Facts of the machine with its name and `gemm_gflops`, by which times of different machines can be put beside
-    each other; measured once in this process."""
-    return {"host": platform.node(), **machine(), "gemm_gflops": round(gemm_gflops(), 1)}
+    each other; measured once in this process, if not before it."""
+    if not CALIBRATED:
+        CALIBRATED.update({"host": platform.node(), **machine(), "gemm_gflops": round(gemm_gflops(), 1)})
+    return dict(CALIBRATED)
 
 
 def gemm_gflops() -> float:
