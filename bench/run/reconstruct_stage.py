@@ -32,15 +32,20 @@ def reconstruct(
 ) -> None:
     """Image frame 0 → DEPTH, and for equal treatment again → ALIKE; the depths of all frames → FRAMES; what each took →
     TIMING. All on the client's device."""
+    from radar.methods.projection import peaks_kept
     from radar.methods.trust import with_trust
 
+    kept: dict[Any, Any] = {}
     with use_device(device), others() as busy:
         imager = Imager(Path(capture), method, config, frames, every_nth_antenna)
-        found = imager.images()
+        with peaks_kept(kept):
+            found = imager.images()
         seconds = imager.until_settled(found.seconds)
         depths = [result.depth for result in found.results]
         if seconds[0] < PLANNED_S:
-            write_treated(folder, lambda of: imager.method.run(imager.echoes, of, 0).depth, imager.settings, depths[0])
+            image: Callable[[Config], DepthMap] = lambda of: imager.method.run(imager.echoes, of, 0).depth  # noqa: E731
+            with peaks_kept(kept, reuse=True):
+                write_treated(folder, image, imager.settings, depths[0])
     with_trust(depths[0], imager.echoes, imager.settings).save(folder / DEPTH)  # whose time is none of the method's
     if frames > 1:
         write_npz(folder / FRAMES, z_m=np.stack([depth.z_m for depth in depths]).astype(np.float32))

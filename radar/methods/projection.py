@@ -6,8 +6,11 @@ An engine that never holds a whole volume hands over its `Peaks`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -37,8 +40,17 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
     at whose depth the tones do not agree."""
     samples, frequencies_hz = capture.tones(config.tones_hz(), frame)
     samples, grid = near_one(samples), config.grid()
-    peaks = Peaks(*project_volume(samples, frequencies_hz, capture.aperture, grid, config.tolerance))
-    depth = maximum_projection(peaks, config, method)
+    kept, reuse = _KEPT.get(({}, False))
+    key = (
+        id(capture),
+        frame,
+        frequencies_hz.tobytes(),
+        config.tolerance,
+        *(axis.tobytes() for axis in (grid.x_m, grid.y_m, grid.z_m)),
+    )
+    if not reuse or key not in kept:
+        kept[key] = Peaks(*project_volume(samples, frequencies_hz, capture.aperture, grid, config.tolerance))
+    depth = maximum_projection(peaks := kept[key], config, method)
     capons = isinstance(config, AlignedConfig) and config.estimator == "capon"
     some = evenly(len(frequencies_hz), CHECKED * (1 + capons))
     range_cells = 2 * np.ptp(frequencies_hz) * np.ptp(grid.z_m) / SPEED_OF_LIGHT_M_S
@@ -89,6 +101,20 @@ def _aligned(
     z_m, own_m = (pixels.on_map(index, told) for told in (points_m[:, 2] + shift_m, found.sigma_m))
     coherence = pixels.on_map(index, found.coherence, 1.0)
     return agreed(replace(depth, z_m=z_m, sigma_m=own_m), coherence, bandwidth_hz, config)
+
+
+_KEPT: ContextVar[tuple[dict[Any, Peaks], bool]] = ContextVar("kept peaks")
+
+
+@contextmanager
+def peaks_kept(kept: dict[Any, Peaks], reuse: bool = False) -> Iterator[None]:
+    """While it lasts, `project` keeps the peaks of its captures' volumes; reuse: and takes them from there, for maps
+    that differ in filters and thresholds alone have one volume."""
+    token = _KEPT.set((kept, reuse))
+    try:
+        yield
+    finally:
+        _KEPT.reset(token)
 
 
 @dataclass(frozen=True)

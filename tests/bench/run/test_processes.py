@@ -1,4 +1,4 @@
-"""Stages in processes beside each other: every job comes back, times are taken alone, results are those of one process."""
+"""Stages beside each other: every job comes back, times are taken alone, results are those of one process."""
 
 import os
 import signal
@@ -13,7 +13,6 @@ from bench.run.benchmark_file import load_benchmark
 from bench.run.processes import Processes
 from bench.run.runner import run
 from bench.run.tasks import Done
-from radar.support.errors import HandbenchError
 from radar.support.parallel import workers
 from radar.support.store import Stage
 
