@@ -68,7 +68,7 @@ class Studio:
         """The light [height, width, 3] that falls onto a camera's pixels, before the sensor's own blur and noise."""
         directions = np.empty((camera.height, camera.width, 3))
         radiance = np.empty(directions.shape, dtype=np.float32)
-        distance_m, label = np.empty(directions.shape[:2], dtype=np.float32), np.empty(directions.shape[:2], np.int64)
+        distance_m, label = (np.empty(directions.shape[:2], dtype=kind) for kind in (np.float32, np.int32))
         for top in range(0, camera.height, ROWS):
             part = slice(top, top + ROWS)
             directions[part] = camera.ray_directions(part)
@@ -94,20 +94,21 @@ class Studio:
     def shoot(self, origin_m: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Radiance [..., 3], distance [...] and the body's number [...] (-1: none) seen from the point `origin_m` [3]
         along `directions` [..., 3]."""
-        origins_m = np.broadcast_to(origin_m, directions.shape)
-        query = np.concatenate([origins_m, directions], axis=-1, dtype=np.float32)
+        rays = directions.reshape(-1, 3)
+        query = np.empty((len(rays), 6), dtype=np.float32)
+        query[:, :3], query[:, 3:] = origin_m, rays
         hits = {key: found.numpy() for key, found in self.rays.cast_rays(load_open3d().core.Tensor(query)).items()}
-        distance_m, label = hits["t_hit"], hits["geometry_ids"].astype(np.int64)
-        label[~np.isfinite(distance_m)] = -1
-        radiance = np.full(directions.shape, ROOM, dtype=np.float32)
+        distance_m, label = hits["t_hit"], hits["geometry_ids"].view(np.int32)  # the number of none is the largest: -1
+        radiance = np.full(rays.shape, ROOM, dtype=np.float32)
         for number, (body, light) in enumerate(zip(self.bodies, self.light, strict=True)):
-            seen = label == number
-            points_m = origin_m + distance_m[seen, None].astype(np.float64) * directions[seen]
-            uv = hits["primitive_uvs"][seen]
-            weights = np.concatenate([1 - uv.sum(axis=1, keepdims=True), uv], axis=1)
+            seen = np.flatnonzero(label == number)
+            ray, uv, weights = rays[seen], hits["primitive_uvs"][seen], np.empty((len(seen), 3), dtype=np.float32)
+            weights[:, 0], weights[:, 1:] = 1 - (uv[:, 0] + uv[:, 1]), uv
             corners = body.faces[hits["primitive_ids"][seen]]
-            radiance[seen] = self._shade(body, light, points_m, -directions[seen], corners, weights)
-        return radiance, distance_m, label
+            points_m = origin_m + distance_m[seen, None].astype(np.float64) * ray
+            radiance[seen] = self._shade(body, light, points_m, -ray, corners, weights)
+        shape = directions.shape[:-1]
+        return radiance.reshape(directions.shape), distance_m.reshape(shape), label.reshape(shape)
 
     def _shade(
         self, body: Body, light: Light, points_m: np.ndarray, eyes: np.ndarray, corners: np.ndarray, weights: np.ndarray
@@ -195,9 +196,13 @@ def generator(seed: int, effect: int, number: int) -> np.random.Generator:
 def develop(radiance: np.ndarray, photos: Photos, seed: int, number: int) -> np.ndarray:
     """Radiance [height, width, 3], 1 at white, to 8-bit sRGB [height, width, 3]. The sensor clips at its full well;
     the gains of the white balance come after that."""
-    exposed = exposure(photos.exposure_spread, generator(seed, EXPOSURE, number)) * radiance
-    raw = np.minimum(_noisy(exposed, photos, generator(seed, NOISE, number)), 1)
-    return _srgb(raw * white_balance(photos.white_balance_spread, generator(seed, WHITE_BALANCE, number)))
+    factor = exposure(photos.exposure_spread, generator(seed, EXPOSURE, number))
+    gains = white_balance(photos.white_balance_spread, generator(seed, WHITE_BALANCE, number))
+    result, noise = np.empty(radiance.shape, dtype=np.uint8), generator(seed, NOISE, number)
+    for top in range(0, len(radiance), ROWS):
+        part = slice(top, top + ROWS)
+        result[part] = _srgb(np.minimum(_noisy(factor * radiance[part], photos, noise), 1) * gains)
+    return result
 
 
 def exposure(spread: float, random: np.random.Generator) -> float:
