@@ -154,8 +154,8 @@ def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Tripl
         if bend is not None:
             rise = xx * dx * dx + yy * dy * dy + xy * dx * dy
             su, sv = su + rise * rise_u, sv + rise * rise_v
-        i, j = np.int32(sv), np.int32(su)
-        fv, fu = sv - np.float32(i), su - np.float32(j)
+        i, j = np.uint32(np.int32(sv)), np.uint32(np.int32(su))  # which no index from the end needs to be told from
+        fv, fu = sv - np.float32(np.int32(sv)), su - np.float32(np.int32(su))
         top = sources[s, i, j] + fu * (sources[s, i, j + 1] - sources[s, i, j])
         bottom = sources[s, i + 1, j] + fu * (sources[s, i + 1, j + 1] - sources[s, i + 1, j])
         value = top + fv * (bottom - top) - origin
