@@ -173,9 +173,14 @@ def look_at(photo: Photo) -> Look:
     scale = LOOK_PX / max(gray.shape)
     if scale < 1:
         gray = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    slopes = np.gradient(gray)  # by row and by column
+    (yy, yx), (xy, xx) = (np.gradient(slope) for slope in slopes)
     angles_rad = np.linspace(0, np.pi, DIRECTIONS, endpoint=False)
-    slopes = ((_slope(gray, angle_rad), angle_rad) for angle_rad in angles_rad)
-    sharpness = min(float(_slope(slope, angle_rad).var() / max(slope.var(), 1e-12)) for slope, angle_rad in slopes)
+    sharpness = np.inf
+    for cosine, sine in zip(np.cos(angles_rad), np.sin(angles_rad), strict=True):
+        slope = cosine * slopes[1] + sine * slopes[0]
+        bend = cosine**2 * xx + cosine * sine * (xy + yx) + sine**2 * yy
+        sharpness = min(sharpness, float(bend.var() / max(slope.var(), 1e-12)))
     return Look(pixels, sharpness, _features((gray * 255).round().astype(np.uint8)))
 
 
@@ -187,9 +192,3 @@ def _features(gray: np.ndarray) -> int:
     sift = cv2.SIFT_create()
     middle = len(sift.detect(gray[h // 4 : h - h // 4, w // 4 : w - w // 4], None))
     return middle if middle >= FEWEST_FEATURES else len(sift.detect(gray, None))
-
-
-def _slope(picture: np.ndarray, angle_rad: float) -> np.ndarray:
-    """Derivative [h, w] of a picture along a direction."""
-    slope_y, slope_x = np.gradient(picture)
-    return np.cos(angle_rad) * slope_x + np.sin(angle_rad) * slope_y

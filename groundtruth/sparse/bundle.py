@@ -9,7 +9,7 @@ bend the cameras. The normal matrix of the cameras, without the points, is the i
 """
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -100,6 +100,7 @@ class Bundle:
         fewest = min(FEWEST_SIGHTINGS, len(self.images) - 1)
         points = [point for _, point in sorted(self.model.points3D.items())]
         self.points = [p for p in points if len({element.image_id for element in p.track.elements}) >= fewest]
+        self.points_m = np.reshape([point.xyz for point in self.points], (-1, 3))  # asking for each takes longer
         self.features, self.known = self._features(), self._known()
         self._count_unknowns()
 
@@ -153,7 +154,7 @@ class Bundle:
 
     def _xyz(self) -> np.ndarray:
         """Positions [p, 3] of the model's points, and after them of the board's corners."""
-        return np.concatenate([np.reshape([point.xyz for point in self.points], (-1, 3)), *self.corners_m.values()])
+        return np.concatenate([self.points_m, *self.corners_m.values()])
 
     def normal(self, jacobians: bool = True) -> Normal:
         """The normal equations where the model stands; without jacobians, the cost alone."""
@@ -176,10 +177,11 @@ class Bundle:
         equations.right[columns] += np.einsum("nia,ni->a", by_camera, weight * off)
         at = seen.numbers
         if at[0] < len(self.points):  # the board's corners stay where they are
-            np.add.at(equations.coupling, (at[:, None], columns), np.einsum("nia,nij->naj", weighted, by_point))
             by_weight = by_point * (weight / sigma_px)[..., None]
-            np.add.at(equations.points, at, np.einsum("nia,nib->nab", by_weight, by_point))
-            np.add.at(equations.points_right, at, np.einsum("nia,ni->na", by_point, weight * off))
+            add = _add_once if (np.diff(at) > 0).all() else np.add.at  # which of a point seen twice adds both
+            add(equations.coupling, (at[:, None], columns), np.einsum("nia,nij->naj", weighted, by_point))
+            add(equations.points, at, np.einsum("nia,nib->nab", by_weight, by_point))
+            add(equations.points_right, at, np.einsum("nia,ni->na", by_point, weight * off))
 
     def _add_priors(self, equations: Normal) -> float:
         """Add what is known of any lens; returns its cost."""
@@ -215,17 +217,21 @@ class Bundle:
         """Poses, intrinsics and points, to come back to."""
         poses = [image.cam_from_world() for image in self.images]
         intrinsics = {c: np.array(self.model.cameras[c].params) for c in self.intrinsics}
-        return poses, intrinsics, self._xyz()[: len(self.points)]
+        return poses, intrinsics, self.points_m
 
     def restore(self, state: "tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]") -> None:
         """Go to a state."""
-        poses, intrinsics, points = state
+        poses, intrinsics, self.points_m = state
         for image, pose in zip(self.images, poses, strict=True):
             set_pose(image, pose)
         for camera_id, params in intrinsics.items():
             self.model.cameras[camera_id].params = params.tolist()
-        for point, xyz in zip(self.points, points, strict=True):
+        for point, xyz in zip(self.points, self.points_m, strict=True):
             point.xyz = xyz
+
+
+def _add_once(total: np.ndarray, at: Any, parts: np.ndarray) -> None:
+    total[at] += parts
 
 
 def _moved(pose: "pycolmap.Rigid3d", step: np.ndarray) -> "pycolmap.Rigid3d":

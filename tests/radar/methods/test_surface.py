@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
 from radar.data.grid import Axis
+from radar.imaging.api import project_volume
 from radar.imaging.cpu.executor import strongest_voxels
-from radar.methods.projection import Peaks, maximum_projection, peak_offset, project, volume
-from radar.methods.projection_config import BroadbandConfig, NarrowbandConfig
+from radar.methods.projection import Peaks, maximum_projection, peak_offset, peaks_kept, project, volume
+from radar.methods.projection_config import AlignedConfig, BroadbandConfig, NarrowbandConfig
 from tests.radar.simulated_points import around, bumpy, point_capture, points_capture, strongest_z_m, surface_points
 from tests.strategies import examples
 
@@ -36,6 +37,36 @@ def test_a_point_is_flagged_where_it_lies_outside_the_volume(z_m):
     depth = project(point, config, "broadband")
     assert depth.wrapped[3, 3] == (not 0.245 < z_m < 0.325)
     assert np.array_equal(depth.z_m, maximum_projection(volume(point, config), config, "broadband").z_m, equal_nan=True)
+
+
+def test_kept_peaks_are_those_of_the_same_echoes_and_voxels(monkeypatch):
+    """The reference is the same code with nothing kept; a volume imaged again is counted."""
+    imaged = []
+
+    def counted(*given):
+        imaged.append(given)
+        return project_volume(*given)
+
+    monkeypatch.setattr("radar.methods.projection.project_volume", counted)
+    config = AlignedConfig(**around((0, 0), half_m=0.003), fine_filter_px=1)
+    others = [
+        (config.model_copy(update={"fine_filter_px": 5, "threshold_db": -20.0}), 0, 0),
+        (config.model_copy(update={"z": Axis(start_m=0.25, stop_m=0.3, step_m=0.001)}), 0, 1),
+        (config, 1, 1),
+    ]
+    first = point_capture((0.0, 0.0, 0.28), config.tones_hz())
+    capture = RadarCapture(np.concatenate([first.samples, 2j * first.samples]), first.frequencies_hz, first.aperture)
+    kept = {}
+    with peaks_kept(kept):
+        for _ in range(2):  # a time is that of imaging, so nothing is taken from there
+            project(capture, config, "x")
+    assert len(imaged) == 2
+    for other, frame, volumes in others:
+        imaged.clear()
+        with peaks_kept(kept, reuse=True):
+            depth = project(capture, other, "x", frame)
+        assert len(imaged) == volumes
+        assert np.array_equal(depth.z_m, project(capture, other, "x", frame).z_m, equal_nan=True)
 
 
 def test_noise_is_flagged_by_broadband_and_cannot_be_by_three_tones():
