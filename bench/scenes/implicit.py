@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -20,7 +19,7 @@ DIFFERENCE_M = 2e-6
 
 def round_cone(start_m: ArrayLike, end_m: ArrayLike, start_radius_m: float, end_radius_m: float) -> Field:
     """The convex hull of two spheres; exact distance."""
-    start, axis = np.asarray(start_m, float), np.asarray(end_m, float) - np.asarray(start_m)
+    start, axis = np.asarray(start_m), np.asarray(end_m) - np.asarray(start_m)
     length = np.linalg.norm(axis)
     unit = axis / length
     sine = (start_radius_m - end_radius_m) / length
@@ -29,38 +28,20 @@ def round_cone(start_m: ArrayLike, end_m: ArrayLike, start_radius_m: float, end_
     slope = sine / np.sqrt(1 - sine**2)
 
     def distance(points: np.ndarray) -> np.ndarray:
-        result = np.empty(len(points))
-        _to_cone(points, start, unit, length, slope, start_radius_m, sine, result)
-        return result
+        relative = points - start
+        along = relative @ unit
+        across = np.sqrt(np.maximum(np.einsum("ij,ij->i", relative, relative) - along**2, 0))
+        # The nearest sphere of the hull is the one whose centre the cone's normal through the point meets.
+        centre = np.clip(along - across * slope, 0, length)
+        return np.hypot(along - centre, across) - (start_radius_m - sine * centre)
 
     return distance
 
 
-@numba.njit(nogil=True, cache=True)
-def _to_cone(
-    points: np.ndarray,
-    start: np.ndarray,
-    unit: np.ndarray,
-    length: float,
-    slope: float,
-    radius: float,
-    sine: float,
-    result: np.ndarray,
-) -> None:
-    for i in range(len(points)):
-        x, y, z = points[i, 0] - start[0], points[i, 1] - start[1], points[i, 2] - start[2]
-        along = x * unit[0] + y * unit[1] + z * unit[2]
-        across = np.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
-        # The nearest sphere of the hull is the one whose centre the cone's normal through the point meets.
-        centre = min(max(along - across * slope, 0.0), length)
-        result[i] = np.sqrt((along - centre) ** 2 + across * across) - (radius - sine * centre)
-
-
-@numba.vectorize(["float64(float64, float64, float64)"], cache=True)
-def smooth_minimum(a: float, b: float, blend_m: float) -> float:
+def smooth_minimum(a: np.ndarray, b: np.ndarray, blend_m: float | np.ndarray) -> np.ndarray:
     """Cubic smooth minimum: equals min(a, b) where |a - b| > blend_m and has two continuous derivatives."""
-    h = max(blend_m - abs(a - b), 0.0) / blend_m
-    return min(a, b) - h * h * h * blend_m / 6
+    h = np.maximum(blend_m - np.abs(a - b), 0) / blend_m
+    return np.minimum(a, b) - h**3 * blend_m / 6
 
 
 def smooth_union(fields: list[Field], blend_m: float) -> Field:
