@@ -14,7 +14,7 @@ import psutil
 
 from bench.run.tasks import HASH, Done, perform
 from radar.support import cost
-from radar.support.parallel import workers
+from radar.support.parallel import script_left_out, workers
 from radar.support.store import Stage
 
 WORTH_S = 60.0  # processor time of a run, several times what the processes take to import the libraries
@@ -92,7 +92,8 @@ class Processes:
                 share = cores[n * len(cores) // count : (n + 1) * len(cores) // count]
                 os.sched_setaffinity(0, share)  # the process inherits it, and each library that counts cores heeds it
                 process = context.Process(target=_serve, args=(there, self.perform, len(share), machine), daemon=True)
-                process.start()
+                with script_left_out():
+                    process.start()
                 there.close()  # so that a process that ends is noticed
                 self.pipes[here] = process
         finally:
