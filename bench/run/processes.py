@@ -1,12 +1,14 @@
 """Stages beside each other in processes of this machine: each has its share of the cores to itself, so that what one
 stage does on a single core leaves the others' cores busy. Imaging is done alone, for its seconds are results."""
 
-import multiprocessing
 import os
 import signal
 import traceback
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
@@ -35,15 +37,14 @@ class Processes:
 
     def __init__(self, perform: Perform = perform) -> None:
         self.perform = perform
-        self.pipes: dict[Connection, multiprocessing.process.BaseProcess] = {}
+        self.pipes: dict[Connection, BaseProcess] = {}
 
     def run(self, root: Path, jobs: Sequence[Stage]) -> Iterator[tuple[int, Done]]:
         """See `bench.run.executors.Executor`."""
         beside = [number for number, job in enumerate(jobs) if _long(root, job)]
-        if len(beside) > 1 and (self.pipes or room() > 1):
-            yield from self._beside(root, jobs, beside)
-        else:
+        if len(beside) < 2 or not (self.pipes or room() > 1):
             beside = []
+        yield from self._beside(root, jobs, beside)
         for number in sorted({*range(len(jobs))} - {*beside}):
             yield number, self.perform(root, jobs[number])
 
@@ -54,10 +55,10 @@ class Processes:
         self.pipes.clear()
 
     def _beside(self, root: Path, jobs: Sequence[Stage], numbers: list[int]) -> Iterator[tuple[int, Done]]:
-        if not self.pipes:
-            self._start()
         waiting, at_work = numbers[::-1], dict[Connection, int]()
         while waiting or at_work:
+            if not self.pipes:
+                self._start()
             for pipe in [pipe for pipe in self.pipes if pipe not in at_work][: len(waiting)]:
                 at_work[pipe] = waiting.pop()
                 pipe.send((root, jobs[at_work[pipe]]))
@@ -65,26 +66,19 @@ class Processes:
                 assert isinstance(pipe, Connection)
                 number = at_work.pop(pipe)
                 yield number, self._answer(pipe, jobs[number])
-            if waiting and not self.pipes:
-                self._start()
 
     def _answer(self, pipe: Connection, job: Stage) -> Done:
         try:
-            answer = pipe.recv()
+            answer: Done | BaseException = pipe.recv()
         except (EOFError, ConnectionError):  # the system ends processes when memory runs out
             self.pipes.pop(pipe).kill()
             return Done(failure=f"{job.label}: its process was ended; free memory, or set HANDBENCH_WORKERS=1")
         if isinstance(answer, BaseException):
             raise answer
-        assert isinstance(answer, Done)
         return answer
 
     def _start(self) -> None:
-        machine, allowed, context = (
-            cost.calibrated_machine(),
-            os.sched_getaffinity(0),
-            multiprocessing.get_context("spawn"),
-        )
+        context, machine, allowed = get_context("spawn"), cost.calibrated_machine(), os.sched_getaffinity(0)
         cores, count = sorted(allowed)[: workers()], max(room(), 1)
         try:
             for n in range(count):
@@ -110,14 +104,11 @@ def _serve(pipe: Connection, perform: Perform, threads: int, machine: dict[str, 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which ends this process
     os.environ["HANDBENCH_WORKERS"] = str(threads)
     cost.CALIBRATED |= machine
-    while True:
-        try:
-            job = pipe.recv()
-        except EOFError:
-            return
-        try:
-            answer: Done | BaseException = perform(*job)
-        except BaseException as error:
-            error.add_note(traceback.format_exc())
-            answer = error
-        pipe.send(answer)
+    with suppress(EOFError):
+        while job := pipe.recv():
+            try:
+                answer: Done | BaseException = perform(*job)
+            except BaseException as error:
+                error.add_note(traceback.format_exc())
+                answer = error
+            pipe.send(answer)

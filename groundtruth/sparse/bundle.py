@@ -9,7 +9,7 @@ bend the cameras. The normal matrix of the cameras, without the points, is the i
 """
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -177,11 +177,10 @@ class Bundle:
         equations.right[columns] += np.einsum("nia,ni->a", by_camera, weight * off)
         at = seen.numbers
         if at[0] < len(self.points):  # the board's corners stay where they are
+            np.add.at(equations.coupling, (at[:, None], columns), np.einsum("nia,nij->naj", weighted, by_point))
             by_weight = by_point * (weight / sigma_px)[..., None]
-            add = _add_once if (np.diff(at) > 0).all() else np.add.at  # which of a point seen twice adds both
-            add(equations.coupling, (at[:, None], columns), np.einsum("nia,nij->naj", weighted, by_point))
-            add(equations.points, at, np.einsum("nia,nib->nab", by_weight, by_point))
-            add(equations.points_right, at, np.einsum("nia,ni->na", by_point, weight * off))
+            np.add.at(equations.points, at, np.einsum("nia,nib->nab", by_weight, by_point))
+            np.add.at(equations.points_right, at, np.einsum("nia,ni->na", by_point, weight * off))
 
     def _add_priors(self, equations: Normal) -> float:
         """Add what is known of any lens; returns its cost."""
@@ -228,10 +227,6 @@ class Bundle:
             self.model.cameras[camera_id].params = params.tolist()
         for point, xyz in zip(self.points, self.points_m, strict=True):
             point.xyz = xyz
-
-
-def _add_once(total: np.ndarray, at: Any, parts: np.ndarray) -> None:
-    total[at] += parts
 
 
 def _moved(pose: "pycolmap.Rigid3d", step: np.ndarray) -> "pycolmap.Rigid3d":

@@ -41,13 +41,7 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
     samples, frequencies_hz = capture.tones(config.tones_hz(), frame)
     samples, grid = near_one(samples), config.grid()
     kept, reuse = _KEPT.get(({}, False))
-    key = (
-        id(capture),
-        frame,
-        frequencies_hz.tobytes(),
-        config.tolerance,
-        *(axis.tobytes() for axis in (grid.x_m, grid.y_m, grid.z_m)),
-    )
+    key = id(capture), frame, frequencies_hz.tobytes(), config.tolerance, str((config.x, config.y, config.z))
     if not reuse or key not in kept:
         kept[key] = Peaks(*project_volume(samples, frequencies_hz, capture.aperture, grid, config.tolerance))
     depth = maximum_projection(peaks := kept[key], config, method)
