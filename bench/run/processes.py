@@ -62,10 +62,10 @@ class Processes:
             for pipe in [pipe for pipe in self.pipes if pipe not in at_work][: len(waiting)]:
                 at_work[pipe] = waiting.pop()
                 pipe.send((root, jobs[at_work[pipe]]))
-            for pipe in wait(list(at_work)):
-                assert isinstance(pipe, Connection)
-                number = at_work.pop(pipe)
-                yield number, self._answer(pipe, jobs[number])
+            for ready in wait(list(at_work)):
+                assert isinstance(ready, Connection)
+                number = at_work.pop(ready)
+                yield number, self._answer(ready, jobs[number])
 
     def _answer(self, pipe: Connection, job: Stage) -> Done:
         try:
