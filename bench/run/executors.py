@@ -1,5 +1,4 @@
-"""Executors carry out the jobs of a run: this process, one after the other, processes of this machine, or the workers
-of a Dask cluster.
+"""Executors carry out the jobs of a run: this process, others beside it, or a Dask cluster's workers.
 
 The jobs of one call depend on nothing in that call: what needs another stage's outcome is in a later call. So the order
 in which they end does not matter, and a worker's loss costs the jobs that it had.
@@ -125,8 +124,8 @@ def _unwell(future: Future, jobs: list[Stage]) -> list[Done] | None:
 
 @contextmanager
 def executor(scheduler: str | None = None, core_s: float = 0.0) -> Iterator[Executor]:
-    """In place, or, where so much processor time is worth it, with processes beside this one; or the cluster of the
-    Dask scheduler at this address, tcp://host:port."""
+    """In place, with processes beside this one where so much processor time, core_s, is worth them; or the cluster of
+    the Dask scheduler at this address, tcp://host:port."""
     if scheduler is None:
         with closing(Processes()) as processes:
             yield processes if core_s > WORTH_S else InPlace()

@@ -23,8 +23,6 @@ WORTH_S = 60.0  # processor time of a run, several times what the processes take
 MOST = 4  # rounds have about as many long stages
 STAGE_BYTES = 3.3e9  # of a stage with eight photographs of 4 megapixels at its peak, measured
 
-Perform = Callable[[Path, Stage], Done]
-
 
 def room() -> int:
     """Processes that the cores and the memory that is free have room for."""
@@ -35,7 +33,7 @@ class Processes:
     """An executor: stages without a method run beside each other, then the others here, one after the other. The
     processes start when there is work for two of them and live until `close`."""
 
-    def __init__(self, perform: Perform = perform) -> None:
+    def __init__(self, perform: Callable[[Path, Stage], Done] = perform) -> None:
         self.perform = perform
         self.pipes: dict[Connection, BaseProcess] = {}
 
@@ -61,11 +59,11 @@ class Processes:
                 self._start()
             for pipe in [pipe for pipe in self.pipes if pipe not in at_work][: len(waiting)]:
                 at_work[pipe] = waiting.pop()
-                pipe.send((root, jobs[at_work[pipe]]))
+                with suppress(ConnectionError):  # of a process that has ended, which its answer tells
+                    pipe.send((root, jobs[at_work[pipe]]))
             for ready in wait(list(at_work)):
                 assert isinstance(ready, Connection)
-                number = at_work.pop(ready)
-                yield number, self._answer(ready, jobs[number])
+                yield (number := at_work.pop(ready)), self._answer(ready, jobs[number])
 
     def _answer(self, pipe: Connection, job: Stage) -> Done:
         try:
@@ -79,7 +77,8 @@ class Processes:
 
     def _start(self) -> None:
         context, machine, allowed = get_context("spawn"), cost.calibrated_machine(), os.sched_getaffinity(0)
-        cores, count = sorted(allowed)[: workers()], max(room(), 1)
+        cores = sorted(allowed)[: workers()]
+        count = max(min(room(), len(cores)), 1)
         try:
             for n in range(count):
                 here, there = context.Pipe()
@@ -99,7 +98,7 @@ def _long(root: Path, job: Stage) -> bool:
     return not job.method and job.name != HASH and not job.folder(root).exists()
 
 
-def _serve(pipe: Connection, perform: Perform, threads: int, machine: dict[str, Any]) -> None:
+def _serve(pipe: Connection, perform: Callable[[Path, Stage], Done], threads: int, machine: dict[str, Any]) -> None:
     """A process's work: jobs come and outcomes go until the pipe is closed. machine: measured while it was quiet."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which ends this process
     os.environ["HANDBENCH_WORKERS"] = str(threads)
