@@ -185,31 +185,32 @@ def evaluate(samples, points_m, turns_per_m, place, passes, reference_m, images)
 
 @numba.njit(**FAST)
 def bilinear(a, samples, b):  # type: ignore[no-untyped-def]
-    """Σ a · samples · b over both antennas at every point, as planes [2, p], of a [2a, p], samples [2, a, b], b [2b, p].
+    """Σ a · samples · b over both legs at every point, as planes [2, p], of a [2a, p], samples [2, a, b] and b [2b, p].
 
-    Two antennas of either leg at once: sixteen products to eight numbers loaded, which no matrix product of so few rows
-    reaches (1.5 times faster, with the second sum while the first is in the cache). Of an odd count, the last one's
-    partner is itself, with nothing to say.
+    Two antennas of either leg at once, i and j, k and l: sixteen products to eight numbers loaded, which no matrix
+    product of so few rows is as fast as, and the second sum while the first is in the cache. Of an odd count the last
+    one is its own partner, with weight 0.
     """
     n_a, n_b, n = samples.shape[1], samples.shape[2], a.shape[1]
+    re, im = samples
     out, u = np.zeros((2, n), np.float32), np.empty((4, n), np.float32)
     for i in range(0, n_a, 2):
-        j, pair = min(i + 1, n_a - 1), np.float32(i + 1 < n_a)
+        j, second_a = min(i + 1, n_a - 1), np.float32(i + 1 < n_a)
         u[:] = 0
         for k in range(0, n_b, 2):
-            m, of_two = min(k + 1, n_b - 1), np.float32(k + 1 < n_b)
-            ik, im, jk, jm = samples[0, i, k], of_two * samples[0, i, m], samples[0, j, k], of_two * samples[0, j, m]
-            iky, imy, jky, jmy = samples[1, i, k], of_two * samples[1, i, m], samples[1, j, k], of_two * samples[1, j, m]
+            l, second_b = min(k + 1, n_b - 1), np.float32(k + 1 < n_b)  # noqa: E741
+            ik_re, ik_im, il_re, il_im = re[i, k], im[i, k], second_b * re[i, l], second_b * im[i, l]
+            jk_re, jk_im, jl_re, jl_im = re[j, k], im[j, k], second_b * re[j, l], second_b * im[j, l]
             for p in range(n):
-                re, second_re, im_, second_im = b[k, p], b[m, p], b[n_b + k, p], b[n_b + m, p]
-                u[0, p] += ik * re + im * second_re - iky * im_ - imy * second_im
-                u[1, p] += iky * re + imy * second_re + ik * im_ + im * second_im
-                u[2, p] += jk * re + jm * second_re - jky * im_ - jmy * second_im
-                u[3, p] += jky * re + jmy * second_re + jk * im_ + jm * second_im
+                k_re, k_im, l_re, l_im = b[k, p], b[n_b + k, p], b[l, p], b[n_b + l, p]
+                u[0, p] += ik_re * k_re - ik_im * k_im + il_re * l_re - il_im * l_im
+                u[1, p] += ik_re * k_im + ik_im * k_re + il_re * l_im + il_im * l_re
+                u[2, p] += jk_re * k_re - jk_im * k_im + jl_re * l_re - jl_im * l_im
+                u[3, p] += jk_re * k_im + jk_im * k_re + jl_re * l_im + jl_im * l_re
         for p in range(n):
-            re, im_, second_re, second_im = a[i, p], a[n_a + i, p], pair * a[j, p], pair * a[n_a + j, p]
-            out[0, p] += re * u[0, p] - im_ * u[1, p] + second_re * u[2, p] - second_im * u[3, p]
-            out[1, p] += re * u[1, p] + im_ * u[0, p] + second_re * u[3, p] + second_im * u[2, p]
+            i_re, i_im, j_re, j_im = a[i, p], a[n_a + i, p], second_a * a[j, p], second_a * a[n_a + j, p]
+            out[0, p] += i_re * u[0, p] - i_im * u[1, p] + j_re * u[2, p] - j_im * u[3, p]
+            out[1, p] += i_re * u[1, p] + i_im * u[0, p] + j_re * u[3, p] + j_im * u[2, p]
     return out
 
 

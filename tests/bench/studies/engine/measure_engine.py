@@ -117,7 +117,9 @@ def _roofline(axes: Axes, rows: pd.DataFrame) -> None:
     axes.plot(intensity, np.minimum(gemm, copy * intensity), color=GREY, linewidth=1.0)
     axes.plot(intensity, 0.6 * np.minimum(gemm, copy * intensity), color=GREY, linestyle=":", linewidth=0.8)
     for row, colour in zip(each(rows), (BLUE, GREEN, VERMILION), strict=False):
-        axes.plot(row.intensity, row.rate, "o", color=colour, label=f"{row.part.split(',')[0]}: {100 * row.share:.0f} %")
+        axes.plot(
+            row.intensity, row.rate, "o", color=colour, label=f"{row.part.split(',')[0]}: {100 * row.share:.0f} %"
+        )
     axes.legend(loc="lower right", frameon=False, fontsize=8)
     axes.set(xscale="log", yscale="log", xlabel="operations a byte", ylabel="GFLOP/s of one core (dotted: 60 %)")
 

@@ -53,7 +53,7 @@ def roofline_rows(inputs: Inputs) -> list[Record]:
         copy = 8e-9 * COPIED / _seconds(source.copy)
         work = {"limbs": (into_limbs, *_of_limbs(tree.root, [node for node, _, _ in limbs]))}
         work["leaves"] = leaves, *_of_leaves(limbs)
-        work["resampling, magnitude and maximum"] = partial(imager.upsampler.project, nodes, images), *_of_resampling(plan)
+        work["resampling"] = (partial(imager.upsampler.project, nodes, images), *_of_resampling(plan))
         return [_row(name, _seconds(call), flops, size, roof, copy) for name, (call, flops, size) in work.items()]
 
 
