@@ -49,12 +49,17 @@ def roofline_rows(inputs: Inputs) -> list[Record]:
             for node, _, _ in limbs:
                 _down(root, tree.root, node)
 
-        roof = 2e-9 * inputs.scope.gemm_size**3 / _seconds(partial(gemm, inputs.scope.gemm_size))
-        copy = 8e-9 * COPIED / _seconds(source.copy)
-        work = {"limbs": (into_limbs, *_of_limbs(tree.root, [node for node, _, _ in limbs]))}
-        work["leaves"] = leaves, *_of_leaves(limbs)
-        work["resampling"] = (partial(imager.upsampler.project, nodes, images), *_of_resampling(plan))
-        return [_row(name, _seconds(call), flops, size, roof, copy) for name, (call, flops, size) in work.items()]
+        work = {
+            "limbs": (into_limbs, *_of_limbs(tree.root, [node for node, _, _ in limbs])),
+            "leaves": (leaves, *_of_leaves(limbs)),
+            "resampling": (partial(imager.upsampler.project, nodes, images), *_of_resampling(plan)),
+        }
+        gemm_s, copy_s, *seconds = _in_turns(
+            [partial(gemm, inputs.scope.gemm_size), source.copy, *(call for call, _, _ in work.values())]
+        )
+    rates = 2e-9 * inputs.scope.gemm_size**3 / gemm_s, 8e-9 * COPIED / copy_s
+    each = zip(work.items(), seconds, strict=True)
+    return [_row(name, took, flops, size, *rates) for (name, (_, flops, size)), took in each]
 
 
 def _row(part: str, seconds: float, flops: float, size: float, gemm_gflops: float, copy_gbs: float) -> Record:
@@ -73,15 +78,15 @@ def _row(part: str, seconds: float, flops: float, size: float, gemm_gflops: floa
     }
 
 
-def _seconds(call: Callable[[], object]) -> float:
-    """Median of the CPU seconds of one call."""
-    call()
-    took = []
-    for _ in range(REPEATS):
-        start = time.process_time()
-        call()
-        took.append(time.process_time() - start)
-    return float(np.median(took))
+def _in_turns(calls: list[Callable[[], object]]) -> np.ndarray:
+    """Median of the CPU seconds of each call; in turns, since a machine that others share changes its speed."""
+    took = np.zeros((1 + REPEATS, len(calls)))
+    for repeat in took:
+        for i, call in enumerate(calls):
+            start = time.process_time()
+            call()
+            repeat[i] = time.process_time() - start
+    return np.median(took[1:], axis=0)
 
 
 def _sizes(node: Node) -> tuple[int, ...]:
