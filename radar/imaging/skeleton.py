@@ -15,11 +15,11 @@ from scipy.special import j0
 
 TIE = 1e-6  # relative difference below which two members are as good
 GUARD = 2  # nodes beyond either end
-REGULARISATION = 0.01  # λ over the squared tolerance: weights stay near one except at the ends
-WINDOW = 24  # intervals whose fine samples share their nodes: cost grows with the axis, not with its square ...
+REGULARISATION = 0.03  # λ over the squared tolerance: weights stay near one except at the ends
+WINDOW = 48  # intervals whose fine samples share their nodes: cost grows with the axis, not with its square ...
 INNER_GUARD = 6  # ... and nodes beyond them on either side, where they exist anyway
 
-AMPLIFICATION = 1.25  # of the nodes' own errors, root mean square over the fine samples
+AMPLIFICATION = 1.6  # of the nodes' own errors, root mean square over the fine samples
 PROBED = 33  # frequencies at which the misfit is looked up
 
 

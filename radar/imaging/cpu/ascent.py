@@ -83,7 +83,7 @@ def scatter(source, turns_per_m, leaves, passes, reference_m, starts, shape):  #
 @numba.njit(**FAST)
 def ascend(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b):  # type: ignore[no-untyped-def]
     """The adjoint of `descend`: a child's samples → what they add to its parent's."""
-    spread = apply(weights_b.T.copy(), apply(weights_a.T.copy(), samples))
+    spread = apply(weights_a.T.copy(), weights_b.T.copy(), samples)
     return turn(mix(tone_weights.T.copy(), spread), turns_per_m, shift_a, shift_b, np.float32(-1.0))
 
 

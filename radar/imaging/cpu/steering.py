@@ -27,10 +27,10 @@ GRAZING = 0.05  # √(n·û) where the cosine falls below this,
 FADED = 0.35  # a pattern that falls below this (half the tolerance was measured at 0.3 m).
 
 
-def _minimax(function: np.ufunc, degree: int, parity: int) -> tuple[np.float32, ...]:
-    """Power-series coefficients of function(2πt) in t² for |t| ≤ 1/4, by Chebyshev interpolation (parity 1: divided
+def _minimax(function: np.ufunc, degree: int, parity: int, most: float = 1 / 4) -> tuple[np.float32, ...]:
+    """Power-series coefficients of function(2πt) in t² for |t| ≤ most, by Chebyshev interpolation (parity 1: divided
     by t)."""
-    u = (np.cos(np.linspace(0, np.pi, 2001)) + 1) / 2 * (1 / 16)  # t² on [0, 1/16]
+    u = (np.cos(np.linspace(0, np.pi, 2001)) + 1) / 2 * most**2
     t = np.sqrt(np.maximum(u, 1e-12))
     values = function(2 * np.pi * t) / t**parity
     series = chebyshev.Chebyshev.fit(u, values, degree).convert(kind=polynomial.Polynomial)
@@ -39,6 +39,8 @@ def _minimax(function: np.ufunc, degree: int, parity: int) -> tuple[np.float32, 
 
 S0, S1, S2, S3, S4, S5 = _minimax(np.sin, 5, 1)
 C0, C1, C2, C3, C4, C5 = _minimax(np.cos, 5, 0)
+P0, P1, P2, P3, P4, P5, P6 = _minimax(np.sin, 6, 1, 1 / 2)
+Q0, Q1, Q2, Q3, Q4, Q5, Q6 = _minimax(np.cos, 6, 0, 1 / 2)
 
 
 @numba.njit(inline="always")
@@ -51,10 +53,13 @@ def cis_turns(turns):  # type: ignore[no-untyped-def]
 
 @numba.njit(inline="always")
 def cis_small(turns):  # type: ignore[no-untyped-def]
-    """The same of a float32 phase of a few turns, where float32 is exact enough (3e-7 rad per turn)."""
-    half = np.rint(np.float32(2.0) * turns)
-    odd = half - np.float32(2.0) * np.rint(np.float32(0.5) * half)
-    return _half_turn(turns - np.float32(0.5) * half, np.float32(1.0) - np.float32(2.0) * odd * odd)
+    """The same of a float32 phase of a few turns, where float32 is exact enough (5e-7): series over a whole turn, which
+    need no sign."""
+    t = turns - np.rint(turns)
+    u = t * t
+    cosine = Q0 + u * (Q1 + u * (Q2 + u * (Q3 + u * (Q4 + u * (Q5 + u * Q6)))))
+    sine = t * (P0 + u * (P1 + u * (P2 + u * (P3 + u * (P4 + u * (P5 + u * P6))))))
+    return cosine, sine
 
 
 @numba.njit(inline="always")

@@ -17,6 +17,7 @@ from bench.studies.columns import Record, Table
 from bench.studies.study import BLUE, GREEN, GREY, VERMILION, Study
 from tests.bench.studies import script
 from tests.bench.studies.engine.checks import bars, compilation, growth
+from tests.bench.studies.engine.roofline import roofline_rows
 from tests.bench.studies.engine.scope import QUICK, Inputs, Scope
 from tests.bench.studies.engine.volume_rows import frame_rows, simulation_rows, volume_rows
 
@@ -26,6 +27,7 @@ SECTIONS = {
     "3-FSK frame": frame_rows,
     "simulation": simulation_rows,
     "growth": growth,
+    "roofline": roofline_rows,
 }
 SCHEMAS = declared(__file__)
 OF_ROWS = ("volume", "3-FSK frame", "simulation")
@@ -40,11 +42,13 @@ def study(work: Path, quick: bool, full: bool) -> Study:
 
 
 def tables(records: list[Record]) -> list[Table]:
-    """Rows by section, growth, and the bars."""
-    of_rows, of_growth = ([r for r in records if r["section"] in names] for names in (OF_ROWS, ("growth",)))
+    """Rows by section, growth, the roofline, and the bars."""
+    sections = OF_ROWS, ("growth",), ("roofline",)
+    of_rows, of_growth, of_roof = ([r for r in records if r["section"] in names] for names in sections)
     return [
         Table("rows", SCHEMAS["rows"].columns, of_rows, by="section"),
         Table("growth", SCHEMAS["growth"].columns, of_growth),
+        Table("roofline", SCHEMAS["roofline"].columns, of_roof),
         Table("bars", SCHEMAS["bars"].columns, bars(records)),
     ]
 
@@ -53,14 +57,16 @@ DOUBLE = 1e-9  # errors that single precision cannot have
 
 
 def draw(frames: dict[str, pd.DataFrame]) -> Figure | None:
-    """Left: the errors of the volume; right: growth with the voxels; None where either was not measured."""
-    rows, growth = frames["rows"].query("section == 'volume'"), frames["growth"]
-    if rows.empty or growth.empty:
+    """Left: the errors of the volume; middle: growth with the voxels; right: the roofline; None where any was not
+    measured."""
+    roofline, rows, growth = frames["roofline"], frames["rows"].query("section == 'volume'"), frames["growth"]
+    if rows.empty or growth.empty or roofline.empty:
         return None
-    figure = Figure(figsize=(9.5, 4.0), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    figure = Figure(figsize=(13.5, 4.0), layout="constrained")
+    left, middle, right = figure.subplots(1, 3, width_ratios=(3, 2, 2))
     _errors(left, rows)
-    _growth(right, growth[growth.what.str.startswith("voxels")].to_dict("records"))
+    _growth(middle, growth[growth.what.str.startswith("voxels")].to_dict("records"))
+    _roofline(right, roofline)
     return figure
 
 
@@ -102,6 +108,20 @@ def _growth(axes: Axes, series: list[Record]) -> None:
     sizes, seconds = np.array(series[0]["sizes"], float), series[0]["seconds"]
     axes.plot(sizes, seconds[0] * sizes / sizes[0], color=GREY, linestyle=":", linewidth=0.8)
     axes.set(xscale="log", yscale="log", xlabel="voxels", ylabel="seconds at a tolerance of 1e-3")
+
+
+def _roofline(axes: Axes, rows: pd.DataFrame) -> None:
+    """Each part's rate on one core over its operations a byte, under the roof of a copy and a matrix product."""
+    gemm, copy = rows.gemm_rate.iloc[0], rows.copy_rate.iloc[0]
+    intensity = np.geomspace(1, 2 * max(rows.intensity.max(), gemm / copy), 50)
+    axes.plot(intensity, np.minimum(gemm, copy * intensity), color=GREY, linewidth=1.0)
+    axes.plot(intensity, 0.6 * np.minimum(gemm, copy * intensity), color=GREY, linestyle=":", linewidth=0.8)
+    for row, colour in zip(each(rows), (BLUE, GREEN, VERMILION), strict=False):
+        axes.plot(
+            row.intensity, row.rate, "o", color=colour, label=f"{row.part.split(',')[0]}: {100 * row.share:.0f} %"
+        )
+    axes.legend(loc="lower right", frameon=False, fontsize=8)
+    axes.set(xscale="log", yscale="log", xlabel="operations a byte", ylabel="GFLOP/s of one core (dotted: 60 %)")
 
 
 def main() -> None:
