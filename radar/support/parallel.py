@@ -64,8 +64,9 @@ def script_left_out() -> Iterator[None]:
     """A context in which processes that start do not run the caller's script once more, which multiprocessing's
     "spawn" does for what is pickled from it: a script without `if __name__ == "__main__"` would start again there."""
     script = sys.modules["__main__"]
-    hidden = {name: vars(script)[name] for name in ("__file__", "__spec__") if name in vars(script)}
-    vars(script).update(dict.fromkeys(hidden))
+    names: list[str] = [name for name in ("__file__", "__spec__") if name in vars(script)]
+    hidden = {name: vars(script)[name] for name in names}
+    vars(script).update(dict.fromkeys(names))
     try:
         yield
     finally:
