@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from textwrap import fill
+from typing import Literal
 
 import numpy as np
 from matplotlib import colormaps
@@ -12,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize, SymLogNorm
 from matplotlib.figure import Figure
+from matplotlib.lines import TICKDOWN, TICKLEFT, Line2D
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
@@ -167,11 +169,11 @@ def sheet(strips: Sequence[Strip], box: Box) -> Figure:
         axes.append([place(left + column * (wide + gap), wide) for column in range(len(row.panels))])
         for axis, panel in zip(axes[-1], row.panels, strict=True):
             _draw(axis, panel, row, box)
-        axes[-1][0].tick_params(labelleft=True)
+        _number(axes[-1][0], "y", box)
         axes[-1][0].set_ylabel("y in mm", labelpad=1)
         _bar(figure, row, place(width - right, bar_wide))
     for below in zip_longest(*axes):  # a photograph has no numbers
-        next(axis for axis in reversed(below) if axis).tick_params(labelbottom=True)
+        _number(next(axis for axis in reversed(below) if axis), "x", box)
     middle = (left + columns * (wide + gap) / 2) / width
     figure.text(middle, 0.06 / height, X_SHORT if narrow() else X_LABEL, ha="center")
     return figure
@@ -206,7 +208,7 @@ def depth_scale(surface: Surface) -> Normalize:
 
 def _draw(axis: Axes, panel: Panel, strip: Strip, box: Box) -> None:
     """One map in mm, pixel for pixel on its even grid, cut to `box`; or a photograph."""
-    axis.set_title(panel.title)
+    axis.set_title(panel.title, y=1.0)  # told, for to find it takes as long as to draw the axes
     if panel.surface is None:
         axis.set_axis_off()
         if panel.photo is not None:
@@ -223,11 +225,33 @@ def _draw(axis: Axes, panel: Panel, strip: Strip, box: Box) -> None:
         if covered.any() and not covered.all():
             x_mm, y_mm = 1e3 * panel.errors.x_m, 1e3 * panel.errors.y_m
             axis.contour(x_mm, y_mm, covered, levels=[0.5], colors="0.35", linewidths=0.4)
-    axis.set(xlim=box[:2], ylim=box[2:], aspect="equal")
-    axis.yaxis.set_major_locator(MaxNLocator(4 if narrow() else 5))
-    # Numbers at the edges would meet the next panel's.
-    axis.xaxis.set_major_locator(MaxNLocator(2) if narrow() else MaxNLocator(4, prune="both"))
-    axis.tick_params(labelbottom=False, labelleft=False, length=2.5, width=0.6)
+    axis.set(xlim=box[:2], ylim=box[2:], xticks=(), yticks=(), aspect="equal")
+    for side, marker in (("x", TICKDOWN), ("y", TICKLEFT)):  # as one line each, which a tick of its own is five of
+        ticks_mm, style = (
+            _ticks_mm(side, box),
+            {"ls": "none", "marker": marker, "markeredgecolor": "k", "clip_on": False},
+        )
+        places = (ticks_mm, np.zeros(len(ticks_mm))) if side == "x" else (np.zeros(len(ticks_mm)), ticks_mm)
+        along = axis.get_xaxis_transform() if side == "x" else axis.get_yaxis_transform()
+        axis.add_artist(Line2D(*places, transform=along, markersize=2.5, markeredgewidth=0.6, **style))
+
+
+def _ticks_mm(side: str, box: Box) -> np.ndarray:
+    """The places of ticks along one side of a box; numbers at the edges of x would meet the next panel's."""
+    low, high = sorted(box[:2] if side == "x" else box[2:])
+    if side == "x":
+        locator = MaxNLocator(2) if narrow() else MaxNLocator(4, prune="both")
+    else:
+        locator = MaxNLocator(4 if narrow() else 5)
+    ticks_mm = locator.tick_values(low, high)
+    return ticks_mm[(ticks_mm >= low) & (ticks_mm <= high)]
+
+
+def _number(axis: Axes, side: Literal["x", "y"], box: Box) -> None:
+    """Write numbers at the ticks of an outer axis; of a photograph none."""
+    if axis.axison:
+        axis.set(**{f"{side}ticks": _ticks_mm(side, box)})
+        axis.tick_params(length=2.5, width=0.6)
 
 
 def _edges_mm(centres_m: np.ndarray) -> tuple[float, float]:

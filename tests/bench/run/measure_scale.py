@@ -1,4 +1,4 @@
-"""A thousand captures × nine methods with their report, from depth maps that are kept: time and memory of every process.
+"""A thousand captures × nine methods and their report from depth maps that are kept: time and memory of each process.
 
     python -m tests.bench.run.measure_scale [--captures 100 300 1000] [--hands 4] [--in-place] -o FOLDER
 
