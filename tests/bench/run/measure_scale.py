@@ -1,11 +1,12 @@
 """A thousand captures × nine methods and their report from depth maps that are kept: time and memory of each process.
 
-    python -m tests.bench.run.measure_scale [--captures 100 300 1000] [--hands 4] [--in-place] -o FOLDER
+    python -m tests.bench.run.measure_scale [--captures 100 300 1000] [--hands 4] [--client] -o FOLDER
 
 A few simulated hands are imaged by the product (FOLDER/first, kept). Each is copied under further names, with the
 folders of its stages `inspect` and `reconstruct` under the keys that the product gives to the copies, so that of
 `handbench run` opening, hashing, scoring and the table are left, on a Dask scheduler with two workers, and then
-`handbench report`. Processor time is of the process and its children; memory is resident, sampled.
+`handbench report`. Processor time is of the process and its children; memory is resident, sampled. --client: to measure
+the client alone, workers link the hands' scores instead of scoring each copy, and there is no report.
 """
 
 import argparse
@@ -15,8 +16,11 @@ import sys
 import threading
 import time
 from collections.abc import Iterable
+from contextlib import nullcontext
 from pathlib import Path
 from shutil import copytree
+from typing import Any
+from unittest.mock import patch
 
 import psutil
 import tomlkit
@@ -24,16 +28,17 @@ import tomlkit
 from bench.datasets.dataset import open_capture
 from bench.datasets.native import DESCRIPTION, save_capture_file
 from bench.results.tables import Column
-from bench.run import jobs
+from bench.run import executors, jobs, runner, scoring, tasks
 from bench.run.benchmark_file import BenchFile, MethodEntry, load_benchmark
 from bench.run.outcome import Capture
-from bench.run.runner import run
 from bench.run.simulate_stage import CAPTURE
+from bench.run.tasks import Done
 from bench.studies.columns import Record, Table
 from radar.support.folder import MARKER, WORK
-from radar.support.store import Stage
+from radar.support.store import MANIFEST, STAMP, Stage
 
 SAMPLE_S = 0.2
+MODULE = "tests.bench.run.measure_scale"
 COLUMNS = (
     Column("captures", int, "of nine methods each", heading="captures", form="{}"),
     Column("what", str, "the command, or who helps it", heading="process"),
@@ -51,7 +56,7 @@ def first_hands(folder: Path, count: int) -> tuple[BenchFile, list[Capture]]:
     bench, base = load_benchmark("hands")
     methods = *bench.method, MethodEntry(id="3fsk-offaxis")
     bench = bench.model_copy(update={"capture": bench.capture[:count], "method": methods})
-    run(bench, base, folder)
+    runner.run(bench, base, folder)
     stages = [jobs.opening(bench, base, source, frames=1, photos=True) for source in bench.capture]
     places = [(stage.folder(folder / WORK) / CAPTURE, stage.key) for stage in stages]
     return bench, [Capture(place, key, open_capture(place).about) for place, key in places]
@@ -89,13 +94,39 @@ def copies(bench: BenchFile, hands: list[Capture], first: Path, folder: Path, co
     return file
 
 
+def linked(folder: Path, capture: str, **_: Any) -> None:
+    """Fill the folder of the stage `score` of a copy with the files of its hand's."""
+    place = Path(capture)
+    scores = sorted((place.parents[2] / "first" / WORK).glob("score-*"))
+    source = scores[int(place.name.removeprefix("hand")) % len(scores)]
+    for file in (path for path in source.rglob("*") if path.is_file() and path.name not in (MANIFEST, STAMP)):
+        target = folder / file.relative_to(source)
+        target.parent.mkdir(exist_ok=True)
+        _, _, rest = file.name.partition("__")
+        os.link(file, target.with_name(f"{place.name}__{rest}") if rest else target)
+
+
+def perform(root: Path, stage: Stage) -> Done:
+    """As `bench.run.tasks.perform`, in a process that links scores."""
+    scoring.make = linked
+    return tasks.perform(root, stage)
+
+
+def client(bench: str, out: str, scheduler: str) -> None:
+    """A run whose workers link scores."""
+    found, base = load_benchmark(bench)
+    with executors.executor(scheduler) as workers, patch.object(runner, "executor", lambda _: nullcontext(workers)):
+        workers.perform = perform
+        runner.run(found, base, Path(out), scheduler=scheduler)
+
+
 class Watched:
     """A process, its processor time with that of its children, and the peak of its memory and of a child's."""
 
     def __init__(self, name: str, command: list[str], log: Path) -> None:
         self.name, self.start, self.log = name, time.perf_counter(), log
         with log.open("w") as stream:
-            self.process = subprocess.Popen([sys.executable, "-m", *command], stdout=stream, stderr=stream)
+            self.process = subprocess.Popen([sys.executable, *command], stdout=stream, stderr=stream)
         self.peak_mb, self.children_mb, self.cpu_s, self.wall_s = 0.0, 0.0, 0.0, 0.0
         self.thread = threading.Thread(target=self._watch, daemon=True)
         self.thread.start()
@@ -143,35 +174,31 @@ class Watched:
         }
 
 
-def measured(bench: Path, captures: int, in_place: bool) -> Iterable[Record]:
-    """The run on a scheduler with two workers, or in one process, and then the report."""
-    folder, helpers, scheduler = bench.parent, [], folder_file(bench.parent / "scheduler.json")
-    if not in_place:
-        dask = "--scheduler-file", str(scheduler), "--host", "127.0.0.1", "--no-dashboard"
-        helpers = [
-            Watched("scheduler", ["distributed.cli.dask_scheduler", "--port", "0", *dask], folder / "scheduler.log")
-        ]
-        one = "distributed.cli.dask_worker", *dask, "--nthreads", "1", "--no-nanny"
-        helpers += [Watched(f"worker {k}", list(one), folder / f"worker{k}.log") for k in "ab"]
-    command = ["bench.cli.main", "run", str(bench), "-o", str(folder / "out")]
+def measured(bench: Path, captures: int, alone: bool) -> Iterable[Record]:
+    """The run on a scheduler with two workers, and then the report; alone: of the client, without a report."""
+    folder, out, scheduler = bench.parent, bench.parent / "out", bench.parent / "scheduler.json"
+    scheduler.unlink(missing_ok=True)
+    dask = "--scheduler-file", str(scheduler), "--host", "127.0.0.1", "--no-dashboard"
+    helpers = [
+        Watched("scheduler", ["-m", "distributed.cli.dask_scheduler", "--port", "0", *dask], folder / "scheduler.log")
+    ]
+    one = "-m", "distributed.cli.dask_worker", *dask, "--nthreads", "1", "--no-nanny"
+    helpers += [Watched(f"worker {k}", list(one), folder / f"worker{k}.log") for k in "ab"]
     try:
-        client = Watched("run", command + ([] if in_place else ["--scheduler", address(scheduler)]), folder / "run.log")
-        client.ended()
+        command = ["bench.cli.main", "run", str(bench), "-o", str(out), "--scheduler", address(scheduler)]
+        if alone:
+            main_of = f"from {MODULE} import client; client({str(bench)!r}, {str(out)!r}, {command[-1]!r})"
+        ran = Watched("run", ["-c", main_of] if alone else ["-m", *command], folder / "run.log")
+        ran.ended()
     finally:
         for helper in helpers[::-1]:
             helper.stop()
-    yield from (process.record(captures) for process in (client, *helpers))
+    yield from (process.record(captures) for process in (ran, *helpers))
     report = Watched(
         "report", ["bench.cli.main", "report", str(folder / "out"), "-o", str(folder / "report")], folder / "report.log"
     )
     report.ended()
     yield report.record(captures)
-
-
-def folder_file(file: Path) -> Path:
-    """A file that is about to be written, without what lay there."""
-    file.unlink(missing_ok=True)
-    return file
 
 
 def address(scheduler: Path) -> str:
@@ -190,7 +217,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--captures", type=int, nargs="+", default=[100, 300, 1000], help="default 100 300 1000")
     parser.add_argument("--hands", type=int, default=4, help="that differ (default 4)")
-    parser.add_argument("--in-place", action="store_true", help="no scheduler: the run is one process")
+    parser.add_argument("--client", action="store_true", help="measure the client alone: scores are linked")
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="FOLDER")
     options = parser.parse_args()
     out = options.out.resolve()
@@ -198,7 +225,7 @@ def main() -> None:
     records: list[Record] = []
     for count in options.captures:
         file = copies(bench, hands, out / "first", out / f"of{count}", count)
-        records += measured(file, count, options.in_place)
+        records += measured(file, count, options.client)
     print(Table("rows", COLUMNS, records).markdown())
 
 
