@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize, SymLogNorm
+from matplotlib.colors import Colormap, ListedColormap, Normalize, SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import TICKDOWN, TICKLEFT, Line2D
 from matplotlib.ticker import MaxNLocator
@@ -52,19 +52,26 @@ class Strip:
     """Panels of one colour scale, in mm."""
 
     panels: Sequence[Panel]
-    colours: str
+    colours: Colormap
     norm: Normalize
     label: str
 
 
 def depth_strip(panels: Sequence[Panel], first: Surface) -> Strip:
     """Depths on the scale of one of them."""
-    return Strip(panels, DEPTH_COLOURS, depth_scale(first), "z in mm")
+    return Strip(panels, _without_grey(DEPTH_COLOURS), depth_scale(first), "z in mm")
 
 
 def error_strip(panels: Sequence[Panel]) -> Strip:
     """Signed errors."""
-    return Strip(panels, ERROR_COLOURS, error_scale(), "z − z_ref in mm")
+    return Strip(panels, _without_grey(ERROR_COLOURS), error_scale(), "z − z_ref in mm")
+
+
+def _without_grey(name: str) -> Colormap:
+    """A scale of colours on EMPTY; a grey among them, which `darkened` would turn around, becomes one step bluer."""
+    colours = colormaps[name](np.arange(256), bytes=True)
+    colours[(colours[:, :3] == colours[:, :1]).all(axis=1), 2] += 1
+    return ListedColormap(colours / 255).with_extremes(bad=EMPTY)
 
 
 def error_panel(title: str, errors: ErrorMap) -> Panel:
@@ -107,6 +114,7 @@ def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Pi
         f"Capture {capture.name}: depth maps on one colour scale{said}",
         f"Depth maps of capture {capture.name}, side by side: {names}{', and the photograph' * bool(photo)}. {alt}",
         figure,
+        grey=not photo,
     )
 
 
@@ -118,6 +126,7 @@ def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture
         f"Capture {capture.name}: signed errors {AGAINST[reference]}; {SIGNED}{floor_note(result)}",
         alt,
         sheet([error_strip(shown)], box_of([result.surface(capture.name, reference)])),
+        grey=True,
     )
 
 
@@ -216,10 +225,9 @@ def _draw(axis: Axes, panel: Panel, strip: Strip, box: Box) -> None:
             axis.imshow(panel.photo)
         return
     axis.set_facecolor(EMPTY)
-    colour_map = colormaps[strip.colours].with_extremes(bad=EMPTY)
     values_mm = np.ma.masked_invalid(1e3 * panel.surface.z_m)
     extent = (*_edges_mm(panel.surface.x_m), *_edges_mm(panel.surface.y_m))
-    axis.imshow(values_mm, colour_map, strip.norm, interpolation="nearest", origin="lower", extent=extent)
+    axis.imshow(values_mm, strip.colours, strip.norm, interpolation="nearest", origin="lower", extent=extent)
     if panel.errors:
         covered = np.isfinite(panel.errors.reference_z_m)
         if covered.any() and not covered.all():

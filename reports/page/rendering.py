@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from PIL import Image as Pixels
 
 from radar.support.files import atomic_path, write_text
-from reports.figures.dark import darken
+from reports.figures.dark import darken, darkened
 from reports.figures.style import COLUMN, STYLE, Picture
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -64,7 +64,9 @@ def images(draw: Callable[[], Iterable[Picture]], folder: Path, paper: bool = Tr
                     pixels.save(temporary, compress_level=FAST)
                 light = image(pixels, picture.alt, picture.caption, picture.stem, fine)
             picture.figure.set_layout_engine("none")  # laid out once
-            written.append(replace(light, dark=_uri(_pixels(darken(picture.figure)))))
+            again = paper or not picture.grey
+            dark = _pixels(darken(picture.figure)) if again else Pixels.fromarray(darkened(np.asarray(pixels)))
+            written.append(replace(light, dark=_uri(dark)))
     with matplotlib.rc_context(COLUMN):
         for picture in draw() if paper else ():
             with atomic_path(folder / f"{picture.stem}.pdf") as temporary:
