@@ -35,6 +35,7 @@ from bench.run.simulate_stage import CAPTURE
 from bench.run.tasks import Done
 from bench.studies.columns import Record, Table
 from radar.support.folder import MARKER, WORK
+from radar.support.progress import say
 from radar.support.store import MANIFEST, STAMP, Stage
 
 SAMPLE_S = 0.2
@@ -194,9 +195,10 @@ def measured(bench: Path, captures: int, alone: bool) -> Iterable[Record]:
         for helper in helpers[::-1]:
             helper.stop()
     yield from (process.record(captures) for process in (ran, *helpers))
-    report = Watched(
-        "report", ["bench.cli.main", "report", str(folder / "out"), "-o", str(folder / "report")], folder / "report.log"
-    )
+    if alone:
+        return
+    written = ["-m", "bench.cli.main", "report", str(out), "-o", str(folder / "report")]
+    report = Watched("report", written, folder / "report.log")
     report.ended()
     yield report.record(captures)
 
@@ -225,7 +227,9 @@ def main() -> None:
     records: list[Record] = []
     for count in options.captures:
         file = copies(bench, hands, out / "first", out / f"of{count}", count)
-        records += measured(file, count, options.client)
+        for record in measured(file, count, options.client):
+            say(str(record))  # should a later one fail
+            records.append(record)
     print(Table("rows", COLUMNS, records).markdown())
 
 
