@@ -1,7 +1,5 @@
 """A figure in the colours of a dark page: greys turn around, dark colours get lighter, and the scales of maps stay."""
 
-from functools import cache
-
 import numpy as np
 from matplotlib.collections import Collection
 from matplotlib.colors import to_rgba_array
@@ -12,7 +10,6 @@ from matplotlib.patches import Patch, PathPatch
 from matplotlib.text import Text
 from numpy.typing import ArrayLike
 
-Colour = tuple[float, ...]  # red, green, blue, alpha
 PAGE, INK = np.array([0x16, 0x18, 0x1B]) / 255, 0.9  # as in style.css
 CONTRAST = 4.5  # of a mark on the page at least (WCAG 2)
 COLOURED = {  # what has colours: the properties that hold them
@@ -47,15 +44,10 @@ def darkened(pixels: np.ndarray) -> np.ndarray:
     return np.where((pixels == pixels[..., :1]).all(axis=-1, keepdims=True), greys[pixels[..., 0]], pixels)
 
 
-def dark(colour: ArrayLike, lighten: bool = True) -> Colour:
+def dark(colour: ArrayLike, lighten: bool = True) -> tuple[float, float, float, float]:
     """A colour for a dark page: of a grey the one as far from the page, of others, if they are to get lighter, the
     first mixture with white that stands out."""
-    return _dark(tuple(to_rgba_array(colour)[0].tolist()), lighten)
-
-
-@cache  # for figures have few colours, and many marks
-def _dark(colour: Colour, lighten: bool) -> Colour:
-    *rgb, alpha = colour
+    *rgb, alpha = to_rgba_array(colour)[0].tolist()
     found = np.array(rgb)
     if np.ptp(found) < 0.02:
         found = INK + found * (PAGE - INK)

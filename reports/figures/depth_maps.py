@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from textwrap import fill
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib import colormaps
@@ -234,24 +234,19 @@ def _draw(axis: Axes, panel: Panel, strip: Strip, box: Box) -> None:
             x_mm, y_mm = 1e3 * panel.errors.x_m, 1e3 * panel.errors.y_m
             axis.contour(x_mm, y_mm, covered, levels=[0.5], colors="0.35", linewidths=0.4)
     axis.set(xlim=box[:2], ylim=box[2:], xticks=(), yticks=(), aspect="equal")
-    for side, marker in (("x", TICKDOWN), ("y", TICKLEFT)):  # as one line each, which a tick of its own is five of
-        ticks_mm, style = (
-            _ticks_mm(side, box),
-            {"ls": "none", "marker": marker, "markeredgecolor": "k", "clip_on": False},
-        )
-        places = (ticks_mm, np.zeros(len(ticks_mm))) if side == "x" else (np.zeros(len(ticks_mm)), ticks_mm)
+    style: dict[str, Any] = {"ls": "none", "markeredgecolor": "k", "markersize": 2.5, "markeredgewidth": 0.6}
+    for side, marker in (("x", TICKDOWN), ("y", TICKLEFT)):  # as one line each: ticks of their own are five a tick
+        at_mm = _ticks_mm(side, box)
+        places = (at_mm, 0 * at_mm) if side == "x" else (0 * at_mm, at_mm)
         along = axis.get_xaxis_transform() if side == "x" else axis.get_yaxis_transform()
-        axis.add_artist(Line2D(*places, transform=along, markersize=2.5, markeredgewidth=0.6, **style))
+        axis.add_artist(Line2D(*places, transform=along, marker=marker, clip_on=False, **style))
 
 
 def _ticks_mm(side: str, box: Box) -> np.ndarray:
     """The places of ticks along one side of a box; numbers at the edges of x would meet the next panel's."""
     low, high = sorted(box[:2] if side == "x" else box[2:])
-    if side == "x":
-        locator = MaxNLocator(2) if narrow() else MaxNLocator(4, prune="both")
-    else:
-        locator = MaxNLocator(4 if narrow() else 5)
-    ticks_mm = locator.tick_values(low, high)
+    most, pruned = {"x": 2 if narrow() else 4, "y": 4 if narrow() else 5}[side], side == "x" and not narrow()
+    ticks_mm = MaxNLocator(most, prune="both" if pruned else None).tick_values(low, high)
     return ticks_mm[(ticks_mm >= low) & (ticks_mm <= high)]
 
 

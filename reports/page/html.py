@@ -1,9 +1,8 @@
 """The report: tables, figures and pages that need nothing else."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -25,9 +24,7 @@ from reports.tables.result_tables import findings
 
 ABREAST = 12  # captures on a page
 SECTIONS = ("verdicts", "effects", "uncertainty", "provenance", "command", "settings", "captures")
-REPORT_S, MAP_S = 4.0, 0.5  # of processor time: figures and tables of a result, and what a capture's method adds
-SUMMARISED = ("tasks", "repeats", "comparisons", "equal", "curves", "captures", "causes", "reliability")
-Groups = Sequence[Sequence[CaptureFacts]]
+REPORT_S, MAP_S = 4.0, 0.25  # of processor time: figures and tables of a result, and what a capture's method adds
 FIRST = 3  # captures on the first page where there are more
 
 
@@ -44,7 +41,8 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     sweep = Path(sweep) if sweep else next((place for place in places if (place / "tradeoff.json").exists()), None)
     if sweep == folder and not (folder / "result.json").exists():
         return tradeoff_section.build(folder, out)
-    result = load(folder)
+    _loaded.cache_clear()
+    result = _loaded(folder)
     if out.resolve() == result.folder.resolve():
         raise HandbenchError(f"{out}: is the result folder itself, whose table.csv must stay; choose another place")
     maps = len(result.about.captures) * len(result.about.methods)
@@ -69,42 +67,30 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     swept = tradeoff_section.section(trade, out) if trade else None
     facts = _captures(result, groups[0], out / "figures") | {"parts": parts, "part": 0, "groups": groups}
     causes = cause_section.section(result, out / "figures")
-    further = track(_drawn(result, out, groups), "pages", len(parts))
+    further = track(_drawn(partial(further_page, folder, out, groups), range(1, len(groups))), "pages", len(parts))
     counts = charts.added([charts.counted(result, groups[0]), *further])
     overview = rendering.images(lambda: charts.overview(result, counts), out / "figures")
     write_text(out / "index.html", render("index.html", **_summary(result, overview, swept, causes), **facts))
     return out / "index.html"
 
 
-def _drawn(result: Result, out: Path, groups: Groups) -> Iterator[charts.Counts]:
-    """Write the further pages, in as many processes as there are cores, since matplotlib's threads would meet;
-    yields the errors that each has counted. A process is handed the result once, without what the summary alone
-    shows."""
-    numbers = range(1, len(groups))
-    shown = replace(result, **{name: getattr(result, name)[:0] for name in SUMMARISED})
+def _drawn(page: Callable[[int], charts.Counts], numbers: Sequence[int]) -> Iterator[charts.Counts]:
+    """Write pages by number, in as many processes as there are cores, since matplotlib's threads would meet."""
     count = min(len(numbers), workers())
     if count < 2:
-        yield from (further_page(shown, out, groups, part) for part in numbers)
+        yield from map(page, numbers)
         return
-    with ProcessPoolExecutor(count, get_context("spawn"), _begin, (shown, out, groups)) as processes:
-        yield from processes.map(_further_page, numbers)
+    with ProcessPoolExecutor(count, get_context("spawn")) as processes:
+        yield from processes.map(page, numbers)
 
 
-_work: list[Any] = []  # of a process that draws pages: result, folder and groups
+_loaded = cache(load)  # a process draws many pages of one result
 
 
-def _begin(*work: Any) -> None:
-    _work[:] = work
-
-
-def _further_page(part: int) -> charts.Counts:
-    return further_page(*_work, part)
-
-
-def further_page(result: Result, out: Path, groups: Groups, part: int) -> charts.Counts:
-    """Write a further page of captures, groups[part]; its pictures as PNG alone. Returns the errors that it
-    counted."""
-    parts = page_names(groups)
+def further_page(folder: Path, out: Path, groups: Sequence[Sequence[CaptureFacts]], part: int) -> charts.Counts:
+    """Write a further page of captures, groups[part], of the result in `folder`, its pictures as PNG alone, and count
+    their errors."""
+    result, parts = _loaded(folder), page_names(groups)
     facts = _captures(result, groups[part], out / "figures", paper=False)
     facts |= {"parts": parts, "part": part, "groups": groups}
     write_text(out / parts[part - 1], render("captures.html", about=result.about, **facts))
