@@ -95,15 +95,15 @@ def averaged_lines(lines: Iterable[dict[str, Any]], schema: Schema) -> pd.DataFr
     for line in lines:
         values, pixels = np.array([line.get(name) for name in means], float), line["n_pixels"]
         known = np.isfinite(values)
-        place = sums.setdefault(tuple(line.get(key) for key in keys), np.zeros(2 * len(means) + 2))
+        place = sums.setdefault(tuple(line.get(name) for name in keys), np.zeros(2 * len(means) + 2))
         place += [*np.where(known, values, 0.0), *known, pixels, pixels > 0]
     found = []
-    for place, summed in sums.items():
+    for key, summed in sums.items():
         if summed[-2]:
             with np.errstate(invalid="ignore"):
                 figures = summed[: len(means)] / summed[len(means) : -2]
             counts = {"n_pixels": int(summed[-2]), "n_captures": int(summed[-1])}
-            found.append(dict(zip(keys, place, strict=True)) | dict(zip(means, figures, strict=True)) | counts)
+            found.append(dict(zip(keys, key, strict=True)) | dict(zip(means, figures, strict=True)) | counts)
     return frame(schema, found)
 
 

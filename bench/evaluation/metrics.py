@@ -45,8 +45,8 @@ def _told(m: ErrorMap) -> ErrorMap:
     """The map's pixels that add anything to the sums, in one row."""
     known = (m.reference_z_m, m.error_m, m.to_reference_m)
     at = np.logical_or.reduce([~np.isnan(values) for values in known if values is not None])
-    maps = (m.error_m, m.reference_z_m, m.sigma_m, m.to_reference_m, m.to_map_m)
-    return ErrorMap(m.x_m, m.y_m, *(None if values is None else values[at] for values in maps))
+    others = (None if values is None else values[at] for values in (m.sigma_m, m.to_reference_m, m.to_map_m))
+    return ErrorMap(m.x_m, m.y_m, m.error_m[at], m.reference_z_m[at], *others)
 
 
 def terms(m: ErrorMap) -> Terms:

@@ -46,7 +46,8 @@ def tables(outcome: Outcome, on: Basis) -> dict[str, pd.DataFrame]:
 
 def _figures(outcome: Outcome, on: Basis) -> Figures:
     """The figures that the stages which scored the captures left, in the order of references, methods and captures."""
-    columns, rows = [*pool([]), "floor_mm"], {}
+    columns = [*pool([]), "floor_mm"]
+    rows: dict[tuple[str, str], list[np.ndarray]] = {}
     for capture in on.captures:
         for reference, methods in kept(outcome, capture.name, FIGURES).items():
             for method, values in methods.items():

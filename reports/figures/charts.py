@@ -29,12 +29,12 @@ ROWS = {"absolute_mm": "mean |z − z_ref| in mm", "mean_mm": "mean z − z_ref 
 LINEAR_MM = 1  # of signed means, up to which their scale is linear
 
 
-def overview(result: Result, counts: Counts) -> Iterator[Picture]:
-    """The pictures of all captures together that the result has the data for; counts: of their errors."""
+def overview(result: Result, counts: Counts | None = None) -> Iterator[Picture]:
+    """The pictures of all captures together that the result has the data for; counts: of their errors, if at hand."""
     if (result.table.metric == HEADLINE).any():
         yield accuracy_against_time(result)
     if result.about.methods and any(capture.references for capture in result.scored()):
-        yield error_distributions(result, counts)
+        yield error_distributions(result, counts or counted(result, result.scored()))
     if len(result.curves):
         yield risk_coverage(result)
     if len(result.repeats):

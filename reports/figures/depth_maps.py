@@ -13,7 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, ListedColormap, Normalize, SymLogNorm
 from matplotlib.figure import Figure
-from matplotlib.lines import TICKDOWN, TICKLEFT, Line2D
+from matplotlib.lines import Line2D
+from matplotlib.markers import TICKDOWN, TICKLEFT
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
@@ -246,7 +247,7 @@ def _ticks_mm(side: str, box: Box) -> np.ndarray:
     """The places of ticks along one side of a box; numbers at the edges of x would meet the next panel's."""
     low, high = sorted(box[:2] if side == "x" else box[2:])
     most, pruned = {"x": 2 if narrow() else 4, "y": 4 if narrow() else 5}[side], side == "x" and not narrow()
-    ticks_mm = MaxNLocator(most, prune="both" if pruned else None).tick_values(low, high)
+    ticks_mm = np.asarray(MaxNLocator(most, prune="both" if pruned else None).tick_values(low, high))
     return ticks_mm[(ticks_mm >= low) & (ticks_mm <= high)]
 
 

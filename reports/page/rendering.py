@@ -58,7 +58,7 @@ def images(draw: Callable[[], Iterable[Picture]], folder: Path, paper: bool = Tr
             with atomic_path(folder / f"{picture.stem}.png") as temporary:
                 if paper:
                     picture.figure.savefig(temporary)
-                    pixels = Pixels.open(temporary)
+                    pixels: Pixels.Image = Pixels.open(temporary)
                 else:
                     pixels = _pixels(picture.figure)
                     pixels.save(temporary, compress_level=FAST)

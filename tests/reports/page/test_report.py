@@ -185,7 +185,7 @@ def drawn(folder, stem):
             found = next((picture for picture in panels(result, capture) if picture.stem == stem), None)
             if found:
                 return found
-        return next(picture for picture in overview(result, counted(result, result.scored())) if picture.stem == stem)
+        return next(picture for picture in overview(result) if picture.stem == stem)
 
 
 def test_depth_maps_share_scale_and_axes_seen_from_the_array(result_folder):
@@ -238,7 +238,7 @@ def test_nothing_observed_is_drawn_and_said(tmp_path):
 
 def every_picture(result):
     """All pictures of a result but those of the other captures."""
-    yield from overview(result, counted(result, result.scored()))
+    yield from overview(result)
     yield from panels(result, result.scored()[0])
 
 
