@@ -240,7 +240,7 @@ def _draw(axis: Axes, panel: Panel, strip: Strip, box: Box) -> None:
         at_mm = _ticks_mm(side, box)
         places = (at_mm, 0 * at_mm) if side == "x" else (0 * at_mm, at_mm)
         along = axis.get_xaxis_transform() if side == "x" else axis.get_yaxis_transform()
-        axis.add_artist(Line2D(*places, transform=along, marker=marker, clip_on=False, **style))
+        axis.add_artist(Line2D(*places, transform=along, clip_on=False, **style | {"marker": marker}))
 
 
 def _ticks_mm(side: str, box: Box) -> np.ndarray:
