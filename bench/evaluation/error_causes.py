@@ -10,12 +10,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from bench.results.error_map import ErrorMap
-from bench.results.tables import CAUSES, RELIABILITY, Schema, frame
+from bench.results.tables import Schema, frame
 from radar.data.depthmap import DepthMap
 
 NOMINAL_PERCENT = (50, 68, 80, 90, 95, 99)
@@ -62,6 +63,7 @@ BINS = {  # a bin holds its lower edge
     "edge_distance_mm": (0, 2, 4, 8, 16, np.inf),
 }
 Part = tuple[slice, slice]
+Lines = list[dict[str, Any]]
 ALL, BEFORE, BEHIND = slice(None), slice(None, -1), slice(1, None)
 ALONG: tuple[tuple[Part, Part], ...] = ((ALL, BEFORE), (ALL, BEHIND)), ((BEFORE, ALL), (BEHIND, ALL))  # x, then y
 MEANS = ("mean_mm", "median_mm", "absolute_mm", "p95_mm", "observed_percent", "nll")  # formed for each capture
@@ -77,31 +79,32 @@ class Scored:
     errors: ErrorMap
 
 
-def explain(maps: Iterable[Scored]) -> dict[str, pd.DataFrame]:
-    """The tables CAUSES and RELIABILITY of scored maps, those of a capture one after another: figures are formed for
-    each capture and averaged over those that have pixels there, which are counted over all."""
-    causes, reliability, last, surface = [], [], None, {}
-    places = ("x_m", "y_m", "reference_z_m")
-    for one in maps:
-        told = {"reference": one.reference, "method": one.method}
-        here = [getattr(one.errors, name) for name in places]
-        if last is None or not all(np.array_equal(*both, equal_nan=True) for both in zip(last, here, strict=True)):
-            last, surface = here, surface_causes(*here)
-        causes += [told | line for line in cause_lines(one, surface)]
-        reliability += [told | line for line in reliability_lines(one.depth, one.errors)]
-    return {"causes": _averaged(causes, CAUSES), "reliability": _averaged(reliability, RELIABILITY)}
+def lines_of(one: Scored, surface: dict[str, np.ndarray]) -> dict[str, Lines]:
+    """The lines of a capture's map in the tables CAUSES and RELIABILITY; surface: of `surface_causes`."""
+    told = {"reference": one.reference, "method": one.method}
+    found = {"causes": cause_lines(one, surface), "reliability": reliability_lines(one.depth, one.errors)}
+    return {table: [told | line for line in lines] for table, lines in found.items()}
 
 
-def _averaged(lines: list[dict[str, object]], schema: Schema) -> pd.DataFrame:
-    """One line a place from every capture's lines, of which those without pixels have NaN figures."""
-    if not lines:
-        return frame(schema)
+def averaged_lines(lines: Iterable[dict[str, Any]], schema: Schema) -> pd.DataFrame:
+    """CAUSES or RELIABILITY of every capture's lines, read one at a time: figures are formed for each capture and
+    averaged over those that have them, of which those without pixels have none; pixels are counted over all."""
     means = [name for name in schema.names if name in MEANS]
     keys = [name for name in schema.names if name not in (*means, "n_pixels", "n_captures")]
-    table = pd.DataFrame(lines).assign(n_captures=lambda found: found.n_pixels > 0)
-    rules = dict.fromkeys(means, "mean") | {"n_pixels": "sum", "n_captures": "sum"}
-    table = table.groupby(keys, sort=False, dropna=False).agg(rules).reset_index()
-    return frame(schema, table.loc[table.n_pixels > 0, schema.names].to_numpy().tolist())
+    sums: dict[tuple[Any, ...], np.ndarray] = {}  # of the figures; how many have them; pixels, and captures with some
+    for line in lines:
+        values, pixels = np.array([line.get(name) for name in means], float), line["n_pixels"]
+        known = np.isfinite(values)
+        place = sums.setdefault(tuple(line.get(name) for name in keys), np.zeros(2 * len(means) + 2))
+        place += [*np.where(known, values, 0.0), *known, pixels, pixels > 0]
+    found = []
+    for key, summed in sums.items():
+        if summed[-2]:
+            with np.errstate(invalid="ignore"):
+                figures = summed[: len(means)] / summed[len(means) : -2]
+            counts = {"n_pixels": int(summed[-2]), "n_captures": int(summed[-1])}
+            found.append(dict(zip(keys, key, strict=True)) | dict(zip(means, figures, strict=True)) | counts)
+    return frame(schema, found)
 
 
 def cause_lines(one: Scored, surface: dict[str, np.ndarray]) -> Iterator[dict[str, object]]:

@@ -22,7 +22,8 @@ SPAN = 1 << 20  # more blocks than a row can have
 def floor_mm(maps: Sequence[ErrorMap], references: Sequence[Reference]) -> float | None:
     """The floor over the observed pixels of each of `maps`, compared with its reference, averaged over those that have
     any. None where nothing was observed or a part of σ is unknown."""
-    floors_m = [r.sigma_m[observed].mean() for m, r, observed in _observed(maps, references)]
+    seen = _observed(maps, references)
+    floors_m = [(r.sigma_m if m.sigma_m is None else m.sigma_m)[observed].mean() for m, r, observed in seen]
     mean_m = float(np.mean(floors_m)) if floors_m else np.nan
     return 1e3 * float(ABSOLUTE) * mean_m if np.isfinite(mean_m) else None
 

@@ -41,6 +41,14 @@ TITLES: dict[str, str] = tomllib.loads(Path(__file__).with_name("titles.toml").r
 PAPER = {(m.key, method): value for m in METRICS.values() for method, value in m.paper.items()}  # and its figures
 
 
+def _told(m: ErrorMap) -> ErrorMap:
+    """The map's pixels that add anything to the sums, in one row."""
+    known = (m.reference_z_m, m.error_m, m.to_reference_m)
+    at = np.logical_or.reduce([~np.isnan(values) for values in known if values is not None])
+    others = (None if values is None else values[at] for values in (m.sigma_m, m.to_reference_m, m.to_map_m))
+    return ErrorMap(m.x_m, m.y_m, m.error_m[at], m.reference_z_m[at], *others)
+
+
 def terms(m: ErrorMap) -> Terms:
     """The terms that each pixel [ny, nx] adds to the sums that the metrics are made of; NaN: not known."""
     surface, observed = np.isfinite(m.reference_z_m), np.isfinite(m.error_m)
@@ -98,7 +106,7 @@ def pool(maps: Sequence[ErrorMap]) -> Values:
     A figure that has nothing to stand on is None.
     """
     totals, observed = dict.fromkeys(TERMS, np.float64(0)), [np.empty(0)]
-    for m in maps:
+    for m in map(_told, maps):
         totals = {name: totals[name] + values.sum() for name, values in terms(m).items()}
         observed.append(np.abs(m.error_m[np.isfinite(m.error_m)]))
     absolute_m = np.concatenate(observed)

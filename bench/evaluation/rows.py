@@ -29,11 +29,16 @@ def accuracy_rows(
 ) -> pd.DataFrame:
     """The protocol's metrics of a method's error maps, one a capture, against one reference, and the floor that the
     `surfaces` with which they were compared, one a map, set to the mean absolute error (None: their uncertainty is not
-    known). seed: the floor's draws; captures: `of_captures` of the maps, where it is at hand."""
+    known). seed: the floor's draws; captures: `of_captures` of the maps with their `floor_mm`, where it is at hand."""
+    floor = None
+    if captures is not None:
+        mean_mm = captures.floor_mm[captures.n_observed > 0].mean(skipna=False)
+        floor = float(mean_mm) if np.isfinite(mean_mm) else None
+    elif surfaces is not None:
+        floor = floor_mm(maps, surfaces)
     captures = of_captures(maps) if captures is None else captures
-    values = averaged(captures)
     intervals: Intervals = {key: figure_interval(key, captures[key].to_numpy()) for key in AVERAGED}
-    values["floor_mm"] = floor = None if surfaces is None else floor_mm(maps, surfaces)
+    values = averaged(captures) | {"floor_mm": floor}
     if surfaces is not None and floor:
         intervals["floor_mm"] = floor_interval(maps, surfaces, seed, value=floor)
     return _rows(method, reference, {key: values[key] for key in values if key in protocol.metrics}, intervals)

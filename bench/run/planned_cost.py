@@ -26,6 +26,7 @@ from radar.support.pictures import opened_picture
 CHANNELS, TONES = 94 * 94, 128  # the paper's radar, for what is not known before it is read
 STAGE_S, SCORED_S = 0.1, 2.7e-6  # a stage that has nothing to do; a pixel that is scored
 PIXEL_S, VOXEL_S, SAMPLE_S = 7e-6, 3.6e-7, 3.5e-6  # a pixel's tone, a voxel of a volume, a sample of the method's tones
+FITTED_S, FOCUSED_S = 0.6, 2.2  # to inspect a capture: its map is held against its surface; without one, its focus
 FRAME = 0.15  # of a stage, for each frame behind the first
 BODY_S, HAND_S, PHOTO_S = 0.5, 20.0, 0.9  # echoes of a small body and of a hand; a simulated megapixel
 VOXEL_BYTES, SAMPLE_BYTES = 24, 24
@@ -77,7 +78,7 @@ def _of_capture(bench: BenchFile, base: Path, source: Origin) -> Work:
         folder = inside(base, source.path, "capture.path") if source.path is not None else None
         made_s, count, megapixels = _recorded(folder) if folder else _simulated(base, source)
         mesh_s, size = predicted(count, megapixels, bench.groundtruth.quality)
-        parts = [Work(STAGE_S + made_s + mesh_s, size)]
+        parts = [Work(STAGE_S + made_s + mesh_s + (inspecting(folder) if measures else 0.0), size)]
         for entry in (e for e in bench.method if measures and e.submission is None):
             values = entry.config if folder is None else configuration(folder, entry.id, entry.config).model_dump()
             settings = method(entry.id).configure(values, entry.id)
@@ -87,6 +88,12 @@ def _of_capture(bench: BenchFile, base: Path, source: Origin) -> Work:
         return one_after_another(parts)
     except (HandbenchError, OSError):
         return Work(0.0)
+
+
+def inspecting(folder: Path | None) -> float:
+    """Processor time to inspect the capture in a folder, or a simulated one, which has a surface."""
+    capture = open_capture(folder) if folder else None
+    return FITTED_S if capture is None or capture.truth or capture.mesh() else FOCUSED_S
 
 
 def _recorded(folder: Path) -> tuple[float, int, float]:

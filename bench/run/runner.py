@@ -138,7 +138,8 @@ class Run:
             name = capture.name
             with failing(self.failures, name, "references"):
                 found.references[name] = references(capture, registration, meshes.get(name), found)
-            maps = {method: file for (of, method), file in found.maps.items() if of == name}
+            imaged = ((entry.id, found.maps.get((name, entry.id))) for entry in self.bench.method)
+            maps = {method: file for method, file in imaged if file is not None}
             if maps and name in found.references:
                 stages.append(plan.scoring(self.bench, capture, maps, found.references[name]))
         for stage, done in zip(stages, self.perform(stages), strict=True):

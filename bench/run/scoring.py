@@ -5,6 +5,8 @@ references/   REFERENCE-N.npz: a `Reference`, of its registration the covariance
 grids.json    method → N
 frames.json   reference → method → metric → its figure in each frame
 alike.json    reference → treatment → method → "figures" and "curve_mm" of `bench.evaluation.equal_treatment`
+figures.json  reference → method → metric → its figure, `floor_mm` among them
+causes.json   "causes", "reliability" → this capture's lines of these tables
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,6 +22,7 @@ from bench.evaluation import scoring_protocols
 from bench.evaluation.alike import SMOOTHING, Alike
 from bench.evaluation.depth_errors import error_map
 from bench.evaluation.equal_treatment import treat
+from bench.evaluation.error_causes import Lines, Scored, lines_of, surface_causes
 from bench.evaluation.floor import floor_mm
 from bench.evaluation.metrics import Values, figures_of_frame, pool
 from bench.evaluation.scoring_protocols import Protocol
@@ -35,6 +38,7 @@ from radar.support.files import read_json, read_npz, write_json, write_npz
 from radar.support.limits import KEPT_BYTES
 
 GRIDS, EACH_FRAME, TREATED, REFERENCES = "grids.json", "frames.json", "alike.json", "references"
+FIGURES, CAUSES = "figures.json", "causes.json"
 KEPT = ("z_m", "mesh_sigma_m", "met", "leverage", "covariance")
 Key = TypeVar("Key")
 Value = TypeVar("Value")
@@ -67,20 +71,32 @@ def make(
     numbers: dict[bytes, int] = {}
     grids: dict[str, int] = {}
     found: list[dict[str, Reference]] = []  # by grid: methods that share one share the references' depths
+    sigmas_m: list[dict[str, np.ndarray]] = []  # their standard deviation
+    surfaces: list[dict[str, dict[str, np.ndarray]]] = []  # and the causes of errors that they tell
     frames: dict[str, dict[str, list[Values]]] = {name: {} for name in references}
+    figures: dict[str, dict[str, Values]] = {name: {} for name in references}
+    lines: dict[str, dict[str, Lines]] = {name: {"causes": [], "reliability": []} for name in references}
     for method, file in maps.items():
         depth = load_depthmap(file)
         number = grids[method] = numbers.setdefault(depth.x_m.tobytes() + b"|" + depth.y_m.tobytes(), len(numbers))
         if number == len(found):
             found.append(_on_grid(references, PixelGrid(depth.x_m, depth.y_m)))
+            sigmas_m.append({name: reference.sigma_m for name, reference in found[number].items()})
+            surfaces.append({n: surface_causes(depth.x_m, depth.y_m, r.z_m) for n, r in found[number].items()})
             for name, reference in found[number].items():
                 write_reference(folder, name, number, reference)
         scored_m = list(_frames(depth, file.parent, chosen, data))
         for name, reference in found[number].items():
-            write_errors(folder, data.about.name, method, name, compare(depth, reference, chosen, data))
+            errors = compare(depth, reference, chosen, data, sigmas_m[number][name])
+            write_errors(folder, data.about.name, method, name, errors)
+            figures[name][method] = pool([errors]) | {"floor_mm": floor_mm([errors], [reference])}
+            for table, of in lines_of(Scored(method, name, depth, errors), surfaces[number][name]).items():
+                lines[name][table] += of
             frames[name][method] = [figures_of_frame(z_m - reference.z_m) for z_m in scored_m]
     write_json(folder / GRIDS, grids)
     write_json(folder / EACH_FRAME, frames)
+    write_json(folder / FIGURES, figures)
+    write_json(folder / CAUSES, {t: [x for of in lines.values() for x in of[t]] for t in ("causes", "reliability")})
     alike = {m: treated for m, file in maps.items() if not grids[m] and (treated := read_treated(file.parent))}
     write_json(folder / TREATED, {name: _treated(alike, found[0][name].z_m) for name in references})
 
@@ -129,10 +145,13 @@ def _treated(alike: Mapping[str, dict[str, Alike]], reference_z_m: np.ndarray) -
     }
 
 
-def compare(depth: DepthMap, reference: Reference, chosen: Protocol, data: NativeCapture) -> ErrorMap:
-    """The errors of a depth map of `data` against a reference on its grid: of the pixels that the protocol scores."""
-    z_m = _scored_z_m(depth, chosen, data)
-    return error_map(depth.x_m, depth.y_m, z_m, reference.z_m, reference.sigma_m, reference.met)
+def compare(
+    depth: DepthMap, reference: Reference, chosen: Protocol, data: NativeCapture, sigma_m: np.ndarray | None = None
+) -> ErrorMap:
+    """The errors of a depth map of `data` against a reference on its grid: of the pixels that the protocol scores.
+    sigma_m: the reference's, where it is at hand."""
+    z_m, sigma_m = _scored_z_m(depth, chosen, data), reference.sigma_m if sigma_m is None else sigma_m
+    return error_map(depth.x_m, depth.y_m, z_m, reference.z_m, sigma_m, reference.met)
 
 
 def _scored_z_m(depth: DepthMap, chosen: Protocol, data: NativeCapture) -> np.ndarray:

@@ -9,7 +9,7 @@ import pandas as pd
 
 from bench.evaluation.alike import SMOOTHING
 from bench.evaluation.equal_treatment import SHARES_PERCENT
-from bench.evaluation.metrics import HEADLINE, METRICS, TITLES, of_captures, over_frames
+from bench.evaluation.metrics import HEADLINE, METRICS, TITLES, over_frames, pool
 from bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
 from bench.evaluation.scoring_protocols import protocol
 from bench.evaluation.statistics.intervals import figure_interval
@@ -18,7 +18,7 @@ from bench.results import REFERENCES
 from bench.results.about import SHARES
 from bench.results.tables import CAPTURES, COMPARISONS, CURVES, EQUAL, TABLE, frame
 from bench.run.outcome import Basis, Line, Outcome, deviations, errors, repeated, surfaces
-from bench.run.scoring import EACH_FRAME, TREATED
+from bench.run.scoring import EACH_FRAME, FIGURES, TREATED
 from radar.support.files import read_json
 
 ALIKE_COMPARED = (HEADLINE, "aurc_mm")  # the figures by which equally treated methods are compared
@@ -28,11 +28,7 @@ Figures = dict[tuple[str, str], pd.DataFrame]  # (reference, method) → `of_cap
 
 def tables(outcome: Outcome, on: Basis) -> dict[str, pd.DataFrame]:
     """The result's tables by name, but for tasks and repeats."""
-    figures: Figures = {}
-    for reference in REFERENCES:
-        for entry in on.methods:
-            if names := _scored(outcome, on, reference):
-                figures[reference, entry.id] = of_captures(errors(outcome, names, entry.id, reference))
+    figures = _figures(outcome, on)
     alike = _equal_treatment(outcome, on)
     each = [
         row
@@ -48,6 +44,18 @@ def tables(outcome: Outcome, on: Basis) -> dict[str, pd.DataFrame]:
     }
 
 
+def _figures(outcome: Outcome, on: Basis) -> Figures:
+    """The figures that the stages which scored the captures left, in the order of references, methods and captures."""
+    columns = [*pool([]), "floor_mm"]
+    rows: dict[tuple[str, str], list[np.ndarray]] = {}
+    for capture in on.captures:
+        for reference, methods in kept(outcome, capture.name, FIGURES).items():
+            for method, values in methods.items():
+                rows.setdefault((reference, method), []).append(np.array([values[key] for key in columns], float))
+    wanted = [(reference, entry.id) for reference in REFERENCES for entry in on.methods]
+    return {each: pd.DataFrame(rows[each], columns=columns) for each in wanted if each in rows}
+
+
 def _scored(outcome: Outcome, on: Basis, reference: str) -> list[str]:
     """The captures that have the reference."""
     return [capture.name for capture in on.captures if reference in outcome.references[capture.name]]
@@ -58,7 +66,7 @@ def tabulate(outcome: Outcome, on: Basis, figures: Figures) -> pd.DataFrame:
     rows, repeats = [frame(TABLE)], repeated(outcome)
     seed, chosen = outcome.bench.seed, protocol(outcome.bench.protocol)
     precise = [capture.name for capture in on.repeated]
-    frames = {capture.name: _kept(outcome, capture.name, EACH_FRAME) for capture in on.captures}
+    frames = {capture.name: kept(outcome, capture.name, EACH_FRAME) for capture in on.captures}
     for (reference, method), captures in figures.items():
         names = _scored(outcome, on, reference)
         about = outcome, names, method, reference
@@ -108,16 +116,22 @@ def _equal_treatment(outcome: Outcome, on: Basis) -> Alike:
             break
     else:
         return Alike()
-    kept = {name: _kept(outcome, name, TREATED)[reference] for name in names}
-    methods = [entry.id for entry in on.methods if all(entry.id in kept[n][t] for n in names for t in SMOOTHING)]
+    rows: dict[tuple[str, str], list[dict[str, Any]]] = {}  # by treatment and method
+    sums_mm: dict[tuple[str, str], np.ndarray] = {}  # of the curves, which are long
+    for name in names:
+        for treatment, treated in kept(outcome, name, TREATED)[reference].items():
+            for key, of in (((treatment, method), of) for method, of in treated.items()):
+                rows.setdefault(key, []).append(of["figures"])
+                sums_mm[key] = sums_mm.get(key, 0.0) + np.array(of["curve_mm"], float)
+    everywhere = {key for key, captures in rows.items() if len(captures) == len(names)}
+    methods = [entry.id for entry in on.methods if all((t, entry.id) in everywhere for t in SMOOTHING)]
     found = Alike()
     for treatment in SMOOTHING if len(methods) > 1 else ():
-        of = {method: [kept[name][treatment][method] for name in names] for method in methods}
-        each = {method: pd.DataFrame([c["figures"] for c in captures], dtype=float) for method, captures in of.items()}
+        each = {method: pd.DataFrame(rows[treatment, method], dtype=float) for method in methods}
         for method, captures in each.items():
             found.figures += figure_rows(method, treatment, reference, captures)
             found.captures += _each_rows(method, treatment, reference, names, captures[list(ALIKE_COMPARED)])
-            found.curves += curve_rows(method, treatment, reference, [c["curve_mm"] for c in of[method]])
+            found.curves += curve_rows(method, treatment, reference, sums_mm[treatment, method] / len(names))
         for metric in ALIKE_COMPARED:
             by_method = {method: captures[metric].to_numpy() for method, captures in each.items()}
             found.compared.append(compare(by_method, reference, metric, _titles(on), treatment))
@@ -138,9 +152,9 @@ def figure_rows(method: str, treatment: str, reference: str, captures: pd.DataFr
         yield metric, treatment, method, captures[metric].mean(), low, high, METRICS[metric].unit, reference
 
 
-def curve_rows(method: str, treatment: str, reference: str, curves: list[list[float]]) -> Iterable[Line]:
-    """Lines of `CURVES`: the mean of the captures' curves, as far as all of them reach."""
-    for share, risk_mm in zip(SHARES_PERCENT, np.array(curves, float).mean(axis=0), strict=True):
+def curve_rows(method: str, treatment: str, reference: str, curve_mm: np.ndarray) -> Iterable[Line]:
+    """Lines of `CURVES`: the mean of the captures' curves, as far as all of them reach (NaN: no further)."""
+    for share, risk_mm in zip(SHARES_PERCENT, curve_mm, strict=True):
         if np.isfinite(risk_mm):
             yield method, treatment, reference, share, risk_mm
 
@@ -149,6 +163,6 @@ def _titles(on: Basis) -> dict[str, str]:
     return {entry.id: TITLES.get(entry.id, entry.id) for entry in on.methods}
 
 
-def _kept(outcome: Outcome, capture: str, file: str) -> Any:
+def kept(outcome: Outcome, capture: str, file: str) -> Any:
     """The content of a JSON file that the stage that scored a capture left."""
     return read_json(outcome.scores[capture] / file, "a scored capture's figures")

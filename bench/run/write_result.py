@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from bench import results
-from bench.evaluation.error_causes import Scored, explain
+from bench.evaluation.error_causes import averaged_lines
 from bench.evaluation.floor import budget
 from bench.evaluation.metrics import TITLES
 from bench.evaluation.rows import metric_facts
@@ -16,10 +16,10 @@ from bench.evaluation.scoring_protocols import protocol
 from bench.evaluation.statistics.intervals import note
 from bench.evaluation.statistics.sample_size import variance_facts
 from bench.results import About, CaptureFacts, MethodFacts, Surface
-from bench.results.tables import TASKS, frame
+from bench.results.tables import CAUSES, RELIABILITY, TASKS, frame
+from bench.run import scoring
 from bench.run.outcome import Basis, Outcome, basis, errors, repeated, surfaces
-from bench.run.tabulation import tables
-from radar.data.depthmap import load_depthmap
+from bench.run.tabulation import kept, tables
 from radar.imaging.device import describe
 from radar.support.cost import calibrated_machine
 from radar.support.files import atomic_path
@@ -56,13 +56,11 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
     names, methods = [capture.name for capture in on.repeated], [entry.id for entry in on.methods]
     repeats = repeated(outcome)
     repeats = repeats[repeats.capture.isin(names) & repeats.method.isin(methods)]
-    tasks = frame(TASKS, outcome.tasks)
-    scored = (
-        Scored(entry.id, of, load_depthmap(outcome.maps[name, entry.id]), errors(outcome, [name], entry.id, of)[0])
-        for name in (capture.name for capture in on.captures)
-        for of, entry in product(outcome.references[name], on.methods)
-    )
-    results.write_tables(folder, tasks=tasks, repeats=repeats, **found, **explain(scored))
+    found |= {"tasks": frame(TASKS, outcome.tasks), "repeats": repeats}
+    for name, schema in (("causes", CAUSES), ("reliability", RELIABILITY)):
+        lines = (line for capture in on.captures for line in kept(outcome, capture.name, scoring.CAUSES)[name])
+        found[name] = averaged_lines((line for line in lines if line["method"] in methods), schema)
+    results.write_tables(folder, **found)
     results.write_about(folder, about(outcome, on, found["captures"]))
 
 

@@ -1,7 +1,8 @@
 """Charts of a whole result: errors against time, their distribution, how far repeats scatter, errors by cause, and the
 reliability of the methods' own σ."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from bench.results import HEADLINE, MethodFacts, Result
+from bench.results import HEADLINE, CaptureFacts, MethodFacts, Result
 from bench.results.about import TREATMENTS
 from bench.results.tables import each
 from reports.figures.style import Picture, draw, log_axis, looks, methods, name_all, side_by_side, time_text, whiskers
@@ -17,6 +18,7 @@ from reports.figures.style import width_in as wide
 from reports.tables.blocks import AGAINST, DRAWN, floor_note
 
 EDGES_MM = np.geomspace(0.02, 100, 400)
+Counts = dict[tuple[str, str], np.ndarray]  # by method and reference
 CAUSES = {
     "incidence_deg": "incidence angle in °",
     "below_maximum_db": "amplitude below the maximum in dB",
@@ -27,12 +29,12 @@ ROWS = {"absolute_mm": "mean |z − z_ref| in mm", "mean_mm": "mean z − z_ref 
 LINEAR_MM = 1  # of signed means, up to which their scale is linear
 
 
-def overview(result: Result) -> Iterator[Picture]:
-    """The pictures of all captures together that the result has the data for."""
+def overview(result: Result, counts: Counts | None = None) -> Iterator[Picture]:
+    """The pictures of all captures together that the result has the data for; counts: of their errors, if at hand."""
     if (result.table.metric == HEADLINE).any():
         yield accuracy_against_time(result)
     if result.about.methods and any(capture.references for capture in result.scored()):
-        yield error_distributions(result)
+        yield error_distributions(result, counts or counted(result, result.scored()))
     if len(result.curves):
         yield risk_coverage(result)
     if len(result.repeats):
@@ -74,14 +76,16 @@ def accuracy_against_time(result: Result) -> Picture:
     )
 
 
-def error_distributions(result: Result) -> Picture:
+def error_distributions(result: Result, counts: Counts) -> Picture:
     """Share of the observed pixels whose error is smaller than e: the whole distribution, not only its mean."""
     references = [r for r in DRAWN if any(r in capture.references for capture in result.scored())]
     figure, axes = side_by_side(len(references))
     for axis, reference in zip(axes, references, strict=True):
         for i, method in enumerate(methods(result)):
             every = (4 * i % 40, 40)  # markers of different methods do not fall on each other
-            draw(result, axis, method, EDGES_MM, _shares(result, method.name, reference), markevery=every)
+            *below, observed = counts[method.name, reference]
+            shares = 100 * np.array(below) / (observed or np.nan)
+            draw(result, axis, method, EDGES_MM, shares, markevery=every)
         log_axis(axis, "x")
         axis.set(xlim=EDGES_MM[[0, -1]], ylim=(0, 100), xlabel="|z − z_ref| in mm", title=AGAINST[reference])
         axis.set_ylabel("share of observed pixels in %")
@@ -114,17 +118,20 @@ def risk_coverage(result: Result) -> Picture:
     )
 
 
-def _shares(result: Result, method: str, reference: str) -> np.ndarray:
-    """Percentage of the observed pixels of all captures with an absolute error up to each of EDGES_MM; read capture by
-    capture, for there may be a thousand."""
-    below, observed = np.zeros(len(EDGES_MM)), 0
-    for capture in result.scored():
-        if reference in capture.references:
+def counted(result: Result, captures: Iterable[CaptureFacts]) -> Counts:
+    """The observed pixels of some captures with an absolute error up to each of EDGES_MM, and all of them."""
+    counts = {(m.name, reference): np.zeros(len(EDGES_MM) + 1, int) for m in methods(result) for reference in DRAWN}
+    for capture in captures:
+        for method, reference in (key for key in counts if key[1] in capture.references):
             error_m = result.errors(capture.name, method, reference).error_m
             error_mm = np.sort(1e3 * np.abs(error_m[np.isfinite(error_m)]))
-            below += np.searchsorted(error_mm, EDGES_MM, side="right")
-            observed += len(error_mm)
-    return 100 * below / observed if observed else np.full(len(EDGES_MM), np.nan)
+            counts[method, reference] += [*np.searchsorted(error_mm, EDGES_MM, side="right"), len(error_mm)]
+    return counts
+
+
+def added(parts: Iterable[Counts]) -> Counts:
+    """The counts of several groups of captures together."""
+    return reduce(lambda a, b: {key: a[key] + b[key] for key in a}, parts)
 
 
 def repeats(result: Result) -> Picture:

@@ -5,13 +5,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from textwrap import fill
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize, SymLogNorm
+from matplotlib.colors import Colormap, ListedColormap, Normalize, SymLogNorm
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.markers import TICKDOWN, TICKLEFT
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
@@ -50,19 +53,26 @@ class Strip:
     """Panels of one colour scale, in mm."""
 
     panels: Sequence[Panel]
-    colours: str
+    colours: Colormap
     norm: Normalize
     label: str
 
 
 def depth_strip(panels: Sequence[Panel], first: Surface) -> Strip:
     """Depths on the scale of one of them."""
-    return Strip(panels, DEPTH_COLOURS, depth_scale(first), "z in mm")
+    return Strip(panels, _without_grey(DEPTH_COLOURS), depth_scale(first), "z in mm")
 
 
 def error_strip(panels: Sequence[Panel]) -> Strip:
     """Signed errors."""
-    return Strip(panels, ERROR_COLOURS, error_scale(), "z − z_ref in mm")
+    return Strip(panels, _without_grey(ERROR_COLOURS), error_scale(), "z − z_ref in mm")
+
+
+def _without_grey(name: str) -> Colormap:
+    """A scale of colours on EMPTY; a grey among them, which `darkened` would turn around, becomes one step bluer."""
+    colours = colormaps[name](np.arange(256), bytes=True)
+    colours[(colours[:, :3] == colours[:, :1]).all(axis=1), 2] += 1
+    return ListedColormap(colours / 255).with_extremes(bad=EMPTY)
 
 
 def error_panel(title: str, errors: ErrorMap) -> Panel:
@@ -105,6 +115,7 @@ def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Pi
         f"Capture {capture.name}: depth maps on one colour scale{said}",
         f"Depth maps of capture {capture.name}, side by side: {names}{', and the photograph' * bool(photo)}. {alt}",
         figure,
+        grey=not photo,
     )
 
 
@@ -116,6 +127,7 @@ def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture
         f"Capture {capture.name}: signed errors {AGAINST[reference]}; {SIGNED}{floor_note(result)}",
         alt,
         sheet([error_strip(shown)], box_of([result.surface(capture.name, reference)])),
+        grey=True,
     )
 
 
@@ -167,11 +179,11 @@ def sheet(strips: Sequence[Strip], box: Box) -> Figure:
         axes.append([place(left + column * (wide + gap), wide) for column in range(len(row.panels))])
         for axis, panel in zip(axes[-1], row.panels, strict=True):
             _draw(axis, panel, row, box)
-        axes[-1][0].tick_params(labelleft=True)
+        _number(axes[-1][0], "y", box)
         axes[-1][0].set_ylabel("y in mm", labelpad=1)
         _bar(figure, row, place(width - right, bar_wide))
     for below in zip_longest(*axes):  # a photograph has no numbers
-        next(axis for axis in reversed(below) if axis).tick_params(labelbottom=True)
+        _number(next(axis for axis in reversed(below) if axis), "x", box)
     middle = (left + columns * (wide + gap) / 2) / width
     figure.text(middle, 0.06 / height, X_SHORT if narrow() else X_LABEL, ha="center")
     return figure
@@ -206,7 +218,7 @@ def depth_scale(surface: Surface) -> Normalize:
 
 def _draw(axis: Axes, panel: Panel, strip: Strip, box: Box) -> None:
     """One map in mm, pixel for pixel on its even grid, cut to `box`; or a photograph."""
-    axis.set_title(panel.title)
+    axis.set_title(panel.title, y=1.0)  # told, for to find it takes as long as to draw the axes
     if panel.surface is None:
         axis.set_axis_off()
         if panel.photo is not None:
@@ -214,20 +226,36 @@ def _draw(axis: Axes, panel: Panel, strip: Strip, box: Box) -> None:
             axis.imshow(panel.photo)
         return
     axis.set_facecolor(EMPTY)
-    colour_map = colormaps[strip.colours].with_extremes(bad=EMPTY)
     values_mm = np.ma.masked_invalid(1e3 * panel.surface.z_m)
     extent = (*_edges_mm(panel.surface.x_m), *_edges_mm(panel.surface.y_m))
-    axis.imshow(values_mm, colour_map, strip.norm, interpolation="nearest", origin="lower", extent=extent)
+    axis.imshow(values_mm, strip.colours, strip.norm, interpolation="nearest", origin="lower", extent=extent)
     if panel.errors:
         covered = np.isfinite(panel.errors.reference_z_m)
         if covered.any() and not covered.all():
             x_mm, y_mm = 1e3 * panel.errors.x_m, 1e3 * panel.errors.y_m
             axis.contour(x_mm, y_mm, covered, levels=[0.5], colors="0.35", linewidths=0.4)
-    axis.set(xlim=box[:2], ylim=box[2:], aspect="equal")
-    axis.yaxis.set_major_locator(MaxNLocator(4 if narrow() else 5))
-    # Numbers at the edges would meet the next panel's.
-    axis.xaxis.set_major_locator(MaxNLocator(2) if narrow() else MaxNLocator(4, prune="both"))
-    axis.tick_params(labelbottom=False, labelleft=False, length=2.5, width=0.6)
+    axis.set(xlim=box[:2], ylim=box[2:], xticks=(), yticks=(), aspect="equal")
+    style: dict[str, Any] = {"ls": "none", "markeredgecolor": "k", "markersize": 2.5, "markeredgewidth": 0.6}
+    for side, marker in (("x", TICKDOWN), ("y", TICKLEFT)):  # as one line each: ticks of their own are five a tick
+        at_mm = _ticks_mm(side, box)
+        places = (at_mm, 0 * at_mm) if side == "x" else (0 * at_mm, at_mm)
+        along = axis.get_xaxis_transform() if side == "x" else axis.get_yaxis_transform()
+        axis.add_artist(Line2D(*places, transform=along, clip_on=False, **style | {"marker": marker}))
+
+
+def _ticks_mm(side: str, box: Box) -> np.ndarray:
+    """The places of ticks along one side of a box; numbers at the edges of x would meet the next panel's."""
+    low, high = sorted(box[:2] if side == "x" else box[2:])
+    most, pruned = {"x": 2 if narrow() else 4, "y": 4 if narrow() else 5}[side], side == "x" and not narrow()
+    ticks_mm = np.asarray(MaxNLocator(most, prune="both" if pruned else None).tick_values(low, high))
+    return ticks_mm[(ticks_mm >= low) & (ticks_mm <= high)]
+
+
+def _number(axis: Axes, side: Literal["x", "y"], box: Box) -> None:
+    """Write numbers at the ticks of an outer axis; of a photograph none."""
+    if axis.axison:
+        axis.set(**{f"{side}ticks": _ticks_mm(side, box)})
+        axis.tick_params(length=2.5, width=0.6)
 
 
 def _edges_mm(centres_m: np.ndarray) -> tuple[float, float]:

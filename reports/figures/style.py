@@ -55,12 +55,14 @@ MARKERS: tuple[MarkerType, ...] = ("o", "s", "^", "D", "v", "P", "X", "<", ">", 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure with its file name's stem, its caption and a description for those who cannot see it."""
+    """A figure with its file name's stem, its caption and a description for those who cannot see it; grey: nothing in
+    it but maps has a colour, and no map a grey."""
 
     stem: str
     caption: str
     alt: str
     figure: Figure
+    grey: bool = False
 
 
 def narrow() -> bool:

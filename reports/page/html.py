@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from functools import partial
+from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from reports.tables.result_tables import findings
 
 ABREAST = 12  # captures on a page
 SECTIONS = ("verdicts", "effects", "uncertainty", "provenance", "command", "settings", "captures")
-REPORT_S, MAP_S = 4.0, 0.5  # of processor time: figures and tables of a result, and what a capture's method adds
+REPORT_S, MAP_S = 4.0, 0.25  # of processor time: figures and tables of a result, and what a capture's method adds
 FIRST = 3  # captures on the first page where there are more
 
 
@@ -41,7 +41,8 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     sweep = Path(sweep) if sweep else next((place for place in places if (place / "tradeoff.json").exists()), None)
     if sweep == folder and not (folder / "result.json").exists():
         return tradeoff_section.build(folder, out)
-    result = load(folder)
+    _loaded.cache_clear()
+    result = _loaded(folder)
     if out.resolve() == result.folder.resolve():
         raise HandbenchError(f"{out}: is the result folder itself, whose table.csv must stay; choose another place")
     maps = len(result.about.captures) * len(result.about.methods)
@@ -63,17 +64,17 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
         old.unlink()
     groups = pages(result.scored())
     parts = page_names(groups)
-    overview = rendering.images(lambda: charts.overview(result), out / "figures")
     swept = tradeoff_section.section(trade, out) if trade else None
     facts = _captures(result, groups[0], out / "figures") | {"parts": parts, "part": 0, "groups": groups}
     causes = cause_section.section(result, out / "figures")
-    for _ in track(_drawn(partial(further_page, folder, out, groups), range(1, len(groups))), "pages", len(parts)):
-        pass
+    further = track(_drawn(partial(further_page, folder, out, groups), range(1, len(groups))), "pages", len(parts))
+    counts = charts.added([charts.counted(result, groups[0]), *further])
+    overview = rendering.images(lambda: charts.overview(result, counts), out / "figures")
     write_text(out / "index.html", render("index.html", **_summary(result, overview, swept, causes), **facts))
     return out / "index.html"
 
 
-def _drawn(page: Callable[[int], None], numbers: Sequence[int]) -> Iterator[None]:
+def _drawn(page: Callable[[int], charts.Counts], numbers: Sequence[int]) -> Iterator[charts.Counts]:
     """Write pages by number, in as many processes as there are cores, since matplotlib's threads would meet."""
     count = min(len(numbers), workers())
     if count < 2:
@@ -83,12 +84,17 @@ def _drawn(page: Callable[[int], None], numbers: Sequence[int]) -> Iterator[None
         yield from processes.map(page, numbers)
 
 
-def further_page(folder: Path, out: Path, groups: Sequence[Sequence[CaptureFacts]], part: int) -> None:
-    """Write a further page of captures, groups[part], of the result in `folder`; its pictures as PNG alone."""
-    result, parts = load(folder), page_names(groups)
+_loaded = cache(load)  # a process draws many pages of one result
+
+
+def further_page(folder: Path, out: Path, groups: Sequence[Sequence[CaptureFacts]], part: int) -> charts.Counts:
+    """Write a further page of captures, groups[part], of the result in `folder`, its pictures as PNG alone, and count
+    their errors."""
+    result, parts = _loaded(folder), page_names(groups)
     facts = _captures(result, groups[part], out / "figures", paper=False)
     facts |= {"parts": parts, "part": part, "groups": groups}
     write_text(out / parts[part - 1], render("captures.html", about=result.about, **facts))
+    return charts.counted(result, groups[part])
 
 
 def page_names(groups: Sequence[Sequence[CaptureFacts]]) -> list[str]:

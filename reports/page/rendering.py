@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from PIL import Image as Pixels
 
 from radar.support.files import atomic_path, write_text
-from reports.figures.dark import darken
+from reports.figures.dark import darken, darkened
 from reports.figures.style import COLUMN, STYLE, Picture
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -54,16 +54,19 @@ def images(draw: Callable[[], Iterable[Picture]], folder: Path, paper: bool = Tr
     written = []
     with matplotlib.rc_context(STYLE):
         for picture in draw():
+            fine = SHOWN if paper else SHOWN * matplotlib.rcParams["savefig.dpi"] / _dpi(picture.figure)
             with atomic_path(folder / f"{picture.stem}.png") as temporary:
                 if paper:
                     picture.figure.savefig(temporary)
+                    pixels: Pixels.Image = Pixels.open(temporary)
                 else:
-                    _pixels(picture.figure).save(temporary, compress_level=FAST)
-            with Pixels.open(folder / f"{picture.stem}.png") as pixels:
-                fine = SHOWN if paper else SHOWN * matplotlib.rcParams["savefig.dpi"] / _dpi(picture.figure)
+                    pixels = _pixels(picture.figure)
+                    pixels.save(temporary, compress_level=FAST)
                 light = image(pixels, picture.alt, picture.caption, picture.stem, fine)
             picture.figure.set_layout_engine("none")  # laid out once
-            written.append(replace(light, dark=_uri(_pixels(darken(picture.figure)))))
+            again = paper or not picture.grey
+            dark = _pixels(darken(picture.figure)) if again else Pixels.fromarray(darkened(np.asarray(pixels)))
+            written.append(replace(light, dark=_uri(dark)))
     with matplotlib.rc_context(COLUMN):
         for picture in draw() if paper else ():
             with atomic_path(folder / f"{picture.stem}.pdf") as temporary:
@@ -76,7 +79,7 @@ def _pixels(figure: Figure) -> Pixels.Image:
     figure.set_dpi(_dpi(figure))
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
-    return Pixels.fromarray(np.array(canvas.buffer_rgba()))
+    return Pixels.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())  # on a page of its own colour
 
 
 def _dpi(figure: Figure) -> float:

@@ -126,7 +126,9 @@ def equal_treatment(
         for treatment in SMOOTHING:
             of_captures = pd.DataFrame([treated[method].figures for treated in each], dtype=float)
             figures += figure_rows(method, treatment, reference, of_captures)
-            curves += curve_rows(method, treatment, reference, [treated[method].curve_mm for treated in each])
+            curves += curve_rows(
+                method, treatment, reference, np.mean([treated[method].curve_mm for treated in each], axis=0)
+            )
     return {"equal": frame(EQUAL, figures), "curves": frame(CURVES, curves)}
 
 

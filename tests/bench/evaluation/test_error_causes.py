@@ -13,7 +13,6 @@ from bench.evaluation.error_causes import (
     Scored,
     cause_lines,
     edge_distance_m,
-    explain,
     incidence_deg,
     parts,
     surface_causes,
@@ -21,6 +20,7 @@ from bench.evaluation.error_causes import (
 from bench.results.error_map import ErrorMap
 from bench.results.tables import CAUSES, RELIABILITY, read, write
 from radar.data.depthmap import DepthMap
+from tests.bench.evaluation.explained import explain
 
 AXIS_M = np.linspace(-0.1, 0.1, 201)
 X_M, Y_M = np.meshgrid(AXIS_M, AXIS_M)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from bench.evaluation.error_causes import NOMINAL_PERCENT, Scored, covered, explain, negative_log_likelihood
+from bench.evaluation.error_causes import NOMINAL_PERCENT, Scored, covered, negative_log_likelihood
 from bench.results.error_map import ErrorMap
 from radar.data.depthmap import DepthMap
+from tests.bench.evaluation.explained import explain
 
 SIDE = 100
 AXIS_M = 1e-3 * np.arange(SIDE)

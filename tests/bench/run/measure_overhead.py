@@ -26,6 +26,7 @@ import psutil
 from bench.datasets.native import ECHOES, TRUTH, CaptureFile, save_capture_file
 from bench.evaluation.alike import SMOOTHING
 from bench.evaluation.depth_errors import error_map
+from bench.evaluation.metrics import pool
 from bench.results import HEADLINE, errors_path, write_errors
 from bench.results.tables import Column
 from bench.run import reconstruct_stage, scoring, tasks
@@ -33,7 +34,7 @@ from bench.run.benchmark_file import BenchFile
 from bench.run.executors import Cluster, Executor, InPlace, executor
 from bench.run.outcome import Capture, Outcome, basis
 from bench.run.runner import Run
-from bench.run.scoring import EACH_FRAME, GRIDS, REFERENCES, TREATED, write_reference
+from bench.run.scoring import EACH_FRAME, FIGURES, GRIDS, REFERENCES, TREATED, write_reference
 from bench.run.tabulation import tables
 from bench.run.tasks import Done
 from bench.studies.columns import Record, Table
@@ -120,16 +121,19 @@ def scored_captures(bench: BenchFile, base: Path, scores: Path) -> Outcome:
     write_json(one / GRIDS, dict.fromkeys(METHODS, 0))
     write_json(one / EACH_FRAME, {"truth": {id: [{HEADLINE: 0.8, "max_mm": 4.0}] for id in METHODS}})
     write_json(one / TREATED, {"truth": {treatment: {} for treatment in SMOOTHING}})
+    figures = {}
     for id in METHODS:
         seen = error_map(axis_m, axis_m, z_m + rng.normal(0, 1e-3, z_m.shape), z_m, known.sigma_m, disc)
         write_errors(one, "one", id, "truth", seen)
+        figures[id] = pool([seen]) | {"floor_mm": 0.0}
+    write_json(one / FIGURES, {"truth": figures})
     for source in bench.capture:
         name = str(source.path)
         found.captures.append(Capture(base / name, name, CaptureFile(name=name)))
         found.references[name] = {"truth": (base / name / TRUTH, transform)}
         found.scores[name] = scores / name
         (found.scores[name] / "errors").mkdir(parents=True)
-        for folder in (REFERENCES, GRIDS, EACH_FRAME, TREATED):
+        for folder in (REFERENCES, GRIDS, EACH_FRAME, TREATED, FIGURES):
             (found.scores[name] / folder).symlink_to(one / folder)
         for id in METHODS:
             found.seconds[name, id] = [0.1]

@@ -7,11 +7,14 @@ from pathlib import Path
 import pytest
 
 from bench.cli.main import main
+from bench.datasets.dataset import open_capture
+from bench.datasets.native import ECHOES, TRUTH, save_capture_file
 from bench.run import planned_cost
 from bench.run.benchmark_file import load_benchmark
 from bench.run.reconstruct_stage import require_near
 from bench.run.runner import run
 from bench.studies.study import carried_out
+from bench.validation import doubts
 from groundtruth.options import predicted as predicted_of_photographs
 from radar.data.arrays import AntennaArray
 from radar.data.echoes_file import load_capture, save_capture
@@ -70,6 +73,24 @@ def test_more_than_the_limit_is_refused_before_the_folder_is_made(small_bench, t
     assert main(["run", str(small_bench), "-o", str(tmp_path / "out")]) == 2
     assert "1 captures × 2 methods: would take about" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("surface", [True, False])
+def test_a_capture_is_inspected_in_about_the_time_that_was_predicted(small_bench, tmp_path, surface):
+    """Against the processor time of the stage itself, the better of two, so that kernels are loaded: within a factor of
+    three, and as much again as machines differ. Without a surface it takes several times as long."""
+    capture = tmp_path / "capture"
+    assert main(["simulate", str(small_bench.parent / "ball.toml"), "-o", str(capture)]) == 0
+    if not surface:
+        save_capture_file(capture, open_capture(capture).about.model_copy(update={"contains": (ECHOES,)}))
+        (capture / TRUTH).unlink()
+    taken_s = []
+    for _ in range(2):
+        start_s = time.process_time()
+        doubts.make(tmp_path, str(capture))
+        taken_s.append(time.process_time() - start_s)
+    assert 1 / 6 < planned_cost.inspecting(capture) / min(taken_s) < 6
+    assert planned_cost.inspecting(None) == planned_cost.FITTED_S
 
 
 def test_what_cannot_be_opened_counts_nothing_and_is_told_by_the_run(small_bench, tmp_path):

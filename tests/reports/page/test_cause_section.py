@@ -10,12 +10,13 @@ import pytest
 from matplotlib.axes import Axes
 
 from bench import results
-from bench.evaluation.error_causes import Scored, explain
+from bench.evaluation.error_causes import Scored
 from bench.results.tables import each
 from radar.data.depthmap import DepthMap
 from reports.figures.charts import CAUSES, explained
 from reports.page import cause_section, html
 from reports.tables.blocks import number
+from tests.bench.evaluation.explained import explain
 
 
 @pytest.fixture(scope="module")

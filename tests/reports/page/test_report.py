@@ -24,8 +24,8 @@ from bench.results.tables import CASES, COMPARISONS, frame
 from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json
 from reports.figures import depth_maps
-from reports.figures.charts import overview
-from reports.figures.dark import darken
+from reports.figures.charts import added, counted, overview
+from reports.figures.dark import darken, darkened
 from reports.figures.depth_maps import panels
 from reports.figures.style import COLOURS, COLUMN, MARKERS, STYLE, looks
 from reports.page import html, rendering, scene3d, sections
@@ -270,6 +270,28 @@ def test_dark_pictures_have_a_dark_page_light_text_and_the_same_scales(result_fo
             for image, scale in zip(images, before, strict=True):
                 np.testing.assert_array_equal(image.cmap(np.linspace(0, 1, 9)), scale)
                 assert max(image.cmap.get_bad()[:3]) < 0.3  # what was not observed
+
+
+def test_pixels_turned_dark_are_those_of_the_figure_drawn_dark(result_folder):
+    """Against the figure that is drawn once more in dark colours: all but grey lines across colours, which are few."""
+    with matplotlib.rc_context(STYLE):
+        figure = drawn(result_folder, "error_B__truth").figure
+        turned = darkened(np.asarray(rendering._pixels(figure))).astype(int)
+        again = np.asarray(rendering._pixels(darken(figure))).astype(int)
+    apart = np.abs(turned - again).max(axis=-1)
+    assert np.mean(apart > 2) < 0.01 and np.median(apart) <= 1
+    colours = depth_maps.error_strip([]).colours(np.arange(256), bytes=True)[:, :3].astype(int)
+    assert (np.ptp(colours, axis=1) > 0).all()  # no colour of a map is taken for a grey
+
+
+def test_errors_are_counted_alike_page_by_page_and_together(result_folder):
+    result = results.load(result_folder)
+    parts = [counted(result, [capture]) for capture in result.scored()]
+    together = counted(result, result.scored())
+    for key, counts in added(parts).items():
+        np.testing.assert_array_equal(counts, together[key])
+    errors = [result.errors(c.name, "3fsk", "truth").error_m for c in result.scored()]
+    assert together["3fsk", "truth"][-1] == sum(np.isfinite(e).sum() for e in errors)
 
 
 def luminance_of(rgb):
