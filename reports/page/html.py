@@ -11,7 +11,7 @@ from bench.results import CaptureFacts, Result, load, load_tradeoff
 from radar.support.cost import require_time
 from radar.support.errors import HandbenchError
 from radar.support.files import write_text
-from radar.support.parallel import workers
+from radar.support.parallel import script_left_out, workers
 from radar.support.progress import track
 from reports.figures import charts
 from reports.figures.depth_maps import panels
@@ -78,9 +78,10 @@ def _drawn(page: Callable[[int], charts.Counts], numbers: Sequence[int]) -> Iter
     """Write pages by number, in as many processes as there are cores, since matplotlib's threads would meet."""
     count = min(len(numbers), workers())
     if count < 2:
+        _loaded.cache_clear()  # this process may have written the folder since it last drew it
         yield from map(page, numbers)
         return
-    with ProcessPoolExecutor(count, get_context("spawn")) as processes:
+    with script_left_out(), ProcessPoolExecutor(count, get_context("spawn")) as processes:
         yield from processes.map(page, numbers)
 
 
