@@ -15,7 +15,7 @@ def run(options: argparse.Namespace) -> None:
     if options.hidden is None:
         names = write_set(options.out, chosen, base, options.limit)
     else:
-        secret = read_secret(options.hidden, new=not options.truth)
+        secret = read_secret(options.hidden, options.out, options.truth)
         chosen = hidden(chosen, secret)
         names = write_set(options.out, chosen, base, options.limit, secret, options.truth)
     then = "submit" if options.hidden and not options.truth else "run"

@@ -123,11 +123,11 @@ def _unwell(future: Future, jobs: list[Stage]) -> list[Done] | None:
 
 
 @contextmanager
-def executor(scheduler: str | None = None, core_s: float = 0.0) -> Iterator[Executor]:
+def executor(scheduler: str | None = None, core_s: float = 0.0, bytes_: float = 0.0) -> Iterator[Executor]:
     """In place, with processes beside this one where so much processor time, core_s, is worth them; or the cluster of
     the Dask scheduler at this address, tcp://host:port."""
     if scheduler is None:
-        with closing(Processes()) as processes:
+        with closing(Processes(bytes_=bytes_)) as processes:
             yield processes if core_s > WORTH_S else InPlace()
         return
     try:

@@ -55,7 +55,7 @@ def run(
     if scheduler is None:  # of other machines neither cores nor memory are known
         ahead = planned_cost.of_run(bench, base)
         require_time(ahead.core_s, f"{len(bench.capture)} captures × {len(bench.method)} methods", ahead.bytes_)
-    with executor(scheduler, ahead.core_s) as workers, claimed(folder) as work:
+    with claimed(folder) as work, executor(scheduler, ahead.core_s, ahead.bytes_) as workers:
         _check_room(folder, config, overwrite)
         found = Run(bench, base.resolve(), work.resolve(), workers).execute()
         found.facts |= {} if command is None else {"command": command}

@@ -22,7 +22,6 @@ from bench.evaluation import scoring_protocols
 from bench.evaluation.alike import SMOOTHING, Alike
 from bench.evaluation.depth_errors import error_map
 from bench.evaluation.equal_treatment import treat
-from bench.evaluation.error_causes import Lines, Scored, lines_of, surface_causes
 from bench.evaluation.floor import floor_mm
 from bench.evaluation.metrics import Values, figures_of_frame, pool
 from bench.evaluation.scoring_protocols import Protocol
@@ -66,6 +65,8 @@ def make(
 ) -> None:
     """Compare a capture's depth maps, by method, with its references, each a mesh file and the transform that carries
     it into the radar frame, by a protocol. A reference that cannot be read is a HandbenchError."""
+    from bench.evaluation.error_causes import Lines, Scored, lines_of, surface_causes  # with pandas: not for `compare`
+
     chosen = scoring_protocols.protocol(protocol)
     data = open_capture(capture)
     numbers: dict[bytes, int] = {}

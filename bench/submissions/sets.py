@@ -19,6 +19,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import tomlkit
 from pydantic import Field
 
@@ -28,13 +29,22 @@ from bench.scenes.build import Scene, build
 from bench.scenes.echoes import echoes
 from bench.scenes.scene_file import HandTarget, SceneFile
 from groundtruth.mesh.mesh_files import write_mesh
-from radar.data.echoes_file import save_capture
+from radar.data.echoes_file import load_capture, save_capture
 from radar.methods.registry import method
 from radar.simulation.causes import Noise
 from radar.simulation.scene import Material
 from radar.support.config import Config, Name, load, read_toml, suggest
 from radar.support.errors import HandbenchError
-from radar.support.files import atomic_folder, inside, read_bytes, read_json, require_file, write_json, write_text
+from radar.support.files import (
+    atomic_folder,
+    inside,
+    read_bytes,
+    read_json,
+    require_file,
+    writable,
+    write_json,
+    write_text,
+)
 from radar.support.progress import track
 from radar.warmup import compile_kernels
 
@@ -42,6 +52,7 @@ SETS = Path(__file__).parent / "sets"
 SCENES = Path(__file__).parents[1] / "run" / "benchmarks"
 BENCH, CAPTURES, CHECKSUMS, CROISSANT = "bench.toml", "captures", "checksums.txt", "croissant.json"
 BOXES = ("broadband", "narrowband")  # volumes, of which the z follows the hand
+SAME = 0.1  # L2 of echoes of one scene: roundings of two machines make some 0.5 %, another hand more than 100 %
 NEAR_M, BEHIND_M = 0.065, 0.015  # of these volumes: before the palm's mid-plane and behind it, as the paper's is
 
 
@@ -74,11 +85,15 @@ def find_set(name: str) -> tuple[SetFile, Path]:
     return chosen, base
 
 
-def read_secret(file: Path, new: bool) -> str:
-    """The secret of a hidden part, 32 hexadecimal digits; new: made where there is no such file."""
-    if new and not file.exists():
-        write_text(file, secrets.token_hex(16) + "\n")
-        file.chmod(0o600)
+def read_secret(file: Path, folder: Path, truth: bool) -> str:
+    """The secret of a hidden part in `folder`, 32 hexadecimal digits; made where there is no such file, for a new part
+    without its true surfaces."""
+    if file.resolve().is_relative_to(folder.resolve()):
+        raise HandbenchError(f"{file}: lies in {folder}, which is to be handed out; put the secret elsewhere")
+    if not truth and not (folder / BENCH).exists() and not file.exists():
+        with writable(file, "choose another file for the secret"):
+            file.touch(0o600)
+            file.write_text(secrets.token_hex(16) + "\n")
     secret = read_bytes(file, "the secret of a hidden part", 64).decode("ascii", "replace").strip()
     if not re.fullmatch("[0-9a-f]{32}", secret):
         raise HandbenchError(f"{file}: holds no 32 hexadecimal digits; a new file's name makes a secret")
@@ -127,15 +142,23 @@ def write_set(
     holds then; their names. base: of the scenes' paths; secret: of the hidden part, which gets its true surfaces where
     `truth` says so. HandbenchError where the folder holds another set."""
     every = list(scenes(chosen, base, secret))
-    if (bench := folder / BENCH).exists() and read_toml(bench, "a benchmark").get("name") != chosen.name:
-        raise HandbenchError(f"{folder}: holds another set than {chosen.name}; choose another -o")
+    content: dict[str, Any] = {"version": 1, "name": chosen.name}
+    if (bench := folder / BENCH).exists() or (folder / CAPTURES).exists():
+        if not bench.exists() or read_toml(bench, "a benchmark").get("name") != chosen.name:
+            raise HandbenchError(f"{folder}: holds another set than {chosen.name}; choose another -o")
+    else:
+        write_text(bench, tomlkit.dumps(content))  # a set that is interrupted keeps its name
     compile_kernels(load=False)
+    checked = False
     for scene, distance_m in track(every[:limit], "captures"):
         at = folder / CAPTURES / scene.name
         if not at.is_dir() or (truth and not (at / TRUTH).exists()):
-            _write_capture(at, build(scene, base), distance_m, bool(secret), truth)
+            built = build(scene, base)
+            if at.is_dir() and not checked:
+                _require_made_of(at, built)
+                checked = True
+            _write_capture(at, built, distance_m, bool(secret), truth)
     names = [scene.name for scene, _ in every if (folder / CAPTURES / scene.name).is_dir()]
-    content: dict[str, Any] = {"version": 1, "name": chosen.name}
     content["capture"] = [{"path": f"{CAPTURES}/{name}", "measures": ["accuracy"]} for name in names]
     content["method"] = [{"id": id} for id in chosen.methods]
     write_text(bench, tomlkit.dumps(content))
@@ -160,6 +183,18 @@ def _write_capture(at: Path, built: Scene, distance_m: float, secret: bool, trut
         told = {key: about[key] for key in ("name", "kind", "pose", "contains", *([] if secret else ["seed"]))}
         boxes = {id: {"z": z_m} for id in BOXES}
         save_capture_file(temporary, CaptureFile(**told, distance_m=distance_m, methods=boxes))
+
+
+def _require_made_of(at: Path, built: Scene) -> None:
+    """A HandbenchError unless the echoes of a capture are a scene's, as this version simulates it: a person's or a
+    set's other surface would be no truth for them."""
+    kept, again = load_capture(at / ECHOES).samples, echoes(built).capture.samples
+    off = np.linalg.norm(kept - again) / np.linalg.norm(again) if kept.shape == again.shape else np.inf
+    if not off < SAME:
+        raise HandbenchError(
+            f"{at}: its echoes differ by {100 * off:.0f} % from those that this version makes of the set's file; "
+            "expected less than 10 %: add the surfaces with the files and the version that made the echoes"
+        )
 
 
 def _files(capture: Path) -> list[Path]:

@@ -43,8 +43,10 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
     kept, reuse = _KEPT.get(({}, False))
     key = id(capture), frame, frequencies_hz.tobytes(), config.tolerance, str((config.x, config.y, config.z))
     if not reuse or key not in kept:
-        kept[key] = Peaks(*project_volume(samples, frequencies_hz, capture.aperture, grid, config.tolerance))
-    depth = maximum_projection(peaks := kept[key], config, method)
+        made = Peaks(*project_volume(samples, frequencies_hz, capture.aperture, grid, config.tolerance))
+        kept[key] = capture, made  # the capture too: its id is another's once it is gone
+    _, peaks = kept[key]
+    depth = maximum_projection(peaks, config, method)
     capons = isinstance(config, AlignedConfig) and config.estimator == "capon"
     some = evenly(len(frequencies_hz), CHECKED * (1 + capons))
     range_cells = 2 * np.ptp(frequencies_hz) * np.ptp(grid.z_m) / SPEED_OF_LIGHT_M_S
@@ -97,11 +99,11 @@ def _aligned(
     return agreed(replace(depth, z_m=z_m, sigma_m=own_m), coherence, bandwidth_hz, config)
 
 
-_KEPT: ContextVar[tuple[dict[Any, Peaks], bool]] = ContextVar("kept peaks")
+_KEPT: ContextVar[tuple[dict[Any, tuple[RadarCapture, Peaks]], bool]] = ContextVar("kept peaks")
 
 
 @contextmanager
-def peaks_kept(kept: dict[Any, Peaks], reuse: bool = False) -> Iterator[None]:
+def peaks_kept(kept: dict[Any, tuple[RadarCapture, Peaks]], reuse: bool = False) -> Iterator[None]:
     """While it lasts, `project` keeps the peaks of its captures' volumes; reuse: and takes them from there, for maps
     that differ in filters and thresholds alone have one volume."""
     token = _KEPT.set((kept, reuse))

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager
 from functools import cache
-from threading import Event, local
+from threading import Event, RLock, local
 from typing import TypeVar
 
 from threadpoolctl import ThreadpoolController
@@ -64,15 +64,17 @@ def script_left_out() -> Iterator[None]:
     """A context in which processes that start do not run the caller's script once more, which multiprocessing's
     "spawn" does for what is pickled from it: a script without `if __name__ == "__main__"` would start again there."""
     script = sys.modules["__main__"]
-    names: list[str] = [name for name in ("__file__", "__spec__") if name in vars(script)]
-    hidden = {name: vars(script)[name] for name in names}
-    vars(script).update(dict.fromkeys(names))
-    try:
-        yield
-    finally:
-        vars(script).update(hidden)
+    with _hiding:  # of two threads the second would take what the first has hidden for what the script has
+        names: list[str] = [name for name in ("__file__", "__spec__") if name in vars(script)]
+        hidden = {name: vars(script)[name] for name in names}
+        vars(script).update(dict.fromkeys(names))
+        try:
+            yield
+        finally:
+            vars(script).update(hidden)
 
 
+_hiding = RLock()
 _inside = local()  # work within a worker stays there: waiting for the pool's other threads could wait for ever
 
 

@@ -7,6 +7,7 @@ from typing import TypeVar
 
 Item = TypeVar("Item")
 PLAIN_INTERVAL_S = 10.0
+BARS = True  # False where several processes write to one terminal
 
 
 def say(text: str) -> None:
@@ -18,7 +19,7 @@ def track(items: Iterable[Item], description: str, total: int | None = None) -> 
     """Yield `items` while showing how far they are: a rich bar on a terminal, else a line at most every 10 s, with
     the time that is left where the number of items is known."""
     total = total if total is not None else len(items) if isinstance(items, Sized) else None
-    if sys.stderr.isatty():
+    if BARS and sys.stderr.isatty():
         from rich.console import Console
         from rich.progress import track as rich_track
 

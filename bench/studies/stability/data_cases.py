@@ -59,7 +59,7 @@ BOUNDS = {
     "one_channel": max(VOXEL_MM, *(_alone_mm(*channel) for channel in CHANNELS)),
     "dead_rows": max(VOXEL_MM, 1e3 * left_m(POINT_M, PAPER.first_depth_m)),
     "made_up": PAPER.wrap_probability,
-    "scales": 1e3 * C / (4 * np.pi * 0.2e9) * 4 * U_SINGLE,
+    "scales": 1e3 * C / (4 * np.pi * 0.2e9) * np.sqrt(2 * (12 + 12)) * U_SINGLE,
     "saturated": 4.0,
     "ties": 4 * 10 * U_SINGLE,
     "sigma_follows": SATURATION,

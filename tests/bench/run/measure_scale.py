@@ -116,7 +116,7 @@ def perform(root: Path, stage: Stage) -> Done:
 def client(bench: str, out: str, scheduler: str) -> None:
     """A run whose workers link scores."""
     found, base = load_benchmark(bench)
-    with executors.executor(scheduler) as workers, patch.object(runner, "executor", lambda _: nullcontext(workers)):
+    with executors.executor(scheduler) as workers, patch.object(runner, "executor", lambda *_: nullcontext(workers)):
         workers.perform = perform
         runner.run(found, base, Path(out), scheduler=scheduler)
 

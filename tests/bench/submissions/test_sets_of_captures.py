@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -131,15 +132,35 @@ def test_numbers_of_people_are_too_many_to_be_tried(hidden):
         (["--hidden", "tiny.toml", "--truth"], "tiny.toml"),
         (["--hidden", "part"], "part"),
         (["--hidden", "another"], "holds another set than tiny-hidden-"),
+        (["--hidden", "new"], "new"),
+        (["--hidden", "part/secret"], "put the secret elsewhere"),
     ],
 )
 def test_a_wrong_secret_is_told(hidden, monkeypatch, capsys, options, words):
     part, _ = hidden
     monkeypatch.chdir(part.parent)
+    (part.parent / "another").write_text("0" * 32)
     kept = sorted((file, file.read_bytes()) for file in part.rglob("*") if file.is_file())
     assert made(part, *options)[0] == 2
-    assert words in capsys.readouterr().err
+    assert words in capsys.readouterr().err and not Path("new").exists()
     assert kept == sorted((file, file.read_bytes()) for file in part.rglob("*") if file.is_file())
+
+
+def test_a_hidden_part_that_was_interrupted_goes_on_with_its_secret_alone(hidden, tmp_path, capsys):
+    part, secret = hidden
+    (part / "bench.toml").write_text("\n".join((part / "bench.toml").read_text().splitlines()[:2]))  # as it begins
+    (tmp_path / "other").write_text("0" * 32)
+    assert made(part, "--hidden", str(tmp_path / "other"))[0] == 2
+    assert "holds another set" in capsys.readouterr().err
+    assert made(part, "--hidden", str(secret))[0] == 0
+
+
+def test_surfaces_of_other_hands_are_not_added(hidden, capsys):
+    part, secret = hidden
+    scene = part.parent / "f.toml"
+    scene.write_text(scene.read_text().replace('pose = "F"', 'pose = "F"\noffset_m = [0.0, 5e-3]'))
+    assert made(part, "--hidden", str(secret), "--truth")[0] == 2
+    assert "its echoes differ" in capsys.readouterr().err and not list(part.glob("captures/*/truth.ply"))
 
 
 WRONG = {
