@@ -1,8 +1,8 @@
 """A foreign method: it sees the echoes alone, in an environment of its own, and its limits hold."""
 
 import sys
-import time
 import textwrap
+import time
 from contextlib import suppress
 from pathlib import Path
 
