@@ -41,7 +41,7 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     sweep = Path(sweep) if sweep else next((place for place in places if (place / "tradeoff.json").exists()), None)
     if sweep == folder and not (folder / "result.json").exists():
         return tradeoff_section.build(folder, out)
-    _loaded.cache_clear()
+    _loaded.cache_clear()  # this process may have written the folder since it last drew it
     result = _loaded(folder)
     if out.resolve() == result.folder.resolve():
         raise HandbenchError(f"{out}: is the result folder itself, whose table.csv must stay; choose another place")
@@ -78,7 +78,6 @@ def _drawn(page: Callable[[int], charts.Counts], numbers: Sequence[int]) -> Iter
     """Write pages by number, in as many processes as there are cores, since matplotlib's threads would meet."""
     count = min(len(numbers), workers())
     if count < 2:
-        _loaded.cache_clear()  # this process may have written the folder since it last drew it
         yield from map(page, numbers)
         return
     with script_left_out(), ProcessPoolExecutor(count, get_context("spawn")) as processes:
