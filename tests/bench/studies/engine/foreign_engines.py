@@ -24,7 +24,7 @@ from radar.imaging.cpu.exact import exact_sums
 from radar.support.errors import HandbenchError
 from radar.support.progress import track
 from tests.bench.studies import script
-from tests.bench.studies.engine.foreign_paths import ENGINE, Contender, contenders, engines
+from tests.bench.studies.engine.foreign_paths import ENGINE, Contender, contenders, engines, power
 from tests.bench.studies.engine.scope import Inputs, Scope
 
 SCHEMAS = declared(__file__)
@@ -116,22 +116,26 @@ def seconds_at(level: float, error: np.ndarray, seconds: np.ndarray) -> float | 
 
 
 def equal(records: list[Record]) -> list[Record]:
-    """Each path at each of LEVELS, over the engine on the same voxels."""
-    small = pd.DataFrame([record for record in records if record["volume"] == next(iter(VOLUMES))])
-    if small.empty:
-        return []
-    voxels = float((small.seconds * small.points_per_second).iloc[0])
+    """Each path at each of LEVELS, over the engine on the same voxels and, by points a second, on the paper's."""
+    small, paper = VOLUMES
     fronts = {
-        name: (of.relative_error.to_numpy(), of.seconds.to_numpy()) for name, of in small.groupby("path", sort=False)
+        key: (of.relative_error.to_numpy(), of.seconds.to_numpy(), float((of.seconds * of.points_per_second).iloc[0]))
+        for key, of in pd.DataFrame(records).groupby(["volume", "path"], sort=False)
     }
     rows: list[Record] = []
     for level in LEVELS:
-        at = {name: seconds_at(level, *front) for name, front in fronts.items()}
-        for name, seconds in at.items():
-            row = {"level": f"error {level:.0e}".replace("e-0", "e-"), "path": name, "reached": seconds is not None}
-            if seconds is not None:
-                row |= {"seconds": seconds, "points_per_second": voxels / seconds}
-                row |= {"ratio_to_engine": seconds / at[ENGINE]} if at[ENGINE] else {}
+        speed = {}
+        for key, (error, seconds, voxels) in fronts.items():
+            at = seconds_at(level, error, seconds)
+            speed[key] = None if at is None else voxels / at
+        for (volume, name), points in speed.items():
+            if volume == paper:
+                continue
+            row = {"level": f"error {power(level)}", "path": name, "reached": points is not None}
+            if points is not None:
+                row |= {"seconds": fronts[volume, name][2] / points, "points_per_second": points}
+                over = {"ratio_to_engine": speed[small, ENGINE], "ratio_on_paper": speed.get((paper, ENGINE))}
+                row |= {column: engine / points for column, engine in over.items() if engine}
             rows.append(row)
     return rows
 
@@ -145,8 +149,9 @@ def tables(records: list[Record]) -> list[Table]:
 
 
 def draw(frames: dict[str, pd.DataFrame]) -> Figure:
-    """Measured error over points per CPU second, a line for each path; dashed: the engine on the paper's volume."""
-    figure = Figure(figsize=(7.0, 4.2), layout="constrained")
+    """Measured error over points per CPU second, a line for each path; dashed: the engine on the paper's volume.
+    Errors of the sum in double precision are drawn at the lower edge."""
+    figure = Figure(figsize=(7.0, 4.4), layout="constrained")
     axes, colours = figure.subplots(), {}
     palette = iter((BLUE, GREY, "black", VERMILION, GREEN, ORANGE))
     for (volume, name), rows in frames["rows"].groupby(["volume", "path"], sort=False):
@@ -159,7 +164,7 @@ def draw(frames: dict[str, pd.DataFrame]) -> Figure:
             markersize=4, label=label,
         )  # fmt: skip
     axes.set(xscale="log", yscale="log", xlabel="points per CPU second, one thread", ylabel="measured relative error")
-    axes.legend(frameon=False, fontsize=8)
+    figure.legend(loc="outside upper center", ncols=3, frameon=False, fontsize=8)
     return figure
 
 

@@ -17,7 +17,7 @@ from radar.imaging.cpu.exact import backproject
 from radar.imaging.cpu.steering import phasor
 from tests.bench.studies.engine.scope import Inputs
 from tests.bench.studies.engine.textbook import numba_sum, range_compressed
-from tests.bench.studies.engine.turns import Work, named
+from tests.bench.studies.engine.turns import Work
 
 Sum = Callable[..., np.ndarray]
 ENGINE, DIRECT, EXACT, COMPRESSED = "engine", "direct sum, numba", "exact, matrix products", "range-compressed, linear"
@@ -51,7 +51,7 @@ def engines(inputs: Inputs) -> list[Contender]:
 
     hand = inputs.samples["hand"]
     return [
-        Contender(ENGINE, named("tolerance", t), partial(values, t), partial(volume, t, hand))
+        Contender(ENGINE, f"tolerance {power(t)}", partial(values, t), partial(volume, t, hand))
         for t in (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5)
     ]
 
@@ -73,12 +73,17 @@ def contenders(inputs: Inputs) -> list[Contender]:
         found.append(contender(COMPRESSED, f"{bins} bins", partial(range_compressed, bins=bins), shared=True))
     for eps, factor in product((1e-1, 1e-2, 1e-3, 1e-4), (1.25, 2.0)) if find_spec("finufft") else ():
         way = partial(finufft_sum, eps=eps, upsampfac=factor)
-        found.append(contender("finufft", f"{named('eps', eps)}, upsampling {factor:g}", way))
+        found.append(contender("finufft", f"eps {power(eps)}, upsampling {factor:g}", way))
     for upsample in (4, 8, 16, 32, 64) if find_spec("fastsar") else ():
         found.append(
             contender("fastsar", f"upsampling {upsample}", partial(fastsar_sum, upsample=upsample), shared=True)
         )
     return [*engines(inputs), *found]
+
+
+def power(number: float) -> str:
+    """A number as 3e-2."""
+    return f"{number:.0e}".replace("e-0", "e-")
 
 
 def finufft_sum(
