@@ -10,6 +10,7 @@ NEEDED = {
     "registration.measure_registration": ["faults"],
     "renderers.measure_renderers": [],
     "engine.measure_engine": [],
+    "engine.foreign_engines": [],
     "measure_survey": ["."],
     "measure_noise_fit": ["paper_table"],
     "ablation.measure_auto": [],

@@ -50,7 +50,7 @@ def _numba_sum(samples, wavenumber, tx_m, rx_m, points_m):  # type: ignore[no-un
 
 
 def range_compressed(
-    samples: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, points_m: np.ndarray
+    samples: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, points_m: np.ndarray, bins: int = BINS
 ) -> np.ndarray:
     """Range profiles of all channels by a zero-padded FFT over equidistant tones, then linear interpolation per voxel
     and channel. ValueError where paths are longer than the tones' ambiguity."""
@@ -58,14 +58,14 @@ def range_compressed(
     step_hz = (frequencies_hz[-1] - frequencies_hz[0]) / (tones - 1)
     everything_m = np.concatenate([points_m, array.tx_m, array.rx_m])
     longest_m, unambiguous_m = 2 * np.linalg.norm(np.ptp(everything_m, axis=0)), SPEED_OF_LIGHT_M_S / step_hz
-    if longest_m > unambiguous_m * (BINS - 1) / BINS:
+    if longest_m > unambiguous_m * (bins - 1) / bins:
         raise ValueError(f"paths of up to {longest_m:.2f} m; {tones} tones are unambiguous to {unambiguous_m:.2f} m")
-    middle = np.exp(-1j * np.pi * (tones - 1) * np.arange(BINS) / BINS)  # about the band's centre they vary least
-    profiles = np.empty((*array.channels, BINS), np.complex64)
+    middle = np.exp(-1j * np.pi * (tones - 1) * np.arange(bins) / bins)  # about the band's centre they vary least
+    profiles = np.empty((*array.channels, bins), np.complex64)
     for t in range(len(array.tx_m)):
-        profiles[t] = BINS * np.fft.ifft(samples[:, t].T, BINS, axis=1) * middle
+        profiles[t] = bins * np.fft.ifft(samples[:, t].T, bins, axis=1) * middle
     wavenumber = np.pi * (frequencies_hz[0] + frequencies_hz[-1]) / SPEED_OF_LIGHT_M_S
-    bins_per_m = BINS * step_hz / SPEED_OF_LIGHT_M_S
+    bins_per_m = bins * step_hz / SPEED_OF_LIGHT_M_S
     return _interpolated(profiles, wavenumber, bins_per_m, array.tx_m, array.rx_m, points_m)
 
 
