@@ -71,23 +71,10 @@ def scene_of(mesh):
     return scene
 
 
-def cut(camera, box_m):
-    """The camera of that part of its picture which shows a box [2, 3], and 8 pixels about it."""
-    corners_m = np.stack(np.meshgrid(*box_m.T, indexing="ij"), axis=-1).reshape(-1, 3)
-    pixels = camera.project(corners_m)
-    low, high = np.floor(pixels.min(axis=0) - 8).astype(int), np.ceil(pixels.max(axis=0) + 8).astype(int)
-    low, high = low.clip(0), high.clip(max=(camera.width, camera.height))
-    fx, fy, cx, cy = camera.params
-    (width, height), params = (high - low).tolist(), (fx, fy, float(cx - low[0]), float(cy - low[1]))
-    return camera.model_copy(update={"width": width, "height": height, "params": params})
-
-
-def photograph(folder, views=range(VIEWS), box_m=None):
-    """Write t00.png …, of some views alone, of what a box [2, 3] holds alone, and cameras.json with K, R and t; returns
-    the true surface and the cameras."""
+def photograph(folder, views=range(VIEWS)):
+    """Write t00.png …, of some views alone, and cameras.json with K, R and t; returns the true surface and the
+    cameras."""
     mesh, cameras = temple(), tuple(ring()[view] for view in views)
-    if box_m is not None:
-        cameras = tuple(cut(camera, box_m) for camera in cameras)
     scene = scene_of(mesh)
     for camera in cameras:
         Image.fromarray(_picture(scene, camera)).save(folder / camera.name)

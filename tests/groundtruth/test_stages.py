@@ -160,7 +160,7 @@ def test_the_command_killed_after_a_stage_goes_on_there(tmp_path, capsys):
     above.)"""
     (tmp_path / "photos").mkdir()
     photograph(tmp_path / "photos")
-    command = ["groundtruth", str(tmp_path / "photos"), "-o", str(tmp_path / "mesh.ply"), "--unscaled"]
+    command = ["groundtruth", str(tmp_path / "photos"), "-o", str(tmp_path / "mesh.ply"), "--unscaled", "--overwrite"]
     command += ["--quality", "draft", "--workdir", str(tmp_path / "work")]
     done = subprocess.run([sys.executable, "-c", KILLED, "dense", *command], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 9 and "cached" not in done.stderr
