@@ -156,8 +156,8 @@ sys.exit(main(sys.argv[2:]))
 
 
 def test_the_command_killed_after_a_stage_goes_on_there(tmp_path, capsys):
-    """Real photographs, real stages: COLMAP, plane sweep, Poisson. (With stages that do nothing: killed after the first,
-    above.)"""
+    """Real photographs, real stages: COLMAP, plane sweep, Poisson. (A kill after the first, of stages that do nothing,
+    is above.)"""
     (tmp_path / "photos").mkdir()
     photograph(tmp_path / "photos")
     command = ["groundtruth", str(tmp_path / "photos"), "-o", str(tmp_path / "mesh.ply"), "--unscaled", "--overwrite"]

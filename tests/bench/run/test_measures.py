@@ -40,8 +40,8 @@ def add(bench_file: Path, *captures: str) -> None:
 
 @pytest.fixture
 def printed(small_bench, monkeypatch) -> Path:
-    """The small benchmark with two printed balls: of two tones, which narrowband cannot image, and with cameras. Nothing
-    is doubted: two tones fit no surface well, and are looked at for long (test_inspect)."""
+    """The small benchmark with two printed balls: of two tones, which narrowband cannot image, and with cameras.
+    Nothing is doubted: two tones fit no surface well, and are looked at for long (test_inspect)."""
     monkeypatch.setattr("bench.validation.doubts.of_capture", lambda recorded: iter(()))
     scene = (small_bench.parent / "ball.toml").read_text().replace("[sensor]", PLASTIC).replace(", 79.5e9", "")
     for k in range(2):

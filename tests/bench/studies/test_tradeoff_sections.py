@@ -60,10 +60,10 @@ def context(folder: Path, *captures: Capture, bench=None, base: Path | None = No
 
 
 def test_a_ball_is_photographed_and_measured(ball, tmp_path):
-    knobs = GroundTruthKnobs(views=(4, 9), long_px=(5000,), quality=("draft",))  # there are 4 photographs of 600 px
+    knobs = GroundTruthKnobs(views=(4, 9), long_px=(5000,), quality=("normal",))  # there are 4 photographs of 600 px
     section, (setting,) = groundtruth_stage.measure(knobs, context(tmp_path, ball))
-    assert setting.name == section.reference == "4-views-600-px-draft"
-    assert json.loads(setting.knobs) == {"views": 4, "long_px": 600, "quality": "draft"}
+    assert setting.name == section.reference == "4-views-600-px-normal"
+    assert json.loads(setting.knobs) == {"views": 4, "long_px": 600, "quality": "normal"}
     assert 0.005 < setting.error < 1 and setting.low is None  # mm, at 0.75 mm a pixel; one capture
     assert setting.seconds > 0 and setting.seconds_low is None
     assert 0 < setting.seen_percent < 100

@@ -19,7 +19,6 @@ from reports.tables.blocks import number
 from tests.bench.evaluation.explained import explain
 from tests.reports.synthetic_result import METHODS, write_synthetic
 
-
 SIGMAS_M = {"2fsk": 6e-3, "3fsk": 1.5e-3, "broadband": None}
 
 
