@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def scene_and_photos(tmp_path_factory):
     folder = tmp_path_factory.mktemp("hand")
-    file = Case("small", "W", 401, cameras=6, width=600).scene_file()
+    file = Case("small", "W", 401, cameras=6, width=800).scene_file()
     scene = build(file.model_copy(update={"target": file.target.model_copy(update={"edge_m": 2e-3})}))
     write_photos(scene, folder)
     return scene, folder / "photos"
@@ -27,7 +27,7 @@ def scene_and_photos(tmp_path_factory):
 
 def test_the_hand_is_found_before_the_larger_board(scene_and_photos, tmp_path, capsys):
     scene, photos = scene_and_photos
-    command = ["groundtruth", str(photos), "-o", str(tmp_path / "mesh.ply"), "--dense", "cpu", "--quality", "draft"]
+    command = ["groundtruth", str(photos), "-o", str(tmp_path / "mesh.ply"), "--dense", "cpu"]
     assert main([*command, "--workdir", str(tmp_path / "work")]) == 0
     said, summary = capsys.readouterr().err, json.loads((tmp_path / "work" / "summary.json").read_text())
     assert "target: " in said and "volume (" in said and " s of processor time and " in said
