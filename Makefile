@@ -22,6 +22,7 @@ table: setup
 	-@$(BIN)/python -m docs.readme $(RUN) --check
 
 test: lint
+	$(BIN)/python -m radar.warmup  # or both of the processes would compile the kernels
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 # Property tests on fresh examples, more of them than `make test` draws; SEED=N repeats those of an earlier run.

@@ -43,6 +43,20 @@ def small_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return write_bench(tmp_path / "bench")
 
 
+@pytest.fixture(scope="session")
+def small_result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The result of `small_bench`; a test that changes it copies it."""
+    from bench.run.benchmark_file import load_benchmark
+    from bench.run.runner import run
+
+    folder = tmp_path_factory.mktemp("small")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bench.run.reconstruct_stage.SETTLE_S", 0.0)
+        bench, base = load_benchmark(str(write_bench(folder / "bench")))
+        run(bench, base, folder / "out")
+    return folder / "out"
+
+
 def write_bench(folder: Path) -> Path:
     """The same, in a new folder."""
     folder.mkdir()

@@ -67,7 +67,7 @@ def clean(small_bench, tmp_path, monkeypatch) -> Path:
     return tmp_path / "clean"
 
 
-@pytest.mark.parametrize(("rename", "step"), [(False, 3), (True, 1)], ids=["files", "renames"])
+@pytest.mark.parametrize(("rename", "step"), [(False, 5), (True, 3)], ids=["files", "renames"])
 def test_a_disk_full_at_any_write_leaves_nothing_half_made(small_bench, clean, tmp_path, rename, step):
     """At the first write, and so on by steps (`make faults` takes every one), until none is left to fail."""
     expected, at, said = content(clean), 1 - step, "…"

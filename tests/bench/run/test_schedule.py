@@ -21,7 +21,7 @@ from bench.run.tasks import HASH, Done, perform
 from radar.support.errors import HandbenchError
 from radar.support.store import Stage, stage
 
-CAPTURES = 3
+CAPTURES = 2
 ENVIRONMENT = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "3"}
 
 
@@ -88,18 +88,14 @@ def table(folder: Path) -> list[str]:
     return [line for line in (folder / "table.csv").read_text().splitlines() if not line.startswith("seconds")]
 
 
-def python(*arguments: str) -> None:
-    subprocess.run([sys.executable, *arguments], check=True, capture_output=True)
-
-
 def finished(work: Path) -> int:
     return len(list(work.glob("[!.]*-*")))
 
 
 @pytest.mark.slow
 def test_a_cluster_that_loses_a_worker_gives_the_serial_table(balls, workers, tmp_path):
-    python("-m", "bench.cli.main", "run", str(balls), "-o", str(tmp_path / "serial"))
     bench, base = load_benchmark(str(balls))
+    run(bench, base, tmp_path / "serial")
     work, stages = tmp_path / "cluster" / "work", 6 * CAPTURES
     killed_at: list[int] = []
 

@@ -19,7 +19,8 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def scene_and_photos(tmp_path_factory):
     folder = tmp_path_factory.mktemp("hand")
-    scene = build(Case("small", "W", 401, cameras=6, width=800).scene_file())
+    file = Case("small", "W", 401, cameras=6, width=800).scene_file()
+    scene = build(file.model_copy(update={"target": file.target.model_copy(update={"edge_m": 2e-3})}))
     write_photos(scene, folder)
     return scene, folder / "photos"
 

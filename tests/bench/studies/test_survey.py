@@ -3,7 +3,7 @@
 from tests.bench.studies import measure_survey as survey
 from tests.groundtruth import room
 
-VIEWS = 5
+VIEWS = 4
 
 
 def test_features_are_found_once_and_figures_repeat(tmp_path, monkeypatch):

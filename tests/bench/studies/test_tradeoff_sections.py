@@ -40,7 +40,7 @@ BALL = {
     "name": "ball",
     "seed": 3,
     "target": {"kind": "sphere", "radius_m": 0.03, "edge_m": 0.004, "material": {"kind": "skin"}},
-    "photos": {"cameras": 4, "width": 900, "height": 600},
+    "photos": {"cameras": 4, "width": 600, "height": 400},
 }
 
 
@@ -60,11 +60,11 @@ def context(folder: Path, *captures: Capture, bench=None, base: Path | None = No
 
 
 def test_a_ball_is_photographed_and_measured(ball, tmp_path):
-    knobs = GroundTruthKnobs(views=(4, 9), long_px=(5000,), quality=("normal",))  # there are 4 photographs of 900 px
+    knobs = GroundTruthKnobs(views=(4, 9), long_px=(5000,), quality=("normal",))  # there are 4 photographs of 600 px
     section, (setting,) = groundtruth_stage.measure(knobs, context(tmp_path, ball))
-    assert setting.name == section.reference == "4-views-900-px-normal"
-    assert json.loads(setting.knobs) == {"views": 4, "long_px": 900, "quality": "normal"}
-    assert 0.005 < setting.error < 1 and setting.low is None  # mm, at 0.5 mm a pixel; one capture
+    assert setting.name == section.reference == "4-views-600-px-normal"
+    assert json.loads(setting.knobs) == {"views": 4, "long_px": 600, "quality": "normal"}
+    assert 0.005 < setting.error < 1 and setting.low is None  # mm, at 0.75 mm a pixel; one capture
     assert setting.seconds > 0 and setting.seconds_low is None
     assert 0 < setting.seen_percent < 100
     assert not any(tmp_path.iterdir())
@@ -109,10 +109,10 @@ def too_small(ball: Capture) -> Surface:
 
 def test_the_error_is_the_distance_where_both_surfaces_are(ball, shifted, tmp_path):
     shifted.surface = too_small(ball)
-    knobs = GroundTruthKnobs(views=(3, 4), long_px=(450, 900), quality=("draft", "normal"))
+    knobs = GroundTruthKnobs(views=(3, 4), long_px=(300, 600), quality=("draft", "normal"))
     section, settings = groundtruth_stage.measure(knobs, context(tmp_path, ball))
     assert [s.name for s in settings] == [
-        f"{n}-views-{px}-px-{q}" for n in (3, 4) for px in (450, 900) for q in ("draft", "normal")
+        f"{n}-views-{px}-px-{q}" for n in (3, 4) for px in (300, 600) for q in ("draft", "normal")
     ]
     assert section.reference == settings[-1].name
     for setting in settings:
@@ -125,22 +125,22 @@ def test_the_error_is_the_distance_where_both_surfaces_are(ball, shifted, tmp_pa
 
 def test_pictures_shrink_with_their_cameras(ball, shifted, tmp_path):
     shifted.surface = too_small(ball)
-    groundtruth_stage.measure(GroundTruthKnobs(views=(3,), long_px=(450,), quality=("draft",)), context(tmp_path, ball))
+    groundtruth_stage.measure(GroundTruthKnobs(views=(3,), long_px=(300,), quality=("draft",)), context(tmp_path, ball))
     first, timed = shifted.asked
     assert first.fresh and timed.fresh  # the first is not counted, and leaves nothing for the second
     assert [photo.name for photo in timed.photos] == ["cam00.jpg", "cam01.jpg", "cam02.jpg"]
-    assert {(photo.width, photo.height) for photo in timed.photos} == {(450, 300)}
+    assert {(photo.width, photo.height) for photo in timed.photos} == {(300, 200)}
     whole = {camera.name: camera for camera in load_cameras(ball.folder / "photos" / "cameras.json")}
     for camera in timed.cameras:
         before = whole[camera.name]
-        assert (camera.width, camera.height) == (450, 300)
+        assert (camera.width, camera.height) == (300, 200)
         np.testing.assert_allclose(camera.params[:4], np.array(before.params[:4]) / 2)
         np.testing.assert_allclose(camera.params[4:], before.params[4:])
 
 
 def test_what_is_refused_has_no_figures(ball, shifted, tmp_path, capsys):
     shifted.surface, shifted.refuse = too_small(ball), True
-    knobs = GroundTruthKnobs(views=(4,), long_px=(900,), quality=("draft", "normal"))
+    knobs = GroundTruthKnobs(views=(4,), long_px=(600,), quality=("draft", "normal"))
     _, (draft, normal) = groundtruth_stage.measure(knobs, context(tmp_path, ball))
     assert draft.error is None and draft.seconds is None and draft.title.endswith("(refused)")
     assert normal.error is not None and normal.seconds < POSES_S  # what the refused one left is not shared

@@ -35,8 +35,7 @@ def scene(rng: np.random.Generator, target: Target, part: float) -> tuple[np.nda
     return p @ rotation.T + shift_m, n @ rotation.T, target.centres_m @ rotation.T + shift_m
 
 
-@pytest.mark.parametrize("part", [0.15, 0.3, 0.45])
-@pytest.mark.parametrize("oriented", [True, False])
+@pytest.mark.parametrize(("part", "oriented"), [(0.15, True), (0.15, False), (0.3, True), (0.45, False)])
 def test_all_spheres_are_found_and_nothing_else(rng, target, part, oriented):
     points, normals, centres = scene(rng, target, part)
     found = find_spheres(points, normals if oriented else None, target)

@@ -27,7 +27,7 @@ from tests.strategies import examples
 ROUNDING = 1e-6
 seeds = st.integers(0, 2**31)
 tolerances = st.sampled_from([None, 1e-2, 1e-4])
-few = examples(5)
+few = examples(3)
 
 
 class Scene:

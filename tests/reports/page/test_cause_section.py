@@ -17,6 +17,9 @@ from reports.figures.charts import CAUSES, explained
 from reports.page import cause_section, html
 from reports.tables.blocks import number
 from tests.bench.evaluation.explained import explain
+from tests.reports.synthetic_result import METHODS, write_synthetic
+
+SIGMAS_M = {"2fsk": 6e-3, "3fsk": 1.5e-3, "broadband": None}
 
 
 @pytest.fixture(scope="module")
@@ -24,12 +27,18 @@ def told(result_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> resul
     """The synthetic result with causes, and with σ for two of its methods."""
     folder = tmp_path_factory.mktemp("told") / "table"
     shutil.copytree(result_folder, folder)
+    return tell(folder, ("2fsk", "3fsk", "broadband"))
+
+
+def tell(folder: Path, methods: tuple[str, ...]) -> results.Result:
+    """A synthetic result, to which the causes of some methods' errors were added."""
     old = results.load(folder)
     assert not len(old.causes) and not len(old.reliability)
     maps, rng = [], np.random.default_rng(4)
     for capture in old.scored()[:2]:
         for reference in capture.references:
-            for method, sigma_m in (("2fsk", 6e-3), ("3fsk", 1.5e-3), ("broadband", None)):
+            for method in methods:
+                sigma_m = SIGMAS_M[method]
                 errors = old.errors(capture.name, method, reference)
                 level_db = rng.uniform(-14, 0, errors.error_m.shape)
                 sigma = None if sigma_m is None else np.full(errors.error_m.shape, sigma_m)
@@ -75,8 +84,9 @@ def test_tables_have_every_bin_and_method(told):
     assert [row[:2] for row in table.rows] == [(m, p) for m in ("2-FSK", "3-FSK") for p in ("all", "not flagged")]
 
 
-def test_the_page_has_the_section_and_that_of_an_older_result_does_not(told, result_folder, tmp_path):
-    html.build(told.folder, tmp_path / "new")
+def test_the_page_has_the_section_and_that_of_an_older_result_does_not(result_folder, tmp_path):
+    small = write_synthetic(tmp_path / "r", ("B",), {"3fsk": METHODS["3fsk"]}, ("truth",), step_m=6e-3)
+    html.build(tell(small, ("3fsk",)).folder, tmp_path / "new")
     assert 'id="causes"' in (tmp_path / "new" / "index.html").read_text("utf-8")
     assert {"causes__truth.png", "reliability.pdf"} <= {p.name for p in (tmp_path / "new" / "figures").iterdir()}
     assert cause_section.section(results.load(result_folder), tmp_path) is None

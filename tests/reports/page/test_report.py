@@ -157,9 +157,9 @@ def test_a_result_without_a_floor_is_reported(folder, tmp_path, undrawn):
     assert "MAE (mm)" in text and "truth floor" not in text
 
 
-def test_building_again_replaces_and_leaves_strangers_alone(folder, report):
+def test_building_again_replaces_and_leaves_strangers_alone(folder, tmp_path, undrawn):
+    before = html.build(folder, report := tmp_path / "report").read_bytes()
     (report / "notes.txt").write_text("mine")
-    before = (report / "index.html").read_bytes()
     assert html.build(folder, report) == report / "index.html"
     assert (report / "notes.txt").read_text() == "mine"
     assert (report / "index.html").read_bytes() == before  # same data, same bytes
@@ -452,7 +452,7 @@ def test_effects_stability_and_failures_are_told(folder, tmp_path, undrawn):
     assert "2e−05" in text and "1e−07" in text and text.index(">lost<") < text.index(">wrap<")
 
 
-def test_three_captures_have_a_report_that_says_that_they_are_too_few(tmp_path):
+def test_three_captures_have_a_report_that_says_that_they_are_too_few(tmp_path, undrawn):
     """Nothing is tested, so no method has the best figure: as in the embedded benchmark of three poses."""
     methods = {name: METHODS[name] for name in ("2fsk", "3fsk")}
     folder = write_synthetic(tmp_path / "r", ("B", "F", "U"), methods, ("truth",), step_m=6e-3)

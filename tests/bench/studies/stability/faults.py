@@ -68,8 +68,9 @@ def instant(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, target)
 
-    for stage in ("simulate", "reconstruct", "repeat"):
-        monkeypatch.setattr(f"bench.run.{stage}_stage.{stage}", make)
+    for stage in ("run.simulate_stage.simulate", "validation.doubts.make", "run.reconstruct_stage.reconstruct"):
+        monkeypatch.setattr(f"bench.{stage}", make)
+    monkeypatch.setattr("bench.run.repeat_stage.repeat", make)
 
 
 def content(folder: Path) -> dict[str, bytes]:

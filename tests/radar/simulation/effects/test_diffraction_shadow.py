@@ -89,12 +89,12 @@ def field(points_m, antenna_m):
 
 
 def test_echoes_are_the_sum_over_facets_of_the_outline_s_field():
-    """S = Σ A g_t D_t g_r D_r e^{−jk(R_t + R_r)} in numpy, of every 29th facet of the sheet. 2 %: D is interpolated
+    """S = Σ A g_t D_t g_r D_r e^{−jk(R_t + R_r)} in numpy, of every 58th facet of the sheet. 2 %: D is interpolated
     between samples 2 mm apart, nodes 20 mm apart and three tones, differences from full sight below FULL are left out,
     and the finger's mesh is a prism."""
     made = state(BODY)
     facets = made.surface.facets
-    chosen = np.flatnonzero(facets.face >= len(FINGER.faces))[::29]
+    chosen = np.flatnonzero(facets.face >= len(FINGER.faces))[::58]
     part = facets.where(chosen)
     found = simulate(replace(part.optics, sight=made.surface.sight.where(chosen)), TONES_HZ, ARRAY)
     legs = []
