@@ -8,7 +8,6 @@ import numpy as np
 
 from radar.support.compiled import FAST, njit
 
-
 NONE = np.zeros(0, np.float32)  # where nobody asks
 
 

@@ -55,7 +55,7 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
     _, peaks = kept[key]
 
     exact = _exact(samples, frequencies_hz, capture.aperture, grid)
-    peaks = settled(peaks, config.threshold_db, len(grid.z_m), exact)
+    peaks = settled(peaks, config.threshold_db, exact, len(grid.z_m) * config.subvoxel)
     depth = maximum_projection(peaks, config, method)
     capons = isinstance(config, AlignedConfig) and config.estimator == "capon"
     some = evenly(len(frequencies_hz), CHECKED * (1 + capons))
@@ -65,7 +65,8 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
         return depth
     index = np.flatnonzero(np.isfinite(depth.z_m))
     points = grid.pixels.points_at_m(index, grid.z_m[peaks.index.ravel()[index]])
-    images = image_points(samples[some], frequencies_hz[some], capture.aperture, points, None, apart=True)
+    tolerance = None if isinstance(config, AlignedConfig) else config.tolerance
+    images = image_points(samples[some], frequencies_hz[some], capture.aperture, points, tolerance, apart=True)
     power = len(frequencies_hz) ** 2 * np.mean(np.abs(images) ** 2, axis=0)  # of all tones, were they in phase
     incoherent = peaks.magnitude[1].ravel()[index] ** 2 < least * power
     depth = replace(depth, wrapped=np.asarray(depth.wrapped) | (grid.pixels.on_map(index, incoherent, 0.0) > 0))
@@ -100,7 +101,7 @@ def _exact(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, 
 
     def exact(index: np.ndarray, place: np.ndarray) -> np.ndarray:
         points_m = grid.pixels.points_at_m(index, grid.z_m[place])
-        return np.abs(image_points(*few(), aperture, points_m, None)) if len(index) else np.zeros(0)
+        return np.abs(image_points(*few(), aperture, points_m, None))
 
     return exact
 

@@ -16,10 +16,11 @@ SURE = 4.0  # times the voxels' root mean square error, that a difference of two
 Exact = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
-def settled(peaks: Peaks, threshold_db: float, depths: int, exact: Exact) -> Peaks:
+def settled(peaks: Peaks, threshold_db: float, exact: Exact, beside: int = 0) -> Peaks:
     """The peaks whose strongest voxels, where pixels are at or above the threshold, are those of the exact image.
 
-    depths: voxels along z; exact: flat pixel index [n] and voxel index along z [n] → magnitude [n] in the exact image.
+    exact: flat pixel index [n] and voxel index along z [n] → magnitude [n] in the exact image. beside: voxels along z,
+    where the magnitudes beside a voxel that another gives way to are asked for, too; else they are NaN.
     """
     doubt = SURE * peaks.error
     if doubt == 0:
@@ -38,8 +39,9 @@ def settled(peaks: Peaks, threshold_db: float, depths: int, exact: Exact) -> Pea
     moved = paired[other > own]
     index[moved] = rival[moved]
     place = index[moved] + np.array([[-1], [1]])
-    within = (place >= 0) & (place < depths)
+    within = (place >= 0) & (place < beside)
     around = np.full(place.shape, np.nan)
-    around[within] = exact(np.broadcast_to(moved, place.shape)[within], place[within])
+    if within.any():
+        around[within] = exact(np.broadcast_to(moved, place.shape)[within], place[within])
     magnitude[[[0], [2]], moved] = around
     return peaks._replace(index=index.reshape(shape), magnitude=magnitude.reshape(3, *shape))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from radar.support.compiled import FAST, njit
+
 
 def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = None) -> np.ndarray:
     """Averaging filter over the finite neighbours in a size × size window (normalised convolution), with a weight for
@@ -11,25 +13,35 @@ def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = No
     known = np.isfinite(values)
     if size_px == 1 or not known.any():
         return values.copy()
-    box, mean = bounding_box(known), np.full(values.shape, np.nan)
-    weight = np.ones(values.shape)[box] if weight is None else weight[box]
-    values, known = values[box], known[box]
+    weight = known.astype(np.float64) if weight is None else np.where(known, weight, 0.0)
     offset = values[known].mean()  # keeps the sums small, so that they lose no digits
-    weight = np.where(known, weight / weight[known].max(), 0.0)
-    total = _window_sum(weight * np.where(known, values - offset, 0.0), size_px)
-    count = _window_sum(weight, size_px)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean[box] = np.where(known, offset + total / count, np.nan)
-    return mean
+    return np.where(known, offset + _window_means(values - offset, weight / weight.max(), size_px), np.nan)
 
 
-def _window_sum(values: np.ndarray, size_px: int) -> np.ndarray:
-    """Each window's sum by itself: a running sum would carry the rounding of strong pixels on to weak ones."""
-    from scipy.ndimage import correlate1d
-
-    for axis in (0, 1):
-        values = correlate1d(values, np.ones(size_px), axis, mode="constant")
-    return values
+@njit(**FAST)
+def _window_means(values, weight, size_px):  # type: ignore[no-untyped-def]
+    """Σ weight · values / Σ weight over each window, [ny, nx], where weights are above 0. Each window by itself: a
+    running sum would carry the rounding of strong pixels on to weak ones."""
+    ny, nx = values.shape
+    before, behind = size_px // 2, (size_px - 1) // 2
+    along, means, total = np.zeros((2, ny, nx)), np.empty((ny, nx)), np.empty((2, nx))
+    weighted = np.zeros(nx)
+    for j in range(ny):
+        for i in range(nx):
+            weighted[i] = weight[j, i] * values[j, i] if weight[j, i] > 0 else 0.0
+        for shift in range(-before, behind + 1):
+            for i in range(max(-shift, 0), nx - max(shift, 0)):
+                along[0, j, i] += weighted[i + shift]
+                along[1, j, i] += weight[j, i + shift]
+    for j in range(ny):
+        total[:] = 0
+        for row in range(max(j - before, 0), min(j + behind + 1, ny)):
+            for i in range(nx):
+                total[0, i] += along[0, row, i]
+                total[1, i] += along[1, row, i]
+        for i in range(nx):
+            means[j, i] = total[0, i] / total[1, i]
+    return means
 
 
 def bounding_box(mask: np.ndarray) -> tuple[slice, slice]:
