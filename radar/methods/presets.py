@@ -67,7 +67,7 @@ _preset("3fsk-weighted", ThreeToneConfig, "3-FSK with filters that weigh pixels 
 _preset("3fsk-plus", ThreeToneConfig, "both, refined twice, without what may have wrapped", **PLUS)
 _preset("nfsk", LadderConfig, "a ladder of tones, each further away, corrects every pixel in turn")
 _preset("nfsk-plus", LadderConfig, "the ladder with all that 3fsk-plus has", **PLUS)
-_preset("broadband-subvoxel", BroadbandConfig, "broadband with depths between voxels", subvoxel=True, tolerance=1e-5)
+_preset("broadband-subvoxel", BroadbandConfig, "broadband with depths between voxels", subvoxel=True, tolerance=1e-4)
 _preset("broadband-aligned", AlignedConfig, "broadband with depths at which the tones' phases agree")
 _preset("broadband-capon", AlignedConfig, "the same by Capon's spectrum of the tones", ALONG_Z, estimator="capon")
 _preset("broadband-coherence", AlignedConfig, "the same by the coherence factor", ALONG_Z, estimator="coherence")
