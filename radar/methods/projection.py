@@ -87,7 +87,7 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
 
 
 def _exact(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid) -> Exact:
-    """What `settled` asks: the magnitudes in the exact image, of as many tones of an array as carry all the others."""
+    """The exact image for `settled`: voxels' magnitudes, of as many tones of an array as carry all the others."""
 
     @cache
     def few() -> tuple[np.ndarray, np.ndarray]:
