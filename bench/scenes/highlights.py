@@ -1,8 +1,8 @@
 """Highlights: what a rough surface mirrors of a lamp (Cook & Torrance 1982; for skin, Weyrich et al. 2006)."""
 
-import numba
 import numpy as np
 
+from radar.support.compiled import njit
 from radar.support.parallel import for_each
 
 SKIN_REFLECTANCE = 0.028  # at normal incidence: ((n - 1) / (n + 1))² with skin's refractive index n = 1.4
@@ -10,7 +10,7 @@ GRAZING = 1e-3  # smallest cosine towards the eye: interpolated normals may turn
 BLOCK = 20_000  # points per task
 
 
-@numba.njit()
+@njit()
 def ggx(to_half: float, to_light: float, to_eye: float, tilt: float, roughness: float, reflectance: float) -> float:
     """Mirrored part of the BRDF, 1/sr, from cosines: of the normal with the half vector, the light and the eye (both
     above 0), and of the half vector with the eye (tilt).
@@ -42,7 +42,7 @@ def mirrored(
     return result
 
 
-@numba.njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True)
 def _mirrored(
     points_m: np.ndarray,
     normals: np.ndarray,

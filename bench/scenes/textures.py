@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 
-import numba
 import numpy as np
 
+from radar.support.compiled import njit
 from radar.support.parallel import for_each
 
 SKIN_RGB = (0.62, 0.36, 0.25)  # linear reflectances
@@ -67,7 +67,7 @@ def _at_points(kernel: Callable[..., None], points: np.ndarray, seed: int, count
     return result
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def _hash(i: int, j: int, k: int, seed: np.uint32) -> np.uint32:
     """A well-mixed 32-bit number of a lattice point."""
     h = np.uint32(i * 73856093) ^ np.uint32(j * 19349663) ^ np.uint32(k * 83492791) ^ np.uint32(seed * 2654435761)
@@ -76,20 +76,20 @@ def _hash(i: int, j: int, k: int, seed: np.uint32) -> np.uint32:
     return np.uint32(np.uint32(h) ^ (np.uint32(h) >> np.uint32(16)))
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def _fraction(h: np.uint32, shift: int) -> float:
     """Eight bits of a hash as a number in ±1."""
     return ((h >> np.uint32(shift)) & np.uint32(255)) / 127.5 - 1.0
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def _fade(offset: float) -> float:
     """Quintic weight: 1 at a lattice point, 0 at its neighbours, smooth at both."""
     f = 1 - abs(offset)
     return f**3 * (10 - 15 * f + 6 * f * f)
 
 
-@numba.njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True)
 def _gradient_noise(points: np.ndarray, seed: np.uint32, result: np.ndarray) -> None:
     """Perlin's noise with hashed gradients and quintic weights."""
     for n in range(len(points)):
@@ -106,7 +106,7 @@ def _gradient_noise(points: np.ndarray, seed: np.uint32, result: np.ndarray) -> 
         result[0, n] = 1.6 * total
 
 
-@numba.njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True)
 def _cells(points: np.ndarray, seed: np.uint32, result: np.ndarray) -> None:
     """Worley's cells: one jittered centre per lattice cube."""
     for n in range(len(points)):

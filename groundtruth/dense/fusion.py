@@ -6,11 +6,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numba import njit, prange
 
 from groundtruth.dense.dense import DepthMap
 from groundtruth.dense.planesweep import LESS
 from groundtruth.dense.prediction import FUSED_ALONE, FUSED_BYTES
+from radar.support.compiled import njit, prange
 from radar.support.cost import require_free
 from radar.support.files import read_npz, write_npz
 from radar.support.limits import KEPT_BYTES

@@ -11,9 +11,9 @@ the result does not depend on the number of threads.
 
 import cv2
 import numpy as np
-from numba import njit, prange
 
 from groundtruth.dense.views import Stereo
+from radar.support.compiled import njit, prange
 
 RADIUS = 3  # a window of 7 × 7 pixels; larger ones flatten what is curved, and put a finger too far away
 SIGMA_GRAY, SIGMA_PX = 0.08, 3.0  # bilateral weights

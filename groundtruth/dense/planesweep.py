@@ -8,9 +8,9 @@ their own, so that the result does not depend on the number of threads.
 
 import cv2
 import numpy as np
-from numba import njit, prange
 
 from groundtruth.dense.views import Stereo
+from radar.support.compiled import njit, prange
 from radar.support.cost import require_free
 
 LESS = "choose a lower --quality, or fewer or smaller photographs"

@@ -4,11 +4,11 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from groundtruth.dense import patchmatch, planesweep
 from groundtruth.dense.views import Stereo, View
+from radar.support.compiled import get_num_threads, set_num_threads
 
 TRIAL_PX, TRIAL_PLANES, TRIALS = 96, 64, 4
 HYPOTHESES = len(patchmatch.DIRECTIONS) + patchmatch.PERTURBATIONS  # that an iteration tries at a pixel
@@ -83,8 +83,8 @@ def _rates(view: View, stereo: Stereo) -> tuple[float, float]:
 
 
 def _fastest(work: Callable[[], object]) -> float:
-    threads, seconds = numba.get_num_threads(), []
-    numba.set_num_threads(1)  # others would wait for it, and count as work
+    threads, seconds = get_num_threads(), []
+    set_num_threads(1)  # others would wait for it, and count as work
     try:
         work()
         for _ in range(TRIALS):
@@ -92,5 +92,5 @@ def _fastest(work: Callable[[], object]) -> float:
             work()
             seconds.append(time.process_time() - start)
     finally:
-        numba.set_num_threads(threads)
+        set_num_threads(threads)
     return min(seconds)

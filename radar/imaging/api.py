@@ -25,6 +25,7 @@ from radar.imaging.cpu import executor as cpu
 from radar.imaging.cpu.exact import check_samples
 from radar.imaging.device import chosen
 from radar.imaging.gpu import executor as gpu
+from radar.imaging.peaks import Peaks, strongest_voxels
 from radar.imaging.plan import KEPT, PLANNED, GridPlan, TreePlan, kept, roomy
 from radar.imaging.tree import Family, clusters, crowded
 from radar.support.cost import TERMS_PER_S, require_memory, require_time
@@ -78,7 +79,7 @@ def _scaled(function: Image) -> Image:
         near = near_one(samples.astype(np.complex128))
         factor = np.float64(largest / largest_part(near))
         image: Any = function(near, frequencies_hz, aperture, *others, **named)
-        return (image[0], image[1] * factor) if isinstance(image, tuple) else image.astype(np.complex128) * factor
+        return image.scaled(factor) if isinstance(image, Peaks) else image.astype(np.complex128) * factor
 
     return cast(Image, scaled)
 
@@ -188,12 +189,11 @@ def image_volume(
 @_watched
 def project_volume(
     samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, tolerance: float | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """`strongest_voxels` of the volume, which a finite tolerance never holds: index along z [ny, nx], and magnitude
-    [3, ny, nx] of the voxel before it, itself and the one behind it (NaN beyond the volume)."""
+) -> Peaks:
+    """The strongest voxels along z of the volume, which a finite tolerance never holds."""
     check(tolerance)
     if tolerance is None:
-        return cpu.strongest_voxels(image_volume(samples, frequencies_hz, aperture, grid, None))
+        return strongest_voxels(image_volume(samples, frequencies_hz, aperture, grid, None))
     imager = _grid_imager(frequencies_hz, aperture, grid, Family(tolerance, False))
     nodes, images = imager.nodes(samples, grid.z_m)
     if (certificate := opened.get()) is not None:

@@ -8,10 +8,11 @@ where an even one (sinc) errs three times more.
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import j0
+
+from radar.support.compiled import njit
 
 TIE = 1e-6  # relative difference below which two members are as good
 GUARD = 2  # nodes beyond either end
@@ -51,7 +52,7 @@ def band_kernel(a: np.ndarray, b: np.ndarray, half_band: np.ndarray) -> np.ndarr
     return gram
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"})
+@njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"})
 def _pivoted_cholesky(gram, least):  # type: ignore[no-untyped-def]
     n = len(gram)
     residual, factor, index = np.empty(n), np.empty((n, n)), np.empty(n, np.int64)

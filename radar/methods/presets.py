@@ -31,7 +31,7 @@ PRIOR = "docs/methods.md, after arXiv 2511.01405 (multimodal 2-FSK)"
 PLUS: dict[str, Any] = {"off_axis": True, "weighted": True, "fine_refinements": 2, "drop_wrapped": True}
 
 
-def _preset(id: str, config: type[Config], summary: str, source: str = OURS, **defaults: bool | int | str) -> None:
+def _preset(id: str, config: type[Config], summary: str, source: str = OURS, **defaults: bool | float | str) -> None:
     """Register a method by its configuration, with these defaults instead of the configuration's own; a variant's id
     begins with that of the method that it varies."""
     if defaults:
@@ -67,7 +67,7 @@ _preset("3fsk-weighted", ThreeToneConfig, "3-FSK with filters that weigh pixels 
 _preset("3fsk-plus", ThreeToneConfig, "both, refined twice, without what may have wrapped", **PLUS)
 _preset("nfsk", LadderConfig, "a ladder of tones, each further away, corrects every pixel in turn")
 _preset("nfsk-plus", LadderConfig, "the ladder with all that 3fsk-plus has", **PLUS)
-_preset("broadband-subvoxel", BroadbandConfig, "broadband with depths between voxels", subvoxel=True)
+_preset("broadband-subvoxel", BroadbandConfig, "broadband with depths between voxels", subvoxel=True, tolerance=1e-4)
 _preset("broadband-aligned", AlignedConfig, "broadband with depths at which the tones' phases agree")
 _preset("broadband-capon", AlignedConfig, "the same by Capon's spectrum of the tones", ALONG_Z, estimator="capon")
 _preset("broadband-coherence", AlignedConfig, "the same by the coherence factor", ALONG_Z, estimator="coherence")

@@ -1,7 +1,8 @@
 """Surfaces from volumes by maximum intensity projection: the state of the art that FSK is compared with.
 
 A projection needs little of a volume: the strongest voxel of each pixel and, between voxels, its neighbours along z.
-An engine that never holds a whole volume hands over its `Peaks`.
+An engine that never holds a whole volume hands over its `Peaks`. Which of two voxels is the stronger, and which pixel
+is on target, is the exact image's answer, whatever the tolerance (`radar.methods.settling`).
 """
 
 from __future__ import annotations
@@ -9,23 +10,29 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
 from radar.data.capture import RadarCapture, evenly, near_one
 from radar.data.depthmap import DepthMap, amplitude_db
-from radar.data.grid import PixelGrid
+from radar.data.grid import PixelGrid, VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
-from radar.imaging.cpu.executor import strongest_voxels
+from radar.imaging.cpu.executor import ToneSkeleton
+from radar.imaging.peaks import Peaks, strongest_voxels
+from radar.imaging.plan import kept as kept_plan
+from radar.imaging.tree import Family
 from radar.methods.alignment import agreed, align
 from radar.methods.along_z import capon, coherence_factor
 from radar.methods.confidence import least_coherence
 from radar.methods.fsk import path_rise
 from radar.methods.projection_config import AlignedConfig, ProjectionConfig
+from radar.methods.settling import Exact, settled
 
+NEXT_TO_NOTHING = 1e-6  # relative error of what is called exact where voxels are compared: single precision's
 CHECKED = 8  # tones imaged once more, to see whether a depth is an echo's: 3 to 8 % of the paper's frame
 
 
@@ -43,9 +50,12 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
     kept, reuse = _KEPT.get(({}, False))
     key = id(capture), frame, frequencies_hz.tobytes(), config.tolerance, str((config.x, config.y, config.z))
     if not reuse or key not in kept:
-        made = Peaks(*project_volume(samples, frequencies_hz, capture.aperture, grid, config.tolerance))
+        made = project_volume(samples, frequencies_hz, capture.aperture, grid, config.tolerance)
         kept[key] = capture, made  # the capture too: its id is another's once it is gone
     _, peaks = kept[key]
+
+    exact = _exact(samples, frequencies_hz, capture.aperture, grid)
+    peaks = settled(peaks, config.threshold_db, exact, len(grid.z_m) * config.subvoxel)
     depth = maximum_projection(peaks, config, method)
     capons = isinstance(config, AlignedConfig) and config.estimator == "capon"
     some = evenly(len(frequencies_hz), CHECKED * (1 + capons))
@@ -55,7 +65,8 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
         return depth
     index = np.flatnonzero(np.isfinite(depth.z_m))
     points = grid.pixels.points_at_m(index, grid.z_m[peaks.index.ravel()[index]])
-    images = image_points(samples[some], frequencies_hz[some], capture.aperture, points, None, apart=True)
+    tolerance = None if isinstance(config, AlignedConfig) else config.tolerance
+    images = image_points(samples[some], frequencies_hz[some], capture.aperture, points, tolerance, apart=True)
     power = len(frequencies_hz) ** 2 * np.mean(np.abs(images) ** 2, axis=0)  # of all tones, were they in phase
     incoherent = peaks.magnitude[1].ravel()[index] ** 2 < least * power
     depth = replace(depth, wrapped=np.asarray(depth.wrapped) | (grid.pixels.on_map(index, incoherent, 0.0) > 0))
@@ -73,6 +84,26 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
         )
 
     return _aligned(depth, config, points, images, frequencies_hz[some], path_rise(points, capture.aperture), image)
+
+
+def _exact(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid) -> Exact:
+    """The exact image for `settled`: voxels' magnitudes, of as many tones of an array as carry all the others."""
+
+    @cache
+    def few() -> tuple[np.ndarray, np.ndarray]:
+        if not isinstance(aperture, AntennaArray):
+            return samples, frequencies_hz
+        low_m, high_m = (np.array([axis[end] for axis in (grid.x_m, grid.y_m, grid.z_m)]) for end in (0, -1))
+        make = partial(ToneSkeleton, frequencies_hz, aperture, low_m, high_m, NEXT_TO_NOTHING)
+        what = "tones", low_m, high_m
+        found = kept_plan(what, frequencies_hz, aperture, Family(NEXT_TO_NOTHING, apart=False), make)
+        return found.compress(samples), found.frequencies_hz
+
+    def exact(index: np.ndarray, place: np.ndarray) -> np.ndarray:
+        points_m = grid.pixels.points_at_m(index, grid.z_m[place])
+        return np.abs(image_points(*few(), aperture, points_m, None))
+
+    return exact
 
 
 def _aligned(
@@ -113,21 +144,12 @@ def peaks_kept(kept: dict[Any, tuple[RadarCapture, Peaks]], reuse: bool = False)
         _KEPT.reset(token)
 
 
-@dataclass(frozen=True)
-class Peaks:
-    """The strongest voxel along z of each pixel: its index [ny, nx], and the magnitudes [3, ny, nx] of the voxel before
-    it, of itself and of the one behind it (NaN beyond the volume)."""
-
-    index: np.ndarray
-    magnitude: np.ndarray
-
-
 def maximum_projection(image: np.ndarray | Peaks, config: ProjectionConfig, method: str) -> DepthMap:
     """Maximum intensity projection along z of a volume [nz, ny, nx] or its peaks: each pixel takes the depth of its
     strongest voxel, whole voxels as in the paper or between them; pixels below the threshold are NaN. Flagged are the
     pixels whose strongest voxel is the first or the last: the echo may lie beyond."""
     grid = config.grid()
-    peaks = image if isinstance(image, Peaks) else Peaks(*strongest_voxels(image))
+    peaks = image if isinstance(image, Peaks) else strongest_voxels(image)
     db = amplitude_db(peaks.magnitude[1])
     z_m = grid.z_m[peaks.index]
     if config.subvoxel:

@@ -30,6 +30,7 @@ class _VolumeConfig(Config):
 class BroadbandConfig(_VolumeConfig):
     """Broadband backprojection with the paper's parameters."""
 
+    tolerance: float | None = Field(default=1e-3, gt=0, lt=1, description="relative error of the image; null: exact")
     start_hz: float = Field(default=72e9, gt=0)
     stop_hz: float = Field(default=82e9, gt=0)
     count: int = Field(default=128, ge=2, description="stepped tones from start to stop, both included")

@@ -3,11 +3,11 @@ weights, in reverse order."""
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from radar.imaging.cpu.descent import BLOCK, SECOND_LEVEL, apply, differences, leaf_of, mix, steer, turn
-from radar.imaging.cpu.steering import FAST, cis_turns
+from radar.imaging.cpu.steering import cis_turns
+from radar.support.compiled import FAST, njit
 
 
 class Sight(NamedTuple):
@@ -68,7 +68,7 @@ class Source(NamedTuple):
     sight: Sight
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def scatter(source, turns_per_m, leaves, passes, reference_m, starts, shape):  # type: ignore[no-untyped-def]
     """The adjoint of `gather`: samples [k, 2, a, b] (shape) of a node from its part of all scatterers."""
     samples = np.zeros(shape, np.float32)
@@ -80,14 +80,14 @@ def scatter(source, turns_per_m, leaves, passes, reference_m, starts, shape):  #
     return samples
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def ascend(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b):  # type: ignore[no-untyped-def]
     """The adjoint of `descend`: a child's samples → what they add to its parent's."""
     spread = apply(weights_a.T.copy(), weights_b.T.copy(), samples)
     return turn(mix(tone_weights.T.copy(), spread), turns_per_m, shift_a, shift_b, np.float32(-1.0))
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no-untyped-def]
     """The adjoint of `evaluate`: what a leaf's scatterers add to its samples [k, 2, a, b]. `source`: a `Source`."""
     centre_m, length_a, position_a, number_a, length_b, position_b, number_b = place
@@ -141,7 +141,7 @@ def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no
     return samples
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def _gains(source, start, points_m, position_m, seen):  # type: ignore[no-untyped-def]
     """g [a, p]: 1/R, times √(n·û) where the scatterers have normals and the antennas' cosᵠθ; 1 if nothing spreads; 0
     where an antenna sees nothing of a point."""
@@ -167,7 +167,7 @@ def _gains(source, start, points_m, position_m, seen):  # type: ignore[no-untype
     return gain
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def _leg_factors(corner, share, start, n, table, spread):  # type: ignore[no-untyped-def]
     """Factors [3, 2a, n] (real parts above imaginary parts) of 1, u and u² of the weights of n points."""
     nodes, n_a = table.shape[2], len(spread)
@@ -183,7 +183,7 @@ def _leg_factors(corner, share, start, n, table, spread):  # type: ignore[no-unt
     return factors
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def _weigh(steered, factors, u):  # type: ignore[no-untyped-def]
     """Multiply steered [2a, n] by the weights at u."""
     n_a = len(steered) // 2
@@ -195,7 +195,7 @@ def _weigh(steered, factors, u):  # type: ignore[no-untyped-def]
             steered[i, p], steered[n_a + i, p] = re * x - im * y, re * y + im * x
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def _part(source, start, stop):  # type: ignore[no-untyped-def]
     """The scatterers start:stop; empty arrays stay empty."""
     here = slice(start, stop)

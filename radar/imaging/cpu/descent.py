@@ -8,11 +8,11 @@ antenna, so that its phase can be formed in float32. The leaves of a limb are pa
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
-from radar.imaging.cpu.steering import FAST, cis_small, cis_turns
+from radar.imaging.cpu.steering import cis_small, cis_turns
 from radar.imaging.tree import Node
+from radar.support.compiled import FAST, njit
 
 BLOCK = 320  # points per matrix product, fewer where that would push the factors out of the second-level cache:
 SECOND_LEVEL = 65536  # antennas × points
@@ -55,7 +55,7 @@ def pack(leaves: list[Node]) -> Leaves:
     return Leaves(np.array(sizes, np.int64), np.concatenate(single), np.concatenate(double))
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def gather(samples, turns_per_m, leaves, passes, reference_m, points_m, starts, count):  # type: ignore[no-untyped-def]
     """Images [count, n], of each of the k tones or of their sum, from a node's samples [k, 2, a, b] at its part of all
     points_m [3, …], sorted by leaves: leaf i holds starts[i]:starts[i + 1]."""
@@ -69,13 +69,13 @@ def gather(samples, turns_per_m, leaves, passes, reference_m, points_m, starts, 
     return images
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def descend(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b):  # type: ignore[no-untyped-def]
     """Samples [k, 2, a, b] of a parent → those of its child. Empty weights leave their axis as it is."""
     return apply(weights_a, weights_b, mix(tone_weights, turn(samples, turns_per_m, shift_a, shift_b, np.float32(1.0))))
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def turn(samples, turns_per_m, shift_a, shift_b, sign):  # type: ignore[no-untyped-def]
     """samples · exp(±j2πf(shift_a + shift_b)/c)."""
     out = np.empty_like(samples)
@@ -93,7 +93,7 @@ def turn(samples, turns_per_m, shift_a, shift_b, sign):  # type: ignore[no-untyp
     return out
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def mix(weights, samples):  # type: ignore[no-untyped-def]
     if weights.size == 0:
         return samples
@@ -101,7 +101,7 @@ def mix(weights, samples):  # type: ignore[no-untyped-def]
     return np.dot(weights, samples.reshape(tones, 2 * n_a * n_b)).reshape(len(weights), 2, n_a, n_b)
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def apply(weights_a, weights_b, samples):  # type: ignore[no-untyped-def]
     """Real weights [n, a] and [m, b] on the antenna axes of samples [k, 2, a, b]: [k, 2, n, m]."""
     tones, _, n_a, n_b = samples.shape
@@ -116,7 +116,7 @@ def apply(weights_a, weights_b, samples):  # type: ignore[no-untyped-def]
     return out
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def leaf_of(leaves, i, shape):  # type: ignore[no-untyped-def]
     """((weights of tones, a, b), (shifts of a, b), turns per metre, (centre; length, position, number of a, of b))."""
     k, n_a, n_b = leaves.sizes[i, 0], leaves.sizes[i, 1], leaves.sizes[i, 2]
@@ -133,13 +133,13 @@ def leaf_of(leaves, i, shape):  # type: ignore[no-untyped-def]
     return (tones, weights_a, weights_b), (shift_a, shift_b), turns, place
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def _antennas(double, start, n):  # type: ignore[no-untyped-def]
     position_m = double[start + n : start + 4 * n].reshape(n, 3)
     return double[start : start + n], position_m, double[start + 4 * n : start + 5 * n]
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def _weights(single, start, rows, columns, given):  # type: ignore[no-untyped-def]
     if given == 0:
         return single[:0].reshape(0, 0), start
@@ -147,7 +147,7 @@ def _weights(single, start, rows, columns, given):  # type: ignore[no-untyped-de
     return single[start:stop].reshape(rows, columns), stop
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def evaluate(samples, points_m, turns_per_m, place, passes, reference_m, images):  # type: ignore[no-untyped-def]
     """Images of a leaf's samples at its points_m [3, n]: complex64 images [k or 1, n]; one row sums all tones."""
     tones, _, n_a, n_b = samples.shape
@@ -164,11 +164,12 @@ def evaluate(samples, points_m, turns_per_m, place, passes, reference_m, images)
         differences(points, position_a, passes[0], length_a, centre_m, reference_m[0], delta_a, common)
         differences(points, position_b, passes[1], length_b, centre_m, reference_m[1], delta_b, common)
         a, b = np.empty((2 * n_a, n), np.float32), np.empty((2 * n_b, n), np.float32)
+        stacked, u = np.empty((2 * n_a, 2 * n_b), np.float32), np.empty((2 * n_a, n), np.float32)
         total_re, total_im = np.zeros(n, np.float32), np.zeros(n, np.float32)
         for m in range(tones):
             steer(delta_a, turns_per_m[m], a)
             steer(delta_b, turns_per_m[m], b)
-            product = bilinear(a, samples[m], b)
+            product = bilinear(a, samples[m], b, stacked, u)
             for p in range(n):
                 cosine, sine = cis_turns(turns_per_m[m] * common[p])
                 total_re[p] += cosine * product[0, p] - sine * product[1, p]
@@ -183,38 +184,23 @@ def evaluate(samples, points_m, turns_per_m, place, passes, reference_m, images)
                 images[0, start + p] = total_re[p] + np.complex64(1j) * total_im[p]
 
 
-@numba.njit(**FAST)
-def bilinear(a, samples, b):  # type: ignore[no-untyped-def]
-    """Σ a · samples · b over both legs at every point, as planes [2, p], of a [2a, p], samples [2, a, b] and b [2b, p].
-
-    Two antennas of either leg at once, i and j, k and l: sixteen products to eight numbers loaded, which no matrix
-    product of so few rows is as fast as, and the second sum while the first is in the cache. Of an odd count the last
-    one is its own partner, with weight 0.
-    """
-    n_a, n_b, n = samples.shape[1], samples.shape[2], a.shape[1]
-    re, im = samples
-    out, u = np.zeros((2, n), np.float32), np.empty((4, n), np.float32)
-    for i in range(0, n_a, 2):
-        j, second_a = min(i + 1, n_a - 1), np.float32(i + 1 < n_a)
-        u[:] = 0
-        for k in range(0, n_b, 2):
-            l, second_b = min(k + 1, n_b - 1), np.float32(k + 1 < n_b)  # noqa: E741
-            ik_re, ik_im, il_re, il_im = re[i, k], im[i, k], second_b * re[i, l], second_b * im[i, l]
-            jk_re, jk_im, jl_re, jl_im = re[j, k], im[j, k], second_b * re[j, l], second_b * im[j, l]
-            for p in range(n):
-                k_re, k_im, l_re, l_im = b[k, p], b[n_b + k, p], b[l, p], b[n_b + l, p]
-                u[0, p] += ik_re * k_re - ik_im * k_im + il_re * l_re - il_im * l_im
-                u[1, p] += ik_re * k_im + ik_im * k_re + il_re * l_im + il_im * l_re
-                u[2, p] += jk_re * k_re - jk_im * k_im + jl_re * l_re - jl_im * l_im
-                u[3, p] += jk_re * k_im + jk_im * k_re + jl_re * l_im + jl_im * l_re
-        for p in range(n):
-            i_re, i_im, j_re, j_im = a[i, p], a[n_a + i, p], second_a * a[j, p], second_a * a[n_a + j, p]
-            out[0, p] += i_re * u[0, p] - i_im * u[1, p] + j_re * u[2, p] - j_im * u[3, p]
-            out[1, p] += i_re * u[1, p] + i_im * u[0, p] + j_re * u[3, p] + j_im * u[2, p]
+@njit(**FAST)
+def bilinear(a, samples, b, stacked, u):  # type: ignore[no-untyped-def]
+    """Σ a · samples · b over both legs at every point, as planes [2, p], of a [2a, p], samples [2, a, b] and b [2b, p];
+    stacked [2a, 2b] and u [2a, p] are scratch."""
+    n_a, n_b = samples.shape[1:]
+    stacked[:n_a, :n_b], stacked[n_a:, n_b:] = samples[0], samples[0]
+    stacked[n_a:, :n_b], stacked[:n_a, n_b:] = samples[1], -samples[1]
+    np.dot(stacked, b, u)
+    out = np.zeros((2, a.shape[1]), np.float32)
+    for i in range(n_a):
+        for p in range(a.shape[1]):
+            out[0, p] += a[i, p] * u[i, p] - a[n_a + i, p] * u[n_a + i, p]
+            out[1, p] += a[i, p] * u[n_a + i, p] + a[n_a + i, p] * u[i, p]
     return out
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def differences(points_m, position_m, passes, length_m, centre_m, reference_m, out, common_m):  # type: ignore[no-untyped-def]
     """out[a, p] = ΔR_a(p) − ΔR_reference(p), small enough for float32; common_m [p] gains ΔR_reference(p)."""
     n = points_m.shape[1]
@@ -232,7 +218,7 @@ def differences(points_m, position_m, passes, length_m, centre_m, reference_m, o
             out[a, p] = passes * np.sqrt(dx * dx + dy * dy + dz * dz) - length - reference[p]
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def steer(difference_m, turns_per_m, out):  # type: ignore[no-untyped-def]
     """out[2a, p]: real parts of exp(j2πfΔ/c) above imaginary parts; a negative f gives the conjugate."""
     n_a, n = difference_m.shape

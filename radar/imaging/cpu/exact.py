@@ -8,12 +8,12 @@ t·r exponentials per point.
 
 from collections.abc import Iterator
 
-import numba
 import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, as_of_an_array, tones
 from radar.data.capture import largest_part
-from radar.imaging.cpu.steering import FAST, cis_turns, distances_m, phasor, steering
+from radar.imaging.cpu.steering import cis_turns, distances_m, phasor, steering
+from radar.support.compiled import FAST, njit
 from radar.support.errors import HandbenchError
 from radar.support.parallel import for_each
 
@@ -129,7 +129,7 @@ def _stack(samples: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.block([[re, -im], [im, re]]), dtype=np.float32)
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def _contract(a, u):  # type: ignore[no-untyped-def]
     t, n = a.shape[0] // 2, a.shape[1]
     re, im = np.zeros(n, np.float32), np.zeros(n, np.float32)
@@ -140,7 +140,7 @@ def _contract(a, u):  # type: ignore[no-untyped-def]
     return re + np.complex64(1j) * im
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def _scan_image(samples, tx_m, rx_m, there_and_back, points_m, turns_per_m):  # type: ignore[no-untyped-def]
     n = points_m.shape[1]
     re, im = np.zeros(n, np.float64), np.zeros(n, np.float64)

@@ -4,7 +4,6 @@ that make every voxel of the coarse nodes, so that a projection along z never ho
 from collections.abc import Callable
 from itertools import product
 
-import numba
 import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
@@ -12,7 +11,8 @@ from radar.data.grid import VoxelGrid
 from radar.imaging.cpu.ascent import Source, ascend, scatter
 from radar.imaging.cpu.descent import Leaves, complex_samples, descend, gather, pack, planes, turn
 from radar.imaging.cpu.exact import exact_images as exact_images
-from radar.imaging.cpu.steering import FAST, restore_carrier, take_carrier_out
+from radar.imaging.cpu.steering import restore_carrier, take_carrier_out
+from radar.imaging.peaks import Peaks, root_mean_square, strongest
 from radar.imaging.plan import GridPlan, Sorted, TreePlan
 from radar.imaging.tree import Box, Family, Node, branch, trunk
 from radar.support.parallel import for_each, one_blas_thread
@@ -119,16 +119,15 @@ class Upsampler:
         self._upsample(nodes, images, keep)
         return volumes
 
-    def project(self, nodes: VoxelGrid, images: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """As `strongest_voxels` of the volume, which is never held."""
-        index = np.empty(self.plan.grid.shape[1:], np.int64)
-        magnitude = np.empty((3, *index.shape), np.float32)
+    def project(self, nodes: VoxelGrid, images: np.ndarray) -> Peaks:
+        """The peaks of the volume, which is never held."""
+        peaks = Peaks.empty(self.plan.grid.shape[1:], self.plan.tolerance * root_mean_square(images))
 
         def keep(_: int, rows: slice, re: np.ndarray, im: np.ndarray) -> None:
-            index[rows], magnitude[:, rows] = _strongest(re, im)
+            strongest(re, im, peaks.index[rows], peaks.magnitude[:, rows], peaks.rival[rows], peaks.second[rows])
 
         self._upsample(nodes, images, keep)
-        return index, magnitude
+        return peaks
 
     def _upsample(
         self, nodes: VoxelGrid, images: np.ndarray, keep: Callable[[int, slice, np.ndarray, np.ndarray], None]
@@ -160,46 +159,9 @@ class Upsampler:
         for_each(heighten, list(product(range(count), plan.y.rows(max(ROWS, at_once)))))
 
 
-def strongest_voxels(volume: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Each pixel's strongest voxel of a volume [nz, ny, nx]: index along z [ny, nx], and magnitude [3, ny, nx] of the
-    voxel before it, itself and the one behind it (NaN beyond the volume)."""
-    index = np.empty(volume.shape[1:], np.int64)
-    magnitude = np.empty((3, *index.shape), np.float32)
-    for row in range(len(index)):
-        here = slice(row, row + 1)
-        re, im = (np.ascontiguousarray(part, np.float32) for part in (volume[:, here].real, volume[:, here].imag))
-        index[here], magnitude[:, here] = _strongest(re, im)
-    return index, magnitude
-
-
 def _down(samples: np.ndarray, parent: Node, child: Node) -> np.ndarray:
     return descend(samples, parent.turns_per_m, *child.shifts_m, child.tone_weights, *child.leg_weights)
 
 
 def _up(samples: np.ndarray, parent: Node, child: Node) -> np.ndarray:
     return ascend(samples, parent.turns_per_m, *child.shifts_m, child.tone_weights, *child.leg_weights)
-
-
-@numba.njit(**FAST)
-def _strongest(re, im):  # type: ignore[no-untyped-def]
-    nz, ny, nx = re.shape
-    index, magnitude = np.empty((ny, nx), np.int64), np.empty((3, ny, nx), np.float32)
-    for j in range(ny):
-        best = np.full(nx, np.float32(-1))
-        where = np.zeros(nx, np.int32)
-        for k in range(nz):
-            for i in range(nx):
-                power = re[k, j, i] * re[k, j, i] + im[k, j, i] * im[k, j, i]
-                larger = power > best[i]
-                where[i] = np.int32(k) if larger else where[i]
-                best[i] = power if larger else best[i]
-        for i in range(nx):
-            index[j, i] = where[i]
-            magnitude[1, j, i] = np.sqrt(best[i])
-            for side in (0, 2):
-                k = where[i] + side - 1
-                if 0 <= k < nz:
-                    magnitude[side, j, i] = np.sqrt(re[k, j, i] * re[k, j, i] + im[k, j, i] * im[k, j, i])
-                else:
-                    magnitude[side, j, i] = np.nan
-    return index, magnitude

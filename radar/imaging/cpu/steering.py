@@ -6,21 +6,11 @@ conjugate. Phases are counted in turns (f R / c) and reduced in float64 before t
 to 1e-7 rad at any range; forming them in float32 would cost 3e-4 rad at 2 m.
 """
 
-from typing import Any
-
-import numba
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
-
-# Sums may be rearranged into vector code; NaN and infinity keep their meaning.
-FAST: dict[str, Any] = {
-    "nogil": True,
-    "cache": True,
-    "fastmath": {"contract", "reassoc", "nsz"},
-    "error_model": "numpy",
-}
+from radar.support.compiled import FAST, njit
 
 # Gains that bend too sharply across the array to be carried by few antennas:
 GRAZING = 0.05  # √(n·û) where the cosine falls below this,
@@ -43,7 +33,7 @@ P0, P1, P2, P3, P4, P5, P6 = _minimax(np.sin, 6, 1, 1 / 2)
 Q0, Q1, Q2, Q3, Q4, Q5, Q6 = _minimax(np.cos, 6, 0, 1 / 2)
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def cis_turns(turns):  # type: ignore[no-untyped-def]
     """(cos 2πt, sin 2πt) in float32 of a phase in turns given in float64."""
     half = np.rint(2.0 * turns)
@@ -51,7 +41,7 @@ def cis_turns(turns):  # type: ignore[no-untyped-def]
     return _half_turn(np.float32(turns - 0.5 * half), np.float32(1.0 - 2.0 * odd * odd))
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def cis_small(turns):  # type: ignore[no-untyped-def]
     """The same of a float32 phase of a few turns, where float32 is exact enough (5e-7): series over a whole turn, which
     need no sign."""
@@ -62,7 +52,7 @@ def cis_small(turns):  # type: ignore[no-untyped-def]
     return cosine, sine
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def _half_turn(t, sign):  # type: ignore[no-untyped-def]
     """sign · (cos 2πt, sin 2πt) for |t| ≤ 1/4."""
     u = t * t
@@ -71,7 +61,7 @@ def _half_turn(t, sign):  # type: ignore[no-untyped-def]
     return sign * cosine, sign * sine
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def distances_m(antennas_m, points_m):  # type: ignore[no-untyped-def]
     """Distances [a, p] (float64) of antennas [a, 3] to points [3, p], metres."""
     out = np.empty((len(antennas_m), points_m.shape[1]))
@@ -83,7 +73,7 @@ def distances_m(antennas_m, points_m):  # type: ignore[no-untyped-def]
     return out
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def steering(distance_m, turns_per_m, out):  # type: ignore[no-untyped-def]
     """Fill out [2a, p] (float32: real parts above imaginary parts) with exp(j2πfR/c) of distances R [a, p], f/c being
     turns_per_m."""
@@ -93,7 +83,7 @@ def steering(distance_m, turns_per_m, out):  # type: ignore[no-untyped-def]
             out[a, p], out[n_antennas + a, p] = cis_turns(turns_per_m * distance_m[a, p])
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def mean_rise(antennas_m, weight, points_m):  # type: ignore[no-untyped-def]
     """d|p − a|/dz [p] at points [p, 3], averaged over antennas [a, 3] with weights [a]."""
     out = np.zeros(len(points_m))
@@ -110,7 +100,7 @@ def phasor(path_m: np.ndarray, frequency_hz: np.ndarray | float, sign: int) -> n
     return np.exp(sign * 2j * np.pi * np.asarray(frequency_hz) * path_m / SPEED_OF_LIGHT_M_S)
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def steered_differences(antennas_m, turns_per_m, points_m, centre_m):  # type: ignore[no-untyped-def]
     """exp(j2πf(|p − a| − |c − a|)/c) [2p, a] (real parts above imaginary parts) of points [p, 3] with f/c [p] each, for
     antennas [a, 3] about the centre c [3]."""
@@ -129,7 +119,7 @@ def steered_differences(antennas_m, turns_per_m, points_m, centre_m):  # type: i
     return out
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def _carrier_turns(x, y, z, turns_per_m, passes, reference_m, ramp):  # type: ignore[no-untyped-def]
     turns = ramp[0] * x + ramp[1] * y + ramp[2] * z
     for i in range(2):
@@ -138,7 +128,7 @@ def _carrier_turns(x, y, z, turns_per_m, passes, reference_m, ramp):  # type: ig
     return turns
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def take_carrier_out(image, x_m, y_m, z_m, turns_per_m, passes, reference_m, ramp, planes):  # type: ignore[no-untyped-def]
     """planes [2, ny, nx] = image [ny, nx] without its carrier."""
     for j in range(len(y_m)):
@@ -149,7 +139,7 @@ def take_carrier_out(image, x_m, y_m, z_m, turns_per_m, passes, reference_m, ram
             planes[1, j, i] = value.imag * cosine - value.real * sine
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def restore_carrier(re, im, x_m, y_m, z_m, turns_per_m, passes, reference_m, ramp):  # type: ignore[no-untyped-def]
     """(re + j·im) · carrier: complex64 [nz, ny, nx]."""
     nx = len(x_m)
@@ -189,7 +179,7 @@ def _normals(count: int) -> np.ndarray:
     return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), z], axis=1)
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def _probe_gains(points_m, normals, antennas_m, pattern, least):  # type: ignore[no-untyped-def]
     n_points, n_antennas = len(points_m), len(antennas_m)
     gains, obliquity, axial = np.empty((n_points, n_antennas)), np.empty(n_antennas), np.empty(n_antennas)

@@ -17,6 +17,7 @@ from radar.imaging.device import BLOCK_BYTES, Array, array_module, to_host
 from radar.imaging.gpu.exact import cis, distances
 from radar.imaging.gpu.exact import exact_images as exact_images
 from radar.imaging.gpu.levels import Level, level
+from radar.imaging.peaks import Peaks, root_mean_square
 from radar.imaging.plan import GridPlan, Sorted, TreePlan
 from radar.imaging.skeleton import Resampler
 from radar.imaging.tree import Node
@@ -156,18 +157,21 @@ class Upsampler:
                 volume[:, rows] = to_host(voxels)
         return volumes
 
-    def project(self, nodes: VoxelGrid, images: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """As `radar.imaging.cpu.executor.strongest_voxels` of the volume, which is never held."""
-        xp, index = self._xp, np.empty(self.plan.grid.shape[1:], np.int64)
-        magnitude = np.empty((3, *index.shape), np.float32)
+    def project(self, nodes: VoxelGrid, images: np.ndarray) -> Peaks:
+        """The peaks of the volume, which is never held."""
+        xp, peaks = self._xp, Peaks.empty(self.plan.grid.shape[1:], self.plan.tolerance * root_mean_square(images))
         for rows, envelope in self._upsampled(nodes, images[0]):
             power = envelope[0] ** 2 + envelope[1] ** 2
             found, last = power.argmax(axis=0), len(power) - 1
             around = xp.stack([found - 1, found, found + 1])
             near = xp.sqrt(xp.take_along_axis(power, xp.clip(around, 0, last), axis=0))
             near[(around < 0) | (around > last)] = np.nan
-            index[rows], magnitude[:, rows] = to_host(found), to_host(near)
-        return index, magnitude
+            peaks.index[rows], peaks.magnitude[:, rows] = to_host(found), to_host(near)
+            power[xp.arange(last + 1)[:, None, None] == found] = -1
+            second = to_host(power.max(axis=0))
+            peaks.rival[rows] = np.where(second < 0, -1, to_host(power.argmax(axis=0)))
+            peaks.second[rows] = np.where(second < 0, -1, np.sqrt(np.abs(second)))
+        return peaks
 
     def _upsampled(self, nodes: VoxelGrid, image: np.ndarray) -> Iterator[tuple[slice, Array]]:
         """Envelopes of all voxels from the nodes' image [nz, ny, nx]: (rows, float32 planes [2, nz, rows, nx])."""

@@ -16,12 +16,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
-from radar.imaging.cpu.steering import FAST, cis_small
+from radar.imaging.cpu.steering import cis_small
 from radar.simulation.physics.creeping import RADII
 from radar.simulation.physics.vectors import ahead, cross, direction, dot, minus, mirrored, norm, vec
+from radar.support.compiled import FAST, njit
 
 LEAST, MOST = float(RADII[0]), float(RADII[-1])  # m of the edges around which waves creep
 WIDEST = 100.0  # footprint over patch, at most: what is wider leaves a caustic or grazes, and D silences it
@@ -59,7 +59,7 @@ class Patches(NamedTuple):
     flat_m2: np.ndarray
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def mirror(patches, antenna_m, chosen, ahead_m, ways):  # type: ignore[no-untyped-def]
     """Fill in the first of ways [n, 6]: ahead_m before its middle, and the direction in which it mirrors an antenna
     [3], for every chosen patch [n] that turns its front to both; which those are, bool [n]."""
@@ -77,7 +77,7 @@ def mirror(patches, antenna_m, chosen, ahead_m, ways):  # type: ignore[no-untype
     return front
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-untyped-def]
     """Fill in tubes from their transmitter, patch and faces of the surface (the whole body as patches). What lands on a
     back, or with a corner's ray that misses the surface's plane, gets root_m2 = 0, and so does what lands so far from
@@ -142,7 +142,7 @@ def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-unt
         tubes.caustics[n] = crossed
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def _mirrored_share(patches, patch, incoming, wavenumber, lit):  # type: ignore[no-untyped-def]
     """1 less the weight with which waves that creep have the ray that a convex patch mirrors."""
     flat, normal, middle = vec(patches.flat_m2[patch]), vec(patches.normal[patch]), vec(patches.middle_m[patch])
@@ -158,7 +158,7 @@ def _mirrored_share(patches, patch, incoming, wavenumber, lit):  # type: ignore[
     return ahead_of * ahead_of * (3 - 2 * ahead_of)
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def _turn(corners, rays, surface, face):  # type: ignore[no-untyped-def]
     """Mirror the rays of a footprint's corners, by normals that go on beyond the face as they change on it; whether all
     of them meet the front."""
@@ -171,14 +171,14 @@ def _turn(corners, rays, surface, face):  # type: ignore[no-untyped-def]
     return front
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def _twice_m2(edges, normal):  # type: ignore[no-untyped-def]
     """Twice a footprint's area, negative where a mirror has turned it over, counter-clockwise as its patch is."""
     origin = vec(edges[0])
     return dot(cross(minus(vec(edges[1]), origin), minus(vec(edges[2]), origin)), normal)
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def _interpolated(point, corners, normals, flat, least):  # type: ignore[no-untyped-def]
     """The unit normal at a point of the plane of a triangle (corners [3, 3]) between those at its corners [3, 3], or
     beyond, to coordinates of `least`."""
@@ -194,7 +194,7 @@ def _interpolated(point, corners, normals, flat, least):  # type: ignore[no-unty
     return direction(ahead(mixed, w, vec(normals[2])))[0]
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def radiate(  # type: ignore[no-untyped-def]
     tubes, factor, pair, reflection, starts, tx_m, rx_m, before_m, after_m, turns_per_m, middle, pattern, seen
 ):
@@ -235,7 +235,7 @@ def radiate(  # type: ignore[no-untyped-def]
     return samples
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def _arrive(level, base, place, normal, edges, longer, receivers, sight, eighth, gain, path):  # type: ignore[no-untyped-def]
     """Fill in gains and paths of a tube for all receivers [4, r], x, y, z and path taken out; whether enough of it is
     left over for any. No loop here or in `_add` has an end that depends on its values: they become vector code."""
@@ -260,7 +260,7 @@ def _arrive(level, base, place, normal, edges, longer, receivers, sight, eighth,
     return count > zero
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def _add(re, im, gain, path, weight, turns):  # type: ignore[no-untyped-def]
     """Add a tube's waves at a tone."""
     real, imag = weight.real, weight.imag
@@ -270,6 +270,6 @@ def _add(re, im, gain, path, weight, turns):  # type: ignore[no-untyped-def]
         im[r] += gain[r] * (real * sine + imag * cosine)
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def _single(array):  # type: ignore[no-untyped-def]
     return np.float32(array[0]), np.float32(array[1]), np.float32(array[2])

@@ -10,19 +10,19 @@ from __future__ import annotations
 from itertools import groupby
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.imaging.cpu.ascent import ascend
 from radar.imaging.cpu.descent import complex_samples
-from radar.imaging.cpu.steering import FAST, steered_differences
+from radar.imaging.cpu.steering import steered_differences
 from radar.imaging.skeleton import band_skeleton
 from radar.simulation.physics.bounces import radiate
 from radar.simulation.physics.line_of_sight import nodes
 from radar.simulation.physics.polarisation import tube_factors
 from radar.simulation.physics.ray_tubes import Traced
 from radar.simulation.physics.vectors import minus, norm, vec
+from radar.support.compiled import FAST, njit
 from radar.support.parallel import for_each
 
 TOLERANCE = 3e-3  # of the bounces' echoes: for the tones that stand for the others
@@ -213,7 +213,7 @@ def _sorting(key: np.ndarray) -> np.ndarray:
     return np.argsort(key.astype(np.min_scalar_type(key.max(initial=0))), kind="stable")
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def _reach(hits, order, starts, places, tx_m, start_m, first_m, last_m):  # type: ignore[no-untyped-def]
     """Mean length [b] of the hits order[starts[b]:starts[b + 1]] of bundles and the most by which their paths differ
     from that over the centres first_m and last_m of their cells, with any antennas."""

@@ -3,11 +3,11 @@ echoes over two mirrors by a walk through a grid of the surface's normals."""
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from radar.data.arrays import AntennaArray
 from radar.simulation.physics.facets import Facets
+from radar.support.compiled import njit
 
 BUFFER_CELLS = 1 << 22  # at most
 STEEPEST = 6.0  # tangent of incidence up to which a cell's own surface is told from what stands before it
@@ -41,7 +41,7 @@ def _frame(axis: np.ndarray) -> tuple[np.ndarray, float]:
     return np.stack([across, np.cross(along, across), along]), length
 
 
-@numba.njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True)
 def _visible(position_m, normal, view_m, frame, range_m, cell_m, most_cells):  # type: ignore[no-untyped-def]
     n = len(position_m)
     distance, cosine, tangent = np.empty(n), np.empty(n), np.empty((n, 2))
@@ -69,7 +69,7 @@ def _visible(position_m, normal, view_m, frame, range_m, cell_m, most_cells):  #
     return visible
 
 
-@numba.njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True)
 def beside_outlines(position_m, normal, outline_m, view_m, wavelength_m):  # type: ignore[no-untyped-def]
     """Mask [p] of the facets that face a point view_m [3] and lie farther away than some of the points outline_m
     [n, 3], behind or beside them by less than ZONES, and below them: on a convex body nothing is above a facet's plane.
@@ -133,7 +133,7 @@ def _returns(array: AntennaArray) -> np.ndarray:
     return np.stack([middle_m - half_m, middle_m + half_m])
 
 
-@numba.njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True)
 def _walk(position_m, normal, area_m2, view_m, normals, low_m, shape, cell_m, corners_m):  # type: ignore[no-untyped-def]
     total, count = 0.0, 0
     for p in range(len(position_m)):

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from scipy.special import airy
 
@@ -27,6 +26,7 @@ from radar.simulation.physics.facets import unit, vertex_normals
 from radar.simulation.physics.reflection import body_reflection
 from radar.simulation.physics.vectors import cross, direction, minus, vec
 from radar.simulation.scene import Body, EchoScene
+from radar.support.compiled import njit
 
 LIT, DEEP = -1.0, 3.0  # ξ between which p* is fitted; it fades between the first and half of it
 TERMS = 6  # of the polynomials in ξ: within 0.006 of m·p*
@@ -101,7 +101,7 @@ def _roundness(scene: EchoScene, body: Body) -> Roundness:
     )
 
 
-@numba.njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True)
 def _bends_per_m(vertices_m, faces, normals):  # type: ignore[no-untyped-def]
     """Derivatives [n, 3, 3] of the normals [n, 3] along the surface at the vertices: the mean over the faces around
     each, by their area."""

@@ -17,13 +17,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
-from radar.imaging.cpu.steering import FAST, cis_small
+from radar.imaging.cpu.steering import cis_small
 from radar.simulation.physics.creeping import DEEP, LIT, SHARP, TERMS, Roundness
 from radar.simulation.physics.facets import face_vectors, unit
 from radar.simulation.scene import Body, EchoScene
+from radar.support.compiled import FAST, njit
 from radar.support.rays import Rays
 
 FARTHEST = 20.0  # kδ beyond which an edge is left out
@@ -159,7 +159,7 @@ def edge_waves(
     return found
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def _waves(antenna_m, position_m, starts, centre_m, radius_m, edges, turns_per_m, wavenumber, limits, waves):  # type: ignore[no-untyped-def]
     """Fill in waves [2, k, n] cell by cell, with the edges that the points of a cell need. edges: their places from the
     antenna, normal_m2 [e, 3] = along × start."""
@@ -182,7 +182,7 @@ def _waves(antenna_m, position_m, starts, centre_m, radius_m, edges, turns_per_m
     return waves
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def _near(near, middles, centre, radius_m, widest, latest_m):  # type: ignore[no-untyped-def]
     """Fill in the mask of the edges that some points of a cell need: they bend rays less than `widest` and delay them
     by less than latest_m."""
@@ -199,7 +199,7 @@ def _near(near, middles, centre, radius_m, widest, latest_m):  # type: ignore[no
         near[e] = (behind > zero) & (before > zero) & ~bent & (way - radius < within_m[e] + off + radius)
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def _angles(scratch, x, y, z, centre, edge, widest, wavenumber, farthest):  # type: ignore[no-untyped-def]
     """For an edge and each of n points, x, y, z from their cell's centre: the edge's angle around the ray over 2π; 0;
     its detour; the weight of its waves, faded by the turn of the phase from one end to the other by its sinc, and 0
@@ -246,7 +246,7 @@ def _angles(scratch, x, y, z, centre, edge, widest, wavenumber, farthest):  # ty
         scratch[4, p] = spread
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def _creep(scratch, x, y, z, middle, creeping, wavenumber, least, most):  # type: ignore[no-untyped-def]
     """Add what creeps around an edge whose middle is there from the cell's centre, a row of `Roundness.of_edges`."""
     mx, my, mz = np.float32(middle[0]), np.float32(middle[1]), np.float32(middle[2])
@@ -269,7 +269,7 @@ def _creep(scratch, x, y, z, middle, creeping, wavenumber, least, most):  # type
         scratch[2, p] += lit * arc * xi * xi * xi
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def _add(re, im, scratch, turns_per_m):  # type: ignore[no-untyped-def]
     """Add an edge's waves."""
     scale = np.float32(turns_per_m)

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-import numba
 import numpy as np
 
 from radar.simulation.physics.facets import Facets, face_vectors
 from radar.simulation.scene import Body, EchoScene
+from radar.support.compiled import njit
 from radar.support.rays import Rays
 
 STRIDE_M = 0.02  # between the first antennas: the shadow of what is 2 mm thin and a tenth of the range before the skin
@@ -86,7 +86,7 @@ def nodes(antennas_m: np.ndarray, apart_m: float) -> np.ndarray:
     return np.concatenate([line[spaced(antennas_m[line], apart_m)[0]] for line in lines(antennas_m)])
 
 
-@numba.njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True)
 def _corners_in_sight(clear, corners):  # type: ignore[no-untyped-def]
     """Number of clear corners of each face: uint8 [m]; corners [m, 3]: indices into clear [n]."""
     count = np.zeros(len(corners), np.uint8)

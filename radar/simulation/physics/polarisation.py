@@ -8,12 +8,11 @@ other, Γ² of skin is 2.8 dB above that of normal incidence for the one and 4.0
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
-from radar.imaging.cpu.steering import FAST
 from radar.simulation.physics.bounces import Tubes
 from radar.simulation.physics.vectors import ahead, cross, direction, dot, minus, vec
+from radar.support.compiled import FAST, njit
 
 LEAST_SINE = 1e-6  # of the angle of incidence, below which every plane is one of incidence
 
@@ -32,7 +31,7 @@ def tube_factors(
     return factors
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def _fill(tubes, tx_m, dipole, ratios, layers, factors):  # type: ignore[no-untyped-def]
     for n in range(len(factors)):
         if tubes.root_m2[n] == 0:
@@ -52,14 +51,14 @@ def _fill(tubes, tx_m, dipole, ratios, layers, factors):  # type: ignore[no-unty
         factors[n] = factor
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def _across(dipole, ray):  # type: ignore[no-untyped-def]
     """The dipole's unit field on a ray."""
     whole = vec(dipole)
     return direction(ahead(whole, -dot(whole, ray), ray))[0]
 
 
-@numba.njit(**FAST)
+@njit(**FAST)
 def _reflected(field, before, after, ratio):  # type: ignore[no-untyped-def]
     """The field of a ray along `before` once it goes on along `after`, Γ times the part across the plane of incidence,
     and the part along it, turned."""

@@ -2,42 +2,43 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from radar.support.compiled import njit
 
-@numba.njit(inline="always")
+
+@njit(inline="always")
 def vec(array):  # type: ignore[no-untyped-def]
     """An array's three numbers."""
     return array[0], array[1], array[2]
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def minus(a, b):  # type: ignore[no-untyped-def]
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def ahead(start, length, way):  # type: ignore[no-untyped-def]
     return start[0] + length * way[0], start[1] + length * way[1], start[2] + length * way[2]
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def dot(a, b):  # type: ignore[no-untyped-def]
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def cross(a, b):  # type: ignore[no-untyped-def]
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def norm(a):  # type: ignore[no-untyped-def]
     return np.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def direction(a):  # type: ignore[no-untyped-def]
     """The unit vector, and the length."""
     length = norm(a)
@@ -45,6 +46,6 @@ def direction(a):  # type: ignore[no-untyped-def]
     return (a[0] * scale, a[1] * scale, a[2] * scale), length
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def mirrored(incoming, normal):  # type: ignore[no-untyped-def]
     return ahead(incoming, -2 * dot(incoming, normal), normal)

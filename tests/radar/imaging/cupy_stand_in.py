@@ -27,7 +27,7 @@ FUNCTIONS = (
     "take_along_axis",
     "zeros",
 )
-METHODS = ("argmax", "astype", "conj", "reshape", "sum", "swapaxes")
+METHODS = ("argmax", "astype", "conj", "max", "reshape", "sum", "swapaxes")
 ATTRIBUTES = ("T", "dtype", "imag", "ndim", "real", "shape", "size")
 
 

@@ -103,6 +103,7 @@ def test_a_single_plane_s_projection(device):
     there, here = on(device, project_volume, noise((16, 32, 24)), TONES_HZ, ARRAY, grid, 1e-3)
     assert not there[0].any() and not here[0].any()
     np.testing.assert_allclose(there[1], here[1], rtol=1e-4)
+    assert (there.rival == -1).all() and (there.second == here.second).all()
 
 
 def test_a_crowded_scan(device):
@@ -125,6 +126,8 @@ def test_projections(device):
     assert np.array_equal(there[0], here[0])
     np.testing.assert_allclose(there[1], here[1], rtol=1e-4)  # NaN where the other has it
     assert np.isnan(there[1]).any()
+    assert np.array_equal(there.rival, here.rival) and there.error == pytest.approx(here.error)
+    np.testing.assert_allclose(there.second, here.second, rtol=1e-4)
 
 
 def test_small_blocks_change_nothing(device, monkeypatch):

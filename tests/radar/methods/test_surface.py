@@ -9,7 +9,7 @@ from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
 from radar.data.grid import Axis
 from radar.imaging.api import project_volume
-from radar.imaging.cpu.executor import strongest_voxels
+from radar.imaging.peaks import strongest_voxels
 from radar.methods.projection import Peaks, maximum_projection, peak_offset, peaks_kept, project, volume
 from radar.methods.projection_config import AlignedConfig, BroadbandConfig, NarrowbandConfig
 from tests.radar.simulated_points import around, bumpy, point_capture, points_capture, strongest_z_m, surface_points
@@ -141,7 +141,7 @@ def test_decibels_are_closer_than_amplitudes_on_a_band_limited_lobe(offset, lobe
 def test_peaks_say_all_that_a_projection_needs(seed, nz):
     generator = np.random.default_rng(seed)
     image = generator.normal(size=(nz, 4, 3)) + 1j * generator.normal(size=(nz, 4, 3))
-    peaks = Peaks(*strongest_voxels(image.astype(np.complex64)))
+    peaks = strongest_voxels(image.astype(np.complex64))
     z = Axis(start_m=0.3, stop_m=0.3 + 0.001 * (nz - 1), step_m=0.001)
     lateral = {"x": Axis(start_m=0, stop_m=0.002, step_m=0.001), "y": Axis(start_m=0, stop_m=0.003, step_m=0.001)}
     for subvoxel in (False, True):

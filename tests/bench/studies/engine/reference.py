@@ -12,7 +12,7 @@ from radar.data.depthmap import amplitude_db
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_volume
 from radar.imaging.cpu.exact import backproject
-from radar.imaging.cpu.executor import strongest_voxels
+from radar.imaging.peaks import strongest_voxels
 from radar.methods.projection import Peaks, peak_offset
 from tests.bench.studies.engine.scope import Inputs
 from tests.bench.studies.engine.textbook import numpy_sum
@@ -68,7 +68,7 @@ def reference(inputs: Inputs) -> Reference:
         exact[source] = backproject(samples, tones_hz, array, points_m)
         stand_in[source] = image_volume(samples, tones_hz, array, grid, STAND_IN)
         rms[source] = float(np.sqrt(np.mean(np.abs(stand_in[source]) ** 2, dtype=np.float64)))
-    mask = amplitude_db(Peaks(*strongest_voxels(stand_in["hand"])).magnitude[1]) >= scope.config.threshold_db
+    mask = amplitude_db(strongest_voxels(stand_in["hand"]).magnitude[1]) >= scope.config.threshold_db
     on_target = np.flatnonzero(mask)
     pixels = random.choice(on_target, min(scope.checked_pixels, len(on_target)), replace=False)
     columns = backproject(inputs.samples["hand"], tones_hz, array, column_points_m(grid, pixels))
@@ -99,5 +99,5 @@ def column_points_m(grid: VoxelGrid, pixels: np.ndarray) -> np.ndarray:
 
 def column_peaks(images: np.ndarray, grid: VoxelGrid) -> Peaks:
     """Peaks [p] of images [nz · p] at `column_points_m`."""
-    peaks = Peaks(*strongest_voxels(images.astype(np.complex64).reshape(len(grid.z_m), 1, -1)))
+    peaks = strongest_voxels(images.astype(np.complex64).reshape(len(grid.z_m), 1, -1))
     return Peaks(peaks.index[0], peaks.magnitude[:, 0])

@@ -13,9 +13,8 @@ from bench.studies.study import relative_error
 from radar.data.depthmap import DepthMap
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
-from radar.imaging.cpu.executor import strongest_voxels
+from radar.imaging.peaks import Peaks, strongest_voxels
 from radar.methods.fsk import three_tone
-from radar.methods.projection import Peaks
 from radar.simulation.forward import simulate
 from radar.support.cost import gemm
 from tests.bench.studies.engine import textbook
@@ -186,7 +185,7 @@ def _fast_rows(inputs: Inputs, checked: Reference, measured: dict[str, Measured]
     known = {**errors, "tolerance": tolerance, "met": max(errors.values()) <= tolerance}
     return [
         timings.record(SECTION, measured[EXACT], **known, plan_seconds=timings.plan_s, **checked.deviation(found))
-        for timings, found in ((volume, peaks), (projection, Peaks(*projection.first.kept)))
+        for timings, found in ((volume, peaks), (projection, projection.first.kept))
     ]
 
 
@@ -203,4 +202,4 @@ def _planes(grid: VoxelGrid, count: int) -> VoxelGrid:
 
 
 def _checked(voxels: np.ndarray, volume: np.ndarray) -> tuple[np.ndarray, Peaks]:
-    return volume.ravel()[voxels], Peaks(*strongest_voxels(volume))
+    return volume.ravel()[voxels], strongest_voxels(volume)

@@ -25,7 +25,7 @@ from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
 from radar.data.grid import Axis
 from radar.imaging.api import image_volume
-from radar.imaging.cpu.executor import strongest_voxels
+from radar.imaging.peaks import strongest_voxels
 from radar.methods import fsk, joint, projection
 from radar.methods.fsk_config import JointConfig
 from radar.simulation.effects.receiver import strongest_amplitude, thermal_noise

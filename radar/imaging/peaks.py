@@ -1,0 +1,79 @@
+"""The strongest voxels along z of a volume, of which a projection needs no more."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from radar.support.compiled import FAST, njit
+
+NONE = np.zeros(0, np.float32)  # where nobody asks
+
+
+class Peaks(NamedTuple):
+    """The strongest voxel along z of each pixel: its index [ny, nx], and the magnitudes [3, ny, nx] of the voxel before
+    it, of itself and of the one behind it (NaN beyond the volume); the index `rival` [ny, nx] of the next strongest
+    voxel and its magnitude, `second` [ny, nx] (-1 where there is none); error: the root mean square of the errors that
+    voxels have by the image's tolerance."""
+
+    index: np.ndarray
+    magnitude: np.ndarray
+    rival: np.ndarray = NONE
+    second: np.ndarray = NONE
+    error: float = 0.0
+
+    def scaled(self, factor: np.float64) -> Peaks:
+        """Of the same volume times a factor."""
+        second = np.where(self.second < 0, -1.0, self.second * factor)
+        return self._replace(magnitude=self.magnitude * factor, second=second, error=float(self.error * factor))
+
+    @classmethod
+    def empty(cls, shape: tuple[int, ...], error: float = 0.0) -> Peaks:
+        """Of a volume with so many pixels [ny, nx], to be filled in."""
+        magnitude, index = np.empty((3, *shape), np.float32), np.empty((2, *shape), np.int64)
+        return cls(index[0], magnitude, index[1], np.empty(shape, np.float32), error)
+
+
+def strongest_voxels(volume: np.ndarray) -> Peaks:
+    """The peaks of an exact volume [nz, ny, nx]."""
+    peaks = Peaks.empty(volume.shape[1:])
+    for row in range(volume.shape[1]):
+        here = slice(row, row + 1)
+        re, im = (np.ascontiguousarray(part, np.float32) for part in (volume[:, here].real, volume[:, here].imag))
+        strongest(re, im, peaks.index[here], peaks.magnitude[:, here], peaks.rival[here], peaks.second[here])
+    return peaks
+
+
+def root_mean_square(image: np.ndarray) -> float:
+    """Of an image's magnitudes."""
+    return float(np.sqrt(np.mean(np.abs(image) ** 2, dtype=np.float64)))
+
+
+@njit(**FAST)
+def strongest(re, im, index, magnitude, rival, second):  # type: ignore[no-untyped-def]
+    """Fill in the fields of `Peaks` of a volume's parts re, im [nz, ny, nx]."""
+    nz, ny, nx = re.shape
+    best, next_best = np.empty(nx, np.float32), np.empty(nx, np.float32)
+    where, beside = np.empty(nx, np.int32), np.empty(nx, np.int32)
+    for j in range(ny):
+        best[:], next_best[:] = -1, -1
+        where[:], beside[:] = 0, -1
+        for k in range(nz):
+            for i in range(nx):
+                power = re[k, j, i] * re[k, j, i] + im[k, j, i] * im[k, j, i]
+                first, larger = power > best[i], power > next_best[i]
+                beside[i] = where[i] if first else (np.int32(k) if larger else beside[i])
+                next_best[i] = best[i] if first else (power if larger else next_best[i])
+                where[i] = np.int32(k) if first else where[i]
+                best[i] = power if first else best[i]
+        for i in range(nx):
+            index[j, i], rival[j, i] = where[i], beside[i]
+            magnitude[1, j, i] = np.sqrt(best[i])
+            second[j, i] = np.sqrt(next_best[i]) if next_best[i] >= 0 else np.float32(-1)
+            for side in (0, 2):
+                k = where[i] + side - 1
+                if 0 <= k < nz:
+                    magnitude[side, j, i] = np.sqrt(re[k, j, i] * re[k, j, i] + im[k, j, i] * im[k, j, i])
+                else:
+                    magnitude[side, j, i] = np.nan
