@@ -55,14 +55,12 @@ MARKERS: tuple[MarkerType, ...] = ("o", "s", "^", "D", "v", "P", "X", "<", ">", 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure with its file name's stem, its caption and a description for those who cannot see it; grey: nothing in
-    it but maps has a colour, and no map a grey."""
+    """A figure with its file name's stem, its caption and a description for those who cannot see it."""
 
     stem: str
     caption: str
     alt: str
     figure: Figure
-    grey: bool = False
 
 
 def narrow() -> bool:
