@@ -40,7 +40,7 @@ class Image:
     stem: str = ""
     dark: str = ""
     kinds: tuple[str, ...] = ("pdf", "png")
-    svg: Markup = Markup()
+    svg: Markup | None = None
 
 
 def begin(out: Path) -> None:

@@ -1,5 +1,5 @@
-"""Maps as SVG for a page of many captures, laid out as `reports.figures.depth_maps.sheet` does in twenty times the time:
-a map's pixels are an image that the browser enlarges, texts and lines have the page's colour, light or dark."""
+"""Maps as SVG for a page of many captures, laid out as `reports.figures.depth_maps.sheet` does in ten times the time: a
+map's pixels are an image that the browser enlarges, texts and lines have the page's colour, light or dark."""
 
 import base64
 import io
@@ -47,8 +47,8 @@ def _row(strip: Strip, at: Layout, upper_in: float, box: Box, lowest: list[bool]
     outlines: dict[bytes, str] = {}  # of the panels, which mostly share one
     panels = []
     for x_in, panel, numbered in zip(at.lefts, strip.panels, lowest, strict=False):
-        told: dict[str, Any] = {"photo": "", "map": "", "outline": "", "numbered": numbered, "title": panel.title.split("\n")}
-        told["x"] = PX * (x_in + at.wide / 2) - wide / 2
+        told: dict[str, Any] = {"photo": "", "map": "", "outline": "", "numbered": numbered}
+        told |= {"x": PX * (x_in + at.wide / 2) - wide / 2, "title": panel.title.split("\n")}
         if panel.photo is not None:
             told["photo"] = _uri(Pixels.fromarray(panel.photo), "JPEG")
         elif panel.surface is not None:
