@@ -60,8 +60,9 @@ class Strip:
     def ticks(self) -> dict[float, str]:
         """The values that its bar of colours tells, and how they are written."""
         if not isinstance(self.norm, SymLogNorm):
-            ticks = MaxNLocator(9, steps=(1, 2, 2.5, 5, 10)).tick_values(self.norm.vmin, self.norm.vmax)
-            return {t: f"{t:g}".replace("-", "−") for t in ticks if self.norm.vmin <= t <= self.norm.vmax}
+            low, high = self.norm.inverse(np.array([0.0, 1.0])).tolist()
+            ticks = MaxNLocator(9, steps=(1, 2, 2.5, 5, 10)).tick_values(low, high)
+            return {t: f"{t:g}".replace("-", "−") for t in ticks if low <= t <= high}
         ticks = ERROR_TICKS_MM[:: 2 if narrow() else 1]
         return {t: f"{t:+d}".replace("-", "−").replace("+0", "0") for t in ticks}
 

@@ -39,7 +39,7 @@ def image(maps: Maps, folder: Path) -> Image:
 
 
 def _row(strip: Strip, at: Layout, upper_in: float, box: Box, lowest: list[bool]) -> dict[str, Any]:
-    """What the template draws of a row of panels whose upper edge lies so far down; lowest: those with numbers at x."""
+    """A row of panels for the template; upper_in: from the top to its upper edge; lowest: those with numbers at x."""
     scale = PX * min(at.wide / (box[0] - box[1]), at.high / (box[3] - box[2]))  # pixels for a millimetre
     wide, high = scale * (box[0] - box[1]), scale * (box[3] - box[2])
     upper, edges_of = PX * (upper_in + at.high / 2) - high / 2, strip.norm.inverse(np.arange(1, COLOURS) / COLOURS)
