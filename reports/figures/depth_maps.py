@@ -19,7 +19,7 @@ from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
 from bench.results import HEADLINE, CaptureFacts, ErrorMap, MethodFacts, Result, Surface
-from reports.figures.style import COLUMN_IN, Picture, methods, narrow, time_text
+from reports.figures.style import COLUMN_IN, Layout, Picture, methods, narrow, time_text
 from reports.tables.blocks import AGAINST, DRAWN, floor_note
 
 DEPTH_COLOURS, ERROR_COLOURS, EMPTY = "viridis_r", "RdBu_r", "#d9d9d9"
@@ -77,20 +77,6 @@ class Maps:
     alt: str
     strips: Sequence[Strip]
     box: Box
-
-
-@dataclass(frozen=True)
-class Layout:
-    """The places of strips, in inches from the lower left: the sizes of the whole and of a panel, the left edges of the
-    columns, that of the bars of colours and their width, and each row of panels with its lower edge."""
-
-    width: float
-    height: float
-    wide: float
-    high: float
-    lefts: list[float]
-    bar: tuple[float, float]
-    rows: list[tuple[Strip, float]]
 
 
 def depth_strip(panels: Sequence[Panel], first: Surface) -> Strip:

@@ -63,6 +63,20 @@ class Picture:
     figure: Figure
 
 
+@dataclass(frozen=True)
+class Layout:
+    """The places of rows of panels, in inches from the lower left: the sizes of the whole and of a panel, the left edges of the
+    columns, that of the bars of colours and their width, and each row of panels with its lower edge."""
+
+    width: float
+    height: float
+    wide: float
+    high: float
+    lefts: list[float]
+    bar: tuple[float, float]
+    rows: list[tuple[Any, float]]
+
+
 def narrow() -> bool:
     """True where a picture is drawn for a paper's column: COLUMN is the style in force."""
     return rcParams["figure.figsize"][0] == COLUMN_IN
