@@ -65,8 +65,8 @@ class Picture:
 
 @dataclass(frozen=True)
 class Layout:
-    """The places of rows of panels, in inches from the lower left: the sizes of the whole and of a panel, the left edges of the
-    columns, that of the bars of colours and their width, and each row of panels with its lower edge."""
+    """The places of rows of panels, in inches from the lower left: the sizes of the whole and of a panel, the left
+    edges of the columns, that of the bars of colours and their width, and each row of panels with its lower edge."""
 
     width: float
     height: float
