@@ -1,5 +1,7 @@
 """A depth map against a reference, pixel by pixel: errors along z and distances between the two surfaces."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from bench.results.error_map import ErrorMap
@@ -36,18 +38,24 @@ def _distances(
     x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray, reference_z_m: np.ndarray, met: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Distance [ny, nx] of each judged point of the map to the reference, and of each of the reference's to the map."""
-    from scipy.ndimage import binary_dilation, binary_fill_holes
     from scipy.spatial import KDTree
 
     surface = np.isfinite(reference_z_m)
-    empty = ~binary_dilation(binary_fill_holes(met | surface), np.ones((3, 3)))
-    judged = np.isfinite(z_m) & (surface | empty)
+    judged = np.isfinite(z_m) & (surface | _empty((met | surface).tobytes(), surface.shape))
     x, y = np.meshgrid(x_m, y_m)
     found, expected = (np.stack([x[at], y[at], z[at]], axis=-1) for at, z in ((judged, z_m), (surface, reference_z_m)))
     to_reference_m, to_map_m = np.full(z_m.shape, np.nan), np.full(z_m.shape, np.nan)
     to_reference_m[judged] = KDTree(expected).query(found)[0]
     to_map_m[surface] = KDTree(found).query(expected)[0]
     return to_reference_m, to_map_m
+
+
+@lru_cache(maxsize=4)  # the methods that are compared with one reference share it
+def _empty(met: bytes, shape: tuple[int, int]) -> np.ndarray:
+    """Pixels [ny, nx] next to no surface, of the flags of those whose rays meet one."""
+    from scipy.ndimage import binary_dilation, binary_fill_holes
+
+    return ~binary_dilation(binary_fill_holes(np.frombuffer(met, bool).reshape(shape)), np.ones((3, 3)))
 
 
 def deviation_map(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> ErrorMap:

@@ -11,7 +11,7 @@ from bench.results.error_map import ErrorMap
 from bench.results.maps import Surface, depth_path, errors_path, photo_path, read_map
 from bench.results.tables import LEVEL, SCHEMAS, each, frame, read, write
 from radar.support.errors import HandbenchError
-from radar.support.files import read_bytes, require_folder, write_json, write_text
+from radar.support.files import read_bytes, require_folder, write_text
 from radar.support.limits import TOML_BYTES
 
 if TYPE_CHECKING:
@@ -123,8 +123,8 @@ def best(comparisons: pd.DataFrame, metric: str, reference: str) -> tuple[str, .
 
 
 def write_about(folder: Path, about: About) -> None:
-    """Write result.json. Write it last: a folder with it is meant to be complete."""
-    write_json(folder / "result.json", about.model_dump(mode="json"))
+    """Write result.json. Write it last: a folder with it is meant to be complete. What is not finite becomes null."""
+    write_text(folder / "result.json", about.model_dump_json(indent=2) + "\n")
 
 
 def write_tables(folder: Path, **tables: pd.DataFrame) -> None:

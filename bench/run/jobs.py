@@ -11,7 +11,7 @@ from bench.datasets.dataset import open_capture
 from bench.run.benchmark_file import BenchFile, MethodEntry, Origin, Source
 from bench.run.outcome import Capture
 from bench.run.photogrammetry import photographs
-from bench.run.reconstruct_stage import configuration
+from bench.run.reconstruct_stage import configured
 from bench.run.submitted_stage import grid_of
 from bench.run.tasks import HASH
 from bench.scenes.build import named_files
@@ -88,7 +88,7 @@ def imaging(bench: BenchFile, capture: Capture, entry: MethodEntry) -> list[Stag
     given = {
         "capture": str(capture.folder),
         "method": entry.id,
-        "config": configuration(capture.folder, entry.id, entry.config).model_dump(mode="json"),
+        "config": configured(capture.about, entry.id, entry.config).model_dump(mode="json"),
         "device": chosen(),
         "every_nth_antenna": entry.every_nth_antenna,
     }

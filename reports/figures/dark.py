@@ -37,13 +37,6 @@ def darken(figure: Figure) -> Figure:
     return figure
 
 
-def darkened(pixels: np.ndarray) -> np.ndarray:
-    """Pixels [ny, nx, 3], as bytes, of a drawn figure whose colours are those of its maps alone, which stay: as
-    `darken` has it drawn, but for a grey line that crosses a colour, and in half the time."""
-    greys = np.round(255 * (INK + np.linspace(0, 1, 256)[:, None] * (PAGE - INK))).astype(np.uint8)
-    return np.where((pixels == pixels[..., :1]).all(axis=-1, keepdims=True), greys[pixels[..., 0]], pixels)
-
-
 def dark(colour: ArrayLike, lighten: bool = True) -> tuple[float, float, float, float]:
     """A colour for a dark page: of a grey the one as far from the page, of others, if they are to get lighter, the
     first mixture with white that stands out."""

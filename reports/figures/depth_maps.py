@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Colormap, ListedColormap, Normalize, SymLogNorm
+from matplotlib.colors import Colormap, Normalize, SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.markers import TICKDOWN, TICKLEFT
@@ -19,7 +19,7 @@ from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
 from bench.results import HEADLINE, CaptureFacts, ErrorMap, MethodFacts, Result, Surface
-from reports.figures.style import COLUMN_IN, Picture, methods, narrow, time_text
+from reports.figures.style import COLUMN_IN, Layout, Picture, methods, narrow, time_text
 from reports.tables.blocks import AGAINST, DRAWN, floor_note
 
 DEPTH_COLOURS, ERROR_COLOURS, EMPTY = "viridis_r", "RdBu_r", "#d9d9d9"
@@ -57,22 +57,36 @@ class Strip:
     norm: Normalize
     label: str
 
+    def ticks(self) -> dict[float, str]:
+        """The values that its bar of colours tells, and how they are written."""
+        if not isinstance(self.norm, SymLogNorm):
+            low, high = self.norm.inverse(np.array([0.0, 1.0])).tolist()
+            ticks = MaxNLocator(9, steps=(1, 2, 2.5, 5, 10)).tick_values(low, high)
+            return {t: f"{t:g}".replace("-", "−") for t in ticks if low <= t <= high}
+        ticks = ERROR_TICKS_MM[:: 2 if narrow() else 1]
+        return {t: f"{t:+d}".replace("-", "−").replace("+0", "0") for t in ticks}
+
+
+@dataclass(frozen=True)
+class Maps:
+    """The maps of one picture, not drawn yet: strips of panels cut to a box, with the name of its files, its caption
+    and a description for those who cannot see it."""
+
+    stem: str
+    caption: str
+    alt: str
+    strips: Sequence[Strip]
+    box: Box
+
 
 def depth_strip(panels: Sequence[Panel], first: Surface) -> Strip:
     """Depths on the scale of one of them."""
-    return Strip(panels, _without_grey(DEPTH_COLOURS), depth_scale(first), "z in mm")
+    return Strip(panels, colormaps[DEPTH_COLOURS].with_extremes(bad=EMPTY), depth_scale(first), "z in mm")
 
 
 def error_strip(panels: Sequence[Panel]) -> Strip:
     """Signed errors."""
-    return Strip(panels, _without_grey(ERROR_COLOURS), error_scale(), "z − z_ref in mm")
-
-
-def _without_grey(name: str) -> Colormap:
-    """A scale of colours on EMPTY; a grey among them, which `darkened` would turn around, becomes one step bluer."""
-    colours = colormaps[name](np.arange(256), bytes=True)
-    colours[(colours[:, :3] == colours[:, :1]).all(axis=1), 2] += 1
-    return ListedColormap(colours / 255).with_extremes(bad=EMPTY)
+    return Strip(panels, colormaps[ERROR_COLOURS].with_extremes(bad=EMPTY), error_scale(), "z − z_ref in mm")
 
 
 def error_panel(title: str, errors: ErrorMap) -> Panel:
@@ -86,6 +100,12 @@ def error_scale() -> SymLogNorm:
 
 
 def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
+    """One capture's pictures, drawn."""
+    for maps in maps_of(result, capture):
+        yield Picture(maps.stem, maps.caption, maps.alt, sheet(maps.strips, maps.box))
+
+
+def maps_of(result: Result, capture: CaptureFacts) -> Iterator[Maps]:
     """One capture's pictures."""
     if result.about.methods:
         references = [reference for reference in DRAWN if reference in capture.references]
@@ -94,7 +114,7 @@ def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
             yield error_maps(result, capture, reference)
 
 
-def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Picture:
+def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Maps:
     """Like the paper's Fig. 3 and 4: ground truth and methods on one colour scale, and below each its errors against
     the reference, beside the photograph."""
     maps = [Panel(_title(result, m), result.surface(capture.name, m.name)) for m in methods(result)]
@@ -108,26 +128,25 @@ def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Pi
         errors = [error_strip([*(before or [Panel()]), *below])]
         before = [Panel("ground\ntruth" if narrow() else f"ground truth\n({name})", surfaces[0])]
         said = f", and below them their errors {AGAINST[reference]}; {SIGNED}{floor_note(result)}"
-    figure = sheet([depth_strip([*before, *maps], surfaces[0]), *errors], box_of(surfaces))
     names = ", ".join(panel.title.replace("\n", " ") for panel in (*before, *maps))
-    return Picture(
+    return Maps(
         f"depth_{capture.name}",
         f"Capture {capture.name}: depth maps on one colour scale{said}",
         f"Depth maps of capture {capture.name}, side by side: {names}{', and the photograph' * bool(photo)}. {alt}",
-        figure,
-        grey=not photo,
+        [depth_strip([*before, *maps], surfaces[0]), *errors],
+        box_of(surfaces),
     )
 
 
-def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture:
+def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Maps:
     """Like the paper's Fig. 4: signed errors of every method, on one diverging scale for every capture."""
     shown, alt = _errors(result, capture, reference, timed=True)
-    return Picture(
+    return Maps(
         f"error_{capture.name}__{reference}",
         f"Capture {capture.name}: signed errors {AGAINST[reference]}; {SIGNED}{floor_note(result)}",
         alt,
-        sheet([error_strip(shown)], box_of([result.surface(capture.name, reference)])),
-        grey=True,
+        [error_strip(shown)],
+        box_of([result.surface(capture.name, reference)]),
     )
 
 
@@ -157,9 +176,9 @@ def mean_text(result: Result, error_m: np.ndarray) -> str:
     return f"{result.title(HEADLINE)} {1e3 * np.abs(seen).mean():.2f} mm" if len(seen) else "nothing observed"
 
 
-def sheet(strips: Sequence[Strip], box: Box) -> Figure:
-    """A figure of strips, one below the other, in as many turns as a row has too few places, with a colour bar at the
-    right of each row; numbers and names stand on the outer axes only, and nothing where no panel is."""
+def layout(strips: Sequence[Strip], box: Box) -> Layout:
+    """Strips one below the other, in as many turns as a row has too few places, with a colour bar at the right of each
+    row."""
     count = max(len(strip.panels) for strip in strips)
     abreast, wide, gap, left, right, bar_wide = COLUMN if narrow() else PAGE
     columns = math.ceil(count / math.ceil(count / abreast))
@@ -169,23 +188,32 @@ def sheet(strips: Sequence[Strip], box: Box) -> Figure:
     rows = [replace(strip, panels=part) for strip, part in parts if part]
     tops = [0.1 + LINE_IN * (1 + max(panel.title.count("\n") for panel in row.panels)) for row in rows]
     width, height = left + columns * (wide + gap) + right, BOTTOM_IN + sum(tops) + len(rows) * high
-    figure, axes, y = Figure(figsize=(width, height)), [], height
+    lowers = height - np.cumsum(np.array(tops) + high)
+    lefts = [left + column * (wide + gap) for column in range(columns)]
+    placed = list(zip(rows, lowers.tolist(), strict=True))
+    return Layout(width, height, wide, high, lefts, (width - right, bar_wide), placed)
 
-    def place(x: float, w: float) -> Axes:
-        return figure.add_axes((x / width, y / height, w / width, high / height))
 
-    for row, top in zip(rows, tops, strict=True):
-        y -= top + high
-        axes.append([place(left + column * (wide + gap), wide) for column in range(len(row.panels))])
+def sheet(strips: Sequence[Strip], box: Box) -> Figure:
+    """A figure of strips by their layout; numbers and names stand on the outer axes only, and nothing where no panel
+    is."""
+    at = layout(strips, box)
+    figure, axes = Figure(figsize=(at.width, at.height)), []
+
+    def place(x: float, y: float, wide: float) -> Axes:
+        return figure.add_axes((x / at.width, y / at.height, wide / at.width, at.high / at.height))
+
+    for row, y in at.rows:
+        axes.append([place(x, y, at.wide) for x in at.lefts[: len(row.panels)]])
         for axis, panel in zip(axes[-1], row.panels, strict=True):
             _draw(axis, panel, row, box)
         _number(axes[-1][0], "y", box)
         axes[-1][0].set_ylabel("y in mm", labelpad=1)
-        _bar(figure, row, place(width - right, bar_wide))
+        _bar(figure, row, place(at.bar[0], y, at.bar[1]))
     for below in zip_longest(*axes):  # a photograph has no numbers
         _number(next(axis for axis in reversed(below) if axis), "x", box)
-    middle = (left + columns * (wide + gap) / 2) / width
-    figure.text(middle, 0.06 / height, X_SHORT if narrow() else X_LABEL, ha="center")
+    middle = (at.lefts[0] + at.lefts[-1] + at.wide) / 2 / at.width
+    figure.text(middle, 0.06 / at.height, X_SHORT if narrow() else X_LABEL, ha="center")
     return figure
 
 
@@ -194,8 +222,8 @@ def _bar(figure: Figure, strip: Strip, axis: Axes) -> None:
     bar = figure.colorbar(ScalarMappable(strip.norm, strip.colours), cax=axis, extend="both")
     bar.set_label(strip.label, labelpad=1)
     if isinstance(strip.norm, SymLogNorm):
-        ticks = ERROR_TICKS_MM[:: 2 if narrow() else 1]
-        bar.set_ticks(ticks, labels=[f"{tick:+d}".replace("-", "−").replace("+0", "0") for tick in ticks])
+        ticks = strip.ticks()
+        bar.set_ticks(list(ticks), labels=list(ticks.values()))
         bar.minorticks_off()
 
 
@@ -227,7 +255,7 @@ def _draw(axis: Axes, panel: Panel, strip: Strip, box: Box) -> None:
         return
     axis.set_facecolor(EMPTY)
     values_mm = np.ma.masked_invalid(1e3 * panel.surface.z_m)
-    extent = (*_edges_mm(panel.surface.x_m), *_edges_mm(panel.surface.y_m))
+    extent = (*edges_mm(panel.surface.x_m), *edges_mm(panel.surface.y_m))
     axis.imshow(values_mm, strip.colours, strip.norm, interpolation="nearest", origin="lower", extent=extent)
     if panel.errors:
         covered = np.isfinite(panel.errors.reference_z_m)
@@ -237,13 +265,13 @@ def _draw(axis: Axes, panel: Panel, strip: Strip, box: Box) -> None:
     axis.set(xlim=box[:2], ylim=box[2:], xticks=(), yticks=(), aspect="equal")
     style: dict[str, Any] = {"ls": "none", "markeredgecolor": "k", "markersize": 2.5, "markeredgewidth": 0.6}
     for side, marker in (("x", TICKDOWN), ("y", TICKLEFT)):  # as one line each: ticks of their own are five a tick
-        at_mm = _ticks_mm(side, box)
+        at_mm = ticks_mm(side, box)
         places = (at_mm, 0 * at_mm) if side == "x" else (0 * at_mm, at_mm)
         along = axis.get_xaxis_transform() if side == "x" else axis.get_yaxis_transform()
         axis.add_artist(Line2D(*places, transform=along, clip_on=False, **style | {"marker": marker}))
 
 
-def _ticks_mm(side: str, box: Box) -> np.ndarray:
+def ticks_mm(side: str, box: Box) -> np.ndarray:
     """The places of ticks along one side of a box; numbers at the edges of x would meet the next panel's."""
     low, high = sorted(box[:2] if side == "x" else box[2:])
     most, pruned = {"x": 2 if narrow() else 4, "y": 4 if narrow() else 5}[side], side == "x" and not narrow()
@@ -254,11 +282,11 @@ def _ticks_mm(side: str, box: Box) -> np.ndarray:
 def _number(axis: Axes, side: Literal["x", "y"], box: Box) -> None:
     """Write numbers at the ticks of an outer axis; of a photograph none."""
     if axis.axison:
-        axis.set(**{f"{side}ticks": _ticks_mm(side, box)})
+        axis.set(**{f"{side}ticks": ticks_mm(side, box)})
         axis.tick_params(length=2.5, width=0.6)
 
 
-def _edges_mm(centres_m: np.ndarray) -> tuple[float, float]:
+def edges_mm(centres_m: np.ndarray) -> tuple[float, float]:
     """Outer edges of the first and the last pixel."""
     half_m = (centres_m[-1] - centres_m[0]) / (len(centres_m) - 1) / 2
     return 1e3 * (centres_m[0] - half_m), 1e3 * (centres_m[-1] + half_m)

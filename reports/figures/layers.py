@@ -53,7 +53,7 @@ class Layer:
     @property
     def shown_mm(self) -> depth_maps.Box:
         """Its box, or the outer edges of its pixels: left, right, bottom, top; the first is larger than the second."""
-        (low, high), (bottom, top) = (depth_maps._edges_mm(1e-3 * axis) for axis in (self.x_mm, self.y_mm))
+        (low, high), (bottom, top) = (depth_maps.edges_mm(1e-3 * axis) for axis in (self.x_mm, self.y_mm))
         return self.box or (high, low, bottom, top)
 
 
@@ -71,7 +71,7 @@ def layers_figure(layers: Sequence[Layer], title: str) -> Figure:
             axis = figure.add_axes((x / width, y / height, wide / width, high / height), facecolor=depth_maps.EMPTY)
             colours = colormaps[layer.colours].with_extremes(bad=depth_maps.EMPTY) if layer.colours else None
             shown = np.ma.masked_invalid(layer.values) if colours else layer.values
-            extent = (*depth_maps._edges_mm(1e-3 * layer.x_mm), *depth_maps._edges_mm(1e-3 * layer.y_mm))
+            extent = (*depth_maps.edges_mm(1e-3 * layer.x_mm), *depth_maps.edges_mm(1e-3 * layer.y_mm))
             image = axis.imshow(shown, colours, layer.norm, interpolation="nearest", origin="lower", extent=extent)
             if layer.outline is not None and layer.outline.any() and not layer.outline.all():
                 axis.contour(layer.x_mm, layer.y_mm, layer.outline, levels=[0.5], colors="0.35", linewidths=0.4)

@@ -55,14 +55,26 @@ MARKERS: tuple[MarkerType, ...] = ("o", "s", "^", "D", "v", "P", "X", "<", ">", 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure with its file name's stem, its caption and a description for those who cannot see it; grey: nothing in
-    it but maps has a colour, and no map a grey."""
+    """A figure with its file name's stem, its caption and a description for those who cannot see it."""
 
     stem: str
     caption: str
     alt: str
     figure: Figure
-    grey: bool = False
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The places of rows of panels, in inches from the lower left: the sizes of the whole and of a panel, the left
+    edges of the columns, that of the bars of colours and their width, and each row of panels with its lower edge."""
+
+    width: float
+    height: float
+    wide: float
+    high: float
+    lefts: list[float]
+    bar: tuple[float, float]
+    rows: list[tuple[Any, float]]
 
 
 def narrow() -> bool:

@@ -14,9 +14,9 @@ from radar.support.files import write_text
 from radar.support.parallel import script_left_out, workers
 from radar.support.progress import track
 from reports.figures import charts
-from reports.figures.depth_maps import panels
+from reports.figures.depth_maps import maps_of, panels
 from reports.figures.style import methods
-from reports.page import cause_section, rendering, scene3d, sections, tradeoff_section
+from reports.page import cause_section, rendering, scene3d, sections, sheet_svg, tradeoff_section
 from reports.page.rendering import Image, render
 from reports.tables import latex, result_tables
 from reports.tables.blocks import caption
@@ -88,7 +88,7 @@ _loaded = cache(load)  # a process draws many pages of one result
 
 
 def further_page(folder: Path, out: Path, groups: Sequence[Sequence[CaptureFacts]], part: int) -> charts.Counts:
-    """Write a further page of captures, groups[part], of the result in `folder`, its pictures as PNG alone, and count
+    """Write a further page of captures, groups[part], of the result in `folder`, its pictures as SVG alone, and count
     their errors."""
     result, parts = _loaded(folder), page_names(groups)
     facts = _captures(result, groups[part], out / "figures", paper=False)
@@ -120,7 +120,10 @@ def _summary(result: Result, overview: list[Image], swept: Any, causes: Any = No
 
 def _captures(result: Result, captures: Sequence[CaptureFacts], folder: Path, paper: bool = True) -> dict[str, Any]:
     """Content of a page on its captures: their pictures, and what turns in 3-D."""
-    details = [(capture, rendering.images(partial(panels, result, capture), folder, paper)) for capture in captures]
+    if paper:
+        details = [(capture, rendering.images(partial(panels, result, capture), folder)) for capture in captures]
+    else:
+        details = [(c, [sheet_svg.image(maps, folder) for maps in maps_of(result, c)]) for c in captures]
     scenes = list(filter(None, (scene3d.scene(result, capture) for capture in captures)))
     titles = {method.name: method.title for method in methods(result)}
     shown = "3fsk" if "3fsk" in titles else next(iter(titles), None)  # the paper's own, else the first

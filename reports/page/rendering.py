@@ -18,19 +18,19 @@ from matplotlib.figure import Figure
 from PIL import Image as Pixels
 
 from radar.support.files import atomic_path, write_text
-from reports.figures.dark import darken, darkened
+from reports.figures.dark import darken
 from reports.figures.style import COLUMN, STYLE, Picture
 
 TEMPLATES = Path(__file__).parent / "templates"
 WIDTH_PX = 1900  # of a picture inside a page at most; the files beside it have every pixel
-QUALITY, FAST = 82, 1  # of WebP; effort of packing a PNG
+QUALITY = 82  # of WebP
 SHOWN = 0.42  # CSS pixels for one of the file's: text as large as the page's small print
 
 
 @dataclass(frozen=True)
 class Image:
-    """A picture inside a page: its bytes as a data: URI, its size there in CSS pixels, words, the stem of the files
-    beside it (empty: there are none), and its bytes on a dark page (empty: the same)."""
+    """A picture inside a page: its bytes as a data: URI, its size there in CSS pixels, words, the files beside it, and
+    its bytes on a dark page (empty: the same); or, in place of bytes, the mark-up of an SVG."""
 
     uri: str
     width: int
@@ -39,6 +39,8 @@ class Image:
     caption: str = ""
     stem: str = ""
     dark: str = ""
+    kinds: tuple[str, ...] = ("pdf", "png")
+    svg: Markup | None = None
 
 
 def begin(out: Path) -> None:
@@ -47,28 +49,19 @@ def begin(out: Path) -> None:
         write_text(out / "index.html", "<p>This report is not finished: make it again.\n")
 
 
-def images(draw: Callable[[], Iterable[Picture]], folder: Path, paper: bool = True) -> list[Image]:
-    """Write each drawn picture into `folder` as STEM.png, and give it as an image for the page, light and dark; each
-    figure is let go before the next is drawn. paper: the PNG file is fine, and STEM.pdf is for a paper's column; else
-    the PNG is the page's own, and there is no other."""
+def images(draw: Callable[[], Iterable[Picture]], folder: Path) -> list[Image]:
+    """Write each drawn picture into `folder` as STEM.png, which is fine, and STEM.pdf, for a paper's column, and give
+    it as an image for the page, light and dark; each figure is let go before the next is drawn."""
     written = []
     with matplotlib.rc_context(STYLE):
         for picture in draw():
-            fine = SHOWN if paper else SHOWN * matplotlib.rcParams["savefig.dpi"] / _dpi(picture.figure)
             with atomic_path(folder / f"{picture.stem}.png") as temporary:
-                if paper:
-                    picture.figure.savefig(temporary)
-                    pixels: Pixels.Image = Pixels.open(temporary)
-                else:
-                    pixels = _pixels(picture.figure)
-                    pixels.save(temporary, compress_level=FAST)
-                light = image(pixels, picture.alt, picture.caption, picture.stem, fine)
+                picture.figure.savefig(temporary)
+                light = image(Pixels.open(temporary), picture.alt, picture.caption, picture.stem, SHOWN)
             picture.figure.set_layout_engine("none")  # laid out once
-            again = paper or not picture.grey
-            dark = _pixels(darken(picture.figure)) if again else Pixels.fromarray(darkened(np.asarray(pixels)))
-            written.append(replace(light, dark=_uri(dark)))
+            written.append(replace(light, dark=_uri(_pixels(darken(picture.figure)))))
     with matplotlib.rc_context(COLUMN):
-        for picture in draw() if paper else ():
+        for picture in draw():
             with atomic_path(folder / f"{picture.stem}.pdf") as temporary:
                 picture.figure.savefig(temporary, metadata={"CreationDate": None})  # same data, same bytes
     return written

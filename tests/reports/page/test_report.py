@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import io
 import json
 import re
 import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
+from xml.etree import ElementTree
 
 import matplotlib
 import numpy as np
@@ -25,13 +27,14 @@ from radar.support.errors import HandbenchError
 from radar.support.files import read_json, write_json
 from reports.figures import depth_maps
 from reports.figures.charts import added, counted, overview
-from reports.figures.dark import darken, darkened
+from reports.figures.dark import darken
 from reports.figures.depth_maps import panels
-from reports.figures.style import COLOURS, COLUMN, MARKERS, STYLE, looks
-from reports.page import html, rendering, scene3d, sections
+from reports.figures.style import COLOURS, COLUMN, MARKERS, STYLE, looks, methods
+from reports.page import html, rendering, scene3d, sections, sheet_svg
 from reports.page.rendering import render
 from tests.reports.synthetic_result import METHODS, write_synthetic
 
+SVG = "{http://www.w3.org/2000/svg}"
 SCRIPT = "<script>alert(1)<&script>"  # as near to a closing tag as a file name gets
 
 
@@ -140,7 +143,7 @@ def test_the_page_shows_and_explains_the_floor(report):
 @pytest.fixture
 def undrawn(monkeypatch):
     """A report without pictures, where words are looked at."""
-    monkeypatch.setattr(rendering, "images", lambda pictures, folder, paper=True: [])
+    monkeypatch.setattr(rendering, "images", lambda pictures, folder: [])
 
 
 def test_a_result_without_a_floor_is_reported(folder, tmp_path, undrawn):
@@ -208,8 +211,8 @@ def test_depth_maps_share_scale_and_axes_seen_from_the_array(result_folder):
 def test_a_pixel_is_drawn_where_it_lies():
     """The pixel at x = 10 mm, y = 20 mm covers exactly 9…11 mm and 19…21 mm of the panel."""
     axis_m = np.array([0.008, 0.010, 0.012])
-    assert depth_maps._edges_mm(axis_m) == pytest.approx((7, 13))
-    assert depth_maps._edges_mm(axis_m + 0.010) == pytest.approx((17, 23))
+    assert depth_maps.edges_mm(axis_m) == pytest.approx((7, 13))
+    assert depth_maps.edges_mm(axis_m + 0.010) == pytest.approx((17, 23))
 
 
 def test_the_error_scale_is_the_same_for_every_capture(result_folder):
@@ -272,16 +275,41 @@ def test_dark_pictures_have_a_dark_page_light_text_and_the_same_scales(result_fo
                 assert max(image.cmap.get_bad()[:3]) < 0.3  # what was not observed
 
 
-def test_pixels_turned_dark_are_those_of_the_figure_drawn_dark(result_folder):
-    """Against the figure that is drawn once more in dark colours: all but grey lines across colours, which are few."""
-    with matplotlib.rc_context(STYLE):
-        figure = drawn(result_folder, "error_B__truth").figure
-        turned = darkened(np.asarray(rendering._pixels(figure))).astype(int)
-        again = np.asarray(rendering._pixels(darken(figure))).astype(int)
-    apart = np.abs(turned - again).max(axis=-1)
-    assert np.mean(apart > 2) < 0.01 and np.median(apart) <= 1
-    colours = depth_maps.error_strip([]).colours(np.arange(256), bytes=True)[:, :3].astype(int)
-    assert (np.ptp(colours, axis=1) > 0).all()  # no colour of a map is taken for a grey
+def test_maps_on_a_page_of_many_are_those_of_the_file(result_folder, tmp_path):
+    """Against the result's own errors: every pixel has the colour that matplotlib gives it, within one step of 255."""
+    result = results.load(result_folder)
+    (maps,) = (m for m in depth_maps.maps_of(result, result.scored()[0]) if m.stem == "error_B__truth")
+    picture = sheet_svg.image(maps, tmp_path)
+    assert (tmp_path / "error_B__truth.svg").read_text(encoding="utf-8") == picture.svg
+    svg = ElementTree.fromstring(picture.svg)
+    texts = [text.text for text in svg.iter(f"{SVG}text")]
+    assert "Broadband" in texts and "+30" in texts and svg.get("aria-label") == maps.alt
+    panels = [panel for panel in svg.iter(f"{SVG}svg") if panel is not svg]
+    errors = result.errors("B", "3fsk", "truth")
+    shown = panels[[method.name for method in methods(result)].index("3fsk")]
+    left, top, wide, high = map(float, shown.get("viewBox").split())
+    pitch_mm = 1e3 * np.diff(errors.x_m)[0]
+    assert wide * pitch_mm == pytest.approx(maps.box[0] - maps.box[1], abs=0.01)
+    assert -left * pitch_mm == pytest.approx(maps.box[0] - depth_maps.edges_mm(errors.x_m)[1], abs=0.01)
+    assert -top * pitch_mm == pytest.approx(maps.box[3] - depth_maps.edges_mm(errors.y_m)[1], abs=0.01)
+    uri = shown.find(f"{SVG}image").get("href")
+    with Image.open(io.BytesIO(base64.b64decode(uri.partition(",")[2]))) as image:
+        found = np.asarray(image.convert("RGBA"))[::-1, ::-1].astype(int)
+    seen, strip = np.isfinite(errors.error_m), maps.strips[0]
+    assert np.array_equal(found[..., 3] > 0, seen)
+    step = 1 / 255
+    about = [strip.colours(strip.norm(1e3 * errors.error_m[seen]) + d)[:, :3] for d in (-step, 0, step)]
+    low, high = 255 * np.min(about, axis=0) - 1, 255 * np.max(about, axis=0) + 1
+    assert ((low <= found[seen][:, :3]) & (found[seen][:, :3] <= high)).all()
+
+
+def test_an_outline_goes_between_the_pixels():
+    """By hand: one covered pixel in the second row and third column, in halves of pixels from the upper left corner."""
+    covered = np.zeros((4, 5), bool)
+    covered[1, 2] = True
+    (start, steps) = sheet_svg._outline(covered).removeprefix("M").split("l")
+    points = np.cumsum([[*map(int, start.split())], *np.reshape([*map(int, steps.split())], (-1, 2)).tolist()], axis=0)
+    assert {tuple(point) for point in points.tolist()} == {(5, 2), (4, 3), (6, 3), (5, 4)}
 
 
 def test_errors_are_counted_alike_page_by_page_and_together(result_folder):
@@ -373,7 +401,7 @@ def test_pages_are_the_same_from_one_process_and_from_two(tmp_path, monkeypatch)
         written.append({file.relative_to(out): file.read_bytes() for file in sorted(out.rglob("*.html"))})
     assert len(written[0]) == 3 and written[0] == written[1]
     assert {file.name for file in (out / "figures").glob("depth_*")} == {
-        *("depth_B.pdf", "depth_B.png", "depth_F.png", "depth_U.png")  # of further pages nothing for a paper
+        *("depth_B.pdf", "depth_B.png", "depth_F.svg", "depth_U.svg")  # of further pages SVG alone
     }
 
 
