@@ -16,7 +16,6 @@ from radar.data.depthmap import DepthMap
 from radar.imaging.device import use_device
 from radar.methods.advice import require_tones
 from radar.methods.registry import Reconstruction, method
-from radar.methods.smoothing import masked_mean
 from radar.support.config import Config
 from radar.support.cost import others, setting
 from radar.support.errors import HandbenchError
@@ -153,6 +152,8 @@ THRESHOLD, TOLERANCE, VOLUME = "threshold_db", "tolerance", "z"
 def write_treated(folder: Path, image: Callable[[Config], DepthMap], settings: Config, own: DepthMap) -> None:
     """Write the maps of every treatment → ALIKE. image: makes the capture's depth map by a configuration of the method;
     own: the one by its own `settings`."""
+    from radar.methods.smoothing import masked_mean  # and numba, which whoever only reads the maps does without
+
     made: dict[str, DepthMap] = {settings.model_dump_json(): own}
     arrays: dict[str, np.ndarray] = {}
     known = type(settings).model_fields

@@ -104,3 +104,9 @@ class VoxelGrid:
         """Voxel centres [nz, ny, nx, 3]."""
         z, y, x = np.meshgrid(self.z_m, self.y_m, self.x_m, indexing="ij")
         return np.stack([x, y, z], axis=-1)
+
+
+def bounding_box(mask: np.ndarray) -> tuple[slice, slice]:
+    """The smallest rectangle that holds every true pixel: targets fill a small part of the image."""
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)

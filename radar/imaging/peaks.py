@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from radar.support.compiled import FAST, njit
 
-NONE = np.zeros(0, np.float32)  # where nobody asks
+
+def _none() -> np.ndarray:
+    return np.zeros(0)
 
 
-class Peaks(NamedTuple):
+@dataclass(frozen=True)
+class Peaks:
     """The strongest voxel along z of each pixel: its index [ny, nx], and the magnitudes [3, ny, nx] of the voxel before
     it, of itself and of the one behind it (NaN beyond the volume); the index `rival` [ny, nx] of the next strongest
     voxel and its magnitude, `second` [ny, nx] (-1 where there is none); error: the root mean square of the errors that
@@ -19,14 +22,14 @@ class Peaks(NamedTuple):
 
     index: np.ndarray
     magnitude: np.ndarray
-    rival: np.ndarray = NONE
-    second: np.ndarray = NONE
+    rival: np.ndarray = field(default_factory=_none)
+    second: np.ndarray = field(default_factory=_none)
     error: float = 0.0
 
     def scaled(self, factor: np.float64) -> Peaks:
         """Of the same volume times a factor."""
         second = np.where(self.second < 0, -1.0, self.second * factor)
-        return self._replace(magnitude=self.magnitude * factor, second=second, error=float(self.error * factor))
+        return replace(self, magnitude=self.magnitude * factor, second=second, error=float(self.error * factor))
 
     @classmethod
     def empty(cls, shape: tuple[int, ...], error: float = 0.0) -> Peaks:

@@ -16,12 +16,12 @@ import numpy as np
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap, amplitude_db, load_depthmap
-from radar.data.grid import PixelGrid
+from radar.data.grid import PixelGrid, bounding_box
 from radar.methods.alignment import agreed
 from radar.methods.confidence import quadrature_m, spread_m, wrap_probability
 from radar.methods.fsk import Look, Tones, first_look
 from radar.methods.fsk_config import PixelsConfig, PriorConfig
-from radar.methods.smoothing import bounding_box, masked_mean
+from radar.methods.smoothing import masked_mean
 from radar.support.errors import HandbenchError
 
 MOST_OFF = 2 / 3  # of half a period: so far off a prior may be on the whole, and its pixels still have room for theirs

@@ -6,6 +6,7 @@ image's already. A faster image thus leads to the same map, unless it leaves thr
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -44,4 +45,4 @@ def settled(peaks: Peaks, threshold_db: float, exact: Exact, beside: int = 0) ->
     if within.any():
         around[within] = exact(np.broadcast_to(moved, place.shape)[within], place[within])
     magnitude[[[0], [2]], moved] = around
-    return peaks._replace(index=index.reshape(shape), magnitude=magnitude.reshape(3, *shape))
+    return replace(peaks, index=index.reshape(shape), magnitude=magnitude.reshape(3, *shape))

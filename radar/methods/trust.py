@@ -19,9 +19,8 @@ import numpy as np
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
 from radar.data.capture import RadarCapture, evenly, near_one
 from radar.data.depthmap import DepthMap
-from radar.data.grid import PixelGrid
+from radar.data.grid import PixelGrid, bounding_box
 from radar.methods.advice import asked_hz
-from radar.methods.smoothing import bounding_box
 from radar.support.config import Config
 
 GROSS_M = 5e-3

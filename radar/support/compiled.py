@@ -21,6 +21,8 @@ FAST: dict[str, Any] = {
     "error_model": "numpy",
 }
 
-if config.CPU_FEATURES is None and "+avx512f" in (features := get_host_cpu_features()):
-    config.CPU_FEATURES = f"{features},-prefer-256-bit"
+_settings: Any = config  # made as numba is imported
+_host: Any = get_host_cpu_features
+if _settings.CPU_FEATURES is None and "+avx512f" in (features := _host()):
+    _settings.CPU_FEATURES = f"{features},-prefer-256-bit"
 cpu_target.target_context  # noqa: B018  # which keeps the features that it meets first

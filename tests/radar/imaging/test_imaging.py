@@ -140,13 +140,13 @@ def test_a_plane_serves_any_depth_with_one_plan():
 
 def test_projection_equals_the_volume_s():
     grid, samples = cut(), noise((16, 94, 94))
-    index, magnitude, *_ = project_volume(samples, FEW_HZ, qar50(), grid, 1e-3)
+    peaks = project_volume(samples, FEW_HZ, qar50(), grid, 1e-3)
     volume = image_volume(samples, FEW_HZ, qar50(), grid, 1e-3)
-    expected_index, expected, *_ = strongest_voxels(volume)
-    assert np.array_equal(expected_index, np.abs(volume).argmax(axis=0))
-    assert np.array_equal(index, expected_index)
-    np.testing.assert_allclose(magnitude, expected, rtol=1e-5)  # float32: with and without the carrier
-    assert np.isnan(magnitude[0][index == 0]).all()
+    expected = strongest_voxels(volume)
+    assert np.array_equal(expected.index, np.abs(volume).argmax(axis=0))
+    assert np.array_equal(peaks.index, expected.index)
+    np.testing.assert_allclose(peaks.magnitude, expected.magnitude, rtol=1e-5)  # float32: with and without the carrier
+    assert np.isnan(peaks.magnitude[0][peaks.index == 0]).all()
 
 
 def test_the_check_after_the_fact_finds_a_wrong_volume():
@@ -182,7 +182,7 @@ def test_volumes_beyond_the_memory_limit_are_refused_and_projected_all_the_same(
     samples = noise((16, 94, 94))
     with pytest.raises(HandbenchError, match=r"needs 0\.024 GB.*limit of 0\.005 GB.*steps 1\.7 times larger"):
         image_volume(samples, FEW_HZ, qar50(), fine, 1e-3)
-    assert project_volume(samples, FEW_HZ, qar50(), fine, 1e-3)[0].shape == fine.shape[1:]
+    assert project_volume(samples, FEW_HZ, qar50(), fine, 1e-3).index.shape == fine.shape[1:]
     monkeypatch.setenv("HANDBENCH_MEMORY_GB", "0.00001")
     with pytest.raises(HandbenchError, match=r"grid of \(100, 150, 200\) voxels.*limit of 1e-05 GB"):
         project_volume(samples, FEW_HZ + 1, qar50(), fine, 1e-3)

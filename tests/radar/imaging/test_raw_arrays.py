@@ -32,7 +32,7 @@ def images(samples, tones_hz=TONES_HZ, aperture=ARRAY, points_m=POINTS_M):
         yield image_points(samples, tones_hz, aperture, points_m, tolerance)
         yield image_points(samples, tones_hz, aperture, points_m, tolerance, apart=True)
         yield image_volume(samples, tones_hz, aperture, GRID, tolerance)
-        yield project_volume(samples, tones_hz, aperture, GRID, tolerance)[1]
+        yield project_volume(samples, tones_hz, aperture, GRID, tolerance).magnitude
 
 
 @pytest.mark.parametrize("aperture", [ARRAY, SCAN])

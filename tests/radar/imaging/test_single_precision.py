@@ -118,7 +118,7 @@ def of_fast() -> Iterator[Line]:
         found = {
             "volume": (image_volume(samples, TONES_HZ, array, GRID, tolerance).ravel(), exact),
             "projection": (
-                project_volume(samples, TONES_HZ, array, GRID, tolerance)[1][1],
+                project_volume(samples, TONES_HZ, array, GRID, tolerance).magnitude[1],
                 np.abs(exact.reshape(GRID.shape)).max(axis=0),
             ),
             "points, tones unevenly spaced": (image_points(samples, UNEVEN_HZ, array, points, tolerance), at_points),

@@ -237,6 +237,7 @@ def test_threads_change_no_bit_of_echoes_tones_and_projections(tolerance, monkey
         with fresh_plans():
             echoes = simulate(scene.facets, scene.tones_hz, qar50(), tolerance=tolerance)
             tones = tone_images(echoes, scene.tones_hz, qar50(), scene.points_m)
-            found.append((echoes, tones, *project_volume(echoes, scene.tones_hz, qar50(), grid, tolerance)[:2]))
+            peaks = project_volume(echoes, scene.tones_hz, qar50(), grid, tolerance)
+            found.append((echoes, tones, peaks.index, peaks.magnitude))
     for others in found[1:]:
         assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(found[0], others, strict=True))

@@ -1,5 +1,7 @@
 """Decisions that a tolerance leaves open. The reference is the volume summed exactly."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -52,7 +54,7 @@ def test_peaks_settle_on_those_of_the_exact_volume(seed, depths):
     exact = (heights + random.uniform(-0.01, 0.01, heights.shape)).reshape(depths, 4, 5)
     off = exact + random.uniform(-0.02, 0.02, exact.shape)
     floor_db = 20 * np.log10(0.5)
-    before = strongest_voxels(off.astype(np.complex64))._replace(error=0.01)
+    before = replace(strongest_voxels(off.astype(np.complex64)), error=0.01)
     found = settled(before, floor_db, lambda pixel, at: exact.reshape(depths, -1)[at, pixel], depths)
     expected = strongest_voxels(exact.astype(np.complex64))
     seen, of_found = (peaks.magnitude[1] >= peaks.magnitude[1].max() * 0.5 for peaks in (expected, found))

@@ -25,7 +25,7 @@ from radar.data.arrays import qar50
 from radar.data.capture import RadarCapture
 from radar.data.grid import Axis
 from radar.imaging.api import image_volume
-from radar.imaging.peaks import strongest_voxels
+from radar.imaging.peaks import Peaks, root_mean_square, strongest_voxels
 from radar.methods import fsk, joint, projection
 from radar.methods.fsk_config import JointConfig
 from radar.simulation.effects.receiver import strongest_amplitude, thermal_noise
@@ -78,9 +78,11 @@ class Shake:
     def upon_methods(self) -> Iterator[None]:
         """In the block the methods' images and powers are perturbed; volumes are held whole."""
 
-        def projected(*given: Any) -> tuple[np.ndarray, np.ndarray]:
-            index, magnitude = strongest_voxels(self.result("images", image_volume, *given))
-            return index, self.of("power", magnitude)
+        def projected(*given: Any) -> Peaks:
+            volume = self.result("images", image_volume, *given)
+            peaks, tolerance = strongest_voxels(volume), given[4] and max(given[4], self.tolerance or 0.0)
+            error = (tolerance or 0.0) * root_mean_square(volume)
+            return replace(peaks, magnitude=self.of("power", peaks.magnitude), error=error)
 
         places = [(module, name, "images") for module in (fsk, projection) for name in ("image_points", "image_volume")]
         places += [(module, "amplitude_db", "power") for module in (fsk, projection, joint)]
