@@ -29,6 +29,7 @@ THUMB_BASE_MM = (21.0, -37.0, 7.0)
 WRIST_MM = (0.0, -42.0, 1.0)
 FINGERS = tuple(KNUCKLES_MM)
 WRIST_SKIN_M = -0.010  # along a metacarpal: what lies behind its start is the wrist, with thin skin
+AS_NEAR_M = 1e-9  # far above rounding: outside a bent joint, the joint is the nearest point of both of its bones
 
 
 @dataclass(frozen=True)
@@ -96,8 +97,9 @@ def forearm_direction(pose: Pose) -> np.ndarray:
 
 
 def palmar(pose: Pose, points_m: np.ndarray, person: Person = MEAN) -> np.ndarray:
-    """Mask [n] of the points [n, 3] of the skin (hand frame) that lie on the palm's side of the nearest bone.
-    The palm's side of all metacarpals is the middle one's: the ball of the thumb belongs to the palm."""
+    """Mask [n] of the points [n, 3] of the skin (hand frame) that lie on the palm's side of the nearest bone, the
+    inner one of two that are as near. The palm's side of all metacarpals is the middle one's: the ball of the thumb
+    belongs to the palm."""
     nearest_m = np.full(len(points_m), np.inf)
     on_palm = np.zeros(len(points_m), bool)
     bones = skeleton(pose, person)
@@ -106,7 +108,7 @@ def palmar(pose: Pose, points_m: np.ndarray, person: Person = MEAN) -> np.ndarra
             relative = points_m - bone.start_m
             along_m = relative @ bone.axis
             distance_m = np.linalg.norm(relative - np.clip(along_m, 0, bone.length_m)[:, None] * bone.axis, axis=1)
-            nearer = distance_m < nearest_m
+            nearer = distance_m < nearest_m - AS_NEAR_M
             side = bones["middle"][0].palmar if number == 0 else bone.palmar
             skin = relative[nearer] @ side > 0
             nearest_m[nearer] = distance_m[nearer]
