@@ -2,7 +2,7 @@
 
 A projection needs little of a volume: the strongest voxel of each pixel and, between voxels, its neighbours along z.
 An engine that never holds a whole volume hands over its `Peaks`. Which of two voxels is the stronger, and which pixel
-is on target, is the exact image's answer, whatever the tolerance (`radar.methods.settling`).
+is on target, is the exact image's answer (`radar.methods.settling`).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from radar.methods.projection_config import AlignedConfig, ProjectionConfig
 from radar.methods.settling import Exact, settled
 
 NEXT_TO_NOTHING = 1e-6  # relative error of what is called exact where voxels are compared: single precision's
-CHECKED = 8  # tones imaged once more, to see whether a depth is an echo's: 3 to 8 % of the paper's frame
+CHECKED = 8  # tones imaged once more, to see whether a depth is an echo's
 
 
 def volume(capture: RadarCapture, config: ProjectionConfig, frame: int = 0) -> np.ndarray:
@@ -65,8 +65,7 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
         return depth
     index = np.flatnonzero(np.isfinite(depth.z_m))
     points = grid.pixels.points_at_m(index, grid.z_m[peaks.index.ravel()[index]])
-    tolerance = None if isinstance(config, AlignedConfig) else config.tolerance
-    images = image_points(samples[some], frequencies_hz[some], capture.aperture, points, tolerance, apart=True)
+    images = image_points(samples[some], frequencies_hz[some], capture.aperture, points, None, apart=True)
     power = len(frequencies_hz) ** 2 * np.mean(np.abs(images) ** 2, axis=0)  # of all tones, were they in phase
     incoherent = peaks.magnitude[1].ravel()[index] ** 2 < least * power
     depth = replace(depth, wrapped=np.asarray(depth.wrapped) | (grid.pixels.on_map(index, incoherent, 0.0) > 0))

@@ -12,7 +12,9 @@ import numpy as np
 
 from radar.imaging.peaks import Peaks
 
-SURE = 4.0  # times the voxels' root mean square error, that a difference of two must exceed
+# Times the voxels' root mean square error, that a difference of two must exceed. Errors gather where the image is
+# bright: above -13 dB of a point in a large box they were 2.2 times as large on average (measured, at 1e-3).
+SURE = 8.0
 
 Exact = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -29,7 +31,7 @@ def settled(peaks: Peaks, threshold_db: float, exact: Exact, beside: int = 0) ->
     shape, height = peaks.index.shape, peaks.magnitude[1].ravel()
     index, rival, second = peaks.index.flatten(), peaks.rival.ravel(), peaks.second.ravel()
     floor = height.max() * 10 ** (threshold_db / 20)
-    rivalled = (height - second <= doubt) & (height >= floor - doubt)
+    rivalled = (height - second <= doubt) & (height >= floor - doubt) & (rival >= 0)
     paired = np.flatnonzero(rivalled)
     single = np.flatnonzero(((np.abs(height - floor) <= doubt) | (height >= height.max() - doubt)) & ~rivalled)
     places = index[single], index[paired], rival[paired]

@@ -24,14 +24,15 @@ from reports.tables.result_tables import findings
 
 ABREAST = 12  # captures on a page
 SECTIONS = ("verdicts", "effects", "uncertainty", "provenance", "command", "settings", "captures")
-REPORT_S, MAP_S = 4.0, 0.25  # of processor time: figures and tables of a result, and what a capture's method adds
+# Of processor time: figures and tables of a result, and what a capture's method adds on the first page and on others.
+REPORT_S, MAP_S, FURTHER_S = 4.0, 0.25, 0.03
 FIRST = 3  # captures on the first page where there are more
 
 
 def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) -> Path:
     """Read the result in `folder`, or the trade-off; write table.md, table.tex, column.tex, table.csv,
     comparisons.*,
-    figures/*.png, *.pdf, index.html and, of many captures, pages/*.html to `out`.
+    figures/*.png, *.pdf, *.svg, index.html and, of many captures, pages/*.html to `out`.
 
     sweep: a trade-off folder to show beside the result; else the one that `folder` is or holds. Files of an earlier
     report are replaced, its further pages removed, others left alone. Returns the path of index.html.
@@ -45,8 +46,10 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     result = _loaded(folder)
     if out.resolve() == result.folder.resolve():
         raise HandbenchError(f"{out}: is the result folder itself, whose table.csv must stay; choose another place")
-    maps = len(result.about.captures) * len(result.about.methods)
-    require_time(REPORT_S + MAP_S * maps, f"report: {maps} maps")
+    captures, methods = len(result.about.captures), len(result.about.methods)
+    first = captures if captures <= ABREAST else FIRST
+    drawn_s = MAP_S * first + FURTHER_S * (captures - first)
+    require_time(REPORT_S + methods * drawn_s, f"report: {captures * methods} maps")
     trade = load_tradeoff(sweep) if sweep else None
     rendering.begin(out)
     texts = {

@@ -36,6 +36,8 @@ def image(maps: Maps, folder: Path) -> Image:
     facts = {"alt": maps.alt, "width": width, "height": height, "middle": middle, "x_label": X_LABEL, "empty": EMPTY}
     svg = render("sheet.svg", rows=rows, **facts)
     write_text(folder / f"{maps.stem}.svg", svg)
+    for old in ("png", "pdf"):  # of an earlier report of another result
+        (folder / f"{maps.stem}.{old}").unlink(missing_ok=True)
     return Image("", width, height, maps.alt, maps.caption, maps.stem, kinds=("svg",), svg=Markup(svg))
 
 

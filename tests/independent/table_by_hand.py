@@ -25,12 +25,12 @@ REFERENCES = ("photogrammetry", "completed", "truth")
 # Maps, references and repeats are stored in double precision and the table with every digit: what may differ is the
 # order of a sum of some ten thousand terms, about 1e-13.
 TABLE_RTOL = 1e-9
-# The engine's images are within 1e-5 of their largest value. At -10 dB two of them turn a phase by 2e-5·√10 = 6.3e-5
+# FSK's images are within 1e-5 of their largest value. At -10 dB two of them turn a phase by 2e-5·√10 = 6.3e-5
 # rad at most, c/(4πΔf) times as much in depth: 7.5 µm of 2-FSK, 0.7 µm of 3-FSK. That one starts from a depth that is
 # off by 7.5 µm, of which the correction undoes all but the tenth that the path's slope differs from 2: 0.75 µm more.
 FSK_BOUND_M = {"2fsk": 7.5e-6, "3fsk": 1.4e-6}
-DB_BOUND = 4e-4  # 1e-5 of the largest value, at -13 dB: 8.7 dB · 1e-5 · 4.5
-TIE = 1e-4  # two voxels within this of each other may change places by the same error at -13 dB: 2·4.5·1e-5
+DB_BOUND = 8.7 * 4.5  # times the map's own tolerance: an error of so much of the largest value, at -13 dB
+TIE = 1e-4  # two voxels within this of each other may change places by an error of 1e-5 at -13 dB: 2·4.5·1e-5
 
 Figures = dict[tuple[str, str, str], float]
 
@@ -186,7 +186,7 @@ def depths_by_hand(folder: Path, capture: str, echo_file: Path, count: int = 200
         seen = np.flatnonzero(np.isfinite(theirs_m))
         at = np.random.default_rng(seed).choice(seen, min(count, len(seen)), replace=False)
         rows, cols = np.unravel_index(at, theirs_m.shape)
-        facts: dict = {"method": method, "pixels": len(at), "ties": 0, "flipped": 0}
+        facts: dict = {"method": method, "pixels": len(at), "ties": 0, "flipped": 0, "tolerance": config["tolerance"]}
         if method in FSK_BOUND_M:
             z_m, amplitude = (two_tone if method == "2fsk" else three_tone)(echoes, x_m, y_m, config)
             facts["flipped"] = int((np.isfinite(z_m) != np.isfinite(theirs_m)).sum())
@@ -213,7 +213,9 @@ def depths_by_hand(folder: Path, capture: str, echo_file: Path, count: int = 200
 def within(facts: dict) -> bool:
     """True where what `depths_by_hand` yields keeps the bounds."""
     bound_m = FSK_BOUND_M.get(facts["method"], 1e-9)  # a projection's depths are whole voxels
-    return facts["depth_m"] <= bound_m and facts["amplitude_db"] <= DB_BOUND and not facts["flipped"]
+    return (
+        facts["depth_m"] <= bound_m and facts["amplitude_db"] <= DB_BOUND * facts["tolerance"] and not facts["flipped"]
+    )
 
 
 def strongest_by_hand(folder: Path, hand: str, capture: str, echo_file: Path) -> dict[str, tuple[float, float]]:

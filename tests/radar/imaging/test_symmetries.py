@@ -238,6 +238,6 @@ def test_threads_change_no_bit_of_echoes_tones_and_projections(tolerance, monkey
             echoes = simulate(scene.facets, scene.tones_hz, qar50(), tolerance=tolerance)
             tones = tone_images(echoes, scene.tones_hz, qar50(), scene.points_m)
             peaks = project_volume(echoes, scene.tones_hz, qar50(), grid, tolerance)
-            found.append((echoes, tones, peaks.index, peaks.magnitude))
+            found.append((echoes, tones, peaks.index, peaks.magnitude, peaks.rival, peaks.second, peaks.error))
     for others in found[1:]:
         assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(found[0], others, strict=True))
