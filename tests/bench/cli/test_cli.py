@@ -143,7 +143,7 @@ def test_full_disk_is_one_line_and_leaves_nothing(capture, tmp_path, capsys, mon
     def full(*arguments, **keywords):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(np, "savez_compressed", full)
+    monkeypatch.setattr(np.lib.format, "write_array", full)
     out = tmp_path / "results"
     out.mkdir()
     command = ["reconstruct", str(capture), "--method", "2fsk", "-o", str(out / "depth.npz"), *LATERAL]

@@ -21,7 +21,7 @@ PRESETS = {  # improved method: the one it starts from, and what it changes
     "3fsk-weighted": ("3fsk", {"weighted": True}),
     "3fsk-plus": ("3fsk", {"off_axis": True, "weighted": True, "fine_refinements": 2, "drop_wrapped": True}),
     "nfsk-plus": ("nfsk", {"off_axis": True, "weighted": True, "fine_refinements": 2, "drop_wrapped": True}),
-    "broadband-subvoxel": ("broadband", {"subvoxel": True}),
+    "broadband-subvoxel": ("broadband", {"subvoxel": True, "tolerance": 1e-4}),
 }
 SENSORS = ["kinect", "realsense", "zed"]
 PIXELS = {axis: {"start_m": -0.006, "stop_m": 0.006, "step_m": 0.001} for axis in "xy"}

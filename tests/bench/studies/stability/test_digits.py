@@ -114,7 +114,8 @@ def test_images_in_double_precision_agree_to_the_digits_that_are_told(id, monkey
 
 
 def test_digits_are_seeded_and_the_same_on_any_number_of_workers(monkeypatch):
-    """A tolerance of 1e-3 leaves fewer digits than one of 1e-5, and that fewer than single precision."""
+    """A tolerance of 1e-3 leaves fewer digits than one of 1e-5, and that fewer than single precision. Of three draws
+    each, two spreads differ by ½ lg F(3, 3), 0.73 digits in one of a hundred."""
     monkeypatch.setattr(d, "DRAWS", 3)
     monkeypatch.setenv("HANDBENCH_WORKERS", "1")
     one = d.table(3, ["2fsk", "narrowband"])
@@ -124,4 +125,4 @@ def test_digits_are_seeded_and_the_same_on_any_number_of_workers(monkeypatch):
     assert [row[:2] for row in one.rows][:3] == [(title, "2fsk") for title in ("MAE", "MAX of AE", "precision")]
     for row in one.rows[:3]:
         stage, _, images, chain, _, fine, coarse = row[2:]
-        assert coarse < fine < chain <= images + 0.5 and stage in d.STAGES and chain > 3
+        assert coarse < fine < chain <= images + 0.73 and stage in d.STAGES and chain > 3
