@@ -19,6 +19,7 @@ import numpy as np
 from radar.data.arrays import AntennaArray, Aperture
 from radar.data.grid import VoxelGrid
 from radar.imaging.cpu.exact import check_samples, exact_sums
+from radar.imaging.peaks import root_mean_square
 from radar.imaging.plan import GridPlan
 
 PICKS = 16  # voxels at least; more, up to all of them and to MOST, as far as TERMS of the exact sum (1 ms) allow
@@ -75,8 +76,7 @@ def imaging_error(
     check_samples(samples, frequencies_hz, aperture)
     picked = np.random.default_rng(seed).integers(0, image.size, count)
     exact = exact_sums(samples, frequencies_hz, aperture, grid.points_at_m(picked))[0]
-    mean_square = np.mean(np.abs(image) ** 2, dtype=np.float64)
-    return float(np.sqrt(np.mean(np.abs(image.ravel()[picked] - exact) ** 2) / mean_square))
+    return float(np.divide(root_mean_square(image.ravel()[picked] - exact), root_mean_square(image)))
 
 
 def of_points(

@@ -32,7 +32,7 @@ from radar.methods.fsk import path_rise
 from radar.methods.projection_config import AlignedConfig, ProjectionConfig
 from radar.methods.settling import Exact, settled
 
-NEXT_TO_NOTHING = 1e-6  # relative error of what is called exact where voxels are compared: single precision's
+EXACT_TO = 1e-6  # relative error of what is called exact where voxels are compared: single precision's
 CHECKED = 8  # tones imaged once more, to see whether a depth is an echo's
 
 
@@ -93,9 +93,9 @@ def _exact(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, 
         if not isinstance(aperture, AntennaArray):
             return samples, frequencies_hz
         low_m, high_m = (np.array([axis[end] for axis in (grid.x_m, grid.y_m, grid.z_m)]) for end in (0, -1))
-        make = partial(ToneSkeleton, frequencies_hz, aperture, low_m, high_m, NEXT_TO_NOTHING)
+        make = partial(ToneSkeleton, frequencies_hz, aperture, low_m, high_m, EXACT_TO)
         what = "tones", low_m, high_m
-        found = kept_plan(what, frequencies_hz, aperture, Family(NEXT_TO_NOTHING, apart=False), make)
+        found = kept_plan(what, frequencies_hz, aperture, Family(EXACT_TO, apart=False), make)
         return found.compress(samples), found.frequencies_hz
 
     def exact(index: np.ndarray, place: np.ndarray) -> np.ndarray:

