@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
+from radar.support.compiled import njit
 from radar.support.parallel import for_each
 
 Field = Callable[[np.ndarray], np.ndarray]  # points [n, 3] to signed distances [n], metres, negative inside
@@ -20,28 +21,38 @@ DIFFERENCE_M = 2e-6
 def round_cone(start_m: ArrayLike, end_m: ArrayLike, start_radius_m: float, end_radius_m: float) -> Field:
     """The convex hull of two spheres; exact distance."""
     start, axis = np.asarray(start_m), np.asarray(end_m) - np.asarray(start_m)
-    length = np.linalg.norm(axis)
+    length = float(np.linalg.norm(axis))
     unit = axis / length
     sine = (start_radius_m - end_radius_m) / length
     if abs(sine) >= 1:
         raise ValueError("round_cone: one end sphere holds the other; use a longer cone or more similar radii")
-    slope = sine / np.sqrt(1 - sine**2)
+    slope = float(sine / np.sqrt(1 - sine**2))
 
-    def distance(points: np.ndarray) -> np.ndarray:
-        relative = points - start
-        along = relative @ unit
-        across = np.sqrt(np.maximum(np.einsum("ij,ij->i", relative, relative) - along**2, 0))
+    return lambda points: _to_cone(points, start, unit, length, slope, sine, start_radius_m)
+
+
+@njit(nogil=True, cache=True)
+def _to_cone(
+    points: np.ndarray, start: np.ndarray, unit: np.ndarray, length: float, slope: float, sine: float, radius_m: float
+) -> np.ndarray:
+    """Distance [n] of points [n, 3] to a round cone."""
+    distance = np.empty(len(points))
+    for n in range(len(points)):
+        x, y, z = points[n, 0] - start[0], points[n, 1] - start[1], points[n, 2] - start[2]
+        along = x * unit[0] + y * unit[1] + z * unit[2]
+        across = np.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
         # The nearest sphere of the hull is the one whose centre the cone's normal through the point meets.
-        centre = np.clip(along - across * slope, 0, length)
-        return np.hypot(along - centre, across) - (start_radius_m - sine * centre)
-
+        centre = min(max(along - across * slope, 0.0), length)
+        off = along - centre
+        distance[n] = np.sqrt(off * off + across * across) - (radius_m - sine * centre)
     return distance
 
 
+@njit(nogil=True, cache=True)
 def smooth_minimum(a: np.ndarray, b: np.ndarray, blend_m: float | np.ndarray) -> np.ndarray:
     """Cubic smooth minimum: equals min(a, b) where |a - b| > blend_m and has two continuous derivatives."""
     h = np.maximum(blend_m - np.abs(a - b), 0) / blend_m
-    return np.minimum(a, b) - h**3 * blend_m / 6
+    return np.minimum(a, b) - h * h * h * blend_m / 6
 
 
 def smooth_union(fields: list[Field], blend_m: float) -> Field:

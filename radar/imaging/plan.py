@@ -6,7 +6,7 @@ of points, their adjoint, and volumes by band-limited upsampling. What has been 
 
 import hashlib
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from math import prod
 from threading import Lock
@@ -75,12 +75,16 @@ class TreePlan:
         gram = sum(float(len(leg.position_m)) ** 3 for leg in self.trunk.legs)
         return limbs * (1 + self.leaves_per_limb) * max(gram, SMALL_BOX)
 
-    def limb(self, limb: int) -> tuple[Node, list[Node]]:
-        """A limb and its leaves, planned anew: executors keep what they need of those that points touch."""
+    def limb(self, limb: int) -> Node:
+        """A limb, planned anew: executors keep those that points touch."""
         place = zip(self.edges_m, np.unravel_index(limb, self.limbs), strict=True)
         box = Box(*np.array([edges_m[at : at + 2] for edges_m, at in place]).T)
-        node = branch(self.root, box, self.family)
-        return node, [branch(node, box, self.family) for box in split(node.box, self.leaves)]
+        return branch(self.root, box, self.family)
+
+    def leaves_of(self, limb: Node, wanted: Iterable[int]) -> dict[int, Node]:
+        """Leaves of a limb by number, planned anew."""
+        boxes = split(limb.box, self.leaves)
+        return {leaf: branch(limb, boxes[leaf], self.family) for leaf in wanted}
 
     def sort(self, points_m: np.ndarray) -> Sorted:
         """Points [n, 3] within the box, by limb and leaf."""

@@ -11,7 +11,7 @@ and O(p) = Σ_m Σ_ab e^{jk_mΔR_a(p)} M[m, a, b] e^{jk_mΔR_b(p)} for every p o
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from itertools import pairwise, product
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ from scipy.linalg import block_diag
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, BistaticScan
 from radar.imaging.cpu.steering import probe_gains, steered_differences
-from radar.imaging.skeleton import band_skeleton, skeleton
+from radar.imaging.skeleton import band_kernel, skeleton
 
 # Of the tolerance, for each skeleton that keeps more members than the second number: residuals are held below it at
 # their worst member. The errors of many members differ and average out; so few as five are all alike and near their
@@ -35,6 +35,8 @@ PROBES = 4  # points at which a family of antennas is sampled, per antenna
 DIRECT = 512  # antennas that are decomposed at once
 SPARSE = 1e9  # half-wavelengths cubed in a box: 2 m by 2 m by 2 m at 77 GHz
 CROWDED = 1024  # antennas of a leg above which skeletons would outgrow what they save
+
+Reduce = Callable[[float], tuple[np.ndarray, np.ndarray]]  # a tolerance to a skeleton's members and weights
 
 
 class Box(NamedTuple):
@@ -160,7 +162,7 @@ def _tones(parent: Node, box: Box, lengths: list[np.ndarray], family: Family) ->
     )
     reach_m += family.delay_m
     wavenumber = 2 * np.pi * parent.turns_per_m[:, None]
-    reduce = partial(band_skeleton, wavenumber, np.array([reach_m]))
+    reduce = partial(skeleton, band_kernel(wavenumber, wavenumber, np.array([reach_m])))
     return _reduced(reduce, box, parent.turns_per_m, family.tolerance)
 
 
@@ -183,13 +185,10 @@ def _antennas(
         box = Box(box.low_m - margin_m, box.high_m + margin_m)
     if (np.abs(leg.position_m - box.centre_m) <= box.high_m - box.low_m).all(axis=1).any():
         return np.arange(n), np.eye(n, dtype=np.float32)
-    reduce = partial(family_skeleton, leg, box, turns_per_m, family.pattern)
-    return _reduced(reduce, box, turns_per_m, family.tolerance)
+    return _reduced(_family_skeletons(leg, box, turns_per_m, family.pattern), box, turns_per_m, family.tolerance)
 
 
-def _reduced(
-    reduce: Callable[[float], tuple[np.ndarray, np.ndarray]], box: Box, turns_per_m: np.ndarray, tolerance: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _reduced(reduce: Reduce, box: Box, turns_per_m: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
     """The skeleton that `reduce` makes to its share of the tolerance, weights in float32."""
     together = (box.high_m - box.low_m).max() * turns_per_m.max() < TOGETHER
     for share, more_than in ((ADDED_UP, 0),) if together else SHARES:
@@ -199,35 +198,44 @@ def _reduced(
     return index, np.ascontiguousarray(weights, np.float32)
 
 
-def family_skeleton(
-    leg: LocalLeg, box: Box, turns_per_m: np.ndarray, pattern: float | None, tolerance: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Skeleton of a leg's antennas over a box; more than DIRECT are thinned half by half, each for itself."""
+def _family_skeletons(leg: LocalLeg, box: Box, turns_per_m: np.ndarray, pattern: float | None) -> Reduce:
+    """Skeletons of a leg's antennas over a box; more than DIRECT are thinned half by half, each for itself."""
     n = len(leg.position_m)
     if n > DIRECT:
         order = np.argsort(leg.position_m[:, np.argmax(np.ptp(leg.position_m, axis=0))], kind="stable")
         halves = np.array_split(order, 2)
-        parts = [family_skeleton(leg.only(half, leg.length_m), box, turns_per_m, pattern, tolerance) for half in halves]
-        weights = np.empty((sum(len(index) for index, _ in parts), n))
-        weights[:, order] = block_diag(parts[0][1], parts[1][1])
-        return np.concatenate([half[index] for half, (index, _) in zip(halves, parts, strict=True)]), weights
+        of_half = [_family_skeletons(leg.only(half, leg.length_m), box, turns_per_m, pattern) for half in halves]
+
+        def joined(tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+            (first, above), (second, below) = (reduce(tolerance) for reduce in of_half)
+            weights = np.empty((len(first) + len(second), n))
+            weights[:, order] = block_diag(above, below)
+            return np.concatenate([halves[0][first], halves[1][second]]), weights
+
+        return joined
     points_m, turns = _probes(box, turns_per_m, PROBES * n)
     waves = steered_differences(leg.position_m, leg.passes * turns, points_m, box.centre_m).astype(np.float64)
     if pattern is not None:
         waves *= np.tile(probe_gains(points_m, leg.position_m, pattern), (2, 1))
-    return skeleton(waves.T @ waves / len(points_m), tolerance)
+    return partial(skeleton, waves.T @ waves / len(points_m))
 
 
 def _probes(box: Box, turns_per_m: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points [count, 3] of the box, crowded towards its faces, where skeletons err most, and f/c [count] of the tones:
-    an additive sequence (Roberts' generalised golden ratio), the same every time."""
+    """Points [count, 3] of the box, crowded towards its faces, where skeletons err most, and f/c [count] of tones."""
+    across, share = _sequence(count)
+    low, high = turns_per_m.min(), turns_per_m.max()
+    return box.low_m + (box.high_m - box.low_m) * across, low + (high - low) * share
+
+
+@lru_cache(maxsize=256)
+def _sequence(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Places [count, 3] in the unit cube and shares [count] of a band: an additive sequence (Roberts' generalised
+    golden ratio), the same every time; not to be changed."""
     golden = 1.1673039782614187  # g⁵ = g + 1: the ratio for four dimensions
     u = (0.5 + np.arange(count)[:, None] / golden ** np.arange(1, 5)) % 1.0
     across = (1 - np.cos(np.pi * u[:, :3])) / 2
     across[:8] = np.indices((2, 2, 2)).reshape(3, 8).T[: len(across)]  # the corners first
-    low, high = turns_per_m.min(), turns_per_m.max()
-    turns = low + (high - low) * np.where(np.arange(count) % 2, u[:, 3], 1.0)
-    return box.low_m + (box.high_m - box.low_m) * across, turns
+    return across, np.where(np.arange(count) % 2, u[:, 3], 1.0)
 
 
 def _distances(antennas_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:

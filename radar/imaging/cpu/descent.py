@@ -20,7 +20,8 @@ VECTOR = 32  # points that compiled loops take at once: of 54 points left over, 
 
 
 class Leaves(NamedTuple):
-    """The leaves of a node, packed: sizes [n, 8] as in `pack`, their arrays one after another in single and double."""
+    """The leaves of a node, packed: sizes [n, 8] as in `pack`, zeros of those that are not planned; their arrays one
+    after another in single and double."""
 
     sizes: np.ndarray
     single: np.ndarray
@@ -38,21 +39,21 @@ def complex_samples(apart: np.ndarray) -> np.ndarray:
     return apart[:, 0] + np.complex64(1j) * apart[:, 1]
 
 
-def pack(leaves: list[Node]) -> Leaves:
-    """Nodes of the tree for the kernels."""
-    sizes, single, double = [], [], []
-    at_single = at_double = 0
-    for leaf in leaves:
+def pack(leaves: dict[int, Node], count: int) -> Leaves:
+    """Some of a limb's `count` leaves, by number, for the kernels."""
+    single, double = [], []
+    sizes, at_single, at_double = np.zeros((count, 8), np.int64), 0, 0
+    for number, leaf in leaves.items():
         floats = [leaf.tone_weights, *leaf.leg_weights]
         doubles = [leaf.box.centre_m, leaf.turns_per_m, *leaf.shifts_m]
         doubles += [array for leg in leaf.legs for array in (leg.length_m, leg.position_m, leg.number)]
         counts = [len(leaf.turns_per_m), *(len(leg.length_m) for leg in leaf.legs)]
-        sizes.append([*counts, *(array.size > 0 for array in floats), at_single, at_double])
+        sizes[number] = *counts, *(array.size > 0 for array in floats), at_single, at_double
         single += [array.ravel() for array in floats]
         double += [array.ravel() for array in doubles]
         at_single += sum(array.size for array in floats)
         at_double += sum(array.size for array in doubles)
-    return Leaves(np.array(sizes, np.int64), np.concatenate(single), np.concatenate(double))
+    return Leaves(sizes, np.concatenate(single), np.concatenate(double))
 
 
 @njit(**FAST)

@@ -22,11 +22,11 @@ ROWS = 16  # pixels along y of one piece of work
 
 
 class Executor:
-    """Images and echoes of points by a plan, whose limbs stay once points have touched them."""
+    """Images and echoes of points by a plan, whose limbs and leaves stay once points have touched them."""
 
     def __init__(self, plan: TreePlan) -> None:
         self.plan = plan
-        self._limbs: dict[int, tuple[Node, Leaves]] = {}
+        self._limbs: dict[int, tuple[Node, dict[int, Node], Leaves]] = {}
 
     def image(self, samples: np.ndarray, where: Sorted) -> np.ndarray:
         """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n] at sorted points."""
@@ -65,11 +65,15 @@ class Executor:
 
     def _limb(self, limb: int, where: Sorted) -> tuple[Node, Leaves, np.ndarray]:
         """A limb, its leaves and where each one's points start."""
-        if limb not in self._limbs:
-            node, leaves = self.plan.limb(limb)
-            self._limbs[limb] = node, pack(leaves)
-        per_limb = self.plan.leaves_per_limb
-        return *self._limbs[limb], where.starts[limb * per_limb : (limb + 1) * per_limb + 1]
+        count = self.plan.leaves_per_limb
+        starts = where.starts[limb * count : (limb + 1) * count + 1]
+        touched = set(np.flatnonzero(np.diff(starts)).tolist())
+        node, planned, leaves = self._limbs.get(limb) or (self.plan.limb(limb), {}, None)
+        if leaves is None or not touched <= planned.keys():
+            planned = planned | self.plan.leaves_of(node, sorted(touched - planned.keys()))
+            leaves = pack(planned, count)
+            self._limbs[limb] = node, planned, leaves  # whole, for the threads that read it meanwhile
+        return node, leaves, starts
 
 
 class ToneSkeleton:

@@ -130,7 +130,9 @@ class Executor:
             return *self._levels, rows
 
     def _plan_limb(self, limb: int) -> None:
-        self._planned[limb] = self.plan.limb(limb)
+        node = self.plan.limb(limb)
+        leaves = self.plan.leaves_of(node, range(self.plan.leaves_per_limb))
+        self._planned[limb] = node, list(leaves.values())
 
 
 class Upsampler:

@@ -167,6 +167,23 @@ def test_plans_are_kept_and_rebuilt_when_the_geometry_changes():
     assert points_executor(PAPER_HZ, qar50(), points, Family(1e-4, apart=False), Executor) is not kept
 
 
+@examples(10)
+@given(seed=st.integers(0, 2**31), size_m=st.sampled_from([0.01, 0.05]))
+def test_leaves_are_planned_as_points_touch_them_and_the_order_does_not_matter(seed, size_m):
+    """An equality: the same images, bit by bit, of points imaged after others and of those imaged first."""
+    points_m = np.random.default_rng(seed).uniform(-size_m, size_m, (40, 3)) + [0, 0, 0.3]
+    one, other = points_m[:1], points_m[1:]
+    samples = noise((16, 94, 94))
+    plan = points_executor(FEW_HZ, qar50(), points_m, Family(1e-3, apart=False), Executor).plan
+    after, before = Executor(plan), Executor(plan)
+    images = [after.image(samples, plan.sort(part)) for part in (one, other)]
+    assert sum(len(leaves) for _, leaves, _ in after._limbs.values()) == len(
+        np.flatnonzero(np.diff(plan.sort(points_m).starts))
+    )
+    for part, image in zip((other, one), images[::-1], strict=True):
+        assert np.array_equal(before.image(samples, plan.sort(part)), image)
+
+
 def test_images_do_not_depend_on_the_number_of_workers(monkeypatch):
     grid, samples = cut(), noise((16, 94, 94))
     volumes = []
