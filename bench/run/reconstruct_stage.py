@@ -146,7 +146,7 @@ def configured(about: CaptureFile, method_id: str, config: dict[str, Any]) -> Co
 
 ALIKE = "alike.npz"
 FILTERS, DROPS = "_filter_px", "drop_"  # end and beginning of a configuration's names
-THRESHOLD, TOLERANCE, VOLUME = "threshold_db", "tolerance", "z"
+THRESHOLD = "threshold_db"
 
 
 def write_treated(folder: Path, image: Callable[[Config], DepthMap], settings: Config, own: DepthMap) -> None:
@@ -164,8 +164,6 @@ def write_treated(folder: Path, image: Callable[[Config], DepthMap], settings: C
             changed: dict[str, Any] = {**kept, **dict.fromkeys(filters, size_px)}
             if opened and THRESHOLD in known:
                 changed[THRESHOLD] = min(OPEN_DB, getattr(settings, THRESHOLD))
-            if opened and filters and TOLERANCE in known and VOLUME not in known:
-                changed[TOLERANCE] = None  # weak pixels' depths are so wild that a plan of their box costs more
             config = settings.model_copy(update=changed)
             if (key := config.model_dump_json()) not in made:
                 made[key] = image(config)

@@ -139,10 +139,8 @@ def image_points(
     if any(executor.plan.countless for executor in planned):
         planned, parts = [], []
     places = [executor.plan.sort(points[near]) for executor, near in zip(planned, parts, strict=True)]
-    cost = sum(
-        executor.plan.cost(len(executor.plan.touched(where))) for executor, where in zip(planned, places, strict=True)
-    )
-    if not parts or cost > max(PLANNED, terms):
+    cost = sum(executor.plan.cost(where) for executor, where in zip(planned, places, strict=True))
+    if not parts or cost > terms:  # as of a surface at few tones
         _require_time(terms, aperture, f"imaging {len(points)} points")
         images = _device().exact_images(samples, frequencies_hz, aperture, points, apart)
     else:

@@ -29,9 +29,10 @@ PROBES = 7  # points along each axis of a box at which the local band is looked 
 NODE_BYTES = 100  # a node's position, order and images
 UPSAMPLING = 0.6  # its share of the tolerance
 KEPT = 24  # plans; the oldest goes first
-# What planning a box costs, in terms of the exact sum: an antennas' Gram matrix, and what a small one takes. A plan may
-# cost PLANNED in any case (some 3 s; images share it), beyond that no more than the exact sum of the image it is for.
-SMALL_BOX, PLANNED = 5e5, 1e10
+# What planning a node costs, in terms of the exact sum: so many antennas' Gram matrices, and what a small one takes. A
+# grid's plan, which images share, may cost PLANNED in any case (some 3 s); every other no more than the exact sum of the
+# image it is for.
+GRAMS, SMALL_NODE, PLANNED = 3, 1.5e6, 3e10
 MOST_LEAVES = 1 << 24  # of a plan: an index of more takes longer than their images, and gigabytes
 
 Kept = TypeVar("Kept")
@@ -70,10 +71,14 @@ class TreePlan:
         begin = where.starts[:: self.leaves_per_limb]
         return [int(limb) for limb in np.flatnonzero(np.diff(begin))]
 
-    def cost(self, limbs: int) -> float:
-        """Cost of planning so many limbs, in terms (point × tone × channel) of the exact sum."""
+    def cost(self, where: Sorted | None = None) -> float:
+        """Cost of planning the limbs and leaves that points lie in, or all, in terms (point × tone × channel) of the
+        exact sum."""
+        nodes = self.count * (1 + self.leaves_per_limb)
+        if where is not None:
+            nodes = len(self.touched(where)) + np.count_nonzero(np.diff(where.starts))
         gram = sum(float(len(leg.position_m)) ** 3 for leg in self.trunk.legs)
-        return limbs * (1 + self.leaves_per_limb) * max(gram, SMALL_BOX)
+        return nodes * max(GRAMS * gram, SMALL_NODE)
 
     def limb(self, limb: int) -> Node:
         """A limb, planned anew: executors keep those that points touch."""
@@ -130,7 +135,7 @@ class GridPlan:
         box = Box(*(np.array([axis[i] for axis in nodes]) for i in (0, -1)))
         self.tree = None if crowded(aperture) else TreePlan(frequencies_hz, aperture, box, family)
         terms = float(np.prod(self.nodes.shape)) * len(frequencies_hz) * np.prod(aperture.channels)
-        if self.tree is not None and (cost := self.tree.cost(self.tree.count)) > max(PLANNED, terms):
+        if self.tree is not None and (cost := self.tree.cost()) > max(PLANNED, terms):
             self.tree = None
         elif self.tree is not None:
             require_time(cost / TERMS_PER_S, f"planning images of {grid.shape} voxels [nz, ny, nx]")

@@ -33,6 +33,8 @@ from tests.radar.simulation.effects.closed_forms import sphere_body
 from tests.radar.simulation.effects.plates import dihedral, plate
 from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, rehearsed, simulated_change
 
+pytestmark = pytest.mark.usefixtures("planned")
+
 SPARSE = AntennaArray(qar50().tx_m[::12], qar50().rx_m[::12])
 
 

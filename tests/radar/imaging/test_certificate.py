@@ -15,6 +15,8 @@ from tests.radar.direct_sums import direct_sum
 from tests.radar.samples import noise, relative_error
 from tests.strategies import examples
 
+pytestmark = pytest.mark.usefixtures("planned")
+
 TONES_HZ = np.linspace(72e9, 82e9, 5)
 MOST = 2 * FACTOR  # looser than this, a certificate says little
 

@@ -13,6 +13,8 @@ from radar.methods.fsk import path_rise
 from radar.methods.registry import method
 from tests.radar.samples import noise, relative_error
 
+pytestmark = pytest.mark.usefixtures("planned")
+
 C = 299_792_458.0
 SINGLE = 3e-6  # relative error of sums in single precision, several times what was measured
 ARRAY = qar50()

@@ -12,6 +12,8 @@ from radar.imaging.cpu.exact import backproject, path_lengths
 from radar.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
 
+pytestmark = pytest.mark.usefixtures("planned")
+
 RANDOM = np.random.default_rng(0)
 ARRAY = AntennaArray(RANDOM.uniform(-0.07, 0.07, (6, 3)) * [1, 1, 0], RANDOM.uniform(-0.07, 0.07, (5, 3)) * [1, 1, 0])
 SCAN = PlanarScan(RANDOM.uniform(-0.07, 0.07, (9, 3)) * [1, 1, 0])

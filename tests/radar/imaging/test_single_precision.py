@@ -32,6 +32,8 @@ from radar.methods.smoothing import masked_mean
 from radar.simulation.forward import Scatterers, simulate
 from radar.support.rays import Rays
 
+pytestmark = pytest.mark.usefixtures("planned")
+
 STEER = 4 * U  # a steering phase, radians: its remainder rounds to π/2·u, cosine and sine by 2u
 PAIR_MM = 1e3 * C / (4 * np.pi * 0.2e9)  # depth per radian between the closest tones
 TONES_HZ = np.linspace(72e9, 82e9, 16)

@@ -24,6 +24,8 @@ from radar.simulation.forward import Scatterers, simulate
 from tests.radar.samples import noise, relative_error
 from tests.strategies import examples
 
+pytestmark = pytest.mark.usefixtures("planned")
+
 ROUNDING = 1e-6
 seeds = st.integers(0, 2**31)
 tolerances = st.sampled_from([None, 1e-2, 1e-4])

@@ -18,6 +18,8 @@ from radar.imaging.plan import fresh_plans
 from radar.simulation.forward import Scatterers, simulate
 from tests.radar.samples import noise, relative_error
 
+pytestmark = pytest.mark.usefixtures("planned")
+
 TOLERANCES = [1e-2, 1e-3, 1e-4]
 OFFSETS_M = [0.0, 1.0, 1e3]
 ROUNDING = 1e-6  # of the exact sums: 60 terms in float32

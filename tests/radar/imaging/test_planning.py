@@ -1,0 +1,34 @@
+"""Plans are made where they cost less than the exact sum."""
+
+import numpy as np
+import pytest
+
+from radar.data.arrays import qar50
+from radar.imaging.api import image_points
+from tests.radar.direct_sums import direct_sum
+from tests.radar.samples import noise, relative_error
+
+FEW_HZ = np.linspace(72e9, 82e9, 16)
+
+
+@pytest.mark.parametrize("tones_hz, size_m", [(np.linspace(1e9, 500e9, 8), 0.3), (FEW_HZ, 2.0)])
+def test_a_plan_that_costs_more_than_the_exact_sum_is_not_made(tones_hz, size_m, monkeypatch):
+    """Tones over 500 GHz, and a box across the array: thousands of limbs for a thousand points."""
+    points = np.random.default_rng(0).uniform(-size_m, size_m, (1000, 3))
+    monkeypatch.setattr("radar.imaging.plan.TreePlan.limb", lambda *_: pytest.fail("a limb was planned"))
+    samples = noise((len(tones_hz), 94, 94))
+    image = image_points(samples, tones_hz, qar50(), points, 1e-3)
+    assert relative_error(image[:20], direct_sum(samples, tones_hz, qar50(), points[:20])) < 1e-5
+
+
+@pytest.mark.parametrize("tones, exact", [(2, True), (128, False)])
+def test_a_surface_is_summed_exactly_at_few_tones_and_planned_at_many(tones, exact):
+    """2000 points on 60 mm × 60 mm: at two tones their exact sum costs less than the plan of their leaves. Reference:
+    the direct sum in float64, which float32 meets to 1e-5 and a plan to its tolerance alone."""
+    x_m, y_m = np.random.default_rng(0).uniform(-0.03, 0.03, (2, 2000))
+    points_m = np.stack([x_m, y_m, 0.3 + 0.2 * x_m], axis=1)
+    tones_hz, samples = np.linspace(72e9, 82e9, tones), noise((tones, 94, 94))
+    image = image_points(samples, tones_hz, qar50(), points_m, 1e-2)
+    error = relative_error(image[:50], direct_sum(samples, tones_hz, qar50(), points_m[:50]))
+    assert (error < 1e-5) == exact
+    assert error < 1e-2
