@@ -29,8 +29,8 @@ PROBES = 7  # points along each axis of a box at which the local band is looked 
 NODE_BYTES = 100  # a node's position, order and images
 UPSAMPLING = 0.6  # its share of the tolerance
 KEPT = 24  # plans; the oldest goes first
-# What planning a node costs, in terms of the exact sum: so many antennas' Gram matrices, and what a small one takes. The
-# plan of a grid, which images share, may cost PLANNED in any case (some 3 s); beyond that, and of points, a plan costs no
+# What a node costs to plan, in terms of the exact sum: so many antennas' Gram matrices, and what a small one takes. A
+# grid's plan, which images share, may cost PLANNED in any case (some 3 s); beyond that, and of points, a plan costs no
 # more than the exact sum of the image it is for.
 GRAMS, SMALL_NODE, PLANNED = 3, 1.5e6, 3e10
 MOST_LEAVES = 1 << 24  # of a plan: an index of more takes longer than their images, and gigabytes
