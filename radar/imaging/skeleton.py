@@ -31,7 +31,7 @@ def skeleton(gram: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray
     Returns indices s [k] and real weights X [k, n] with member_i ≈ Σ_m X[m, i] · member_s[m].
     """
     index, factor = _pivoted_cholesky(np.ascontiguousarray(gram, np.float64), tolerance**2)
-    # G_ss⁻¹ G_s,all with G = factorᵀ factor; scipy.linalg.solve_triangular's checks would take a quarter of a plan's time
+    # G_ss⁻¹ G_s,all with G = factorᵀ factor; the checks of solve_triangular would take a quarter of a plan's time
     weights, _ = dtrtrs(factor[:, index].T, factor, lower=1, trans=1)
     return index, weights
 
