@@ -20,7 +20,8 @@ DIFFERENCE_M = 2e-6
 
 def round_cone(start_m: ArrayLike, end_m: ArrayLike, start_radius_m: float, end_radius_m: float) -> Field:
     """The convex hull of two spheres; exact distance."""
-    start, axis = np.asarray(start_m), np.asarray(end_m) - np.asarray(start_m)
+    start = np.asarray(start_m, np.float64)
+    axis = np.asarray(end_m, np.float64) - start
     length = float(np.linalg.norm(axis))
     unit = axis / length
     sine = (start_radius_m - end_radius_m) / length

@@ -17,7 +17,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from radar.data.arrays import AntennaArray, Aperture, positions, tones
+from radar.data.arrays import Aperture, positions, tones
 from radar.data.capture import largest_part, near_one
 from radar.data.grid import VoxelGrid
 from radar.imaging.certificate import of_nodes, of_points, opened
@@ -26,7 +26,7 @@ from radar.imaging.cpu.exact import check_samples
 from radar.imaging.device import chosen
 from radar.imaging.gpu import executor as gpu
 from radar.imaging.peaks import Peaks, strongest_voxels
-from radar.imaging.plan import KEPT, PLANNED, GridPlan, TreePlan, kept, roomy
+from radar.imaging.plan import GridPlan, TreePlan, exact_terms, kept, node_cost, roomy
 from radar.imaging.tree import Family, clusters, crowded
 from radar.support.cost import TERMS_PER_S, require_memory, require_time
 from radar.support.errors import HandbenchError
@@ -34,7 +34,6 @@ from radar.support.progress import track
 
 TOLERANCES = (1e-6, 0.1)  # float32 ends before the one, the bounds' derivation before the other
 CHUNK = 1 << 18  # voxels that the exact path images at once
-SCAN = 16  # times what a term of a matrix product takes, one of a scan's sum over positions does (measured: 14 to 19)
 
 Made = TypeVar("Made")
 Image = TypeVar("Image", bound=Callable[..., object])
@@ -116,10 +115,12 @@ def image_points(
     points_m: np.ndarray,
     tolerance: float | None,
     apart: bool = False,
+    planned: bool = False,
 ) -> np.ndarray:
     """Images at points_m [..., 3]: complex64 [...], or [f, ...] with the tones apart.
 
     samples: [f, t, r] of an AntennaArray, [f, n] of a PlanarScan; tolerance: largest relative L2 error, None for exact.
+    planned: True to plan, for a tolerance's sake, even where the exact sum costs less.
     """
     check(tolerance)
     points_m = np.asarray(points_m)
@@ -130,22 +131,21 @@ def image_points(
     if len(points) == 0:
         return np.zeros(shape, np.complex64)
     points = positions("points_m", points)
-    terms = samples.size * len(points)
+    terms = np.inf if planned else exact_terms(len(samples) * len(points), aperture)
     parts = [] if tolerance is None or crowded(aperture) else clusters(points, frequencies_hz)
-    if len(parts) > KEPT and terms < PLANNED:  # isolated points, whose plans would not even stay
+    if 2 * len(parts) * node_cost(aperture) > terms:  # a limb and a leaf each
         parts = []
     family = Family(tolerance or 0.0, apart)
-    planned = [points_executor(frequencies_hz, aperture, points[near], family, _device().Executor) for near in parts]
-    if any(executor.plan.countless for executor in planned):
-        planned, parts = [], []
-    places = [executor.plan.sort(points[near]) for executor, near in zip(planned, parts, strict=True)]
-    cost = sum(executor.plan.cost(where) for executor, where in zip(planned, places, strict=True))
-    if not parts or cost > terms:  # as of a surface at few tones
-        _require_time(terms, aperture, f"imaging {len(points)} points")
+    plans = [points_executor(frequencies_hz, aperture, points[near], family, _device().Executor) for near in parts]
+    if any(executor.plan.countless for executor in plans):
+        plans, parts = [], []
+    places = [executor.plan.sort(points[near]) for executor, near in zip(plans, parts, strict=True)]
+    if not parts or sum(executor.plan.cost(where) for executor, where in zip(plans, places, strict=True)) > terms:
+        _require_time(len(samples) * len(points), aperture, f"imaging {len(points)} points")
         images = _device().exact_images(samples, frequencies_hz, aperture, points, apart)
     else:
         images = np.empty((len(samples) if apart else 1, len(points)), np.complex64)
-        for executor, near, where in zip(planned, parts, places, strict=True):
+        for executor, near, where in zip(plans, parts, places, strict=True):
             images[:, near] = executor.image(samples, where)
     if (certificate := opened.get()) is not None:
         of_points(certificate, images[:, :, None], samples, frequencies_hz, aperture, points.__getitem__)
@@ -228,7 +228,7 @@ class GridImager:
         if self._executor is None:
             frequencies_hz, aperture, apart = self._how
             what = f"exact images of {nodes.shape} nodes [nz, ny, nx]"
-            _require_time(samples.size * prod(nodes.shape), aperture, what)
+            _require_time(len(samples) * prod(nodes.shape), aperture, what)
             images = _device().exact_images(samples, frequencies_hz, aperture, nodes.points_m().reshape(-1, 3), apart)
         else:
             images = self._executor.image(samples, self.plan.sort(self._executor.plan, nodes))
@@ -248,11 +248,11 @@ def _device() -> Any:
     return cpu if chosen() == "cpu" else gpu
 
 
-def _require_time(terms: float, aperture: Aperture, what: str) -> None:
-    """Say how long an exact sum of so many terms is going to take where that is long, or refuse it; another device's
-    rate is not known."""
+def _require_time(images: int, aperture: Aperture, what: str) -> None:
+    """Say how long exact sums of so many images, one a point and tone, are going to take where that is long, or refuse
+    them; another device's rate is not known."""
     if chosen() == "cpu":
-        require_time(terms * (1 if isinstance(aperture, AntennaArray) else SCAN) / TERMS_PER_S, what)
+        require_time(exact_terms(images, aperture) / TERMS_PER_S, what)
 
 
 def _grid_imager(frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, family: Family) -> GridImager:
@@ -275,7 +275,7 @@ def _exact_volume(
 ) -> np.ndarray:
     volume = np.empty((len(samples) if apart else 1, int(np.prod(grid.shape))), np.complex64)
     flat = np.arange(volume.shape[1])
-    _require_time(samples.size * len(flat), aperture, f"exact volume of {grid.shape} voxels [nz, ny, nx]")
+    _require_time(len(samples) * len(flat), aperture, f"exact volume of {grid.shape} voxels [nz, ny, nx]")
     for start in track(range(0, len(flat), CHUNK), "exact volume"):
         chunk = slice(start, start + CHUNK)
         volume[:, chunk] = _device().exact_images(

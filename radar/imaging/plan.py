@@ -14,12 +14,12 @@ from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
+from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
 from radar.data.grid import VoxelGrid
 from radar.imaging.device import Array
 from radar.imaging.gpu.exact import cis, distances
 from radar.imaging.skeleton import GUARD, Resampler, resampler
-from radar.imaging.tree import Box, Family, Node, branch, crowded, split, trunk
+from radar.imaging.tree import DIRECT, Box, Family, Node, branch, crowded, split, trunk
 from radar.support.cost import TERMS_PER_S, require_memory, require_time
 from radar.support.parallel import one_blas_thread
 
@@ -33,6 +33,7 @@ KEPT = 24  # plans; the oldest goes first
 # grid's plan, which images share, may cost PLANNED in any case (some 3 s); beyond that, and of points, a plan costs no
 # more than the exact sum of the image it is for.
 GRAMS, SMALL_NODE, PLANNED = 3, 1.5e6, 3e10
+SCAN = 16  # times what a term of a matrix product takes, one of a scan's sum over positions does (measured: 14 to 19)
 MOST_LEAVES = 1 << 24  # of a plan: an index of more takes longer than their images, and gigabytes
 
 Kept = TypeVar("Kept")
@@ -60,6 +61,7 @@ class TreePlan:
         self.leaves = np.ceil(leaves / self.limbs).astype(int)  # of each limb
         self.leaves_per_limb = int(np.prod(self.leaves))
         self.passes, self.reference_m = carriers(aperture)
+        self.node_cost = node_cost(aperture)
         self.trunk = trunk(frequencies_hz, aperture)
         self.root = branch(self.trunk, box, family, keep_antennas=True)
         self.count = prod(self.limbs.tolist())  # of limbs
@@ -77,8 +79,7 @@ class TreePlan:
         nodes = self.count * (1 + self.leaves_per_limb)
         if where is not None:
             nodes = len(self.touched(where)) + np.count_nonzero(np.diff(where.starts))
-        gram = sum(float(len(leg.position_m)) ** 3 for leg in self.trunk.legs)
-        return nodes * max(GRAMS * gram, SMALL_NODE)
+        return nodes * self.node_cost
 
     def limb(self, limb: int) -> Node:
         """A limb, planned anew: executors keep those that points touch."""
@@ -134,7 +135,7 @@ class GridPlan:
         require_memory(needed, f"grid of {grid.shape} voxels [nz, ny, nx]")
         box = Box(*(np.array([axis[i] for axis in nodes]) for i in (0, -1)))
         self.tree = None if crowded(aperture) else TreePlan(frequencies_hz, aperture, box, family)
-        terms = float(np.prod(self.nodes.shape)) * len(frequencies_hz) * np.prod(aperture.channels)
+        terms = exact_terms(int(np.prod(self.nodes.shape)) * len(frequencies_hz), aperture)
         if self.tree is not None and (cost := self.tree.cost()) > max(PLANNED, terms):
             self.tree = None
         elif self.tree is not None:
@@ -172,6 +173,17 @@ class GridPlan:
         points_m = self._sorted.points_m.copy()
         points_m[2] = nodes.z_m
         return self._sorted._replace(points_m=points_m)
+
+
+def node_cost(aperture: Aperture) -> float:
+    """Cost of planning a limb or a leaf, in terms of an array's exact sum."""
+    antennas = [float(len(leg.position_m)) for leg in aperture.legs]
+    return max(GRAMS * sum(n * min(n, DIRECT) ** 2 for n in antennas), SMALL_NODE)
+
+
+def exact_terms(images: int, aperture: Aperture) -> float:
+    """Terms (point × tone × channel) of exact sums for so many images of a point at a tone, in those of an array."""
+    return float(images) * prod(aperture.channels) * (1 if isinstance(aperture, AntennaArray) else SCAN)
 
 
 def carriers(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:

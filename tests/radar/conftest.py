@@ -5,12 +5,17 @@ from unittest.mock import patch
 
 import pytest
 
-from radar.imaging.plan import TreePlan
+from radar.imaging.plan import Sorted, TreePlan, fresh_plans
 
 
 @pytest.fixture(scope="module")
 def planned() -> Iterator[None]:
     """Images of points are made by plans, few as they are: a test's points are so few that their exact sum costs less,
-    which would then be compared with itself."""
-    with patch.object(TreePlan, "cost", lambda *_: 0.0):
+    which would then be compared with itself. Whether a grid is planned stays as it is."""
+    of_all = TreePlan.cost
+
+    def cost(plan: TreePlan, where: Sorted | None = None) -> float:
+        return of_all(plan) if where is None else 0.0
+
+    with fresh_plans(), patch.object(TreePlan, "cost", cost), patch("radar.imaging.api.node_cost", lambda _: 0.0):
         yield

@@ -47,7 +47,7 @@ def _shares(place: Place, tolerances: Iterable[float | None] = TOLERANCES) -> Se
     expected = images(samples, place.array, place.tones_hz, place.points_m)
     range_m = float(np.ptp([*place.points_m, *place.array.tx_m], axis=0).max())
     for tolerance in tolerances:
-        found = [image_points(s, place.tones_hz, place.array, place.points_m, tolerance) for s in samples]
+        found = [image_points(s, place.tones_hz, place.array, place.points_m, tolerance, planned=True) for s in samples]
         asked = _asked_of(tolerance, 2 * sum(place.array.channels) + len(samples[0]), place.tones_hz, range_m)
         yield f"{place.at}, {_asked(tolerance)}", _relative(np.array(found), expected) / asked
 
@@ -221,7 +221,7 @@ def _certificates() -> Seen:
         [expected] = images(samples[None], antennas, TONES_HZ, points_m)
         for tolerance in (1e-2, 1e-3, 1e-5):
             with certified() as certificate:
-                found = image_points(samples, TONES_HZ, antennas, points_m, tolerance)
+                found = image_points(samples, TONES_HZ, antennas, points_m, tolerance, planned=True)
             yield f"{kind}, {_asked(tolerance)}", _relative(found, expected) / certificate.bound
 
 

@@ -20,8 +20,9 @@ VECTOR = 32  # points that compiled loops take at once: of 54 points left over, 
 
 
 class Leaves(NamedTuple):
-    """The leaves of a node, packed: sizes [n, 8] as in `pack`, zeros of those that are not planned; their arrays one
-    after another in single and double."""
+    """The leaves of a node, packed: sizes [n, 8] (tones and antennas of either leg; whether weights of each are given;
+    where the leaf begins in single and in double), zeros of those that are not planned; their arrays one after another.
+    """
 
     sizes: np.ndarray
     single: np.ndarray

@@ -54,17 +54,19 @@ def test_a_projection_is_averaged_afterwards(tmp_path):
     assert np.isnan(found["window"].z_m[np.isnan(z_m)]).all()
 
 
-def test_a_filtered_projection_is_never_summed_exactly(tmp_path):
-    """Its volume would take hours; a volume's voxels are where they are, however weak the pixels."""
+@pytest.mark.parametrize("settings", [AlignedConfig(threshold_db=-12), ThreeToneConfig(threshold_db=-12)])
+def test_every_treatment_keeps_the_tolerance(settings, tmp_path):
+    """As its own map's images are made, so are those of the others; 3-FSK's own one is one of them."""
     asked = []
 
-    def image(config: AlignedConfig) -> DepthMap:
+    def image(config) -> DepthMap:
         asked.append(config)
         return depth(np.full((9, 9), 0.3))
 
-    write_treated(tmp_path, image, AlignedConfig(threshold_db=-12), depth(np.zeros((9, 9))))
-    widths = [(c.fine_filter_px, c.threshold_db, c.drop_doubtful, c.tolerance) for c in asked]
-    assert widths == [(p, db, False, 1e-3) for p in (1, WINDOW_PX) for db in (-12, OPEN_DB)]
+    write_treated(tmp_path, image, settings, depth(np.zeros((9, 9))))
+    seen = {(c.fine_filter_px, c.threshold_db) for c in asked}
+    assert {(p, db) for p in (1, WINDOW_PX) for db in (-12, OPEN_DB)} - seen <= {(settings.fine_filter_px, -12)}
+    assert {c.tolerance for c in asked} == {settings.tolerance}
 
 
 def test_the_completed_reference_is_the_truth_where_there_is_no_mesh():

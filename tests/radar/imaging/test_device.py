@@ -69,7 +69,7 @@ def test_points(device, aperture, tolerance, apart):
     tones_hz = TONES_HZ[::5] if apart else TONES_HZ
     samples = noise((len(tones_hz), *aperture.channels))
     points = np.random.default_rng(1).uniform(-0.5, 0.5, (5, 61, 3)) * [0.06, 0.04, 0.03] + [0.0, 0.05, 0.3]
-    there, here = on(device, image_points, samples, tones_hz, aperture, points, tolerance, apart)
+    there, here = on(device, image_points, samples, tones_hz, aperture, points, tolerance, apart, True)
     assert there.shape == here.shape and there.dtype == np.complex64
     assert relative_error(there, here) < AGREED
     each = [slice(f, f + 1) for f in range(len(tones_hz))] if apart else [slice(None)]

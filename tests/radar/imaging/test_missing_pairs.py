@@ -7,8 +7,9 @@ import pytest
 from radar.data.arrays import AntennaArray, BistaticScan, PlanarScan, qar50
 from radar.data.capture import RadarCapture
 from radar.data.grid import Axis, VoxelGrid
-from radar.imaging.api import SCAN, image_points, image_volume, project_volume
+from radar.imaging.api import image_points, image_volume, project_volume
 from radar.imaging.certificate import certified
+from radar.imaging.plan import SCAN
 from radar.methods.fsk import path_rise
 from radar.methods.registry import method
 from tests.radar.samples import noise, relative_error
