@@ -163,10 +163,9 @@ class Run:
                 host = stamp.machine.get("host", "")
                 machines[host] = min((number, stamp.machine), machines.get(host, (len(stages), {})), key=itemgetter(0))
             if done.failure is not None:
-                failures[number] = Failure(
-                    capture=stage.capture, method=stage.method, stage=stage.name, message=done.failure
-                )
-                say(failures[number].line)
+                failed = Failure(capture=stage.capture, method=stage.method, stage=stage.name, message=done.failure)
+                failures[number] = failed
+                say(failed.line)
         self.failures += [failures[number] for number in sorted(failures)]
         self.tasks += [tasks[number] for number in sorted(tasks)]
         for host, (_, machine) in sorted(machines.items(), key=itemgetter(1)):

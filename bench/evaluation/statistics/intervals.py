@@ -99,8 +99,7 @@ def precision_interval(strongest_z_m: Sequence[np.ndarray], seed: int = 0) -> In
     p = np.exp(log_p - log_p.max())
     rho = generator.choice(len(RHO), RESAMPLES, p=p / p.sum())
     measured_mm, scattered_mm = np.zeros(RESAMPLES), np.zeros(RESAMPLES)  # sums over the hands, one at a time
-    for z, square in zip(hands, squares, strict=True):
-        freedom = len(z) - 1
+    for freedom, square in zip((len(z) - 1 for z in hands), squares, strict=True):
         spread_mm = np.sqrt(square[rho] / freedom)
         measured_mm += spread_mm
         scattered_mm += spread_mm * np.sqrt(generator.chisquare(freedom, RESAMPLES) / freedom)
