@@ -6,6 +6,7 @@ that it carries, by one rigid motion; a mesh errs by patches.
 """
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -47,18 +48,17 @@ def floor_interval(
     value = floor_mm(maps, references) if value is None else value
     if not value:
         return None
-    rng = np.random.default_rng(seed)
-    motions: dict[bytes, np.ndarray] = {}  # captures that share a registration share its error
-    means_m = []
+    rng, again, sum_m, n = np.random.default_rng(seed), np.random.default_rng(), np.zeros(RESAMPLES), 0
+    starts: dict[bytes, Any] = {}  # captures that share a registration share its error: drawn from the same state
     for m, r, observed in _observed(maps, references):
         assert r.registration is not None and r.registration.covariance is not None  # σ is known, so they are too
         key, covariance = r.registration.matrix.tobytes(), r.registration.covariance
-        if key not in motions:
-            motions[key] = rng.multivariate_normal(
-                np.zeros(len(covariance)), covariance, RESAMPLES, check_valid="ignore"
-            )
-        means_m.append(_absolute_sum_m(m, r, motions[key], rng) / observed.sum())
-    low, high = np.quantile(1e3 * np.mean(means_m, axis=0), TAILS)
+        drawing = again if key in starts else rng
+        again.bit_generator.state = starts.setdefault(key, rng.bit_generator.state)
+        motions = drawing.multivariate_normal(np.zeros(len(covariance)), covariance, RESAMPLES, check_valid="ignore")
+        sum_m += _absolute_sum_m(m, r, motions, rng) / observed.sum()
+        n += 1
+    low, high = np.quantile(1e3 * (sum_m / n), TAILS)
     return Interval(float(min(low, value)), float(max(high, value)))
 
 

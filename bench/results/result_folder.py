@@ -6,12 +6,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pydantic import TypeAdapter
+
 from bench.results.about import About, CaptureFacts, read_facts
 from bench.results.error_map import ErrorMap
 from bench.results.maps import Surface, depth_path, errors_path, photo_path, read_map
 from bench.results.tables import LEVEL, SCHEMAS, each, frame, read, write
 from radar.support.errors import HandbenchError
-from radar.support.files import read_bytes, require_folder, write_text
+from radar.support.files import atomic_path, read_bytes, require_folder, write_text
 from radar.support.limits import TOML_BYTES
 
 if TYPE_CHECKING:
@@ -124,7 +126,8 @@ def best(comparisons: pd.DataFrame, metric: str, reference: str) -> tuple[str, .
 
 def write_about(folder: Path, about: About) -> None:
     """Write result.json. Write it last: a folder with it is meant to be complete. What is not finite becomes null."""
-    write_text(folder / "result.json", about.model_dump_json(indent=2) + "\n")
+    with atomic_path(folder / "result.json") as temporary:
+        temporary.write_bytes(TypeAdapter(About).dump_json(about, indent=2) + b"\n")  # text would take thrice as much
 
 
 def write_tables(folder: Path, **tables: pd.DataFrame) -> None:

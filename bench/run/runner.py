@@ -4,8 +4,9 @@ The stages run in the rounds of `bench.run.jobs`. Whoever carries them out, the 
 table is made of these. What fails is said, recorded and done without.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,7 @@ def run(
         found = Run(bench, base.resolve(), work.resolve(), workers).execute()
         found.facts |= {} if command is None else {"command": command}
         write_result.write(folder, found, config)
+        del found  # it would lie in memory beside what is read
     return results.load(folder)
 
 
@@ -150,20 +152,24 @@ class Run:
         """Have independent stages carried out; outcomes are returned and recorded in the order of the list."""
         ended: dict[int, Done] = {}
         failures: dict[int, Failure] = {}
+        tasks: dict[int, outcome.Line] = {}
+        machines: dict[str, tuple[int, dict[str, Any]]] = {}  # of the first stage of the list that each made
         for number, done in self.executor.run(self.work, stages):
-            stage, ended[number] = stages[number], done
-            if done.stamp is not None:
-                say(f"{stage.label}: " + ("cached" if done.cached else f"{done.stamp.seconds:.1f} s"))
+            stage, stamp = stages[number], done.stamp
+            ended[number] = replace(done, stamp=None)  # its line is kept: ten thousand stamps are 12 MB
+            if stamp is not None:
+                say(f"{stage.label}: " + ("cached" if done.cached else f"{stamp.seconds:.1f} s"))
+                tasks[number] = _task(stage, stamp, done.cached, stage.folder(self.work))
+                host = stamp.machine.get("host", "")
+                machines[host] = min((number, stamp.machine), machines.get(host, (len(stages), {})), key=itemgetter(0))
             if done.failure is not None:
-                failures[number] = Failure(
-                    capture=stage.capture, method=stage.method, stage=stage.name, message=done.failure
-                )
-                say(failures[number].line)
+                failed = Failure(capture=stage.capture, method=stage.method, stage=stage.name, message=done.failure)
+                failures[number] = failed
+                say(failed.line)
         self.failures += [failures[number] for number in sorted(failures)]
-        for number, stage in enumerate(stages):
-            if (stamp := ended[number].stamp) is not None:
-                self.machines.setdefault(stamp.machine.get("host", ""), stamp.machine)
-                self.tasks.append(_task(stage, stamp, ended[number].cached, stage.folder(self.work)))
+        self.tasks += [tasks[number] for number in sorted(tasks)]
+        for host, (_, machine) in sorted(machines.items(), key=itemgetter(1)):
+            self.machines.setdefault(host, machine)
         return [ended[number] for number in range(len(stages))]
 
     def open(self) -> tuple[list[Capture], list[Capture]]:

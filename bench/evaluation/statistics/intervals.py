@@ -18,6 +18,7 @@ from bench.results.tables import LEVEL
 FEWEST = 5  # captures: of four, the spread itself is known to 40 %, and t's quantile is above 3
 TAILS = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)  # shares of a distribution below an interval's ends
 RESAMPLES = 2000
+DRAWN_AT_ONCE = 100_000  # values of resamples in memory, however many captures there are
 RHO = np.linspace(-0.6, 0.99, 160)  # correlations of neighbouring repeats that are considered
 TOO_FEW = "too few captures to tell"
 
@@ -96,10 +97,13 @@ def precision_interval(strongest_z_m: Sequence[np.ndarray], seed: int = 0) -> In
             log_p -= 0.5 * (n - 1) * np.log(squares[h])
     generator = np.random.default_rng(seed)
     p = np.exp(log_p - log_p.max())
-    freedom = np.array([len(z) - 1 for z in hands])[:, None]
-    measured = np.sqrt(squares[:, generator.choice(len(RHO), RESAMPLES, p=p / p.sum())] / freedom)
-    scatter = np.sqrt(generator.chisquare(freedom, measured.shape) / freedom)
-    drawn = measured.mean(axis=0) * measured.sum(axis=0) / (measured * scatter).sum(axis=0)
+    rho = generator.choice(len(RHO), RESAMPLES, p=p / p.sum())
+    measured_mm, scattered_mm = np.zeros(RESAMPLES), np.zeros(RESAMPLES)  # sums over the hands, one at a time
+    for freedom, square in zip((len(z) - 1 for z in hands), squares, strict=True):
+        spread_mm = np.sqrt(square[rho] / freedom)
+        measured_mm += spread_mm
+        scattered_mm += spread_mm * np.sqrt(generator.chisquare(freedom, RESAMPLES) / freedom)
+    drawn = measured_mm / len(hands) * measured_mm / scattered_mm
     return Interval(*map(float, np.quantile(drawn, TAILS)))
 
 
@@ -107,5 +111,7 @@ def median_interval(values: np.ndarray, seed: int = 0) -> Interval | None:
     """Bootstrap interval of the median of independent `values` [n]; None for fewer than three."""
     if len(values) < 3:
         return None
-    drawn = np.random.default_rng(seed).choice(values, size=(RESAMPLES, len(values)))
-    return Interval(*map(float, np.quantile(np.median(drawn, axis=1), TAILS)))
+    generator, rows = np.random.default_rng(seed), max(DRAWN_AT_ONCE // len(values), 1)
+    sizes = [(min(rows, RESAMPLES - first), len(values)) for first in range(0, RESAMPLES, rows)]
+    medians = np.concatenate([np.median(generator.choice(values, size), axis=1) for size in sizes])
+    return Interval(*map(float, np.quantile(medians, TAILS)))
