@@ -100,8 +100,7 @@ def _agree(
     point, normal = np.zeros((h, w, 3)), np.zeros((h, w, 3))
     agreeing = np.zeros((h, w, count), dtype=np.bool_)
     offset = np.zeros((h, w, count))
-    for row in prange(h):
-        y = np.int64(row)
+    for y in prange(h):
         here, seen, there = np.empty(3), np.empty(3), np.empty(3)
         for x in range(w):
             if np.isnan(depths[reference, y, x]):

@@ -10,8 +10,8 @@ from radar.support.compiled import compile_once
 
 def compile_kernels() -> None:
     """Have the kernels compiled where they are not."""
-    swept, matched = (planesweep._correlate, planesweep._smooth), (patchmatch._pass, patchmatch._polish)
-    compile_once("groundtruth.dense.kernels", *swept, *matched, fusion._agree)
+    kernels = planesweep._correlate, planesweep._smooth, patchmatch._pass, patchmatch._polish, fusion._agree
+    compile_once("groundtruth.dense.kernels", *kernels)
 
 
 def _run_every_kernel() -> None:

@@ -232,7 +232,7 @@ def _pass(
     h, w = cost.shape
     iteration = step // 2
     for row in prange(h):
-        y = np.int64(row)  # which is unsigned in the loop's own function: all that is called would be compiled twice
+        y = int(np.int64(row))  # unsigned in a function of the loop's: what is called would be compiled twice
         values, weights = np.empty(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
         mismatch, chosen = np.empty(len(stereo.sources)), np.zeros(len(stereo.sources), dtype=np.int64)
         for x in range((y + step) % 2, w, 2):
@@ -270,7 +270,7 @@ def _polish(stereo: Stereo, planes: np.ndarray, cost: np.ndarray, wanted: np.nda
     """Move every disparity to the vertex of the parabola through the costs a quarter of a pixel to either side."""
     h, w = cost.shape
     for row in prange(h):
-        y = np.int64(row)
+        y = int(np.int64(row))
         values, weights = np.empty(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
         mismatch, chosen = np.empty(len(stereo.sources)), np.zeros(len(stereo.sources), dtype=np.int64)
         costs = np.empty(3)  # here, a quarter of a pixel nearer, and as much farther

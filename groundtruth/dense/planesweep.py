@@ -6,6 +6,8 @@ one pixel in the source that sees it move most. Planes and lines write to places
 not depend on the number of threads.
 """
 
+from functools import partial
+
 import cv2
 import numpy as np
 
@@ -38,7 +40,7 @@ def swept_disparity(stereo: Stereo, first: float, planes: int) -> np.ndarray:
     total = np.zeros(cost.shape, dtype=np.uint16)
     for step in PATHS:
         starts = _starts(h, w, *step)
-        for_each(lambda n: _smooth(cost, total, starts[n : n + LINES], *step), range(0, len(starts), LINES))
+        for_each(partial(_smooth, cost, total, *step), np.array_split(starts, len(starts) // LINES + 1))
     return (first + _lowest(total)).astype(np.float32)
 
 
@@ -170,7 +172,7 @@ def _keep_less(least: np.ndarray, other: np.ndarray) -> None:
 
 
 @njit(nogil=True, cache=True)
-def _smooth(cost: np.ndarray, total: np.ndarray, starts: np.ndarray, step_y: int, step_x: int) -> None:
+def _smooth(cost: np.ndarray, total: np.ndarray, step_y: int, step_x: int, starts: np.ndarray) -> None:
     """Add the smoothed cost along lines of one direction to `total`."""
     h, w, planes = cost.shape
     previous, current = np.empty(planes + 2, dtype=np.int32), np.empty(planes + 2, dtype=np.int32)

@@ -5,7 +5,6 @@ loops here run 1.05 to 1.4 times as fast with whole ones (measured). NUMBA_CPU_F
 """
 
 import fcntl
-import os
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -41,23 +40,17 @@ def compile_once(module: str, *kernels: Any) -> None:
     ask, one does, and the others wait for it.
 
     A process of its own compiles: a kernel that calls another one is linked to that one's own code where both were just
-    compiled, and to a copy, optimised once more, where it is loaded. Sums would differ in their last bits (3e-7) between
-    the process that compiled and all later ones.
+    compiled, and to a copy, optimised once more, where it is loaded: sums would differ in their last bits (3e-7).
     """
     if _cached(kernels):
         return
-    folder = os.open(kernels[0]._cache.cache_path, os.O_RDONLY)
-    try:
+    with open(__file__) as lock:
         with suppress(OSError):  # of a file system without locks
-            fcntl.flock(folder, fcntl.LOCK_EX)
-        if _cached(kernels):
-            return
-        say("compiling the kernels (once on this machine, then cached) ...")
-        child = subprocess.run([sys.executable, "-m", module], check=False, stderr=subprocess.DEVNULL)
-        if child.returncode:
-            say("the kernels were not compiled beforehand: the last bits of results may differ from a later run's")
-    finally:
-        os.close(folder)  # and with it the lock
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        if not _cached(kernels):
+            say("compiling the kernels (once on this machine, then cached) ...")
+            if subprocess.run([sys.executable, "-m", module], check=False, stderr=subprocess.DEVNULL).returncode:
+                say("the kernels were not compiled beforehand: the last bits of results may differ from a later run's")
 
 
 def _cached(kernels: Iterable[Any]) -> bool:
