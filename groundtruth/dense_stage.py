@@ -8,6 +8,7 @@ import numpy as np
 from groundtruth.dense import completion, cuda
 from groundtruth.dense.dense import depth_maps, open_views
 from groundtruth.dense.fusion import Cloud, fuse
+from groundtruth.dense.kernels import compile_kernels
 from groundtruth.dense.volume import board_plane, narrowed, volume, warn_of_cuts
 from groundtruth.mesh.poisson import clean
 from groundtruth.options import DenseOptions, Effort
@@ -54,6 +55,7 @@ def _fused(
     views, sources = open_views(photos, sparse.model, effort.shrink, box_m, masks, options.box())
     if options.dense == "cuda":
         return fuse(cuda.depth_maps(views, sources, options.quality), box_m)
+    compile_kernels()
     maps = depth_maps(views, sources, effort.iterations, options.seed, effort.thorough)
     if effort.thorough:
         return fuse(completion.completed(maps, sources, options.seed), box_m, completion.CONFIRMATIONS)

@@ -1,39 +1,18 @@
-"""Compiling the kernels before anything is timed: some twenty seconds, once per machine; afterwards they are cached.
-
-A process of its own compiles them. A kernel that calls another one is linked to that one's own code where both were
-just compiled, and to a copy, optimised once more, where it is loaded: sums would differ in their last bits (3e-7)
-between the process that compiled and all later ones.
-"""
-
-import subprocess
-import sys
+"""Compiling the kernels before anything is timed: some twenty seconds, once per machine; afterwards they are cached."""
 
 import numpy as np
-from numba.core import config
 
 from radar.imaging.cpu.ascent import scatter
 from radar.imaging.cpu.descent import gather
-from radar.support.progress import say
+from radar.support.compiled import compile_once
 
 
 def compile_kernels(load: bool = True) -> None:
     """Have the kernels compiled where they are not, and load each by running it on next to nothing, so that no measured
     time holds either."""
-    if not _cached():
-        say("compiling the kernels (once on this machine, then cached) ...")
-        child = subprocess.run([sys.executable, "-m", "radar.warmup"], check=False, stderr=subprocess.DEVNULL)
-        if child.returncode:
-            say("the kernels were not compiled beforehand: the last bits of echoes may differ from a later run's")
+    compile_once("radar.warmup", gather, scatter)
     if load:
         _run_every_kernel()
-
-
-def _cached() -> bool:
-    """True if numba has code of the kernels that call others, for this processor, or compiles none."""
-    if getattr(config, "DISABLE_JIT", False):
-        return True
-    codes = ((kernel._cache._cache_file._load_index(), kernel.targetctx.codegen()) for kernel in (gather, scatter))
-    return all(any(key[1] == code.magic_tuple() for key in index) for index, code in codes)
 
 
 def _run_every_kernel() -> None:

@@ -106,8 +106,9 @@ def _agree(
             if np.isnan(depths[reference, y, x]):
                 continue
             _world(x, y, depths[reference, y, x], K[reference], R[reference], t[reference], here)
-            point[y, x] += here
-            normal[y, x] += normals[reference, y, x]
+            for axis in range(3):  # whole rows of three take seconds more to compile
+                point[y, x, axis] += here[axis]
+                normal[y, x, axis] += normals[reference, y, x, axis]
             agreeing[y, x, reference] = True
             votes = 1
             for s in range(count):
@@ -125,12 +126,13 @@ def _agree(
                 _world(j, i, depths[s, i, j], K[s], R[s], t[s], there)
                 for axis in range(3):
                     offset[y, x, s] += (there[axis] - here[axis]) * normals[reference, y, x, axis]
-                point[y, x] += there
-                normal[y, x] += normals[s, i, j]
+                    point[y, x, axis] += there[axis]
+                    normal[y, x, axis] += normals[s, i, j, axis]
                 agreeing[y, x, s] = True
                 votes += 1
-            point[y, x] /= votes
-            normal[y, x] /= votes
+            for axis in range(3):
+                point[y, x, axis] /= votes
+                normal[y, x, axis] /= votes
     return point, normal, agreeing, offset
 
 

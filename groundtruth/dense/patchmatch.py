@@ -117,7 +117,7 @@ def _window(reference: np.ndarray, y: int, x: int, values: np.ndarray, weights: 
 
 
 @njit(cache=True, forceinline=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
-def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Triple | None = None) -> float:
+def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Triple | None) -> float:
     """1 − NCC between the window and source s under the plane, WORST where the source does not see all of it.
 
     The plane's homography is taken as affine across the window. bend: second derivatives of the disparity (per column²,
@@ -170,35 +170,35 @@ def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Tripl
 
 
 @njit(cache=True, forceinline=True)
-def _rank_sources(
-    window: Window, stereo: Stereo, plane: Triple, chosen: np.ndarray, mismatch: np.ndarray, bend: Triple | None = None
-) -> float:
-    """Order the sources in `chosen`, best first under the plane; returns the better half's mean mismatch."""
-    for s in range(len(chosen)):
-        mismatch[s] = _mismatch(window, stereo, s, plane, bend)
-        place = s
-        while place > 0 and mismatch[s] < mismatch[chosen[place - 1]]:
-            chosen[place] = chosen[place - 1]
-            place -= 1
-        chosen[place] = s
-    used = max(1, len(chosen) // 2)
-    total = 0.0
-    for n in range(used):
-        total += mismatch[chosen[n]]
-    return total / used
-
-
-@njit(cache=True, forceinline=True)
 def _cost(
-    window: Window, stereo: Stereo, plane: Triple, chosen: np.ndarray, bend: Triple | None = None, most: float = np.inf
+    window: Window,
+    stereo: Stereo,
+    plane: Triple,
+    bend: Triple | None,
+    chosen: np.ndarray,
+    mismatch: np.ndarray,
+    ranked: bool,
+    most: float = np.inf,
 ) -> float:
-    """Mean mismatch of the better half of the ranked sources; something above `most` where it is above that."""
+    """Mean mismatch of the better half of the sources under the plane; something above `most` where it is above that.
+    ranked: `chosen` has them, best first; else all are compared and `chosen` is written."""
     used = max(1, len(chosen) // 2)
     total = 0.0
-    for n in range(used):
-        total += _mismatch(window, stereo, chosen[n], plane, bend)
-        if total > most * used:
-            break
+    for n in range(used if ranked else len(chosen)):
+        s = chosen[n] if ranked else n
+        mismatch[s] = _mismatch(window, stereo, s, plane, bend)
+        if ranked:
+            total += mismatch[s]
+            if total > most * used:
+                break
+        else:
+            place = n
+            while place > 0 and mismatch[s] < mismatch[chosen[place - 1]]:
+                chosen[place] = chosen[place - 1]
+                place -= 1
+            chosen[place] = s
+    for n in range(0 if ranked else used):
+        total += mismatch[chosen[n]]
     return total / used
 
 
@@ -231,23 +231,24 @@ def _pass(
     """
     h, w = cost.shape
     iteration = step // 2
-    for y in prange(h):
+    for row in prange(h):
+        y = int(np.int64(row))  # unsigned in a function of the loop's: what is called would be compiled twice
         values, weights = np.empty(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
         mismatch, chosen = np.empty(len(stereo.sources)), np.zeros(len(stereo.sources), dtype=np.int64)
         for x in range((y + step) % 2, w, 2):
             if not low[y, x] <= high[y, x]:
                 continue
             window = _window(stereo.reference, y, x, values, weights, samples)
-            best = (float(planes[y, x, 0]), float(planes[y, x, 1]), float(planes[y, x, 2]))
-            least = _rank_sources(window, stereo, best, chosen, mismatch)
-            for n in range(len(DIRECTIONS) + PERTURBATIONS if iteration > 0 else 0):
-                if n < len(DIRECTIONS):
+            best = plane = (float(planes[y, x, 0]), float(planes[y, x, 1]), float(planes[y, x, 2]))
+            least = np.inf
+            for n in range(-1, len(DIRECTIONS) + PERTURBATIONS if iteration > 0 else 0):  # first what the pixel has
+                if 0 <= n < len(DIRECTIONS):
                     i, j = _best_neighbour(cost, y, x, n)
                     if i < 0:
                         continue
                     slope_x, slope_y = float(planes[i, j, 1]), float(planes[i, j, 2])
                     plane = (planes[i, j, 0] + slope_x * (x - j) + slope_y * (y - i), slope_x, slope_y)
-                else:
+                elif n > 0:
                     reach = 2.0 ** (len(DIRECTIONS) + 1 - iteration - n)  # 1, 1/2, 1/4 … of a pixel
                     pixel = y * w + x
                     plane = (
@@ -255,10 +256,10 @@ def _pass(
                         best[1] + 0.3 * reach * _random(pixel, step, 3 * n + 1, seed),
                         best[2] + 0.3 * reach * _random(pixel, step, 3 * n + 2, seed),
                     )
-                if not low[y, x] <= plane[0] <= high[y, x]:
+                if n >= 0 and not low[y, x] <= plane[0] <= high[y, x]:
                     continue
-                tried = _cost(window, stereo, plane, chosen, None, least)
-                if tried < least:
+                tried = _cost(window, stereo, plane, None, chosen, mismatch, n >= 0, least)
+                if n < 0 or tried < least:
                     least, best = tried, plane
             cost[y, x] = least
             planes[y, x, 0], planes[y, x, 1], planes[y, x, 2] = best
@@ -268,21 +269,21 @@ def _pass(
 def _polish(stereo: Stereo, planes: np.ndarray, cost: np.ndarray, wanted: np.ndarray, bends: np.ndarray) -> None:
     """Move every disparity to the vertex of the parabola through the costs a quarter of a pixel to either side."""
     h, w = cost.shape
-    for y in prange(h):
+    for row in prange(h):
+        y = int(np.int64(row))
         values, weights = np.empty(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
         mismatch, chosen = np.empty(len(stereo.sources)), np.zeros(len(stereo.sources), dtype=np.int64)
+        costs = np.empty(3)  # here, a quarter of a pixel nearer, and as much farther
         for x in range(w):
             if not wanted[y, x]:
                 continue
             window = _window(stereo.reference, y, x, values, weights, SAMPLES)
             disparity, slope_x, slope_y = float(planes[y, x, 0]), float(planes[y, x, 1]), float(planes[y, x, 2])
             bend = (float(bends[y, x, 0]), float(bends[y, x, 1]), float(bends[y, x, 2]))
-            plane = (disparity, slope_x, slope_y)
-            here = _rank_sources(window, stereo, plane, chosen, mismatch, bend)
-            plane = (disparity - SIDE, slope_x, slope_y)
-            left = _cost(window, stereo, plane, chosen, bend)
-            plane = (disparity + SIDE, slope_x, slope_y)
-            right = _cost(window, stereo, plane, chosen, bend)
+            for side in (0, -1, 1):  # the last of an array's items lies before its first
+                plane = (disparity + SIDE * side, slope_x, slope_y)
+                costs[side] = _cost(window, stereo, plane, bend, chosen, mismatch, side != 0)
+            here, right, left = costs
             opening = left - 2 * here + right
             if opening > 0:
                 planes[y, x, 0] += SIDE * min(max(0.5 * (left - right) / opening, -1.0), 1.0)

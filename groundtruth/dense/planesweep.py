@@ -2,20 +2,24 @@
 
 Collins, "A space-sweep approach to true multi-image matching", CVPR 1996; Hirschmüller, "Stereo processing by
 semiglobal matching and mutual information", TPAMI 2008. Disparity here is inverse depth in steps that move a pixel by
-one pixel in the source that sees it move most. Each pass is one parallel region whose iterations write to places of
-their own, so that the result does not depend on the number of threads.
+one pixel in the source that sees it move most. Planes and lines write to places of their own, so that the result does
+not depend on the number of threads.
 """
+
+from functools import partial
 
 import cv2
 import numpy as np
 
 from groundtruth.dense.views import Stereo
-from radar.support.compiled import njit, prange
+from radar.support.compiled import njit
 from radar.support.cost import require_free
+from radar.support.parallel import for_each
 
 LESS = "choose a lower --quality, or fewer or smaller photographs"
 WINDOW_RADIUS = 4
 LARGEST_COST = 127
+LINES = 32  # that one thread smooths along
 OUTSIDE, WORST = -1.0, 2.0
 FLAT = 1e-14  # product of both windows' variances below which there is no texture
 SMALL_JUMP, LARGE_JUMP = 6, 40  # P1 and P2, against costs of 0 … LARGEST_COST
@@ -30,11 +34,13 @@ def swept_disparity(stereo: Stereo, first: float, planes: int) -> np.ndarray:
     cost = np.empty((planes, h, w), dtype=np.uint8)
     tone = stereo.reference.mean()  # sums about it do not cancel in single precision
     stereo = stereo._replace(reference=stereo.reference - tone, sources=stereo.sources - tone)
-    _correlate(stereo, _moments(stereo.reference), first, cost)
+    moments = _moments(stereo.reference)
+    for_each(lambda plane: _correlate(stereo, moments, float(first) + plane, cost[plane]), range(planes))
     cost = np.ascontiguousarray(np.moveaxis(cost, 0, -1))
     total = np.zeros(cost.shape, dtype=np.uint16)
     for step in PATHS:
-        _smooth(cost, total, _starts(h, w, *step), *step)
+        starts = _starts(h, w, *step)
+        for_each(partial(_smooth, cost, total, *step), np.array_split(starts, len(starts) // LINES + 1))
     return (first + _lowest(total)).astype(np.float32)
 
 
@@ -51,7 +57,7 @@ def _starts(h: int, w: int, step_y: int, step_x: int) -> np.ndarray:
     y, x = np.mgrid[:h, :w]
     before_y, before_x = y - step_y, x - step_x
     enters = (before_y < 0) | (before_y >= h) | (before_x < 0) | (before_x >= w)
-    return np.argwhere(enters)
+    return np.ascontiguousarray(np.argwhere(enters))
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "arcp"})
@@ -131,29 +137,28 @@ def _add_row(first: np.ndarray, second: np.ndarray, sums: np.ndarray, sign: np.f
         sums[2, x] += sign * a * b
 
 
-@njit(parallel=True, cache=True)
-def _correlate(stereo: Stereo, moments: np.ndarray, first: float, cost: np.ndarray) -> None:
-    """cost [plane, h, w]: 1 − NCC, averaged over the better half of the sources, quantised."""
+@njit(nogil=True, cache=True)
+def _correlate(stereo: Stereo, moments: np.ndarray, disparity: float, cost: np.ndarray) -> None:
+    """cost [h, w] of a plane: 1 − NCC, averaged over the better half of the sources, quantised."""
     h, w = stereo.reference.shape
     count = len(stereo.sources)
     used = max(1, count // 2)
     scale = np.float32(LARGEST_COST / used)
-    for plane in prange(len(cost)):
-        least = np.full((used, h, w), np.float32(WORST))
-        warped, mismatch = np.empty((h, w), np.float32), np.empty((h, w), np.float32)
-        places = np.empty((2, w), np.float32)
-        for s in range(count):
-            for y in range(h):
-                _warp(stereo, s, first + plane, y, places, warped[y])
-            _mismatch(stereo.reference, moments, warped, mismatch)
-            for n in range(used):
-                _keep_less(least[n], mismatch)
+    least = np.full((used, h, w), np.float32(WORST))
+    warped, mismatch = np.empty((h, w), np.float32), np.empty((h, w), np.float32)
+    places = np.empty((2, w), np.float32)
+    for s in range(count):
         for y in range(h):
-            for x in range(w):
-                total = np.float32(0)
-                for n in range(used):
-                    total += least[n, y, x]
-                cost[plane, y, x] = np.uint8(min(total * scale, np.float32(LARGEST_COST)))
+            _warp(stereo, s, disparity, y, places, warped[y])
+        _mismatch(stereo.reference, moments, warped, mismatch)
+        for n in range(used):
+            _keep_less(least[n], mismatch)
+    for y in range(h):
+        for x in range(w):
+            total = np.float32(0)
+            for n in range(used):
+                total += least[n, y, x]
+            cost[y, x] = np.uint8(min(total * scale, np.float32(LARGEST_COST)))
 
 
 @njit(cache=True)
@@ -166,14 +171,13 @@ def _keep_less(least: np.ndarray, other: np.ndarray) -> None:
             least[y, x], other[y, x] = min(a, b), max(a, b)
 
 
-@njit(parallel=True, cache=True)
-def _smooth(cost: np.ndarray, total: np.ndarray, starts: np.ndarray, step_y: int, step_x: int) -> None:
-    """Add the smoothed cost along one direction to `total`; each line is one parallel iteration."""
+@njit(nogil=True, cache=True)
+def _smooth(cost: np.ndarray, total: np.ndarray, step_y: int, step_x: int, starts: np.ndarray) -> None:
+    """Add the smoothed cost along lines of one direction to `total`."""
     h, w, planes = cost.shape
-    for line in prange(len(starts)):
-        y, x = starts[line]
-        previous = np.zeros(planes + 2, dtype=np.int32)
-        current = np.zeros(planes + 2, dtype=np.int32)
+    previous, current = np.empty(planes + 2, dtype=np.int32), np.empty(planes + 2, dtype=np.int32)
+    for y, x in starts:
+        previous[:] = 0
         lowest = np.int32(0)
         while 0 <= y < h and 0 <= x < w:
             previous[0] = previous[planes + 1] = 1 << 20

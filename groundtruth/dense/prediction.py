@@ -72,7 +72,7 @@ def _rates(view: View, stereo: Stereo) -> tuple[float, float]:
     part = (slice(top, top + TRIAL_PX), slice(left, left + TRIAL_PX))
     small = stereo._replace(reference=np.ascontiguousarray(stereo.reference[part]), A=stereo.A @ shift)
     depths_m = (float(np.nanmedian(depth_m)) for depth_m in (view.far_m, view.near_m))
-    low, high = (np.full(small.reference.shape, 1 / (depth_m * stereo.unit)) for depth_m in depths_m)
+    low, high = (np.full(small.reference.shape, 1 / (z * stereo.unit), np.float32) for z in depths_m)
     disparity = float((low[0, 0] + high[0, 0]) / 2)
     planes = np.zeros((*small.reference.shape, 3), np.float32)
     planes[..., 0] = disparity

@@ -57,10 +57,11 @@ def test_normals_face_the_camera_and_follow_the_sphere(scene, maps):
     assert np.median(np.degrees(np.arccos(np.clip(cosine, -1, 1)))) < 6
 
 
-def test_the_number_of_threads_changes_nothing(scene, maps):
+def test_the_number_of_threads_changes_nothing(scene, maps, monkeypatch):
     views, _, sources = scene
     before = numba.get_num_threads()
     numba.set_num_threads(1)
+    monkeypatch.setenv("HANDBENCH_WORKERS", "1")
     try:
         alone = depth_maps(views, sources, iterations=3, seed=0)
     finally:

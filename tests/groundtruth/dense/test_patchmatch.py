@@ -118,6 +118,6 @@ def test_a_bent_window_that_leaves_the_source_is_not_seen():
     stereo = Stereo(source, source[None], np.array([(40, 40)]), np.eye(3)[None], np.array([(1.0, 0, 0)]), 1.0)
     arguments = (20, 20, values, weights, 1.0), stereo, 0
     plane = (40 - 1 - RADIUS - 20 - 0.2, 0.0, 0.0)
-    assert patchmatch._mismatch(*arguments, plane) < patchmatch.WORST
+    assert patchmatch._mismatch(*arguments, plane, None) < patchmatch.WORST
     assert patchmatch._mismatch(*arguments, plane, (0.08, 0.0, 0.0)) == patchmatch.WORST
-    assert patchmatch._mismatch(*arguments, plane, (0.0, 0.0, 0.0)) == patchmatch._mismatch(*arguments, plane)
+    assert patchmatch._mismatch(*arguments, plane, (0.0, 0.0, 0.0)) == patchmatch._mismatch(*arguments, plane, None)

@@ -1,0 +1,27 @@
+"""Compiling photogrammetry's kernels before they are needed: some twenty seconds, once per machine; then cached."""
+
+import numpy as np
+
+from groundtruth.dense import fusion, patchmatch, planesweep
+from groundtruth.dense.dense import depth_maps
+from groundtruth.dense.views import View
+from radar.support.compiled import compile_once
+
+
+def compile_kernels() -> None:
+    """Have the kernels compiled where they are not."""
+    kernels = planesweep._correlate, planesweep._smooth, patchmatch._pass, patchmatch._polish, fusion._agree
+    compile_once("groundtruth.dense.kernels", *kernels)
+
+
+def _run_every_kernel() -> None:
+    """Depth maps of three small pictures, and what is fused of them."""
+    K, depth_m = np.array([[60.0, 0, 20], [0, 60, 20], [0, 0, 1]]), np.ones((40, 40), np.float32)
+    gray = np.random.default_rng(0).random((3, 40, 40), dtype=np.float32)
+    steps_m = np.array([[0.0, 0, 0], [0.05, 0, 0], [0, 0.05, 0]])
+    views = [View("", gray[i], K, np.eye(3), steps_m[i], 0.9 * depth_m, 1.1 * depth_m) for i in range(3)]
+    fusion.fuse(depth_maps(views, [[1, 2], [0, 2], [0, 1]], 1, 0), None)
+
+
+if __name__ == "__main__":
+    _run_every_kernel()
