@@ -53,9 +53,9 @@ def _fused(
     """The points on which the photographs' depth maps agree."""
     masks = Masks({} if options.masks is None else find_masks(options.masks, photos), options.mask == "colour")
     views, sources = open_views(photos, sparse.model, effort.shrink, box_m, masks, options.box())
+    compile_kernels()
     if options.dense == "cuda":
         return fuse(cuda.depth_maps(views, sources, options.quality), box_m)
-    compile_kernels()
     maps = depth_maps(views, sources, effort.iterations, options.seed, effort.thorough)
     if effort.thorough:
         return fuse(completion.completed(maps, sources, options.seed), box_m, completion.CONFIRMATIONS)

@@ -126,8 +126,8 @@ def best(comparisons: pd.DataFrame, metric: str, reference: str) -> tuple[str, .
 
 def write_about(folder: Path, about: About) -> None:
     """Write result.json. Write it last: a folder with it is meant to be complete. What is not finite becomes null."""
-    with atomic_path(folder / "result.json") as temporary:
-        temporary.write_bytes(TypeAdapter(About).dump_json(about, indent=2) + b"\n")  # text would take thrice as much
+    with atomic_path(folder / "result.json") as temporary, temporary.open("wb") as file:
+        file.writelines((TypeAdapter(About).dump_json(about, indent=2), b"\n"))  # text would take thrice as much memory
 
 
 def write_tables(folder: Path, **tables: pd.DataFrame) -> None:

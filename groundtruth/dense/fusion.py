@@ -64,7 +64,7 @@ def fuse(maps: list[DepthMap], box_m: np.ndarray | None, confirmations: int = CO
     for i, m in enumerate(maps):
         h, w = m.depth_m.shape
         depths[i, :h, :w], normals[i, :h, :w] = m.depth_m, m.normals
-    K, R, t = (np.stack([getattr(m.view, key) for m in maps]) for key in ("K", "R", "t"))
+    K, R, t = (np.array([getattr(m.view, key) for m in maps]) for key in ("K", "R", "t"))
     parts = []
     for i in range(len(maps)):
         point, normal, agreeing, offset = _agree(i, depths, normals, K, R, t)

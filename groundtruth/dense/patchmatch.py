@@ -232,7 +232,7 @@ def _pass(
     h, w = cost.shape
     iteration = step // 2
     for row in prange(h):
-        y = int(np.int64(row))  # unsigned in a function of the loop's: what is called would be compiled twice
+        y = int(np.int64(row))  # prange's own is unsigned: what is called with it would be compiled twice
         values, weights = np.empty(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
         mismatch, chosen = np.empty(len(stereo.sources)), np.zeros(len(stereo.sources), dtype=np.int64)
         for x in range((y + step) % 2, w, 2):
@@ -273,17 +273,17 @@ def _polish(stereo: Stereo, planes: np.ndarray, cost: np.ndarray, wanted: np.nda
         y = int(np.int64(row))
         values, weights = np.empty(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
         mismatch, chosen = np.empty(len(stereo.sources)), np.zeros(len(stereo.sources), dtype=np.int64)
-        costs = np.empty(3)  # here, a quarter of a pixel nearer, and as much farther
+        costs = np.empty(3)  # a quarter of a pixel to one side, here, and to the other
         for x in range(w):
             if not wanted[y, x]:
                 continue
             window = _window(stereo.reference, y, x, values, weights, SAMPLES)
             disparity, slope_x, slope_y = float(planes[y, x, 0]), float(planes[y, x, 1]), float(planes[y, x, 2])
             bend = (float(bends[y, x, 0]), float(bends[y, x, 1]), float(bends[y, x, 2]))
-            for side in (0, -1, 1):  # the last of an array's items lies before its first
+            for side in (0, -1, 1):
                 plane = (disparity + SIDE * side, slope_x, slope_y)
-                costs[side] = _cost(window, stereo, plane, bend, chosen, mismatch, side != 0)
-            here, right, left = costs
+                costs[side + 1] = _cost(window, stereo, plane, bend, chosen, mismatch, side != 0)
+            left, here, right = costs
             opening = left - 2 * here + right
             if opening > 0:
                 planes[y, x, 0] += SIDE * min(max(0.5 * (left - right) / opening, -1.0), 1.0)

@@ -45,11 +45,12 @@ def compile_once(module: str, *kernels: Any) -> None:
     if _cached(kernels):
         return
     with open(__file__) as lock:
-        with suppress(OSError):  # of a file system without locks
+        with suppress(OSError):  # of a file system without locks, or NFS, which locks no file that is only read
             fcntl.flock(lock, fcntl.LOCK_EX)
         if not _cached(kernels):
             say("compiling the kernels (once on this machine, then cached) ...")
-            if subprocess.run([sys.executable, "-m", module], check=False, stderr=subprocess.DEVNULL).returncode:
+            child = [sys.executable, "-m", module]  # which holds the lock, too, should this process be killed
+            if subprocess.run(child, check=False, stderr=subprocess.DEVNULL, pass_fds=[lock.fileno()]).returncode:
                 say("the kernels were not compiled beforehand: the last bits of results may differ from a later run's")
 
 

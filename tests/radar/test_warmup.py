@@ -1,6 +1,7 @@
 """Kernels are compiled by a process of their own, so that all that image or simulate load the same code."""
 
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
@@ -44,6 +45,7 @@ def test_of_two_that_ask_at_once_one_compiles(monkeypatch):
         return bool(compiled_by)
 
     def child(command, **_):
+        time.sleep(0.2)  # the other would find nothing, and compile, if it did not wait
         compiled_by.append(command)
         return SimpleNamespace(returncode=0)
 

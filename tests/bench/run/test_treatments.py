@@ -65,7 +65,9 @@ def test_every_treatment_keeps_the_tolerance(settings, tmp_path):
 
     write_treated(tmp_path, image, settings, depth(np.zeros((9, 9))))
     seen = {(c.fine_filter_px, c.threshold_db) for c in asked}
-    assert {(p, db) for p in (1, WINDOW_PX) for db in (-12, OPEN_DB)} - seen <= {(settings.fine_filter_px, -12)}
+    own = {(WINDOW_PX, -12)} if isinstance(settings, ThreeToneConfig) else set()
+    assert seen == {(p, db) for p in (1, WINDOW_PX) for db in (-12, OPEN_DB)} - own
+    assert not any(getattr(c, "drop_doubtful", False) for c in asked)
     assert {c.tolerance for c in asked} == {settings.tolerance}
 
 

@@ -1,10 +1,12 @@
 """Fusion of depth maps made by hand: parallel cameras before a wall, whole pixels apart."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from groundtruth.dense.dense import DepthMap
-from groundtruth.dense.fusion import AGREEMENT_PX, FEW_VIEWS, Cloud, fuse
+from groundtruth.dense.fusion import AGREEMENT_PX, FEW_VIEWS, Cloud, _agree, fuse
 from groundtruth.dense.views import View
 from radar.support.errors import HandbenchError
 
@@ -50,6 +52,16 @@ def test_who_agrees_is_told_by_name():
     assert middle.sum() == 3 * 5 * SIZE[0] and cloud.views[middle][:, [0, 1, 4]].all()
     nearer = fuse([*maps[:2], wall(2, 0.9 * AGREEMENT_PX * PIXEL_M), *maps[3:]], None)
     assert nearer.views[:, 2].any()
+
+
+def test_the_kernel_is_compiled_for_one_order_of_matrices():
+    """COLMAP's matrices run along columns."""
+    rows = [wall(0), wall(1)]
+    views = [replace(m.view, R=np.asfortranarray(m.view.R), K=np.asfortranarray(m.view.K)) for m in rows]
+    columns = [replace(m, view=view) for m, view in zip(rows, views, strict=True)]
+    fuse(columns, None)
+    fuse(rows, None)
+    assert len(_agree.signatures) == 1
 
 
 def test_spread_is_along_the_normal():

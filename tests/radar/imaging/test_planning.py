@@ -5,7 +5,7 @@ import pytest
 
 from radar.data.arrays import PlanarScan, qar50
 from radar.imaging.api import image_points
-from radar.imaging.plan import TreePlan
+from radar.imaging.plan import TreePlan, fresh_plans
 from tests.radar.direct_sums import direct_sum
 from tests.radar.samples import noise, relative_error
 
@@ -42,5 +42,8 @@ def test_a_scan_s_exact_sum_is_no_matrix_product_and_planned_earlier(monkeypatch
     points_m = np.random.default_rng(1).uniform(-0.01, 0.01, (4000, 3)) + [0, 0, 0.3]
     limbs = []
     monkeypatch.setattr("radar.imaging.plan.TreePlan.limb", lambda *a, of=TreePlan.limb: limbs.append(a) or of(*a))
-    image_points(noise((32, 60)), np.linspace(72e9, 82e9, 32), PlanarScan(positions_m), points_m, 1e-3)
+    scan, tones_hz, samples = PlanarScan(positions_m), np.linspace(72e9, 82e9, 32), noise((32, 60))
+    with fresh_plans():
+        image = image_points(samples, tones_hz, scan, points_m, 1e-3)
     assert limbs
+    assert relative_error(image[:99], direct_sum(samples, tones_hz, scan, points_m[:99])) < 1e-3
