@@ -1,4 +1,4 @@
-"""The hand's bones: where they lie on the palm, and forward kinematics.
+"""The hand's bones: where they lie on the palm, how thick the flesh is, and forward kinematics.
 
 Palm frame of a right hand: origin at the palm's centre, +y from the wrist to the fingertips, the palm faces -z, so that
 the thumb lies on the -x side. The hand frame has the same origin; the pose's turn carries palm into hand coordinates
@@ -28,6 +28,14 @@ ROLL_DEG = {"index": -4.0, "middle": 0.0, "ring": 3.0, "little": 6.0}
 THUMB_BASE_MM = (21.0, -37.0, 7.0)
 WRIST_MM = (0.0, -42.0, 1.0)
 FINGERS = tuple(KNUCKLES_MM)
+# Flesh radii of each digit, millimetres: at the base of the proximal phalanx, its joints, and the tip.
+RADII_MM = {
+    "index": (9.6, 9.0, 7.9, 6.3),
+    "middle": (9.8, 9.2, 8.1, 6.5),
+    "ring": (9.2, 8.6, 7.6, 6.1),
+    "little": (8.4, 7.6, 6.7, 5.4),
+    "thumb": (11.0, 10.0, 7.8),
+}
 WRIST_SKIN_M = -0.010  # along a metacarpal: what lies behind its start is the wrist, with thin skin
 AS_NEAR_M = 1e-9  # far above rounding: outside a bent joint, the joint is the nearest point of both of its bones
 
@@ -59,6 +67,11 @@ class Bone:
     def turned(self, rotation: np.ndarray) -> "Bone":
         """The bone after a rotation [3, 3] about the origin."""
         return Bone(rotation @ self.start_m, rotation @ self.axis, rotation @ self.palmar, self.length_m)
+
+
+def radii_m(name: str, person: Person = MEAN) -> np.ndarray:
+    """Flesh radii of a digit, as `RADII_MM`, in metres."""
+    return np.array(RADII_MM[name]) * person.girth[name] * 1e-3
 
 
 def skeleton(pose: Pose, person: Person = MEAN) -> dict[str, tuple[Bone, ...]]:

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 
 from bench.scenes.bones import forearm_direction
-from bench.scenes.hand import hand_mesh
 from bench.scenes.rig import rig
 from bench.scenes.scene_file import (
     BUILT_IN_ARRAY,
@@ -120,6 +119,8 @@ def named_files(file: SceneFile, folder: str | Path) -> list[Path]:
 def _surface(spec: AnyTarget, target: Target | None, folder: Path) -> TriangleMesh:
     match spec:
         case HandTarget():
+            from bench.scenes.hand import hand_mesh  # and numba, which whoever only reads scenes does without
+
             return hand_mesh(spec.angles, spec.edge_m, spec.build)
         case SphereTarget():
             return sphere_mesh(spec.radius_m, spec.edge_m)

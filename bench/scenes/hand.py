@@ -14,6 +14,7 @@ from bench.scenes.bones import (
     Bone,
     forearm_from_palm,
     hand_from_palm,
+    radii_m,
     skeleton_of_palm,
 )
 from bench.scenes.hand_pose import Pose, WristPose
@@ -22,14 +23,6 @@ from bench.scenes.people import MEAN, Person
 from groundtruth.mesh.mesh_files import mesh
 from radar.support.rays import TriangleMesh
 
-# Flesh radii of each digit, millimetres: at the base of the proximal phalanx, its joints, and the tip.
-RADII_MM = {
-    "index": (9.6, 9.0, 7.9, 6.3),
-    "middle": (9.8, 9.2, 8.1, 6.5),
-    "ring": (9.2, 8.6, 7.6, 6.1),
-    "little": (8.4, 7.6, 6.7, 5.4),
-    "thumb": (11.0, 10.0, 7.8),
-}
 TIP_TISSUE_MM = 3.8  # soft tissue beyond the last bone
 FOREARM_END_MM = -88.0
 MARGIN_M = 0.032  # of the box around all joints
@@ -85,11 +78,6 @@ def _field_in_palm_frame(pose: Pose, person: Person) -> Field:
         return -smooth_minimum(-result, points @ arm - end_m, 3e-3)
 
     return distance
-
-
-def radii_m(name: str, person: Person = MEAN) -> np.ndarray:
-    """Flesh radii of a digit, as `RADII_MM`, in metres."""
-    return np.array(RADII_MM[name]) * person.girth[name] * 1e-3
 
 
 def _bent(wrist: WristPose, point_mm: ArrayLike, person: Person) -> np.ndarray:

@@ -5,8 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from bench.scenes.bones import FINGERS, Bone, skeleton_of_palm
-from bench.scenes.hand import radii_m
+from bench.scenes.bones import FINGERS, Bone, radii_m, skeleton_of_palm
 from bench.scenes.hand_pose import Pose
 from bench.scenes.people import MEAN, Person, person
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.scenes.bones import FINGERS, HAND_AXES, Bone, hand_from_palm, skeleton
-from bench.scenes.hand import radii_m
+from bench.scenes.bones import FINGERS, HAND_AXES, Bone, hand_from_palm, radii_m, skeleton
 from bench.scenes.hand_pose import Pose
 from bench.scenes.people import MEAN, Person
 from bench.scenes.textures import skin, solid_noise

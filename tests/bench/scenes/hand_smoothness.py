@@ -8,8 +8,8 @@ import sys
 
 import numpy as np
 
-from bench.scenes.bones import skeleton
-from bench.scenes.hand import RADII_MM, hand_field, hand_mesh
+from bench.scenes.bones import RADII_MM, skeleton
+from bench.scenes.hand import hand_field, hand_mesh
 from bench.scenes.hand_pose import POSES, Pose
 from bench.scenes.implicit import project
 from groundtruth.mesh.mesh_files import mesh, raycasting_scene

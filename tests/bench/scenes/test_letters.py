@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
-from bench.scenes.bones import DISTAL, FINGERS, PALMAR, RADIAL, Bone, skeleton, skeleton_of_palm
-from bench.scenes.hand import RADII_MM, TIP_TISSUE_MM, hand_field
+from bench.scenes.bones import DISTAL, FINGERS, PALMAR, RADIAL, RADII_MM, Bone, skeleton, skeleton_of_palm
+from bench.scenes.hand import TIP_TISSUE_MM, hand_field
 from bench.scenes.hand_pose import POSES, FingerPose, Pose
 
 DIGITS = (*FINGERS, "thumb")

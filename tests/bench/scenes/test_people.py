@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.scenes.bones import skeleton
-from bench.scenes.hand import hand_field, hand_mesh, radii_m
+from bench.scenes.bones import radii_m, skeleton
+from bench.scenes.hand import hand_field, hand_mesh
 from bench.scenes.hand_pose import POSES, Pose
 from bench.scenes.holding import held
 from bench.scenes.implicit import Field, zero_set
