@@ -23,7 +23,7 @@ from radar.imaging.tree import DIRECT, Box, Family, Node, branch, crowded, split
 from radar.support.cost import TERMS_PER_S, require_memory, require_time
 from radar.support.parallel import one_blas_thread
 
-LEAF = 8.0  # Nyquist intervals along each axis of a leaf, at most ...
+LEAF = 7.0  # Nyquist intervals along each axis of a leaf, at most ...
 LIMB = 3  # ... and leaves along each axis of a limb: the balance of compressing against evaluating
 PROBES = 7  # points along each axis of a box at which the local band is looked up
 NODE_BYTES = 100  # a node's position, order and images
