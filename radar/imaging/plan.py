@@ -18,7 +18,7 @@ from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
 from radar.data.grid import VoxelGrid
 from radar.imaging.device import Array
 from radar.imaging.gpu.exact import cis, distances
-from radar.imaging.skeleton import Resampler, resampler
+from radar.imaging.skeleton import GUARD, Resampler, resampler
 from radar.imaging.tree import DIRECT, Box, Family, Node, branch, crowded, split, trunk
 from radar.support.cost import TERMS_PER_S, require_memory, require_time
 from radar.support.parallel import one_blas_thread
@@ -120,8 +120,7 @@ class GridPlan:
         axes = (grid.x_m, grid.y_m, grid.z_m)
         low_m, high_m = (np.array([axis[i] for axis in axes]) for i in (0, -1))
         low, high = bands(frequencies_hz, aperture, Box(low_m, high_m))
-        beyond = max(-np.log10(family.tolerance) - 1, 1.0)  # Nyquist intervals (measured): chirps leak out of their band
-        margin_m = 2 * np.pi * beyond / np.maximum(high - low, 1.0) * (high_m > low_m)
+        margin_m = 2 * np.pi * GUARD / np.maximum(high - low, 1.0) * (high_m > low_m)
         low, high = bands(frequencies_hz, aperture, Box(low_m - margin_m, high_m + margin_m))
         self.x, self.y, self.z = (
             Resampler(axis, ()) if planes and axis is grid.z_m else resampler(axis, half, UPSAMPLING * family.tolerance)

@@ -15,10 +15,10 @@ from scipy.special import j0
 from radar.support.compiled import njit
 
 TIE = 1e-6  # relative difference below which two members are as good
-CROWDING, REACH = 0.6, 4.0  # nodes lie closer by this share at either end, and by 1/e of it so many nodes inside
+GUARD = 2  # nodes beyond either end
 REGULARISATION = 0.03  # λ over the squared tolerance: weights stay near one except at the ends
-WINDOW = 128  # intervals whose fine samples share their nodes: cost grows with the axis, not with its square ...
-GUARD = 14  # ... and nodes beyond them on either side, where they exist anyway
+WINDOW = 48  # intervals whose fine samples share their nodes: cost grows with the axis, not with its square ...
+INNER_GUARD = 6  # ... and nodes beyond them on either side, where they exist anyway
 
 AMPLIFICATION = 1.6  # of the nodes' own errors, root mean square over the fine samples
 PROBED = 33  # frequencies at which the misfit is looked up
@@ -136,8 +136,8 @@ def resampler(fine_m: np.ndarray, half_band: float, tolerance: float) -> Resampl
     regained with a relative L2 error of at most `tolerance`; the fine samples themselves where that saves nothing."""
     extent = fine_m[-1] - fine_m[0]
     intervals = max(int(extent * half_band / np.pi), 1)
-    while intervals + 1 < len(fine_m):
-        nodes = fine_m[0] + extent * _crowded(intervals)
+    while intervals + 1 + 2 * GUARD < len(fine_m):
+        nodes = fine_m[0] + extent / intervals * np.arange(-GUARD, intervals + 1 + GUARD)
         windows = _windows(fine_m, nodes, intervals)
         ends = [(out, of, _weights(fine_m[out], nodes[of], half_band, tolerance)) for out, of in windows[:2]]
         misfit = max(_misfit(fine_m[out], nodes[of], weights, half_band) for out, of, weights in ends)
@@ -145,25 +145,17 @@ def resampler(fine_m: np.ndarray, half_band: float, tolerance: float) -> Resampl
         if misfit <= tolerance and amplification <= AMPLIFICATION:
             rest = [(out, of, _weights(fine_m[out], nodes[of], half_band, tolerance)) for out, of in windows[2:]]
             return Resampler(nodes, tuple(ends + rest))
-        intervals += max(intervals // 60, 1)
+        intervals += max(intervals // 30, 1)
     return Resampler(fine_m, ())
-
-
-def _crowded(intervals: int) -> np.ndarray:
-    """Nodes [intervals + 1] from 0 to 1, even but for the ends, where they lie closer: beyond an end nothing is known,
-    and nodes within the axis cost less than guards outside it."""
-    from_end = np.minimum(np.arange(intervals), np.arange(intervals)[::-1])
-    nodes = np.concatenate([[0.0], np.cumsum(1 - CROWDING * np.exp(-from_end / REACH))])
-    return nodes / nodes[-1]
 
 
 def _windows(fine_m: np.ndarray, nodes_m: np.ndarray, intervals: int) -> list[tuple[slice, slice]]:
     """(fine slice, node slice) of every window that holds fine samples; uneven ones may leave some empty."""
     bounds = np.linspace(0, intervals, int(np.ceil(intervals / WINDOW)) + 1).round().astype(int)
-    edges = np.searchsorted(fine_m, nodes_m[bounds])
+    edges = np.searchsorted(fine_m, nodes_m[GUARD + bounds])
     edges[0], edges[-1] = 0, len(fine_m)
     return [
-        (slice(int(start), int(stop)), slice(max(first - GUARD, 0), last + GUARD + 1))
+        (slice(int(start), int(stop)), slice(max(first + GUARD - INNER_GUARD, 0), last + GUARD + INNER_GUARD + 1))
         for first, last, start, stop in zip(bounds[:-1], bounds[1:], edges[:-1], edges[1:], strict=True)
         if stop > start
     ]
