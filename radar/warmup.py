@@ -19,7 +19,7 @@ def _run_every_kernel() -> None:
     from radar.data.arrays import AntennaArray, PlanarScan
     from radar.data.grid import VoxelGrid
     from radar.imaging.api import image_points, image_volume, project_volume
-    from radar.imaging.cpu.exact import backproject
+    from radar.imaging.cpu.exact import exact_images
     from radar.imaging.cpu.steering import mean_rise
     from radar.simulation.forward import Scatterers, simulate
 
@@ -28,7 +28,7 @@ def _run_every_kernel() -> None:
     axis_m = 1e-3 * np.arange(40)
     grid = VoxelGrid(axis_m, axis_m, 0.3 + 1e-4 * np.arange(3))
     echoes = np.ones((4, 3, 3), np.complex64)
-    backproject(echoes[:, :, 0], tones_hz, scan, three + [0, 0, 1])
+    exact_images(echoes[:, :, 0], tones_hz, scan, three + [0, 0, 1], apart=False)
     image_volume(echoes, tones_hz, array, grid, 1e-2)
     image_points(echoes, tones_hz, array, three + [0, 0, 1], None)
     project_volume(echoes, tones_hz, array, grid, 1e-2)

@@ -43,7 +43,7 @@ def hand_mesh(pose: Pose, edge_m: float = 1e-3, person: Person = MEAN) -> Triang
 @lru_cache(maxsize=4)  # a hand of skin and its print are two scenes with one surface
 def _skin(pose: Pose, edge_m: float, person: Person) -> tuple[np.ndarray, np.ndarray]:
     """Vertices [n, 3] in the palm frame and triangles [m, 3]; not to be changed."""
-    return zero_set(_field_in_palm_frame(pose, person), *_bounds_m(pose, person), edge_m)
+    return zero_set(palm_field(pose, person), *_bounds_m(pose, person), edge_m)
 
 
 def _bounds_m(pose: Pose, person: Person) -> tuple[np.ndarray, np.ndarray]:
@@ -57,13 +57,8 @@ def _bounds_m(pose: Pose, person: Person) -> tuple[np.ndarray, np.ndarray]:
     return np.minimum(lower_m, arm_m.min(axis=0)), np.maximum(upper_m, arm_m.max(axis=0))
 
 
-def hand_field(pose: Pose, person: Person = MEAN) -> Field:
-    """Signed distance (approximately, exact sign) to the posed hand's skin, metres, in the hand frame."""
-    field, turn = _field_in_palm_frame(pose, person), hand_from_palm(pose)
-    return lambda points: field(points @ turn)
-
-
-def _field_in_palm_frame(pose: Pose, person: Person) -> Field:
+def palm_field(pose: Pose, person: Person) -> Field:
+    """Signed distance (approximately, exact sign) to the posed hand's skin, metres, in the palm frame."""
     bones = skeleton_of_palm(pose, person)
     palm = _palm(bones, pose.wrist, person)
     digits = {name: _digit(bones[name][1:], radii_m(name, person)) for name in (*FINGERS, "thumb")}

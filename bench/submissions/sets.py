@@ -162,7 +162,8 @@ def write_set(
     content["capture"] = [{"path": f"{CAPTURES}/{name}", "measures": ["accuracy"]} for name in names]
     content["method"] = [{"id": id} for id in chosen.methods]
     write_text(bench, tomlkit.dumps(content))
-    sums = {str(file.relative_to(folder)): _sha256(file) for name in names for file in _files(folder / CAPTURES / name)}
+    files = (folder / CAPTURES / name / part for name in names for part in sorted((DESCRIPTION, ECHOES, TRUTH)))
+    sums = {str(file.relative_to(folder)): _sha256(file) for file in files if file.exists()}
     write_text(folder / CHECKSUMS, "".join(f"{digest}  {name}\n" for name, digest in sums.items()))
     write_json(folder / CROISSANT, croissant(chosen, sums))
     return names
@@ -195,10 +196,6 @@ def _require_made_of(at: Path, built: Scene) -> None:
             f"{at}: its echoes differ by {100 * off:.0f} % from those that this version makes of the set's file; "
             "expected less than 10 %: add the surfaces with the files and the version that made the echoes"
         )
-
-
-def _files(capture: Path) -> list[Path]:
-    return sorted(file for file in (capture / name for name in (DESCRIPTION, ECHOES, TRUTH)) if file.exists())
 
 
 def _sha256(file: Path) -> str:

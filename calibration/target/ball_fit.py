@@ -17,7 +17,7 @@ from calibration.target.description import Element, Target
 from calibration.target.radar_detection import Ball, mimo_array, specular_echo
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.data.capture import RadarCapture
-from radar.imaging.cpu.exact import backproject
+from radar.imaging.cpu.exact import exact_images
 from radar.simulation.physics.spheres import path_gradients, sphere_echo
 from radar.support.errors import HandbenchError
 
@@ -65,7 +65,7 @@ def fit_balls(
             )
         place = slice(7 * n + 2, 7 * n + 5)
         # Power of a sample of white noise that makes the image around the ball as bright as what is left does.
-        image = backproject(rest, capture.frequencies_hz, mimo_array(capture), centre_m + AROUND_M)
+        image = exact_images(rest, capture.frequencies_hz, mimo_array(capture), centre_m + AROUND_M, False)[0]
         noise = max(white, float(np.mean(np.abs(image) ** 2)) / rest.size)
         shift_m = _polarisation_shift(capture, target, i, centre_m)
         covariance_m2 = inverse[place, place] * noise / 2 + np.outer(shift_m, shift_m)

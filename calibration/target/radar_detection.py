@@ -18,7 +18,7 @@ from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.data.capture import RadarCapture
 from radar.data.grid import Axis, VoxelGrid
 from radar.imaging.api import image_volume
-from radar.imaging.cpu.exact import backproject, path_lengths
+from radar.imaging.cpu.exact import exact_images, path_lengths
 from radar.imaging.cpu.executor import ToneSkeleton
 from radar.imaging.cpu.steering import phasor
 from radar.simulation.physics.spheres import half_angle_cosine, path_gradients
@@ -125,7 +125,7 @@ def separate(
     found: list[tuple[np.ndarray, np.ndarray]] = []  # position, echo
     least = least_seen = 0.0
     while len(seeds_m) and len(found) < search.max_peaks:
-        seen = np.abs(backproject(rest, frequencies_hz, array, seeds_m))
+        seen = np.abs(exact_images(rest, frequencies_hz, array, seeds_m, False)[0])
         loudest = int(seen.argmax())
         if seen[loudest] < least_seen:
             break  # what is left are side lobes of what is explained
@@ -163,7 +163,7 @@ def fit_echo(
     position_m = np.asarray(seed_m, np.float64)
     for spacing_m in STENCIL_STEPS_M:
         for _ in range(MAX_STEPS):
-            image = np.abs(backproject(few, tones.frequencies_hz, array, position_m + spacing_m * STENCIL))
+            image = np.abs(exact_images(few, tones.frequencies_hz, array, position_m + spacing_m * STENCIL, False)[0])
             step_m = spacing_m * _summit(np.log(np.maximum(image, np.finfo(np.float32).tiny)))
             position_m = np.clip(position_m + step_m, seed_m - REACH_M, seed_m + REACH_M)
             if np.linalg.norm(step_m) < 0.01 * spacing_m:

@@ -89,8 +89,8 @@ def single(samples: np.ndarray) -> np.ndarray:
 
 def largest_part(samples: np.ndarray) -> float:
     """Largest magnitude of a real or imaginary part; NaN where one is."""
-    parts = (samples.real, samples.imag)
-    return float(np.max([(float(part.max(initial=0)), -float(part.min(initial=0))) for part in parts]))
+    parts = _parts(samples)
+    return float(np.maximum(float(parts.max(initial=0)), -float(parts.min(initial=0))))
 
 
 def near_one(samples: np.ndarray) -> np.ndarray:
@@ -99,9 +99,14 @@ def near_one(samples: np.ndarray) -> np.ndarray:
     largest = largest_part(samples)
     if not 0 < largest < np.inf:
         return samples
-    exponent = int(np.frexp(largest)[1])
-    apart = np.ascontiguousarray(samples).view(samples.real.dtype)
-    return np.ldexp(apart, -exponent).view(samples.dtype)
+    exponent, parts = int(np.frexp(largest)[1]), _parts(samples)
+    usual = abs(exponent) < 100  # whose power single precision holds: a product is ten times as fast as `ldexp`
+    return (parts * parts.dtype.type(2.0**-exponent) if usual else np.ldexp(parts, -exponent)).view(samples.dtype)
+
+
+def _parts(samples: np.ndarray) -> np.ndarray:
+    """Real and imaginary parts beside each other, as they lie in memory."""
+    return np.ascontiguousarray(samples).view(samples.real.dtype)
 
 
 def evenly(count: int, most: int) -> np.ndarray:

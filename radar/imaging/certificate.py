@@ -113,7 +113,8 @@ def of_nodes(
     """Certify the voxels that follow from the nodes' images [f or 1, nz, ny, nx]."""
     samples, aperture = _heard(samples, aperture)
     grid = VoxelGrid(plan.grid.x_m, plan.grid.y_m, nodes.z_m) if plan.planes else plan.grid
-    nearest = [_nearest(axis, node) for axis, node in zip(_axes(grid), _axes(nodes), strict=True)]  # z, y, x
+    axes = zip(_axes(grid), _axes(nodes), strict=True)  # z, y, x; each voxel counts for the nearest node
+    nearest = [np.searchsorted((node_m[1:] + node_m[:-1]) / 2, axis_m) for axis_m, node_m in axes]
     z, y, x = (np.bincount(near, minlength=len(node)) for near, node in zip(nearest, _axes(nodes), strict=True))
     bright = Brightness(images.reshape(len(images), -1, len(x)), np.outer(z, y).ravel(), x)
     (row, along), weight = picked(bright, _count(samples))
@@ -192,11 +193,6 @@ def _heard(samples: np.ndarray, aperture: Aperture) -> tuple[np.ndarray, Apertur
 
 def _axes(grid: VoxelGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return grid.z_m, grid.y_m, grid.x_m
-
-
-def _nearest(axis_m: np.ndarray, node_m: np.ndarray) -> np.ndarray:
-    """Index of the nearest of node_m [n] (ascending) to each of axis_m."""
-    return np.searchsorted((node_m[1:] + node_m[:-1]) / 2, axis_m)
 
 
 def _voxel(plan: GridPlan, nodes: VoxelGrid, images: np.ndarray, voxel: np.ndarray) -> np.ndarray:

@@ -1,12 +1,12 @@
 """The device on which imaging runs: on the processor's cores (cpu), or as array code on a CUDA device (cuda, by CuPy)
-or in numpy (numpy, which tests that code where there is no such device).
+or in numpy (numpy, which tests that code where there is no such device); phases as array code over either (`xp`).
 
 The choice holds for the whole process. It is kept in HANDBENCH_DEVICE, so that every worker thread sees it and every
 child process inherits it; the command line sets it from --device.
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
@@ -101,3 +101,19 @@ def describe(device: str | None = None) -> str:
     cuda = array_module(device).cuda
     name = cuda.runtime.getDeviceProperties(cuda.Device().id)["name"]
     return f"cuda: {name.decode() if isinstance(name, bytes) else name}"
+
+
+def cis(xp: ModuleType, turns: Array) -> Array:
+    """exp(j2π·turns): complex64 of float64 turns, or of float32 ones where a few turns are exact enough; whole ones are
+    taken out in the precision in which they come."""
+    angle = (turns - xp.rint(turns)).astype(np.float32, copy=False)
+    angle *= np.float32(2 * np.pi)
+    wave = xp.empty(angle.shape, np.complex64)
+    wave.real = xp.cos(angle)
+    wave.imag = xp.sin(angle)
+    return wave
+
+
+def distances(xp: ModuleType, points_m: Sequence[Array], antennas_m: Sequence[Array]) -> Array:
+    """|p − a| in float64 of points (x, y, z) and antennas (x, y, z), each an array; they are broadcast."""
+    return xp.sqrt(sum((p - a) ** 2 for p, a in zip(points_m, antennas_m, strict=True)))

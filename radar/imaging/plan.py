@@ -8,6 +8,7 @@ import hashlib
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from math import prod
 from threading import Lock
 from typing import Any, NamedTuple, TypeVar, cast
@@ -16,9 +17,8 @@ import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
 from radar.data.grid import VoxelGrid
-from radar.imaging.device import Array
-from radar.imaging.gpu.exact import cis, distances
-from radar.imaging.skeleton import GUARD, Resampler, resampler
+from radar.imaging.device import Array, cis, distances
+from radar.imaging.skeleton import Resampler, regaining
 from radar.imaging.tree import DIRECT, Box, Family, Node, branch, crowded, split, trunk
 from radar.support.cost import TERMS_PER_S, require_memory, require_time
 from radar.support.parallel import one_blas_thread
@@ -120,11 +120,16 @@ class GridPlan:
         axes = (grid.x_m, grid.y_m, grid.z_m)
         low_m, high_m = (np.array([axis[i] for axis in axes]) for i in (0, -1))
         low, high = bands(frequencies_hz, aperture, Box(low_m, high_m))
-        margin_m = 2 * np.pi * GUARD / np.maximum(high - low, 1.0) * (high_m > low_m)
-        low, high = bands(frequencies_hz, aperture, Box(low_m - margin_m, high_m + margin_m))
+        middle = (np.min(frequencies_hz) + np.max(frequencies_hz)) / 2 / SPEED_OF_LIGHT_M_S
+        self.carrier = (middle, *carriers(aperture), (low + high) / (4 * np.pi))
+        waves = partial(self._envelopes, frequencies_hz, aperture)
+        antennas_m = np.concatenate([leg.position_m for leg in aperture.legs])
+        ends_m = np.clip([low_m, antennas_m.min(axis=0), antennas_m.max(axis=0), high_m], low_m, high_m)
         self.x, self.y, self.z = (
-            Resampler(axis, ()) if planes and axis is grid.z_m else resampler(axis, half, UPSAMPLING * family.tolerance)
-            for axis, half in zip(axes, (high - low) / 2, strict=True)
+            Resampler(axis, ())
+            if planes and axis is grid.z_m
+            else regaining(axis, along, half, UPSAMPLING * family.tolerance, ends_m, waves)
+            for along, (axis, half) in enumerate(zip(axes, (high - low) / 2, strict=True))
         )
         self.grid, self.planes, self.tolerance = grid, planes, family.tolerance
         nodes = (self.x.nodes_m, self.y.nodes_m, self.z.nodes_m)
@@ -141,8 +146,6 @@ class GridPlan:
         elif self.tree is not None:
             require_time(cost / TERMS_PER_S, f"planning images of {grid.shape} voxels [nz, ny, nx]")
         self._sorted: Sorted | None = None
-        middle = (np.min(frequencies_hz) + np.max(frequencies_hz)) / 2 / SPEED_OF_LIGHT_M_S
-        self.carrier = (middle, *carriers(aperture), (low + high) / (4 * np.pi))
 
     def nodes_at(self, z_m: np.ndarray) -> VoxelGrid:
         """The nodes of the grid, or of the plane at z_m [1]."""
@@ -162,6 +165,17 @@ class GridPlan:
             turns += turns_per_m * count * distances(xp, (x, y, z), reference)
         return cis(xp, turns)
 
+    def _envelopes(self, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray) -> np.ndarray:
+        """Single channels without the carrier, those of both legs' outermost antennas at the band's ends, at points_m
+        [n, lines, 3]: complex64 [n, lines, m]."""
+        path_m = sum(
+            leg.passes * np.linalg.norm(points_m[..., None, :] - _outermost(leg.position_m), axis=-1)
+            for leg in aperture.legs
+        )
+        turns_per_m = np.array([np.min(frequencies_hz), np.max(frequencies_hz)]) / SPEED_OF_LIGHT_M_S
+        turns = np.multiply.outer(path_m, turns_per_m).reshape(*points_m.shape[:2], -1)
+        return cis(np, turns) * self.carrier_of(*np.moveaxis(points_m, -1, 0))[..., None].conj()
+
     def sort(self, tree: TreePlan, nodes: VoxelGrid) -> Sorted:
         """The nodes in the order of the plan's tree, which no plane's depth changes while the leaves are one layer."""
         if self.planes and tree.limbs[2] * tree.leaves[2] > 1:
@@ -173,6 +187,12 @@ class GridPlan:
         points_m = self._sorted.points_m.copy()
         points_m[2] = nodes.z_m
         return self._sorted._replace(points_m=points_m)
+
+
+def _outermost(position_m: np.ndarray) -> np.ndarray:
+    """Those of antennas [n, 3] that lie furthest out along x, y, z, and the one nearest their middle: [7, 3]."""
+    middle = np.linalg.norm(position_m - position_m.mean(axis=0), axis=1).argmin()
+    return position_m[[*position_m.argmin(axis=0), *position_m.argmax(axis=0), middle]]
 
 
 def node_cost(aperture: Aperture) -> float:

@@ -6,7 +6,9 @@ fine = W · nodes, W = K_fn (K_nn + λI)⁻¹ and K(Δ) = J₀(wΔ): least squar
 where an even one (sinc) errs three times more.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.linalg.lapack import dtrtrs
@@ -15,13 +17,17 @@ from scipy.special import j0
 from radar.support.compiled import njit
 
 TIE = 1e-6  # relative difference below which two members are as good
-GUARD = 2  # nodes beyond either end
+CROWDING, REACH = 0.6, 4.0  # nodes lie closer by this share at either end, and by 1/e of it so many nodes inside
 REGULARISATION = 0.03  # λ over the squared tolerance: weights stay near one except at the ends
-WINDOW = 48  # intervals whose fine samples share their nodes: cost grows with the axis, not with its square ...
-INNER_GUARD = 6  # ... and nodes beyond them on either side, where they exist anyway
+WINDOW = 128  # intervals whose fine samples share their nodes: cost grows with the axis, not with its square ...
+GUARD = 14  # ... and nodes beyond them on either side, where they exist anyway
 
+WIDER = 1.015  # steps of a band that leaks, until the worst channel errs no more than ...
+SINGLE = 1.6  # ... this many times what any frequency of the band may
 AMPLIFICATION = 1.6  # of the nodes' own errors, root mean square over the fine samples
-PROBED = 33  # frequencies at which the misfit is looked up
+PROBED = 49  # frequencies at which the misfit is looked up
+
+Waves = Callable[[np.ndarray], np.ndarray]  # of single channels [n, lines, m] at points [n, lines, 3]
 
 
 def skeleton(gram: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
@@ -36,17 +42,9 @@ def skeleton(gram: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray
     return index, weights
 
 
-def band_skeleton(position: np.ndarray, half_band: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Skeleton of functions sampled at position [n, d] whose spectrum lies within ±half_band [d] (rad per unit).
-
-    The kernel Π J₀(w Δ) stands for a spectrum that crowds at the band's edges; sinc, which stands for an even one,
-    leaves errors there that are three to four times larger for the same number of members.
-    """
-    return skeleton(band_kernel(position, position, half_band), tolerance)
-
-
 def band_kernel(a: np.ndarray, b: np.ndarray, half_band: np.ndarray) -> np.ndarray:
-    """Π J₀(w (a − b)): [n, m] for positions a [n, d], b [m, d] and half_band [d]."""
+    """Π J₀(w (a − b)) [n, m] at a [n, d], b [m, d], half_band [d]: the kernel of a spectrum that crowds at the band's
+    edges. With sinc, of an even one, errors are three to four times larger there for as many members."""
     gram = np.ones((len(a), len(b)))
     for x, y, w in zip(a.T, b.T, half_band, strict=True):
         if w > 0 and (np.ptp(x) > 0 or np.ptp(y) > 0):
@@ -118,44 +116,74 @@ class Resampler:
 
     def rows(self, most: int) -> list[tuple[slice, slice, np.ndarray | None]]:
         """The windows in pieces of at most `most` fine samples: (fine slice, node slice, weights or None)."""
-
-        def cut(start: int, stop: int) -> list[slice]:
-            return [slice(at, min(at + most, stop)) for at in range(start, stop, most)]
-
-        if not self.windows:
-            return [(here, here, None) for here in cut(0, len(self.nodes_m))]
-        return [
-            (here, of, weights[here.start - fine.start : here.stop - fine.start])
-            for fine, of, weights in self.windows
-            for here in cut(fine.start, fine.stop)
-        ]
+        whole = slice(0, len(self.nodes_m))
+        pieces: list[tuple[slice, slice, np.ndarray | None]] = []
+        for fine, of, weights in self.windows or ((whole, whole, None),):
+            for start in range(fine.start, fine.stop, most):
+                here = slice(start, min(start + most, fine.stop))
+                inside = slice(here.start - fine.start, here.stop - fine.start)
+                pieces.append((here, here, None) if weights is None else (here, of, weights[inside]))
+        return pieces
 
 
 def resampler(fine_m: np.ndarray, half_band: float, tolerance: float) -> Resampler:
     """The fewest nodes for fine_m [n] (ascending, even or not) from which every frequency within ±half_band (rad/m) is
-    regained with a relative L2 error of at most `tolerance`; the fine samples themselves where that saves nothing."""
+    regained with a relative L2 error of at most `tolerance`; the fine samples themselves where that saves nothing.
+
+    The search begins at the family's degrees of freedom to that error (Slepian 1983), which few nodes stay below."""
     extent = fine_m[-1] - fine_m[0]
-    intervals = max(int(extent * half_band / np.pi), 1)
-    while intervals + 1 + 2 * GUARD < len(fine_m):
-        nodes = fine_m[0] + extent / intervals * np.arange(-GUARD, intervals + 1 + GUARD)
-        windows = _windows(fine_m, nodes, intervals)
-        ends = [(out, of, _weights(fine_m[out], nodes[of], half_band, tolerance)) for out, of in windows[:2]]
-        misfit = max(_misfit(fine_m[out], nodes[of], weights, half_band) for out, of, weights in ends)
-        amplification = max(np.sqrt((weights**2).sum(axis=1).mean()) for _, _, weights in ends)
+    c = max(extent * half_band / 2, 1.0)
+    intervals = max(int(2 / np.pi * c - 2 / np.pi**2 * np.log(c) * np.log(tolerance)), 1)
+    while intervals + 1 < len(fine_m):
+        nodes = fine_m[0] + extent * _crowded(intervals)
+        windows = tuple(
+            (out, of, _weights(fine_m[out], nodes[of], half_band, tolerance))
+            for out, of in _windows(fine_m, nodes, intervals)
+        )
+        misfit = max(_misfit(fine_m[out], nodes[of], weights, half_band) for out, of, weights in windows)
+        amplification = max(np.sqrt((weights**2).sum(axis=1).mean()) for _, _, weights in windows)
         if misfit <= tolerance and amplification <= AMPLIFICATION:
-            rest = [(out, of, _weights(fine_m[out], nodes[of], half_band, tolerance)) for out, of in windows[2:]]
-            return Resampler(nodes, tuple(ends + rest))
-        intervals += max(intervals // 30, 1)
+            return Resampler(nodes, windows)
+        intervals += max(intervals // 60, 1)
     return Resampler(fine_m, ())
+
+
+def regaining(
+    fine_m: np.ndarray, along: int, half_band: float, tolerance: float, ends_m: np.ndarray, waves: Waves
+) -> Resampler:
+    """The `resampler` along one axis of a grid that regains single channels, too, on lines at all combinations of
+    ends_m [n, 3] of the other axes: chirps, which leak out of a band, so that it is widened until they are."""
+    sides = list(product(*(np.unique(end_m) for i, end_m in enumerate(ends_m.T) if i != along)))
+
+    def on_lines(position_m: np.ndarray) -> np.ndarray:
+        lines = [np.insert(np.tile(side, (len(position_m), 1)), along, position_m, axis=1) for side in sides]
+        return waves(np.stack(lines, axis=1))
+
+    fine = on_lines(fine_m)
+    while (found := resampler(fine_m, half_band, tolerance)).windows:
+        nodes = on_lines(found.nodes_m)
+        regained = np.concatenate([np.tensordot(weights, nodes[of], 1) for _, of, weights in found.windows])
+        if (np.abs(regained - fine) ** 2).mean(axis=(0, 1)).max() <= (SINGLE * tolerance) ** 2:
+            break
+        half_band *= WIDER
+    return found
+
+
+def _crowded(intervals: int) -> np.ndarray:
+    """Nodes [intervals + 1] from 0 to 1, even but for the ends, where they lie closer: beyond an end nothing is known,
+    and nodes within the axis cost less than guards outside it."""
+    from_end = np.minimum(np.arange(intervals), np.arange(intervals)[::-1])
+    nodes = np.concatenate([[0.0], np.cumsum(1 - CROWDING * np.exp(-from_end / REACH))])
+    return nodes / nodes[-1]
 
 
 def _windows(fine_m: np.ndarray, nodes_m: np.ndarray, intervals: int) -> list[tuple[slice, slice]]:
     """(fine slice, node slice) of every window that holds fine samples; uneven ones may leave some empty."""
     bounds = np.linspace(0, intervals, int(np.ceil(intervals / WINDOW)) + 1).round().astype(int)
-    edges = np.searchsorted(fine_m, nodes_m[GUARD + bounds])
+    edges = np.searchsorted(fine_m, nodes_m[bounds])
     edges[0], edges[-1] = 0, len(fine_m)
     return [
-        (slice(int(start), int(stop)), slice(max(first + GUARD - INNER_GUARD, 0), last + GUARD + INNER_GUARD + 1))
+        (slice(int(start), int(stop)), slice(max(first - GUARD, 0), last + GUARD + 1))
         for first, last, start, stop in zip(bounds[:-1], bounds[1:], edges[:-1], edges[1:], strict=True)
         if stop > start
     ]
@@ -164,9 +192,8 @@ def _windows(fine_m: np.ndarray, nodes_m: np.ndarray, intervals: int) -> list[tu
 def _misfit(fine_m: np.ndarray, nodes_m: np.ndarray, weights: np.ndarray, half_band: float) -> float:
     """Relative L2 error over fine_m of the frequency within ±half_band that is regained worst."""
     frequency = half_band * np.cos(np.linspace(0, np.pi / 2, PROBED))  # crowded at the band's edge, where it is worst
-    origin = fine_m[0]
-    regained = weights @ np.exp(1j * (nodes_m - origin)[:, None] * frequency)
-    wave = np.exp(1j * (fine_m - origin)[:, None] * frequency)
+    regained = weights @ np.exp(1j * np.multiply.outer(nodes_m - fine_m[0], frequency))
+    wave = np.exp(1j * np.multiply.outer(fine_m - fine_m[0], frequency))
     return float(np.sqrt((np.abs(regained - wave) ** 2).mean(axis=0).max()))
 
 

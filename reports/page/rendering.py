@@ -69,14 +69,10 @@ def images(draw: Callable[[], Iterable[Picture]], folder: Path) -> list[Image]:
 
 def _pixels(figure: Figure) -> Pixels.Image:
     """A figure as it is shown inside a page."""
-    figure.set_dpi(_dpi(figure))
+    figure.set_dpi(min(matplotlib.rcParams["savefig.dpi"], WIDTH_PX / figure.get_figwidth()))
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     return Pixels.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())  # on a page of its own colour
-
-
-def _dpi(figure: Figure) -> float:
-    return float(min(matplotlib.rcParams["savefig.dpi"], WIDTH_PX / figure.get_figwidth()))
 
 
 def image(picture: Pixels.Image, alt: str, caption: str = "", stem: str = "", shown: float = 1.0) -> Image:

@@ -10,7 +10,6 @@ from scipy.optimize import brentq
 from radar.data.arrays import AntennaArray, PlanarScan, qar50
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import GridImager, image_points
-from radar.imaging.cpu.exact import tone_images
 from radar.imaging.plan import GridPlan
 from radar.imaging.tree import DIRECT, Family
 from radar.methods.confidence import UNRELATED_RAD, incoherent
@@ -28,6 +27,7 @@ from radar.simulation.state import EchoState, facing
 from radar.support.errors import HandbenchError
 from radar.support.progress import track
 from tests.radar.direct_sums import direct_sum
+from tests.radar.exact import tone_images
 from tests.radar.samples import noise, relative_error
 from tests.radar.simulation.effects.closed_forms import sphere_body
 from tests.radar.simulation.effects.plates import dihedral, plate

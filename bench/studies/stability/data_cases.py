@@ -32,7 +32,7 @@ from bench.studies.stability.scenes import (
 )
 from radar.data.depthmap import DepthMap, amplitude_db
 from radar.data.grid import PixelGrid
-from radar.imaging.cpu.exact import tone_images
+from radar.imaging.cpu.exact import exact_images
 from radar.methods.confidence import UNRELATED_RAD
 from radar.methods.fsk_config import ThreeToneConfig
 
@@ -185,7 +185,7 @@ def _drowned(id: str, snr_db: float) -> tuple[np.ndarray, np.ndarray, np.ndarray
     values |= {} if id == "2fsk" else {"fine_filter_px": 1}
     clean = depth_map(id, capture(samples, LADDER_HZ), **values)
     points = PixelGrid(clean.x_m, clean.y_m).points_m(POINT_M[2]).reshape(-1, 3)
-    top = tone_images(samples[:1].astype(np.complex64), np.array(LADDER_HZ[:1]), small_array(), points)
+    top = exact_images(samples[:1].astype(np.complex64), np.array(LADDER_HZ[:1]), small_array(), points, True)
     parts = []
     for seed in range(DRAWS):
         found = depth_map(id, capture(noisy(samples, float(np.abs(top).max()), snr_db, seed), LADDER_HZ), **values)

@@ -35,7 +35,7 @@ from bench.studies.stability.scenes import (
 )
 from radar.data.arrays import qar50
 from radar.data.grid import PixelGrid
-from radar.imaging.cpu.exact import tone_images
+from radar.imaging.cpu.exact import exact_images
 from radar.methods.confidence import wrap_probability
 from radar.methods.fsk import depth_step_m
 from radar.methods.fsk_config import SETTLING, ThreeToneConfig
@@ -198,7 +198,7 @@ def _two_maxima() -> Seen:
 
 
 def _images(samples: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-    return tone_images(samples, np.array(LADDER_HZ), qar50(), points_m)
+    return exact_images(samples, np.array(LADDER_HZ), qar50(), points_m, apart=True)
 
 
 def _at_the_edge() -> Seen:

@@ -45,20 +45,6 @@ def exact_images(
     return images
 
 
-def tone_images(
-    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
-) -> np.ndarray:
-    """`exact_images` of every tone by itself: complex64 [f, n]."""
-    return exact_images(samples, frequencies_hz, aperture, points_m, apart=True)
-
-
-def backproject(
-    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
-) -> np.ndarray:
-    """`exact_images` of the tones' coherent sum: complex64 [n]."""
-    return exact_images(samples, frequencies_hz, aperture, points_m, apart=False)[0]
-
-
 def exact_sums(
     samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray, apart: bool = False
 ) -> np.ndarray:

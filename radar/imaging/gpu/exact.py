@@ -1,18 +1,14 @@
-"""Exact backprojection on a device, one complex product per tone and block, and the phases that it is made of:
-`radar.imaging.cpu.exact` and `.steering` as array code over numpy or cupy (`xp`).
+"""Exact backprojection on a device, one complex product per tone and block: `radar.imaging.cpu.exact` as array code
+over numpy or cupy (`xp`).
 
-A planar scan is an array whose second leg is one antenna that the wave meets zero times. Phases are counted in turns
-and reduced in the precision in which they come before the float32 sine.
+A planar scan is an array whose second leg is one antenna that the wave meets zero times.
 """
-
-from collections.abc import Sequence
-from types import ModuleType
 
 import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, as_of_an_array
 from radar.imaging.cpu.exact import check_samples
-from radar.imaging.device import BLOCK_BYTES, Array, array_module, to_host
+from radar.imaging.device import BLOCK_BYTES, array_module, cis, distances, to_host
 
 POINT_BYTES = 48  # per point and antenna: distances in double, their turns, phases and products
 
@@ -42,18 +38,3 @@ def exact_images(
             part[f if apart else 0] += heard.sum(axis=0)
         images[:, here] = to_host(part)
     return images
-
-
-def cis(xp: ModuleType, turns: Array) -> Array:
-    """exp(j2π·turns): complex64 of float64 turns, or of float32 ones where a few turns are exact enough."""
-    angle = (turns - xp.rint(turns)).astype(np.float32, copy=False)
-    angle *= np.float32(2 * np.pi)
-    wave = xp.empty(angle.shape, np.complex64)
-    wave.real = xp.cos(angle)
-    wave.imag = xp.sin(angle)
-    return wave
-
-
-def distances(xp: ModuleType, points_m: Sequence[Array], antennas_m: Sequence[Array]) -> Array:
-    """|p − a| in float64 of points (x, y, z) and antennas (x, y, z), each an array; they are broadcast."""
-    return xp.sqrt(sum((p - a) ** 2 for p, a in zip(points_m, antennas_m, strict=True)))

@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from radar.data.grid import VoxelGrid
-from radar.imaging.device import BLOCK_BYTES, Array, array_module, to_host
-from radar.imaging.gpu.exact import cis, distances
+from radar.imaging.device import BLOCK_BYTES, Array, array_module, cis, distances, to_host
 from radar.imaging.gpu.exact import exact_images as exact_images
 from radar.imaging.gpu.levels import Level, level
 from radar.imaging.peaks import Peaks, root_mean_square

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import sici
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from radar.imaging.cpu.exact import tone_images
+from radar.imaging.cpu.exact import exact_images
 from radar.simulation.causes import Converter, Oscillator
 from radar.simulation.effects.base import Effect
 from radar.simulation.scene import EchoScene
@@ -72,7 +72,7 @@ def _strongest(state: EchoState) -> float:
 
 def strongest_amplitude(samples: np.ndarray, frequency_hz: float, array: AntennaArray, surface_m: np.ndarray) -> float:
     """Largest magnitude of one tone's image (samples [t, r]) on the target's surface points [n, 3]."""
-    return float(np.abs(tone_images(samples[None], np.array([frequency_hz]), array, surface_m)).max())
+    return float(np.abs(exact_images(samples[None], np.array([frequency_hz]), array, surface_m, True)).max())
 
 
 def thermal_noise(

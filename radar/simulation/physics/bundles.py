@@ -16,7 +16,7 @@ from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.imaging.cpu.ascent import ascend
 from radar.imaging.cpu.descent import complex_samples
 from radar.imaging.cpu.steering import steered_differences
-from radar.imaging.skeleton import band_skeleton
+from radar.imaging.skeleton import band_kernel, skeleton
 from radar.simulation.physics.bounces import radiate
 from radar.simulation.physics.line_of_sight import nodes
 from radar.simulation.physics.polarisation import tube_factors
@@ -90,7 +90,8 @@ class FewTones(NamedTuple):
         """Those of paths that differ by up to ±reach_m."""
         if len(turns_per_m) <= 2:
             return cls(np.arange(len(turns_per_m)), EVERY)
-        chosen, weights = band_skeleton(2 * np.pi * turns_per_m[:, None], np.array([reach_m]), TOLERANCE)
+        wavenumber = 2 * np.pi * turns_per_m[:, None]
+        chosen, weights = skeleton(band_kernel(wavenumber, wavenumber, np.array([reach_m])), TOLERANCE)
         return cls(chosen, np.ascontiguousarray(weights, np.float32))
 
     def at(self, chosen: np.ndarray) -> np.ndarray:

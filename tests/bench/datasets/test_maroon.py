@@ -20,10 +20,10 @@ from radar.data.capture import RadarCapture
 from radar.data.depthmap import DepthMap
 from radar.data.echoes_file import save_capture
 from radar.data.grid import Axis, PixelGrid
-from radar.imaging.cpu.exact import backproject
 from radar.methods.registry import method
 from radar.support.errors import HandbenchError
 from tests.bench.datasets.foreign_captures import AXES, METHODS, PLACE_M, TONES_HZ, echoes, write_native
+from tests.radar.exact import backproject
 
 
 @pytest.fixture(scope="module")

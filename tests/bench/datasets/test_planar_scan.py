@@ -7,9 +7,9 @@ import pytest
 
 from bench.datasets.foam_panel import import_planar_scan
 from bench.datasets.native import NativeCapture
-from radar.imaging.cpu.exact import backproject
 from radar.methods.registry import method
 from radar.support.errors import HandbenchError
+from tests.radar.exact import backproject
 
 SCAN = Path(__file__).parents[3].parent / "shared" / "data" / "planar-scan-24ghz"
 needs_scan = pytest.mark.skipif(not SCAN.is_dir(), reason=f"the recorded scan is not at {SCAN}")

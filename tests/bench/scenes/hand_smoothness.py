@@ -9,14 +9,15 @@ import sys
 import numpy as np
 
 from bench.scenes.bones import RADII_MM, skeleton
-from bench.scenes.hand import hand_field, hand_mesh
+from bench.scenes.hand import hand_mesh
 from bench.scenes.hand_pose import POSES, Pose
 from bench.scenes.implicit import project
 from groundtruth.mesh.mesh_files import mesh, raycasting_scene
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
-from radar.imaging.cpu.exact import tone_images
 from radar.simulation.forward import Scatterers, simulate
 from radar.support.rays import TriangleMesh, load_open3d
+from tests.bench.scenes.hand_field import hand_field
+from tests.radar.exact import tone_images
 
 TONES_HZ = np.array([79.5e9, 81.8e9, 82.0e9])  # of 3-FSK
 DEPTH_M_PER_RAD = SPEED_OF_LIGHT_M_S / (4 * np.pi * (TONES_HZ[-1] - TONES_HZ[0]))  # 9.5 mm

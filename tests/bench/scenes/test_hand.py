@@ -12,12 +12,13 @@ import pytest
 from pydantic import ValidationError
 
 from bench.scenes.bones import HAND_AXES, LENGTHS_MM, PALMAR, RADIAL, hand_from_palm, skeleton
-from bench.scenes.hand import hand_field, hand_mesh
+from bench.scenes.hand import hand_mesh
 from bench.scenes.hand_pose import POSES, FingerPose, Pose, ThumbPose, WristPose
 from bench.scenes.implicit import triangle_quality
 from bench.scenes.skin_texture import Skin
 from bench.scenes.textures import skin
 from groundtruth.mesh.mesh_files import load_open3d, raycasting_scene
+from tests.bench.scenes.hand_field import hand_field
 from tests.bench.scenes.hand_smoothness import crossing_faces
 
 if TYPE_CHECKING:

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from bench.scenes.bones import skeleton
-from bench.scenes.hand import hand_field, hand_mesh
+from bench.scenes.hand import hand_mesh
 from bench.scenes.hand_pose import POSES
 from groundtruth.mesh.mesh_files import load_open3d
 from radar.data.arrays import SPEED_OF_LIGHT_M_S
+from tests.bench.scenes.hand_field import hand_field
 from tests.bench.scenes.hand_smoothness import (
     TONES_HZ,
     crossing_faces,

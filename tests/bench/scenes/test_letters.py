@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from bench.scenes.bones import DISTAL, FINGERS, PALMAR, RADIAL, RADII_MM, Bone, skeleton, skeleton_of_palm
-from bench.scenes.hand import TIP_TISSUE_MM, hand_field
+from bench.scenes.hand import TIP_TISSUE_MM
 from bench.scenes.hand_pose import POSES, FingerPose, Pose
+from tests.bench.scenes.hand_field import hand_field
 
 DIGITS = (*FINGERS, "thumb")
 CONTACT_M = 1.5e-3  # flesh gives way by this much where digits touch

@@ -16,10 +16,10 @@ from calibration.target.description import Target
 from calibration.transforms import perturbation_jacobian
 from radar.data.arrays import AntennaArray, PlanarScan, qar50
 from radar.data.capture import RadarCapture
-from radar.imaging.cpu.exact import backproject, tone_images
 from radar.methods.fsk import depth_step_m
 from radar.simulation.physics.spheres import sphere_echo
 from radar.support.errors import HandbenchError
+from tests.radar.exact import backproject, tone_images
 
 C = 299_792_458.0
 NOMINAL = AntennaArray(qar50().tx_m[::2], qar50().rx_m[::2])

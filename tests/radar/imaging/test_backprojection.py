@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from radar.data.arrays import AntennaArray, PlanarScan, qar50
-from radar.imaging.cpu.exact import backproject, tone_images
 from radar.simulation.forward import Scatterers, simulate
 from radar.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
+from tests.radar.exact import backproject, tone_images
 from tests.radar.samples import noise, relative_error
 from tests.strategies import examples
 

@@ -8,9 +8,10 @@ from radar.data.capture import RadarCapture
 from radar.data.echoes_file import save_capture
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
-from radar.imaging.cpu.exact import backproject, path_lengths
+from radar.imaging.cpu.exact import path_lengths
 from radar.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
+from tests.radar.exact import backproject
 
 pytestmark = pytest.mark.usefixtures("planned")
 

@@ -32,9 +32,10 @@ def test_every_frequency_of_the_band_is_regained(count, step_m, half_band, expon
 
 
 def test_few_nodes_suffice_for_the_paper_s_axis():
-    # 301 mm at ±950 rad/m hold 91 Nyquist intervals; a fifth more and two guards at either end give 1e-3.
-    assert len(resampler(1e-3 * np.arange(301), 950.0, 1e-3).nodes_m) < 1.3 * 91 + 5
-    assert len(resampler(1e-3 * np.arange(301), 950.0, 1e-5).nodes_m) < 1.7 * 91 + 5
+    # 301 mm at ±950 rad/m hold 91 Nyquist intervals, as many degrees of freedom and, to ε, some (2/π²) ln(143) ln(1/ε)
+    # more (Slepian 1983): 98 at 1e-3, 103 at 1e-5. Nodes that crowd at the ends come within 3 % of that.
+    assert len(resampler(1e-3 * np.arange(301), 950.0, 1e-3).nodes_m) <= 1.03 * 98
+    assert len(resampler(1e-3 * np.arange(301), 950.0, 1e-5).nodes_m) <= 1.03 * 103
 
 
 def test_pieces_of_windows_cover_every_fine_sample_once():

@@ -24,13 +24,14 @@ from groundtruth.mesh.mesh_files import mesh, read_triangles, write_mesh
 from radar.data.arrays import AntennaArray, Aperture, PlanarScan, qar50
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
-from radar.imaging.cpu.exact import backproject, path_lengths, tone_images
+from radar.imaging.cpu.exact import path_lengths
 from radar.imaging.cpu.steering import cis_turns
 from radar.imaging.skeleton import AMPLIFICATION, resampler
 from radar.methods.fsk import depth_step_m
 from radar.methods.smoothing import masked_mean
 from radar.simulation.forward import Scatterers, simulate
 from radar.support.rays import Rays
+from tests.radar.exact import backproject, tone_images
 
 pytestmark = pytest.mark.usefixtures("planned")
 

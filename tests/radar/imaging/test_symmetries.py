@@ -18,9 +18,9 @@ from radar.data.arrays import AntennaArray, PlanarScan, qar50
 from radar.data.capture import RadarCapture
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_points, image_volume, project_volume
-from radar.imaging.cpu.exact import tone_images
 from radar.imaging.plan import fresh_plans
 from radar.simulation.forward import Scatterers, simulate
+from tests.radar.exact import tone_images
 from tests.radar.samples import noise, relative_error
 from tests.strategies import examples
 

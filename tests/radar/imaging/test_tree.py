@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from radar.data.arrays import qar50
 from radar.imaging.cpu.ascent import ascend
 from radar.imaging.cpu.descent import descend, planes
-from radar.imaging.skeleton import band_skeleton, skeleton
+from radar.imaging.skeleton import band_kernel, skeleton
 from radar.imaging.tree import Box, Family, branch, clusters, split, trunk
 from tests.radar.samples import noise
 from tests.strategies import examples
@@ -30,7 +30,7 @@ def test_a_skeleton_carries_every_member_of_a_low_rank_family(n, rank, seed):
 @given(half_band=st.floats(0.0, 0.4), exponent=st.floats(-5.0, -2.0), place=st.floats(-1.0, 1.0))
 def test_a_band_skeleton_carries_every_wave_of_its_band(half_band, exponent, place):
     tolerance, wavenumber = 10.0**exponent, 2 * np.pi * TONES_HZ[:, None] / 299_792_458.0
-    index, weights = band_skeleton(wavenumber, np.array([half_band]), tolerance)
+    index, weights = skeleton(band_kernel(wavenumber, wavenumber, np.array([half_band])), tolerance)
     wave = np.exp(1j * place * half_band * wavenumber[:, 0])
     error = np.abs(wave[index] @ weights - wave)
     # J₀ bounds the mean over the band; a single wave at its edge may err five times more (measured: two to three).

@@ -13,11 +13,11 @@ import numpy as np
 
 from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from radar.imaging.api import image_volume
-from radar.imaging.cpu.exact import backproject
 from radar.imaging.cpu.steering import phasor
 from tests.bench.studies.engine.scope import Inputs
 from tests.bench.studies.engine.textbook import numba_sum, range_compressed
 from tests.bench.studies.engine.turns import Work
+from tests.radar.exact import backproject
 
 Sum = Callable[..., np.ndarray]
 ENGINE, DIRECT, EXACT, COMPRESSED = "engine", "direct sum, numba", "exact, matrix products", "range-compressed, linear"

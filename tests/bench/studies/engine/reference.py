@@ -11,11 +11,11 @@ from bench.studies.columns import Record
 from radar.data.depthmap import amplitude_db
 from radar.data.grid import VoxelGrid
 from radar.imaging.api import image_volume
-from radar.imaging.cpu.exact import backproject
 from radar.imaging.peaks import strongest_voxels
 from radar.methods.projection import Peaks, peak_offset
 from tests.bench.studies.engine.scope import Inputs
 from tests.bench.studies.engine.textbook import numpy_sum
+from tests.radar.exact import backproject
 
 STAND_IN = 1e-6  # tolerance of the volume that gives the mask and the root mean square
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from radar.imaging.cpu.exact import tone_images
 from radar.simulation.causes import Converter, Oscillator
 from radar.simulation.effects.antennas import direct_wave
 from radar.simulation.effects.receiver import phase_rad, quantised
 from radar.simulation.pilot import rms
 from radar.simulation.scene import Body
 from radar.support.errors import HandbenchError
+from tests.radar.exact import tone_images
 from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, simulated
 
 

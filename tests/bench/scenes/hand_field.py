@@ -1,0 +1,13 @@
+"""The posed hand's signed distance in the hand frame, as tests look at it."""
+
+from bench.scenes.bones import hand_from_palm
+from bench.scenes.hand import palm_field
+from bench.scenes.hand_pose import Pose
+from bench.scenes.implicit import Field
+from bench.scenes.people import MEAN, Person
+
+
+def hand_field(pose: Pose, person: Person = MEAN) -> Field:
+    """Signed distance (approximately, exact sign) to the posed hand's skin, metres, in the hand frame."""
+    field, turn = palm_field(pose, person), hand_from_palm(pose)
+    return lambda points: field(points @ turn)
