@@ -96,7 +96,7 @@ def largest_part(samples: np.ndarray) -> float:
 def near_one(samples: np.ndarray) -> np.ndarray:
     """The samples times the power of two that brings the largest near 1: not a digit is lost, and powers and sums of
     them stay within float32, whatever the receiver's unit."""
-    largest = largest_part(samples)
+    largest = largest_part(samples := np.asarray(samples, np.result_type(samples, np.complex64)))
     if not 0 < largest < np.inf:
         return samples
     exponent, parts = int(np.frexp(largest)[1]), _parts(samples)

@@ -124,11 +124,12 @@ class GridPlan:
         self.carrier = (middle, *carriers(aperture), (low + high) / (4 * np.pi))
         waves = partial(self._envelopes, frequencies_hz, aperture)
         antennas_m = np.concatenate([leg.position_m for leg in aperture.legs])
-        ends_m = np.clip([low_m, antennas_m.min(axis=0), antennas_m.max(axis=0), high_m], low_m, high_m)
+        array_m = (antennas_m.min(axis=0), antennas_m.mean(axis=0), antennas_m.max(axis=0))
+        places_m = np.clip([low_m, (low_m + high_m) / 2, high_m, *array_m], low_m, high_m)
         self.x, self.y, self.z = (
             Resampler(axis, ())
             if planes and axis is grid.z_m
-            else regaining(axis, along, half, UPSAMPLING * family.tolerance, ends_m, waves)
+            else regaining(axis, along, half, UPSAMPLING * family.tolerance, places_m, waves)
             for along, (axis, half) in enumerate(zip(axes, (high - low) / 2, strict=True))
         )
         self.grid, self.planes, self.tolerance = grid, planes, family.tolerance

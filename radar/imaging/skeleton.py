@@ -20,7 +20,7 @@ TIE = 1e-6  # relative difference below which two members are as good
 CROWDING, REACH = 0.6, 4.0  # nodes lie closer by this share at either end, and by 1/e of it so many nodes inside
 REGULARISATION = 0.03  # λ over the squared tolerance: weights stay near one except at the ends
 WINDOW = 128  # intervals whose fine samples share their nodes: cost grows with the axis, not with its square ...
-GUARD = 14  # ... and nodes beyond them on either side, where they exist anyway
+OVERLAP = 14  # ... and nodes beyond them on either side, where they exist anyway
 
 WIDER = 1.015  # steps of a band that leaks, until the worst channel errs no more than ...
 SINGLE = 1.6  # ... this many times what any frequency of the band may
@@ -136,24 +136,25 @@ def resampler(fine_m: np.ndarray, half_band: float, tolerance: float) -> Resampl
     intervals = max(int(2 / np.pi * c - 2 / np.pi**2 * np.log(c) * np.log(tolerance)), 1)
     while intervals + 1 < len(fine_m):
         nodes = fine_m[0] + extent * _crowded(intervals)
-        windows = tuple(
-            (out, of, _weights(fine_m[out], nodes[of], half_band, tolerance))
-            for out, of in _windows(fine_m, nodes, intervals)
-        )
-        misfit = max(_misfit(fine_m[out], nodes[of], weights, half_band) for out, of, weights in windows)
-        amplification = max(np.sqrt((weights**2).sum(axis=1).mean()) for _, _, weights in windows)
-        if misfit <= tolerance and amplification <= AMPLIFICATION:
-            return Resampler(nodes, windows)
+        windows: list[tuple[slice, slice, np.ndarray]] = []
+        for out, of in _windows(fine_m, nodes, intervals):
+            weights = _weights(fine_m[out], nodes[of], half_band, tolerance)
+            amplification = np.sqrt((weights**2).sum(axis=1).mean())
+            if amplification > AMPLIFICATION or _misfit(fine_m[out], nodes[of], weights, half_band) > tolerance:
+                break
+            windows.append((out, of, weights))
+        else:
+            return Resampler(nodes, tuple(windows))
         intervals += max(intervals // 60, 1)
     return Resampler(fine_m, ())
 
 
 def regaining(
-    fine_m: np.ndarray, along: int, half_band: float, tolerance: float, ends_m: np.ndarray, waves: Waves
+    fine_m: np.ndarray, along: int, half_band: float, tolerance: float, places_m: np.ndarray, waves: Waves
 ) -> Resampler:
     """The `resampler` along one axis of a grid that regains single channels, too, on lines at all combinations of
-    ends_m [n, 3] of the other axes: chirps, which leak out of a band, so that it is widened until they are."""
-    sides = list(product(*(np.unique(end_m) for i, end_m in enumerate(ends_m.T) if i != along)))
+    places_m [n, 3] of the other axes: chirps, which leak out of a band, so that it is widened until they are."""
+    sides = list(product(*(np.unique(place_m) for i, place_m in enumerate(places_m.T) if i != along)))
 
     def on_lines(position_m: np.ndarray) -> np.ndarray:
         lines = [np.insert(np.tile(side, (len(position_m), 1)), along, position_m, axis=1) for side in sides]
@@ -183,7 +184,7 @@ def _windows(fine_m: np.ndarray, nodes_m: np.ndarray, intervals: int) -> list[tu
     edges = np.searchsorted(fine_m, nodes_m[bounds])
     edges[0], edges[-1] = 0, len(fine_m)
     return [
-        (slice(int(start), int(stop)), slice(max(first - GUARD, 0), last + GUARD + 1))
+        (slice(int(start), int(stop)), slice(max(first - OVERLAP, 0), last + OVERLAP + 1))
         for first, last, start, stop in zip(bounds[:-1], bounds[1:], edges[:-1], edges[1:], strict=True)
         if stop > start
     ]
