@@ -3,10 +3,12 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 RUN    ?= runs/table
+ROOMS  := radar calibration groundtruth bench reports
+LINKS  := .types/handbench
 
 .PHONY: setup table test test-random fuzz faults mutation bench lint docs coverage requirements clean
 
-setup: $(VENV)/.ready
+setup: $(VENV)/.ready $(LINKS)
 
 $(VENV)/.ready: requirements.txt pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -16,21 +18,32 @@ $(VENV)/.ready: requirements.txt pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
+# The package as one folder of links, for tools that read code and do not run it (mypy, the documentation's site).
+$(LINKS): $(wildcard handbench/*)
+	rm -rf $@ && mkdir -p $@
+	ln -s $(ROOMS:%=../../%) $(patsubst %,../../%,$(filter-out %__pycache__,$(wildcard handbench/*))) $@
+
 table: setup
 	$(BIN)/handbench run paper_table -o $(RUN)
 	$(BIN)/handbench report $(RUN) -o $(RUN)/report
 	-@$(BIN)/python -m docs.readme $(RUN) --check
 
 test: lint
-	$(BIN)/python -m radar.warmup  # or both of the processes would compile the kernels
+	$(BIN)/python -m handbench.radar.warmup  # or both of the processes would compile the kernels
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
-# Property tests on fresh examples, more of them than `make test` draws; SEED=N repeats those of an earlier run.
+# A quarter of the test files, in random order, and property tests on more and fresh examples; SEED=N repeats a run.
 test-random: SEED := $(or $(SEED),$(shell od -An -N4 -tu4 /dev/urandom | tr -d ' '))
+test-random: AGAIN = to repeat them: make test-random SEED=$(SEED)
+test-random: QUARTER = $(shell $(PYTHON) -c 'import random, sys; random.seed($(SEED)); \
+  print(*random.sample(sys.argv[1:], len(sys.argv) // 4))' $(sort $(shell find tests -name 'test_*.py')))
 test-random: setup
-	@echo "Property tests with seed $(SEED); to repeat them: make test-random SEED=$(SEED)"
+	@echo "A quarter of the tests in random order with seed $(SEED); $(AGAIN)"
+	timeout 600 $(BIN)/python -m pytest --random-order --random-order-seed=$(SEED) -n 2 --dist loadfile $(QUARTER) || \
+	  { echo "Tests in random order failed, or took 10 minutes, with seed $(SEED); $(AGAIN)"; exit 1; }
+	@echo "Property tests on fresh examples with seed $(SEED); $(AGAIN)"
 	$(BIN)/python -m pytest -m hypothesis --hypothesis-profile random --hypothesis-seed $(SEED) -n 2 --dist loadfile || \
-	  { echo "Property tests failed with seed $(SEED); to repeat them: make test-random SEED=$(SEED)"; exit 1; }
+	  { echo "Property tests failed with seed $(SEED); $(AGAIN)"; exit 1; }
 
 # Broken and hostile inputs of all readers; SEED=N repeats those of an earlier run, INPUTS=N makes more or fewer.
 fuzz: setup
@@ -79,4 +92,4 @@ requirements:
 	  -c requirements.txt - -o tests/mutation/requirements.txt
 
 clean:
-	rm -rf $(VENV) .mypy_cache .ruff_cache build dist *.egg-info
+	rm -rf $(VENV) .types .mypy_cache .ruff_cache build dist *.egg-info

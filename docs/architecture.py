@@ -80,7 +80,8 @@ def imports(root: Path) -> set[tuple[str, str]]:
     found = set()
     for package in PACKAGES:
         for file in (root / package).rglob("*.py"):
-            tops = {name.partition(".")[0] for name in imported(ast.parse(file.read_text("utf-8")))}
+            names = imported(ast.parse(file.read_text("utf-8")))
+            tops = {name.split(".")[1] for name in names if name.startswith("handbench.")}
             found |= {(package, top) for top in tops & PACKAGES.keys() - {package}}
     return found
 

@@ -16,13 +16,13 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from PIL import Image
 
-from bench.scenes.hand import hand_mesh
-from bench.scenes.hand_pose import POSES
-from bench.scenes.rig import rig
-from bench.scenes.scene_file import Mount
-from bench.scenes.stand import PLATE_M, stand_board
-from groundtruth.cameras.cameras import Camera
-from radar.data.arrays import qar50
+from handbench.bench.scenes.hand import hand_mesh
+from handbench.bench.scenes.hand_pose import POSES
+from handbench.bench.scenes.rig import rig
+from handbench.bench.scenes.scene_file import Mount
+from handbench.bench.scenes.stand import PLATE_M, stand_board
+from handbench.groundtruth.cameras.cameras import Camera
+from handbench.radar.data.arrays import qar50
 
 PALM_M = np.array([0.025, -0.030, 0.300])
 EDGE_M = 0.0025

@@ -11,19 +11,19 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.datasets.dataset import open_capture
-from bench.datasets.simulated import simulate_capture
-from bench.evaluation.depth_errors import error_map
-from bench.evaluation.metrics import METRICS, of_captures
-from bench.run.benchmark_file import BenchFile, load_benchmark
-from bench.run.scoring import reference_depth
-from bench.scenes.build import build
-from bench.scenes.scene_file import SceneFile
-from calibration.transforms import identity
-from radar.data.grid import PixelGrid
-from radar.methods.registry import method
-from radar.simulation.causes import Noise
-from radar.support.config import load
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.datasets.simulated import simulate_capture
+from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.evaluation.metrics import METRICS, of_captures
+from handbench.bench.run.benchmark_file import BenchFile, load_benchmark
+from handbench.bench.run.scoring import reference_depth
+from handbench.bench.scenes.build import build
+from handbench.bench.scenes.scene_file import SceneFile
+from handbench.calibration.transforms import identity
+from handbench.radar.data.grid import PixelGrid
+from handbench.radar.methods.registry import method
+from handbench.radar.simulation.causes import Noise
+from handbench.radar.support.config import load
 
 PLACEMENT = ("distance_m", "offset_m", "rotation_deg")
 

@@ -12,10 +12,10 @@ import numpy as np
 from letters import SUPERSAMPLED, shade, sheet
 from PIL import Image, ImageDraw, ImageFont
 
-from bench.run.benchmark_file import Source, load_benchmark
-from bench.scenes.build import build
-from bench.scenes.scene_file import SceneFile
-from radar.support.config import load
+from handbench.bench.run.benchmark_file import Source, load_benchmark
+from handbench.bench.scenes.build import build
+from handbench.bench.scenes.scene_file import SceneFile
+from handbench.radar.support.config import load
 
 WIDTH_TO_HEIGHT, HEIGHT_M = 0.62, 0.275
 

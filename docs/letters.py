@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from bench.scenes.hand import hand_mesh
-from bench.scenes.hand_pose import POSES, Pose
-from groundtruth.mesh.mesh_files import load_open3d, raycasting_scene
+from handbench.bench.scenes.hand import hand_mesh
+from handbench.bench.scenes.hand_pose import POSES, Pose
+from handbench.groundtruth.mesh.mesh_files import load_open3d, raycasting_scene
 
 if TYPE_CHECKING:
     import open3d as o3d

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from bench.datasets.simulated import write_photos
-from bench.scenes.build import Scene, build
-from bench.scenes.photo_pilot import Pilot, without
-from bench.scenes.photographs import Studio
-from groundtruth.mesh.mesh_files import raycasting_scene
-from groundtruth.mesh.surface import Surface, read_surface
-from groundtruth.options import Options
-from groundtruth.pipeline import reconstruct
-from radar.support.rays import load_open3d
+from handbench.bench.datasets.simulated import write_photos
+from handbench.bench.scenes.build import Scene, build
+from handbench.bench.scenes.photo_pilot import Pilot, without
+from handbench.bench.scenes.photographs import Studio
+from handbench.groundtruth.mesh.mesh_files import raycasting_scene
+from handbench.groundtruth.mesh.surface import Surface, read_surface
+from handbench.groundtruth.options import Options
+from handbench.groundtruth.pipeline import reconstruct
+from handbench.radar.support.rays import load_open3d
 from tests.bench.studies.photogrammetry.photogrammetry_cases import Case
 
 IDEAL: dict[str, Any] = {"full_well_e": 1e12, "read_noise_e": 0.0, "blur_px": 0.0}

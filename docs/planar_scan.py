@@ -9,9 +9,9 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from bench.datasets.native import NativeCapture
-from radar.data.depthmap import DepthMap
-from radar.methods.registry import methods
+from handbench.bench.datasets.native import NativeCapture
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.methods.registry import methods
 
 BORDER_M = 0.03  # the scan's edge sees half an aperture
 FLAW_M = ((-0.125, -0.055), (-0.015, 0.070))  # corners of a box around the flaw

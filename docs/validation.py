@@ -11,17 +11,17 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from bench.scenes.build import load_scene
-from bench.scenes.echoes import echo_scene
-from bench.scenes.stand import cuboid, plate_box_m
-from radar.data.capture import RadarCapture
-from radar.methods.registry import method
-from radar.simulation.causes import Causes, Pattern
-from radar.simulation.known_effects import IDS
-from radar.simulation.rehearsal import Rehearsal
-from radar.simulation.scene import Body, EchoScene, Material
-from radar.simulation.selection import CONTAINED, EFFECTS, choose
-from radar.simulation.simulate import simulate_scene
+from handbench.bench.scenes.build import load_scene
+from handbench.bench.scenes.echoes import echo_scene
+from handbench.bench.scenes.stand import cuboid, plate_box_m
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.methods.registry import method
+from handbench.radar.simulation.causes import Causes, Pattern
+from handbench.radar.simulation.known_effects import IDS
+from handbench.radar.simulation.rehearsal import Rehearsal
+from handbench.radar.simulation.scene import Body, EchoScene, Material
+from handbench.radar.simulation.selection import CONTAINED, EFFECTS, choose
+from handbench.radar.simulation.simulate import simulate_scene
 from tests.radar.simulation.effects.closed_forms import (
     phase_errors_rad,
     plate_over_angle,

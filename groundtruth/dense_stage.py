@@ -5,19 +5,19 @@ from typing import Any
 
 import numpy as np
 
-from groundtruth.dense import completion, cuda
-from groundtruth.dense.dense import depth_maps, open_views
-from groundtruth.dense.fusion import Cloud, fuse
-from groundtruth.dense.kernels import compile_kernels
-from groundtruth.dense.volume import board_plane, narrowed, volume, warn_of_cuts
-from groundtruth.mesh.poisson import clean
-from groundtruth.options import DenseOptions, Effort
-from groundtruth.photos.masks import Masks, find_masks
-from groundtruth.photos.photos import Photo, find_photos
-from groundtruth.sparse.sparse import Sparse
-from radar.support.config import parse
-from radar.support.files import write_json
-from radar.support.progress import say
+from handbench.groundtruth.dense import completion, cuda
+from handbench.groundtruth.dense.dense import depth_maps, open_views
+from handbench.groundtruth.dense.fusion import Cloud, fuse
+from handbench.groundtruth.dense.kernels import compile_kernels
+from handbench.groundtruth.dense.volume import board_plane, narrowed, volume, warn_of_cuts
+from handbench.groundtruth.mesh.poisson import clean
+from handbench.groundtruth.options import DenseOptions, Effort
+from handbench.groundtruth.photos.masks import Masks, find_masks
+from handbench.groundtruth.photos.photos import Photo, find_photos
+from handbench.groundtruth.sparse.sparse import Sparse
+from handbench.radar.support.config import parse
+from handbench.radar.support.files import write_json
+from handbench.radar.support.progress import say
 
 CLOUD, VOLUME = "cloud.npz", "volume.json"
 COARSER = 4  # pixels of the depth maps that tell where the target is

@@ -7,19 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from groundtruth.cameras.cameras import Camera, registered
-from groundtruth.dense.fusion import Cloud
-from groundtruth.dense.volume import Plane, Volume, board_plane
-from groundtruth.dense_stage import CLOUD, VOLUME
-from groundtruth.mesh.poisson import surface
-from groundtruth.mesh.surface import Surface
-from groundtruth.mesh.target import Components, Target, keep_target, margin_m, off_board
-from groundtruth.mesh.uncertainty import surface_sigma, window_sigma
-from groundtruth.options import MeshOptions
-from groundtruth.photos.photos import find_photos
-from groundtruth.sparse.sparse import Sparse
-from radar.support.config import parse
-from radar.support.files import read_json, write_json
+from handbench.groundtruth.cameras.cameras import Camera, registered
+from handbench.groundtruth.dense.fusion import Cloud
+from handbench.groundtruth.dense.volume import Plane, Volume, board_plane
+from handbench.groundtruth.dense_stage import CLOUD, VOLUME
+from handbench.groundtruth.mesh.poisson import surface
+from handbench.groundtruth.mesh.surface import Surface
+from handbench.groundtruth.mesh.target import Components, Target, keep_target, margin_m, off_board
+from handbench.groundtruth.mesh.uncertainty import surface_sigma, window_sigma
+from handbench.groundtruth.options import MeshOptions
+from handbench.groundtruth.photos.photos import find_photos
+from handbench.groundtruth.sparse.sparse import Sparse
+from handbench.radar.support.config import parse
+from handbench.radar.support.files import read_json, write_json
 
 MESH, TARGET, VIEW = "mesh.ply", "target.json", "view.jpg"
 

@@ -9,24 +9,24 @@ from typing import Any
 
 import numpy as np
 
-from groundtruth.cameras.cameras import Camera
-from groundtruth.cameras.model_files import write_model
-from groundtruth.dense.fusion import Cloud
-from groundtruth.dense.volume import Volume
-from groundtruth.dense_stage import CLOUD, VOLUME
-from groundtruth.mesh.mesh_files import write_cloud
-from groundtruth.mesh.surface import Surface, read_surface
-from groundtruth.mesh.target import Target
-from groundtruth.mesh_stage import MESH, TARGET
-from groundtruth.options import DenseOptions, MeshOptions, Options, SparseOptions
-from groundtruth.sparse.frame import Scale
-from groundtruth.sparse.inputs import content, resolve
-from groundtruth.sparse.sparse import Sparse
-from groundtruth.sparse_stage import PHOTOGRAPHS
-from radar.support.config import Config
-from radar.support.files import atomic_folder, content_hash, read_json, write_json
-from radar.support.progress import say
-from radar.support.store import Stage, kept, stage
+from handbench.groundtruth.cameras.cameras import Camera
+from handbench.groundtruth.cameras.model_files import write_model
+from handbench.groundtruth.dense.fusion import Cloud
+from handbench.groundtruth.dense.volume import Volume
+from handbench.groundtruth.dense_stage import CLOUD, VOLUME
+from handbench.groundtruth.mesh.mesh_files import write_cloud
+from handbench.groundtruth.mesh.surface import Surface, read_surface
+from handbench.groundtruth.mesh.target import Target
+from handbench.groundtruth.mesh_stage import MESH, TARGET
+from handbench.groundtruth.options import DenseOptions, MeshOptions, Options, SparseOptions
+from handbench.groundtruth.sparse.frame import Scale
+from handbench.groundtruth.sparse.inputs import content, resolve
+from handbench.groundtruth.sparse.sparse import Sparse
+from handbench.groundtruth.sparse_stage import PHOTOGRAPHS
+from handbench.radar.support.config import Config
+from handbench.radar.support.files import atomic_folder, content_hash, read_json, write_json
+from handbench.radar.support.progress import say
+from handbench.radar.support.store import Stage, kept, stage
 
 SUMMARY_VERSION = 1
 
@@ -76,7 +76,7 @@ def stages(
         folders = {each: str(made.folder(root)) for each, made in earlier.items()}
         given = {"photos": str(photos), "options": options.part(kind), **folders}
         depends_on = [*depends_on, options.part(kind, paths=False)]
-        return stage(name, f"groundtruth.{name}_stage:make", depends_on, given, capture)
+        return stage(name, f"handbench.groundtruth.{name}_stage:make", depends_on, given, capture)
 
     sparse = staged("sparse", SparseOptions, [content])
     dense = staged("dense", DenseOptions, [sparse.key, masks], sparse=sparse)

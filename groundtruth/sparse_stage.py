@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import Any
 
-from groundtruth.options import SparseOptions
-from groundtruth.sparse.inputs import gather
-from groundtruth.sparse.sparse import register
-from radar.support.config import parse
-from radar.support.files import write_json
+from handbench.groundtruth.options import SparseOptions
+from handbench.groundtruth.sparse.inputs import gather
+from handbench.groundtruth.sparse.sparse import register
+from handbench.radar.support.config import parse
+from handbench.radar.support.files import write_json
 
 PHOTOGRAPHS = "photographs.json"  # the names of those that were used
 

@@ -2,26 +2,26 @@
 
 import numpy as np
 
-from radar.imaging.cpu.ascent import scatter
-from radar.imaging.cpu.descent import gather
-from radar.support.compiled import compile_once
+from handbench.radar.imaging.cpu.ascent import scatter
+from handbench.radar.imaging.cpu.descent import gather
+from handbench.radar.support.compiled import compile_once
 
 
 def compile_kernels(load: bool = True) -> None:
     """Have the kernels compiled where they are not, and load each by running it on next to nothing, so that no measured
     time holds either."""
-    compile_once("radar.warmup", gather, scatter)
+    compile_once("handbench.radar.warmup", gather, scatter)
     if load:
         _run_every_kernel()
 
 
 def _run_every_kernel() -> None:
-    from radar.data.arrays import AntennaArray, PlanarScan
-    from radar.data.grid import VoxelGrid
-    from radar.imaging.api import image_points, image_volume, project_volume
-    from radar.imaging.cpu.exact import exact_images
-    from radar.imaging.cpu.steering import mean_rise
-    from radar.simulation.forward import Scatterers, simulate
+    from handbench.radar.data.arrays import AntennaArray, PlanarScan
+    from handbench.radar.data.grid import VoxelGrid
+    from handbench.radar.imaging.api import image_points, image_volume, project_volume
+    from handbench.radar.imaging.cpu.exact import exact_images
+    from handbench.radar.imaging.cpu.steering import mean_rise
+    from handbench.radar.simulation.forward import Scatterers, simulate
 
     three = np.array([[-0.05, 0.0, 0.0], [0.0, 0.03, 0.0], [0.05, 0.0, 0.0]])
     array, scan, tones_hz = AntennaArray(three, three), PlanarScan(three), np.linspace(72e9, 82e9, 4)

@@ -19,19 +19,19 @@ import h5py
 import numpy as np
 import pytest
 
-from bench.cli import main
-from bench.datasets.dataset import open_capture
-from bench.datasets.mapping import Mapping
-from bench.evaluation.depth_errors import error_map
-from bench.run.benchmark_file import BenchFile
-from bench.scenes.scene_file import HandTarget, Mount, SceneFile
-from calibration.transforms import load_transform
-from groundtruth.cameras.cameras import Camera
-from groundtruth.mesh.mesh_files import mesh, write_mesh
-from radar.data.arrays import qar50
-from radar.data.depthmap import amplitude_db
-from radar.data.grid import PixelGrid
-from radar.methods.registry import method
+from handbench.bench.cli import main
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.datasets.mapping import Mapping
+from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.run.benchmark_file import BenchFile
+from handbench.bench.scenes.scene_file import HandTarget, Mount, SceneFile
+from handbench.calibration.transforms import load_transform
+from handbench.groundtruth.cameras.cameras import Camera
+from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.depthmap import amplitude_db
+from handbench.radar.data.grid import PixelGrid
+from handbench.radar.methods.registry import method
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -59,7 +59,9 @@ def spans(page: Path) -> list[str]:
 # Code
 
 
-@pytest.mark.parametrize("name", sorted({s for s in spans(DOCS / "methods.md") if re.match(r"radar\.\w+\.", s)}))
+@pytest.mark.parametrize(
+    "name", sorted({s for s in spans(DOCS / "methods.md") if re.match(r"handbench\.radar\.\w+\.", s)})
+)
 def test_the_functions_of_the_equations_exist(name):
     module, _, function = name.rpartition(".")
     assert callable(getattr(import_module(module), function, None)), name

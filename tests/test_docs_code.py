@@ -17,16 +17,16 @@ import pytest
 import tomlkit
 
 import handbench as hb
-from bench.run.reconstruct_stage import configuration
-from calibration.target.description import default_target
-from groundtruth.mesh.mesh_files import mesh, write_mesh
-from radar.data.arrays import AntennaArray, qar50
-from radar.data.capture import RadarCapture
-from radar.data.echoes_file import save_capture
-from radar.methods.advice import notes
-from radar.methods.registry import METHODS, method
-from radar.simulation.physics.spheres import sphere_echo
-from radar.support.config import Config
+from handbench.bench.run.reconstruct_stage import configuration
+from handbench.calibration.target.description import default_target
+from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
+from handbench.radar.data.arrays import AntennaArray, qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.echoes_file import save_capture
+from handbench.radar.methods.advice import notes
+from handbench.radar.methods.registry import METHODS, method
+from handbench.radar.simulation.physics.spheres import sphere_echo
+from handbench.radar.support.config import Config
 from tests.radar.simulated_points import point_capture
 from tests.test_docs import DOCS, PAGES, ROOT, blocks, toml_of
 
@@ -70,7 +70,7 @@ def of_tutorial(folder: Path, names: dict[str, Any]) -> None:
 
 def of_contributor(folder: Path, names: dict[str, Any]) -> None:
     """What the files that the page's blocks are added to know already."""
-    for module in ("radar.methods.presets", "bench.studies.stability.smoothing_cases"):
+    for module in ("handbench.radar.methods.presets", "handbench.bench.studies.stability.smoothing_cases"):
         names.update({k: v for k, v in vars(importlib.import_module(module)).items() if not k.startswith("__")})
     names["Config"] = Config
 
@@ -109,7 +109,9 @@ def registry():
 def test_the_code_of_a_page_runs_and_prints_what_it_says(page, tmp_path, monkeypatch, registry):
     name, names = page.relative_to(ROOT).as_posix(), {"__name__": "page"}
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("radar.simulation.causes.Imbalance", object, raising=False)  # which CONTRIBUTING.md adds
+    monkeypatch.setattr(
+        "handbench.radar.simulation.causes.Imbalance", object, raising=False
+    )  # which CONTRIBUTING.md adds
     PREPARED.get(name, lambda folder, names: None)(tmp_path, names)
     for code, told in ran(page):
         if not code.startswith(tuple(NOT_RUN)):

@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 
 import handbench as hb
-from bench.cli.main import main
-from radar.data.depthmap import DepthMap
+from handbench.bench.cli.main import main
+from handbench.radar.data.depthmap import DepthMap
 from tests.bench.conftest import write_bench
+from tests.installed_copy import ROOMS
 from tests.reports.synthetic_result import write_synthetic
 
 ROOT = Path(__file__).parents[1]
@@ -44,6 +45,35 @@ score.plot("errors.png")
     assert done.returncode == 0, done.stderr
     assert float(done.stdout) < 1.0  # as `handbench evaluate` on the same ball, in tests/bench/cli
     assert (tmp_path / "errors.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("kind", ["files", "folders"])
+def test_a_script_works_beside_files_and_folders_named_as_ours_were(ball, tmp_path, kind):
+    """Version 0.2 installed packages of these five names, so that such a file hid one of them."""
+    for name in ROOMS:
+        if kind == "files":
+            (tmp_path / f"{name}.py").write_text("raise RuntimeError('the user's own file')")
+        else:
+            (tmp_path / name).mkdir()
+            (tmp_path / name / "__init__.py").write_text("raise RuntimeError('the user's own package')")
+    write_synthetic(tmp_path / "result", step_m=6e-3)
+    (tmp_path / "script.py").write_text(f"""import handbench as hb
+from handbench.bench.cli.main import main
+depth = hb.load({str(ball.folder)!r}).reconstruct("3fsk", x={PIXELS["x"]}, y={PIXELS["y"]})
+print(depth.evaluate()["mae_mm"])
+assert main(["report", "result", "-o", "report"]) == 0
+""")
+    command = [sys.executable, "script.py"]
+    done = subprocess.run(command, cwd=tmp_path, env=_env(), capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout.split()[0]) < 1.0 and (tmp_path / "report" / "index.html").is_file()
+
+
+def test_the_package_of_the_ground_truth_can_be_called_as_the_function_of_version_0_2(tmp_path):
+    with pytest.raises(hb.HandbenchError, match="photos"):
+        hb.groundtruth(tmp_path / "photos")
+    with pytest.raises(hb.HandbenchError, match="photos"):
+        hb.reconstruct_mesh(tmp_path / "photos")
 
 
 def test_importing_loads_the_standard_library_alone():

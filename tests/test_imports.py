@@ -51,8 +51,12 @@ def violations(source: str, file: Path) -> list[str]:
     """What the file (a path below the root) imports and may not."""
     package = file.parts[0]
     wrong = []
-    for name, lazy, types in imported(ast.parse(source), file.parent.parts):
+    for full_name, lazy, types in imported(ast.parse(source), ("handbench", *file.parent.parts)):
+        name = full_name.removeprefix("handbench.")
         top = name.split(".")[0]
+        if full_name.split(".")[0] in MAY_IMPORT:
+            wrong.append(f"{file} imports {full_name}, a second copy of handbench.{full_name}")
+            continue
         if top in ONE_DOOR and not types and file.as_posix() != ONE_DOOR[top]:
             wrong.append(f"{file} imports {top}; only {ONE_DOOR[top]} may")
         if top not in MAY_IMPORT or top == package or types:
@@ -77,21 +81,23 @@ def test_every_package_is_walked():
 @pytest.mark.parametrize(
     ("file", "source"),
     [
-        ("radar/a.py", "import calibration"),
-        ("radar/a.py", "def f():\n    from bench.run import runner"),
+        ("radar/a.py", "import handbench.calibration"),
+        ("radar/a.py", "def f():\n    from handbench.bench.run import runner"),
         ("radar/simulation/effects/a.py", "from ....bench.run import runner"),
-        ("radar/a.py", "import importlib\nimportlib.import_module('reports.page.html')"),
-        ("calibration/a.py", "from groundtruth import mesh"),
-        ("groundtruth/a.py", "from radar.imaging.api import image_points"),
-        ("groundtruth/a.py", "from calibration.target.description import Target"),
-        ("groundtruth/a.py", "import numpy, bench"),
-        ("bench/run/runner.py", "def f():\n    import reports"),
-        ("bench/cli/main.py", "import reports"),
-        ("reports/a.py", "from bench.run import runner"),
-        ("reports/a.py", "from bench import results, run"),
-        ("reports/a.py", "import bench"),
-        ("reports/a.py", "import radar"),
-        ("reports/a.py", "from bench.results_extra import x"),
+        ("radar/a.py", "import importlib\nimportlib.import_module('handbench.reports.page.html')"),
+        ("calibration/a.py", "from handbench.groundtruth import mesh"),
+        ("groundtruth/a.py", "from handbench.radar.imaging.api import image_points"),
+        ("groundtruth/a.py", "from handbench.calibration.target.description import Target"),
+        ("groundtruth/a.py", "import numpy, handbench.bench"),
+        ("bench/run/runner.py", "def f():\n    import handbench.reports"),
+        ("bench/cli/main.py", "import handbench.reports"),
+        ("reports/a.py", "from handbench.bench.run import runner"),
+        ("reports/a.py", "from handbench.bench import results, run"),
+        ("reports/a.py", "import handbench.bench"),
+        ("reports/a.py", "import handbench.radar"),
+        ("calibration/a.py", "import radar"),
+        ("bench/a.py", "from radar.support.errors import HandbenchError"),
+        ("reports/a.py", "from handbench.bench.results_extra import x"),
         ("bench/a.py", "import open3d as o3d"),
         ("calibration/a.py", "def f():\n    import open3d"),
         ("groundtruth/a.py", "import pycolmap"),
@@ -105,18 +111,18 @@ def test_a_forbidden_import_is_noticed(file, source):
 @pytest.mark.parametrize(
     ("file", "source"),
     [
-        ("radar/a.py", "import numpy\nfrom radar.support.errors import HandbenchError\nfrom .files import inside"),
-        ("calibration/a.py", "from radar.data.arrays import qar50"),
+        (
+            "radar/a.py",
+            "import numpy\nfrom handbench.radar.support.errors import HandbenchError\nfrom .files import inside",
+        ),
+        ("calibration/a.py", "from handbench.radar.data.arrays import qar50"),
         (
             "groundtruth/a.py",
-            "from calibration.transforms import umeyama\nfrom radar.support.errors import HandbenchError",
+            "from handbench.calibration.transforms import umeyama\nfrom handbench.radar.support import errors",
         ),
-        (
-            "bench/scenes/a.py",
-            "import radar, groundtruth.mesh.mesh_files\nfrom groundtruth import board\nfrom . import hand",
-        ),
-        ("bench/cli/main.py", "def report():\n    from reports import html"),
-        ("reports/a.py", "from bench.results import load\nfrom bench import results\nimport bench.results"),
+        ("bench/scenes/a.py", "import handbench.radar\nfrom handbench.groundtruth import board\nfrom . import hand"),
+        ("bench/cli/main.py", "def report():\n    from handbench.reports import html"),
+        ("reports/a.py", "from handbench.bench.results import load\nfrom handbench.bench import results"),
         ("groundtruth/a.py", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import pycolmap"),
         ("radar/support/rays.py", "import open3d"),
     ],
@@ -136,7 +142,8 @@ def room_imports() -> dict[str, set[str]]:
     modules = {".".join(file.with_suffix("").parts).removesuffix(".__init__"): file for file in FILES}
     found: dict[str, set[str]] = {}
     for module, file in modules.items():
-        for name, _, types in imported(ast.parse((ROOT / file).read_text("utf-8")), file.parent.parts):
+        found_in = imported(ast.parse((ROOT / file).read_text("utf-8")), ("handbench", *file.parent.parts))
+        for name, types in ((full_name.removeprefix("handbench."), types) for full_name, _, types in found_in):
             known = name if name in modules else name.rpartition(".")[0]
             if known in modules and not types and known.partition(".")[0] == file.parts[0] and "." in known:
                 found.setdefault(room(module), set()).add(room(known))

@@ -1,31 +1,58 @@
 """The distribution installs what the repository holds, and its files agree on what it is."""
 
 import re
+import shutil
+import subprocess
+import sys
 import tomllib
+import zipfile
 from importlib.util import find_spec
 from pathlib import Path
 
+from tests.installed_copy import ROOMS
+
 ROOT = Path(__file__).parents[1]
-TOPS = ("radar", "calibration", "groundtruth", "bench", "reports")
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
 
 
-def test_every_folder_with_code_is_installed():
-    include = PYPROJECT["tool"]["setuptools"]["packages"]["find"]
-    assert include["include"] == [f"{top}*" for top in TOPS]
-    for top in TOPS:
-        for folder in {file.parent for file in (ROOT / top).rglob("*.py")}:
-            assert (folder / "__init__.py").is_file(), f"{folder} has code but no __init__.py"
+def test_every_folder_with_code_is_installed_inside_handbench():
+    folders = {file.parent.relative_to(ROOT) for top in (*ROOMS, "handbench") for file in (ROOT / top).rglob("*.py")}
+    assert [str(folder) for folder in folders if not (ROOT / folder / "__init__.py").is_file()] == []
+    packages = {".".join(("handbench", *folder.parts)) for folder in folders if folder.parts[0] != "handbench"}
+    packages |= {".".join(folder.parts) for folder in folders if folder.parts[0] == "handbench"}
+    assert set(PYPROJECT["tool"]["setuptools"]["packages"]) == packages
+    places = PYPROJECT["tool"]["setuptools"]["package-dir"]
+    assert places == {"handbench": "handbench"} | {f"handbench.{room}": room for room in ROOMS}
 
 
-def test_every_package_says_that_it_is_typed():
-    assert all((ROOT / top / "py.typed").is_file() for top in TOPS)
-    assert PYPROJECT["tool"]["setuptools"]["package-data"]["*"] == ["py.typed"]
+def test_every_data_file_is_installed(tmp_path):
+    """The files of the repository that are no code, and those of a wheel, whose only top-level name is handbench."""
+    tree = tmp_path / "tree"
+    names = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    for name in names.split("\0"):
+        if name and (ROOT / name).is_file() and not name.startswith("tests/"):
+            (tree / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(ROOT / name, tree / name)
+    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir"]
+    subprocess.run([*build, str(tmp_path), str(tree)], check=True, capture_output=True, cwd=tmp_path)
+    [wheel] = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as content:
+        installed = {name for name in content.namelist() if ".dist-info/" not in name}
+        [top] = [content.read(name) for name in content.namelist() if name.endswith("top_level.txt")]
+    assert top == b"handbench\n" and {name.split("/")[0] for name in installed} == {"handbench"}
+    rooms = {f"handbench/{name}" for name in names.split("\0") if name.startswith(tuple(f"{room}/" for room in ROOMS))}
+    assert installed == {name for name in rooms | {n for n in names.split("\0") if n.startswith("handbench/")}}
 
 
-def test_every_package_is_typed_and_covered():
-    assert PYPROJECT["tool"]["mypy"]["packages"] == list(TOPS)
-    assert PYPROJECT["tool"]["coverage"]["run"]["source"] == list(TOPS)
+def test_all_code_is_typed_and_covered():
+    assert (ROOT / "handbench" / "py.typed").is_file()
+    assert PYPROJECT["tool"]["mypy"]["packages"] == ["handbench"]
+    assert set(PYPROJECT["tool"]["coverage"]["run"]["source"]) == {*ROOMS, "handbench"}
+
+
+def test_a_bare_import_of_a_room_is_banned():
+    """In a clone it would load a second copy of the module."""
+    assert set(PYPROJECT["tool"]["ruff"]["lint"]["flake8-tidy-imports"]["banned-api"]) == set(ROOMS)
 
 
 def test_citation_and_changelog_are_of_this_version():
@@ -40,4 +67,4 @@ def test_the_moved_modules_of_the_changelog_are_there():
     rows = re.findall(r"^\| `.*` \| (`.*`) \|$", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
     modules = [name for row in rows for name in re.findall(r"`([\w.]+)`", row)]
     assert len(modules) > 20
-    assert [name for name in modules if find_spec(name) is None] == []
+    assert [name for name in modules if find_spec(f"handbench.{name}") is None] == []

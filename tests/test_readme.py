@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from bench.evaluation.metrics import METRICS, PAPER
-from bench.evaluation.scoring_protocols import protocol
-from bench.run.benchmark_file import BenchFile, load_benchmark
 from docs import readme
-from radar.support.store import versions
+from handbench.bench.evaluation.metrics import METRICS, PAPER
+from handbench.bench.evaluation.scoring_protocols import protocol
+from handbench.bench.run.benchmark_file import BenchFile, load_benchmark
+from handbench.radar.support.store import versions
 
 ROOT = Path(__file__).parents[1]
 MEND = "run `make table`, then `python -m docs.readme runs/table --write`"
@@ -54,7 +54,7 @@ def test_the_record_is_of_this_version(recorded):
 
 def test_every_figure_is_there_with_the_papers(recorded):
     """Each method has each figure, but those without a precision of their own; the paper's are those of
-    bench.evaluation.metrics."""
+    handbench.bench.evaluation.metrics."""
     rows = {(row["metric"], row["method"]): row for row in recorded["rows"]}
     measured = {entry.id for entry in load_benchmark("paper_table")[0].method if entry.precision}
     for metric in readme.METRICS:

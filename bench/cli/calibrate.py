@@ -4,15 +4,15 @@ import argparse
 
 import numpy as np
 
-from bench.cli.options import free
-from bench.datasets.maroon_alignment import load_any_transform, save_alignment
-from bench.evaluation.refine import refine_files
-from bench.run import photogrammetry
-from calibration.array.array_file import save_array
-from calibration.registration.register import HAND_M, motion
-from calibration.transforms import Transform, load_transform
-from radar.support.errors import HandbenchError
-from radar.support.progress import say
+from handbench.bench.cli.options import free
+from handbench.bench.datasets.maroon_alignment import load_any_transform, save_alignment
+from handbench.bench.evaluation.refine import refine_files
+from handbench.bench.run import photogrammetry
+from handbench.calibration.array.array_file import save_array
+from handbench.calibration.registration.register import HAND_M, motion
+from handbench.calibration.transforms import Transform, load_transform
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.progress import say
 
 
 def run(options: argparse.Namespace) -> None:

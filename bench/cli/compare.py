@@ -2,16 +2,16 @@
 
 import argparse
 
-from bench.cli.options import free
-from radar.support.errors import HandbenchError
+from handbench.bench.cli.options import free
+from handbench.radar.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
     """Two result folders → their differences, shown; and written where -o asks for it."""
-    from bench.evaluation.statistics.compare_results import compare_results
-    from bench.results import load
-    from bench.results.compared import write_compared
-    from reports.tables.comparison import show, write
+    from handbench.bench.evaluation.statistics.compare_results import compare_results
+    from handbench.bench.results import load
+    from handbench.bench.results.compared import write_compared
+    from handbench.reports.tables.comparison import show, write
 
     if options.out is not None:
         if (options.out / "result.json").exists():

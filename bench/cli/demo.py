@@ -6,9 +6,9 @@ from importlib.metadata import version
 from pathlib import Path
 from statistics import median
 
-from radar.support.errors import HandbenchError
-from radar.support.files import write_text
-from radar.support.progress import say
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import write_text
+from handbench.radar.support.progress import say
 
 METHODS = ("2fsk", "3fsk", "narrowband", "broadband")
 SCENE, CAPTURE, PICTURE = "hand.toml", "capture", "demo.png"
@@ -17,18 +17,18 @@ TOLERANCE = 1e-3  # of the images: a hundredth of what the methods' errors are
 
 def run(options: argparse.Namespace) -> None:
     """Simulate, image, score and draw, all in one folder, where an earlier demo of this version goes on."""
-    from bench.datasets.native import TRUTH
-    from bench.evaluation.metrics import METRICS as DEFINED
-    from bench.evaluation.metrics import TITLES
-    from bench.results.about import HEADLINE, SHARES
-    from bench.run.benchmark_file import EMBEDDED
-    from bench.run.reconstruct_stage import Imager
-    from bench.run.scoring import score_map
-    from calibration.transforms import identity
-    from groundtruth.mesh.surface import read_surface
-    from radar.support.cost import machine
-    from reports.figures.single import methods_figure, save
-    from reports.tables.result_tables import terminal_table, wide_console
+    from handbench.bench.datasets.native import TRUTH
+    from handbench.bench.evaluation.metrics import METRICS as DEFINED
+    from handbench.bench.evaluation.metrics import TITLES
+    from handbench.bench.results.about import HEADLINE, SHARES
+    from handbench.bench.run.benchmark_file import EMBEDDED
+    from handbench.bench.run.reconstruct_stage import Imager
+    from handbench.bench.run.scoring import score_map
+    from handbench.calibration.transforms import identity
+    from handbench.groundtruth.mesh.surface import read_surface
+    from handbench.radar.support.cost import machine
+    from handbench.reports.figures.single import methods_figure, save
+    from handbench.reports.tables.result_tables import terminal_table, wide_console
 
     folder: Path = options.out
     figures = HEADLINE, SHARES[-1]
@@ -68,9 +68,9 @@ def _claim(folder: Path, scene: str) -> None:
 
 def _simulate(scene: Path, capture: Path) -> None:
     """The scene's capture, if it is not there yet; the kernels are compiled while the hand is shaped."""
-    from bench.datasets.simulated import simulate_capture
-    from bench.scenes.build import load_scene
-    from radar.warmup import compile_kernels
+    from handbench.bench.datasets.simulated import simulate_capture
+    from handbench.bench.scenes.build import load_scene
+    from handbench.radar.warmup import compile_kernels
 
     if capture.exists():  # which appears whole or not at all
         say(f"{capture}: is there already")

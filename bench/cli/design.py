@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.cli.options import free
-from radar.support.errors import HandbenchError
+from handbench.bench.cli.options import free
+from handbench.radar.support.errors import HandbenchError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bench.evaluation.statistics.sample_size import Components
-    from bench.results import Result
+    from handbench.bench.evaluation.statistics.sample_size import Components
+    from handbench.bench.results import Result
 
 GRID = 128  # tones of a band that is designed for: those of the paper's sweep
 FREQUENCIES = {"GHz": 1e9, "MHz": 1e6}
@@ -26,12 +26,12 @@ def run(options: argparse.Namespace) -> None:
     --tones instead: sets of tones."""
     if options.tones is not None:
         return _tones(options)
-    from bench.evaluation.metrics import AVERAGED, METRICS
-    from bench.evaluation.statistics.sample_size import components, design
-    from bench.results import load
-    from bench.results.tables import DESIGN, write
-    from bench.studies.tradeoff.answer import LENGTHS, quantity
-    from radar.support.config import suggest
+    from handbench.bench.evaluation.metrics import AVERAGED, METRICS
+    from handbench.bench.evaluation.statistics.sample_size import components, design
+    from handbench.bench.results import load
+    from handbench.bench.results.tables import DESIGN, write
+    from handbench.bench.studies.tradeoff.answer import LENGTHS, quantity
+    from handbench.radar.support.config import suggest
 
     if options.result is None or options.effect is None:
         raise HandbenchError(
@@ -63,10 +63,10 @@ def run(options: argparse.Namespace) -> None:
 
 def _tones(options: argparse.Namespace) -> None:
     """The most accurate sets of tones that wrap seldom enough, shown beside the ladder of `nfsk`."""
-    from bench.studies.tradeoff.answer import LENGTHS, quantity
-    from radar.methods.fsk_config import LadderConfig
-    from radar.methods.tone_sets import best_sets, tone_set
-    from reports.tables.result_tables import terminal_table, wide_console
+    from handbench.bench.studies.tradeoff.answer import LENGTHS, quantity
+    from handbench.radar.methods.fsk_config import LadderConfig
+    from handbench.radar.methods.tone_sets import best_sets, tone_set
+    from handbench.reports.tables.result_tables import terminal_table, wide_console
 
     if options.result is not None or options.out is not None or options.effect is not None:
         raise HandbenchError("design: --tones stands alone; leave out RESULT, --effect and -o")
@@ -100,8 +100,8 @@ def _tones(options: argparse.Namespace) -> None:
 
 def _figures(result: Result, metric: str, treatment: str) -> tuple[str, dict[str, np.ndarray], str]:
     """The reference, method → the metric of its captures [n], and the treatment in words."""
-    from bench.evaluation.statistics.compare_results import figures_of
-    from bench.results import REFERENCES
+    from handbench.bench.evaluation.statistics.compare_results import figures_of
+    from handbench.bench.results import REFERENCES
 
     lines = result.captures[(result.captures.metric == metric) & (result.captures.treatment == treatment)]
     if len(lines):
@@ -115,8 +115,8 @@ def _figures(result: Result, metric: str, treatment: str) -> tuple[str, dict[str
 
 def show(pairs: pd.DataFrame, parts: Components, titles: dict[str, str], about: str, question: str) -> None:
     """Print the table of `design` with what it stands on."""
-    from bench.results.tables import DESIGN, each
-    from reports.tables.result_tables import terminal_table, wide_console
+    from handbench.bench.results.tables import DESIGN, each
+    from handbench.reports.tables.result_tables import terminal_table, wide_console
 
     columns = [column for column in DESIGN.columns if column.heading]
     lines = []

@@ -6,7 +6,7 @@ import os
 import shutil
 from importlib.util import find_spec
 
-from radar.support.errors import HandbenchError
+from handbench.radar.support.errors import HandbenchError
 
 WANTED_DISK_GB, WANTED_MEMORY_GB = 5, 8
 
@@ -18,7 +18,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _hardware() -> list[tuple[str, str]]:
-    from radar.support.cost import machine
+    from handbench.radar.support.cost import machine
 
     facts = machine()
     memory, disk = float(facts["memory_gb"]), shutil.disk_usage(os.getcwd()).free / 1e9
@@ -37,9 +37,12 @@ def _hardware() -> list[tuple[str, str]]:
 
 
 def _libraries() -> list[tuple[str, str]]:
-    from radar.support.store import versions
+    from handbench.radar.support.store import versions
 
-    loaders = {"open3d": "radar.support.rays:load_open3d", "pycolmap": "groundtruth.cameras.cameras:load_pycolmap"}
+    loaders = {
+        "open3d": "handbench.radar.support.rays:load_open3d",
+        "pycolmap": "handbench.groundtruth.cameras.cameras:load_pycolmap",
+    }
     found = [(f"{name} {version}", "ok") for name, version in versions().items() if name not in loaders]
     for name, loader in loaders.items():
         module, function = loader.split(":")
@@ -62,7 +65,7 @@ def _blas() -> str:
 
 
 def _colmap_cuda() -> str:
-    from groundtruth.cameras.cameras import cuda_devices, load_pycolmap
+    from handbench.groundtruth.cameras.cameras import cuda_devices, load_pycolmap
 
     if cuda_devices():
         return "ok: depth maps of photographs are made there (--dense cpu: not)"
@@ -77,7 +80,7 @@ def _colmap_cuda() -> str:
 def _cupy() -> str:
     if find_spec("cupy") is None:
         return "absent: imaging runs on the CPU; with an NVIDIA card, pip install 'handbench[gpu]'"
-    from radar.imaging.device import describe
+    from handbench.radar.imaging.device import describe
 
     try:
         return f"ok: --device cuda images on {describe('cuda').removeprefix('cuda: ')}"

@@ -4,13 +4,13 @@ import argparse
 import hashlib
 from pathlib import Path
 
-from bench.cli.options import free
-from bench.scenes.stand import stand_board
-from calibration.target.description import Target, default_target, save_target
-from groundtruth.board.board import Board, save_board
-from radar.support.config import parse, read_toml
-from radar.support.errors import HandbenchError
-from radar.support.progress import say
+from handbench.bench.cli.options import free
+from handbench.bench.scenes.stand import stand_board
+from handbench.calibration.target.description import Target, default_target, save_target
+from handbench.groundtruth.board.board import Board, save_board
+from handbench.radar.support.config import parse, read_toml
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.progress import say
 
 EXPECTED = "a calibration target ([[element]]) or a board ([[marker]], [charuco])"
 SHA_DIGITS, NAME_LETTERS = 12, 30  # of a file, in the title
@@ -18,9 +18,9 @@ SHA_DIGITS, NAME_LETTERS = 12, 30  # of a file, in the title
 
 def run(options: argparse.Namespace) -> None:
     """A target's or a board's description → a drawing at true scale, or the description itself as TOML."""
-    from reports.drawings.board_drawing import board_sheets
-    from reports.drawings.sheets import check_suffix, save
-    from reports.drawings.target_drawing import target_sheets
+    from handbench.reports.drawings.board_drawing import board_sheets
+    from handbench.reports.drawings.sheets import check_suffix, save
+    from handbench.reports.drawings.target_drawing import target_sheets
 
     check_suffix(options.out, (".svg", ".pdf", ".toml"))
     free(options.out, options.overwrite)

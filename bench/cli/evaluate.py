@@ -7,24 +7,24 @@ import json
 import sys
 from typing import TYPE_CHECKING, Any
 
-from bench.cli.options import free
+from handbench.bench.cli.options import free
 
 if TYPE_CHECKING:
-    from bench.evaluation.metrics import Values
-    from bench.evaluation.statistics.intervals import Interval
+    from handbench.bench.evaluation.metrics import Values
+    from handbench.bench.evaluation.statistics.intervals import Interval
 
 
 def run(options: argparse.Namespace) -> None:
     """Depth map × mesh → metrics on stdout: a table on a terminal, else JSON; doubts come first."""
-    from bench.datasets.maroon_alignment import load_any_transform
-    from bench.evaluation.floor import floor_interval
-    from bench.evaluation.metrics import definitions
-    from bench.run.scoring import score_map
-    from bench.validation import figure_doubts, map_doubts, surface_fit
-    from groundtruth.mesh.depth import reference_on_grid
-    from groundtruth.mesh.surface import read_surface
-    from radar.data.depthmap import load_depthmap
-    from radar.support.progress import say
+    from handbench.bench.datasets.maroon_alignment import load_any_transform
+    from handbench.bench.evaluation.floor import floor_interval
+    from handbench.bench.evaluation.metrics import definitions
+    from handbench.bench.run.scoring import score_map
+    from handbench.bench.validation import figure_doubts, map_doubts, surface_fit
+    from handbench.groundtruth.mesh.depth import reference_on_grid
+    from handbench.groundtruth.mesh.surface import read_surface
+    from handbench.radar.data.depthmap import load_depthmap
+    from handbench.radar.support.progress import say
 
     if options.plot is not None:
         free(options.plot, options.overwrite)
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> None:
     for doubt in doubts:
         say(f"{options.depth}: {doubt}")
     if options.plot is not None:
-        from reports.figures.single import methods_figure, save
+        from handbench.reports.figures.single import methods_figure, save
 
         save(methods_figure([(f"{depth.method}\n", depth.z_m, errors)]), options.plot)
     if options.json or not sys.stdout.isatty():
@@ -60,8 +60,8 @@ def _table(title: str, values: Values, floor: Interval | None, caption: str | No
     from rich.console import Console
     from rich.table import Table
 
-    from bench.evaluation.metrics import METRICS
-    from bench.evaluation.statistics.intervals import note
+    from handbench.bench.evaluation.metrics import METRICS
+    from handbench.bench.evaluation.statistics.intervals import note
 
     notes = "\n".join(filter(None, (caption, note(1))))
     table = Table("metric", "value", "unit", "better", title=title, caption=notes)

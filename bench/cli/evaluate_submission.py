@@ -2,14 +2,14 @@
 
 import argparse
 
-from radar.support.errors import HandbenchError
+from handbench.radar.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
     """Check, score, and print the table."""
-    from bench.run import runner, submitting
-    from bench.run.benchmark_file import load_benchmark, submitted
-    from reports.tables.result_tables import show
+    from handbench.bench.run import runner, submitting
+    from handbench.bench.run.benchmark_file import load_benchmark, submitted
+    from handbench.reports.tables.result_tables import show
 
     bench, base = load_benchmark(options.bench)
     for submission in options.submission:

@@ -2,12 +2,12 @@
 
 import argparse
 
-from radar.support.progress import say
+from handbench.radar.support.progress import say
 
 
 def run(options: argparse.Namespace) -> None:
     """Captures → another data set's layout."""
-    from bench.datasets.maroon_export import export_maroon
+    from handbench.bench.datasets.maroon_export import export_maroon
 
     for capture in options.captures:
         how = {"exact": options.exact, "mirrored": not options.plain_frame, "kinect": options.kinect}

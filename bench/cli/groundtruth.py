@@ -4,8 +4,8 @@ import argparse
 import json
 from typing import Any
 
-from bench.cli.options import free, numbers
-from radar.support.errors import HandbenchError
+from handbench.bench.cli.options import free, numbers
+from handbench.radar.support.errors import HandbenchError
 
 MESH_SUFFIXES = (".ply", ".obj", ".stl")
 MILLIMETRE_M = 1e-3
@@ -19,14 +19,14 @@ def run(options: argparse.Namespace) -> None:
         return
     if options.unit is not None:
         raise HandbenchError(f"--unit: is for a mesh file, {options.photos} is none; leave it out")
-    from bench.validation.photo_problems import board_doubts
-    from groundtruth.board.board import load_board
-    from groundtruth.options import Options, predicted
-    from groundtruth.photos.photos import find_photos
-    from groundtruth.pipeline import reconstruct
-    from radar.support.config import parse
-    from radar.support.cost import require_time
-    from radar.support.progress import say
+    from handbench.bench.validation.photo_problems import board_doubts
+    from handbench.groundtruth.board.board import load_board
+    from handbench.groundtruth.options import Options, predicted
+    from handbench.groundtruth.photos.photos import find_photos
+    from handbench.groundtruth.pipeline import reconstruct
+    from handbench.radar.support.config import parse
+    from handbench.radar.support.cost import require_time
+    from handbench.radar.support.progress import say
 
     for kept in ("sparse", "dense.ply", "summary.json") if options.workdir else ():
         free(options.workdir / kept, options.overwrite)
@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _take_over(options: argparse.Namespace) -> None:
-    from groundtruth.mesh.mesh_files import metric_mesh, write_mesh
+    from handbench.groundtruth.mesh.mesh_files import metric_mesh, write_mesh
 
     if options.unit is None:
         raise HandbenchError(f"--unit: is missing; {options.photos} does not tell its own: say m or mm")
@@ -54,7 +54,7 @@ def _take_over(options: argparse.Namespace) -> None:
 
 def _values(options: argparse.Namespace) -> dict[str, Any]:
     """The options' values by the names of the configuration."""
-    from groundtruth.options import Options
+    from handbench.groundtruth.options import Options
 
     return {name: value for name, value in vars(options).items() if name in Options.model_fields} | {
         "intrinsics": numbers(options.intrinsics, 4, "--intrinsics"),

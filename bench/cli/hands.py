@@ -2,12 +2,12 @@
 
 import argparse
 
-from radar.support.errors import HandbenchError
+from handbench.radar.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
     """Write the set, or what is missing of it."""
-    from bench.submissions.sets import BENCH, find_set, hidden, read_secret, write_set
+    from handbench.bench.submissions.sets import BENCH, find_set, hidden, read_secret, write_set
 
     if options.truth and options.hidden is None:
         raise HandbenchError("--truth: adds the surfaces of a hidden part; name its secret, --hidden SECRET")

@@ -2,15 +2,15 @@
 
 import argparse
 
-from bench.cli.options import free_folder
-from radar.support.progress import say
+from handbench.bench.cli.options import free_folder
+from handbench.radar.support.progress import say
 
 
 def run(options: argparse.Namespace) -> None:
     """Foreign data → capture folder; a foreign hand → scene."""
-    from bench.datasets.dataset import import_capture
-    from bench.datasets.foam_panel import import_planar_scan
-    from bench.scenes.makehuman import SCENE, import_makehuman
+    from handbench.bench.datasets.dataset import import_capture
+    from handbench.bench.datasets.foam_panel import import_planar_scan
+    from handbench.bench.scenes.makehuman import SCENE, import_makehuman
 
     if options.dataset == "makehuman":
         free_folder(options.out, options.overwrite, SCENE)

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from radar.support.errors import HandbenchError
+from handbench.radar.support.errors import HandbenchError
 
 MESHES = (".ply", ".obj", ".stl")
 
@@ -17,19 +17,19 @@ def run(options: argparse.Namespace) -> None:
     if options.mesh or options.transform:
         raise HandbenchError("--mesh, --transform: are for a DEPTH.npz; a capture has its own surface in its folder")
     if (options.path / "result.json").is_file():
-        from bench.results import load
-        from bench.validation.file_doubts import of_result
+        from handbench.bench.results import load
+        from handbench.bench.validation.file_doubts import of_result
 
         _tell(options.path, list(of_result(load(options.path))))
         return
-    from bench.datasets.dataset import captures
-    from bench.validation.photo_problems import is_of_photographs
-    from bench.validation.validate import show
+    from handbench.bench.datasets.dataset import captures
+    from handbench.bench.validation.photo_problems import is_of_photographs
+    from handbench.bench.validation.validate import show
 
     show([str(options.path)], scored=False)
     if options.path.suffix.lower() in MESHES:
-        from bench.validation.file_doubts import of_mesh
-        from groundtruth.mesh.surface import read_surface
+        from handbench.bench.validation.file_doubts import of_mesh
+        from handbench.groundtruth.mesh.surface import read_surface
 
         _tell(options.path, list(of_mesh(read_surface(options.path))))
     elif options.path.suffix == ".toml":
@@ -39,17 +39,17 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _captures(folders: Sequence[Path]) -> None:
-    from bench.datasets.dataset import open_capture
-    from bench.validation.doubts import of_capture
+    from handbench.bench.datasets.dataset import open_capture
+    from handbench.bench.validation.doubts import of_capture
 
     for folder in folders:
         _tell(folder, list(of_capture(open_capture(folder))))
 
 
 def _benchmark(file: Path) -> None:
-    from bench.run.benchmark_file import load_benchmark
-    from radar.support.config import read_toml
-    from radar.support.files import inside
+    from handbench.bench.run.benchmark_file import load_benchmark
+    from handbench.radar.support.config import read_toml
+    from handbench.radar.support.files import inside
 
     if "method" in read_toml(file, "a benchmark"):  # else a scene, a board or a target, of which all is said
         bench, base = load_benchmark(str(file))
@@ -57,12 +57,12 @@ def _benchmark(file: Path) -> None:
 
 
 def _depth_map(options: argparse.Namespace) -> None:
-    from bench.datasets.maroon_alignment import load_any_transform
-    from bench.validation import surface_fit
-    from bench.validation.doubts import of_map
-    from groundtruth.mesh.surface import read_surface
-    from radar.data.depthmap import load_depthmap
-    from radar.methods.trust import FLAGGED
+    from handbench.bench.datasets.maroon_alignment import load_any_transform
+    from handbench.bench.validation import surface_fit
+    from handbench.bench.validation.doubts import of_map
+    from handbench.groundtruth.mesh.surface import read_surface
+    from handbench.radar.data.depthmap import load_depthmap
+    from handbench.radar.methods.trust import FLAGGED
 
     depth = load_depthmap(options.path)
     on_target = depth.z_m == depth.z_m

@@ -2,12 +2,12 @@
 
 import argparse
 
-from radar.support.errors import HandbenchError
+from handbench.radar.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
     """Result folder → leaderboard with its report."""
-    from reports.page.leaderboard import build
+    from handbench.reports.page.leaderboard import build
 
     if options.out.exists() and any(options.out.iterdir()) and not (options.out / "leaderboard.md").exists():
         raise HandbenchError(f"{options.out}: holds files but no leaderboard.md; choose another -o")

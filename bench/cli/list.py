@@ -4,8 +4,8 @@ import argparse
 import json
 from collections.abc import Iterator
 
-from bench.cli.options import COMMANDS, declared
-from radar.support.errors import HandbenchError
+from handbench.bench.cli.options import COMMANDS, declared
+from handbench.radar.support.errors import HandbenchError
 
 SECTIONS = {  # as commands.toml names them → title
     "methods": "methods",
@@ -33,13 +33,13 @@ def run(options: argparse.Namespace) -> None:
 
 def _entries(section: str) -> Iterator[list[str]]:
     """The lines of each entry."""
-    from bench.datasets.dataset import KNOWN
-    from bench.evaluation.metrics import definitions
-    from bench.run.benchmark_file import embedded
-    from bench.scenes.hand_pose import POSES
-    from radar.methods.registry import BROKEN, methods
-    from radar.simulation.known_effects import DECLARED
-    from radar.support.closure import with_version
+    from handbench.bench.datasets.dataset import KNOWN
+    from handbench.bench.evaluation.metrics import definitions
+    from handbench.bench.run.benchmark_file import embedded
+    from handbench.bench.scenes.hand_pose import POSES
+    from handbench.radar.methods.registry import BROKEN, methods
+    from handbench.radar.simulation.known_effects import DECLARED
+    from handbench.radar.support.closure import with_version
 
     known = methods()  # which loads the plug-ins, too
     if section == "methods":

@@ -11,9 +11,9 @@ from contextlib import AbstractContextManager, nullcontext
 from importlib import import_module
 from importlib.metadata import version
 
-from bench.cli.options import COMMANDS, add_options, declared
-from bench.cli.study import add_studies
-from radar.support.errors import HandbenchError
+from handbench.bench.cli.options import COMMANDS, add_options, declared
+from handbench.bench.cli.study import add_studies
+from handbench.radar.support.errors import HandbenchError
 
 LIBRARIES_BYTES, THREAD_BYTES = 2**31, 2**28  # of addresses, without which libraries hang or crash as they are loaded
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES}
@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         _require_addresses()
         with _device(options):
-            import_module(f"bench.cli.{options.module}").run(options)
+            import_module(f"handbench.bench.cli.{options.module}").run(options)
         sys.stdout.flush()
     except HandbenchError as error:
         print(f"handbench: {error}", file=sys.stderr)
@@ -78,7 +78,7 @@ def _device(options: argparse.Namespace) -> AbstractContextManager[None]:
     """The device that the command images on, if it images."""
     if "device" not in options:
         return nullcontext()
-    from radar.imaging.device import use_device
+    from handbench.radar.imaging.device import use_device
 
     return use_device(options.device)
 

@@ -7,7 +7,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from radar.support.errors import HandbenchError
+from handbench.radar.support.errors import HandbenchError
 
 COMMANDS = Path(__file__).with_name("commands.toml")
 
@@ -28,7 +28,7 @@ def _ending(ends: Sequence[str], text: str) -> Path:
 
 def method_ids(**_: object) -> list[str]:
     """The ids with which a shell completes --method."""
-    from radar.methods.registry import methods
+    from handbench.radar.methods.registry import methods
 
     return [method.id for method in methods()]
 

@@ -6,23 +6,23 @@ from typing import Any
 
 import numpy as np
 
-from bench.cli.options import free
-from bench.datasets.dataset import open_capture
-from bench.run.reconstruct_stage import configuration, require_near
-from bench.validation.array_doubts import array_doubts, lacking
-from bench.validation.doubts import of_image
-from bench.validation.map_doubts import flagged
-from radar.data.capture import RadarCapture
-from radar.imaging import api
-from radar.imaging.certificate import Certificate, certified, imaging_error
-from radar.imaging.device import describe
-from radar.methods.advice import notes, require_tones
-from radar.methods.registry import Method, Reconstruction, method
-from radar.methods.trust import FLAGGED, with_trust
-from radar.support.errors import HandbenchError
-from radar.support.files import write_npz
-from radar.support.progress import say
-from radar.warmup import compile_kernels
+from handbench.bench.cli.options import free
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.run.reconstruct_stage import configuration, require_near
+from handbench.bench.validation.array_doubts import array_doubts, lacking
+from handbench.bench.validation.doubts import of_image
+from handbench.bench.validation.map_doubts import flagged
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.imaging import api
+from handbench.radar.imaging.certificate import Certificate, certified, imaging_error
+from handbench.radar.imaging.device import describe
+from handbench.radar.methods.advice import notes, require_tones
+from handbench.radar.methods.registry import Method, Reconstruction, method
+from handbench.radar.methods.trust import FLAGGED, with_trust
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import write_npz
+from handbench.radar.support.progress import say
+from handbench.radar.warmup import compile_kernels
 
 EXACT = 1e-5  # what the exact sum is good to, in single precision
 FINER = 10.0  # times, when a certificate does not keep the tolerance

@@ -2,12 +2,12 @@
 
 import argparse
 
-from radar.support.errors import HandbenchError
+from handbench.radar.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
     """Result folder → report."""
-    from reports.page.html import build
+    from handbench.reports.page.html import build
 
     if options.out.exists() and any(options.out.iterdir()) and not (options.out / "index.html").exists():
         raise HandbenchError(f"{options.out}: holds files but no index.html, so it is no report; choose another -o")

@@ -5,9 +5,9 @@ import argparse
 
 def run(options: argparse.Namespace) -> None:
     """Run, resume or repeat; ends with the table."""
-    from bench.run import runner
-    from bench.run.benchmark_file import load_benchmark
-    from reports.tables.result_tables import show
+    from handbench.bench.run import runner
+    from handbench.bench.run.benchmark_file import load_benchmark
+    from handbench.reports.tables.result_tables import show
 
     bench, base = load_benchmark(options.bench)
     command = f"handbench run {options.bench} -o DIR"

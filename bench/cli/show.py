@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.cli.options import free
-from bench.results import ErrorMap, Surface, load, load_tradeoff
-from radar.data.capture import evenly
-from radar.support.errors import HandbenchError
-from radar.support.files import read_json, read_npz, write_text
+from handbench.bench.cli.options import free
+from handbench.bench.results import ErrorMap, Surface, load, load_tradeoff
+from handbench.radar.data.capture import evenly
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import read_json, read_npz, write_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from matplotlib.figure import Figure
 
-    from reports.figures.style import Picture
+    from handbench.reports.figures.style import Picture
 
 KNOWN = "a capture, result or trade-off folder, .h5, .npz, .ply, .obj, .stl or .json"
 MESHES = (".ply", ".obj", ".stl")
@@ -37,8 +37,8 @@ TURNS = {  # of a mesh: axes to the left, up and away from the eye, the last one
 
 def run(options: argparse.Namespace) -> None:
     """File → picture, or a page that turns; the path of what was written on stdout."""
-    from reports.figures.single import save
-    from reports.page.single_scene import page
+    from handbench.reports.figures.single import save
+    from handbench.reports.page.single_scene import page
 
     path: Path = options.path
     out = options.out or Path(path.resolve().name).with_suffix(".html" if options.turned else ".png")
@@ -56,8 +56,8 @@ def run(options: argparse.Namespace) -> None:
 def _folder(path: Path) -> Figure:
     import matplotlib
 
-    from reports.figures import charts, depth_maps, fronts
-    from reports.figures.style import STYLE
+    from handbench.reports.figures import charts, depth_maps, fronts
+    from handbench.reports.figures.style import STYLE
 
     pictures: Iterator[Picture] = iter(())
     if (path / "tradeoff.json").is_file():
@@ -87,7 +87,7 @@ def _arrays(path: Path) -> dict[str, Any]:
 
 
 def _maps(path: Path) -> Figure:
-    from reports.figures.layers import depth_layers, error_layer, layers_figure, volume_layers
+    from handbench.reports.figures.layers import depth_layers, error_layer, layers_figure, volume_layers
 
     found = _arrays(path)
     axes, title = (found["x_m"], found["y_m"]), f"{path.name}: {found['method']}" if "method" in found else path.name
@@ -99,9 +99,9 @@ def _maps(path: Path) -> Figure:
 
 
 def _mesh(path: Path) -> Figure:
-    from groundtruth.mesh.depth import reference_on_grid
-    from groundtruth.mesh.surface import read_surface
-    from reports.figures.layers import SIGMAS, Layer, layers_figure, shaded
+    from handbench.groundtruth.mesh.depth import reference_on_grid
+    from handbench.groundtruth.mesh.surface import read_surface
+    from handbench.reports.figures.layers import SIGMAS, Layer, layers_figure, shaded
 
     layers: list[Layer] = []
     told: list[Layer] = []
@@ -128,9 +128,9 @@ def _pixels(vertices_m: np.ndarray) -> list[np.ndarray]:
 
 
 def _frames(path: Path) -> Figure:
-    from bench.datasets.maroon_alignment import load_any_transform
-    from groundtruth.cameras.cameras import load_cameras
-    from reports.figures.surroundings import frames_figure
+    from handbench.bench.datasets.maroon_alignment import load_any_transform
+    from handbench.groundtruth.cameras.cameras import load_cameras
+    from handbench.reports.figures.surroundings import frames_figure
 
     if "cameras" not in read_json(path, "a transform, or cameras"):
         t = load_any_transform(path)
@@ -144,9 +144,9 @@ def _frames(path: Path) -> Figure:
 
 
 def _recording(path: Path) -> Figure:
-    from bench.datasets.dataset import open_capture
-    from radar.data.echoes_file import load_capture
-    from reports.figures.surroundings import SHARES, echoes_figure
+    from handbench.bench.datasets.dataset import open_capture
+    from handbench.radar.data.echoes_file import load_capture
+    from handbench.reports.figures.surroundings import SHARES, echoes_figure
 
     capture = open_capture(path).echoes(1) if path.is_dir() else load_capture(path)
     f_hz, legs = capture.frequencies_hz, capture.aperture.legs
@@ -167,10 +167,10 @@ def _recording(path: Path) -> Figure:
 
 def _surface(path: Path) -> tuple[str, Surface]:
     """The height field that turns on a page, with its title."""
-    from bench.datasets.dataset import open_capture
-    from bench.validation.doubts import surface_of
-    from groundtruth.mesh.depth import reference_on_grid
-    from groundtruth.mesh.surface import read_surface
+    from handbench.bench.datasets.dataset import open_capture
+    from handbench.bench.validation.doubts import surface_of
+    from handbench.groundtruth.mesh.depth import reference_on_grid
+    from handbench.groundtruth.mesh.surface import read_surface
 
     found = _arrays(path) if path.suffix == ".npz" else {}
     if {"z_m", "volume"} & found.keys() == {"z_m"}:

@@ -2,15 +2,15 @@
 
 import argparse
 
-from bench.cli.options import free_folder
-from bench.datasets.simulated import simulate_capture
-from bench.scenes.build import load_scene
-from bench.scenes.echoes import choices
-from bench.scenes.photo_pilot import choose
-from bench.scenes.photographs import Studio
-from radar.simulation.known_effects import Choice
-from radar.support.errors import HandbenchError
-from radar.support.progress import say
+from handbench.bench.cli.options import free_folder
+from handbench.bench.datasets.simulated import simulate_capture
+from handbench.bench.scenes.build import load_scene
+from handbench.bench.scenes.echoes import choices
+from handbench.bench.scenes.photo_pilot import choose
+from handbench.bench.scenes.photographs import Studio
+from handbench.radar.simulation.known_effects import Choice
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.progress import say
 
 
 def run(options: argparse.Namespace) -> None:
@@ -30,7 +30,7 @@ def run(options: argparse.Namespace) -> None:
 def show(rows: tuple[Choice, ...]) -> None:
     """Print the effects on stdout, as wide as the table needs: estimate, on or off, why, and what each took; pixels %:
     lost and gained, of a depth map's pixels or of photographs' matches."""
-    from reports.tables.result_tables import terminal_table, wide_console
+    from handbench.reports.tables.result_tables import terminal_table, wide_console
 
     lines = []
     for row in rows:

@@ -2,13 +2,13 @@
 
 import argparse
 
-from radar.support.errors import HandbenchError
+from handbench.radar.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
     """Measure, show, write; a case that fails ends with exit code 2."""
-    from bench.cli.options import free
-    from bench.studies.stability.measure import run_stability, show
+    from handbench.bench.cli.options import free
+    from handbench.bench.studies.stability.measure import run_stability, show
 
     if options.out is not None:
         free(options.out / "stability.csv", options.overwrite)

@@ -5,8 +5,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from bench.cli.options import add_options, declared
-from radar.support.errors import HandbenchError
+from handbench.bench.cli.options import add_options, declared
+from handbench.radar.support.errors import HandbenchError
 
 STUDIES = Path(__file__).parents[1] / "studies" / "studies.toml"
 
@@ -27,13 +27,13 @@ def run(options: argparse.Namespace) -> None:
     if options.list or options.study is None:
         print("\n".join(f"{name:<16}{entry['text']}" for name, entry in declared(STUDIES).items()))
         return
-    from bench.studies import study
+    from handbench.bench.studies import study
 
     entry = declared(STUDIES)[options.study]
     given = {_key(option): getattr(options, _key(option)) for option in entry["options"]}
     out = options.out or Path("runs") / options.study
     work = (out.parent if out.suffix == ".json" else out) / "work"
-    chosen = import_module(f"bench.studies.{entry['module']}").study(work=work, **given)
+    chosen = import_module(f"handbench.bench.studies.{entry['module']}").study(work=work, **given)
     found = study.run(chosen, out, _command(options.study, entry["options"], given), options.only)
     print(found.markdown())
     print(f"study: {out}")

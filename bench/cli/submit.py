@@ -3,19 +3,19 @@
 import argparse
 import shutil
 
-from bench.cli.options import free_folder
-from radar.support.errors import HandbenchError
+from handbench.bench.cli.options import free_folder
+from handbench.radar.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
     """Run the command on every capture of a benchmark, or check a folder; exit code 2 if it cannot be scored."""
-    from bench.run import submitting
-    from bench.run.benchmark_file import load_benchmark
-    from bench.submissions import foreign
-    from bench.submissions.submission import DESCRIPTION, Submission
-    from radar.methods.registry import methods
-    from radar.support.config import parse
-    from radar.support.cost import calibrated_machine
+    from handbench.bench.run import submitting
+    from handbench.bench.run.benchmark_file import load_benchmark
+    from handbench.bench.submissions import foreign
+    from handbench.bench.submissions.submission import DESCRIPTION, Submission
+    from handbench.radar.methods.registry import methods
+    from handbench.radar.support.config import parse
+    from handbench.radar.support.cost import calibrated_machine
 
     bench, base = load_benchmark(options.bench)
     if options.check is not None:

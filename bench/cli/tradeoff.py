@@ -2,16 +2,16 @@
 
 import argparse
 
-from radar.support.errors import HandbenchError
+from handbench.radar.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
     """The sweep and its fronts, their report, and the answer to what was asked: a HandbenchError where no setting is
     one, when all else is there."""
-    from bench.run.benchmark_file import load_benchmark
-    from bench.studies.tradeoff.answer import LENGTHS, TIMES, answer, quantity, say_answer, show
-    from bench.studies.tradeoff.run import run as sweep
-    from reports.page.tradeoff_section import build
+    from handbench.bench.run.benchmark_file import load_benchmark
+    from handbench.bench.studies.tradeoff.answer import LENGTHS, TIMES, answer, quantity, say_answer, show
+    from handbench.bench.studies.tradeoff.run import run as sweep
+    from handbench.reports.page.tradeoff_section import build
 
     error_mm = None if options.max_mae is None else quantity(options.max_mae, LENGTHS, "--max-mae")
     seconds = None if options.max_time is None else quantity(options.max_time, TIMES, "--max-time")

@@ -5,6 +5,6 @@ import argparse
 
 def run(options: argparse.Namespace) -> None:
     """Every problem of every input, with its file and line; exit code 2 if there is one."""
-    from bench.validation.validate import show
+    from handbench.bench.validation.validate import show
 
     show(options.inputs)

@@ -4,15 +4,24 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.datasets.mapped_capture import MappedCapture
-from bench.datasets.mapping import MAPPING
-from bench.datasets.maroon import EMPTY_FILTERED, METADATA, REGISTRATIONS, MaroonCapture
-from bench.datasets.native import DESCRIPTION, ECHOES, MESH, PHOTOS, TRANSFORM, TRUTH, NativeCapture, save_capture_file
-from groundtruth.mesh.mesh_files import read_mesh, write_mesh
-from radar.data.echoes_file import save_capture
-from radar.support.config import suggest
-from radar.support.errors import HandbenchError
-from radar.support.files import atomic_folder, require_folder
+from handbench.bench.datasets.mapped_capture import MappedCapture
+from handbench.bench.datasets.mapping import MAPPING
+from handbench.bench.datasets.maroon import EMPTY_FILTERED, METADATA, REGISTRATIONS, MaroonCapture
+from handbench.bench.datasets.native import (
+    DESCRIPTION,
+    ECHOES,
+    MESH,
+    PHOTOS,
+    TRANSFORM,
+    TRUTH,
+    NativeCapture,
+    save_capture_file,
+)
+from handbench.groundtruth.mesh.mesh_files import read_mesh, write_mesh
+from handbench.radar.data.echoes_file import save_capture
+from handbench.radar.support.config import suggest
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import atomic_folder, require_folder
 
 ADAPTERS = (NativeCapture, MappedCapture, MaroonCapture)
 FOREIGN = {"maroon": MaroonCapture, "mapping": MappedCapture}  # what can be imported, by the name of its data set

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.datasets.native import ECHOES, CaptureFile, save_capture_file
-from radar.data.arrays import PlanarScan
-from radar.data.capture import RadarCapture
-from radar.data.echoes_file import save_capture
-from radar.support.errors import HandbenchError
-from radar.support.files import atomic_folder, read_array, read_text, require_file, require_folder
-from radar.support.limits import CSV_BYTES
+from handbench.bench.datasets.native import ECHOES, CaptureFile, save_capture_file
+from handbench.radar.data.arrays import PlanarScan
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.echoes_file import save_capture
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import atomic_folder, read_array, read_text, require_file, require_folder
+from handbench.radar.support.limits import CSV_BYTES
 
 MOST_TONES, LARGEST = 100_000, 1e13
 

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from bench.datasets.mapping import MAPPING, RE_IM, Array, Gains, Mapping, Pairs, Positions
-from bench.datasets.native import CaptureFile, NativeCapture
-from radar.data.capture import RadarCapture
-from radar.data.recording import Recording, joined
-from radar.support.config import load
-from radar.support.errors import HandbenchError
-from radar.support.files import inside, require_file
-from radar.support.hdf5 import of_its_own, opened, read
-from radar.support.matlab import read_matlab
+from handbench.bench.datasets.mapping import MAPPING, RE_IM, Array, Gains, Mapping, Pairs, Positions
+from handbench.bench.datasets.native import CaptureFile, NativeCapture
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.recording import Recording, joined
+from handbench.radar.support.config import load
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import inside, require_file
+from handbench.radar.support.hdf5 import of_its_own, opened, read
+from handbench.radar.support.matlab import read_matlab
 
 UNITS = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9, "m": 1.0, "cm": 1e-2, "mm": 1e-3}
 PARTS = (("real", "imag"), ("r", "i"))  # names of a complex number's parts: MATLAB's, h5py's

@@ -19,20 +19,27 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from bench.datasets.maroon_alignment import ALIGNMENT, Handedness, Triangles, handedness_of, load_alignment, read_table
-from bench.datasets.maroon_frame import read_frame
-from bench.datasets.maroon_mask import eroded, radar_kernel_px
-from bench.datasets.maroon_sensors import LENSES, OtherSensor, pictures
-from bench.datasets.native import CaptureFile, NativeCapture
-from calibration.transforms import Transform, checked_numbers
-from groundtruth.mesh.mesh_files import read_triangles
-from radar.data.arrays import qar50
-from radar.data.capture import RadarCapture
-from radar.data.depthmap import DepthMap
-from radar.support.config import Config, parse, suggest
-from radar.support.errors import HandbenchError
-from radar.support.files import content_hash, inside, require_file
-from radar.support.progress import say
+from handbench.bench.datasets.maroon_alignment import (
+    ALIGNMENT,
+    Handedness,
+    Triangles,
+    handedness_of,
+    load_alignment,
+    read_table,
+)
+from handbench.bench.datasets.maroon_frame import read_frame
+from handbench.bench.datasets.maroon_mask import eroded, radar_kernel_px
+from handbench.bench.datasets.maroon_sensors import LENSES, OtherSensor, pictures
+from handbench.bench.datasets.native import CaptureFile, NativeCapture
+from handbench.calibration.transforms import Transform, checked_numbers
+from handbench.groundtruth.mesh.mesh_files import read_triangles
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.support.config import Config, parse, suggest
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import content_hash, inside, require_file
+from handbench.radar.support.progress import say
 
 FRAMES, METADATA, VOLUMES = "calibrated_data", "metadata.json", "calibration.json"
 REGISTRATIONS = "00_registration"  # beside the objects: captures of their calibration target

@@ -15,16 +15,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calibration.transforms import Transform, checked_numbers, identity, load_transform
-from groundtruth.mesh.depth import depth_on_grid
-from groundtruth.mesh.mesh_files import mesh
-from radar.data.capture import RadarCapture
-from radar.methods.registry import method
-from radar.support.config import suggest
-from radar.support.errors import HandbenchError
-from radar.support.files import read_json, write_json
-from radar.support.limits import RAW_JSON_BYTES, RAW_VALUES
-from radar.support.progress import say
+from handbench.calibration.transforms import Transform, checked_numbers, identity, load_transform
+from handbench.groundtruth.mesh.depth import depth_on_grid
+from handbench.groundtruth.mesh.mesh_files import mesh
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.methods.registry import method
+from handbench.radar.support.config import suggest
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import read_json, write_json
+from handbench.radar.support.limits import RAW_JSON_BYTES, RAW_VALUES
+from handbench.radar.support.progress import say
 
 ALIGNMENT = "alignment.json"
 ROUNDING, TOO_CROOKED = 1e-6, 1e-3  # largest element by which a matrix may miss its rotation: unsaid, and at all

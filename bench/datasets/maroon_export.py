@@ -7,24 +7,24 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.datasets.dataset import open_capture
-from bench.datasets.maroon import EMPTY_FILTERED, FRAMES, MESHES, METADATA, PHOTOGRAMMETRY, VOLUMES
-from bench.datasets.maroon_alignment import ALIGNMENT, read_table, save_alignment
-from bench.datasets.maroon_frame import FRAME_S, Frame, write_frame
-from bench.datasets.maroon_sensors import kinect_camera
-from bench.datasets.native import ARRAY, EMPTY, TRUE_TRANSFORM, NativeCapture
-from calibration.array.array_file import with_calibration
-from calibration.transforms import Transform, load_transform
-from groundtruth.cameras.cameras import Camera
-from groundtruth.cameras.metashape import read_metashape
-from groundtruth.mesh.mesh_files import read_triangles
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
-from radar.data.capture import RadarCapture
-from radar.data.echoes_file import load_capture
-from radar.methods.registry import method
-from radar.support.errors import HandbenchError
-from radar.support.files import atomic_folder, atomic_path, write_json, write_text
-from radar.support.rays import Rays
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.datasets.maroon import EMPTY_FILTERED, FRAMES, MESHES, METADATA, PHOTOGRAMMETRY, VOLUMES
+from handbench.bench.datasets.maroon_alignment import ALIGNMENT, read_table, save_alignment
+from handbench.bench.datasets.maroon_frame import FRAME_S, Frame, write_frame
+from handbench.bench.datasets.maroon_sensors import kinect_camera
+from handbench.bench.datasets.native import ARRAY, EMPTY, TRUE_TRANSFORM, NativeCapture
+from handbench.calibration.array.array_file import with_calibration
+from handbench.calibration.transforms import Transform, load_transform
+from handbench.groundtruth.cameras.cameras import Camera
+from handbench.groundtruth.cameras.metashape import read_metashape
+from handbench.groundtruth.mesh.mesh_files import read_triangles
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.echoes_file import load_capture
+from handbench.radar.methods.registry import method
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import atomic_folder, atomic_path, write_json, write_text
+from handbench.radar.support.rays import Rays
 
 SAME_M = 1e-7  # positions that agree to this are the same
 CAMS, KINECT = (Path(__file__).with_name(name) for name in ("maroon_cams.xml", "maroon_kinect.json"))

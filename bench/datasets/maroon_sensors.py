@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from bench.datasets.maroon_alignment import Triangles, load_alignment, read_table
-from calibration.transforms import checked_numbers
-from groundtruth.cameras.cameras import Camera
-from groundtruth.mesh.depth import depth_on_grid
-from groundtruth.mesh.mesh_files import mesh
-from radar.data.grid import PixelGrid
-from radar.support.errors import HandbenchError
-from radar.support.pictures import opened_picture
+from handbench.bench.datasets.maroon_alignment import Triangles, load_alignment, read_table
+from handbench.calibration.transforms import checked_numbers
+from handbench.groundtruth.cameras.cameras import Camera
+from handbench.groundtruth.mesh.depth import depth_on_grid
+from handbench.groundtruth.mesh.mesh_files import mesh
+from handbench.radar.data.grid import PixelGrid
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.pictures import opened_picture
 
 LENSES = {"kinect": "", "realsense": "rgb", "zed": "left"}  # sensor → its lens in calibration.json (Kinect: own form)
 SIDES = {"zed": "left"}  # sensor → folder that its pictures lie deeper
@@ -53,7 +53,7 @@ class OtherSensor:
     def triangles(self, frame: int = 0) -> Triangles:
         """A frame in its matrix's frame and unit, cut to the object where there is a mask. HandbenchError for a frame
         that is not there, and for files that are not the sensor's."""
-        from groundtruth.photos.photos import read_gray
+        from handbench.groundtruth.photos.photos import read_gray
 
         depths, masks = (pictures(self.folder, self.name, kind) for kind in ("depth", "mask"))
         if not frame < len(depths):

@@ -10,16 +10,16 @@ import numpy as np
 import tomlkit
 from pydantic import Field
 
-from calibration.array.array_file import with_calibration
-from calibration.transforms import Transform, load_transform
-from radar.data.capture import RadarCapture
-from radar.data.depthmap import DepthMap
-from radar.data.echoes_file import load_capture
-from radar.simulation.known_effects import Choice
-from radar.support.config import Config, Name, load
-from radar.support.errors import HandbenchError
-from radar.support.files import content_hash, inside, require_folder, write_text
-from radar.support.progress import say
+from handbench.calibration.array.array_file import with_calibration
+from handbench.calibration.transforms import Transform, load_transform
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.data.echoes_file import load_capture
+from handbench.radar.simulation.known_effects import Choice
+from handbench.radar.support.config import Config, Name, load
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import content_hash, inside, require_folder, write_text
+from handbench.radar.support.progress import say
 
 WHAT = "a capture (capture.toml, echoes.h5, …)"
 DESCRIPTION = "capture.toml"

@@ -7,22 +7,22 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from bench.datasets.native import DESCRIPTION, ECHOES, EMPTY, PHOTOS, TARGET, TRUE_TRANSFORM, TRUTH
-from bench.scenes.build import Scene
-from bench.scenes.echoes import echo_scene, echoes
-from bench.scenes.photo_pilot import choose
-from bench.scenes.photographs import Studio
-from bench.scenes.scene_file import HandTarget, MeshTarget
-from groundtruth.board.board import save_board
-from groundtruth.cameras.cameras import Camera, load_pycolmap, save_cameras
-from groundtruth.mesh.mesh_files import write_mesh
-from radar.data.echoes_file import save_capture
-from radar.simulation.effects.dielectric import lost
-from radar.simulation.known_effects import Choice
-from radar.support.files import atomic_folder, atomic_path, write_text
-from radar.support.parallel import for_each
-from radar.support.progress import say
-from radar.warmup import compile_kernels
+from handbench.bench.datasets.native import DESCRIPTION, ECHOES, EMPTY, PHOTOS, TARGET, TRUE_TRANSFORM, TRUTH
+from handbench.bench.scenes.build import Scene
+from handbench.bench.scenes.echoes import echo_scene, echoes
+from handbench.bench.scenes.photo_pilot import choose
+from handbench.bench.scenes.photographs import Studio
+from handbench.bench.scenes.scene_file import HandTarget, MeshTarget
+from handbench.groundtruth.board.board import save_board
+from handbench.groundtruth.cameras.cameras import Camera, load_pycolmap, save_cameras
+from handbench.groundtruth.mesh.mesh_files import write_mesh
+from handbench.radar.data.echoes_file import save_capture
+from handbench.radar.simulation.effects.dielectric import lost
+from handbench.radar.simulation.known_effects import Choice
+from handbench.radar.support.files import atomic_folder, atomic_path, write_text
+from handbench.radar.support.parallel import for_each
+from handbench.radar.support.progress import say
+from handbench.radar.warmup import compile_kernels
 
 JPEG_QUALITY = 96
 

@@ -4,8 +4,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from bench.results.error_map import ErrorMap
-from radar.support.errors import HandbenchError
+from handbench.bench.results.error_map import ErrorMap
+from handbench.radar.support.errors import HandbenchError
 
 
 def error_map(

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.evaluation.alike import Alike
-from bench.evaluation.metrics import HEADLINE, Values, pool
-from bench.results.error_map import ErrorMap
+from handbench.bench.evaluation.alike import Alike
+from handbench.bench.evaluation.metrics import HEADLINE, Values, pool
+from handbench.bench.results.error_map import ErrorMap
 
 SHARES_PERCENT = np.arange(0.5, 100.1, 0.5)  # of the surface, at which the curve is told
 FIGURES = (HEADLINE, "median_mm", "p95_mm", "max_mm", "bias_mm")  # on the common pixels

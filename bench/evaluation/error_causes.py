@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.results.error_map import ErrorMap
-from bench.results.tables import Schema, frame
-from radar.data.depthmap import DepthMap
+from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.results.tables import Schema, frame
+from handbench.radar.data.depthmap import DepthMap
 
 NOMINAL_PERCENT = (50, 68, 80, 90, 95, 99)
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from bench.evaluation.statistics.intervals import RESAMPLES, TAILS, Interval
-from bench.results.error_map import ErrorMap
-from groundtruth.mesh.depth import Reference
+from handbench.bench.evaluation.statistics.intervals import RESAMPLES, TAILS, Interval
+from handbench.bench.results.error_map import ErrorMap
+from handbench.groundtruth.mesh.depth import Reference
 
 ABSOLUTE = np.sqrt(2 / np.pi)  # mean of |e| over σ, for a normal e
 PARTS = ("mesh", "registration")

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from bench.results.about import HEADLINE as HEADLINE
-from bench.results.error_map import ErrorMap as ErrorMap
+from handbench.bench.results.about import HEADLINE as HEADLINE
+from handbench.bench.results.error_map import ErrorMap as ErrorMap
 
 if TYPE_CHECKING:
     import pandas as pd

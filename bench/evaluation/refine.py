@@ -21,12 +21,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.evaluation.floor import BLOCK_M
-from calibration.transforms import Transform, adjoint, identity, perturbation_jacobian
-from groundtruth.mesh.depth import reference_on_grid
-from groundtruth.mesh.surface import Surface, read_surface
-from radar.data.depthmap import DepthMap, load_depthmap
-from radar.support.errors import HandbenchError
+from handbench.bench.evaluation.floor import BLOCK_M
+from handbench.calibration.transforms import Transform, adjoint, identity, perturbation_jacobian
+from handbench.groundtruth.mesh.depth import reference_on_grid
+from handbench.groundtruth.mesh.surface import Surface, read_surface
+from handbench.radar.data.depthmap import DepthMap, load_depthmap
+from handbench.radar.support.errors import HandbenchError
 
 REASON = "aligned to the radar's own depth map: its bias cannot show"
 STEEPEST = 0.5  # cosine to z (60°) below which a pixel is left out: its radar cell holds many depths

@@ -5,15 +5,20 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from bench.evaluation import scoring_protocols
-from bench.evaluation.floor import floor_interval, floor_mm
-from bench.evaluation.metrics import AVERAGED, METRICS, Values, averaged, of_captures, precision
-from bench.evaluation.scoring_protocols import Protocol
-from bench.evaluation.statistics.intervals import Interval, figure_interval, median_interval, precision_interval
-from bench.results.about import MetricFacts
-from bench.results.error_map import ErrorMap
-from bench.results.tables import TABLE, frame
-from groundtruth.mesh.depth import Reference
+from handbench.bench.evaluation import scoring_protocols
+from handbench.bench.evaluation.floor import floor_interval, floor_mm
+from handbench.bench.evaluation.metrics import AVERAGED, METRICS, Values, averaged, of_captures, precision
+from handbench.bench.evaluation.scoring_protocols import Protocol
+from handbench.bench.evaluation.statistics.intervals import (
+    Interval,
+    figure_interval,
+    median_interval,
+    precision_interval,
+)
+from handbench.bench.results.about import MetricFacts
+from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.results.tables import TABLE, frame
+from handbench.groundtruth.mesh.depth import Reference
 
 Intervals = dict[str, Interval | None]
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bench.evaluation.metrics import METRICS
-from radar.support.config import suggest
-from radar.support.errors import HandbenchError
+from handbench.bench.evaluation.metrics import METRICS
+from handbench.radar.support.config import suggest
+from handbench.radar.support.errors import HandbenchError
 
 
 @dataclass(frozen=True)

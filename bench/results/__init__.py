@@ -10,11 +10,28 @@ depth/        CAPTURE__METHOD.npz (a depth map), CAPTURE__truth.npz, CAPTURE__ph
 photos/       CAPTURE.jpg, at most 600 pixels wide and high
 """
 
-from bench.results.about import HEADLINE, HEADLINES, REFERENCES, About, CaptureFacts, Failure, MethodFacts, MetricFacts
-from bench.results.error_map import ErrorMap
-from bench.results.maps import Surface, depth_path, errors_path, write_errors, write_photo, write_surface
-from bench.results.result_folder import TABLES, Result, load, write_about, write_config, write_tables
-from bench.results.tradeoff import Claim, Section, Setting, Tradeoff, TradeoffFacts, load_tradeoff, write_tradeoff
+from handbench.bench.results.about import (
+    HEADLINE,
+    HEADLINES,
+    REFERENCES,
+    About,
+    CaptureFacts,
+    Failure,
+    MethodFacts,
+    MetricFacts,
+)
+from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.results.maps import Surface, depth_path, errors_path, write_errors, write_photo, write_surface
+from handbench.bench.results.result_folder import TABLES, Result, load, write_about, write_config, write_tables
+from handbench.bench.results.tradeoff import (
+    Claim,
+    Section,
+    Setting,
+    Tradeoff,
+    TradeoffFacts,
+    load_tradeoff,
+    write_tradeoff,
+)
 
 __all__ = ["HEADLINE", "HEADLINES", "REFERENCES", "About", "CaptureFacts", "Failure", "MethodFacts", "MetricFacts"]
 __all__ += ["ErrorMap", "Surface", "depth_path", "errors_path", "write_errors", "write_photo", "write_surface"]

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.results.tables import DIFFERENCES, records, write
-from radar.support.files import write_json
+from handbench.bench.results.tables import DIFFERENCES, records, write
+from handbench.radar.support.files import write_json
 
 COMPARED_VERSION = 1
 

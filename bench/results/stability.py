@@ -11,9 +11,9 @@ from typing import Any, Literal
 import pandas as pd
 from pydantic import Field
 
-from bench.results.tables import CASES, read, write
-from radar.support.config import Config, parse
-from radar.support.files import read_json, write_json
+from handbench.bench.results.tables import CASES, read, write
+from handbench.radar.support.config import Config, parse
+from handbench.radar.support.files import read_json, write_json
 
 VERDICTS = ("holds", "refused", "flagged", "fails")
 KINDS = {

@@ -15,10 +15,10 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from bench.results.about import read_facts
-from bench.results.tables import SETTINGS, frame, read, records, write
-from radar.support.config import Config, Name
-from radar.support.files import require_folder, write_json
+from handbench.bench.results.about import read_facts
+from handbench.bench.results.tables import SETTINGS, frame, read, records, write
+from handbench.radar.support.config import Config, Name
+from handbench.radar.support.files import require_folder, write_json
 
 
 @dataclass(frozen=True)

@@ -5,17 +5,17 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from bench.datasets.dataset import AT_EMPTY_FILTERED, captures
-from bench.results.about import MEASURES, Measure
-from bench.run.sweep import Sweep, imaging_settings, known_configs
-from bench.scenes.people import MOST_PEOPLE
-from bench.submissions.submission import load_submission
-from groundtruth.options import Quality
-from radar.methods.registry import method, methods
-from radar.support.config import Config, Name, load, suggest
-from radar.support.errors import HandbenchError
-from radar.support.files import inside
-from radar.support.limits import MOST_TABLES
+from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED, captures
+from handbench.bench.results.about import MEASURES, Measure
+from handbench.bench.run.sweep import Sweep, imaging_settings, known_configs
+from handbench.bench.scenes.people import MOST_PEOPLE
+from handbench.bench.submissions.submission import load_submission
+from handbench.groundtruth.options import Quality
+from handbench.radar.methods.registry import method, methods
+from handbench.radar.support.config import Config, Name, load, suggest
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import inside
+from handbench.radar.support.limits import MOST_TABLES
 
 EMBEDDED = Path(__file__).parent / "benchmarks"
 

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.datasets.dataset import open_capture
-from bench.datasets.native import TARGET
-from calibration.array.array_file import ArrayCalibration
-from calibration.registration.register import combine, measure
-from calibration.target.description import Target, load_target
-from calibration.transforms import Transform
-from groundtruth.dense.fusion import Cloud
-from radar.support.errors import HandbenchError
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.datasets.native import TARGET
+from handbench.calibration.array.array_file import ArrayCalibration
+from handbench.calibration.registration.register import combine, measure
+from handbench.calibration.target.description import Target, load_target
+from handbench.calibration.transforms import Transform
+from handbench.groundtruth.dense.fusion import Cloud
+from handbench.radar.support.errors import HandbenchError
 
 REGISTRATION = "radar_from_photo.json"
 

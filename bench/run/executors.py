@@ -14,10 +14,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from bench.run.processes import WORTH_S, Processes
-from bench.run.tasks import Done, perform
-from radar.support.errors import HandbenchError
-from radar.support.store import Stage
+from handbench.bench.run.processes import WORTH_S, Processes
+from handbench.bench.run.tasks import Done, perform
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.store import Stage
 
 if TYPE_CHECKING:  # an extra
     from distributed import Client, Future

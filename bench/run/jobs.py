@@ -7,26 +7,26 @@ each other; last `scoring`, of the captures that have a reference.
 
 from pathlib import Path
 
-from bench.datasets.dataset import open_capture
-from bench.run.benchmark_file import BenchFile, MethodEntry, Origin, Source
-from bench.run.outcome import Capture
-from bench.run.photogrammetry import photographs
-from bench.run.reconstruct_stage import configured
-from bench.run.submitted_stage import grid_of
-from bench.run.tasks import HASH
-from bench.scenes.build import named_files
-from bench.scenes.scene_file import SceneFile
-from bench.submissions.submission import load_submission
-from calibration.transforms import Transform
-from groundtruth import pipeline
-from groundtruth.dense_stage import CLOUD
-from radar.imaging.device import chosen
-from radar.methods.registry import method_key
-from radar.simulation.causes import Noise
-from radar.support.config import load
-from radar.support.errors import HandbenchError
-from radar.support.files import inside
-from radar.support.store import Stage, stage
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, Origin, Source
+from handbench.bench.run.outcome import Capture
+from handbench.bench.run.photogrammetry import photographs
+from handbench.bench.run.reconstruct_stage import configured
+from handbench.bench.run.submitted_stage import grid_of
+from handbench.bench.run.tasks import HASH
+from handbench.bench.scenes.build import named_files
+from handbench.bench.scenes.scene_file import SceneFile
+from handbench.bench.submissions.submission import load_submission
+from handbench.calibration.transforms import Transform
+from handbench.groundtruth import pipeline
+from handbench.groundtruth.dense_stage import CLOUD
+from handbench.radar.imaging.device import chosen
+from handbench.radar.methods.registry import method_key
+from handbench.radar.simulation.causes import Noise
+from handbench.radar.support.config import load
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import inside
+from handbench.radar.support.store import Stage, stage
 
 Clouds = tuple[Stage, Stage, Stage]  # sparse, dense and mesh of one capture's photographs
 
@@ -47,13 +47,17 @@ def opening(bench: BenchFile, base: Path, source: Origin, frames: int, photos: b
         scene = scene.model_copy(update={"photos": None})
     given = {"scene": scene.model_dump(mode="json"), "base": str(path.parent), "frames": frames}
     depends_on = [given["scene"], frames, *named_files(scene, path.parent)]
-    return stage("simulate", "bench.run.simulate_stage:simulate", depends_on, given, scene.name)
+    return stage("simulate", "handbench.bench.run.simulate_stage:simulate", depends_on, given, scene.name)
 
 
 def inspection(capture: Capture) -> Stage:
     """To look the capture over for mistakes before anything is believed of it."""
     return stage(
-        "inspect", "bench.validation.doubts:make", [capture.key], {"capture": str(capture.folder)}, capture.name
+        "inspect",
+        "handbench.bench.validation.doubts:make",
+        [capture.key],
+        {"capture": str(capture.folder)},
+        capture.name,
     )
 
 
@@ -70,7 +74,7 @@ def calibration(targets: list[Capture], dense: list[Stage], work: Path) -> Stage
         "clouds": [str(each.folder(work) / CLOUD) for each in dense],
     }
     depends_on = [*(target.key for target in targets), *(each.key for each in dense)]
-    return stage("calibrate", "bench.run.calibrate_stage:calibrate", depends_on, given, targets[0].name)
+    return stage("calibrate", "handbench.bench.run.calibrate_stage:calibrate", depends_on, given, targets[0].name)
 
 
 def meshing(bench: BenchFile, capture: Capture, work: Path) -> Clouds | None:
@@ -98,7 +102,9 @@ def imaging(bench: BenchFile, capture: Capture, entry: MethodEntry) -> list[Stag
         wanted["repeat"] = bench.repeats
     about = capture.name, entry.id, method_key(entry.id)
     return [
-        stage(name, f"bench.run.{name}_stage:{name}", [*depends_on, frames], {**given, "frames": frames}, *about)
+        stage(
+            name, f"handbench.bench.run.{name}_stage:{name}", [*depends_on, frames], {**given, "frames": frames}, *about
+        )
         for name, frames in wanted.items()
     ]
 
@@ -111,7 +117,7 @@ def _submitted(bench: BenchFile, capture: Capture, id: str, submission: Path) ->
     grid, config = grid_of(bench, capture.folder), about.model_dump(mode="json")
     given = {"submission": str(submission), "capture": capture.name, "x_m": grid.x_m, "y_m": grid.y_m, "config": config}
     depends_on = [capture.key, vars(rows[capture.name]), grid.x_m, grid.y_m]
-    return stage("reconstruct", "bench.run.submitted_stage:take", depends_on, given, capture.name, id)
+    return stage("reconstruct", "handbench.bench.run.submitted_stage:take", depends_on, given, capture.name, id)
 
 
 def scoring(
@@ -122,4 +128,4 @@ def scoring(
     carried = {name: [t.matrix, t.covariance, mesh.parent.name] for name, (mesh, t) in references.items()}
     imaged = {method: file.parent.name for method, file in maps.items()}  # a stage's folder is named by its key
     depends_on = [capture.key, imaged, carried, bench.protocol]
-    return stage("score", "bench.run.scoring:make", depends_on, given, capture.name)
+    return stage("score", "handbench.bench.run.scoring:make", depends_on, given, capture.name)

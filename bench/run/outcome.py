@@ -8,18 +8,18 @@ from typing import Any
 
 import pandas as pd
 
-from bench.datasets.native import CaptureFile
-from bench.results import Failure
-from bench.results.about import MEASURES, Measure
-from bench.results.error_map import ErrorMap
-from bench.results.tables import REPEATS, frame
-from bench.run.benchmark_file import BenchFile, MethodEntry
-from bench.run.repeat_stage import read_repeats
-from bench.run.scoring import Files, read_errors, read_reference
-from calibration.transforms import Transform
-from groundtruth.mesh.depth import Reference
-from radar.support.errors import HandbenchError
-from radar.support.progress import say
+from handbench.bench.datasets.native import CaptureFile
+from handbench.bench.results import Failure
+from handbench.bench.results.about import MEASURES, Measure
+from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.results.tables import REPEATS, frame
+from handbench.bench.run.benchmark_file import BenchFile, MethodEntry
+from handbench.bench.run.repeat_stage import read_repeats
+from handbench.bench.run.scoring import Files, read_errors, read_reference
+from handbench.calibration.transforms import Transform
+from handbench.groundtruth.mesh.depth import Reference
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.progress import say
 
 Line = tuple[Any, ...]  # of a table, in the order of its columns
 

@@ -3,17 +3,17 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.datasets.dataset import open_capture
-from bench.datasets.native import TARGET
-from bench.run.calibrate_stage import common_target, register_captures
-from calibration.array.array_file import ArrayCalibration
-from calibration.array.estimate import estimate_array
-from calibration.target.description import load_target
-from calibration.transforms import Transform
-from groundtruth.options import Options
-from groundtruth.pipeline import reconstruct_cloud
-from radar.support.config import parse
-from radar.support.errors import HandbenchError
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.datasets.native import TARGET
+from handbench.bench.run.calibrate_stage import common_target, register_captures
+from handbench.calibration.array.array_file import ArrayCalibration
+from handbench.calibration.array.estimate import estimate_array
+from handbench.calibration.target.description import load_target
+from handbench.calibration.transforms import Transform
+from handbench.groundtruth.options import Options
+from handbench.groundtruth.pipeline import reconstruct_cloud
+from handbench.radar.support.config import parse
+from handbench.radar.support.errors import HandbenchError
 
 
 def photographs(capture: Path, quality: str, seed: int) -> tuple[Path, Options]:

@@ -9,19 +9,19 @@ from math import prod
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.datasets.dataset import open_capture
-from bench.run.benchmark_file import BenchFile, Origin, Source
-from bench.run.reconstruct_stage import configured
-from bench.run.sweep import ImagingSetting
-from bench.scenes.scene_file import SceneFile
-from groundtruth.options import BASE_BYTES, predicted
-from radar.methods.advice import asked_hz
-from radar.methods.registry import method
-from radar.support.config import Config, load
-from radar.support.cost import TERMS_PER_S
-from radar.support.errors import HandbenchError
-from radar.support.files import inside
-from radar.support.pictures import opened_picture
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.run.benchmark_file import BenchFile, Origin, Source
+from handbench.bench.run.reconstruct_stage import configured
+from handbench.bench.run.sweep import ImagingSetting
+from handbench.bench.scenes.scene_file import SceneFile
+from handbench.groundtruth.options import BASE_BYTES, predicted
+from handbench.radar.methods.advice import asked_hz
+from handbench.radar.methods.registry import method
+from handbench.radar.support.config import Config, load
+from handbench.radar.support.cost import TERMS_PER_S
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import inside
+from handbench.radar.support.pictures import opened_picture
 
 CHANNELS, TONES = 94 * 94, 128  # the paper's radar, for what is not known before it is read
 STAGE_S, SCORED_S = 0.1, 2.7e-6  # a stage that has nothing to do; a pixel that is scored

@@ -8,18 +8,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.datasets.dataset import open_capture
-from bench.datasets.native import FAR_M, CaptureFile
-from bench.evaluation.alike import OPEN_DB, SMOOTHING, Alike
-from radar.data.capture import RadarCapture, thinned
-from radar.data.depthmap import DepthMap
-from radar.imaging.device import use_device
-from radar.methods.advice import require_tones
-from radar.methods.registry import Reconstruction, method
-from radar.support.config import Config
-from radar.support.cost import others, setting
-from radar.support.errors import HandbenchError
-from radar.support.files import read_npz, write_json, write_npz
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.datasets.native import FAR_M, CaptureFile
+from handbench.bench.evaluation.alike import OPEN_DB, SMOOTHING, Alike
+from handbench.radar.data.capture import RadarCapture, thinned
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.imaging.device import use_device
+from handbench.radar.methods.advice import require_tones
+from handbench.radar.methods.registry import Reconstruction, method
+from handbench.radar.support.config import Config
+from handbench.radar.support.cost import others, setting
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import read_npz, write_json, write_npz
 
 DEPTH, FRAMES, TIMING = "depth.npz", "frames.npz", "timing.json"
 PLANNED_S = 20.0  # what takes longer than any plan is not imaged twice
@@ -31,8 +31,8 @@ def reconstruct(
 ) -> None:
     """Image frame 0 → DEPTH, and for equal treatment again → ALIKE; the depths of all frames → FRAMES; what each took →
     TIMING. All on the client's device."""
-    from radar.methods.projection import peaks_kept
-    from radar.methods.trust import with_trust
+    from handbench.radar.methods.projection import peaks_kept
+    from handbench.radar.methods.trust import with_trust
 
     kept: dict[Any, Any] = {}
     with use_device(device), others() as busy:
@@ -69,7 +69,7 @@ class Imager:
     def __init__(
         self, capture: Path, method_id: str, config: dict[str, Any], frames: int = 1, every_nth_antenna: int = 1
     ) -> None:
-        from radar.warmup import compile_kernels
+        from handbench.radar.warmup import compile_kernels
 
         self.method, self.settings, self.frames = method(method_id), configuration(capture, method_id, config), frames
         self.echoes = thinned(require_near(open_capture(capture).echoes(frames)), every_nth_antenna)
@@ -82,7 +82,7 @@ class Imager:
         """Image every frame. The first image of a geometry plans the engine's skeletons, which a radar does once: the
         other frames' times count, or where there is none and a plan may matter, that of the first frame imaged again;
         what the first image took more is the plan's, and its certificate's."""
-        from radar.imaging.certificate import certified
+        from handbench.radar.imaging.certificate import certified
 
         with certified() as certificate:
             first = self._timed(0)
@@ -152,7 +152,9 @@ THRESHOLD = "threshold_db"
 def write_treated(folder: Path, image: Callable[[Config], DepthMap], settings: Config, own: DepthMap) -> None:
     """Write the maps of every treatment → ALIKE. image: makes the capture's depth map by a configuration of the method;
     own: the one by its own `settings`."""
-    from radar.methods.smoothing import masked_mean  # and numba, which whoever only reads the maps does without
+    from handbench.radar.methods.smoothing import (
+        masked_mean,  # and numba, which whoever only reads the maps does without
+    )
 
     made: dict[str, DepthMap] = {settings.model_dump_json(): own}
     arrays: dict[str, np.ndarray] = {}

@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from bench.evaluation.depth_errors import deviation_map
-from bench.evaluation.metrics import strongest_scatterer_z_m
-from bench.results.error_map import ErrorMap
-from bench.run.reconstruct_stage import TIMING, Imager
-from radar.data.depthmap import DepthMap
-from radar.imaging.device import use_device
-from radar.support.cost import others
-from radar.support.files import read_npz, write_json, write_npz
+from handbench.bench.evaluation.depth_errors import deviation_map
+from handbench.bench.evaluation.metrics import strongest_scatterer_z_m
+from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.run.reconstruct_stage import TIMING, Imager
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.imaging.device import use_device
+from handbench.radar.support.cost import others
+from handbench.radar.support.files import read_npz, write_json, write_npz
 
 REPEATS = "repeats.npz"
 

@@ -13,29 +13,29 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from bench import results
-from bench.datasets.dataset import open_capture
-from bench.datasets.native import DOUBTS, TRUE_TRANSFORM
-from bench.results import REFERENCES, Failure
-from bench.run import jobs as plan
-from bench.run import outcome, planned_cost, write_result
-from bench.run.benchmark_file import BenchFile, Origin, Source
-from bench.run.calibrate_stage import REGISTRATION
-from bench.run.executors import Executor, executor
-from bench.run.outcome import Capture, Outcome, failing
-from bench.run.reconstruct_stage import DEPTH, TIMING
-from bench.run.repeat_stage import read_repeats
-from bench.run.simulate_stage import CAPTURE
-from bench.run.tasks import HASH, Done
-from calibration.registration.register import HAND_M
-from calibration.transforms import Transform, identity, load_transform
-from groundtruth.mesh_stage import MESH, VIEW
-from radar.support.cost import require_time
-from radar.support.errors import HandbenchError
-from radar.support.files import read_json
-from radar.support.folder import claimed
-from radar.support.progress import say
-from radar.support.store import Stage, Stamp
+from handbench.bench import results
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.datasets.native import DOUBTS, TRUE_TRANSFORM
+from handbench.bench.results import REFERENCES, Failure
+from handbench.bench.run import jobs as plan
+from handbench.bench.run import outcome, planned_cost, write_result
+from handbench.bench.run.benchmark_file import BenchFile, Origin, Source
+from handbench.bench.run.calibrate_stage import REGISTRATION
+from handbench.bench.run.executors import Executor, executor
+from handbench.bench.run.outcome import Capture, Outcome, failing
+from handbench.bench.run.reconstruct_stage import DEPTH, TIMING
+from handbench.bench.run.repeat_stage import read_repeats
+from handbench.bench.run.simulate_stage import CAPTURE
+from handbench.bench.run.tasks import HASH, Done
+from handbench.calibration.registration.register import HAND_M
+from handbench.calibration.transforms import Transform, identity, load_transform
+from handbench.groundtruth.mesh_stage import MESH, VIEW
+from handbench.radar.support.cost import require_time
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import read_json
+from handbench.radar.support.folder import claimed
+from handbench.radar.support.progress import say
+from handbench.radar.support.store import Stage, Stamp
 
 
 def run(

@@ -16,25 +16,25 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from bench.datasets.dataset import open_capture
-from bench.datasets.native import NativeCapture
-from bench.evaluation import scoring_protocols
-from bench.evaluation.alike import SMOOTHING, Alike
-from bench.evaluation.depth_errors import error_map
-from bench.evaluation.equal_treatment import treat
-from bench.evaluation.floor import floor_mm
-from bench.evaluation.metrics import Values, figures_of_frame, pool
-from bench.evaluation.scoring_protocols import Protocol
-from bench.results import errors_path, write_errors
-from bench.results.error_map import ErrorMap
-from bench.run.reconstruct_stage import FRAMES, read_treated
-from calibration.transforms import Transform
-from groundtruth.mesh.depth import Reference, reference_on_grid
-from groundtruth.mesh.surface import Surface, read_surface
-from radar.data.depthmap import DepthMap, load_depthmap
-from radar.data.grid import PixelGrid
-from radar.support.files import read_json, read_npz, write_json, write_npz
-from radar.support.limits import KEPT_BYTES
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.datasets.native import NativeCapture
+from handbench.bench.evaluation import scoring_protocols
+from handbench.bench.evaluation.alike import SMOOTHING, Alike
+from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.evaluation.equal_treatment import treat
+from handbench.bench.evaluation.floor import floor_mm
+from handbench.bench.evaluation.metrics import Values, figures_of_frame, pool
+from handbench.bench.evaluation.scoring_protocols import Protocol
+from handbench.bench.results import errors_path, write_errors
+from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.run.reconstruct_stage import FRAMES, read_treated
+from handbench.calibration.transforms import Transform
+from handbench.groundtruth.mesh.depth import Reference, reference_on_grid
+from handbench.groundtruth.mesh.surface import Surface, read_surface
+from handbench.radar.data.depthmap import DepthMap, load_depthmap
+from handbench.radar.data.grid import PixelGrid
+from handbench.radar.support.files import read_json, read_npz, write_json, write_npz
+from handbench.radar.support.limits import KEPT_BYTES
 
 GRIDS, EACH_FRAME, TREATED, REFERENCES = "grids.json", "frames.json", "alike.json", "references"
 FIGURES, CAUSES = "figures.json", "causes.json"
@@ -65,7 +65,12 @@ def make(
 ) -> None:
     """Compare a capture's depth maps, by method, with its references, each a mesh file and the transform that carries
     it into the radar frame, by a protocol. A reference that cannot be read is a HandbenchError."""
-    from bench.evaluation.error_causes import Lines, Scored, lines_of, surface_causes  # with pandas: not for `compare`
+    from handbench.bench.evaluation.error_causes import (  # with pandas: not for `compare`
+        Lines,
+        Scored,
+        lines_of,
+        surface_causes,
+    )
 
     chosen = scoring_protocols.protocol(protocol)
     data = open_capture(capture)

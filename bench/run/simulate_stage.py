@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Any
 
-from bench.datasets.simulated import simulate_capture
-from bench.scenes.build import build
-from bench.scenes.scene_file import SceneFile
-from radar.support.config import parse
+from handbench.bench.datasets.simulated import simulate_capture
+from handbench.bench.scenes.build import build
+from handbench.bench.scenes.scene_file import SceneFile
+from handbench.radar.support.config import parse
 
 CAPTURE = "capture"
 

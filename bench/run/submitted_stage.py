@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from bench.run.benchmark_file import BenchFile
-from bench.run.reconstruct_stage import DEPTH, TIMING, configuration, write_treated
-from bench.submissions.submission import depth_map, load_submission
-from radar.data.grid import PixelGrid, VoxelGrid
-from radar.methods.fsk_config import PixelsConfig
-from radar.methods.registry import method
-from radar.support.files import write_json
+from handbench.bench.run.benchmark_file import BenchFile
+from handbench.bench.run.reconstruct_stage import DEPTH, TIMING, configuration, write_treated
+from handbench.bench.submissions.submission import depth_map, load_submission
+from handbench.radar.data.grid import PixelGrid, VoxelGrid
+from handbench.radar.methods.fsk_config import PixelsConfig
+from handbench.radar.methods.registry import method
+from handbench.radar.support.files import write_json
 
 
 def take(folder: Path, submission: str, capture: str, x_m: np.ndarray, y_m: np.ndarray, config: Any) -> None:

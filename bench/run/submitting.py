@@ -2,16 +2,24 @@
 
 from pathlib import Path
 
-from bench.datasets.dataset import open_capture
-from bench.run import jobs
-from bench.run.benchmark_file import BenchFile, Source, submitted
-from bench.run.submitted_stage import grid_of
-from bench.submissions import foreign
-from bench.submissions.submission import MAPS, Row, Submission, load_submission, problems, save_submission, sha256
-from radar.data.grid import PixelGrid
-from radar.support.errors import HandbenchError
-from radar.support.files import inside
-from radar.support.progress import say, track
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.run import jobs
+from handbench.bench.run.benchmark_file import BenchFile, Source, submitted
+from handbench.bench.run.submitted_stage import grid_of
+from handbench.bench.submissions import foreign
+from handbench.bench.submissions.submission import (
+    MAPS,
+    Row,
+    Submission,
+    load_submission,
+    problems,
+    save_submission,
+    sha256,
+)
+from handbench.radar.data.grid import PixelGrid
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import inside
+from handbench.radar.support.progress import say, track
 
 
 def require_complete(submission: Path, bench: BenchFile, base: Path) -> None:

@@ -22,10 +22,10 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator
 
-from bench.evaluation.metrics import TITLES
-from radar.methods.registry import method
-from radar.support.config import Config, checked_name, load
-from radar.support.errors import HandbenchError
+from handbench.bench.evaluation.metrics import TITLES
+from handbench.radar.methods.registry import method
+from handbench.radar.support.config import Config, checked_name, load
+from handbench.radar.support.errors import HandbenchError
 
 SectionName = Literal["imaging", "groundtruth", "simulation", "registration"]
 SECTIONS: tuple[SectionName, ...] = ("imaging", "groundtruth", "simulation", "registration")

@@ -7,19 +7,19 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.evaluation.alike import SMOOTHING
-from bench.evaluation.equal_treatment import SHARES_PERCENT
-from bench.evaluation.metrics import HEADLINE, METRICS, TITLES, over_frames, pool
-from bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
-from bench.evaluation.scoring_protocols import protocol
-from bench.evaluation.statistics.intervals import figure_interval
-from bench.evaluation.statistics.paired import compare
-from bench.results import REFERENCES
-from bench.results.about import SHARES
-from bench.results.tables import CAPTURES, COMPARISONS, CURVES, EQUAL, TABLE, frame
-from bench.run.outcome import Basis, Line, Outcome, deviations, errors, repeated, surfaces
-from bench.run.scoring import EACH_FRAME, FIGURES, TREATED
-from radar.support.files import read_json
+from handbench.bench.evaluation.alike import SMOOTHING
+from handbench.bench.evaluation.equal_treatment import SHARES_PERCENT
+from handbench.bench.evaluation.metrics import HEADLINE, METRICS, TITLES, over_frames, pool
+from handbench.bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
+from handbench.bench.evaluation.scoring_protocols import protocol
+from handbench.bench.evaluation.statistics.intervals import figure_interval
+from handbench.bench.evaluation.statistics.paired import compare
+from handbench.bench.results import REFERENCES
+from handbench.bench.results.about import SHARES
+from handbench.bench.results.tables import CAPTURES, COMPARISONS, CURVES, EQUAL, TABLE, frame
+from handbench.bench.run.outcome import Basis, Line, Outcome, deviations, errors, repeated, surfaces
+from handbench.bench.run.scoring import EACH_FRAME, FIGURES, TREATED
+from handbench.radar.support.files import read_json
 
 ALIKE_COMPARED = (HEADLINE, "aurc_mm")  # the figures by which equally treated methods are compared
 EACH = (HEADLINE, "max_mm", *SHARES)  # the figures that are told for each capture

@@ -7,25 +7,25 @@ from typing import Any
 
 import pandas as pd
 
-from bench import results
-from bench.evaluation.error_causes import averaged_lines
-from bench.evaluation.floor import budget
-from bench.evaluation.metrics import TITLES
-from bench.evaluation.rows import metric_facts
-from bench.evaluation.scoring_protocols import protocol
-from bench.evaluation.statistics.intervals import note
-from bench.evaluation.statistics.sample_size import variance_facts
-from bench.results import About, CaptureFacts, MethodFacts, Surface
-from bench.results.tables import CAUSES, RELIABILITY, TASKS, frame
-from bench.run import scoring
-from bench.run.outcome import Basis, Outcome, basis, errors, repeated, surfaces
-from bench.run.tabulation import kept, tables
-from radar.imaging.device import describe
-from radar.support.cost import calibrated_machine
-from radar.support.files import atomic_path
-from radar.support.folder import drop
-from radar.support.progress import say
-from radar.support.store import versions
+from handbench.bench import results
+from handbench.bench.evaluation.error_causes import averaged_lines
+from handbench.bench.evaluation.floor import budget
+from handbench.bench.evaluation.metrics import TITLES
+from handbench.bench.evaluation.rows import metric_facts
+from handbench.bench.evaluation.scoring_protocols import protocol
+from handbench.bench.evaluation.statistics.intervals import note
+from handbench.bench.evaluation.statistics.sample_size import variance_facts
+from handbench.bench.results import About, CaptureFacts, MethodFacts, Surface
+from handbench.bench.results.tables import CAUSES, RELIABILITY, TASKS, frame
+from handbench.bench.run import scoring
+from handbench.bench.run.outcome import Basis, Outcome, basis, errors, repeated, surfaces
+from handbench.bench.run.tabulation import kept, tables
+from handbench.radar.imaging.device import describe
+from handbench.radar.support.cost import calibrated_machine
+from handbench.radar.support.files import atomic_path
+from handbench.radar.support.folder import drop
+from handbench.radar.support.progress import say
+from handbench.radar.support.store import versions
 
 FILES = ("result.json", "config.toml", "errors", "depth", "photos", *(f"{name}.csv" for name in results.TABLES))
 

@@ -6,13 +6,13 @@ from functools import partial
 
 import numpy as np
 
-from bench.scenes.build import Scene
-from bench.scenes.scene_file import CalibrationTarget, HandTarget
-from bench.scenes.skin_texture import Skin
-from bench.scenes.stand import PLATE_M, TEXEL_M, cuboid, plate_box_m, plate_print
-from bench.scenes.textures import foam, skin, styrodur
-from calibration.transforms import Transform
-from groundtruth.mesh.mesh_files import mesh
+from handbench.bench.scenes.build import Scene
+from handbench.bench.scenes.scene_file import CalibrationTarget, HandTarget
+from handbench.bench.scenes.skin_texture import Skin
+from handbench.bench.scenes.stand import PLATE_M, TEXEL_M, cuboid, plate_box_m, plate_print
+from handbench.bench.scenes.textures import foam, skin, styrodur
+from handbench.calibration.transforms import Transform
+from handbench.groundtruth.mesh.mesh_files import mesh
 
 Albedo = Callable[[np.ndarray], np.ndarray]  # points [n, 3] in the photo frame to reflectance [n, 3]
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.scenes.hand_pose import FingerPose, Pose, ThumbPose, WristPose
-from bench.scenes.people import LENGTHS_MM, MEAN, Person
+from handbench.bench.scenes.hand_pose import FingerPose, Pose, ThumbPose, WristPose
+from handbench.bench.scenes.people import LENGTHS_MM, MEAN, Person
 
 RADIAL, DISTAL, PALMAR = np.array([-1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, -1.0])
 HAND_AXES = np.stack([RADIAL, DISTAL, PALMAR], axis=1)  # palm frame from (radial, distal, palmar)

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.scenes.bones import forearm_direction
-from bench.scenes.rig import rig
-from bench.scenes.scene_file import (
+from handbench.bench.scenes.bones import forearm_direction
+from handbench.bench.scenes.rig import rig
+from handbench.bench.scenes.scene_file import (
     BUILT_IN_ARRAY,
     AnyTarget,
     CalibrationTarget,
@@ -18,17 +18,17 @@ from bench.scenes.scene_file import (
     SceneFile,
     SphereTarget,
 )
-from bench.scenes.shapes import dihedral_mesh, plate_mesh, sphere_mesh
-from bench.scenes.stand import stand_board
-from calibration.target.description import Target, default_target, load_target
-from calibration.transforms import Transform
-from groundtruth.board.board import Board
-from groundtruth.cameras.cameras import Camera
-from groundtruth.mesh.mesh_files import mesh, read_mesh
-from radar.support.config import load
-from radar.support.errors import HandbenchError
-from radar.support.files import inside
-from radar.support.rays import TriangleMesh
+from handbench.bench.scenes.shapes import dihedral_mesh, plate_mesh, sphere_mesh
+from handbench.bench.scenes.stand import stand_board
+from handbench.calibration.target.description import Target, default_target, load_target
+from handbench.calibration.transforms import Transform
+from handbench.groundtruth.board.board import Board
+from handbench.groundtruth.cameras.cameras import Camera
+from handbench.groundtruth.mesh.mesh_files import mesh, read_mesh
+from handbench.radar.support.config import load
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import inside
+from handbench.radar.support.rays import TriangleMesh
 
 CROP_MARGIN_M = 0.004
 BLOCK_GAP_M = 0.003  # the crop box ends this far above the block
@@ -119,7 +119,7 @@ def named_files(file: SceneFile, folder: str | Path) -> list[Path]:
 def _surface(spec: AnyTarget, target: Target | None, folder: Path) -> TriangleMesh:
     match spec:
         case HandTarget():
-            from bench.scenes.hand import hand_mesh  # and numba, which whoever only reads scenes does without
+            from handbench.bench.scenes.hand import hand_mesh  # and numba, which whoever only reads scenes does without
 
             return hand_mesh(spec.angles, spec.edge_m, spec.build)
         case SphereTarget():

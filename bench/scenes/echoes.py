@@ -2,21 +2,21 @@
 
 import numpy as np
 
-from bench.scenes.bones import palmar
-from bench.scenes.build import Scene
-from bench.scenes.scene_file import BUILT_IN_ARRAY, CalibrationTarget, HandTarget
-from bench.scenes.stand import cuboid, plate_box_m
-from radar.data.arrays import AntennaArray, load_positions, qar50
-from radar.simulation.effects.base import echo_s
-from radar.simulation.effects.scattering import ShadowCentre
-from radar.simulation.forward import Scatterers
-from radar.simulation.known_effects import Choice
-from radar.simulation.scene import Ball, Body, EchoScene
-from radar.simulation.selection import EFFECTS, choose
-from radar.simulation.simulate import SimulatedCapture, simulate_scene
-from radar.simulation.state import EchoState
-from radar.support.cost import require_time
-from radar.support.files import inside
+from handbench.bench.scenes.bones import palmar
+from handbench.bench.scenes.build import Scene
+from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, CalibrationTarget, HandTarget
+from handbench.bench.scenes.stand import cuboid, plate_box_m
+from handbench.radar.data.arrays import AntennaArray, load_positions, qar50
+from handbench.radar.simulation.effects.base import echo_s
+from handbench.radar.simulation.effects.scattering import ShadowCentre
+from handbench.radar.simulation.forward import Scatterers
+from handbench.radar.simulation.known_effects import Choice
+from handbench.radar.simulation.scene import Ball, Body, EchoScene
+from handbench.radar.simulation.selection import EFFECTS, choose
+from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
+from handbench.radar.simulation.state import EchoState
+from handbench.radar.support.cost import require_time
+from handbench.radar.support.files import inside
 
 ROOM_STEP_M = 5e-3
 

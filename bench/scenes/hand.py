@@ -6,7 +6,7 @@ from functools import lru_cache, reduce
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bench.scenes.bones import (
+from handbench.bench.scenes.bones import (
     DISTAL,
     FINGERS,
     HAND_AXES,
@@ -17,11 +17,11 @@ from bench.scenes.bones import (
     radii_m,
     skeleton_of_palm,
 )
-from bench.scenes.hand_pose import Pose, WristPose
-from bench.scenes.implicit import Field, round_cone, smooth_minimum, smooth_union, zero_set
-from bench.scenes.people import MEAN, Person
-from groundtruth.mesh.mesh_files import mesh
-from radar.support.rays import TriangleMesh
+from handbench.bench.scenes.hand_pose import Pose, WristPose
+from handbench.bench.scenes.implicit import Field, round_cone, smooth_minimum, smooth_union, zero_set
+from handbench.bench.scenes.people import MEAN, Person
+from handbench.groundtruth.mesh.mesh_files import mesh
+from handbench.radar.support.rays import TriangleMesh
 
 TIP_TISSUE_MM = 3.8  # soft tissue beyond the last bone
 FOREARM_END_MM = -88.0

@@ -5,9 +5,9 @@ from functools import cache
 
 import numpy as np
 
-from bench.scenes.bones import FINGERS, Bone, radii_m, skeleton_of_palm
-from bench.scenes.hand_pose import Pose
-from bench.scenes.people import MEAN, Person, person
+from handbench.bench.scenes.bones import FINGERS, Bone, radii_m, skeleton_of_palm
+from handbench.bench.scenes.hand_pose import Pose
+from handbench.bench.scenes.people import MEAN, Person, person
 
 TOUCHING_M = 2e-3  # parts that are nearer than this touch, and keep their distance; others stay as far apart at least
 CONTACT_M, ANGLE_DEG = 2e-4, 5.0  # deviations from contact and from the letter's angles that weigh alike

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.scenes.bodies import Body
-from bench.scenes.textures import solid_noise
-from radar.support.errors import HandbenchError
-from radar.support.rays import RaycastingScene, load_open3d
+from handbench.bench.scenes.bodies import Body
+from handbench.bench.scenes.textures import solid_noise
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.rays import RaycastingScene, load_open3d
 
 
 @dataclass(frozen=True)

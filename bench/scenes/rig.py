@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from calibration.transforms import Transform
-from groundtruth.cameras.cameras import Camera
+from handbench.calibration.transforms import Transform
+from handbench.groundtruth.cameras.cameras import Camera
 
 OFF_AXIS_DEG = (24.0, 30.0)  # alternate, seen from the target; clear of the aperture and its housing
 DISTANCE_M = (0.46, 0.50)

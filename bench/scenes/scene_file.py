@@ -5,15 +5,15 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
-from bench.scenes.hand_pose import POSES, Pose
-from bench.scenes.holding import held
-from bench.scenes.people import MOST_PEOPLE, Person, person, placement
-from calibration.transforms import Transform
-from radar.simulation.causes import Causes, Motion, Noise, Roughness, SensorFaults
-from radar.simulation.known_effects import check_names
-from radar.simulation.scene import DEPTH_STEP_HZ, Material
-from radar.support.config import Config, Name, suggest
-from radar.support.errors import HandbenchError
+from handbench.bench.scenes.hand_pose import POSES, Pose
+from handbench.bench.scenes.holding import held
+from handbench.bench.scenes.people import MOST_PEOPLE, Person, person, placement
+from handbench.calibration.transforms import Transform
+from handbench.radar.simulation.causes import Causes, Motion, Noise, Roughness, SensorFaults
+from handbench.radar.simulation.known_effects import check_names
+from handbench.radar.simulation.scene import DEPTH_STEP_HZ, Material
+from handbench.radar.support.config import Config, Name, suggest
+from handbench.radar.support.errors import HandbenchError
 
 BUILT_IN_ARRAY = "qar50"
 PHOTO_AXES = np.diag([-1.0, 1.0, -1.0])  # the board faces the radar: its z is the radar's -z

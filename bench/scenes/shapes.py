@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from bench.scenes.stand import cuboid
-from groundtruth.mesh.mesh_files import mesh
-from radar.simulation.physics.facets import MOST_FACETS
-from radar.support.errors import HandbenchError
-from radar.support.rays import TriangleMesh, load_open3d
+from handbench.bench.scenes.stand import cuboid
+from handbench.groundtruth.mesh.mesh_files import mesh
+from handbench.radar.simulation.physics.facets import MOST_FACETS
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.rays import TriangleMesh, load_open3d
 
 BACK_M = 5e-3  # thickness of a dihedral behind its fold
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.scenes.bones import FINGERS, HAND_AXES, Bone, hand_from_palm, radii_m, skeleton
-from bench.scenes.hand_pose import Pose
-from bench.scenes.people import MEAN, Person
-from bench.scenes.textures import skin, solid_noise
+from handbench.bench.scenes.bones import FINGERS, HAND_AXES, Bone, hand_from_palm, radii_m, skeleton
+from handbench.bench.scenes.hand_pose import Pose
+from handbench.bench.scenes.people import MEAN, Person
+from handbench.bench.scenes.textures import skin, solid_noise
 
 CREASE_WIDTH_M, CREASE_DEPTH = 0.3e-3, 0.28
 WOBBLE_M, WOBBLE_WAVELENGTH_M = 0.6e-3, 5e-3

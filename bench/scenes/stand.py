@@ -5,7 +5,7 @@ Photo frame: the board's frame; origin at the plate's centre, the print in x and
 
 import numpy as np
 
-from groundtruth.board.board import Board, Marker
+from handbench.groundtruth.board.board import Board, Marker
 
 PLATE_M = (0.400, 0.300, 0.020)  # width, height, thickness
 MARKER_M = 0.030

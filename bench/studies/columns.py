@@ -6,7 +6,7 @@ from typing import Any
 
 import pandas as pd
 
-from bench.results.tables import Column, declared
+from handbench.bench.results.tables import Column, declared
 
 Record = dict[str, Any]
 SCHEMAS = declared(__file__)

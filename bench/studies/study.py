@@ -21,15 +21,15 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.studies.columns import Record, Table
-from radar.imaging.device import describe
-from radar.support.cost import calibrated_machine, require_time
-from radar.support.errors import HandbenchError
-from radar.support.files import atomic_path, write_json, write_text
-from radar.support.parallel import workers
-from radar.support.progress import say, track
-from radar.support.store import versions
-from radar.warmup import compile_kernels
+from handbench.bench.studies.columns import Record, Table
+from handbench.radar.imaging.device import describe
+from handbench.radar.support.cost import calibrated_machine, require_time
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import atomic_path, write_json, write_text
+from handbench.radar.support.parallel import workers
+from handbench.radar.support.progress import say, track
+from handbench.radar.support.store import versions
+from handbench.radar.warmup import compile_kernels
 
 Key = TypeVar("Key", bound=Hashable)
 T = TypeVar("T")

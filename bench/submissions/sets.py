@@ -23,19 +23,19 @@ import numpy as np
 import tomlkit
 from pydantic import Field
 
-from bench.datasets.native import DESCRIPTION, ECHOES, TRUTH, CaptureFile, save_capture_file
-from bench.datasets.simulated import description
-from bench.scenes.build import Scene, build
-from bench.scenes.echoes import echoes
-from bench.scenes.scene_file import HandTarget, SceneFile
-from groundtruth.mesh.mesh_files import write_mesh
-from radar.data.echoes_file import load_capture, save_capture
-from radar.methods.registry import method
-from radar.simulation.causes import Noise
-from radar.simulation.scene import Material
-from radar.support.config import Config, Name, load, read_toml, suggest
-from radar.support.errors import HandbenchError
-from radar.support.files import (
+from handbench.bench.datasets.native import DESCRIPTION, ECHOES, TRUTH, CaptureFile, save_capture_file
+from handbench.bench.datasets.simulated import description
+from handbench.bench.scenes.build import Scene, build
+from handbench.bench.scenes.echoes import echoes
+from handbench.bench.scenes.scene_file import HandTarget, SceneFile
+from handbench.groundtruth.mesh.mesh_files import write_mesh
+from handbench.radar.data.echoes_file import load_capture, save_capture
+from handbench.radar.methods.registry import method
+from handbench.radar.simulation.causes import Noise
+from handbench.radar.simulation.scene import Material
+from handbench.radar.support.config import Config, Name, load, read_toml, suggest
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import (
     atomic_folder,
     inside,
     read_bytes,
@@ -45,8 +45,8 @@ from radar.support.files import (
     write_json,
     write_text,
 )
-from radar.support.progress import track
-from radar.warmup import compile_kernels
+from handbench.radar.support.progress import track
+from handbench.radar.warmup import compile_kernels
 
 SETS = Path(__file__).parent / "sets"
 SCENES = Path(__file__).parents[1] / "run" / "benchmarks"

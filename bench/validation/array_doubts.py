@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bench.datasets.native import FAR_M
-from radar.data.capture import RadarCapture
+from handbench.bench.datasets.native import FAR_M
+from handbench.radar.data.capture import RadarCapture
 
 UNITS = ((1e3, "gigahertz", "1e9"), (1e6, "megahertz", "1e6"))  # of frequencies that are, in hertz, below any radar's
 LOWEST_HZ, HIGH_HZ = 3e8, 1e12  # of radars whose arrays are told of in metres; more is likelier a wrong unit

@@ -7,24 +7,24 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.datasets.dataset import open_capture
-from bench.datasets.native import DOUBTS, FAR_M, NativeCapture
-from bench.run.reconstruct_stage import configuration
-from bench.validation import focus, surface_fit
-from bench.validation.array_doubts import array_doubts
-from bench.validation.map_doubts import of_map as of_map
-from groundtruth.mesh.surface import Surface, read_surface
-from radar.data.arrays import AntennaArray
-from radar.data.capture import RadarCapture
-from radar.data.depthmap import DepthMap
-from radar.imaging.plan import fresh_plans
-from radar.methods.registry import method
-from radar.methods.trust import with_trust
-from radar.support.config import Config
-from radar.support.errors import HandbenchError
-from radar.support.files import write_json
-from radar.support.progress import say
-from radar.warmup import compile_kernels
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.datasets.native import DOUBTS, FAR_M, NativeCapture
+from handbench.bench.run.reconstruct_stage import configuration
+from handbench.bench.validation import focus, surface_fit
+from handbench.bench.validation.array_doubts import array_doubts
+from handbench.bench.validation.map_doubts import of_map as of_map
+from handbench.groundtruth.mesh.surface import Surface, read_surface
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.imaging.plan import fresh_plans
+from handbench.radar.methods.registry import method
+from handbench.radar.methods.trust import with_trust
+from handbench.radar.support.config import Config
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import write_json
+from handbench.radar.support.progress import say
+from handbench.radar.warmup import compile_kernels
 
 EXPLAINED = 0.9  # share of pixels on the surface with which a mistake explains an image; and of the best other share
 FIRST, NEAR_M = "first_depth_m", (0.05, FAR_M)  # where some methods begin to look, and where that may be

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from bench.results.about import HEADLINE
-from radar.data.depthmap import DepthMap
+from handbench.bench.results.about import HEADLINE
+from handbench.radar.data.depthmap import DepthMap
 
 FAR_PERCENT = 10  # of the distance, a mean error that large is none of a surface in sight
 

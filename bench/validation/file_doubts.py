@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bench.results import HEADLINE, Result
-from bench.results.tables import each
-from groundtruth.mesh.surface import Surface
+from handbench.bench.results import HEADLINE, Result
+from handbench.bench.results.tables import each
+from handbench.groundtruth.mesh.surface import Surface
 
 OPEN = 0.1  # share of a surface's edges at its rim, where it is no surface any more
 FARTHEST_MM = 50.0  # mean error of what may still be an image

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.validation.array_doubts import places_m
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from radar.data.capture import RadarCapture, evenly
-from radar.data.grid import VoxelGrid
-from radar.imaging.api import image_volume
+from handbench.bench.validation.array_doubts import places_m
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from handbench.radar.data.capture import RadarCapture, evenly
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging.api import image_volume
 
 ANTENNAS, POSITIONS, TONES = 32, 400, 32  # at most, of a kind and of a scan: more do not change which is sharpest
 SHARPER_DB = 3.0  # conjugated; conjugating what is right cost 7 dB or more on random scenes of ten kinds

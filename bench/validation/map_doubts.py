@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bench.datasets.native import FAR_M
-from radar.data.depthmap import DepthMap
-from radar.methods.trust import FLAGGED
+from handbench.bench.datasets.native import FAR_M
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.methods.trust import FLAGGED
 
 CROWDED, WIDE_M = 0.5, 0.1  # share of an image that nothing near a hand fills, if it is at least that wide and high
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.datasets.native import DESCRIPTION, ECHOES, FAR_M
-from bench.validation.problems import Problem, attempt, parsed
-from groundtruth.board.board import Board
-from groundtruth.cameras.camera_files import cameras_of
-from groundtruth.cameras.cameras import Camera, CameraFile
-from groundtruth.photos.photos import SUFFIXES, Photo, find_photos
+from handbench.bench.datasets.native import DESCRIPTION, ECHOES, FAR_M
+from handbench.bench.validation.problems import Problem, attempt, parsed
+from handbench.groundtruth.board.board import Board
+from handbench.groundtruth.cameras.camera_files import cameras_of
+from handbench.groundtruth.cameras.cameras import Camera, CameraFile
+from handbench.groundtruth.photos.photos import SUFFIXES, Photo, find_photos
 
 NEAREST_M, FARTHEST_M = 0.05, 2.0  # that photographs of a hand are taken from, from the board beside it
 LOOKED_AT, FEWEST_SEEN = 3, 4  # photographs in which a board is looked for, at most; corners that make it one
@@ -48,7 +48,7 @@ def photo_problems(folder: Path, scaled: bool = True) -> Iterator[Problem]:
 def board_doubts(photos: Sequence[Photo], board: Board, cameras: Sequence[Camera] = ()) -> Iterator[str]:
     """A doubt about the board's unit: its corners lie out of reach, or the first photograph that shows it, with a
     camera's focal length or the photograph's own, was taken from further or nearer than cameras stand about a hand."""
-    from groundtruth.board.markers import detect_corners, focal_length_px
+    from handbench.groundtruth.board.markers import detect_corners, focal_length_px
 
     corners_m = {(id, k): corner for id, quad in board.corners_m().items() for k, corner in enumerate(quad)}
     reach_m = float(np.abs(list(corners_m.values())).max())

@@ -5,26 +5,26 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bench.datasets.dataset import AT_EMPTY_FILTERED, captures, open_capture
-from bench.datasets.native import DESCRIPTION, ECHOES, TARGET, TRANSFORM
-from bench.results.about import MEASURES
-from bench.run.benchmark_file import BenchFile, DataSet, MethodEntry, checked, find_benchmark
-from bench.scenes.scene_file import BUILT_IN_ARRAY, SceneFile, name_of_person
-from bench.validation.capture_problems import Seen, capture_problems, method_problems, surface_problems
-from bench.validation.photo_problems import is_of_photographs, photo_problems
-from bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed, sheet
-from calibration.target.description import Target, load_target
-from calibration.transforms import load_transform
-from groundtruth.board.board import Board
-from groundtruth.mesh.mesh_files import read_triangles
-from radar.data.arrays import load_positions
-from radar.data.echoes_file import load_capture
-from radar.methods.registry import method
-from radar.support.config import Config, load
-from radar.support.errors import HandbenchError
-from radar.support.files import inside
-from radar.support.limits import MOST_TABLES
-from radar.support.progress import track
+from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED, captures, open_capture
+from handbench.bench.datasets.native import DESCRIPTION, ECHOES, TARGET, TRANSFORM
+from handbench.bench.results.about import MEASURES
+from handbench.bench.run.benchmark_file import BenchFile, DataSet, MethodEntry, checked, find_benchmark
+from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, SceneFile, name_of_person
+from handbench.bench.validation.capture_problems import Seen, capture_problems, method_problems, surface_problems
+from handbench.bench.validation.photo_problems import is_of_photographs, photo_problems
+from handbench.bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed, sheet
+from handbench.calibration.target.description import Target, load_target
+from handbench.calibration.transforms import load_transform
+from handbench.groundtruth.board.board import Board
+from handbench.groundtruth.mesh.mesh_files import read_triangles
+from handbench.radar.data.arrays import load_positions
+from handbench.radar.data.echoes_file import load_capture
+from handbench.radar.methods.registry import method
+from handbench.radar.support.config import Config, load
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import inside
+from handbench.radar.support.limits import MOST_TABLES
+from handbench.radar.support.progress import track
 
 # A key that tells what a TOML file is, if it is neither benchmark nor scene.
 DESCRIPTIONS: dict[str, type[Config]] = {"element": Target, "marker": Board, "charuco": Board}

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from calibration.array import prior
-from calibration.array.array_file import ArrayCalibration, Side
-from calibration.array.model import EACH, Antennas, Echoes, State, directions, normal_equations
-from calibration.target.description import Target
-from radar.data.arrays import AntennaArray
-from radar.data.capture import RadarCapture
-from radar.imaging.cpu.exact import path_lengths
-from radar.support.errors import HandbenchError
+from handbench.calibration.array import prior
+from handbench.calibration.array.array_file import ArrayCalibration, Side
+from handbench.calibration.array.model import EACH, Antennas, Echoes, State, directions, normal_equations
+from handbench.calibration.target.description import Target
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.imaging.cpu.exact import path_lengths
+from handbench.radar.support.errors import HandbenchError
 
 MAX_STEPS = 20
 ENOUGH = 0.1  # a step that lowers χ² by less is no more than a small part of one standard deviation

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.target.description import Target
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from radar.simulation.physics.spheres import sphere_echo
+from handbench.calibration.target.description import Target
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from handbench.radar.simulation.physics.spheres import sphere_echo
 
 LEVEL, PHASE, DELAY, PLACE, EACH = 0, 1, 2, slice(3, 6), 6  # an antenna's unknowns: log level, phase, delay, offset
 BALL = 5  # a ball's unknowns: centre (all balls'), then log level (all), then phase (all)

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.array.model import BALL, DELAY, EACH, LEVEL, PHASE, PLACE, Antennas, Echoes, State, split
-from calibration.target.description import Target
-from calibration.target.matching import match
-from calibration.target.radar_detection import EchoSearch, find_balls
-from calibration.transforms import perturbation_jacobian, umeyama
-from radar.data.capture import RadarCapture
-from radar.support.errors import HandbenchError
+from handbench.calibration.array.model import BALL, DELAY, EACH, LEVEL, PHASE, PLACE, Antennas, Echoes, State, split
+from handbench.calibration.target.description import Target
+from handbench.calibration.target.matching import match
+from handbench.calibration.target.radar_detection import EchoSearch, find_balls
+from handbench.calibration.transforms import perturbation_jacobian, umeyama
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.support.errors import HandbenchError
 
 SWEEPS = 30  # of alternation; it starts Gauss–Newton, which ends it
 POSITION_SIGMA_M, DELAY_SIGMA_M = 5e-5, 1e-4  # what manufacture leaves: of an antenna's place, per axis; of a cable

@@ -17,17 +17,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from calibration.registration.ransac import majority
-from calibration.registration.rigid_fit import Pairs
-from calibration.target.ball_fit import fit_balls
-from calibration.target.description import Candidate, Target
-from calibration.target.matching import match
-from calibration.target.optical_detection import TOWARDS_CAMERAS_PX, find_spheres
-from calibration.target.radar_detection import find_balls
-from calibration.transforms import Transform, adjoint, perturbation_jacobian, umeyama
-from radar.data.capture import RadarCapture
-from radar.support.errors import HandbenchError
-from radar.support.progress import say
+from handbench.calibration.registration.ransac import majority
+from handbench.calibration.registration.rigid_fit import Pairs
+from handbench.calibration.target.ball_fit import fit_balls
+from handbench.calibration.target.description import Candidate, Target
+from handbench.calibration.target.matching import match
+from handbench.calibration.target.optical_detection import TOWARDS_CAMERAS_PX, find_spheres
+from handbench.calibration.target.radar_detection import find_balls
+from handbench.calibration.transforms import Transform, adjoint, perturbation_jacobian, umeyama
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.progress import say
 
 HAND_M = np.array([0.0, 0.0, 0.3])  # the hand's centre, radar frame
 FALSE_ALARM = 0.01  # probability that a rig at rest is said to have moved

@@ -13,13 +13,13 @@ from itertools import combinations, product
 import numpy as np
 from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve
 
-from calibration.target.description import Element, Target
-from calibration.target.radar_detection import Ball, mimo_array, specular_echo
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from radar.data.capture import RadarCapture
-from radar.imaging.cpu.exact import exact_images
-from radar.simulation.physics.spheres import path_gradients, sphere_echo
-from radar.support.errors import HandbenchError
+from handbench.calibration.target.description import Element, Target
+from handbench.calibration.target.radar_detection import Ball, mimo_array, specular_echo
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.imaging.cpu.exact import exact_images
+from handbench.radar.simulation.physics.spheres import path_gradients, sphere_echo
+from handbench.radar.support.errors import HandbenchError
 
 MAX_STEPS = 8
 SETTLED_M = 5e-6  # a last step; what is left is of second order, some nanometres

@@ -11,8 +11,8 @@ import numpy as np
 import tomlkit
 from pydantic import Field
 
-from radar.support.config import Config, load
-from radar.support.files import write_text
+from handbench.radar.support.config import Config, load
+from handbench.radar.support.files import write_text
 
 SQUARE_M = 0.12  # side of the default target's square
 HEADER = """\

@@ -5,9 +5,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from calibration.target.description import Candidate, Target
-from calibration.transforms import umeyama
-from radar.support.errors import HandbenchError
+from handbench.calibration.target.description import Candidate, Target
+from handbench.calibration.transforms import umeyama
+from handbench.radar.support.errors import HandbenchError
 
 TOLERANCE_M = 0.002  # how far two distances may differ: detection, the target's making, the photographs' scale
 MAX_CANDIDATES = 80

@@ -13,8 +13,8 @@ from itertools import product
 import numpy as np
 from scipy.spatial import cKDTree
 
-from calibration.target.description import Candidate, Target
-from radar.support.errors import HandbenchError
+from handbench.calibration.target.description import Candidate, Target
+from handbench.radar.support.errors import HandbenchError
 
 VOXELS_PER_RADIUS = 15  # of the smallest sphere
 NEIGHBOURS = 16  # of the local plane that gives a normal

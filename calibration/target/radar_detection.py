@@ -13,17 +13,17 @@ import numpy as np
 from pydantic import Field
 from scipy.ndimage import maximum_filter
 
-from calibration.target.description import Candidate, Target
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from radar.data.capture import RadarCapture
-from radar.data.grid import Axis, VoxelGrid
-from radar.imaging.api import image_volume
-from radar.imaging.cpu.exact import exact_images, path_lengths
-from radar.imaging.cpu.executor import ToneSkeleton
-from radar.imaging.cpu.steering import phasor
-from radar.simulation.physics.spheres import half_angle_cosine, path_gradients
-from radar.support.config import Config
-from radar.support.errors import HandbenchError
+from handbench.calibration.target.description import Candidate, Target
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.grid import Axis, VoxelGrid
+from handbench.radar.imaging.api import image_volume
+from handbench.radar.imaging.cpu.exact import exact_images, path_lengths
+from handbench.radar.imaging.cpu.executor import ToneSkeleton
+from handbench.radar.imaging.cpu.steering import phasor
+from handbench.radar.simulation.physics.spheres import half_angle_cosine, path_gradients
+from handbench.radar.support.config import Config
+from handbench.radar.support.errors import HandbenchError
 
 REACH_M = 0.006  # a seed is at most this far from its peak, per axis
 STENCIL_STEPS_M = (5e-4, 1e-4)  # the wide one walks to the summit, the narrow one is not misled by its skew

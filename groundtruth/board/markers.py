@@ -3,11 +3,11 @@
 import cv2
 import numpy as np
 
-from groundtruth.board.board import CHESSBOARD, Board
-from groundtruth.board.corners import refined, to_light
-from groundtruth.photos.exif import is_plausible
-from groundtruth.photos.photos import Photo
-from radar.support.errors import HandbenchError
+from handbench.groundtruth.board.board import CHESSBOARD, Board
+from handbench.groundtruth.board.corners import refined, to_light
+from handbench.groundtruth.photos.exif import is_plausible
+from handbench.groundtruth.photos.photos import Photo
+from handbench.radar.support.errors import HandbenchError
 
 FEWEST_CORNERS = 16  # for a focal length
 

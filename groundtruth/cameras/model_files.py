@@ -4,10 +4,10 @@ import struct
 from functools import cache
 from pathlib import Path
 
-from groundtruth.cameras.cameras import pycolmap
-from radar.support.errors import HandbenchError
-from radar.support.files import read_bytes, require_size
-from radar.support.limits import MODEL_BYTES
+from handbench.groundtruth.cameras.cameras import pycolmap
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import read_bytes, require_size
+from handbench.radar.support.limits import MODEL_BYTES
 
 KINDS = ("cameras", "images", "points3D", "rigs", "frames")
 

@@ -7,11 +7,11 @@ PatchMatch starts there, and the pixels of every view are matched and filtered a
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from groundtruth.dense.dense import ITERATIONS, LOOKS, THOROUGH, DepthMap, refined
-from groundtruth.dense.first_guess import planes_through
-from groundtruth.dense.fusion import Cloud, fuse
-from groundtruth.dense.views import Stereo, View
-from radar.support.progress import track
+from handbench.groundtruth.dense.dense import ITERATIONS, LOOKS, THOROUGH, DepthMap, refined
+from handbench.groundtruth.dense.first_guess import planes_through
+from handbench.groundtruth.dense.fusion import Cloud, fuse
+from handbench.groundtruth.dense.views import Stereo, View
+from handbench.radar.support.progress import track
 
 CONFIRMATIONS = 1  # other views that a point needs: what is wrong does not match again
 STEEPEST = 8.0  # disparities per pixel

@@ -23,14 +23,14 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from groundtruth.cameras.cameras import pycolmap
-from groundtruth.dense.dense import DepthMap, refined
-from groundtruth.dense.first_guess import planes_through
-from groundtruth.dense.fusion import CONFIRMATIONS
-from groundtruth.dense.patchmatch import RADIUS
-from groundtruth.dense.views import Stereo, View
-from radar.support.errors import HandbenchError
-from radar.support.progress import say, track
+from handbench.groundtruth.cameras.cameras import pycolmap
+from handbench.groundtruth.dense.dense import DepthMap, refined
+from handbench.groundtruth.dense.first_guess import planes_through
+from handbench.groundtruth.dense.fusion import CONFIRMATIONS
+from handbench.groundtruth.dense.patchmatch import RADIUS
+from handbench.groundtruth.dense.views import Stereo, View
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.progress import say, track
 
 # Iterations of four sweeps each, and whether a second run asks the sources' depth maps to agree: COLMAP's lowest, its
 # default.

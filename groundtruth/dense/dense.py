@@ -9,15 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from groundtruth.cameras.cameras import camera_in, pycolmap, registered
-from groundtruth.dense import patchmatch
-from groundtruth.dense.first_guess import SLANTS, first_guess, planes_swept
-from groundtruth.dense.prediction import predicted
-from groundtruth.dense.views import Stereo, View, open_view
-from groundtruth.photos.masks import Masks
-from groundtruth.photos.photos import Photo
-from radar.support.errors import HandbenchError
-from radar.support.progress import say, track
+from handbench.groundtruth.cameras.cameras import camera_in, pycolmap, registered
+from handbench.groundtruth.dense import patchmatch
+from handbench.groundtruth.dense.first_guess import SLANTS, first_guess, planes_swept
+from handbench.groundtruth.dense.prediction import predicted
+from handbench.groundtruth.dense.views import Stereo, View, open_view
+from handbench.groundtruth.photos.masks import Masks
+from handbench.groundtruth.photos.photos import Photo
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.progress import say, track
 
 
 class Limits(NamedTuple):

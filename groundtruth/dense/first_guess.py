@@ -8,8 +8,8 @@ not get there by itself. Of several sweeps each pixel takes the one whose planes
 import cv2
 import numpy as np
 
-from groundtruth.dense import patchmatch, planesweep
-from groundtruth.dense.views import Stereo, View
+from handbench.groundtruth.dense import patchmatch, planesweep
+from handbench.groundtruth.dense.views import Stereo, View
 
 FEWEST_PLANES, MOST_PLANES = 16, 320
 STEEPEST = 1.5  # disparities per pixel, of slopes that are read off the disparities

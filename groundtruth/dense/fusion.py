@@ -7,13 +7,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from groundtruth.dense.dense import DepthMap
-from groundtruth.dense.planesweep import LESS
-from groundtruth.dense.prediction import FUSED_ALONE, FUSED_BYTES
-from radar.support.compiled import njit, prange
-from radar.support.cost import require_free
-from radar.support.files import read_npz, write_npz
-from radar.support.limits import KEPT_BYTES
+from handbench.groundtruth.dense.dense import DepthMap
+from handbench.groundtruth.dense.planesweep import LESS
+from handbench.groundtruth.dense.prediction import FUSED_ALONE, FUSED_BYTES
+from handbench.radar.support.compiled import njit, prange
+from handbench.radar.support.cost import require_free
+from handbench.radar.support.files import read_npz, write_npz
+from handbench.radar.support.limits import KEPT_BYTES
 
 CONFIRMATIONS, FEW_VIEWS = 2, 5  # other views that must agree; 1 where there are no more than a few views
 AGREEMENT_PX = 1.7  # how far, in pixels times depth over focal length, two depths may be apart

@@ -2,16 +2,16 @@
 
 import numpy as np
 
-from groundtruth.dense import fusion, patchmatch, planesweep
-from groundtruth.dense.dense import depth_maps
-from groundtruth.dense.views import View
-from radar.support.compiled import compile_once
+from handbench.groundtruth.dense import fusion, patchmatch, planesweep
+from handbench.groundtruth.dense.dense import depth_maps
+from handbench.groundtruth.dense.views import View
+from handbench.radar.support.compiled import compile_once
 
 
 def compile_kernels() -> None:
     """Have the kernels compiled where they are not."""
     kernels = planesweep._correlate, planesweep._smooth, patchmatch._pass, patchmatch._polish, fusion._agree
-    compile_once("groundtruth.dense.kernels", *kernels)
+    compile_once("handbench.groundtruth.dense.kernels", *kernels)
 
 
 def _run_every_kernel() -> None:

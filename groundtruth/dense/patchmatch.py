@@ -12,8 +12,8 @@ the result does not depend on the number of threads.
 import cv2
 import numpy as np
 
-from groundtruth.dense.views import Stereo
-from radar.support.compiled import njit, prange
+from handbench.groundtruth.dense.views import Stereo
+from handbench.radar.support.compiled import njit, prange
 
 RADIUS = 3  # a window of 7 × 7 pixels; larger ones flatten what is curved, and put a finger too far away
 SIGMA_GRAY, SIGMA_PX = 0.08, 3.0  # bilateral weights

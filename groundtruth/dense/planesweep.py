@@ -11,10 +11,10 @@ from functools import partial
 import cv2
 import numpy as np
 
-from groundtruth.dense.views import Stereo
-from radar.support.compiled import njit
-from radar.support.cost import require_free
-from radar.support.parallel import for_each
+from handbench.groundtruth.dense.views import Stereo
+from handbench.radar.support.compiled import njit
+from handbench.radar.support.cost import require_free
+from handbench.radar.support.parallel import for_each
 
 LESS = "choose a lower --quality, or fewer or smaller photographs"
 WINDOW_RADIUS = 4

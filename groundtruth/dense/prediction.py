@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from groundtruth.dense import patchmatch, planesweep
-from groundtruth.dense.views import Stereo, View
-from radar.support.compiled import get_num_threads, set_num_threads
+from handbench.groundtruth.dense import patchmatch, planesweep
+from handbench.groundtruth.dense.views import Stereo, View
+from handbench.radar.support.compiled import get_num_threads, set_num_threads
 
 TRIAL_PX, TRIAL_PLANES, TRIALS = 96, 64, 4
 HYPOTHESES = len(patchmatch.DIRECTIONS) + patchmatch.PERTURBATIONS  # that an iteration tries at a pixel

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from groundtruth.cameras.cameras import pycolmap
-from groundtruth.photos.photos import Photo
+from handbench.groundtruth.cameras.cameras import pycolmap
+from handbench.groundtruth.photos.photos import Photo
 
 BORDER_PX = 8  # kept around the region of interest, so that a matching window never leaves the picture
 

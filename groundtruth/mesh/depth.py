@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calibration.transforms import Transform, perturbation_jacobian
-from groundtruth.mesh.surface import Surface
-from radar.support.errors import HandbenchError
-from radar.support.rays import TriangleMesh, embree
+from handbench.calibration.transforms import Transform, perturbation_jacobian
+from handbench.groundtruth.mesh.surface import Surface
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.rays import TriangleMesh, embree
 
 CLEARANCE_M = 1e-3
 LARGEST_M = np.array([50.0, 50.0, 250.0])  # beside a radar, and in depth, which single precision tells to 0.06 mm

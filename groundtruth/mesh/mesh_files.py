@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.transforms import LARGEST_M
-from groundtruth.mesh.ply import MOST, MOST_CORNERS, read_ply
-from radar.support.cost import require_free
-from radar.support.errors import HandbenchError
-from radar.support.files import atomic_path, require_file, require_size
-from radar.support.limits import MESH_BYTES
-from radar.support.rays import PointCloud, RaycastingScene, TriangleMesh, embree, load_open3d
+from handbench.calibration.transforms import LARGEST_M
+from handbench.groundtruth.mesh.ply import MOST, MOST_CORNERS, read_ply
+from handbench.radar.support.cost import require_free
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import atomic_path, require_file, require_size
+from handbench.radar.support.limits import MESH_BYTES
+from handbench.radar.support.rays import PointCloud, RaycastingScene, TriangleMesh, embree, load_open3d
 
 SMALLEST_M, LONGEST_M = 5e-3, 50.0  # of what anybody puts before a radar
 

@@ -15,9 +15,9 @@ the border, and less up to the reach of a window. No spread shows either; both a
 import numpy as np
 from scipy.spatial import KDTree
 
-from groundtruth.cameras.cameras import pycolmap
-from groundtruth.dense.fusion import Cloud
-from groundtruth.sparse.covariance import CameraCovariance, point_covariance
+from handbench.groundtruth.cameras.cameras import pycolmap
+from handbench.groundtruth.dense.fusion import Cloud
+from handbench.groundtruth.sparse.covariance import CameraCovariance, point_covariance
 
 NEIGHBOURS = 16  # points whose variances a vertex takes the mean of
 SLOPE = 0.25  # of a surface that was not seen

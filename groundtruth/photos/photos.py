@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from groundtruth.photos.exif import body_of, focal_length_px, orientation_of, read_exif
-from radar.support.errors import HandbenchError
-from radar.support.files import content_hash, require_folder
-from radar.support.pictures import is_deep, opened_picture
-from radar.support.progress import say, track
+from handbench.groundtruth.photos.exif import body_of, focal_length_px, orientation_of, read_exif
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import content_hash, require_folder
+from handbench.radar.support.pictures import is_deep, opened_picture
+from handbench.radar.support.progress import say, track
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 FEWEST = 3

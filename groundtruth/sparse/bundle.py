@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from groundtruth.board.markers import Corners
-from groundtruth.cameras.cameras import pycolmap, registered, set_pose
-from groundtruth.sparse.jacobians import POSE, pixel_jacobians, project
+from handbench.groundtruth.board.markers import Corners
+from handbench.groundtruth.cameras.cameras import pycolmap, registered, set_pose
+from handbench.groundtruth.sparse.jacobians import POSE, pixel_jacobians, project
 
 LOCATED_LIKE_PX = 2.0  # scale below which features are located alike: their noise goes as the root of both squares
 LEAST_NOISE_PX = 0.03  # nothing is located better

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from groundtruth.cameras.cameras import pycolmap
-from groundtruth.sparse.bundle import Bundle, pseudo_inverse
-from groundtruth.sparse.frame import Scale
-from groundtruth.sparse.jacobians import pixel_jacobians
-from radar.support.files import read_npz, write_npz
-from radar.support.limits import KEPT_BYTES
+from handbench.groundtruth.cameras.cameras import pycolmap
+from handbench.groundtruth.sparse.bundle import Bundle, pseudo_inverse
+from handbench.groundtruth.sparse.frame import Scale
+from handbench.groundtruth.sparse.jacobians import pixel_jacobians
+from handbench.radar.support.files import read_npz, write_npz
+from handbench.radar.support.limits import KEPT_BYTES
 
 NOT_SEEN = 1e-12  # of the information on a point: where nothing tells a direction, nothing moves along it
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from groundtruth.cameras.cameras import Camera, pycolmap
-from groundtruth.photos.photos import Photo
-from radar.support.progress import say
+from handbench.groundtruth.cameras.cameras import Camera, pycolmap
+from handbench.groundtruth.photos.photos import Photo
+from handbench.radar.support.progress import say
 
 DATABASE = "database.db"
 LONGEST_SIDE_PX = 3200  # features are found on photographs no larger than this

@@ -6,17 +6,17 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from groundtruth.board.board import Board, load_board
-from groundtruth.board.markers import Corners, detect_corners, focal_length_px, require_board
-from groundtruth.cameras.camera_files import cameras_of
-from groundtruth.cameras.cameras import Camera, cuda_devices
-from groundtruth.options import Options, SparseOptions
-from groundtruth.photos.masks import find_masks
-from groundtruth.photos.photos import Photo, find_photos, usable
-from radar.support.config import suggest
-from radar.support.errors import HandbenchError
-from radar.support.files import content_hash
-from radar.support.progress import track
+from handbench.groundtruth.board.board import Board, load_board
+from handbench.groundtruth.board.markers import Corners, detect_corners, focal_length_px, require_board
+from handbench.groundtruth.cameras.camera_files import cameras_of
+from handbench.groundtruth.cameras.cameras import Camera, cuda_devices
+from handbench.groundtruth.options import Options, SparseOptions
+from handbench.groundtruth.photos.masks import find_masks
+from handbench.groundtruth.photos.photos import Photo, find_photos, usable
+from handbench.radar.support.config import suggest
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import content_hash
+from handbench.radar.support.progress import track
 
 Chosen = TypeVar("Chosen", bound=SparseOptions)
 

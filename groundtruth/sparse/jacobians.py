@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from groundtruth.cameras.cameras import camera_in, pycolmap
+from handbench.groundtruth.cameras.cameras import camera_in, pycolmap
 
 POSE = 6  # parameters of a pose: translation τ and rotation ω on the camera's side, x → x + τ + ω × x
 STEP = 1e-6  # of differences, relative

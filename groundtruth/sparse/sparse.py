@@ -8,21 +8,21 @@ from pathlib import Path
 
 import numpy as np
 
-from groundtruth.cameras.camera_files import cameras_in, load_model
-from groundtruth.cameras.cameras import Camera, pycolmap, registered
-from groundtruth.cameras.model_files import write_model
-from groundtruth.options import SparseOptions
-from groundtruth.photos.photos import Photo
-from groundtruth.sparse.adjust import adjust
-from groundtruth.sparse.bundle import Bundle
-from groundtruth.sparse.covariance import CameraCovariance, camera_covariance
-from groundtruth.sparse.features import DATABASE, Lenses, scales_px
-from groundtruth.sparse.frame import Scale, apply, board_from_model, distances_from_model, poses_from_model
-from groundtruth.sparse.inputs import Inputs
-from groundtruth.sparse.sfm import changes, refinement, structure_from_motion, triangulated
-from radar.support.errors import HandbenchError
-from radar.support.files import read_json, write_json
-from radar.support.progress import say
+from handbench.groundtruth.cameras.camera_files import cameras_in, load_model
+from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered
+from handbench.groundtruth.cameras.model_files import write_model
+from handbench.groundtruth.options import SparseOptions
+from handbench.groundtruth.photos.photos import Photo
+from handbench.groundtruth.sparse.adjust import adjust
+from handbench.groundtruth.sparse.bundle import Bundle
+from handbench.groundtruth.sparse.covariance import CameraCovariance, camera_covariance
+from handbench.groundtruth.sparse.features import DATABASE, Lenses, scales_px
+from handbench.groundtruth.sparse.frame import Scale, apply, board_from_model, distances_from_model, poses_from_model
+from handbench.groundtruth.sparse.inputs import Inputs
+from handbench.groundtruth.sparse.sfm import changes, refinement, structure_from_motion, triangulated
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import read_json, write_json
+from handbench.radar.support.progress import say
 
 SCALE, COVARIANCE = "scale.json", "covariance.npz"
 SMALLEST_BASELINE = 0.03  # distance between cameras over distance to the scene

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, BistaticScan
-from radar.data.capture import RadarCapture, single
-from radar.data.recording import Recording
-from radar.support.config import suggest
-from radar.support.errors import HandbenchError
-from radar.support.files import atomic_path, plain_json, require_file
-from radar.support.hdf5 import attribute, opened, read
-from radar.support.limits import JSON_BYTES
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, BistaticScan
+from handbench.radar.data.capture import RadarCapture, single
+from handbench.radar.data.recording import Recording
+from handbench.radar.support.config import suggest
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import atomic_path, plain_json, require_file
+from handbench.radar.support.hdf5 import attribute, opened, read
+from handbench.radar.support.limits import JSON_BYTES
 
 if TYPE_CHECKING:
     import h5py

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field, model_validator
 
-from radar.data.arrays import positions
-from radar.support.config import Config
-from radar.support.errors import HandbenchError
+from handbench.radar.data.arrays import positions
+from handbench.radar.support.config import Config
+from handbench.radar.support.errors import HandbenchError
 
 
 class Axis(Config):

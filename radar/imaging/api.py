@@ -17,20 +17,20 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from radar.data.arrays import Aperture, positions, tones
-from radar.data.capture import largest_part, near_one
-from radar.data.grid import VoxelGrid
-from radar.imaging.certificate import of_nodes, of_points, opened
-from radar.imaging.cpu import executor as cpu
-from radar.imaging.cpu.exact import check_samples
-from radar.imaging.device import chosen
-from radar.imaging.gpu import executor as gpu
-from radar.imaging.peaks import Peaks, strongest_voxels
-from radar.imaging.plan import GridPlan, TreePlan, exact_terms, kept, node_cost, roomy
-from radar.imaging.tree import Family, clusters, crowded
-from radar.support.cost import TERMS_PER_S, require_memory, require_time
-from radar.support.errors import HandbenchError
-from radar.support.progress import track
+from handbench.radar.data.arrays import Aperture, positions, tones
+from handbench.radar.data.capture import largest_part, near_one
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging.certificate import of_nodes, of_points, opened
+from handbench.radar.imaging.cpu import executor as cpu
+from handbench.radar.imaging.cpu.exact import check_samples
+from handbench.radar.imaging.device import chosen
+from handbench.radar.imaging.gpu import executor as gpu
+from handbench.radar.imaging.peaks import Peaks, strongest_voxels
+from handbench.radar.imaging.plan import GridPlan, TreePlan, exact_terms, kept, node_cost, roomy
+from handbench.radar.imaging.tree import Family, clusters, crowded
+from handbench.radar.support.cost import TERMS_PER_S, require_memory, require_time
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.progress import track
 
 TOLERANCES = (1e-6, 0.1)  # float32 ends before the one, the bounds' derivation before the other
 CHUNK = 1 << 18  # voxels that the exact path images at once

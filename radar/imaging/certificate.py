@@ -16,11 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from radar.data.arrays import AntennaArray, Aperture
-from radar.data.grid import VoxelGrid
-from radar.imaging.cpu.exact import check_samples, exact_sums
-from radar.imaging.peaks import root_mean_square
-from radar.imaging.plan import GridPlan
+from handbench.radar.data.arrays import AntennaArray, Aperture
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging.cpu.exact import check_samples, exact_sums
+from handbench.radar.imaging.peaks import root_mean_square
+from handbench.radar.imaging.plan import GridPlan
 
 PICKS = 16  # voxels at least; more, up to all of them and to MOST, as far as TERMS of the exact sum (1 ms) allow
 TERMS, MOST = 1e6, 512

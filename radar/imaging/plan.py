@@ -15,13 +15,13 @@ from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
-from radar.data.grid import VoxelGrid
-from radar.imaging.device import Array, cis, distances
-from radar.imaging.skeleton import Resampler, regaining
-from radar.imaging.tree import DIRECT, Box, Family, Node, branch, crowded, split, trunk
-from radar.support.cost import TERMS_PER_S, require_memory, require_time
-from radar.support.parallel import one_blas_thread
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging.device import Array, cis, distances
+from handbench.radar.imaging.skeleton import Resampler, regaining
+from handbench.radar.imaging.tree import DIRECT, Box, Family, Node, branch, crowded, split, trunk
+from handbench.radar.support.cost import TERMS_PER_S, require_memory, require_time
+from handbench.radar.support.parallel import one_blas_thread
 
 LEAF = 7.0  # Nyquist intervals along each axis of a leaf, at most ...
 LIMB = 3  # ... and leaves along each axis of a limb: the balance of compressing against evaluating

@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, BistaticScan
-from radar.imaging.cpu.steering import probe_gains, steered_differences
-from radar.imaging.skeleton import band_kernel, skeleton
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, BistaticScan
+from handbench.radar.imaging.cpu.steering import probe_gains, steered_differences
+from handbench.radar.imaging.skeleton import band_kernel, skeleton
 
 # Of the tolerance, for each skeleton that keeps more members than the second number: residuals are held below it at
 # their worst member. The errors of many members differ and average out; so few as five are all alike and near their

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.data.capture import RadarCapture
-from radar.data.depthmap import DepthMap
-from radar.data.grid import Axis, PixelGrid
-from radar.support.config import Config
-from radar.support.errors import HandbenchError
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.data.grid import Axis, PixelGrid
+from handbench.radar.support.config import Config
+from handbench.radar.support.errors import HandbenchError
 
 CLIMB = 12.5  # times as far as the rung before it: 200 MHz to 2.5 GHz in the paper
 CLOSER, CLOSEST = 3, 16  # times as close as a method's pair: tones that reach further, and still tell the period
@@ -98,8 +98,8 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
 def _off_m(depth: DepthMap, capture: RadarCapture, asked_hz: np.ndarray, frame: int) -> float:
     """By how much the target lies behind a map's strongest pixels, as a pair of the capture's tones tells that lie
     closer together than any of those asked for; 0 where there is no such pair."""
-    from radar.imaging.api import image_points
-    from radar.methods.fsk import depth_step_m
+    from handbench.radar.imaging.api import image_points
+    from handbench.radar.methods.fsk import depth_step_m
 
     first_hz, apart_hz = asked_hz[0], np.abs(capture.frequencies_hz - asked_hz[0])
     gap_hz = np.diff(np.sort(asked_hz)).min()

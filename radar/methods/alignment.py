@@ -20,12 +20,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.data.depthmap import DepthMap
-from radar.data.grid import PixelGrid
-from radar.methods.confidence import beside_nearer, speckle_spread_m
-from radar.methods.fsk_config import AgreementConfig
-from radar.methods.smoothing import masked_mean
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.data.grid import PixelGrid
+from handbench.radar.methods.confidence import beside_nearer, speckle_spread_m
+from handbench.radar.methods.fsk_config import AgreementConfig
+from handbench.radar.methods.smoothing import masked_mean
 
 STEPS = 16  # per range cell, of the search
 ALIGNED = 0.9  # coherence below which two depths share a pixel,

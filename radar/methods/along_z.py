@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 
 LOADING, TINY = 1e-2, 1e-30  # of R's mean diagonal; and least
 CAPON_STEP_M, IMAGED_STEP_M = 0.25e-3, 0.5e-3

@@ -19,14 +19,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import minimum_filter
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.data.depthmap import DepthMap
-from radar.data.grid import PixelGrid
-from radar.methods.fsk_config import FskConfig, RefinedConfig
-from radar.methods.smoothing import masked_mean
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.data.grid import PixelGrid
+from handbench.radar.methods.fsk_config import FskConfig, RefinedConfig
+from handbench.radar.methods.smoothing import masked_mean
 
 if TYPE_CHECKING:
-    from radar.methods.fsk import Look, Tones
+    from handbench.radar.methods.fsk import Look, Tones
 
 FEW = 100  # pixels that may be but a few resolution cells: their median would hide the noise with the gain
 LOCAL_PX = 5  # window that tells a pixel's own error from its neighbourhood's, where the filter is narrower

@@ -16,16 +16,16 @@ from functools import cached_property
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
-from radar.data.capture import RadarCapture, near_one
-from radar.data.depthmap import DepthMap, amplitude_db
-from radar.data.grid import PixelGrid, VoxelGrid, bounding_box
-from radar.imaging.api import image_points, image_volume
-from radar.imaging.cpu.steering import mean_rise
-from radar.methods.confidence import Review
-from radar.methods.fsk_config import AnyConfig, FskConfig, RefinedConfig, reach_hz
-from radar.methods.fsk_config import TwoToneConfig as TwoToneConfig  # which plug-ins import from here
-from radar.methods.smoothing import masked_mean
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
+from handbench.radar.data.capture import RadarCapture, near_one
+from handbench.radar.data.depthmap import DepthMap, amplitude_db
+from handbench.radar.data.grid import PixelGrid, VoxelGrid, bounding_box
+from handbench.radar.imaging.api import image_points, image_volume
+from handbench.radar.imaging.cpu.steering import mean_rise
+from handbench.radar.methods.confidence import Review
+from handbench.radar.methods.fsk_config import AnyConfig, FskConfig, RefinedConfig, reach_hz
+from handbench.radar.methods.fsk_config import TwoToneConfig as TwoToneConfig  # which plug-ins import from here
+from handbench.radar.methods.smoothing import masked_mean
 
 Step = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 

@@ -9,8 +9,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
-from radar.data.grid import Axis, PixelGrid
-from radar.support.config import Config
+from handbench.radar.data.grid import Axis, PixelGrid
+from handbench.radar.support.config import Config
 
 PAPER_LATERAL = Axis(start_m=-0.15, stop_m=0.15, step_m=0.001)
 SETTLING = 5  # corrections of z_e within which it settles, where it settles at all

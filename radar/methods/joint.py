@@ -13,13 +13,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from radar.data.capture import RadarCapture
-from radar.data.depthmap import DepthMap, amplitude_db
-from radar.methods.alignment import NONE, agreed, align
-from radar.methods.confidence import Review
-from radar.methods.fsk import Tones, first_look, path_rise
-from radar.methods.fsk_config import JointConfig
-from radar.methods.smoothing import masked_mean
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import DepthMap, amplitude_db
+from handbench.radar.methods.alignment import NONE, agreed, align
+from handbench.radar.methods.confidence import Review
+from handbench.radar.methods.fsk import Tones, first_look, path_rise
+from handbench.radar.methods.fsk_config import JointConfig
+from handbench.radar.methods.smoothing import masked_mean
 
 NEAR = 0.25  # of the reach: the search about a depth that all tones found before
 

@@ -13,16 +13,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.data.capture import RadarCapture
-from radar.data.depthmap import DepthMap, amplitude_db, load_depthmap
-from radar.data.grid import PixelGrid, bounding_box
-from radar.methods.alignment import agreed
-from radar.methods.confidence import quadrature_m, spread_m, wrap_probability
-from radar.methods.fsk import Look, Tones, first_look
-from radar.methods.fsk_config import PixelsConfig, PriorConfig
-from radar.methods.smoothing import masked_mean
-from radar.support.errors import HandbenchError
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import DepthMap, amplitude_db, load_depthmap
+from handbench.radar.data.grid import PixelGrid, bounding_box
+from handbench.radar.methods.alignment import agreed
+from handbench.radar.methods.confidence import quadrature_m, spread_m, wrap_probability
+from handbench.radar.methods.fsk import Look, Tones, first_look
+from handbench.radar.methods.fsk_config import PixelsConfig, PriorConfig
+from handbench.radar.methods.smoothing import masked_mean
+from handbench.radar.support.errors import HandbenchError
 
 MOST_OFF = 2 / 3  # of half a period: so far off a prior may be on the whole, and its pixels still have room for theirs
 WITNESS_PX = 15  # window of the close pair's mean: some ten resolution cells

@@ -8,8 +8,8 @@ from typing import Annotated, Any
 
 from pydantic import Field, create_model
 
-from radar.data.capture import RadarCapture
-from radar.methods.fsk_config import (
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.methods.fsk_config import (
     SETTLING,
     AnyConfig,
     JointConfig,
@@ -19,9 +19,9 @@ from radar.methods.fsk_config import (
     ThreeToneConfig,
     TwoToneConfig,
 )
-from radar.methods.projection_config import AlignedConfig, BroadbandConfig, NarrowbandConfig, ProjectionConfig
-from radar.methods.registry import PAPER, Reconstruction, register
-from radar.support.config import Config
+from handbench.radar.methods.projection_config import AlignedConfig, BroadbandConfig, NarrowbandConfig, ProjectionConfig
+from handbench.radar.methods.registry import PAPER, Reconstruction, register
+from handbench.radar.support.config import Config
 
 OURS = f"docs/methods.md, after {PAPER}"
 ALONG_Z = "radar/methods/along_z.py, after Capon 1969 and Mallart & Fink 1994"
@@ -43,9 +43,9 @@ def _preset(id: str, config: type[Config], summary: str, source: str = OURS, **d
 
     @register(id, config, summary, source, base=id.rpartition("-")[0] or None)
     def run(capture: RadarCapture, config: AnyConfig | ProjectionConfig | PixelsConfig, frame: int) -> Reconstruction:
-        from radar.methods.fsk import n_tone
-        from radar.methods.optical_prior import other_sensor
-        from radar.methods.projection import project, volume
+        from handbench.radar.methods.fsk import n_tone
+        from handbench.radar.methods.optical_prior import other_sensor
+        from handbench.radar.methods.projection import project, volume
 
         if isinstance(config, AnyConfig):
             return Reconstruction(replace(n_tone(capture, config, frame), method=id))
@@ -75,14 +75,14 @@ _preset("broadband-coherence", AlignedConfig, "the same by the coherence factor"
 
 @register("joint", JointConfig, "any tones, all at once: the depth at which they agree best", OURS)
 def _joint(capture: RadarCapture, config: JointConfig, frame: int) -> Reconstruction:
-    from radar.methods.joint import joint
+    from handbench.radar.methods.joint import joint
 
     return Reconstruction(joint(capture, config, frame))
 
 
 @register("prior-2fsk", PriorConfig, "two tones far apart, about another sensor's depth of each pixel", PRIOR)
 def _prior(capture: RadarCapture, config: PriorConfig, frame: int) -> Reconstruction:
-    from radar.methods.optical_prior import prior_two_tone
+    from handbench.radar.methods.optical_prior import prior_two_tone
 
     return Reconstruction(prior_two_tone(capture, config, frame))
 

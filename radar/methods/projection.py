@@ -16,21 +16,21 @@ from typing import Any
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
-from radar.data.capture import RadarCapture, evenly, near_one
-from radar.data.depthmap import DepthMap, amplitude_db
-from radar.data.grid import PixelGrid, VoxelGrid
-from radar.imaging.api import image_points, image_volume, project_volume
-from radar.imaging.cpu.executor import ToneSkeleton
-from radar.imaging.peaks import Peaks, strongest_voxels
-from radar.imaging.plan import kept as kept_plan
-from radar.imaging.tree import Family
-from radar.methods.alignment import agreed, align
-from radar.methods.along_z import capon, coherence_factor
-from radar.methods.confidence import least_coherence
-from radar.methods.fsk import path_rise
-from radar.methods.projection_config import AlignedConfig, ProjectionConfig
-from radar.methods.settling import Exact, settled
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
+from handbench.radar.data.capture import RadarCapture, evenly, near_one
+from handbench.radar.data.depthmap import DepthMap, amplitude_db
+from handbench.radar.data.grid import PixelGrid, VoxelGrid
+from handbench.radar.imaging.api import image_points, image_volume, project_volume
+from handbench.radar.imaging.cpu.executor import ToneSkeleton
+from handbench.radar.imaging.peaks import Peaks, strongest_voxels
+from handbench.radar.imaging.plan import kept as kept_plan
+from handbench.radar.imaging.tree import Family
+from handbench.radar.methods.alignment import agreed, align
+from handbench.radar.methods.along_z import capon, coherence_factor
+from handbench.radar.methods.confidence import least_coherence
+from handbench.radar.methods.fsk import path_rise
+from handbench.radar.methods.projection_config import AlignedConfig, ProjectionConfig
+from handbench.radar.methods.settling import Exact, settled
 
 EXACT_TO = 1e-6  # relative error of what is called exact where voxels are compared: single precision's
 CHECKED = 8  # tones imaged once more, to see whether a depth is an echo's

@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from radar.data.grid import Axis, VoxelGrid
-from radar.methods.fsk_config import PAPER_LATERAL, AgreementConfig
-from radar.support.config import Config
+from handbench.radar.data.grid import Axis, VoxelGrid
+from handbench.radar.methods.fsk_config import PAPER_LATERAL, AgreementConfig
+from handbench.radar.support.config import Config
 
 FEWEST = 3  # tones that can be aligned and still tell how well they are
 

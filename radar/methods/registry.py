@@ -18,17 +18,18 @@ from typing import Any
 
 import numpy as np
 
-from radar.data.capture import RadarCapture
-from radar.data.depthmap import DepthMap
-from radar.support import closure
-from radar.support.closure import with_version
-from radar.support.config import Config, checked_name, parse, suggest
-from radar.support.errors import HandbenchError
-from radar.support.files import content_hash
-from radar.support.progress import say
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.support import closure
+from handbench.radar.support.closure import with_version
+from handbench.radar.support.config import Config, checked_name, parse, suggest
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import content_hash
+from handbench.radar.support.progress import say
 
 GROUP = "handbench.methods"
 OWN = "handbench"  # the distribution whose methods are the built-in ones
+MOVED = ("radar", "calibration", "groundtruth", "bench", "reports")  # packages of their own until version 0.2
 PAPER = "Bräunig et al., An Efficient yet High-Performance Method for Precise Radar-Based Imaging of Human Hand Poses"
 
 
@@ -125,7 +126,7 @@ def source_key(method: Method) -> tuple[str, ...]:
     if not file.is_file():
         raise HandbenchError(f"method '{method.id}': its code is in no file, so a change could not be noticed; move it")
     if method.distribution is None:
-        ours = _top(method.run.__module__) in closure.PACKAGES
+        ours = _top(method.run.__module__) == closure.PACKAGE
         return (closure.key_of(method.run.__module__) if ours else content_hash(file),)
     package = sys.modules[_top(method.run.__module__)]
     roots = sorted({file, *map(Path, getattr(package, "__path__", ()))})
@@ -154,11 +155,18 @@ def _load() -> None:
                 raise
             METHODS.clear()
             METHODS.update(before)
-            reason = str(error) if isinstance(error, HandbenchError) else f"{type(error).__name__}: {error}"
+            reason = _reason(error)
             BROKEN[f"{name} of {distribution}"] = " ".join(reason.split())
             say(f"plug-in {name} of {distribution}: left out: {BROKEN[f'{name} of {distribution}']}")
         for id in METHODS.keys() - before.keys():
             METHODS[id] = replace(METHODS[id], distribution=None if distribution == OWN else distribution)
+
+
+def _reason(error: BaseException) -> str:
+    """Why a plug-in could not be loaded. The packages that were installed beside handbench until 0.2 are inside it."""
+    if isinstance(error, ModuleNotFoundError) and error.name and _top(error.name) in MOVED:
+        return f"imports {error.name}, which is handbench.{error.name} since version 1.0; change the import"
+    return str(error) if isinstance(error, HandbenchError) else f"{type(error).__name__}: {error}"
 
 
 def _top(module: str) -> str:

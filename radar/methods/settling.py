@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from radar.imaging.peaks import Peaks
+from handbench.radar.imaging.peaks import Peaks
 
 # Times the voxels' root mean square error, that a difference of two must exceed. Errors gather where the image is
 # bright: above -13 dB of a point in a large box they were 2.2 times as large on average (measured, at 1e-3).

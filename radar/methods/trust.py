@@ -16,12 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.data.capture import RadarCapture, evenly, near_one
-from radar.data.depthmap import DepthMap
-from radar.data.grid import PixelGrid, bounding_box
-from radar.methods.advice import asked_hz
-from radar.support.config import Config
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.data.capture import RadarCapture, evenly, near_one
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.data.grid import PixelGrid, bounding_box
+from handbench.radar.methods.advice import asked_hz
+from handbench.radar.support.config import Config
 
 GROSS_M = 5e-3
 BESIDE_M = 5e-3  # half a window of neighbours, two resolution cells wide
@@ -101,7 +101,7 @@ def _of_tones(
 ) -> dict[str, np.ndarray]:
     """Features [n] that the method's own tones, or the capture's where its configuration names none, tell at the depths
     that it found."""
-    from radar.imaging.api import image_points
+    from handbench.radar.imaging.api import image_points
 
     tones_hz = capture.frequencies_hz if (asked := asked_hz(config)) is None else asked
     some = evenly(len(tones_hz), TONES)

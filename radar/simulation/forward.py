@@ -14,15 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, positions
-from radar.imaging.api import points_executor
-from radar.imaging.cpu.ascent import FULL_SIGHT, Sight, Source
-from radar.imaging.cpu.exact import path_lengths
-from radar.imaging.cpu.executor import Executor
-from radar.imaging.cpu.steering import GRAZING, least_cosine, steering
-from radar.imaging.tree import Box, Family, clusters
-from radar.support.errors import HandbenchError
-from radar.support.parallel import for_each
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, positions
+from handbench.radar.imaging.api import points_executor
+from handbench.radar.imaging.cpu.ascent import FULL_SIGHT, Sight, Source
+from handbench.radar.imaging.cpu.exact import path_lengths
+from handbench.radar.imaging.cpu.executor import Executor
+from handbench.radar.imaging.cpu.steering import GRAZING, least_cosine, steering
+from handbench.radar.imaging.tree import Box, Family, clusters
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.parallel import for_each
 
 CHUNK = 2048  # scatterers per matrix product
 NEAR = 5.0  # wavelengths from the array within which 1/R changes by a fifth and more from one antenna to the next

@@ -3,13 +3,13 @@ aperture's centre sees."""
 
 import numpy as np
 
-from radar.data.arrays import AntennaArray
-from radar.simulation.forward import Scatterers, simulate
-from radar.simulation.physics.coarse import visible_from
-from radar.simulation.physics.facets import Facets
-from radar.simulation.physics.reflection import body_reflection
-from radar.simulation.scene import Body, EchoScene
-from radar.simulation.state import facing, require_facets
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.simulation.forward import Scatterers, simulate
+from handbench.radar.simulation.physics.coarse import visible_from
+from handbench.radar.simulation.physics.facets import Facets
+from handbench.radar.simulation.physics.reflection import body_reflection
+from handbench.radar.simulation.scene import Body, EchoScene
+from handbench.radar.simulation.state import facing, require_facets
 
 TOLERANCE = 1e-3  # of a rehearsal's samples and images: its surfaces are coarser by far
 LONGEST = 0.5  # edge of coarse facets in wavelengths

@@ -11,17 +11,17 @@ from functools import partial
 
 import numpy as np
 
-from radar.data.capture import RadarCapture
-from radar.data.grid import Axis
-from radar.methods.fsk import two_tone
-from radar.methods.fsk_config import PAPER_LATERAL, SETTLING, AnyConfig, ThreeToneConfig, TwoToneConfig
-from radar.methods.projection import project
-from radar.methods.projection_config import NarrowbandConfig
-from radar.simulation.effects.base import Effect
-from radar.simulation.physics.line_of_sight import rays_of
-from radar.simulation.pilot import TOLERANCE
-from radar.simulation.scene import COARSE, EchoScene
-from radar.simulation.state import EchoState
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.grid import Axis
+from handbench.radar.methods.fsk import two_tone
+from handbench.radar.methods.fsk_config import PAPER_LATERAL, SETTLING, AnyConfig, ThreeToneConfig, TwoToneConfig
+from handbench.radar.methods.projection import project
+from handbench.radar.methods.projection_config import NarrowbandConfig
+from handbench.radar.simulation.effects.base import Effect
+from handbench.radar.simulation.physics.line_of_sight import rays_of
+from handbench.radar.simulation.pilot import TOLERANCE
+from handbench.radar.simulation.scene import COARSE, EchoScene
+from handbench.radar.simulation.state import EchoState
 
 COARSER = 2.0  # edges of facets and mirrors over those of a simulation
 PIXELS = 8000  # of the box around the target, about

@@ -6,17 +6,17 @@ from typing import Literal
 
 import numpy as np
 
-from radar.simulation.effects import antennas, receiver, scattering
-from radar.simulation.effects.base import Effect
-from radar.simulation.effects.dielectric import Dielectric
-from radar.simulation.effects.further import Clutter, Multipath
-from radar.simulation.effects.motion import TargetMotion
-from radar.simulation.effects.roughness import SurfaceRoughness
-from radar.simulation.known_effects import Choice, check_names
-from radar.simulation.rehearsal import FINE, Rehearsal
-from radar.simulation.scene import EchoScene
-from radar.simulation.triage import Triage, triage
-from radar.support.errors import HandbenchError
+from handbench.radar.simulation.effects import antennas, receiver, scattering
+from handbench.radar.simulation.effects.base import Effect
+from handbench.radar.simulation.effects.dielectric import Dielectric
+from handbench.radar.simulation.effects.further import Clutter, Multipath
+from handbench.radar.simulation.effects.motion import TargetMotion
+from handbench.radar.simulation.effects.roughness import SurfaceRoughness
+from handbench.radar.simulation.known_effects import Choice, check_names
+from handbench.radar.simulation.rehearsal import FINE, Rehearsal
+from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.triage import Triage, triage
+from handbench.radar.support.errors import HandbenchError
 
 # In the order in which they are applied, which is that of known_effects.toml.
 EFFECTS: tuple[Effect, ...] = (

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from radar.data.arrays import AntennaArray
-from radar.data.capture import RadarCapture
-from radar.simulation.known_effects import Choice
-from radar.simulation.scene import EchoScene
-from radar.simulation.selection import EFFECTS
-from radar.simulation.state import EchoState
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.simulation.known_effects import Choice
+from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.selection import EFFECTS
+from handbench.radar.simulation.state import EchoState
 
 ECHOES = "echoes"  # the row of the base simulation in the table of times
 

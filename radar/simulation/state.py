@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from radar.data.arrays import AntennaArray
-from radar.imaging.cpu.ascent import Sight
-from radar.imaging.tree import Box
-from radar.simulation.forward import Scatterers, simulate
-from radar.simulation.physics.facets import Facets, face_vectors, facets_of
-from radar.simulation.physics.spheres import ball_echoes
-from radar.simulation.scene import Body, EchoScene
-from radar.support.errors import HandbenchError
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.imaging.cpu.ascent import Sight
+from handbench.radar.imaging.tree import Box
+from handbench.radar.simulation.forward import Scatterers, simulate
+from handbench.radar.simulation.physics.facets import Facets, face_vectors, facets_of
+from handbench.radar.simulation.physics.spheres import ball_echoes
+from handbench.radar.simulation.scene import Body, EchoScene
+from handbench.radar.support.errors import HandbenchError
 
 SIGHT_TOLERANCE = 1e-3  # of echoes that diffract: a fifth of what interpolating their sight leaves
 

@@ -1,17 +1,17 @@
 """The choice of `effects = "auto"`: which effects a scene can do without, found for less than they cost.
 
 An effect that takes no time is on, unasked. Of the others a glance tells which are nothing or far too much. The rest is
-rehearsed (radar.simulation.rehearsal) one by one and then all that is left out together, but only where that takes less
-than SHARE of the simulation: what is not worth its estimate is on.
+rehearsed (`radar.simulation.rehearsal`) one by one and then all that is left out together, but only where that takes
+less than SHARE of the simulation: what is not worth its estimate is on.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
-from radar.simulation.effects.base import Effect, Glance, echo_s
-from radar.simulation.rehearsal import Change, Rehearsal
-from radar.simulation.scene import EchoScene
+from handbench.radar.simulation.effects.base import Effect, Glance, echo_s
+from handbench.radar.simulation.rehearsal import Change, Rehearsal
+from handbench.radar.simulation.scene import EchoScene
 
 SHARE = 0.04  # of the whole simulation's seconds: what estimating may take
 LITTLE = 0.02  # of the same: an effect that takes less is on, unasked

@@ -15,16 +15,16 @@ from importlib import metadata
 from pathlib import Path
 from typing import NamedTuple
 
-from radar.support.files import content_hash
+from handbench.radar.support.files import content_hash
 
-ROOT = Path(__file__).parents[2]
-PACKAGES = ("radar", "calibration", "groundtruth", "bench", "reports")
+ROOT = Path(__file__).parents[2]  # handbench's folder where it is installed, the repository's in a clone
+PACKAGE = "handbench"
 BY_NAME = ("import_module", "__import__")
 BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")  # of statements, in a statement
 
 
 class _Module(NamedTuple):
-    """A module's hash, the modules of PACKAGES that it imports (with the packages on the way), the other libraries."""
+    """A module's hash, handbench's modules that it imports (with the packages on the way), the other libraries."""
 
     hash: str
     ours: frozenset[str]
@@ -32,7 +32,7 @@ class _Module(NamedTuple):
 
 
 class Sources:
-    """The modules of PACKAGES below a root, as they are when they are first asked for."""
+    """handbench's modules below a root, as they are when they are first asked for."""
 
     def __init__(self, root: Path = ROOT) -> None:
         self.root = root
@@ -54,7 +54,7 @@ class Sources:
         return sorted(ours), sorted(others - sys.stdlib_module_names)
 
     def key(self, module: str) -> str:
-        """Hash of all code that a module runs: these packages' content, the other libraries' and Python's versions."""
+        """Hash of all code that a module runs: handbench's content, the other libraries' versions and Python's."""
         ours, others = self.closure(module)
         versions = [installed(name) for name in others]
         return content_hash([[name, self._module(name).hash] for name in ours], versions, sys.version_info[:2])
@@ -71,7 +71,7 @@ class Sources:
         source = file.read_bytes()
         names = _imported(source, name if file.name == "__init__.py" else name.rpartition(".")[0])
         ours = frozenset(passed for n in names for passed in self._passed(n))
-        others = frozenset(top for n in names if (top := n.partition(".")[0]) not in PACKAGES)
+        others = frozenset(top for n in names if (top := n.partition(".")[0]) != PACKAGE)
         data: list[Path] = []
         if b"__file__" in source:  # but for what comes and goes, Python's and numba's compiled code
             below = (p for p in file.parent.rglob("*") if p.suffix != ".py" and "__pycache__" not in p.parts)
@@ -81,13 +81,15 @@ class Sources:
 
     def _passed(self, name: str) -> list[str]:
         """The modules that importing a name runs: those there are of a, a.b and a.b.c."""
-        parts = name.split(".") if name.partition(".")[0] in PACKAGES else []
+        parts = name.split(".") if name.partition(".")[0] == PACKAGE else []
         prefixes = (".".join(parts[:count]) for count in range(1, len(parts) + 1))
         return [prefix for prefix in prefixes if self._file(prefix) is not None]
 
     def _find(self, name: str) -> Path | None:
-        folder = self.root.joinpath(*name.split("."))
-        return next((place for place in (folder / "__init__.py", folder.with_suffix(".py")) if place.is_file()), None)
+        below = name.removeprefix(PACKAGE).lstrip(".").split(".")  # a script of a clone is in another package
+        folders = [self.root.joinpath(*below), self.root.joinpath(PACKAGE, *below)]  # a clone has both
+        places = (place for folder in folders for place in (folder / "__init__.py", folder.with_suffix(".py")))
+        return next((place for place in places if place.is_file()), None)
 
 
 @cache

@@ -16,7 +16,7 @@ from numba.core import config
 from numba.core.codegen import get_host_cpu_features
 from numba.core.registry import cpu_target
 
-from radar.support.progress import say
+from handbench.radar.support.progress import say
 
 __all__ = ["FAST", "compile_once", "get_num_threads", "njit", "prange", "set_num_threads"]
 

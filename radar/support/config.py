@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 import pydantic
 
-from radar.support.errors import HandbenchError
-from radar.support.files import read_text
-from radar.support.limits import LONG_KEY, MOST_PROBLEMS, TOML_BYTES, require_shallow
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import read_text
+from handbench.radar.support.limits import LONG_KEY, MOST_PROBLEMS, TOML_BYTES, require_shallow
 
 ConfigT = TypeVar("ConfigT", bound="Config")
 

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import psutil
 
-from radar.support.errors import HandbenchError
-from radar.support.parallel import workers
-from radar.support.progress import say
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.parallel import workers
+from handbench.radar.support.progress import say
 
 SAMPLE_S = 0.05
 GEMM_SIZE = 1024  # large enough for the full rate, too small to show in a stage's peak memory

@@ -17,8 +17,8 @@ from typing import IO, Any
 
 import numpy as np
 
-from radar.support import limits
-from radar.support.errors import HandbenchError
+from handbench.radar.support import limits
+from handbench.radar.support.errors import HandbenchError
 
 UNCHANGED = "nothing was changed: free the space or choose another place"
 NPY_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}

@@ -13,8 +13,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from radar.support.errors import HandbenchError
-from radar.support.files import writable
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import writable
 
 MARKER, WORK = ".handbench-run", "work"
 PART_BYTES = 2**22

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from radar.support.cost import require_free
+from handbench.radar.support.cost import require_free
 
 if TYPE_CHECKING:
     import h5py

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from radar.support.files import read_bytes
-from radar.support.limits import ARRAY_BYTES, MOST_MEMBERS
+from handbench.radar.support.files import read_bytes
+from handbench.radar.support.limits import ARRAY_BYTES, MOST_MEMBERS
 
 ORDERS = {b"\x00\x01IM": "<", b"\x01\x00MI": ">"}  # how the header ends: version and order of bytes
 HEADER, TAG, MATRIX, COMPRESSED, COMPLEX = 128, 8, 14, 15, 0x800  # bytes, bytes, kinds of element, flag of an array

@@ -11,7 +11,7 @@ from typing import TypeVar
 
 from threadpoolctl import ThreadpoolController
 
-from radar.support.errors import HandbenchError
+from handbench.radar.support.errors import HandbenchError
 
 Item = TypeVar("Item")
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from PIL import Image
 
-from radar.support.errors import HandbenchError
-from radar.support.files import read_bytes
-from radar.support.limits import PICTURE_BYTES
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import read_bytes
+from handbench.radar.support.limits import PICTURE_BYTES
 
 FORMATS = ("JPEG", "PNG", "TIFF")  # of what else Pillow knows, some starts programs
 LARGEST_PX = 110_000_000  # a hundred megapixels take a GB to decode

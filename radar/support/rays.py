@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from radar.support.errors import HandbenchError
+from handbench.radar.support.errors import HandbenchError
 
 TriangleMesh: TypeAlias = Any  # open3d's classes: they have no types, and their import takes a second
 PointCloud: TypeAlias = Any

@@ -19,12 +19,12 @@ from importlib import import_module, metadata
 from pathlib import Path
 from typing import Any
 
-from radar.support import closure
-from radar.support.cost import Cost, calibrated_machine, measured
-from radar.support.errors import HandbenchError
-from radar.support.files import atomic_folder, content_hash, read_json, write_json
-from radar.support.folder import is_own_folder, own, read_own
-from radar.support.progress import say
+from handbench.radar.support import closure
+from handbench.radar.support.cost import Cost, calibrated_machine, measured
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import atomic_folder, content_hash, read_json, write_json
+from handbench.radar.support.folder import is_own_folder, own, read_own
+from handbench.radar.support.progress import say
 
 MANIFEST, STAMP = "manifest.json", "stage.json"  # in each folder: size and checksum of its files; what they cost
 LIBRARIES = ("handbench", "numpy", "scipy", "numba", "open3d", "pycolmap", "opencv-contrib-python-headless", "h5py")

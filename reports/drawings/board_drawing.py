@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
-from radar.support.errors import HandbenchError
-from reports.drawings.sheets import Drawing, sheets
+from handbench.radar.support.errors import HandbenchError
+from handbench.reports.drawings.sheets import Drawing, sheets
 
 if TYPE_CHECKING:
-    from groundtruth.board.board import Board
+    from handbench.groundtruth.board.board import Board
 
 MILLIMETRES = 1e3
 FLAT_M = 5e-5  # how far a corner may lie off the plane of print: finer than paper is flat

@@ -13,10 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from reports.drawings.sheets import GREY, Drawing, line, sheets, usable_mm
+from handbench.reports.drawings.sheets import GREY, Drawing, line, sheets, usable_mm
 
 if TYPE_CHECKING:
-    from calibration.target.description import Target
+    from handbench.calibration.target.description import Target
 
 MILLIMETRES = 1e3
 EDGE_MM = 0.5  # outlines have a width

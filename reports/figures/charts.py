@@ -10,12 +10,22 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from bench.results import HEADLINE, CaptureFacts, MethodFacts, Result
-from bench.results.about import TREATMENTS
-from bench.results.tables import each
-from reports.figures.style import Picture, draw, log_axis, looks, methods, name_all, side_by_side, time_text, whiskers
-from reports.figures.style import width_in as wide
-from reports.tables.blocks import AGAINST, DRAWN, floor_note
+from handbench.bench.results import HEADLINE, CaptureFacts, MethodFacts, Result
+from handbench.bench.results.about import TREATMENTS
+from handbench.bench.results.tables import each
+from handbench.reports.figures.style import (
+    Picture,
+    draw,
+    log_axis,
+    looks,
+    methods,
+    name_all,
+    side_by_side,
+    time_text,
+    whiskers,
+)
+from handbench.reports.figures.style import width_in as wide
+from handbench.reports.tables.blocks import AGAINST, DRAWN, floor_note
 
 EDGES_MM = np.geomspace(0.02, 100, 400)
 Counts = dict[tuple[str, str], np.ndarray]  # by method and reference

@@ -18,9 +18,9 @@ from matplotlib.markers import TICKDOWN, TICKLEFT
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
-from bench.results import HEADLINE, CaptureFacts, ErrorMap, MethodFacts, Result, Surface
-from reports.figures.style import COLUMN_IN, Layout, Picture, methods, narrow, time_text
-from reports.tables.blocks import AGAINST, DRAWN, floor_note
+from handbench.bench.results import HEADLINE, CaptureFacts, ErrorMap, MethodFacts, Result, Surface
+from handbench.reports.figures.style import COLUMN_IN, Layout, Picture, methods, narrow, time_text
+from handbench.reports.tables.blocks import AGAINST, DRAWN, floor_note
 
 DEPTH_COLOURS, ERROR_COLOURS, EMPTY = "viridis_r", "RdBu_r", "#d9d9d9"
 ERROR_TICKS_MM = (-30, -10, -3, -1, 0, 1, 3, 10, 30)

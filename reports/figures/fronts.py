@@ -10,11 +10,11 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.typing import MarkerType
 
-from bench.results import HEADLINE, Section, Setting, Tradeoff
-from reports.figures.numbers import number_points
-from reports.figures.style import COLOURS, COLUMN_IN, Picture, log_axis, look, looks, narrow, whiskers
-from reports.tables.blocks import figure as figure_text
-from reports.tables.blocks import known, number, three_digits
+from handbench.bench.results import HEADLINE, Section, Setting, Tradeoff
+from handbench.reports.figures.numbers import number_points
+from handbench.reports.figures.style import COLOURS, COLUMN_IN, Picture, log_axis, look, looks, narrow, whiskers
+from handbench.reports.tables.blocks import figure as figure_text
+from handbench.reports.tables.blocks import known, number, three_digits
 
 LINE_IN = 0.165  # of a legend
 PARTS = {  # of a frame's time: name, colour, hatch

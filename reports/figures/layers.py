@@ -12,9 +12,9 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bench.results import ErrorMap, Surface
-from reports.figures import depth_maps
-from reports.figures.style import STYLE
+from handbench.bench.results import ErrorMap, Surface
+from handbench.reports.figures import depth_maps
+from handbench.reports.figures.style import STYLE
 
 SKIN, INVENTED = (0.93, 0.77, 0.67), (0.72, 0.72, 0.76)
 LIGHT = np.array([-0.45, 0.55, 0.70])  # of the eye's axes: from the upper left, a little before the surface

@@ -8,11 +8,11 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from bench.results import ErrorMap, Surface
-from radar.support.errors import HandbenchError
-from radar.support.files import atomic_path
-from reports.figures.depth_maps import Panel, box_of, depth_strip, error_panel, error_strip, sheet
-from reports.figures.style import STYLE
+from handbench.bench.results import ErrorMap, Surface
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import atomic_path
+from handbench.reports.figures.depth_maps import Panel, box_of, depth_strip, error_panel, error_strip, sheet
+from handbench.reports.figures.style import STYLE
 
 FORMATS = (".png", ".pdf", ".svg")
 

@@ -12,8 +12,8 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.typing import MarkerType, RcKeyType
 from numpy.typing import ArrayLike
 
-from bench.results import MethodFacts, Result
-from reports.tables.blocks import known
+from handbench.bench.results import MethodFacts, Result
+from handbench.reports.tables.blocks import known
 
 STYLE: dict[RcKeyType, object] = {
     "font.size": 9,

@@ -6,7 +6,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from reports.figures.style import COLOURS, STYLE
+from handbench.reports.figures.style import COLOURS, STYLE
 
 AXES = ("#D55E00", "#009E73", "#0072B2")  # of x, y and z
 SHARES = (10, 50, 90)  # percentiles over the channels

@@ -3,13 +3,13 @@
 from pathlib import Path
 from typing import Any
 
-from bench.results import Result
-from bench.results.tables import each
-from reports.figures.charts import CAUSES, bin_label, explained
-from reports.figures.style import methods
-from reports.page import rendering
-from reports.page.sections import Grid
-from reports.tables.blocks import AGAINST, NONE, number
+from handbench.bench.results import Result
+from handbench.bench.results.tables import each
+from handbench.reports.figures.charts import CAUSES, bin_label, explained
+from handbench.reports.figures.style import methods
+from handbench.reports.page import rendering
+from handbench.reports.page.sections import Grid
+from handbench.reports.tables.blocks import AGAINST, NONE, number
 
 
 def section(result: Result, folder: Path) -> dict[str, Any] | None:

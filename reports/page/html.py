@@ -7,20 +7,20 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from bench.results import CaptureFacts, Result, load, load_tradeoff
-from radar.support.cost import require_time
-from radar.support.errors import HandbenchError
-from radar.support.files import write_text
-from radar.support.parallel import script_left_out, workers
-from radar.support.progress import track
-from reports.figures import charts
-from reports.figures.depth_maps import maps_of, panels
-from reports.figures.style import methods
-from reports.page import cause_section, rendering, scene3d, sections, sheet_svg, tradeoff_section
-from reports.page.rendering import Image, render
-from reports.tables import latex, result_tables
-from reports.tables.blocks import caption
-from reports.tables.result_tables import findings
+from handbench.bench.results import CaptureFacts, Result, load, load_tradeoff
+from handbench.radar.support.cost import require_time
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import write_text
+from handbench.radar.support.parallel import script_left_out, workers
+from handbench.radar.support.progress import track
+from handbench.reports.figures import charts
+from handbench.reports.figures.depth_maps import maps_of, panels
+from handbench.reports.figures.style import methods
+from handbench.reports.page import cause_section, rendering, scene3d, sections, sheet_svg, tradeoff_section
+from handbench.reports.page.rendering import Image, render
+from handbench.reports.tables import latex, result_tables
+from handbench.reports.tables.blocks import caption
+from handbench.reports.tables.result_tables import findings
 
 ABREAST = 12  # captures on a page
 SECTIONS = ("verdicts", "effects", "uncertainty", "provenance", "command", "settings", "captures")

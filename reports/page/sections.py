@@ -5,13 +5,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.results import HEADLINE, Result
-from bench.results.about import TREATMENTS, on_common_pixels
-from bench.results.result_folder import shown
-from bench.results.stability import KINDS, VERDICTS, counted, load_stability
-from bench.results.tables import each
-from reports.tables.blocks import AGAINST, NONE, Block, blocks, figure, known, number, p_text, printed, three_digits
-from reports.tables.result_tables import stages
+from handbench.bench.results import HEADLINE, Result
+from handbench.bench.results.about import TREATMENTS, on_common_pixels
+from handbench.bench.results.result_folder import shown
+from handbench.bench.results.stability import KINDS, VERDICTS, counted, load_stability
+from handbench.bench.results.tables import each
+from handbench.reports.tables.blocks import (
+    AGAINST,
+    NONE,
+    Block,
+    blocks,
+    figure,
+    known,
+    number,
+    p_text,
+    printed,
+    three_digits,
+)
+from handbench.reports.tables.result_tables import stages
 
 LEADING = 4  # sentences of a metric that are read without opening the list
 

@@ -3,10 +3,10 @@
 import numpy as np
 from PIL import Image
 
-from bench.results import Surface
-from reports.figures.layers import shaded
-from reports.page import scene3d
-from reports.page.rendering import image, render
+from handbench.bench.results import Surface
+from handbench.reports.figures.layers import shaded
+from handbench.reports.page import scene3d
+from handbench.reports.page.rendering import image, render
 
 
 def page(name: str, title: str, surface: Surface) -> str:

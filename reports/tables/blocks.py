@@ -7,8 +7,8 @@ from typing import TypeGuard
 
 import pandas as pd
 
-from bench.results import HEADLINE, HEADLINES, REFERENCES, CaptureFacts, Result
-from bench.results.about import TREATMENTS, on_common_pixels
+from handbench.bench.results import HEADLINE, HEADLINES, REFERENCES, CaptureFacts, Result
+from handbench.bench.results.about import TREATMENTS, on_common_pixels
 
 HEADINGS = {
     "photogrammetry": "Scored against photogrammetry, as the paper does",

@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import Any
 
-from bench.results.compared import Compared
-from bench.results.tables import each
-from radar.support.files import write_text
-from reports.tables import latex
-from reports.tables.blocks import NONE, figure, number, p_text
-from reports.tables.result_tables import bold, escaped, table, terminal_table, wide_console
+from handbench.bench.results.compared import Compared
+from handbench.bench.results.tables import each
+from handbench.radar.support.files import write_text
+from handbench.reports.tables import latex
+from handbench.reports.tables.blocks import NONE, figure, number, p_text
+from handbench.reports.tables.result_tables import bold, escaped, table, terminal_table, wide_console
 
 CHANGES = 12  # of one kind are shown; compare.json has all
 HEAD = ("A", "B", "B − A", "p")

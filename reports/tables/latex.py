@@ -9,9 +9,9 @@ import unicodedata
 from collections.abc import Iterable
 from itertools import groupby, pairwise
 
-from bench.results import Result, Tradeoff
-from bench.results.tables import each
-from reports.tables.blocks import (
+from handbench.bench.results import Result, Tradeoff
+from handbench.bench.results.tables import each
+from handbench.reports.tables.blocks import (
     AGAINST,
     NONE,
     Block,
@@ -24,7 +24,7 @@ from reports.tables.blocks import (
     p_text,
     printed,
 )
-from reports.tables.blocks import three_digits as digits
+from handbench.reports.tables.blocks import three_digits as digits
 
 COLUMNS, ABREAST = 5, 4  # methods that fit beside each other on a page and in one of its columns
 TITLE = "30mm"  # width of the column of metrics, whose titles are long

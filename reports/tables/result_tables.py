@@ -13,10 +13,20 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from bench.results import HEADLINE, HEADLINES, Result, Tradeoff
-from bench.results.about import TREATMENTS
-from bench.results.tables import LEVEL, each
-from reports.tables.blocks import best_note, blocks, caption, figure, known, number, p_text, ratio, three_digits
+from handbench.bench.results import HEADLINE, HEADLINES, Result, Tradeoff
+from handbench.bench.results.about import TREATMENTS
+from handbench.bench.results.tables import LEVEL, each
+from handbench.reports.tables.blocks import (
+    best_note,
+    blocks,
+    caption,
+    figure,
+    known,
+    number,
+    p_text,
+    ratio,
+    three_digits,
+)
 
 PAIRS = (("3fsk", "2fsk"), ("3fsk", "broadband"), ("nfsk-plus", "broadband"), ("broadband", "narrowband"))
 OVER = "aurc_mm"

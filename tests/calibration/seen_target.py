@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.registration.register import common_pairs, solve
-from calibration.registration.rigid_fit import Pairs
-from calibration.target.description import Candidate, Target
-from calibration.target.matching import match
-from calibration.transforms import Transform
+from handbench.calibration.registration.register import common_pairs, solve
+from handbench.calibration.registration.rigid_fit import Pairs
+from handbench.calibration.target.description import Candidate, Target
+from handbench.calibration.target.matching import match
+from handbench.calibration.transforms import Transform
 
 ANY = tuple(range(5))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.registration.register import calibrate, common_covariance
+from handbench.calibration.registration.register import calibrate, common_covariance
 from tests.calibration.target.test_balls import capture, centres
 from tests.calibration.target.test_spheres import scene
 

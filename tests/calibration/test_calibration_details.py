@@ -10,15 +10,15 @@ from matplotlib.text import Text
 from scipy.optimize import brentq
 from scipy.stats import chi2
 
-from calibration.array.estimate import estimate_array
-from calibration.array.prior import without
-from calibration.registration.register import Motion
-from calibration.registration.rigid_fit import Pairs, fit
-from calibration.target.description import Element, Target
-from calibration.target.radar_detection import EchoSearch
-from calibration.transforms import TRIPLES, triples, umeyama
-from reports.drawings.sheets import INCH_MM
-from reports.drawings.target_drawing import target_sheets
+from handbench.calibration.array.estimate import estimate_array
+from handbench.calibration.array.prior import without
+from handbench.calibration.registration.register import Motion
+from handbench.calibration.registration.rigid_fit import Pairs, fit
+from handbench.calibration.target.description import Element, Target
+from handbench.calibration.target.radar_detection import EchoSearch
+from handbench.calibration.transforms import TRIPLES, triples, umeyama
+from handbench.reports.drawings.sheets import INCH_MM
+from handbench.reports.drawings.target_drawing import target_sheets
 from tests.calibration.array.test_array import PAPER_RAD, C, Imperfect, centres_m, recorded, small_state  # noqa: F401
 
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calibration.transforms import Transform, identity, load_transform, perturbation_jacobian, umeyama
-from radar.support.errors import HandbenchError
+from handbench.calibration.transforms import Transform, identity, load_transform, perturbation_jacobian, umeyama
+from handbench.radar.support.errors import HandbenchError
 
 seeds = st.integers(0, 2**32 - 1)
 

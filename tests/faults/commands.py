@@ -17,11 +17,11 @@ from unittest.mock import patch
 import numpy as np
 import tomlkit
 
-from bench.cli.main import main
-from bench.run import photogrammetry
-from calibration.transforms import Transform
-from groundtruth.mesh.mesh_files import load_open3d, write_mesh
-from radar.support.folder import MARKER
+from handbench.bench.cli.main import main
+from handbench.bench.run import photogrammetry
+from handbench.calibration.transforms import Transform
+from handbench.groundtruth.mesh.mesh_files import load_open3d, write_mesh
+from handbench.radar.support.folder import MARKER
 from tests.bench.conftest import BENCH, SCENE
 from tests.bench.datasets import test_mapping as foreign
 from tests.bench.studies.stability.faults import content

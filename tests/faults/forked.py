@@ -13,18 +13,28 @@ import sys
 import traceback
 from importlib import import_module
 
-from bench.cli.main import main
-from bench.run import reconstruct_stage
-from radar.support.closure import key_of
-from radar.support.rays import load_open3d
+from handbench.bench.cli.main import main
+from handbench.bench.run import reconstruct_stage
+from handbench.radar.support.closure import key_of
+from handbench.radar.support.rays import load_open3d
 from tests.bench.run.photographed import RUN
 
 NEEDED = (
-    "bench.cli.run", "bench.run.runner", "bench.run.simulate_stage", "bench.run.reconstruct_stage", "bench.run.scoring",
-    "bench.run.repeat_stage", "bench.run.calibrate_stage", "bench.scenes.echoes", "bench.scenes.photographs",
-    "groundtruth.sparse_stage", "groundtruth.dense_stage", "groundtruth.mesh_stage", "radar.warmup",
-    "reports.tables.result_tables",
-)  # fmt: skip
+    "handbench.bench.cli.run",
+    "handbench.bench.run.runner",
+    "handbench.bench.run.simulate_stage",
+    "handbench.bench.run.reconstruct_stage",
+    "handbench.bench.run.scoring",
+    "handbench.bench.run.repeat_stage",
+    "handbench.bench.run.calibrate_stage",
+    "handbench.bench.scenes.echoes",
+    "handbench.bench.scenes.photographs",
+    "handbench.groundtruth.sparse_stage",
+    "handbench.groundtruth.dense_stage",
+    "handbench.groundtruth.mesh_stage",
+    "handbench.radar.warmup",
+    "handbench.reports.tables.result_tables",
+)
 
 
 def serve() -> None:
@@ -33,7 +43,7 @@ def serve() -> None:
     load_open3d()
     for module in NEEDED:
         import_module(module)
-        if module.startswith("bench.run.") and module != "bench.run.runner":
+        if module.startswith("handbench.bench.run.") and module != "handbench.bench.run.runner":
             key_of(module)
     reconstruct_stage.SETTLE_S = 0.0  # nobody reads the times
     scope: dict[str, object] = {}

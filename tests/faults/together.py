@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 import threading
@@ -14,12 +13,12 @@ from unittest.mock import patch
 
 import numpy as np
 
-from radar.support.closure import PACKAGES
 from tests.bench.run import test_schedule as cluster
 from tests.bench.studies.stability.faults import content
 from tests.faults.commands import Ended
 from tests.faults.disk import Try
 from tests.faults.processes import HANG_S, ROOT, Runs
+from tests.installed_copy import copy_package
 
 
 def at_once(runs: Runs, count: int, generator: np.random.Generator) -> Iterator[Try]:
@@ -44,7 +43,7 @@ def scheduler_lost(bench: Path, scratch: Path, generator: np.random.Generator) -
     scratch.mkdir()
     started, out = cluster.Workers(scratch), scratch / "out"
     try:
-        command = [sys.executable, "-m", "bench.cli.main", "run", str(bench), "-o", str(out)]
+        command = [sys.executable, "-m", "handbench.bench.cli.main", "run", str(bench), "-o", str(out)]
         process = subprocess.Popen([*command, "--scheduler", started.address], stdout=-3, stderr=subprocess.PIPE,
                                    text=True, cwd=ROOT)  # fmt: skip
         wanted = int(generator.integers(1, 5))
@@ -71,16 +70,14 @@ def _kill_after(process: subprocess.Popen, scheduler: subprocess.Popen, work: Pa
 
 def other_version(bench: Path, scratch: Path) -> Try:
     """The workers have another version of a file that a stage runs: every stage is refused in words."""
-    for package in PACKAGES:
-        shutil.copytree(ROOT / package, scratch / "code" / package, ignore=shutil.ignore_patterns("__pycache__"))
-    edited = scratch / "code" / "radar" / "simulation" / "forward.py"
+    edited = copy_package(scratch / "code", compiled=False) / "radar" / "simulation" / "forward.py"
     edited.write_text(
         edited.read_text(encoding="utf-8").replace("\n\n\n", "\n\n\nOTHER = 1\n\n\n", 1), encoding="utf-8"
     )
     with patch.object(cluster, "ENVIRONMENT", {**os.environ, "PYTHONPATH": str(scratch / "code")}):
         started = cluster.Workers(scratch)
     try:
-        done = subprocess.run([sys.executable, "-m", "bench.cli.main", "run", str(bench), "-o", str(scratch / "out"),
+        done = subprocess.run([sys.executable, "-m", "handbench", "run", str(bench), "-o", str(scratch / "out"),
                                "--scheduler", started.address], capture_output=True, text=True, cwd=ROOT,
                               timeout=HANG_S)  # fmt: skip
     finally:

@@ -8,8 +8,8 @@ from collections import defaultdict
 from dataclasses import asdict
 from pathlib import Path
 
-from radar.support.files import write_json
-from radar.support.progress import say
+from handbench.radar.support.files import write_json
+from handbench.radar.support.progress import say
 from tests.fuzz.campaign import FINDINGS, Tally, fuzz, line_of, planned
 from tests.fuzz.readers import READERS
 

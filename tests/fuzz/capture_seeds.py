@@ -11,16 +11,16 @@ import tomlkit
 from tests.fuzz.geometry_seeds import POINTS_M, depth, radar_from_photo, write_obj
 
 if TYPE_CHECKING:
-    from calibration.array.array_file import ArrayCalibration
-    from radar.data.capture import RadarCapture
+    from handbench.calibration.array.array_file import ArrayCalibration
+    from handbench.radar.data.capture import RadarCapture
 
 MATLAB = "hand.mat5"  # no .mat: those who know HDF5 would break it
 MAROON = ("hand", "30", "radar_72.0_82.0_2")
 
 
 def _echoes(tones: int = 3) -> RadarCapture:
-    from radar.data.arrays import AntennaArray
-    from radar.data.capture import RadarCapture
+    from handbench.radar.data.arrays import AntennaArray
+    from handbench.radar.data.capture import RadarCapture
 
     rng = np.random.default_rng(4)
     samples = rng.standard_normal((1, tones, 2, 3, 2)) @ [1, 1j]
@@ -30,8 +30,8 @@ def _echoes(tones: int = 3) -> RadarCapture:
 
 def capture(folder: Path) -> None:
     """A capture folder with the calibration of its array."""
-    from bench.datasets.native import ARRAY, ECHOES, CaptureFile, save_capture_file
-    from radar.data.echoes_file import save_capture
+    from handbench.bench.datasets.native import ARRAY, ECHOES, CaptureFile, save_capture_file
+    from handbench.radar.data.echoes_file import save_capture
 
     echoes = _echoes()
     save_capture(folder / ECHOES, echoes)
@@ -48,14 +48,14 @@ def capture(folder: Path) -> None:
 
 
 def _save_array(path: Path, tx_m: np.ndarray, rx_m: np.ndarray) -> None:
-    from calibration.array.array_file import save_array
+    from handbench.calibration.array.array_file import save_array
 
     save_array(path, array_calibration(tx_m, rx_m))
 
 
 def array_calibration(tx_m: np.ndarray, rx_m: np.ndarray) -> ArrayCalibration:
     """The calibration of an array whose antennas all err alike."""
-    from calibration.array.array_file import ArrayCalibration, Side
+    from handbench.calibration.array.array_file import ArrayCalibration, Side
 
     def side(places_m: np.ndarray) -> Side:
         n = len(places_m)
@@ -90,10 +90,10 @@ def scan(folder: Path) -> None:
     """A planar scan as a capture folder; its samples packed in chunks."""
     import h5py
 
-    from bench.datasets.native import ECHOES, CaptureFile, save_capture_file
-    from radar.data.arrays import PlanarScan
-    from radar.data.capture import RadarCapture
-    from radar.data.echoes_file import save_capture
+    from handbench.bench.datasets.native import ECHOES, CaptureFile, save_capture_file
+    from handbench.radar.data.arrays import PlanarScan
+    from handbench.radar.data.capture import RadarCapture
+    from handbench.radar.data.echoes_file import save_capture
 
     samples = np.ones((2, 3, 4), np.complex64)
     save_capture(folder / ECHOES, RadarCapture(samples, np.linspace(22e9, 26e9, 3), PlanarScan(np.eye(4)[:, :3])))
@@ -107,7 +107,7 @@ def pairs(folder: Path) -> None:
     """A capture of version 2: a list of pairs with gains, swept twice, and the array's calibration in the file."""
     import h5py
 
-    from bench.datasets.native import ECHOES, CaptureFile, save_capture_file
+    from handbench.bench.datasets.native import ECHOES, CaptureFile, save_capture_file
 
     echoes, listed = _echoes(), [[0, 0], [0, 2], [1, 1], [1, 2]]
     _save_array(folder / "array.json", echoes.aperture.tx_m, echoes.aperture.rx_m)
@@ -164,9 +164,9 @@ def mapping(folder: Path) -> None:
 
 def maroon(folder: Path) -> None:
     """One object at one distance of MAROON."""
-    from bench.datasets.maroon_alignment import save_alignment
-    from bench.datasets.maroon_frame import Frame, write_frame
-    from radar.support.files import write_json
+    from handbench.bench.datasets.maroon_alignment import save_alignment
+    from handbench.bench.datasets.maroon_frame import Frame, write_frame
+    from handbench.radar.support.files import write_json
 
     at = folder.joinpath(*MAROON)
     write_frame(at / "calibrated_data" / "000000.npy", 0, Frame(np.ones((2, 94, 94)), np.array([72e9, 82e9]), 1))
@@ -186,10 +186,10 @@ def maroon_sensors(folder: Path) -> None:
     """A Kinect and a RealSense of an object of MAROON."""
     import cv2
 
-    from bench.datasets.maroon_alignment import save_alignment
-    from bench.datasets.maroon_export import KINECT
-    from calibration.transforms import Transform
-    from radar.support.files import write_json
+    from handbench.bench.datasets.maroon_alignment import save_alignment
+    from handbench.bench.datasets.maroon_export import KINECT
+    from handbench.calibration.transforms import Transform
+    from handbench.radar.support.files import write_json
 
     matrix = np.diag([1e-3, 1e-3, 1e-3, 1.0])
     others = {name: Transform(name, "radar", matrix) for name in ("kinect", "realsense")}

@@ -10,8 +10,8 @@ import numpy as np
 if TYPE_CHECKING:
     import pycolmap
 
-    from calibration.transforms import Transform
-    from groundtruth.photos.photos import Photo
+    from handbench.calibration.transforms import Transform
+    from handbench.groundtruth.photos.photos import Photo
 
 POINTS_M = np.array([[0.01, -0.02, 0.30], [-0.03, 0.0, 0.29], [0.0, 0.04, 0.31]])
 CORNERS_M = np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
@@ -22,14 +22,14 @@ AXIS_M = np.linspace(-0.02, 0.02, 5)
 
 def target(folder: Path) -> None:
     """The calibration target."""
-    from calibration.target.description import default_target, save_target
+    from handbench.calibration.target.description import default_target, save_target
 
     save_target(folder / "target.toml", default_target())
 
 
 def board(folder: Path) -> None:
     """Markers and a ChArUco board."""
-    from groundtruth.board.board import Board, save_board
+    from handbench.groundtruth.board.board import Board, save_board
 
     corners_m = [(0, 0, 0), (0.02, 0, 0), (0.02, -0.02, 0), (0, -0.02, 0)]
     save_board(
@@ -46,7 +46,7 @@ def radar_from_photo() -> Transform:
     """A transform with all that it can tell."""
     from scipy.spatial.transform import Rotation
 
-    from calibration.transforms import Transform
+    from handbench.calibration.transforms import Transform
 
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix(), (0.1, 0.2, 0.5)
@@ -60,21 +60,21 @@ def transform(folder: Path) -> None:
 
 def alignment(folder: Path) -> None:
     """The same as MAROON writes it."""
-    from bench.datasets.maroon_alignment import save_alignment
+    from handbench.bench.datasets.maroon_alignment import save_alignment
 
     save_alignment(folder / "alignment.json", radar_from_photo())
 
 
 def photos(folder: Path) -> tuple[Photo, ...]:
     """Photographs that need not be there, of which the last is held upright."""
-    from groundtruth.photos.photos import Photo
+    from handbench.groundtruth.photos.photos import Photo
 
     return tuple(Photo(folder / name, name, *SIZE, orientation=6 if name == "d.png" else 1) for name in NAMES)
 
 
 def cameras(folder: Path) -> None:
     """cameras.json: the last camera is of the upright picture, and turned back."""
-    from groundtruth.cameras.cameras import Camera, save_cameras
+    from handbench.groundtruth.cameras.cameras import Camera, save_cameras
 
     sizes = (SIZE, SIZE, SIZE[::-1])
     save_cameras(
@@ -117,7 +117,7 @@ def metashape(folder: Path) -> None:
 
 def colmap_model() -> pycolmap.Reconstruction:
     """A model of `photos`, of points that all of them see."""
-    from groundtruth.cameras.cameras import load_pycolmap
+    from handbench.groundtruth.cameras.cameras import load_pycolmap
 
     library, points_m = load_pycolmap(), np.random.default_rng(0).uniform(-0.2, 0.2, (22, 3))
     model = library.Reconstruction()
@@ -154,7 +154,7 @@ def write_obj(path: Path) -> None:
 
 def meshes(folder: Path) -> None:
     """A tetrahedron in every form; scan.stl in millimetres."""
-    from groundtruth.mesh.surface import Surface
+    from handbench.groundtruth.mesh.surface import Surface
 
     Surface(CORNERS_M, FACES, np.full(4, 1e-4), np.ones(4, np.uint8)).save(folder / "mesh.ply")
     write_obj(folder / "mesh.obj")
@@ -178,7 +178,7 @@ def meshes(folder: Path) -> None:
 
 def depth(folder: Path) -> None:
     """A depth map with all that it can tell."""
-    from radar.data.depthmap import DepthMap
+    from handbench.radar.data.depthmap import DepthMap
 
     z_m = np.where(np.add.outer(AXIS_M, AXIS_M) > 0.02, np.nan, 0.3)
     DepthMap(AXIS_M, AXIS_M, z_m, np.where(z_m > 0, 0.0, -6.0), "2fsk", {"f1_hz": 82e9}, z_m * 1e-3, z_m > 0.4).save(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from radar.data.grid import PixelGrid
+from handbench.radar.data.grid import PixelGrid
 from tests.fuzz import capture_seeds, geometry_seeds, result_seeds
 
 OUT = "out"  # beside an input: where a reader that writes may write
@@ -29,7 +29,7 @@ class Reader:
 
 
 def _capture(folder: Path) -> None:
-    from bench.datasets.dataset import open_capture
+    from handbench.bench.datasets.dataset import open_capture
 
     capture = open_capture(folder)
     _ = capture.about, capture.echoes(), capture.transform(), capture.mesh(), capture.truth
@@ -37,7 +37,7 @@ def _capture(folder: Path) -> None:
 
 
 def _planar_scan(folder: Path) -> None:
-    from bench.datasets.foam_panel import import_planar_scan
+    from handbench.bench.datasets.foam_panel import import_planar_scan
 
     try:
         import_planar_scan(folder, folder / OUT)
@@ -46,8 +46,8 @@ def _planar_scan(folder: Path) -> None:
 
 
 def _maroon(folder: Path) -> None:
-    from bench.datasets.dataset import open_capture
-    from radar.data.depthmap import load_depthmap
+    from handbench.bench.datasets.dataset import open_capture
+    from handbench.radar.data.depthmap import load_depthmap
 
     capture = open_capture(folder / "hand" / "30")
     _ = capture.about, capture.echoes(), capture.transform(), capture.mesh()
@@ -55,42 +55,42 @@ def _maroon(folder: Path) -> None:
 
 
 def _maroon_sensors(folder: Path) -> None:
-    from bench.datasets.maroon_sensors import OtherSensor
+    from handbench.bench.datasets.maroon_sensors import OtherSensor
 
     for name in ("realsense", "kinect"):
         OtherSensor(folder, name, folder / "alignment.json", lambda: True)(PixelGrid(np.zeros(2), np.ones(3)))
 
 
 def _scene(folder: Path) -> None:
-    from bench.scenes.scene_file import SceneFile
-    from radar.support.config import load
+    from handbench.bench.scenes.scene_file import SceneFile
+    from handbench.radar.support.config import load
 
     file = load(SceneFile, folder / "scene.toml", "a scene description")
     _ = file.causes, file.target.radar_from_target(), file.mount.radar_from_photo()
 
 
 def _benchmark(folder: Path) -> None:
-    from bench.run.benchmark_file import load_benchmark
+    from handbench.bench.run.benchmark_file import load_benchmark
 
     load_benchmark(str(folder / "bench.toml"))
 
 
 def _validate(folder: Path) -> None:
-    from bench.validation.validate import problems_of
+    from handbench.bench.validation.validate import problems_of
 
     for problem in problems_of(str(folder / "bench.toml")):
         str(problem)
 
 
 def _target(folder: Path) -> None:
-    from calibration.target.description import load_target
+    from handbench.calibration.target.description import load_target
 
     target = load_target(folder / "target.toml")
     _ = target.centres_m, target.foam_delay_m
 
 
 def _board(folder: Path) -> None:
-    from groundtruth.board.board import load_board
+    from handbench.groundtruth.board.board import load_board
 
     board = load_board(folder / "board.toml")
     board.corners_m(), board.cv_dictionary(), board.describe()
@@ -99,7 +99,7 @@ def _board(folder: Path) -> None:
 
 
 def _transform(folder: Path) -> None:
-    from bench.datasets.maroon_alignment import load_any_transform
+    from handbench.bench.datasets.maroon_alignment import load_any_transform
 
     transform = load_any_transform(folder / "radar_from_photo.json")
     transform.inverse().points(transform.points(geometry_seeds.POINTS_M))
@@ -108,14 +108,14 @@ def _transform(folder: Path) -> None:
 
 
 def _alignment(folder: Path) -> None:
-    from bench.datasets.maroon_alignment import load_alignment
+    from handbench.bench.datasets.maroon_alignment import load_alignment
 
     load_alignment(folder / "alignment.json").inverse()
 
 
 def _cameras(name: str) -> Callable[[Path], None]:
     def read(folder: Path) -> None:
-        from groundtruth.cameras.camera_files import cameras_of, load_model
+        from handbench.groundtruth.cameras.camera_files import cameras_of, load_model
 
         photos = geometry_seeds.photos(folder)
         for camera in cameras_of(photos, folder / name, metric=True):
@@ -129,7 +129,7 @@ def _cameras(name: str) -> Callable[[Path], None]:
 
 def _mesh(name: str) -> Callable[[Path], None]:
     def read(folder: Path) -> None:
-        from groundtruth.mesh.surface import read_surface
+        from handbench.groundtruth.mesh.surface import read_surface
 
         _ = read_surface(folder / name).mesh
 
@@ -137,32 +137,32 @@ def _mesh(name: str) -> Callable[[Path], None]:
 
 
 def _foreign_mesh(folder: Path) -> None:
-    from groundtruth.mesh.mesh_files import metric_mesh
+    from handbench.groundtruth.mesh.mesh_files import metric_mesh
 
     metric_mesh(folder / "scan.stl", 1e-3)
 
 
 def _depth(folder: Path) -> None:
-    from radar.data.depthmap import load_depthmap
+    from handbench.radar.data.depthmap import load_depthmap
 
     load_depthmap(folder / "depth.npz")
 
 
 def _photos(folder: Path) -> None:
-    from groundtruth.photos.photos import find_photos
+    from handbench.groundtruth.photos.photos import find_photos
 
     for photo in find_photos(folder):
         photo.colours()
 
 
 def _masks(folder: Path) -> None:
-    from groundtruth.photos.masks import find_masks
+    from handbench.groundtruth.photos.masks import find_masks
 
     find_masks(folder / "masks", geometry_seeds.photos(folder))
 
 
 def _small_photo(folder: Path) -> None:
-    from bench.results import write_photo
+    from handbench.bench.results import write_photo
 
     try:
         write_photo(folder / OUT, "hand", folder / "hand.jpg")
@@ -171,7 +171,7 @@ def _small_photo(folder: Path) -> None:
 
 
 def _result(folder: Path) -> None:
-    from bench import results
+    from handbench.bench import results
 
     result = results.load(folder)
     for capture in result.scored():
@@ -183,39 +183,39 @@ def _result(folder: Path) -> None:
 
 
 def _tradeoff(folder: Path) -> None:
-    from bench import results
+    from handbench.bench import results
 
     results.load_tradeoff(folder)
 
 
 def _stability(folder: Path) -> None:
-    from bench.results.stability import load_stability
+    from handbench.bench.results.stability import load_stability
 
     load_stability(folder)
 
 
 def _antennas(folder: Path) -> None:
-    from radar.data.arrays import load_positions
+    from handbench.radar.data.arrays import load_positions
 
     load_positions(folder / "array.csv")
 
 
 def _array(folder: Path) -> None:
-    from calibration.array.array_file import load_array
+    from handbench.calibration.array.array_file import load_array
 
     calibration = load_array(folder / "array.json")
     calibration.summary()
 
 
 def _map(folder: Path) -> None:
-    from groundtruth.dense.cuda import read_map
+    from handbench.groundtruth.dense.cuda import read_map
 
     read_map(folder / "depth.bin", (3, 4, 1))
 
 
 def _stage(folder: Path) -> None:
     """A stage whose files were changed is found out and made again."""
-    from radar.support.store import kept_stage
+    from handbench.radar.support.store import kept_stage
 
     kept_stage(folder / "stage", "stage", result_seeds.stage)
     if (folder / "stage" / "depth.npz").read_bytes() != (folder / "fresh.npz").read_bytes():

@@ -54,8 +54,8 @@ def small_photo(folder: Path) -> None:
 
 def result(folder: Path) -> None:
     """A complete result of one method on one capture."""
-    from bench import results
-    from bench.results.tables import (
+    from handbench.bench import results
+    from handbench.bench.results.tables import (
         CAPTURES,
         CAUSES,
         COMPARISONS,
@@ -67,7 +67,7 @@ def result(folder: Path) -> None:
         TASKS,
         frame,
     )
-    from radar.data.depthmap import DepthMap
+    from handbench.radar.data.depthmap import DepthMap
 
     z_m, flat = np.full((5, 5), 0.3), np.zeros((5, 5))
     DepthMap(AXIS_M, AXIS_M, z_m, flat, "2fsk").save(results.depth_path(folder, "F", "2fsk"))
@@ -106,7 +106,7 @@ def result(folder: Path) -> None:
 
 def tradeoff(folder: Path) -> None:
     """A trade-off of one setting."""
-    from bench import results
+    from handbench.bench import results
 
     section = results.Section(
         name="imaging", title="Imaging", metric="mae_mm", unit="mm", definition="mean", seconds="all", reference="one"
@@ -157,8 +157,8 @@ def tradeoff(folder: Path) -> None:
 
 def stability(folder: Path) -> None:
     """A stability run of one case."""
-    from bench.results.stability import StabilityFacts, Table, write_stability
-    from bench.results.tables import CASES, frame
+    from handbench.bench.results.stability import StabilityFacts, Table, write_stability
+    from handbench.bench.results.tables import CASES, frame
 
     row = ("wrap", "phase", "depth", "closed form", "mm", 1.0, 0.5, "holds", "0.3 m", "rounding", 0.1, "derived")
     table = Table(title="Errors", text="small", columns=("a", "b"), rows=(("x", 1.5), ("y", None)))
@@ -172,7 +172,7 @@ def stage(folder: Path) -> None:
 
 def kept(folder: Path) -> None:
     """A kept stage, and what it made once more beside it."""
-    from radar.support.store import kept_stage
+    from handbench.radar.support.store import kept_stage
 
     kept_stage(folder / "stage", "stage", stage)
     (folder / "fresh.npz").write_bytes((folder / "stage" / "depth.npz").read_bytes())

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from groundtruth.dense.views import View
+from handbench.groundtruth.dense.views import View
 
 RADIUS_M, WALL_M, DISTANCE_M = 0.07, 0.05, 0.5  # the sphere about the origin, the wall behind it, the cameras before it
 FOCAL_PX, SIZE = 260.0, 112

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from groundtruth.cameras.cameras import load_pycolmap
+from handbench.groundtruth.cameras.cameras import load_pycolmap
 
 WIDTH, HEIGHT = 400, 300
 PARAMS = (440.0, 440.2, 201.0, 149.0, -0.05, 0.01, 3e-4, -3e-4)  # OPENCV's; all within what is known of any lens

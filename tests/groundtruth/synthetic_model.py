@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from groundtruth.cameras.cameras import load_pycolmap
-from groundtruth.photos.photos import Photo
+from handbench.groundtruth.cameras.cameras import load_pycolmap
+from handbench.groundtruth.photos.photos import Photo
 
 WIDTH, HEIGHT = 400, 300
 

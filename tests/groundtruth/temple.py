@@ -4,8 +4,8 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import map_coordinates
 
-from groundtruth.cameras.cameras import Camera, save_cameras
-from groundtruth.mesh.mesh_files import load_open3d
+from handbench.groundtruth.cameras.cameras import Camera, save_cameras
+from handbench.groundtruth.mesh.mesh_files import load_open3d
 from tests.groundtruth.room import camera_rotation
 
 SIZE, FOCAL_PX, VIEWS = (640, 480), 1150.0, 16

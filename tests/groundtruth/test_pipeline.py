@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from calibration.transforms import umeyama
-from groundtruth.cameras.cameras import Camera, load_pycolmap, save_cameras
-from groundtruth.mesh.mesh_files import raycasting_scene
-from groundtruth.options import Options
-from groundtruth.photos.photos import find_photos
-from groundtruth.pipeline import reconstruct
-from groundtruth.sparse.features import Lenses
-from groundtruth.sparse.sfm import structure_from_motion
-from radar.support.errors import HandbenchError
+from handbench.calibration.transforms import umeyama
+from handbench.groundtruth.cameras.cameras import Camera, load_pycolmap, save_cameras
+from handbench.groundtruth.mesh.mesh_files import raycasting_scene
+from handbench.groundtruth.options import Options
+from handbench.groundtruth.photos.photos import find_photos
+from handbench.groundtruth.pipeline import reconstruct
+from handbench.groundtruth.sparse.features import Lenses
+from handbench.groundtruth.sparse.sfm import structure_from_motion
+from handbench.radar.support.errors import HandbenchError
 
 FOUNTAIN = Path(__file__).parents[2].parent / "shared" / "data" / "fountain-P11"
 

@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.cli.main import main
-from groundtruth import dense_stage, mesh_stage, pipeline, sparse_stage
-from groundtruth.cameras.cameras import load_pycolmap
-from groundtruth.dense.fusion import Cloud
-from groundtruth.mesh.surface import Surface
-from groundtruth.mesh.target import Target
-from groundtruth.options import Distance, Options
-from groundtruth.photos.photos import find_photos
-from groundtruth.sparse.adjust import adjust
-from groundtruth.sparse.bundle import Bundle
-from groundtruth.sparse.covariance import camera_covariance
-from groundtruth.sparse.frame import Scale
-from groundtruth.sparse.inputs import Inputs
-from groundtruth.sparse.sparse import INTRINSICS, Sparse
-from radar.support.errors import HandbenchError
+from handbench.bench.cli.main import main
+from handbench.groundtruth import dense_stage, mesh_stage, pipeline, sparse_stage
+from handbench.groundtruth.cameras.cameras import load_pycolmap
+from handbench.groundtruth.dense.fusion import Cloud
+from handbench.groundtruth.mesh.surface import Surface
+from handbench.groundtruth.mesh.target import Target
+from handbench.groundtruth.options import Distance, Options
+from handbench.groundtruth.photos.photos import find_photos
+from handbench.groundtruth.sparse.adjust import adjust
+from handbench.groundtruth.sparse.bundle import Bundle
+from handbench.groundtruth.sparse.covariance import camera_covariance
+from handbench.groundtruth.sparse.frame import Scale
+from handbench.groundtruth.sparse.inputs import Inputs
+from handbench.groundtruth.sparse.sparse import INTRINSICS, Sparse
+from handbench.radar.support.errors import HandbenchError
 from tests.groundtruth.noisy_model import noisy_model, poses_of
 from tests.groundtruth.room import photograph
 
@@ -140,8 +140,8 @@ def test_the_sparse_stage_comes_back(tmp_path, free):
 
 KILLED = """
 import os, sys
-from bench.cli.main import main
-from radar.support import store
+from handbench.bench.cli.main import main
+from handbench.radar.support import store
 keep = store.keep
 
 def killed(folder, make):

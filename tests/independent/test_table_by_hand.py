@@ -10,9 +10,9 @@ import h5py
 import numpy as np
 import pytest
 
-from bench.run.benchmark_file import load_benchmark
-from bench.run.runner import run
-from groundtruth.mesh.mesh_files import load_open3d, write_mesh
+from handbench.bench.run.benchmark_file import load_benchmark
+from handbench.bench.run.runner import run
+from handbench.groundtruth.mesh.mesh_files import load_open3d, write_mesh
 from tests.bench.conftest import BENCH, SCENE
 from tests.independent import table_by_hand
 

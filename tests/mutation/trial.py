@@ -177,6 +177,6 @@ def _direct(tree: Path) -> dict[str, set[str]]:
                     elif isinstance(node, ast.ImportFrom) and node.module:
                         names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
                     for name in names:
-                        found.setdefault(name, set()).add(path.relative_to(tree).as_posix())
+                        found.setdefault(name.removeprefix("handbench."), set()).add(path.relative_to(tree).as_posix())
         _DIRECT[tree] = found
     return _DIRECT[tree]

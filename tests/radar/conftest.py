@@ -5,7 +5,7 @@ from unittest.mock import patch
 
 import pytest
 
-from radar.imaging.plan import Sorted, TreePlan, fresh_plans
+from handbench.radar.imaging.plan import Sorted, TreePlan, fresh_plans
 
 
 @pytest.fixture(scope="module")
@@ -17,5 +17,9 @@ def planned() -> Iterator[None]:
     def cost(plan: TreePlan, where: Sorted | None = None) -> float:
         return of_all(plan) if where is None else 0.0
 
-    with fresh_plans(), patch.object(TreePlan, "cost", cost), patch("radar.imaging.api.node_cost", lambda _: 0.0):
+    with (
+        fresh_plans(),
+        patch.object(TreePlan, "cost", cost),
+        patch("handbench.radar.imaging.api.node_cost", lambda _: 0.0),
+    ):
         yield

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, positions
-from radar.imaging.cpu.exact import check_samples, path_lengths
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, positions
+from handbench.radar.imaging.cpu.exact import check_samples, path_lengths
 
 
 def direct_sum(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray) -> np.ndarray:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from radar.data.arrays import Aperture
-from radar.imaging.cpu.exact import exact_images
+from handbench.radar.data.arrays import Aperture
+from handbench.radar.imaging.cpu.exact import exact_images
 
 
 def tone_images(

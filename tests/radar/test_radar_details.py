@@ -7,25 +7,25 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from radar.data.arrays import AntennaArray, PlanarScan, qar50
-from radar.data.grid import VoxelGrid
-from radar.imaging.api import GridImager, image_points
-from radar.imaging.plan import GridPlan
-from radar.imaging.tree import DIRECT, Family
-from radar.methods.confidence import UNRELATED_RAD, incoherent
-from radar.methods.fsk_config import ThreeToneConfig
-from radar.simulation.causes import Converter
-from radar.simulation.effects.further import Multipath
-from radar.simulation.effects.receiver import OscillatorNoise, ThermalNoise, full_scale
-from radar.simulation.forward import Scatterers, simulate
-from radar.simulation.physics import facets
-from radar.simulation.physics.coarse import double_bounce
-from radar.simulation.physics.reflection import skin_permittivity
-from radar.simulation.pilot import CENTRE_M
-from radar.simulation.scene import Body, EchoScene, Material
-from radar.simulation.state import EchoState, facing
-from radar.support.errors import HandbenchError
-from radar.support.progress import track
+from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging.api import GridImager, image_points
+from handbench.radar.imaging.plan import GridPlan
+from handbench.radar.imaging.tree import DIRECT, Family
+from handbench.radar.methods.confidence import UNRELATED_RAD, incoherent
+from handbench.radar.methods.fsk_config import ThreeToneConfig
+from handbench.radar.simulation.causes import Converter
+from handbench.radar.simulation.effects.further import Multipath
+from handbench.radar.simulation.effects.receiver import OscillatorNoise, ThermalNoise, full_scale
+from handbench.radar.simulation.forward import Scatterers, simulate
+from handbench.radar.simulation.physics import facets
+from handbench.radar.simulation.physics.coarse import double_bounce
+from handbench.radar.simulation.physics.reflection import skin_permittivity
+from handbench.radar.simulation.pilot import CENTRE_M
+from handbench.radar.simulation.scene import Body, EchoScene, Material
+from handbench.radar.simulation.state import EchoState, facing
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.progress import track
 from tests.radar.direct_sums import direct_sum
 from tests.radar.exact import tone_images
 from tests.radar.samples import noise, relative_error

@@ -7,11 +7,14 @@ from types import SimpleNamespace
 
 import pytest
 
-from groundtruth.dense import kernels
-from radar import warmup
-from radar.support import compiled
+from handbench.groundtruth.dense import kernels
+from handbench.radar import warmup
+from handbench.radar.support import compiled
 
-BOTH = [(warmup.compile_kernels, "radar.warmup"), (kernels.compile_kernels, "groundtruth.dense.kernels")]
+BOTH = [
+    (warmup.compile_kernels, "handbench.radar.warmup"),
+    (kernels.compile_kernels, "handbench.groundtruth.dense.kernels"),
+]
 
 
 @pytest.mark.parametrize(("compile_kernels", "module"), BOTH)
@@ -22,7 +25,7 @@ def test_kernels_without_a_cache_are_compiled_elsewhere_before_any_runs_here(com
     monkeypatch.setattr(warmup, "_run_every_kernel", lambda: done.append("here"))
     monkeypatch.setattr(compiled, "_cached", lambda _: False)
     compile_kernels()
-    here = ["here"] * (module == "radar.warmup")
+    here = ["here"] * (module == "handbench.radar.warmup")
     assert done == [[sys.executable, "-m", module], *here]
     monkeypatch.setattr(compiled, "_cached", lambda _: True)
     compile_kernels()

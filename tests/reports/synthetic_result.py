@@ -9,16 +9,16 @@ import numpy as np
 import pandas as pd
 from PIL import Image
 
-from bench import results
-from bench.evaluation.alike import SMOOTHING, Alike
-from bench.evaluation.depth_errors import error_map
-from bench.evaluation.equal_treatment import treat
-from bench.evaluation.floor import budget
-from bench.evaluation.rows import accuracy_rows, metric_facts, precision_rows, time_rows
-from bench.results.tables import CURVES, EQUAL, REPEATS, TASKS, frame
-from bench.run.tabulation import curve_rows, figure_rows
-from calibration.transforms import Transform
-from groundtruth.mesh.depth import Reference
+from handbench.bench import results
+from handbench.bench.evaluation.alike import SMOOTHING, Alike
+from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.evaluation.equal_treatment import treat
+from handbench.bench.evaluation.floor import budget
+from handbench.bench.evaluation.rows import accuracy_rows, metric_facts, precision_rows, time_rows
+from handbench.bench.results.tables import CURVES, EQUAL, REPEATS, TASKS, frame
+from handbench.bench.run.tabulation import curve_rows, figure_rows
+from handbench.calibration.transforms import Transform
+from handbench.groundtruth.mesh.depth import Reference
 
 MESH_SIGMA_M, REGISTRATION_SIGMA_M = 5e-5, 1.5e-4
 METHODS = {  # name: title, standard deviation and bias of z in mm, share of pixels seen, seconds per frame

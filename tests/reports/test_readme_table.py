@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from bench import results
-from bench.results.tables import COMPARISONS, frame
 from docs import readme
-from radar.support.errors import HandbenchError
+from handbench.bench import results
+from handbench.bench.results.tables import COMPARISONS, frame
+from handbench.radar.support.errors import HandbenchError
 from tests.reports.synthetic_result import METHODS, write_synthetic
 
 CONFIG = 'name = "x"\n[[capture]]\nscene = "hand.toml"\n[[capture]]\npath = "elsewhere"\n'

@@ -13,17 +13,25 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.evaluation.metrics import AVERAGED, HEADLINE, METRICS, averaged, of_captures, precision
-from bench.evaluation.statistics.intervals import TOO_FEW, figure_interval, note, precision_interval
-from bench.evaluation.statistics.paired import Tested, amount_text, amounts_text, corrected, f_test, paired, unpaired
-from bench.evaluation.statistics.provenance import changes
-from bench.results.about import REFERENCES, MethodFacts
-from bench.results.compared import Compared, Side
-from bench.results.error_map import ErrorMap
-from bench.results.maps import errors_path, read_map
-from bench.results.result_folder import Result
-from bench.results.tables import DIFFERENCES, LEVEL, TIMES, conform, frame
-from radar.support.errors import HandbenchError
+from handbench.bench.evaluation.metrics import AVERAGED, HEADLINE, METRICS, averaged, of_captures, precision
+from handbench.bench.evaluation.statistics.intervals import TOO_FEW, figure_interval, note, precision_interval
+from handbench.bench.evaluation.statistics.paired import (
+    Tested,
+    amount_text,
+    amounts_text,
+    corrected,
+    f_test,
+    paired,
+    unpaired,
+)
+from handbench.bench.evaluation.statistics.provenance import changes
+from handbench.bench.results.about import REFERENCES, MethodFacts
+from handbench.bench.results.compared import Compared, Side
+from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.results.maps import errors_path, read_map
+from handbench.bench.results.result_folder import Result
+from handbench.bench.results.tables import DIFFERENCES, LEVEL, TIMES, conform, frame
+from handbench.radar.support.errors import HandbenchError
 
 SAME_SHARE = 0.9  # of the pixels that either reference has, both must have, to be one hand in one place
 SAME_M = 5e-4  # and in the median lie so near

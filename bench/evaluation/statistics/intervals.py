@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.evaluation.metrics import METRICS, deviation, usable_repeats
-from bench.results.tables import LEVEL
+from handbench.bench.evaluation.metrics import METRICS, deviation, usable_repeats
+from handbench.bench.results.tables import LEVEL
 
 FEWEST = 5  # captures: of four, the spread itself is known to 40 %, and t's quantile is above 3
 TAILS = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)  # shares of a distribution below an interval's ends

@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from bench.evaluation.metrics import HEADLINE, METRICS, deviation, mean_deviation
-from bench.evaluation.statistics.intervals import FEWEST, TAILS, TOO_FEW, mean_interval
-from bench.results.about import TREATMENTS, on_common_pixels
-from bench.results.tables import COMPARISONS, LEVEL, conform
-from radar.support.errors import HandbenchError
+from handbench.bench.evaluation.metrics import HEADLINE, METRICS, deviation, mean_deviation
+from handbench.bench.evaluation.statistics.intervals import FEWEST, TAILS, TOO_FEW, mean_interval
+from handbench.bench.results.about import TREATMENTS, on_common_pixels
+from handbench.bench.results.tables import COMPARISONS, LEVEL, conform
+from handbench.radar.support.errors import HandbenchError
 
 
 class Tested(NamedTuple):

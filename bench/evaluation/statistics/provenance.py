@@ -5,9 +5,9 @@ from typing import Any
 
 import pandas as pd
 
-from bench.results.result_folder import Result
-from bench.results.tables import CHANGES, frame
-from radar.support.config import plain_toml
+from handbench.bench.results.result_folder import Result
+from handbench.bench.results.tables import CHANGES, frame
+from handbench.radar.support.config import plain_toml
 
 HASH_CHARACTERS = 12  # tell two hashes apart
 

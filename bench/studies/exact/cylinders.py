@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import hankel2, jv, jve
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 
 TAPER = (0.4, 0.65)  # of the spectrum, as shares of k: sines of the angles out of the plane across the axis
 FURTHER_ORDERS = 4.0  # times the cube root of κa, beyond κa: what is left out is below 1e-8

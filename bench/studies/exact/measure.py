@@ -11,18 +11,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
-from bench.studies.columns import Record, Table, columns
-from bench.studies.exact.cases import MATERIALS, Case, body, cases, front_m, kept_echoes
-from bench.studies.study import Study, relative_error
-from radar.data.arrays import qar50
-from radar.data.capture import RadarCapture
-from radar.data.depthmap import DepthMap
-from radar.methods.registry import method
-from radar.simulation.scene import EchoScene
-from radar.simulation.selection import choose
-from radar.simulation.simulate import simulate_scene
-from radar.support.errors import HandbenchError
-from radar.support.files import read_npz, write_npz
+from handbench.bench.studies.columns import Record, Table, columns
+from handbench.bench.studies.exact.cases import MATERIALS, Case, body, cases, front_m, kept_echoes
+from handbench.bench.studies.study import Study, relative_error
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.methods.registry import method
+from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.selection import choose
+from handbench.radar.simulation.simulate import simulate_scene
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import read_npz, write_npz
 
 LONG_M = 0.03  # depths are compared as far along the cylinders, where their ends do not count
 TONES = 26  # of broadband: its depths repeat every 375 mm

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import hankel2, jv, jve
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 
 FURTHER_DEGREES = 4.3  # times the cube root of ka, beyond ka: what is left out is below 1e-8
 

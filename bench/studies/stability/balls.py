@@ -10,7 +10,7 @@ import numpy as np
 from flint import acb, acb_mat, arb, ctx
 from numpy.typing import NDArray
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 
 ctx.prec = 128
 LIGHT_M_S = int(SPEED_OF_LIGHT_M_S)

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from bench.studies.stability.balls import balls, off
-from bench.studies.stability.cases import U_SINGLE, Seen, Works
-from bench.studies.stability.scenes import (
+from handbench.bench.studies.stability.balls import balls, off
+from handbench.bench.studies.stability.cases import U_SINGLE, Seen, Works
+from handbench.bench.studies.stability.scenes import (
     FSK,
     HALF_M,
     LADDER_HZ,
@@ -30,11 +30,11 @@ from bench.studies.stability.scenes import (
     slack,
     small_array,
 )
-from radar.data.depthmap import DepthMap, amplitude_db
-from radar.data.grid import PixelGrid
-from radar.imaging.cpu.exact import exact_images
-from radar.methods.confidence import UNRELATED_RAD
-from radar.methods.fsk_config import ThreeToneConfig
+from handbench.radar.data.depthmap import DepthMap, amplitude_db
+from handbench.radar.data.grid import PixelGrid
+from handbench.radar.imaging.cpu.exact import exact_images
+from handbench.radar.methods.confidence import UNRELATED_RAD
+from handbench.radar.methods.fsk_config import ThreeToneConfig
 
 FINE_HZ = 2.3e9  # the smaller of 3-FSK's two differences
 RANGE_MM = 1e3 * C / (4 * 10e9) + VOXEL_MM  # half a range cell of broadband, and half a voxel

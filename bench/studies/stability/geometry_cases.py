@@ -12,14 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.studies.stability.balls import LIGHT_M_S, Balls, echoes, images, middles, off
-from bench.studies.stability.cases import U_SINGLE, Seen, U, Works
-from bench.studies.stability.scenes import TONES_HZ, cloud, plate, white_noise
-from radar.data.arrays import AntennaArray
-from radar.data.grid import VoxelGrid
-from radar.imaging.api import image_points, image_volume
-from radar.imaging.certificate import certified
-from radar.simulation.forward import Scatterers, simulate
+from handbench.bench.studies.stability.balls import LIGHT_M_S, Balls, echoes, images, middles, off
+from handbench.bench.studies.stability.cases import U_SINGLE, Seen, U, Works
+from handbench.bench.studies.stability.scenes import TONES_HZ, cloud, plate, white_noise
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging.api import image_points, image_volume
+from handbench.radar.imaging.certificate import certified
+from handbench.radar.simulation.forward import Scatterers, simulate
 
 STEER = 4 * U_SINGLE  # of a wave: its phase rounds to π/2 U, cosine and sine to 2 U
 TOLERANCES = (None, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)

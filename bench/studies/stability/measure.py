@@ -9,15 +9,15 @@ from typing import Any
 
 import pandas as pd
 
-from bench.results.stability import StabilityFacts, counted, write_stability
-from bench.results.tables import CASES, frame
-from bench.studies.columns import markdown_table
-from bench.studies.stability.cases import GROUPS, cases, measured
-from bench.studies.study import carried_out, stand
-from radar.support.config import suggest
-from radar.support.cost import require_time
-from radar.support.errors import HandbenchError
-from radar.support.progress import say
+from handbench.bench.results.stability import StabilityFacts, counted, write_stability
+from handbench.bench.results.tables import CASES, frame
+from handbench.bench.studies.columns import markdown_table
+from handbench.bench.studies.stability.cases import GROUPS, cases, measured
+from handbench.bench.studies.study import carried_out, stand
+from handbench.radar.support.config import suggest
+from handbench.radar.support.cost import require_time
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.progress import say
 
 CASE_S = 0.25  # of processor time, on average
 SHOWN = ["group", "case", "quantity", "bound", "kind", "measured", "unit", "verdict"]

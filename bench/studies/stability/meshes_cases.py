@@ -12,12 +12,12 @@ import psutil
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from bench.studies.stability.balls import balls, off
-from bench.studies.stability.cases import U_SINGLE, Seen, U, Works
-from groundtruth.mesh.depth import EDGE_ON, LARGEST_M, reference_on_grid
-from groundtruth.mesh.mesh_files import read_triangles
-from groundtruth.mesh.surface import Surface
-from radar.support.rays import Rays
+from handbench.bench.studies.stability.balls import balls, off
+from handbench.bench.studies.stability.cases import U_SINGLE, Seen, U, Works
+from handbench.groundtruth.mesh.depth import EDGE_ON, LARGEST_M, reference_on_grid
+from handbench.groundtruth.mesh.mesh_files import read_triangles
+from handbench.groundtruth.mesh.surface import Surface
+from handbench.radar.support.rays import Rays
 
 SLOPES, DEPTH_M = np.array([0.5, -0.3]), 0.3
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from flint import arb
 
-from bench.studies.stability.balls import LIGHT_M_S, PI, balls, off
-from bench.studies.stability.cases import U_SINGLE, Seen, U, Works
-from bench.studies.stability.scenes import (
+from handbench.bench.studies.stability.balls import LIGHT_M_S, PI, balls, off
+from handbench.bench.studies.stability.cases import U_SINGLE, Seen, U, Works
+from handbench.bench.studies.stability.scenes import (
     FSK,
     HALF_M,
     LADDER_HZ,
@@ -33,12 +33,12 @@ from bench.studies.stability.scenes import (
     recorded,
     slack,
 )
-from radar.data.arrays import qar50
-from radar.data.grid import PixelGrid
-from radar.imaging.cpu.exact import exact_images
-from radar.methods.confidence import wrap_probability
-from radar.methods.fsk import depth_step_m
-from radar.methods.fsk_config import SETTLING, ThreeToneConfig
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.grid import PixelGrid
+from handbench.radar.imaging.cpu.exact import exact_images
+from handbench.radar.methods.confidence import wrap_probability
+from handbench.radar.methods.fsk import depth_step_m
+from handbench.radar.methods.fsk_config import SETTLING, ThreeToneConfig
 
 PAPER_HZ = (82.0e9, 81.8e9, 79.5e9)
 CELL_M = 0.006  # resolution cell at 0.3 m

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
-from radar.data.capture import RadarCapture
-from radar.data.depthmap import DepthMap
-from radar.data.grid import Axis
-from radar.methods.registry import method
-from radar.simulation.forward import direct_echoes
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.data.grid import Axis
+from handbench.radar.methods.registry import method
+from handbench.radar.simulation.forward import direct_echoes
 
 FSK = ("2fsk", "3fsk", "3fsk-plus", "nfsk")
 METHODS = (*FSK, "broadband", "narrowband")

@@ -4,9 +4,9 @@ from itertools import product
 
 import numpy as np
 
-from bench.studies.stability.balls import Balls, balls, off
-from bench.studies.stability.cases import Seen, U
-from radar.methods.smoothing import masked_mean
+from handbench.bench.studies.stability.balls import Balls, balls, off
+from handbench.bench.studies.stability.cases import Seen, U
+from handbench.radar.methods.smoothing import masked_mean
 
 LONG = 10_000_000
 

@@ -11,18 +11,31 @@ import numpy as np
 import pandas as pd
 from flint import arb
 
-from bench.evaluation.depth_errors import deviation_map, error_map
-from bench.evaluation.floor import floor_mm
-from bench.evaluation.metrics import AVERAGED, HEADLINE, averaged, of_captures, pool, precision, strongest_scatterer_z_m
-from bench.evaluation.statistics.intervals import figure_interval, mean_interval, median_interval, precision_interval
-from bench.evaluation.statistics.paired import compare, corrected, f_test, paired
-from bench.results.error_map import ErrorMap
-from bench.results.result_folder import shown
-from bench.results.tables import each
-from bench.studies.stability.balls import balls, deviation, off, two_sided
-from bench.studies.stability.cases import Seen, U
-from calibration.transforms import Transform
-from groundtruth.mesh.depth import Reference
+from handbench.bench.evaluation.depth_errors import deviation_map, error_map
+from handbench.bench.evaluation.floor import floor_mm
+from handbench.bench.evaluation.metrics import (
+    AVERAGED,
+    HEADLINE,
+    averaged,
+    of_captures,
+    pool,
+    precision,
+    strongest_scatterer_z_m,
+)
+from handbench.bench.evaluation.statistics.intervals import (
+    figure_interval,
+    mean_interval,
+    median_interval,
+    precision_interval,
+)
+from handbench.bench.evaluation.statistics.paired import compare, corrected, f_test, paired
+from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.results.result_folder import shown
+from handbench.bench.results.tables import each
+from handbench.bench.studies.stability.balls import balls, deviation, off, two_sided
+from handbench.bench.studies.stability.cases import Seen, U
+from handbench.calibration.transforms import Transform
+from handbench.groundtruth.mesh.depth import Reference
 
 EPS = np.finfo(float).eps
 DEPTH_M, PIXEL_M = 0.3, 1e-3

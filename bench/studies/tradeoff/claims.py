@@ -18,19 +18,19 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from bench.datasets.dataset import open_capture
-from bench.results import Claim, Setting
-from bench.run.outcome import Capture
-from bench.run.reconstruct_stage import configuration
-from bench.run.sweep import ImagingSetting
-from bench.studies.study import in_turns
-from radar.data.capture import RadarCapture
-from radar.data.grid import VoxelGrid
-from radar.imaging.api import image_volume
-from radar.methods.fsk_config import ThreeToneConfig
-from radar.methods.projection_config import BroadbandConfig, NarrowbandConfig
-from radar.methods.registry import method
-from radar.support.config import Config
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.results import Claim, Setting
+from handbench.bench.run.outcome import Capture
+from handbench.bench.run.reconstruct_stage import configuration
+from handbench.bench.run.sweep import ImagingSetting
+from handbench.bench.studies.study import in_turns
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging.api import image_volume
+from handbench.radar.methods.fsk_config import ThreeToneConfig
+from handbench.radar.methods.projection_config import BroadbandConfig, NarrowbandConfig
+from handbench.radar.methods.registry import method
+from handbench.radar.support.config import Config
 
 PAPER = 1000.0
 PASSES = 2  # of z_e in the paper

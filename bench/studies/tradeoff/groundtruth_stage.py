@@ -13,25 +13,25 @@ import numpy as np
 from psutil import Process
 from pydantic import Field
 
-from bench.datasets.dataset import open_capture
-from bench.datasets.native import TRUE_TRANSFORM
-from bench.datasets.simulated import JPEG_QUALITY
-from bench.evaluation.metrics import pool
-from bench.results import Section, Setting
-from bench.results.error_map import ErrorMap
-from bench.studies.tradeoff.opening import Context, line, section
-from calibration.transforms import Transform, load_transform
-from groundtruth.cameras.cameras import Camera, load_cameras, save_cameras
-from groundtruth.mesh.depth import depth_on_grid, reference_on_grid
-from groundtruth.mesh.mesh_files import raycasting_scene, read_mesh
-from groundtruth.options import Options, Quality
-from groundtruth.photos.photos import FEWEST, Photo, find_photos
-from groundtruth.pipeline import Result, reconstruct
-from radar.support.config import Config
-from radar.support.cost import Cost, measured
-from radar.support.errors import HandbenchError
-from radar.support.progress import say, track
-from radar.support.rays import RaycastingScene, TriangleMesh
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.datasets.native import TRUE_TRANSFORM
+from handbench.bench.datasets.simulated import JPEG_QUALITY
+from handbench.bench.evaluation.metrics import pool
+from handbench.bench.results import Section, Setting
+from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.studies.tradeoff.opening import Context, line, section
+from handbench.calibration.transforms import Transform, load_transform
+from handbench.groundtruth.cameras.cameras import Camera, load_cameras, save_cameras
+from handbench.groundtruth.mesh.depth import depth_on_grid, reference_on_grid
+from handbench.groundtruth.mesh.mesh_files import raycasting_scene, read_mesh
+from handbench.groundtruth.options import Options, Quality
+from handbench.groundtruth.photos.photos import FEWEST, Photo, find_photos
+from handbench.groundtruth.pipeline import Result, reconstruct
+from handbench.radar.support.config import Config
+from handbench.radar.support.cost import Cost, measured
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.progress import say, track
+from handbench.radar.support.rays import RaycastingScene, TriangleMesh
 
 CAMERAS, BOARD = "cameras.json", "board.toml"
 GRID_M = 5e-4  # of the rays from the radar's side that sample the true surface

@@ -14,28 +14,28 @@ from typing import Any
 import pandas as pd
 import psutil
 
-from bench.datasets.dataset import open_capture
-from bench.evaluation.metrics import HEADLINE, METRICS, averaged, of_captures
-from bench.evaluation.scoring_protocols import protocol
-from bench.evaluation.statistics.intervals import figure_interval
-from bench.results import Claim, Failure, Section, Setting, write_errors
-from bench.results.error_map import ErrorMap
-from bench.run.benchmark_file import MethodEntry
-from bench.run.outcome import Capture, Outcome, basis, failing
-from bench.run.reconstruct_stage import configuration
-from bench.run.scoring import Files, compare, read_errors, reference_depth
-from bench.run.sweep import ImagingSetting, Sweep, imaging_settings, known_configs
-from bench.studies.tradeoff.claims import claims
-from bench.studies.tradeoff.opening import Context, Opened, line, section
-from groundtruth.mesh.depth import Reference
-from radar.data.capture import RadarCapture, thinned
-from radar.data.grid import PixelGrid
-from radar.imaging.api import Laps, watch
-from radar.imaging.plan import fresh_plans
-from radar.methods.registry import Reconstruction, method
-from radar.support.cost import measured
-from radar.support.progress import track
-from radar.warmup import compile_kernels
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.evaluation.metrics import HEADLINE, METRICS, averaged, of_captures
+from handbench.bench.evaluation.scoring_protocols import protocol
+from handbench.bench.evaluation.statistics.intervals import figure_interval
+from handbench.bench.results import Claim, Failure, Section, Setting, write_errors
+from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.run.benchmark_file import MethodEntry
+from handbench.bench.run.outcome import Capture, Outcome, basis, failing
+from handbench.bench.run.reconstruct_stage import configuration
+from handbench.bench.run.scoring import Files, compare, read_errors, reference_depth
+from handbench.bench.run.sweep import ImagingSetting, Sweep, imaging_settings, known_configs
+from handbench.bench.studies.tradeoff.claims import claims
+from handbench.bench.studies.tradeoff.opening import Context, Opened, line, section
+from handbench.groundtruth.mesh.depth import Reference
+from handbench.radar.data.capture import RadarCapture, thinned
+from handbench.radar.data.grid import PixelGrid
+from handbench.radar.imaging.api import Laps, watch
+from handbench.radar.imaging.plan import fresh_plans
+from handbench.radar.methods.registry import Reconstruction, method
+from handbench.radar.support.cost import measured
+from handbench.radar.support.progress import track
+from handbench.radar.warmup import compile_kernels
 
 OPEN = 4  # captures whose echoes are kept in memory
 

@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from bench.datasets.dataset import open_capture
-from bench.evaluation.statistics.intervals import Interval
-from bench.results import Failure, Section, Setting
-from bench.run.benchmark_file import BenchFile
-from bench.run.executors import InPlace
-from bench.run.outcome import Capture, Outcome, failing
-from bench.run.runner import Run, references
-from bench.run.sweep import SectionName
-from radar.support.errors import HandbenchError
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.evaluation.statistics.intervals import Interval
+from handbench.bench.results import Failure, Section, Setting
+from handbench.bench.run.benchmark_file import BenchFile
+from handbench.bench.run.executors import InPlace
+from handbench.bench.run.outcome import Capture, Outcome, failing
+from handbench.bench.run.runner import Run, references
+from handbench.bench.run.sweep import SectionName
+from handbench.radar.support.errors import HandbenchError
 
 
 @dataclass(frozen=True)

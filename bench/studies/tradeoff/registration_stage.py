@@ -12,20 +12,20 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from bench.evaluation.statistics.intervals import Interval, mean_interval
-from bench.results import Section, Setting
-from bench.scenes.build import build
-from bench.scenes.echoes import echoes
-from bench.studies.tradeoff.opening import Context, line, section
-from bench.studies.tradeoff.target_placements import Placement, placement, seen_cloud
-from calibration.registration import register as registration
-from calibration.registration.register import combine
-from calibration.registration.rigid_fit import Pairs
-from calibration.transforms import Transform
-from radar.support.config import Config
-from radar.support.errors import HandbenchError
-from radar.support.progress import say, track
-from radar.warmup import compile_kernels
+from handbench.bench.evaluation.statistics.intervals import Interval, mean_interval
+from handbench.bench.results import Section, Setting
+from handbench.bench.scenes.build import build
+from handbench.bench.scenes.echoes import echoes
+from handbench.bench.studies.tradeoff.opening import Context, line, section
+from handbench.bench.studies.tradeoff.target_placements import Placement, placement, seen_cloud
+from handbench.calibration.registration import register as registration
+from handbench.calibration.registration.register import combine
+from handbench.calibration.registration.rigid_fit import Pairs
+from handbench.calibration.transforms import Transform
+from handbench.radar.support.config import Config
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.progress import say, track
+from handbench.radar.warmup import compile_kernels
 
 Made = TypeVar("Made")
 MOST = 100  # captures of a rig, and rigs: numbers that are drawn from do not meet
@@ -41,7 +41,7 @@ class RegistrationKnobs(Config):
 
 @dataclass(frozen=True)
 class Measured:
-    """The measurement of a rig's capture of the target (calibration.registration.register.measure), and in how many
+    """The measurement of a rig's capture of the target (`calibration.registration.register.measure`), and in how many
     seconds."""
 
     placed: Placement

@@ -7,21 +7,29 @@ from typing import Any
 
 import tomlkit
 
-from bench.results import Section, Setting, Tradeoff, TradeoffFacts, load_tradeoff, write_config, write_tradeoff
-from bench.run.benchmark_file import BenchFile
-from bench.run.planned_cost import of_sweep
-from bench.run.sweep import Sweep, completed, imaging_settings, known_configs
-from bench.studies.study import carried_out, stand
-from bench.studies.tradeoff import imaging_stage
-from bench.studies.tradeoff.answer import front, rank, with_acquisition
-from bench.studies.tradeoff.opening import Context, Opened, opened
-from bench.studies.tradeoff.settings import FOLDER, write_settings
-from radar.support.config import parse
-from radar.support.cost import require_time
-from radar.support.errors import HandbenchError
-from radar.support.folder import claimed, drop
-from radar.support.progress import say
-from radar.support.store import versions
+from handbench.bench.results import (
+    Section,
+    Setting,
+    Tradeoff,
+    TradeoffFacts,
+    load_tradeoff,
+    write_config,
+    write_tradeoff,
+)
+from handbench.bench.run.benchmark_file import BenchFile
+from handbench.bench.run.planned_cost import of_sweep
+from handbench.bench.run.sweep import Sweep, completed, imaging_settings, known_configs
+from handbench.bench.studies.study import carried_out, stand
+from handbench.bench.studies.tradeoff import imaging_stage
+from handbench.bench.studies.tradeoff.answer import front, rank, with_acquisition
+from handbench.bench.studies.tradeoff.opening import Context, Opened, opened
+from handbench.bench.studies.tradeoff.settings import FOLDER, write_settings
+from handbench.radar.support.config import parse
+from handbench.radar.support.cost import require_time
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.folder import claimed, drop
+from handbench.radar.support.progress import say
+from handbench.radar.support.store import versions
 
 KNOBS = {"groundtruth": "GroundTruthKnobs", "simulation": "SimulationKnobs", "registration": "RegistrationKnobs"}
 PAPER_METHODS = ("2fsk", "3fsk", "broadband", "narrowband")
@@ -69,7 +77,7 @@ def run(
 
 def _knobs(name: str, sweep: Sweep) -> Any:
     """The section's knobs, checked before anything is measured."""
-    model = getattr(import_module(f"bench.studies.tradeoff.{name}_stage"), KNOBS[name])
+    model = getattr(import_module(f"handbench.bench.studies.tradeoff.{name}_stage"), KNOBS[name])
     return parse(model, getattr(sweep, name), f"tradeoff.{name}")
 
 
@@ -103,7 +111,7 @@ def _measured(sweep: Sweep, knobs: dict[str, Any], context: Context, ready: Open
             found.imaging = imaging_stage.measure(sweep, context, ready)
             given = found.imaging.section, found.imaging.lines
         else:
-            given = import_module(f"bench.studies.tradeoff.{name}_stage").measure(knobs[name], context)
+            given = import_module(f"handbench.bench.studies.tradeoff.{name}_stage").measure(knobs[name], context)
         if given is None:
             raise HandbenchError("nothing to measure: the benchmark has not what this section needs")
         found.sections.append(given[0])

@@ -7,21 +7,21 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field, field_validator
 
-from bench.results import Section, Setting
-from bench.scenes.scene_file import known_effects
-from bench.studies.exact.cases import Case, body, cases, kept_echoes
-from bench.studies.exact.cylinders import ALONG
-from bench.studies.exact.measure import LONG_M, maps, tones_hz
-from bench.studies.study import in_turns
-from bench.studies.tradeoff.opening import Context, line, section
-from radar.data.arrays import qar50
-from radar.data.capture import RadarCapture
-from radar.simulation.known_effects import Choice
-from radar.simulation.scene import EchoScene
-from radar.simulation.selection import CONTAINED, EFFECTS, choose
-from radar.simulation.simulate import simulate_scene
-from radar.support.config import Config, suggest
-from radar.warmup import compile_kernels
+from handbench.bench.results import Section, Setting
+from handbench.bench.scenes.scene_file import known_effects
+from handbench.bench.studies.exact.cases import Case, body, cases, kept_echoes
+from handbench.bench.studies.exact.cylinders import ALONG
+from handbench.bench.studies.exact.measure import LONG_M, maps, tones_hz
+from handbench.bench.studies.study import in_turns
+from handbench.bench.studies.tradeoff.opening import Context, line, section
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.simulation.known_effects import Choice
+from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.selection import CONTAINED, EFFECTS, choose
+from handbench.radar.simulation.simulate import simulate_scene
+from handbench.radar.support.config import Config, suggest
+from handbench.radar.warmup import compile_kernels
 
 ORDINARY = 4.0  # facets, and mirrors of two bounces, to a wavelength in every simulation
 METHOD = "3fsk"

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from radar.imaging.cpu.descent import BLOCK, SECOND_LEVEL, apply, differences, leaf_of, mix, steer, turn
-from radar.imaging.cpu.steering import cis_turns
-from radar.support.compiled import FAST, njit
+from handbench.radar.imaging.cpu.descent import BLOCK, SECOND_LEVEL, apply, differences, leaf_of, mix, steer, turn
+from handbench.radar.imaging.cpu.steering import cis_turns
+from handbench.radar.support.compiled import FAST, njit
 
 
 class Sight(NamedTuple):

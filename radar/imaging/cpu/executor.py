@@ -6,16 +6,16 @@ from itertools import product
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
-from radar.data.grid import VoxelGrid
-from radar.imaging.cpu.ascent import Source, ascend, scatter
-from radar.imaging.cpu.descent import Leaves, complex_samples, descend, gather, pack, planes, turn
-from radar.imaging.cpu.exact import exact_images as exact_images
-from radar.imaging.cpu.steering import restore_carrier, take_carrier_out
-from radar.imaging.peaks import Peaks, root_mean_square, strongest
-from radar.imaging.plan import GridPlan, Sorted, TreePlan
-from radar.imaging.tree import Box, Family, Node, branch, trunk
-from radar.support.parallel import for_each, one_blas_thread
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging.cpu.ascent import Source, ascend, scatter
+from handbench.radar.imaging.cpu.descent import Leaves, complex_samples, descend, gather, pack, planes, turn
+from handbench.radar.imaging.cpu.exact import exact_images as exact_images
+from handbench.radar.imaging.cpu.steering import restore_carrier, take_carrier_out
+from handbench.radar.imaging.peaks import Peaks, root_mean_square, strongest
+from handbench.radar.imaging.plan import GridPlan, Sorted, TreePlan
+from handbench.radar.imaging.tree import Box, Family, Node, branch, trunk
+from handbench.radar.support.parallel import for_each, one_blas_thread
 
 VOXELS = 1 << 16  # upsampled along z at once: they stay in the second-level cache
 ROWS = 16  # pixels along y of one piece of work

@@ -9,8 +9,8 @@ to 1e-7 rad at any range; forming them in float32 would cost 3e-4 rad at 2 m.
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.support.compiled import FAST, njit
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.support.compiled import FAST, njit
 
 # Gains that bend too sharply across the array to be carried by few antennas:
 GRAZING = 0.05  # √(n·û) where the cosine falls below this,

@@ -6,9 +6,9 @@ A planar scan is an array whose second leg is one antenna that the wave meets ze
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, as_of_an_array
-from radar.imaging.cpu.exact import check_samples
-from radar.imaging.device import BLOCK_BYTES, array_module, cis, distances, to_host
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, as_of_an_array
+from handbench.radar.imaging.cpu.exact import check_samples
+from handbench.radar.imaging.device import BLOCK_BYTES, array_module, cis, distances, to_host
 
 POINT_BYTES = 48  # per point and antenna: distances in double, their turns, phases and products
 

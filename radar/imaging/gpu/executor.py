@@ -12,15 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from radar.data.grid import VoxelGrid
-from radar.imaging.device import BLOCK_BYTES, Array, array_module, cis, distances, to_host
-from radar.imaging.gpu.exact import exact_images as exact_images
-from radar.imaging.gpu.levels import Level, level
-from radar.imaging.peaks import Peaks, root_mean_square
-from radar.imaging.plan import GridPlan, Sorted, TreePlan
-from radar.imaging.skeleton import Resampler
-from radar.imaging.tree import Node
-from radar.support.parallel import for_each
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging.device import BLOCK_BYTES, Array, array_module, cis, distances, to_host
+from handbench.radar.imaging.gpu.exact import exact_images as exact_images
+from handbench.radar.imaging.gpu.levels import Level, level
+from handbench.radar.imaging.peaks import Peaks, root_mean_square
+from handbench.radar.imaging.plan import GridPlan, Sorted, TreePlan
+from handbench.radar.imaging.skeleton import Resampler
+from handbench.radar.imaging.tree import Node
+from handbench.radar.support.parallel import for_each
 
 PIECE = 512  # points of one leaf that share a product
 WAVE_BYTES = 24  # per point, tone and antenna: turns, phases and products

@@ -9,8 +9,8 @@ from types import ModuleType
 
 import numpy as np
 
-from radar.imaging.device import BLOCK_BYTES, Array, cis
-from radar.imaging.tree import Node
+from handbench.radar.imaging.device import BLOCK_BYTES, Array, cis
+from handbench.radar.imaging.tree import Node
 
 CHILD_BYTES = 32  # per sample of the parent: it is copied, turned and mixed
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from radar.data.arrays import AntennaArray
-from radar.imaging.cpu.steering import phasor
-from radar.simulation.causes import Channels, Dead
-from radar.simulation.effects.base import Effect
-from radar.simulation.pilot import rms
-from radar.simulation.scene import EchoScene
-from radar.simulation.state import EchoState
-from radar.support.errors import HandbenchError
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.imaging.cpu.steering import phasor
+from handbench.radar.simulation.causes import Channels, Dead
+from handbench.radar.simulation.effects.base import Effect
+from handbench.radar.simulation.pilot import rms
+from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.state import EchoState
+from handbench.radar.support.errors import HandbenchError
 
 
 class PositionErrors(Effect):

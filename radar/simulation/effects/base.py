@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from radar.simulation.pilot import coarse_surface
-from radar.simulation.scene import EchoScene
-from radar.simulation.state import EchoState
+from handbench.radar.simulation.pilot import coarse_surface
+from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.state import EchoState
 
 TURN = 0.15  # rad between two tones per relative amplitude, mean over the pixels: 0.10 to 0.22 measured on four hands
 

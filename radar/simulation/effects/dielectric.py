@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.simulation.effects.base import Effect
-from radar.simulation.physics.facets import Facets, face_vectors, joined, volume_m3
-from radar.simulation.physics.reflection import dielectric_permittivity, echo_reflection
-from radar.simulation.physics.spheres import foam_delays_m, foam_echoes, has_foam
-from radar.simulation.pilot import CENTRE_M
-from radar.simulation.scene import Body, EchoScene
-from radar.simulation.state import EchoState, Surface, facing
-from radar.support.rays import Rays
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.simulation.effects.base import Effect
+from handbench.radar.simulation.physics.facets import Facets, face_vectors, joined, volume_m3
+from handbench.radar.simulation.physics.reflection import dielectric_permittivity, echo_reflection
+from handbench.radar.simulation.physics.spheres import foam_delays_m, foam_echoes, has_foam
+from handbench.radar.simulation.pilot import CENTRE_M
+from handbench.radar.simulation.scene import Body, EchoScene
+from handbench.radar.simulation.state import EchoState, Surface, facing
+from handbench.radar.support.rays import Rays
 
 MOST_CROSSINGS = 16  # surfaces that a ray may cross on its way to a facet
 FAINT_DB = -20.0  # echo of the far wall over the front's that may be left out: 3-FSK then moves by 0.2 mm

@@ -6,22 +6,22 @@ import dataclasses
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from radar.simulation.effects.base import CLOSED, Effect, Glance
-from radar.simulation.forward import Scatterers
-from radar.simulation.physics.bundles import Bundles, traced_nodes
-from radar.simulation.physics.coarse import double_bounce, single_bounce
-from radar.simulation.physics.creeping import roundness_of
-from radar.simulation.physics.diffracted import by_rays, samples_of, sight_of
-from radar.simulation.physics.facets import face_vectors
-from radar.simulation.physics.line_of_sight import rays_of
-from radar.simulation.physics.ray_tubes import mirrors_of, trace
-from radar.simulation.physics.reflection import body_reflection, echo_reflection, oblique_ratios
-from radar.simulation.pilot import CENTRE_M, LONGEST, body_echoes, visible_surface
-from radar.simulation.scene import Body, EchoScene, Material
-from radar.simulation.state import EchoState, facing
-from radar.support.parallel import for_each
-from radar.support.rays import Rays
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from handbench.radar.simulation.effects.base import CLOSED, Effect, Glance
+from handbench.radar.simulation.forward import Scatterers
+from handbench.radar.simulation.physics.bundles import Bundles, traced_nodes
+from handbench.radar.simulation.physics.coarse import double_bounce, single_bounce
+from handbench.radar.simulation.physics.creeping import roundness_of
+from handbench.radar.simulation.physics.diffracted import by_rays, samples_of, sight_of
+from handbench.radar.simulation.physics.facets import face_vectors
+from handbench.radar.simulation.physics.line_of_sight import rays_of
+from handbench.radar.simulation.physics.ray_tubes import mirrors_of, trace
+from handbench.radar.simulation.physics.reflection import body_reflection, echo_reflection, oblique_ratios
+from handbench.radar.simulation.pilot import CENTRE_M, LONGEST, body_echoes, visible_surface
+from handbench.radar.simulation.scene import Body, EchoScene, Material
+from handbench.radar.simulation.state import EchoState, facing
+from handbench.radar.support.parallel import for_each
+from handbench.radar.support.rays import Rays
 
 BOUNCES = 4  # at most: places that a wave meets
 PATCH = 0.25  # longest edge of a mirror, wavelengths

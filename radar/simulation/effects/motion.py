@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.imaging.cpu.steering import phasor
-from radar.simulation.causes import Motion
-from radar.simulation.effects.base import CLOSED, Effect, Glance, echo_s
-from radar.simulation.scene import EchoScene
-from radar.simulation.state import EchoState
-from radar.support.errors import HandbenchError
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.imaging.cpu.steering import phasor
+from handbench.radar.simulation.causes import Motion
+from handbench.radar.simulation.effects.base import CLOSED, Effect, Glance, echo_s
+from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.state import EchoState
+from handbench.radar.support.errors import HandbenchError
 
 MOST_NODES = 30  # displacements, each a simulation of its own
 RESIDUAL_RAD = 0.06  # between two displacements: linear interpolation then errs by (0.06)²/8 = 5e-4 at the target's rim

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import sici
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from radar.imaging.cpu.exact import exact_images
-from radar.simulation.causes import Converter, Oscillator
-from radar.simulation.effects.base import Effect
-from radar.simulation.scene import EchoScene
-from radar.simulation.state import EchoState
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from handbench.radar.imaging.cpu.exact import exact_images
+from handbench.radar.simulation.causes import Converter, Oscillator
+from handbench.radar.simulation.effects.base import Effect
+from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.state import EchoState
 
 OFFSET_HZ = 1e6  # where the oscillator's level is given
 PEAK_POINTS = 20_000  # surface points on which the strongest pixel is looked for

@@ -11,13 +11,13 @@ import dataclasses
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.simulation.causes import Roughness
-from radar.simulation.effects.base import Effect, Glance
-from radar.simulation.physics.facets import Facets
-from radar.simulation.pilot import coarse_surface
-from radar.simulation.scene import EchoScene
-from radar.simulation.state import EchoState
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.simulation.causes import Roughness
+from handbench.radar.simulation.effects.base import Effect, Glance
+from handbench.radar.simulation.physics.facets import Facets
+from handbench.radar.simulation.pilot import coarse_surface
+from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.state import EchoState
 
 WAVES = 64  # of random relief
 SPREAD = 0.096  # variance of an even triangle's points along an axis, over its area: 1/(6√3)

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.simulation.effects.base import Effect, Glance
-from radar.simulation.physics.coarse import beside_outlines, visible_from
-from radar.simulation.physics.diffracted import NODES_M, by_rays, samples_of, sight_of
-from radar.simulation.physics.diffraction import kept_edges, outline
-from radar.simulation.physics.facets import Facets, convex, face_vectors
-from radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
-from radar.simulation.physics.reflection import skin_layers_m, skin_reflection
-from radar.simulation.pilot import CENTRE_M, coarse_surface, seen_from_centre
-from radar.simulation.scene import Body, EchoScene
-from radar.simulation.state import EchoState, facing, require_facets
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.simulation.effects.base import Effect, Glance
+from handbench.radar.simulation.physics.coarse import beside_outlines, visible_from
+from handbench.radar.simulation.physics.diffracted import NODES_M, by_rays, samples_of, sight_of
+from handbench.radar.simulation.physics.diffraction import kept_edges, outline
+from handbench.radar.simulation.physics.facets import Facets, convex, face_vectors
+from handbench.radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
+from handbench.radar.simulation.physics.reflection import skin_layers_m, skin_reflection
+from handbench.radar.simulation.pilot import CENTRE_M, coarse_surface, seen_from_centre
+from handbench.radar.simulation.scene import Body, EchoScene
+from handbench.radar.simulation.state import EchoState, facing, require_facets
 
 
 class Obliquity(Effect):

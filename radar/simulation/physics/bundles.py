@@ -12,18 +12,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from radar.imaging.cpu.ascent import ascend
-from radar.imaging.cpu.descent import complex_samples
-from radar.imaging.cpu.steering import steered_differences
-from radar.imaging.skeleton import band_kernel, skeleton
-from radar.simulation.physics.bounces import radiate
-from radar.simulation.physics.line_of_sight import nodes
-from radar.simulation.physics.polarisation import tube_factors
-from radar.simulation.physics.ray_tubes import Traced
-from radar.simulation.physics.vectors import minus, norm, vec
-from radar.support.compiled import FAST, njit
-from radar.support.parallel import for_each
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from handbench.radar.imaging.cpu.ascent import ascend
+from handbench.radar.imaging.cpu.descent import complex_samples
+from handbench.radar.imaging.cpu.steering import steered_differences
+from handbench.radar.imaging.skeleton import band_kernel, skeleton
+from handbench.radar.simulation.physics.bounces import radiate
+from handbench.radar.simulation.physics.line_of_sight import nodes
+from handbench.radar.simulation.physics.polarisation import tube_factors
+from handbench.radar.simulation.physics.ray_tubes import Traced
+from handbench.radar.simulation.physics.vectors import minus, norm, vec
+from handbench.radar.support.compiled import FAST, njit
+from handbench.radar.support.parallel import for_each
 
 TOLERANCE = 3e-3  # of the bounces' echoes: for the tones that stand for the others
 # Between the antennas that stand for the others: a cell's waves oscillate over 25 mm, 0.3 m away. Those whose rays are

@@ -12,16 +12,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from radar.data.arrays import AntennaArray
-from radar.imaging.cpu.ascent import Sight
-from radar.simulation.physics import diffraction
-from radar.simulation.physics.creeping import roundness_of
-from radar.simulation.physics.diffraction import Outline, cells_of, edge_waves, kept_edges
-from radar.simulation.physics.facets import Facets, quarters
-from radar.simulation.physics.line_of_sight import lines, spaced
-from radar.simulation.scene import Body, EchoScene
-from radar.support.parallel import for_each
-from radar.support.rays import Rays
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.imaging.cpu.ascent import Sight
+from handbench.radar.simulation.physics import diffraction
+from handbench.radar.simulation.physics.creeping import roundness_of
+from handbench.radar.simulation.physics.diffraction import Outline, cells_of, edge_waves, kept_edges
+from handbench.radar.simulation.physics.facets import Facets, quarters
+from handbench.radar.simulation.physics.line_of_sight import lines, spaced
+from handbench.radar.simulation.scene import Body, EchoScene
+from handbench.radar.support.parallel import for_each
+from handbench.radar.support.rays import Rays
 
 NODES_M = 0.02  # between the antennas of a line for which the field is computed
 SAMPLES_M = 2e-3  # longest edges of the triangles at whose corners it is

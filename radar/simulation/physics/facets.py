@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from radar.simulation.forward import Scatterers
-from radar.simulation.scene import Body
-from radar.support.errors import HandbenchError
+from handbench.radar.simulation.forward import Scatterers
+from handbench.radar.simulation.scene import Body
+from handbench.radar.support.errors import HandbenchError
 
 MOST_FACETS = 4_000_000
 HULL = 1000  # vertices, at most, of a hull that is found quickly

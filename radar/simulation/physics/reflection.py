@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.simulation.scene import Body, Material
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.simulation.scene import Body, Material
 
 VACUUM_F_M = 8.8541878128e-12
 

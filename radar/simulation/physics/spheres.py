@@ -8,11 +8,11 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebpts1, chebvander
 from scipy.special import spherical_jn, spherical_yn
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from radar.imaging.cpu.exact import path_lengths
-from radar.imaging.cpu.steering import phasor
-from radar.simulation.physics.reflection import fresnel
-from radar.simulation.scene import Ball, EchoScene
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from handbench.radar.imaging.cpu.exact import path_lengths
+from handbench.radar.imaging.cpu.steering import phasor
+from handbench.radar.simulation.physics.reflection import fresnel
+from handbench.radar.simulation.scene import Ball, EchoScene
 
 NODES = 16  # angles at which the series is summed; between them a polynomial is good to 1e-5 for ka ≤ 40 and 2β ≤ 60°
 

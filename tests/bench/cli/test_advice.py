@@ -6,12 +6,12 @@ import shlex
 import numpy as np
 import pytest
 
-from bench.cli.main import main
-from radar.data.arrays import AntennaArray
-from radar.data.capture import RadarCapture
-from radar.data.echoes_file import save_capture
-from radar.methods.advice import asked_hz
-from radar.methods.registry import methods
+from handbench.bench.cli.main import main
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.echoes_file import save_capture
+from handbench.radar.methods.advice import asked_hz
+from handbench.radar.methods.registry import methods
 
 C = 299_792_458.0
 ALONG = np.linspace(-0.05, 0.05, 12)

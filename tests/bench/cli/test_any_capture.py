@@ -8,10 +8,10 @@ import h5py
 import numpy as np
 import pytest
 
-from bench.cli.main import main
-from bench.datasets.native import NativeCapture
-from calibration.array.array_file import save_array
-from radar.data.echoes_file import load_capture
+from handbench.bench.cli.main import main
+from handbench.bench.datasets.native import NativeCapture
+from handbench.calibration.array.array_file import save_array
+from handbench.radar.data.echoes_file import load_capture
 from tests.fuzz.capture_seeds import array_calibration
 
 LATERAL = ["--set", "x.start_m=-0.02", "--set", "x.stop_m=0.02", "--set", "y.start_m=-0.02", "--set", "y.stop_m=0.02"]

@@ -7,10 +7,10 @@ import json
 import numpy as np
 import pytest
 
-import bench.run.photogrammetry
-from bench.cli.main import main
-from bench.datasets.maroon_alignment import load_alignment, load_any_transform
-from calibration.transforms import Transform, load_transform
+import handbench.bench.run.photogrammetry
+from handbench.bench.cli.main import main
+from handbench.bench.datasets.maroon_alignment import load_alignment, load_any_transform
+from handbench.calibration.transforms import Transform, load_transform
 
 COVARIANCE = np.diag([5e-5, 5e-5, 8e-5, 5e-4, 5e-4, 5e-4]) ** 2
 
@@ -24,7 +24,7 @@ def transform(shift_m: float = 0.0) -> Transform:
 @pytest.fixture
 def measured(monkeypatch):
     """Stands for photographs and echoes: every capture gives a rig shifted by 2 mm."""
-    monkeypatch.setattr(bench.run.photogrammetry, "calibrate_captures", lambda *_, **__: transform(2e-3))
+    monkeypatch.setattr(handbench.bench.run.photogrammetry, "calibrate_captures", lambda *_, **__: transform(2e-3))
 
 
 @pytest.mark.parametrize(

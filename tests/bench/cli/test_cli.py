@@ -9,12 +9,12 @@ import h5py
 import numpy as np
 import pytest
 
-from bench.cli.main import main
-from bench.datasets.native import NativeCapture
-from radar.data.arrays import qar50
-from radar.data.capture import RadarCapture
-from radar.data.echoes_file import save_capture
-from radar.simulation.known_effects import IDS
+from handbench.bench.cli.main import main
+from handbench.bench.datasets.native import NativeCapture
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.echoes_file import save_capture
+from handbench.radar.simulation.known_effects import IDS
 
 LATERAL = ["--set", "x.start_m=-0.01", "--set", "x.stop_m=0.01", "--set", "y.start_m=-0.01", "--set", "y.stop_m=0.01"]
 
@@ -47,7 +47,7 @@ def test_capture_to_metrics(capture, tmp_path, capsys):
 
 
 def test_explaining_simulates_nothing(small_bench, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("bench.datasets.simulated.echoes", lambda *_: 1 / 0)
+    monkeypatch.setattr("handbench.bench.datasets.simulated.echoes", lambda *_: 1 / 0)
     scene = small_bench.parent / "ball.toml"
     assert main(["simulate", str(scene), "--explain"]) == 0
     lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines() if line.strip()}
@@ -80,14 +80,16 @@ def test_a_volume_is_checked_against_the_exact_sum_on_request(capture, tmp_path,
     command = ["reconstruct", str(capture), "--method", "narrowband", "-o", str(out), *LATERAL, "--check", "50"]
     assert main([*command, "--tolerance", "1e-3"]) == 0
     assert "checked at 50 random voxels" in capsys.readouterr().err
-    monkeypatch.setattr("bench.cli.reconstruct.imaging_error", lambda *_: 0.01)
+    monkeypatch.setattr("handbench.bench.cli.reconstruct.imaging_error", lambda *_: 0.01)
     fails(capsys, [*command, "--tolerance", "1e-3", "--overwrite"], "relative error is 1.0e-02", "at most 0.001")
     flat = ["reconstruct", str(capture), "--method", "2fsk", "-o", str(tmp_path / "flat.npz"), "--check", "5"]
     fails(capsys, flat, "makes no volume")
 
 
 def test_a_tolerance_relative_to_the_image_is_certified(capture, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("radar.imaging.certificate.FACTOR", 10.0)  # so that the tolerance as asked is not enough
+    monkeypatch.setattr(
+        "handbench.radar.imaging.certificate.FACTOR", 10.0
+    )  # so that the tolerance as asked is not enough
     command = ["reconstruct", str(capture), "--method", "narrowband", *LATERAL, "--set", "z.start_m=0.2"]
     command += ["--set", "z.stop_m=0.21", "--tolerance", "1e-2"]
     bounds = []
@@ -155,7 +157,7 @@ def test_interrupt_is_one_line(capture, tmp_path, capsys, monkeypatch):
     def interrupt(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("bench.cli.simulate.run", interrupt)
+    monkeypatch.setattr("handbench.bench.cli.simulate.run", interrupt)
     assert main(["simulate", "x.toml", "-o", str(tmp_path / "out")]) == 130
     assert capsys.readouterr().err.startswith("handbench: interrupted")
 
@@ -187,7 +189,7 @@ def test_list_and_doctor_speak(capsys):
 def test_help_imports_nothing_heavy(command):
     heavy = ["numpy", "open3d", "pycolmap", "cv2", "numba", "matplotlib", "pandas"]
     script = (
-        "import sys\nfrom bench.cli.main import parser\n"
+        "import sys\nfrom handbench.bench.cli.main import parser\n"
         f"try: parser().parse_args({[*command, '--help']!r})\nexcept SystemExit: pass\n"
         f"sys.exit(', '.join(m for m in {heavy!r} if m in sys.modules) or None)"
     )

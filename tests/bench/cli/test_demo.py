@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.cli import demo
-from bench.cli.main import main, parser
-from bench.run import benchmark_file
-from bench.scenes.scene_file import SceneFile
-from radar.methods.advice import asked_hz
-from radar.methods.registry import methods
+from handbench.bench.cli import demo
+from handbench.bench.cli.main import main, parser
+from handbench.bench.run import benchmark_file
+from handbench.bench.scenes.scene_file import SceneFile
+from handbench.radar.methods.advice import asked_hz
+from handbench.radar.methods.registry import methods
 
 NEXT = ["reconstruct", "evaluate", "simulate", "list"]
 SCENE = benchmark_file.EMBEDDED / "demo_hand.toml"

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench import results
-from bench.cli.main import main
-from bench.evaluation.statistics.compare_results import figures_of
-from bench.results.tables import CAPTURES, DESIGN, frame, read
+from handbench.bench import results
+from handbench.bench.cli.main import main
+from handbench.bench.evaluation.statistics.compare_results import figures_of
+from handbench.bench.results.tables import CAPTURES, DESIGN, frame, read
 from tests.reports.synthetic_result import write_synthetic
 
 

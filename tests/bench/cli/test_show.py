@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.cli.main import main
-from bench.results import ErrorMap, Surface
-from groundtruth.mesh.surface import read_surface
-from radar.data.depthmap import DepthMap
-from reports.figures.layers import error_layer, layers_figure, shade, volume_layers
+from handbench.bench.cli.main import main
+from handbench.bench.results import ErrorMap, Surface
+from handbench.groundtruth.mesh.surface import read_surface
+from handbench.radar.data.depthmap import DepthMap
+from handbench.reports.figures.layers import error_layer, layers_figure, shade, volume_layers
 from tests.reports.synthetic_result import hand_m, write_synthetic, write_synthetic_tradeoff
 
 PIXELS = [f"--set={axis}.{end}={value}" for axis in "xy" for end, value in (("start_m", -0.01), ("stop_m", 0.01))]
@@ -157,9 +157,9 @@ def test_doubts_come_first(made, tmp_path, capsys):
     ],
 )
 def test_figures_that_can_hardly_be_are_doubted(config, z_m, said):
-    from bench.evaluation.depth_errors import error_map
-    from bench.evaluation.metrics import pool
-    from bench.validation.figure_doubts import of_figures
+    from handbench.bench.evaluation.depth_errors import error_map
+    from handbench.bench.evaluation.metrics import pool
+    from handbench.bench.validation.figure_doubts import of_figures
 
     axis_m = np.linspace(-0.05, 0.05, 40)
     truth = np.where(np.isfinite(hand_m(axis_m, axis_m)), 0.29, np.nan)

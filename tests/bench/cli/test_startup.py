@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from bench.cli.main import main, parser
-from bench.cli.options import COMMANDS, declared
-from radar.methods.registry import methods
-from radar.support import progress
+from handbench.bench.cli.main import main, parser
+from handbench.bench.cli.options import COMMANDS, declared
+from handbench.radar.methods.registry import methods
+from handbench.radar.support import progress
 from tests.bench.conftest import write_bench
 
 HEAVY = ["numba", "scipy", "pandas", "matplotlib", "cv2", "open3d", "h5py", "dash", "rich", "argcomplete", "IPython"]
@@ -43,7 +43,7 @@ def folder(tmp_path_factory) -> Path:
 )
 def test_a_command_imports_what_it_needs(folder, command, needed):
     script = (
-        f"import sys\nfrom bench.cli.main import main\nassert main({command!r}) == 0\n"
+        f"import sys\nfrom handbench.bench.cli.main import main\nassert main({command!r}) == 0\n"
         f"print('>', *(m for m in {HEAVY!r} if m in sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, env=_env())
@@ -54,7 +54,7 @@ def test_a_command_imports_what_it_needs(folder, command, needed):
 
 def test_open3d_s_windows_come_when_they_are_asked_for():
     script = (
-        "import sys\nfrom radar.support.rays import load_open3d\no3d = load_open3d()\n"
+        "import sys\nfrom handbench.radar.support.rays import load_open3d\no3d = load_open3d()\n"
         "assert 'dash' not in sys.modules and not hasattr(o3d, 'nonsense')\n"
         "print(o3d.visualization.Visualizer.__name__)"
     )
@@ -75,13 +75,13 @@ def test_a_shell_completes(line, expected, tmp_path):
     """By argcomplete's protocol, as its shell functions speak it."""
     asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE_IFS": "\n"}
     asked |= {"_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "said"), "COMP_TYPE": "9"}
-    done = subprocess.run([sys.executable, "-m", "bench.cli.main"], cwd=tmp_path, env=_env() | asked)
+    done = subprocess.run([sys.executable, "-m", "handbench.bench.cli.main"], cwd=tmp_path, env=_env() | asked)
     assert done.returncode == 0
     assert {word.strip() for word in (tmp_path / "said").read_text().split("\n")} == expected
 
 
 def test_the_command_s_file_says_that_it_completes():
-    import bench.cli.main as command
+    import handbench.bench.cli.main as command
 
     assert b"PYTHON_ARGCOMPLETE_OK" in Path(command.__file__).read_bytes()[:1024]
 
@@ -121,7 +121,7 @@ def test_an_output_of_another_kind_is_refused(command, capsys):
 
 
 def test_sections_of_the_list_are_those_of_its_option(capsys):
-    from bench.cli.list import SECTIONS
+    from handbench.bench.cli.list import SECTIONS
 
     assert declared(COMMANDS)["list"]["options"]["section"]["choices"] == list(SECTIONS)
     assert main(["list", "effects", "noise"]) == 0
@@ -133,7 +133,7 @@ def test_sections_of_the_list_are_those_of_its_option(capsys):
 
 def test_a_log_without_a_terminal_tells_the_time_that_is_left(monkeypatch, capsys):
     seconds = iter(range(0, 1000, 30))
-    monkeypatch.setattr("radar.support.progress.time.monotonic", lambda: float(next(seconds)))
+    monkeypatch.setattr("handbench.radar.support.progress.time.monotonic", lambda: float(next(seconds)))
     assert list(progress.track(range(4), "imaging")) == [0, 1, 2, 3]
     assert capsys.readouterr().err.splitlines() == [
         "imaging: 0/4", "3 min left, imaging: 1/4", "90 s left, imaging: 2/4", "40 s left, imaging: 3/4"

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.datasets.native import ECHOES, TRUTH, CaptureFile, save_capture_file
-from groundtruth.mesh.mesh_files import mesh, write_mesh
-from radar.data.arrays import qar50
-from radar.data.capture import RadarCapture
-from radar.data.echoes_file import save_capture
-from radar.simulation.forward import Scatterers, simulate
+from handbench.bench.datasets.native import ECHOES, TRUTH, CaptureFile, save_capture_file
+from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.echoes_file import save_capture
+from handbench.radar.simulation.forward import Scatterers, simulate
 
 TONES_HZ = np.array([72e9, 74.5e9, 77e9, 79.5e9, 81.8e9, 82e9])
 PLACE_M = np.array([-0.030, 0.020, 0.290])  # off every axis of symmetry

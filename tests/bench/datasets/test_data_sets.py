@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from bench.datasets.dataset import open_capture
-from bench.datasets.mapping import Mapping, Pairs
-from bench.datasets.maroon_export import export_maroon
-from bench.datasets.native import CaptureFile
-from bench.run.benchmark_file import BenchFile, Source, load_benchmark
-from radar.support.config import load
-from radar.support.errors import HandbenchError
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.datasets.mapping import Mapping, Pairs
+from handbench.bench.datasets.maroon_export import export_maroon
+from handbench.bench.datasets.native import CaptureFile
+from handbench.bench.run.benchmark_file import BenchFile, Source, load_benchmark
+from handbench.radar.support.config import load
+from handbench.radar.support.errors import HandbenchError
 from tests.bench.datasets.foreign_captures import echoes, write_native
 
 BENCH = """

@@ -6,22 +6,22 @@ import shutil
 import numpy as np
 import pytest
 
-from bench.datasets.dataset import captures, import_capture, open_capture
-from bench.datasets.maroon import MESHES, MaroonCapture
-from bench.datasets.maroon_alignment import save_alignment
-from bench.datasets.maroon_export import export_maroon
-from bench.datasets.maroon_mask import eroded, radar_kernel_px
-from bench.datasets.native import NativeCapture
-from bench.run.reconstruct_stage import Imager, configuration
-from bench.run.scoring import reference_depth
-from calibration.transforms import Transform, identity
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
-from radar.data.capture import RadarCapture
-from radar.data.depthmap import DepthMap
-from radar.data.echoes_file import save_capture
-from radar.data.grid import Axis, PixelGrid
-from radar.methods.registry import method
-from radar.support.errors import HandbenchError
+from handbench.bench.datasets.dataset import captures, import_capture, open_capture
+from handbench.bench.datasets.maroon import MESHES, MaroonCapture
+from handbench.bench.datasets.maroon_alignment import save_alignment
+from handbench.bench.datasets.maroon_export import export_maroon
+from handbench.bench.datasets.maroon_mask import eroded, radar_kernel_px
+from handbench.bench.datasets.native import NativeCapture
+from handbench.bench.run.reconstruct_stage import Imager, configuration
+from handbench.bench.run.scoring import reference_depth
+from handbench.calibration.transforms import Transform, identity
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.data.echoes_file import save_capture
+from handbench.radar.data.grid import Axis, PixelGrid
+from handbench.radar.methods.registry import method
+from handbench.radar.support.errors import HandbenchError
 from tests.bench.datasets.foreign_captures import AXES, METHODS, PLACE_M, TONES_HZ, echoes, write_native
 from tests.radar.exact import backproject
 

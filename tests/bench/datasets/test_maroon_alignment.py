@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bench.datasets.maroon_alignment import load_alignment, save_alignment
-from calibration.transforms import Transform
-from radar.support.errors import HandbenchError
+from handbench.bench.datasets.maroon_alignment import load_alignment, save_alignment
+from handbench.calibration.transforms import Transform
+from handbench.radar.support.errors import HandbenchError
 from tests.strategies import examples
 
 

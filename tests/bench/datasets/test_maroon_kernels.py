@@ -14,14 +14,14 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.datasets.dataset import open_capture
-from bench.datasets.maroon_export import export_maroon
-from bench.evaluation.depth_errors import error_map
-from bench.run.reconstruct_stage import Imager
-from bench.run.scoring import reference_depth
-from radar.data.arrays import qar50
-from radar.data.capture import RadarCapture
-from radar.data.grid import PixelGrid
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.datasets.maroon_export import export_maroon
+from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.run.reconstruct_stage import Imager
+from handbench.bench.run.scoring import reference_depth
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.grid import PixelGrid
 from tests.bench.datasets.foreign_captures import METHODS, PLACE_M, TONES_HZ, echoes, write_native
 
 C = 299792458.0

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.datasets.dataset import open_capture
-from bench.datasets.maroon_export import export_maroon
-from calibration.transforms import Transform
-from groundtruth.cameras.metashape import read_metashape
-from groundtruth.mesh.mesh_files import read_triangles
-from radar.data.echoes_file import load_capture
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.datasets.maroon_export import export_maroon
+from handbench.calibration.transforms import Transform
+from handbench.groundtruth.cameras.metashape import read_metashape
+from handbench.groundtruth.mesh.mesh_files import read_triangles
+from handbench.radar.data.echoes_file import load_capture
 from tests.bench.datasets.foreign_captures import PLACE_M, TONES_HZ, echoes, write_native
 
 HALF_MM = 0.5  # what a depth in whole millimetres is off at most

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 
 import pandas as pd
 
-from bench.evaluation.error_causes import Scored, averaged_lines, lines_of, surface_causes
-from bench.results.tables import CAUSES, RELIABILITY
+from handbench.bench.evaluation.error_causes import Scored, averaged_lines, lines_of, surface_causes
+from handbench.bench.results.tables import CAUSES, RELIABILITY
 
 
 def explain(maps: Iterable[Scored]) -> dict[str, pd.DataFrame]:

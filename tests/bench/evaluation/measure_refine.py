@@ -18,15 +18,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from bench.datasets.dataset import open_capture
-from bench.datasets.native import TRUTH
-from bench.datasets.simulated import simulate_capture
-from bench.evaluation.refine import refine_files
-from bench.run.reconstruct_stage import configuration
-from bench.scenes.build import build
-from bench.scenes.scene_file import SceneFile
-from calibration.transforms import Transform
-from radar.methods.registry import method
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.datasets.native import TRUTH
+from handbench.bench.datasets.simulated import simulate_capture
+from handbench.bench.evaluation.refine import refine_files
+from handbench.bench.run.reconstruct_stage import configuration
+from handbench.bench.scenes.build import build
+from handbench.bench.scenes.scene_file import SceneFile
+from handbench.calibration.transforms import Transform
+from handbench.radar.methods.registry import method
 
 POSES = ("B", "F", "U", "A", "L", "V", "Y")
 METHODS = ("3fsk", "joint")

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bench import results
-from bench.evaluation.depth_errors import error_map
-from bench.evaluation.rows import metric_facts
-from bench.evaluation.statistics.compare_results import _same, compare_results
-from bench.evaluation.statistics.paired import f_test
-from bench.results.compared import Compared, write_compared
-from bench.results.error_map import ErrorMap
-from bench.results.tables import DIFFERENCES, REPEATS, TABLE, TASKS, frame
-from radar.support.errors import HandbenchError
+from handbench.bench import results
+from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.evaluation.rows import metric_facts
+from handbench.bench.evaluation.statistics.compare_results import _same, compare_results
+from handbench.bench.evaluation.statistics.paired import f_test
+from handbench.bench.results.compared import Compared, write_compared
+from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.results.tables import DIFFERENCES, REPEATS, TABLE, TASKS, frame
+from handbench.radar.support.errors import HandbenchError
 
 AXIS_M = 2.5e-3 * np.arange(36)
 REFERENCE_M = np.full((36, 36), 0.3)

@@ -6,10 +6,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bench.evaluation.statistics.paired import amount_text, amounts_text, compare, corrected, f_test, paired, unpaired
-from bench.results.result_folder import best, shown
-from bench.results.tables import COMPARISONS, frame, write
-from radar.support.errors import HandbenchError
+from handbench.bench.evaluation.statistics.paired import (
+    amount_text,
+    amounts_text,
+    compare,
+    corrected,
+    f_test,
+    paired,
+    unpaired,
+)
+from handbench.bench.results.result_folder import best, shown
+from handbench.bench.results.tables import COMPARISONS, frame, write
+from handbench.radar.support.errors import HandbenchError
 
 TITLES = {"2fsk": "2-FSK", "3fsk": "3-FSK"}
 

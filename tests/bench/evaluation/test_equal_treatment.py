@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.evaluation.alike import SMOOTHING, Alike
-from bench.evaluation.equal_treatment import SHARES_PERCENT, risk_mm, treat
-from bench.evaluation.metrics import figures_of_frame, over_frames
-from bench.results.about import TREATMENTS
-from reports.tables import blocks
+from handbench.bench.evaluation.alike import SMOOTHING, Alike
+from handbench.bench.evaluation.equal_treatment import SHARES_PERCENT, risk_mm, treat
+from handbench.bench.evaluation.metrics import figures_of_frame, over_frames
+from handbench.bench.results.about import TREATMENTS
+from handbench.reports.tables import blocks
 
 NAN = np.nan
 REFERENCE_M = np.array([[0.3, 0.3, 0.3], [0.3, 0.3, NAN]])

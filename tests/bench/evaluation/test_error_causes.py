@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from bench.evaluation.error_causes import (
+from handbench.bench.evaluation.error_causes import (
     BINS,
     PALM_RADIUS_M,
     Scored,
@@ -17,9 +17,9 @@ from bench.evaluation.error_causes import (
     parts,
     surface_causes,
 )
-from bench.results.error_map import ErrorMap
-from bench.results.tables import CAUSES, RELIABILITY, read, write
-from radar.data.depthmap import DepthMap
+from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.results.tables import CAUSES, RELIABILITY, read, write
+from handbench.radar.data.depthmap import DepthMap
 from tests.bench.evaluation.explained import explain
 
 AXIS_M = np.linspace(-0.1, 0.1, 201)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bench.evaluation.floor import BLOCK_M, budget, floor_interval, floor_mm
-from bench.evaluation.metrics import ErrorMap
-from bench.evaluation.rows import accuracy_rows
-from calibration.transforms import Transform, perturbation_jacobian
-from groundtruth.mesh.depth import Reference
+from handbench.bench.evaluation.floor import BLOCK_M, budget, floor_interval, floor_mm
+from handbench.bench.evaluation.metrics import ErrorMap
+from handbench.bench.evaluation.rows import accuracy_rows
+from handbench.calibration.transforms import Transform, perturbation_jacobian
+from handbench.groundtruth.mesh.depth import Reference
 
 HALF_NORMAL = np.sqrt(2 / np.pi)
 AXIS_M = BLOCK_M / 6 * np.arange(24)  # 4 × 4 blocks of 6 × 6 pixels

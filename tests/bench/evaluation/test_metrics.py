@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from bench.evaluation.depth_errors import deviation_map, error_map
-from bench.evaluation.metrics import (
+from handbench.bench.evaluation.depth_errors import deviation_map, error_map
+from handbench.bench.evaluation.metrics import (
     AVERAGED,
     F_MM,
     METRICS,
@@ -27,8 +27,8 @@ from bench.evaluation.metrics import (
     terms,
     usable_repeats,
 )
-from bench.results.error_map import ErrorMap
-from radar.support.errors import HandbenchError
+from handbench.bench.results.error_map import ErrorMap
+from handbench.radar.support.errors import HandbenchError
 
 NAN = float("nan")
 
@@ -277,7 +277,7 @@ def test_precision_needs_two_repeats_of_every_hand(hands):
 def test_every_figure_is_defined_with_its_unit():
     produced = set(score(surface_m(), surface_m())) | set(precision([]))
     pooled = {"pooled_mae_mm", "pooled_max_mm", *over_frames([figures_of_frame(surface_m())] * 2)}
-    pooled |= {"common_percent", "aurc_mm", "aurc_to_percent"}  # of bench.evaluation.equal_treatment
+    pooled |= {"common_percent", "aurc_mm", "aurc_to_percent"}  # of handbench.bench.evaluation.equal_treatment
     assert produced | pooled | {"seconds", "floor_mm", "pixel_precision_mm"} == set(METRICS)
     suffixes = {"mm": "_mm", "%": "_percent", "s": "seconds", "pixels": "n_observed"}
     assert all(key.endswith(suffixes[metric.unit]) for key, metric in METRICS.items())

@@ -8,12 +8,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.evaluation.depth_errors import error_map
-from bench.evaluation.metrics import AVERAGED, METRICS, figures_of_frame, over_frames
-from bench.evaluation.metrics import PAPER as PAPER_FIGURES
-from bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
-from bench.evaluation.scoring_protocols import PAPER, PROTOCOLS, protocol
-from radar.support.errors import HandbenchError
+from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.evaluation.metrics import AVERAGED, METRICS, figures_of_frame, over_frames
+from handbench.bench.evaluation.metrics import PAPER as PAPER_FIGURES
+from handbench.bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
+from handbench.bench.evaluation.scoring_protocols import PAPER, PROTOCOLS, protocol
+from handbench.radar.support.errors import HandbenchError
 
 AXIS_M = 2.5e-3 * np.arange(24)
 PLATE_M = np.full((24, 24), 0.3)

@@ -7,11 +7,11 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from bench.cli.main import main
-from bench.datasets.maroon_alignment import load_any_transform, save_alignment
-from bench.evaluation import refine as refine_module
-from bench.evaluation.floor import BLOCK_M
-from bench.evaluation.refine import (
+from handbench.bench.cli.main import main
+from handbench.bench.datasets.maroon_alignment import load_any_transform, save_alignment
+from handbench.bench.evaluation import refine as refine_module
+from handbench.bench.evaluation.floor import BLOCK_M
+from handbench.bench.evaluation.refine import (
     BIAS_M,
     BIAS_REACH_M,
     _blocks,
@@ -26,11 +26,11 @@ from bench.evaluation.refine import (
     refine,
     refine_files,
 )
-from calibration.transforms import Transform, identity, load_transform
-from groundtruth.mesh.depth import reference_on_grid
-from groundtruth.mesh.surface import Surface
-from radar.data.depthmap import DepthMap
-from radar.support.errors import HandbenchError
+from handbench.calibration.transforms import Transform, identity, load_transform
+from handbench.groundtruth.mesh.depth import reference_on_grid
+from handbench.groundtruth.mesh.surface import Surface
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.support.errors import HandbenchError
 from tests.bench.evaluation.measure_refine import misfit
 
 AXIS_M = np.arange(-0.06, 0.0601, 0.002)

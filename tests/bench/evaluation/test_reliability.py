@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from bench.evaluation.error_causes import NOMINAL_PERCENT, Scored, covered, negative_log_likelihood
-from bench.results.error_map import ErrorMap
-from radar.data.depthmap import DepthMap
+from handbench.bench.evaluation.error_causes import NOMINAL_PERCENT, Scored, covered, negative_log_likelihood
+from handbench.bench.results.error_map import ErrorMap
+from handbench.radar.data.depthmap import DepthMap
 from tests.bench.evaluation.explained import explain
 
 SIDE = 100

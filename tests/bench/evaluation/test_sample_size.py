@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from bench.evaluation.statistics.sample_size import (
+from handbench.bench.evaluation.statistics.sample_size import (
     Components,
     captures_needed,
     components,
@@ -21,7 +21,7 @@ from bench.evaluation.statistics.sample_size import (
     variance_facts,
     welch_power,
 )
-from radar.support.errors import HandbenchError
+from handbench.radar.support.errors import HandbenchError
 
 DRAWS = 20_000
 # Shrout & Fleiss (1979), Psychol. Bull. 86, table 2: six targets rated by four judges; their table 3: mean squares of

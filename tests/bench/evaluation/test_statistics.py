@@ -10,9 +10,9 @@ from scipy import stats
 from scipy.optimize import brentq
 from scipy.special import erf
 
-from bench.evaluation.depth_errors import error_map
-from bench.evaluation.metrics import averaged, of_captures, pool
-from bench.evaluation.statistics.intervals import (
+from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.evaluation.metrics import averaged, of_captures, pool
+from handbench.bench.evaluation.statistics.intervals import (
     FEWEST,
     figure_interval,
     mean_interval,
@@ -20,7 +20,7 @@ from bench.evaluation.statistics.intervals import (
     note,
     precision_interval,
 )
-from bench.results.error_map import ErrorMap
+from handbench.bench.results.error_map import ErrorMap
 from tests.strategies import examples
 
 AXIS_M = 2.5e-3 * np.arange(12)

@@ -9,12 +9,12 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from bench import results
-from bench.evaluation.depth_errors import error_map
-from bench.evaluation.rows import accuracy_rows, metric_facts, precision_rows, time_rows
-from bench.results.tables import REPEATS, TASKS, frame
-from radar.support.errors import HandbenchError
-from radar.support.files import read_json, write_json, write_npz
+from handbench.bench import results
+from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.evaluation.rows import accuracy_rows, metric_facts, precision_rows, time_rows
+from handbench.bench.results.tables import REPEATS, TASKS, frame
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import read_json, write_json, write_npz
 
 AXIS = np.arange(-0.01, 0.0101, 0.002)
 Z = np.where(np.hypot(*np.meshgrid(AXIS, AXIS)) < 0.01, 0.3, np.nan)

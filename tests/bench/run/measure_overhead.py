@@ -23,28 +23,28 @@ from typing import Any
 import numpy as np
 import psutil
 
-from bench.datasets.native import ECHOES, TRUTH, CaptureFile, save_capture_file
-from bench.evaluation.alike import SMOOTHING
-from bench.evaluation.depth_errors import error_map
-from bench.evaluation.metrics import pool
-from bench.results import HEADLINE, errors_path, write_errors
-from bench.results.tables import Column
-from bench.run import reconstruct_stage, scoring, tasks
-from bench.run.benchmark_file import BenchFile
-from bench.run.executors import Cluster, Executor, InPlace, executor
-from bench.run.outcome import Capture, Outcome, basis
-from bench.run.runner import Run
-from bench.run.scoring import EACH_FRAME, FIGURES, GRIDS, REFERENCES, TREATED, write_reference
-from bench.run.tabulation import tables
-from bench.run.tasks import Done
-from bench.studies.columns import Record, Table
-from calibration.transforms import identity
-from groundtruth.mesh.depth import Reference
-from radar.data.arrays import AntennaArray
-from radar.data.capture import RadarCapture
-from radar.data.echoes_file import save_capture
-from radar.support.files import write_json
-from radar.support.store import Stage
+from handbench.bench.datasets.native import ECHOES, TRUTH, CaptureFile, save_capture_file
+from handbench.bench.evaluation.alike import SMOOTHING
+from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.evaluation.metrics import pool
+from handbench.bench.results import HEADLINE, errors_path, write_errors
+from handbench.bench.results.tables import Column
+from handbench.bench.run import reconstruct_stage, scoring, tasks
+from handbench.bench.run.benchmark_file import BenchFile
+from handbench.bench.run.executors import Cluster, Executor, InPlace, executor
+from handbench.bench.run.outcome import Capture, Outcome, basis
+from handbench.bench.run.runner import Run
+from handbench.bench.run.scoring import EACH_FRAME, FIGURES, GRIDS, REFERENCES, TREATED, write_reference
+from handbench.bench.run.tabulation import tables
+from handbench.bench.run.tasks import Done
+from handbench.bench.studies.columns import Record, Table
+from handbench.calibration.transforms import identity
+from handbench.groundtruth.mesh.depth import Reference
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.echoes_file import save_capture
+from handbench.radar.support.files import write_json
+from handbench.radar.support.store import Stage
 
 METHODS = ("2fsk", "3fsk", "narrowband", "broadband")
 BAR_MS = 5.0

@@ -25,18 +25,18 @@ from unittest.mock import patch
 import psutil
 import tomlkit
 
-from bench.datasets.dataset import open_capture
-from bench.datasets.native import DESCRIPTION, save_capture_file
-from bench.results.tables import Column
-from bench.run import executors, jobs, runner, scoring, tasks
-from bench.run.benchmark_file import BenchFile, MethodEntry, load_benchmark
-from bench.run.outcome import Capture
-from bench.run.simulate_stage import CAPTURE
-from bench.run.tasks import Done
-from bench.studies.columns import Record, Table
-from radar.support.folder import MARKER, WORK
-from radar.support.progress import say
-from radar.support.store import MANIFEST, STAMP, Stage
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.datasets.native import DESCRIPTION, save_capture_file
+from handbench.bench.results.tables import Column
+from handbench.bench.run import executors, jobs, runner, scoring, tasks
+from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, load_benchmark
+from handbench.bench.run.outcome import Capture
+from handbench.bench.run.simulate_stage import CAPTURE
+from handbench.bench.run.tasks import Done
+from handbench.bench.studies.columns import Record, Table
+from handbench.radar.support.folder import MARKER, WORK
+from handbench.radar.support.progress import say
+from handbench.radar.support.store import MANIFEST, STAMP, Stage
 
 SAMPLE_S = 0.2
 MODULE = "tests.bench.run.measure_scale"
@@ -186,7 +186,7 @@ def measured(bench: Path, captures: int, alone: bool) -> Iterable[Record]:
     one = "-m", "distributed.cli.dask_worker", *dask, "--nthreads", "1", "--no-nanny"
     helpers += [Watched(f"worker {k}", list(one), folder / f"worker{k}.log") for k in "ab"]
     try:
-        command = ["bench.cli.main", "run", str(bench), "-o", str(out), "--scheduler", address(scheduler)]
+        command = ["handbench.bench.cli.main", "run", str(bench), "-o", str(out), "--scheduler", address(scheduler)]
         if alone:
             main_of = f"from {MODULE} import client; client({str(bench)!r}, {str(out)!r}, {command[-1]!r})"
         ran = Watched("run", ["-c", main_of] if alone else ["-m", *command], folder / "run.log")
@@ -197,7 +197,7 @@ def measured(bench: Path, captures: int, alone: bool) -> Iterable[Record]:
     yield from (process.record(captures) for process in (ran, *helpers))
     if alone:
         return
-    written = ["-m", "bench.cli.main", "report", str(out), "-o", str(folder / "report")]
+    written = ["-m", "handbench.bench.cli.main", "report", str(out), "-o", str(folder / "report")]
     report = Watched("report", written, folder / "report.log")
     report.ended()
     yield report.record(captures)

@@ -7,19 +7,19 @@ from pathlib import Path
 
 from PIL import Image
 
-from bench.datasets.simulated import simulate_capture
-from bench.scenes.build import load_scene
+from handbench.bench.datasets.simulated import simulate_capture
+from handbench.bench.scenes.build import load_scene
 
 # Photographs and their registration stand for themselves: what they would give is written at once. os._exit is a kill.
 RUN = """
 import os, shutil, sys
 from pathlib import Path
 import numpy as np
-from bench.cli.main import main
-from bench.run import calibrate_stage
-from calibration.transforms import Transform
-from groundtruth import dense_stage, mesh_stage, sparse_stage
-from radar.support import store
+from handbench.bench.cli.main import main
+from handbench.bench.run import calibrate_stage
+from handbench.calibration.transforms import Transform
+from handbench.groundtruth import dense_stage, mesh_stage, sparse_stage
+from handbench.radar.support import store
 
 bench, out, last = Path(sys.argv[1]), sys.argv[2], sys.argv[3]
 exact = np.diag([1e-5] * 6) ** 2

@@ -14,14 +14,14 @@ from weakref import ref
 import numpy as np
 import pytest
 
-from bench.evaluation.floor import RESAMPLES, floor_interval
-from bench.evaluation.statistics.intervals import median_interval, precision_interval
-from bench.results.tables import TASKS, frame
-from bench.run import executors
-from bench.run.benchmark_file import load_benchmark
-from bench.run.runner import Run
-from bench.run.tasks import HASH, Done
-from radar.support.store import Stage, Stamp
+from handbench.bench.evaluation.floor import RESAMPLES, floor_interval
+from handbench.bench.evaluation.statistics.intervals import median_interval, precision_interval
+from handbench.bench.results.tables import TASKS, frame
+from handbench.bench.run import executors
+from handbench.bench.run.benchmark_file import load_benchmark
+from handbench.bench.run.runner import Run
+from handbench.bench.run.tasks import HASH, Done
+from handbench.radar.support.store import Stage, Stamp
 from tests.bench.evaluation.test_floor import level
 
 FEW, MANY, JOBS = 4, 16, 60

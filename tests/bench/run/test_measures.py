@@ -9,17 +9,17 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from bench import results
-from bench.datasets.dataset import open_capture
-from bench.evaluation.metrics import precision
-from bench.run import jobs
-from bench.run.benchmark_file import BenchFile, DataSet, load_benchmark
-from bench.run.runner import run
-from bench.scenes.scene_file import HandTarget, SceneFile
-from bench.studies.tradeoff.opening import opened
-from bench.validation.validate import problems_of
-from radar.data.echoes_file import load_capture
-from radar.support.errors import HandbenchError
+from handbench.bench import results
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.evaluation.metrics import precision
+from handbench.bench.run import jobs
+from handbench.bench.run.benchmark_file import BenchFile, DataSet, load_benchmark
+from handbench.bench.run.runner import run
+from handbench.bench.scenes.scene_file import HandTarget, SceneFile
+from handbench.bench.studies.tradeoff.opening import opened
+from handbench.bench.validation.validate import problems_of
+from handbench.radar.data.echoes_file import load_capture
+from handbench.radar.support.errors import HandbenchError
 from tests.bench.studies import measure_noise_fit
 
 BOTH = ("accuracy", "precision")
@@ -42,7 +42,7 @@ def add(bench_file: Path, *captures: str) -> None:
 def printed(small_bench, monkeypatch) -> Path:
     """The small benchmark with two printed balls: of two tones, which narrowband cannot image, and with cameras.
     Nothing is doubted: two tones fit no surface well, and are looked at for long (test_inspect)."""
-    monkeypatch.setattr("bench.validation.doubts.of_capture", lambda recorded: iter(()))
+    monkeypatch.setattr("handbench.bench.validation.doubts.of_capture", lambda recorded: iter(()))
     scene = (small_bench.parent / "ball.toml").read_text().replace("[sensor]", PLASTIC).replace(", 79.5e9", "")
     for k in range(2):
         changed = scene.replace('"ball"', f'"print{k}"').replace("0.30", f"0.29{k}").replace("seed = 3", f"seed = {k}")

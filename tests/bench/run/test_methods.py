@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radar.data.arrays import qar50
-from radar.data.capture import RadarCapture
-from radar.methods.fsk_config import SETTLING, LadderConfig, ThreeToneConfig
-from radar.methods.projection_config import BroadbandConfig
-from radar.methods.registry import PAPER, method, methods
-from radar.simulation.forward import Scatterers, simulate
-from radar.support.errors import HandbenchError
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.methods.fsk_config import SETTLING, LadderConfig, ThreeToneConfig
+from handbench.radar.methods.projection_config import BroadbandConfig
+from handbench.radar.methods.registry import PAPER, method, methods
+from handbench.radar.simulation.forward import Scatterers, simulate
+from handbench.radar.support.errors import HandbenchError
 
 PAPERS = ["2fsk", "3fsk", "broadband", "narrowband"]
 PRESETS = {  # improved method: the one it starts from, and what it changes

@@ -11,21 +11,21 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_erosion
 
-from bench import results
-from bench.datasets.dataset import open_capture
-from bench.datasets.native import CaptureFile, save_capture_file
-from bench.evaluation.scoring_protocols import protocol
-from bench.results.about import MEASURES
-from bench.run import outcome, scoring, write_result
-from bench.run.benchmark_file import BenchFile, load_benchmark
-from bench.run.outcome import Basis, Capture, Outcome
-from bench.run.scoring import reference_depth
-from calibration.transforms import Transform, identity
-from groundtruth.mesh.depth import Reference
-from groundtruth.mesh.surface import Surface
-from radar.data.depthmap import DepthMap, load_depthmap
-from radar.data.grid import PixelGrid
-from radar.support.errors import HandbenchError
+from handbench.bench import results
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.datasets.native import CaptureFile, save_capture_file
+from handbench.bench.evaluation.scoring_protocols import protocol
+from handbench.bench.results.about import MEASURES
+from handbench.bench.run import outcome, scoring, write_result
+from handbench.bench.run.benchmark_file import BenchFile, load_benchmark
+from handbench.bench.run.outcome import Basis, Capture, Outcome
+from handbench.bench.run.scoring import reference_depth
+from handbench.calibration.transforms import Transform, identity
+from handbench.groundtruth.mesh.depth import Reference
+from handbench.groundtruth.mesh.surface import Surface
+from handbench.radar.data.depthmap import DepthMap, load_depthmap
+from handbench.radar.data.grid import PixelGrid
+from handbench.radar.support.errors import HandbenchError
 
 AXIS_M = np.linspace(-0.03, 0.03, 31)
 SIGMA_M, ALONG_Z_M = 4e-5, 3e-4

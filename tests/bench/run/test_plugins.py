@@ -8,17 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.cli.main import main
-from radar.data.arrays import qar50
-from radar.data.capture import RadarCapture
-from radar.methods import registry
-from radar.methods.registry import METHODS, method, methods, register, source_key
-from radar.simulation.forward import Scatterers, simulate
-from radar.support.config import Config
-from radar.support.errors import HandbenchError
-from radar.support.files import content_hash
+from handbench.bench.cli.main import main
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.methods import registry
+from handbench.radar.methods.registry import METHODS, method, methods, register, source_key
+from handbench.radar.simulation.forward import Scatterers, simulate
+from handbench.radar.support.config import Config
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import content_hash
 
-PAGE = (Path(__file__).parents[3] / "docs" / "methods.md").read_text("utf-8")
+ROOT = Path(__file__).parents[3]
+PAGE = (ROOT / "docs" / "methods.md").read_text("utf-8")
 CODE, PROJECT = (re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)[0] for language in ("python", "toml"))
 ENTRY = "[handbench.methods]\n{} = {}\n"
 
@@ -105,6 +106,15 @@ def test_a_broken_plug_in_is_named_in_one_line_and_harms_nobody(site, capsys, co
         method("ours")
 
 
+def test_a_plug_in_for_version_0_2_learns_the_new_name_of_its_import(site, monkeypatch):
+    elsewhere = [folder for folder in sys.path if Path(folder or ".").resolve() != ROOT]  # as where it is installed
+    monkeypatch.setattr(sys, "path", elsewhere)
+    install(site, "old-methods", ENTRY.format("old", "old"), old=CODE.replace("handbench.radar", "radar"))
+    assert "wide2fsk" not in {m.id for m in methods()}
+    [reason] = registry.BROKEN.values()
+    assert reason.startswith("imports radar.methods.registry, which is handbench.radar.methods.registry since version")
+
+
 def test_an_entry_point_to_nothing_is_named(site, capsys):
     install(site, "bad-methods", ENTRY.format("bad", "bad:missing") + "worse = bad worse\n", bad=CODE)
     assert "wide2fsk" not in {m.id for m in methods()}
@@ -122,7 +132,7 @@ def test_of_two_plug_ins_with_one_id_the_first_by_name_stays(site):
 
 
 def test_a_plug_in_may_use_other_methods_while_it_is_imported(site):
-    install_page(site, CODE + "\nfrom radar.methods.registry import method\nassert method('2fsk')\n")
+    install_page(site, CODE + "\nfrom handbench.radar.methods.registry import method\nassert method('2fsk')\n")
     assert method("wide2fsk") and not registry.BROKEN
 
 

@@ -2,7 +2,6 @@
 
 import csv
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -10,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from radar.support.closure import PACKAGES, ROOT
 from tests.bench.run.photographed import with_photographs
 from tests.faults.processes import Runs
+from tests.installed_copy import copy_package
 
 STAGES = ("simulate", "inspect", "sparse", "dense", "mesh", "calibrate", "reconstruct", "repeat", "score")
 
@@ -61,10 +60,8 @@ def test_a_run_killed_after_any_stage_goes_on_there(photographed, tmp_path):
 
 @pytest.fixture
 def copied(tmp_path) -> Path:
-    """The five packages, to be edited."""
-    for package in PACKAGES:
-        shutil.copytree(ROOT / package, tmp_path / "code" / package)  # with its compiled kernels
-    return tmp_path / "code"
+    """The package, to be edited."""
+    return copy_package(tmp_path / "code")
 
 
 @pytest.mark.slow
@@ -72,11 +69,11 @@ def test_an_edit_shows_in_the_next_run_and_makes_no_more_than_it_must(small_benc
     out = tmp_path / "out"
 
     def python(*arguments: str) -> None:
-        environment = {**os.environ, "PYTHONPATH": str(copied)}
+        environment = {**os.environ, "PYTHONPATH": str(copied.parent)}
         subprocess.run([sys.executable, *arguments], check=True, capture_output=True, cwd=copied, env=environment)
 
     def run_copy() -> dict[str, float]:
-        python("-m", "bench.cli.main", "run", str(small_bench), "-o", str(out))
+        python("-m", "handbench.bench.cli.main", "run", str(small_bench), "-o", str(out))
         with (out / "table.csv").open() as stream:
             return {f"{r['metric']} {r['method']}": float(r["value"]) for r in csv.DictReader(stream) if r["value"]}
 

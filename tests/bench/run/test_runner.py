@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench import results
-from bench.run.benchmark_file import load_benchmark
-from bench.run.runner import run
-from calibration.transforms import Transform
-from groundtruth.mesh.mesh_files import read_mesh, write_mesh
-from radar.data.echoes_file import load_capture, save_capture
-from radar.support.errors import HandbenchError
-from radar.support.folder import claimed
+from handbench.bench import results
+from handbench.bench.run.benchmark_file import load_benchmark
+from handbench.bench.run.runner import run
+from handbench.calibration.transforms import Transform
+from handbench.groundtruth.mesh.mesh_files import read_mesh, write_mesh
+from handbench.radar.data.echoes_file import load_capture, save_capture
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.folder import claimed
 from tests.faults.processes import Runs
 
 
@@ -176,7 +176,9 @@ def with_another(small_bench: Path, recorded: Path, frequencies: int) -> None:
 
 
 def test_what_one_method_cannot_do_is_left_out_for_all_and_said(small_bench, recorded, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("bench.validation.doubts.of_capture", lambda recorded: iter(()))  # takes long with two tones
+    monkeypatch.setattr(
+        "handbench.bench.validation.doubts.of_capture", lambda recorded: iter(())
+    )  # takes long with two tones
     with_another(small_bench, recorded, frequencies=2)  # enough for 2-FSK alone
     result = execute(small_bench, tmp_path / "out")
     [failure] = result.about.failures

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import pytest
 
-from bench.run import executors
-from bench.run.benchmark_file import load_benchmark
-from bench.run.runner import run
-from bench.run.tasks import HASH, Done, perform
-from radar.support.errors import HandbenchError
-from radar.support.store import Stage, stage
+from handbench.bench.run import executors
+from handbench.bench.run.benchmark_file import load_benchmark
+from handbench.bench.run.runner import run
+from handbench.bench.run.tasks import HASH, Done, perform
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.store import Stage, stage
 
 CAPTURES = 2
 ENVIRONMENT = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "3"}
@@ -190,6 +190,6 @@ def test_a_missing_extra_is_named(monkeypatch):
 
 
 def test_a_worker_with_other_code_or_without_the_folder_refuses(tmp_path):
-    known = stage("simulate", "bench.run.simulate_stage:simulate", [], {}, "a")
+    known = stage("simulate", "handbench.bench.run.simulate_stage:simulate", [], {}, "a")
     assert "differ from the client's" in perform(tmp_path, replace(known, code="0" * 64)).failure
     assert "shared by all workers" in perform(tmp_path / "elsewhere", known).failure

@@ -7,18 +7,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bench import results
-from bench.evaluation.alike import OPEN_DB, WINDOW_PX
-from bench.run import reconstruct_stage
-from bench.run.benchmark_file import load_benchmark
-from bench.run.reconstruct_stage import read_treated, settled, write_treated
-from bench.run.runner import run
-from bench.run.scoring import completed_by
-from calibration.transforms import identity
-from groundtruth.mesh.depth import Reference
-from radar.data.depthmap import DepthMap
-from radar.methods.fsk_config import ThreeToneConfig
-from radar.methods.projection_config import AlignedConfig, NarrowbandConfig
+from handbench.bench import results
+from handbench.bench.evaluation.alike import OPEN_DB, WINDOW_PX
+from handbench.bench.run import reconstruct_stage
+from handbench.bench.run.benchmark_file import load_benchmark
+from handbench.bench.run.reconstruct_stage import read_treated, settled, write_treated
+from handbench.bench.run.runner import run
+from handbench.bench.run.scoring import completed_by
+from handbench.calibration.transforms import identity
+from handbench.groundtruth.mesh.depth import Reference
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.methods.fsk_config import ThreeToneConfig
+from handbench.radar.methods.projection_config import AlignedConfig, NarrowbandConfig
 
 AXIS_M = 1e-3 * np.arange(9.0)
 

@@ -7,13 +7,13 @@ from functools import cache
 
 import pytest
 
-from bench.scenes.bodies import Body
-from bench.scenes.build import Scene, build
-from bench.scenes.lamps import Light, bake
-from bench.scenes.photographs import Studio
-from bench.scenes.scene_file import SceneFile
-from bench.scenes.stand import plate_print
-from radar.support.config import parse
+from handbench.bench.scenes.bodies import Body
+from handbench.bench.scenes.build import Scene, build
+from handbench.bench.scenes.lamps import Light, bake
+from handbench.bench.scenes.photographs import Studio
+from handbench.bench.scenes.scene_file import SceneFile
+from handbench.bench.scenes.stand import plate_print
+from handbench.radar.support.config import parse
 
 
 def ball_scene(**photos: object) -> Scene:
@@ -46,8 +46,8 @@ def ball() -> Callable[..., Studio]:
 
     def make(**photos: object) -> Studio:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("bench.scenes.photographs.bake", remembered)
-            patch.setattr("bench.scenes.bodies.plate_print", printed)
+            patch.setattr("handbench.bench.scenes.photographs.bake", remembered)
+            patch.setattr("handbench.bench.scenes.bodies.plate_print", printed)
             return Studio(ball_scene(**photos))
 
     make.scene = ball_scene

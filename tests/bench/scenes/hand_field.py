@@ -1,10 +1,10 @@
 """The posed hand's signed distance in the hand frame, as tests look at it."""
 
-from bench.scenes.bones import hand_from_palm
-from bench.scenes.hand import palm_field
-from bench.scenes.hand_pose import Pose
-from bench.scenes.implicit import Field
-from bench.scenes.people import MEAN, Person
+from handbench.bench.scenes.bones import hand_from_palm
+from handbench.bench.scenes.hand import palm_field
+from handbench.bench.scenes.hand_pose import Pose
+from handbench.bench.scenes.implicit import Field
+from handbench.bench.scenes.people import MEAN, Person
 
 
 def hand_field(pose: Pose, person: Person = MEAN) -> Field:

@@ -8,14 +8,14 @@ import sys
 
 import numpy as np
 
-from bench.scenes.bones import RADII_MM, skeleton
-from bench.scenes.hand import hand_mesh
-from bench.scenes.hand_pose import POSES, Pose
-from bench.scenes.implicit import project
-from groundtruth.mesh.mesh_files import mesh, raycasting_scene
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
-from radar.simulation.forward import Scatterers, simulate
-from radar.support.rays import TriangleMesh, load_open3d
+from handbench.bench.scenes.bones import RADII_MM, skeleton
+from handbench.bench.scenes.hand import hand_mesh
+from handbench.bench.scenes.hand_pose import POSES, Pose
+from handbench.bench.scenes.implicit import project
+from handbench.groundtruth.mesh.mesh_files import mesh, raycasting_scene
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
+from handbench.radar.simulation.forward import Scatterers, simulate
+from handbench.radar.support.rays import TriangleMesh, load_open3d
 from tests.bench.scenes.hand_field import hand_field
 from tests.radar.exact import tone_images
 

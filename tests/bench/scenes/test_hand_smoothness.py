@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.scenes.bones import skeleton
-from bench.scenes.hand import hand_mesh
-from bench.scenes.hand_pose import POSES
-from groundtruth.mesh.mesh_files import load_open3d
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.bench.scenes.bones import skeleton
+from handbench.bench.scenes.hand import hand_mesh
+from handbench.bench.scenes.hand_pose import POSES
+from handbench.groundtruth.mesh.mesh_files import load_open3d
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from tests.bench.scenes.hand_field import hand_field
 from tests.bench.scenes.hand_smoothness import (
     TONES_HZ,

@@ -8,7 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from bench.scenes.implicit import neighbour_mean, round_cone, smooth_minimum, smooth_union, triangle_quality, zero_set
+from handbench.bench.scenes.implicit import (
+    neighbour_mean,
+    round_cone,
+    smooth_minimum,
+    smooth_union,
+    triangle_quality,
+    zero_set,
+)
 
 POINT = arrays(np.float64, 3, elements=st.floats(-0.1, 0.1))
 DISTANCE = st.floats(-0.05, 0.05)

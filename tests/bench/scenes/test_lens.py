@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.scenes.lens import ThinLens, blur_by_discs, disc_kernel, line_kernel, near_edges
-from bench.scenes.photographs import Studio
-from bench.scenes.scene_file import Photos
+from handbench.bench.scenes.lens import ThinLens, blur_by_discs, disc_kernel, line_kernel, near_edges
+from handbench.bench.scenes.photographs import Studio
+from handbench.bench.scenes.scene_file import Photos
 
 Ball = Callable[..., Studio]
 

@@ -7,9 +7,9 @@ import itertools
 import numpy as np
 import pytest
 
-from bench.scenes.bones import DISTAL, FINGERS, PALMAR, RADIAL, RADII_MM, Bone, skeleton, skeleton_of_palm
-from bench.scenes.hand import TIP_TISSUE_MM
-from bench.scenes.hand_pose import POSES, FingerPose, Pose
+from handbench.bench.scenes.bones import DISTAL, FINGERS, PALMAR, RADIAL, RADII_MM, Bone, skeleton, skeleton_of_palm
+from handbench.bench.scenes.hand import TIP_TISSUE_MM
+from handbench.bench.scenes.hand_pose import POSES, FingerPose, Pose
 from tests.bench.scenes.hand_field import hand_field
 
 DIGITS = (*FINGERS, "thumb")

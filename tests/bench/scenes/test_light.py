@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from bench.scenes.highlights import SKIN_REFLECTANCE, ggx, mirrored
-from bench.scenes.lamps import Projector
-from bench.scenes.photographs import Studio
-from bench.scenes.stand import MARKER_CENTRES_M
-from radar.support.errors import HandbenchError
+from handbench.bench.scenes.highlights import SKIN_REFLECTANCE, ggx, mirrored
+from handbench.bench.scenes.lamps import Projector
+from handbench.bench.scenes.photographs import Studio
+from handbench.bench.scenes.stand import MARKER_CENTRES_M
+from handbench.radar.support.errors import HandbenchError
 
 Ball = Callable[..., Studio]
 

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.cli import simulate
-from bench.datasets.native import NativeCapture
-from bench.datasets.simulated import write_photos
-from bench.scenes.photo_pilot import WITHOUT, Change, Pilot, choose, without
-from bench.scenes.photographs import Studio
-from radar.simulation.known_effects import Choice
+from handbench.bench.cli import simulate
+from handbench.bench.datasets.native import NativeCapture
+from handbench.bench.datasets.simulated import write_photos
+from handbench.bench.scenes.photo_pilot import WITHOUT, Change, Pilot, choose, without
+from handbench.bench.scenes.photographs import Studio
+from handbench.radar.simulation.known_effects import Choice
 
 SIZE = {"cameras": 4, "width": 900, "height": 600}
 SCENE = """

@@ -8,13 +8,21 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.scenes.build import Scene, build
-from bench.scenes.hand_pose import POSES
-from bench.scenes.photographs import EXPOSURE, WHITE_BALANCE, Studio, develop, exposure, generator, white_balance
-from bench.scenes.scene_file import Photos, SceneFile
-from bench.scenes.skin_texture import Skin
-from bench.scenes.textures import cells, foam, skin, solid_noise
-from radar.support.config import parse
+from handbench.bench.scenes.build import Scene, build
+from handbench.bench.scenes.hand_pose import POSES
+from handbench.bench.scenes.photographs import (
+    EXPOSURE,
+    WHITE_BALANCE,
+    Studio,
+    develop,
+    exposure,
+    generator,
+    white_balance,
+)
+from handbench.bench.scenes.scene_file import Photos, SceneFile
+from handbench.bench.scenes.skin_texture import Skin
+from handbench.bench.scenes.textures import cells, foam, skin, solid_noise
+from handbench.radar.support.config import parse
 
 QUIET = {"full_well_e": 1e12, "read_noise_e": 0.0}
 

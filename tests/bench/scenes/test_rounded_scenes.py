@@ -6,17 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.scenes.bones import palmar
-from bench.scenes.build import build
-from bench.scenes.echoes import echo_scene
-from bench.scenes.hand_pose import POSES
-from bench.scenes.scene_file import SceneFile
-from groundtruth.mesh.mesh_files import load_open3d
-from radar.data.arrays import AntennaArray
-from radar.simulation.scene import EchoScene
-from radar.simulation.selection import EFFECTS, choose
-from radar.simulation.simulate import simulate_scene
-from radar.support.config import parse
+from handbench.bench.scenes.bones import palmar
+from handbench.bench.scenes.build import build
+from handbench.bench.scenes.echoes import echo_scene
+from handbench.bench.scenes.hand_pose import POSES
+from handbench.bench.scenes.scene_file import SceneFile
+from handbench.groundtruth.mesh.mesh_files import load_open3d
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.selection import EFFECTS, choose
+from handbench.radar.simulation.simulate import simulate_scene
+from handbench.radar.support.config import parse
 from tests.radar.samples import relative_error
 
 SHARE = 1e-14  # of each coordinate: 4e-15 m on a hand

@@ -15,22 +15,22 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.evaluation.metrics import precision
-from bench.results.tables import Column
-from bench.run.benchmark_file import load_benchmark
-from bench.run.repeat_stage import strongest_z_m
-from bench.scenes.build import Scene, build
-from bench.scenes.echoes import echoes
-from bench.scenes.scene_file import SceneFile, Sensor
-from bench.studies.columns import Record, Table
-from bench.studies.study import Study
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.methods.fsk import two_tone
-from radar.methods.fsk_config import TwoToneConfig
-from radar.simulation.causes import Noise
-from radar.support.config import load
-from radar.support.errors import HandbenchError
-from radar.support.progress import track
+from handbench.bench.evaluation.metrics import precision
+from handbench.bench.results.tables import Column
+from handbench.bench.run.benchmark_file import load_benchmark
+from handbench.bench.run.repeat_stage import strongest_z_m
+from handbench.bench.scenes.build import Scene, build
+from handbench.bench.scenes.echoes import echoes
+from handbench.bench.scenes.scene_file import SceneFile, Sensor
+from handbench.bench.studies.columns import Record, Table
+from handbench.bench.studies.study import Study
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.methods.fsk import two_tone
+from handbench.radar.methods.fsk_config import TwoToneConfig
+from handbench.radar.simulation.causes import Noise
+from handbench.radar.support.config import load
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.progress import track
 from tests.bench.studies.script import measured
 
 STEPS = 3  # of the fixed-point iteration: precision is nearly proportional to the noise

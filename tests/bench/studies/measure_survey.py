@@ -20,17 +20,17 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from bench.results.tables import declared
-from bench.studies.columns import Record, Table
-from bench.studies.study import Study
-from calibration.transforms import umeyama
-from groundtruth.cameras.cameras import pycolmap, registered
-from groundtruth.options import SparseOptions
-from groundtruth.sparse.inputs import gather
-from groundtruth.sparse.sparse import register
-from radar.support.errors import HandbenchError
-from radar.support.files import require_folder
-from radar.support.store import keep
+from handbench.bench.results.tables import declared
+from handbench.bench.studies.columns import Record, Table
+from handbench.bench.studies.study import Study
+from handbench.calibration.transforms import umeyama
+from handbench.groundtruth.cameras.cameras import pycolmap, registered
+from handbench.groundtruth.options import SparseOptions
+from handbench.groundtruth.sparse.inputs import gather
+from handbench.groundtruth.sparse.sparse import register
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import require_folder
+from handbench.radar.support.store import keep
 from tests.bench.studies.script import measured
 
 SCHEMAS = declared(__file__)

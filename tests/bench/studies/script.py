@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.studies.study import Study, run
-from radar.imaging.device import use_device
-from radar.support.errors import HandbenchError
+from handbench.bench.studies.study import Study, run
+from handbench.radar.imaging.device import use_device
+from handbench.radar.support.errors import HandbenchError
 
 
 def measured(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from radar.data.arrays import AntennaArray, qar50
+from handbench.radar.data.arrays import AntennaArray, qar50
 from tests.bench.studies.engine.checks import bars, exponent, finer, larger, resampled
 from tests.bench.studies.engine.scope import Inputs, Scope, white_noise
 from tests.bench.studies.engine.textbook import numba_sum, numpy_sum, range_compressed

@@ -5,8 +5,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from radar.data.arrays import AntennaArray, qar50
-from radar.support.errors import HandbenchError
+from handbench.radar.data.arrays import AntennaArray, qar50
+from handbench.radar.support.errors import HandbenchError
 from tests.bench.studies.engine.foreign_engines import ENGINE, LEVELS, equal, measured, of_volume, seconds_at
 from tests.bench.studies.engine.foreign_paths import Contender, fastsar_sum, finufft_sum
 from tests.bench.studies.engine.scope import white_noise

@@ -9,14 +9,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.results import Section, Setting, Tradeoff, TradeoffFacts, load_tradeoff, write_tradeoff
-from bench.run.sweep import ImagingEntry, Sweep, completed, default, imaging_settings
-from bench.studies.tradeoff.answer import LENGTHS, TIMES, answer, dominates, front, quantity, rank, with_acquisition
-from bench.studies.tradeoff.claims import counted_factor, three_tone_images, volume_images
-from radar.methods.fsk_config import ThreeToneConfig
-from radar.methods.projection_config import BroadbandConfig
-from radar.support.config import parse
-from radar.support.errors import HandbenchError
+from handbench.bench.results import Section, Setting, Tradeoff, TradeoffFacts, load_tradeoff, write_tradeoff
+from handbench.bench.run.sweep import ImagingEntry, Sweep, completed, default, imaging_settings
+from handbench.bench.studies.tradeoff.answer import (
+    LENGTHS,
+    TIMES,
+    answer,
+    dominates,
+    front,
+    quantity,
+    rank,
+    with_acquisition,
+)
+from handbench.bench.studies.tradeoff.claims import counted_factor, three_tone_images, volume_images
+from handbench.radar.methods.fsk_config import ThreeToneConfig
+from handbench.radar.methods.projection_config import BroadbandConfig
+from handbench.radar.support.config import parse
+from handbench.radar.support.errors import HandbenchError
 
 
 def line(name: str, error: float | None, seconds: float | None, method: str = "2fsk", **known: float) -> Setting:

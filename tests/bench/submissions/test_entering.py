@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.cli.main import main
-from bench.results import load
-from bench.submissions.submission import DEPTHS, load_submission
-from radar.data.depthmap import load_depthmap
+from handbench.bench.cli.main import main
+from handbench.bench.results import load
+from handbench.bench.submissions.submission import DEPTHS, load_submission
+from handbench.radar.data.depthmap import load_depthmap
 from tests.bench.conftest import write_bench
 from tests.test_docs import DOCS, blocks
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.cli.main import main
-from bench.datasets.dataset import open_capture
-from bench.run.benchmark_file import load_benchmark
-from bench.scenes.build import build
-from bench.submissions import sets
-from groundtruth.mesh.mesh_files import read_mesh
+from handbench.bench.cli.main import main
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.run.benchmark_file import load_benchmark
+from handbench.bench.scenes.build import build
+from handbench.bench.submissions import sets
+from handbench.groundtruth.mesh.mesh_files import read_mesh
 
 SCENE = """
 version = 1

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bench.submissions.submission import (
+from handbench.bench.submissions.submission import (
     DEPTHS,
     DESCRIPTION,
     Row,
@@ -14,8 +14,8 @@ from bench.submissions.submission import (
     save_submission,
     sha256,
 )
-from radar.data.grid import PixelGrid
-from radar.support.errors import HandbenchError
+from handbench.radar.data.grid import PixelGrid
+from handbench.radar.support.errors import HandbenchError
 
 GRID = PixelGrid(np.linspace(-0.02, 0.02, 5), np.linspace(-0.01, 0.01, 3))
 GRIDS = {"A": GRID, "B, left": GRID}  # a name with a comma is a name

@@ -23,16 +23,16 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from bench.cli.main import main
-from bench.scenes.echoes import echo_scene
-from groundtruth.mesh.depth import depth_on_grid
-from groundtruth.mesh.mesh_files import mesh, write_mesh
-from groundtruth.mesh.surface import Surface, read_surface
-from radar.data.arrays import AntennaArray
-from radar.data.capture import RadarCapture
-from radar.data.echoes_file import save_capture
-from radar.simulation.selection import EFFECTS, choose
-from radar.simulation.simulate import simulate_scene
+from handbench.bench.cli.main import main
+from handbench.bench.scenes.echoes import echo_scene
+from handbench.groundtruth.mesh.depth import depth_on_grid
+from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
+from handbench.groundtruth.mesh.surface import Surface, read_surface
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.echoes_file import save_capture
+from handbench.radar.simulation.selection import EFFECTS, choose
+from handbench.radar.simulation.simulate import simulate_scene
 from tests.bench.studies.ablation import assorted_scenes
 from tests.bench.validation.photo_mistakes import PHOTO_MISTAKES, photographs
 

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.cli.main import main
-from bench.validation import doubts, focus
-from groundtruth.mesh.mesh_files import mesh, write_mesh
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, PlanarScan, qar50
-from radar.data.capture import RadarCapture
-from radar.data.depthmap import DepthMap
-from radar.data.echoes_file import save_capture
+from handbench.bench.cli.main import main
+from handbench.bench.validation import doubts, focus
+from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, PlanarScan, qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.data.echoes_file import save_capture
 from tests.bench.validation.photo_mistakes import PHOTO_MISTAKES, photographs
 
 TONES_HZ = np.r_[np.linspace(72e9, 82e9, 24), 81.8e9, 79.5e9]

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from bench.validation import surface_fit
-from groundtruth.mesh.surface import Surface
-from radar.data.depthmap import DepthMap
+from handbench.bench.validation import surface_fit
+from handbench.groundtruth.mesh.surface import Surface
+from handbench.radar.data.depthmap import DepthMap
 
 HALF_M, MIDDLE_M, SLOPE = 0.043, 0.45, 0.048  # of y: 73 % of a plate lie within 3 mm of its mirror image, 2.1 mm off
 

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calibration.array.array_file import ArrayCalibration, load_array, save_array
-from calibration.array.estimate import estimate_array, fitted, left_over
-from calibration.array.model import Antennas, Echoes, State, normal_equations
-from calibration.array.prior import DELAY_SIGMA_M, POSITION_SIGMA_M, gauges
-from calibration.target.description import Target
-from calibration.transforms import perturbation_jacobian
-from radar.data.arrays import AntennaArray, PlanarScan, qar50
-from radar.data.capture import RadarCapture
-from radar.methods.fsk import depth_step_m
-from radar.simulation.physics.spheres import sphere_echo
-from radar.support.errors import HandbenchError
+from handbench.calibration.array.array_file import ArrayCalibration, load_array, save_array
+from handbench.calibration.array.estimate import estimate_array, fitted, left_over
+from handbench.calibration.array.model import Antennas, Echoes, State, normal_equations
+from handbench.calibration.array.prior import DELAY_SIGMA_M, POSITION_SIGMA_M, gauges
+from handbench.calibration.target.description import Target
+from handbench.calibration.transforms import perturbation_jacobian
+from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.methods.fsk import depth_step_m
+from handbench.radar.simulation.physics.spheres import sphere_echo
+from handbench.radar.support.errors import HandbenchError
 from tests.radar.exact import backproject, tone_images
 
 C = 299_792_458.0

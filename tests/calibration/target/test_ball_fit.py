@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from test_balls import centres, noise
 
-from calibration.target.ball_fit import fit_balls
-from calibration.target.description import Target
-from calibration.target.radar_detection import Ball
-from radar.data.arrays import AntennaArray, qar50
-from radar.data.capture import RadarCapture
-from radar.simulation.physics.spheres import sphere_echo
-from radar.support.errors import HandbenchError
+from handbench.calibration.target.ball_fit import fit_balls
+from handbench.calibration.target.description import Target
+from handbench.calibration.target.radar_detection import Ball
+from handbench.radar.data.arrays import AntennaArray, qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.simulation.physics.spheres import sphere_echo
+from handbench.radar.support.errors import HandbenchError
 
 C = 299_792_458.0
 WHOLE = qar50()

@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from calibration.target.description import Target
-from calibration.target.radar_detection import (
+from handbench.calibration.target.description import Target
+from handbench.calibration.target.radar_detection import (
     STENCIL,
     EchoSearch,
     _summit,
@@ -18,9 +18,9 @@ from calibration.target.radar_detection import (
     fit_echo,
     separate,
 )
-from radar.data.arrays import AntennaArray, PlanarScan, qar50
-from radar.data.capture import RadarCapture
-from radar.support.errors import HandbenchError
+from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.support.errors import HandbenchError
 
 C = 299_792_458.0
 ARRAY = qar50()

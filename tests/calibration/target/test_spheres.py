@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.target.description import Target
-from calibration.target.optical_detection import Cloud, _shared, find_spheres, fit_sphere
-from radar.support.errors import HandbenchError
+from handbench.calibration.target.description import Target
+from handbench.calibration.target.optical_detection import Cloud, _shared, find_spheres, fit_sphere
+from handbench.radar.support.errors import HandbenchError
 from tests.calibration.seen_target import cap, pose
 
 NOISE_M = 2e-4

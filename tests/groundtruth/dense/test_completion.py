@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from groundtruth.options import Options
-from groundtruth.pipeline import reconstruct
+from handbench.groundtruth.options import Options
+from handbench.groundtruth.pipeline import reconstruct
 from tests.groundtruth import temple
 
 VIEWS = (14, 15, 0, 1, 2)  # those on the side of the last two columns

@@ -7,17 +7,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bench.cli.main import main
-from groundtruth import dense_stage, pipeline
-from groundtruth.cameras.cameras import cuda_devices, load_pycolmap
-from groundtruth.dense import cuda, dense
-from groundtruth.dense.dense import choose_sources
-from groundtruth.dense.first_guess import planes_through
-from groundtruth.dense.fusion import fuse
-from groundtruth.options import Options
-from groundtruth.photos.photos import read_gray
-from groundtruth.sparse import inputs
-from radar.support.errors import HandbenchError
+from handbench.bench.cli.main import main
+from handbench.groundtruth import dense_stage, pipeline
+from handbench.groundtruth.cameras.cameras import cuda_devices, load_pycolmap
+from handbench.groundtruth.dense import cuda, dense
+from handbench.groundtruth.dense.dense import choose_sources
+from handbench.groundtruth.dense.first_guess import planes_through
+from handbench.groundtruth.dense.fusion import fuse
+from handbench.groundtruth.options import Options
+from handbench.groundtruth.photos.photos import read_gray
+from handbench.groundtruth.sparse import inputs
+from handbench.radar.support.errors import HandbenchError
 from tests.groundtruth.ball import ANGLES, DISPARITY_M, RADIUS_M, surface, view
 
 SIZES = [(112, 112), (104, 112), (112, 96), (96, 104), (112, 112)]  # boxes cut every picture to a size of its own

@@ -4,10 +4,10 @@ import numba
 import numpy as np
 import pytest
 
-from groundtruth.dense import patchmatch, planesweep
-from groundtruth.dense.dense import choose_sources, depth_maps
-from groundtruth.dense.fusion import fuse
-from groundtruth.dense.views import Stereo
+from handbench.groundtruth.dense import patchmatch, planesweep
+from handbench.groundtruth.dense.dense import choose_sources, depth_maps
+from handbench.groundtruth.dense.fusion import fuse
+from handbench.groundtruth.dense.views import Stereo
 from tests.groundtruth.ball import ANGLES, DISPARITY_M, PIXEL_M, RADIUS_M, view, world_points_m
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from groundtruth.dense.completion import rendered
-from groundtruth.dense.first_guess import first_guess, planes_through
-from groundtruth.dense.fusion import Cloud
-from groundtruth.dense.views import Stereo, View
+from handbench.groundtruth.dense.completion import rendered
+from handbench.groundtruth.dense.first_guess import first_guess, planes_through
+from handbench.groundtruth.dense.fusion import Cloud
+from handbench.groundtruth.dense.views import Stereo, View
 from tests.groundtruth.ball import FOCAL_PX, texture
 
 HEIGHT_M = 0.11  # of the cameras, which look level, above the floor: seen under 71° to 79°

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from groundtruth.dense import patchmatch
-from groundtruth.dense.patchmatch import BEND_PX, MOST_BENT, RADIUS, bends, refine
-from groundtruth.dense.views import Stereo
+from handbench.groundtruth.dense import patchmatch
+from handbench.groundtruth.dense.patchmatch import BEND_PX, MOST_BENT, RADIUS, bends, refine
+from handbench.groundtruth.dense.views import Stereo
 
 SIZE = 80
 ROW, COLUMN = np.mgrid[:SIZE, :SIZE].astype(float)

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from groundtruth.cameras.cameras import Camera
-from groundtruth.dense.volume import (
+from handbench.groundtruth.cameras.cameras import Camera
+from handbench.groundtruth.dense.volume import (
     COARSE_ROOM,
     COARSE_ROOM_PX,
     Volume,
@@ -20,7 +20,7 @@ from groundtruth.dense.volume import (
     volume,
     warn_of_cuts,
 )
-from groundtruth.sparse.frame import Scale
+from handbench.groundtruth.sparse.frame import Scale
 from tests.groundtruth.mesh.test_mesh import cloud_of
 
 CORNERS_M = np.array([(x, y, 0.0) for x in (-0.15, 0.15) for y in (-0.1, 0.1)])

@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calibration.transforms import Transform
-from groundtruth.mesh.depth import STEEPEST, Reference, depth_on_grid, reference_on_grid
-from groundtruth.mesh.mesh_files import load_open3d, mesh
-from groundtruth.mesh.surface import Surface
+from handbench.calibration.transforms import Transform
+from handbench.groundtruth.mesh.depth import STEEPEST, Reference, depth_on_grid, reference_on_grid
+from handbench.groundtruth.mesh.mesh_files import load_open3d, mesh
+from handbench.groundtruth.mesh.surface import Surface
 from tests.strategies import examples
 
 

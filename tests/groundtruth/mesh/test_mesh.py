@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from groundtruth.dense.fusion import Cloud
-from groundtruth.mesh.poisson import _one_per_voxel, clean, surface
-from radar.support.errors import HandbenchError
+from handbench.groundtruth.dense.fusion import Cloud
+from handbench.groundtruth.mesh.poisson import _one_per_voxel, clean, surface
+from handbench.radar.support.errors import HandbenchError
 
 RADIUS_M = 0.05
 PIXEL_M = 1e-3

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from groundtruth.dense.fusion import Cloud
-from groundtruth.mesh.uncertainty import (
+from handbench.groundtruth.dense.fusion import Cloud
+from handbench.groundtruth.mesh.uncertainty import (
     NEIGHBOURS,
     OBSERVED_PX,
     REACH_PX,
@@ -17,9 +17,9 @@ from groundtruth.mesh.uncertainty import (
     surface_sigma,
     window_sigma,
 )
-from groundtruth.sparse.bundle import Bundle
-from groundtruth.sparse.covariance import CameraCovariance, camera_covariance, point_covariance
-from groundtruth.sparse.frame import Scale
+from handbench.groundtruth.sparse.bundle import Bundle
+from handbench.groundtruth.sparse.covariance import CameraCovariance, camera_covariance, point_covariance
+from handbench.groundtruth.sparse.frame import Scale
 from tests.groundtruth.noisy_model import noisy_model
 
 PIXEL_M = 1e-3
@@ -91,7 +91,7 @@ def test_views_that_showed_nothing_have_no_say(cameras):
 def test_chunks_change_nothing(cameras, monkeypatch):
     _, images, known, _ = cameras
     whole = camera_variance(plate(), images, known)
-    monkeypatch.setattr("groundtruth.mesh.uncertainty.CHUNK", 100)
+    monkeypatch.setattr("handbench.groundtruth.mesh.uncertainty.CHUNK", 100)
     np.testing.assert_allclose(camera_variance(plate(), images, known), whole, rtol=1e-12)
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from groundtruth.cameras.cameras import load_pycolmap
-from groundtruth.photos.exif import body_of, focal_length_px, is_plausible, orientation_of, read_exif
+from handbench.groundtruth.cameras.cameras import load_pycolmap
+from handbench.groundtruth.photos.exif import body_of, focal_length_px, is_plausible, orientation_of, read_exif
 
 WIDTH, HEIGHT = 320, 240
 

@@ -4,13 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
-from groundtruth.cameras.cameras import load_pycolmap
-from groundtruth.dense.views import open_view
-from groundtruth.options import Options
-from groundtruth.photos.masks import Masks, cut_out, find_masks, read_mask
-from groundtruth.photos.photos import Photo
-from groundtruth.pipeline import stages
-from radar.support.errors import HandbenchError
+from handbench.groundtruth.cameras.cameras import load_pycolmap
+from handbench.groundtruth.dense.views import open_view
+from handbench.groundtruth.options import Options
+from handbench.groundtruth.photos.masks import Masks, cut_out, find_masks, read_mask
+from handbench.groundtruth.photos.photos import Photo
+from handbench.groundtruth.pipeline import stages
+from handbench.radar.support.errors import HandbenchError
 
 WIDTH, HEIGHT = 240, 160
 DISC = np.hypot(*np.meshgrid(np.arange(WIDTH) - 130, np.arange(HEIGHT) - 80)) < 45

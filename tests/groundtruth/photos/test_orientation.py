@@ -5,10 +5,10 @@ import pytest
 from PIL import Image, ImageOps
 from scipy.spatial.transform import Rotation
 
-from groundtruth.cameras.camera_files import stored_camera
-from groundtruth.cameras.cameras import Camera
-from groundtruth.photos.photos import Photo, sides_swapped, stored_picture
-from radar.support.errors import HandbenchError
+from handbench.groundtruth.cameras.camera_files import stored_camera
+from handbench.groundtruth.cameras.cameras import Camera
+from handbench.groundtruth.photos.photos import Photo, sides_swapped, stored_picture
+from handbench.radar.support.errors import HandbenchError
 
 WIDTH, HEIGHT = 32, 24  # as stored
 

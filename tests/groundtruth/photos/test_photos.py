@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from groundtruth.cameras.cameras import load_pycolmap
-from groundtruth.photos.photos import find_photos, look_at, read_gray, usable
-from radar.support.errors import HandbenchError
+from handbench.groundtruth.cameras.cameras import load_pycolmap
+from handbench.groundtruth.photos.photos import find_photos, look_at, read_gray, usable
+from handbench.radar.support.errors import HandbenchError
 from tests.groundtruth.room import around, look, photograph
 
 

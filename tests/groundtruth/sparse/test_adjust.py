@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from groundtruth.cameras.cameras import load_pycolmap, registered
-from groundtruth.sparse.adjust import adjust
-from groundtruth.sparse.bundle import Bundle
-from groundtruth.sparse.covariance import camera_covariance
-from groundtruth.sparse.frame import Scale
-from groundtruth.sparse.jacobians import pixel_jacobians, project
+from handbench.groundtruth.cameras.cameras import load_pycolmap, registered
+from handbench.groundtruth.sparse.adjust import adjust
+from handbench.groundtruth.sparse.bundle import Bundle
+from handbench.groundtruth.sparse.covariance import camera_covariance
+from handbench.groundtruth.sparse.frame import Scale
+from handbench.groundtruth.sparse.jacobians import pixel_jacobians, project
 from tests.groundtruth.noisy_model import FEATURE_PX, PARAMS, noisy_model, poses_of
 
 DISTORTION, INTRINSICS = (4, 5, 6, 7), tuple(range(8))

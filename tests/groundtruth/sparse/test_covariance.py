@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from groundtruth.sparse.adjust import adjust
-from groundtruth.sparse.bundle import Bundle
-from groundtruth.sparse.covariance import CameraCovariance, camera_covariance, point_covariance
-from groundtruth.sparse.frame import Scale
-from groundtruth.sparse.jacobians import project
+from handbench.groundtruth.sparse.adjust import adjust
+from handbench.groundtruth.sparse.bundle import Bundle
+from handbench.groundtruth.sparse.covariance import CameraCovariance, camera_covariance, point_covariance
+from handbench.groundtruth.sparse.frame import Scale
+from handbench.groundtruth.sparse.jacobians import project
 from tests.groundtruth.noisy_model import noisy_model
 
 BOARD = Scale("board")

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from groundtruth.board.board import Board, Marker
-from groundtruth.cameras.cameras import load_pycolmap
-from groundtruth.sparse.adjust import adjust
-from groundtruth.sparse.bundle import Bundle
-from groundtruth.sparse.covariance import camera_covariance
-from groundtruth.sparse.frame import Scale, board_from_model
-from radar.support.errors import HandbenchError
+from handbench.groundtruth.board.board import Board, Marker
+from handbench.groundtruth.cameras.cameras import load_pycolmap
+from handbench.groundtruth.sparse.adjust import adjust
+from handbench.groundtruth.sparse.bundle import Bundle
+from handbench.groundtruth.sparse.covariance import camera_covariance
+from handbench.groundtruth.sparse.frame import Scale, board_from_model
+from handbench.radar.support.errors import HandbenchError
 
 SIZE_PX = (400, 300)
 PARAMS = (440.0, 440.2, 201.0, 149.0, -0.05, 0.01, 3e-4, -3e-4)  # of COLMAP's camera OPENCV

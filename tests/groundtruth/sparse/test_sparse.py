@@ -2,8 +2,8 @@
 
 import pytest
 
-from groundtruth.sparse.sparse import check_geometry, unregistered
-from radar.support.errors import HandbenchError
+from handbench.groundtruth.sparse.sparse import check_geometry, unregistered
+from handbench.radar.support.errors import HandbenchError
 from tests.groundtruth.synthetic_model import photos_of, synthetic_model
 
 

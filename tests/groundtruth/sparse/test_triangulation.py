@@ -6,13 +6,13 @@ from copy import deepcopy
 import numpy as np
 import pytest
 
-from calibration.transforms import umeyama
-from groundtruth.cameras.camera_files import read_model
-from groundtruth.cameras.cameras import load_cameras, load_pycolmap, registered, save_cameras
-from groundtruth.options import SparseOptions
-from groundtruth.sparse.inputs import gather
-from groundtruth.sparse.sparse import register
-from radar.support.errors import HandbenchError
+from handbench.calibration.transforms import umeyama
+from handbench.groundtruth.cameras.camera_files import read_model
+from handbench.groundtruth.cameras.cameras import load_cameras, load_pycolmap, registered, save_cameras
+from handbench.groundtruth.options import SparseOptions
+from handbench.groundtruth.sparse.inputs import gather
+from handbench.groundtruth.sparse.sparse import register
+from handbench.radar.support.errors import HandbenchError
 from tests.groundtruth import room, temple
 from tests.groundtruth.room import around, camera_rotation
 

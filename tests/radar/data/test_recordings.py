@@ -6,12 +6,12 @@ import h5py
 import numpy as np
 import pytest
 
-from calibration.array.array_file import save_array, with_calibration
-from radar.data.arrays import AntennaArray, BistaticScan, PlanarScan
-from radar.data.capture import RadarCapture, thinned
-from radar.data.echoes_file import load_capture, save_capture
-from radar.data.recording import SPARSE, joined
-from radar.support.errors import HandbenchError
+from handbench.calibration.array.array_file import save_array, with_calibration
+from handbench.radar.data.arrays import AntennaArray, BistaticScan, PlanarScan
+from handbench.radar.data.capture import RadarCapture, thinned
+from handbench.radar.data.echoes_file import load_capture, save_capture
+from handbench.radar.data.recording import SPARSE, joined
+from handbench.radar.support.errors import HandbenchError
 from tests.fuzz.capture_seeds import array_calibration
 
 RNG = np.random.default_rng(7)

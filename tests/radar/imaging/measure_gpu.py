@@ -18,19 +18,19 @@ from typing import Any
 
 import numpy as np
 
-from bench.results.tables import Column
-from bench.studies.columns import Record, Table
-from bench.studies.study import Study
-from radar.data.arrays import qar50
-from radar.data.capture import RadarCapture
-from radar.data.grid import Axis
-from radar.imaging.api import image_volume, project_volume
-from radar.imaging.certificate import imaging_error
-from radar.imaging.device import array_module, chosen
-from radar.methods.fsk import three_tone
-from radar.methods.fsk_config import ThreeToneConfig
-from radar.methods.projection_config import BroadbandConfig
-from radar.simulation.forward import Scatterers, simulate
+from handbench.bench.results.tables import Column
+from handbench.bench.studies.columns import Record, Table
+from handbench.bench.studies.study import Study
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.grid import Axis
+from handbench.radar.imaging.api import image_volume, project_volume
+from handbench.radar.imaging.certificate import imaging_error
+from handbench.radar.imaging.device import array_module, chosen
+from handbench.radar.methods.fsk import three_tone
+from handbench.radar.methods.fsk_config import ThreeToneConfig
+from handbench.radar.methods.projection_config import BroadbandConfig
+from handbench.radar.simulation.forward import Scatterers, simulate
 from tests.bench.studies.script import measured
 
 TOLERANCE = 1e-3

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from radar.data.arrays import AntennaArray, PlanarScan, qar50
-from radar.simulation.forward import Scatterers, simulate
-from radar.support.errors import HandbenchError
+from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
+from handbench.radar.simulation.forward import Scatterers, simulate
+from handbench.radar.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
 from tests.radar.exact import backproject, tone_images
 from tests.radar.samples import noise, relative_error

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from radar.data.arrays import AntennaArray, PlanarScan, qar50
-from radar.data.grid import VoxelGrid
-from radar.imaging.api import image_points, image_volume, project_volume
-from radar.imaging.certificate import FACTOR, PICKS, Brightness, certified, picked
-from radar.imaging.cpu.exact import exact_sums
-from radar.imaging.cpu.steering import phasor
+from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging.api import image_points, image_volume, project_volume
+from handbench.radar.imaging.certificate import FACTOR, PICKS, Brightness, certified, picked
+from handbench.radar.imaging.cpu.exact import exact_sums
+from handbench.radar.imaging.cpu.steering import phasor
 from tests.radar.direct_sums import direct_sum
 from tests.radar.samples import noise, relative_error
 from tests.strategies import examples

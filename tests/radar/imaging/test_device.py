@@ -7,20 +7,20 @@ import sys
 import numpy as np
 import pytest
 
-from bench.cli import reconstruct
-from bench.cli.main import main
-from bench.studies import study
-from radar.data.arrays import AntennaArray, BistaticScan, PlanarScan, qar50
-from radar.data.grid import Axis, VoxelGrid
-from radar.imaging.api import image_points, image_volume, project_volume
-from radar.imaging.device import SETTING, array_module, chosen, describe, use_device
-from radar.imaging.gpu import exact, executor, levels
-from radar.imaging.plan import TreePlan
-from radar.imaging.tree import Box, Family
-from radar.methods.fsk import three_tone
-from radar.methods.fsk_config import ThreeToneConfig
-from radar.methods.projection_config import BroadbandConfig
-from radar.support.errors import HandbenchError
+from handbench.bench.cli import reconstruct
+from handbench.bench.cli.main import main
+from handbench.bench.studies import study
+from handbench.radar.data.arrays import AntennaArray, BistaticScan, PlanarScan, qar50
+from handbench.radar.data.grid import Axis, VoxelGrid
+from handbench.radar.imaging.api import image_points, image_volume, project_volume
+from handbench.radar.imaging.device import SETTING, array_module, chosen, describe, use_device
+from handbench.radar.imaging.gpu import exact, executor, levels
+from handbench.radar.imaging.plan import TreePlan
+from handbench.radar.imaging.tree import Box, Family
+from handbench.radar.methods.fsk import three_tone
+from handbench.radar.methods.fsk_config import ThreeToneConfig
+from handbench.radar.methods.projection_config import BroadbandConfig
+from handbench.radar.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
 from tests.radar.imaging import measure_gpu
 from tests.radar.imaging.cupy_stand_in import DeviceArray, cupy_stand_in

@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from radar.data.arrays import AntennaArray, PlanarScan, qar50
-from radar.data.grid import VoxelGrid
-from radar.imaging.api import image_points, image_volume, points_executor, project_volume
-from radar.imaging.certificate import imaging_error
-from radar.imaging.cpu.executor import Executor
-from radar.imaging.peaks import strongest_voxels
-from radar.imaging.tree import Family
-from radar.support.cost import require_time
-from radar.support.errors import HandbenchError
+from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging.api import image_points, image_volume, points_executor, project_volume
+from handbench.radar.imaging.certificate import imaging_error
+from handbench.radar.imaging.cpu.executor import Executor
+from handbench.radar.imaging.peaks import strongest_voxels
+from handbench.radar.imaging.tree import Family
+from handbench.radar.support.cost import require_time
+from handbench.radar.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
 from tests.radar.samples import noise, relative_error
 from tests.strategies import examples
@@ -242,7 +242,7 @@ def test_work_that_takes_too_long_is_refused_before_it_begins_and_long_work_is_t
     monkeypatch.setenv("HANDBENCH_WORKERS", "2")
     monkeypatch.setenv("HANDBENCH_HOURS", "1e-9")
     whole = VoxelGrid(*(1e-3 * np.arange(400) + low for low in (-0.2, -0.2, 0.2)))
-    monkeypatch.setattr("radar.imaging.api.cpu.exact_images", lambda *_: pytest.fail("it began"))
+    monkeypatch.setattr("handbench.radar.imaging.api.cpu.exact_images", lambda *_: pytest.fail("it began"))
     with pytest.raises(HandbenchError, match=rf"imaging {len(points_m)} points: would take about .* HANDBENCH_HOURS"):
         image_points(samples, FEW_HZ, qar50(), points_m, None)
     with pytest.raises(HandbenchError, match=r"exact volume of \(400, 400, 400\) voxels .* 8 min, more than the limit"):

@@ -4,14 +4,14 @@ pairs that are there, with the wave's own speed, in float64 (an independent refe
 import numpy as np
 import pytest
 
-from radar.data.arrays import AntennaArray, BistaticScan, PlanarScan, qar50
-from radar.data.capture import RadarCapture
-from radar.data.grid import Axis, VoxelGrid
-from radar.imaging.api import image_points, image_volume, project_volume
-from radar.imaging.certificate import certified
-from radar.imaging.plan import SCAN
-from radar.methods.fsk import path_rise
-from radar.methods.registry import method
+from handbench.radar.data.arrays import AntennaArray, BistaticScan, PlanarScan, qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.grid import Axis, VoxelGrid
+from handbench.radar.imaging.api import image_points, image_volume, project_volume
+from handbench.radar.imaging.certificate import certified
+from handbench.radar.imaging.plan import SCAN
+from handbench.radar.methods.fsk import path_rise
+from handbench.radar.methods.registry import method
 from tests.radar.samples import noise, relative_error
 
 pytestmark = pytest.mark.usefixtures("planned")
@@ -168,7 +168,7 @@ def test_a_long_sum_over_pairs_says_its_time_beforehand(monkeypatch):
     places, points = np.random.default_rng(4).uniform(-0.1, 0.1, (2, 36, 3)), np.tile([[0.0, 0.0, 0.3]], (50, 1))
     for aperture in (BistaticScan(*places), AntennaArray(places[0, :6], places[1, :6])):
         monkeypatch.setattr(
-            "radar.imaging.api.require_time", lambda core_s, what, a=aperture: told.update({type(a): core_s})
+            "handbench.radar.imaging.api.require_time", lambda core_s, what, a=aperture: told.update({type(a): core_s})
         )
         image_points(noise((3, *aperture.channels)), TONES_HZ, aperture, points, None)
     assert told[BistaticScan] == pytest.approx(SCAN * told[AntennaArray])

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from radar.data.arrays import PlanarScan, qar50
-from radar.imaging.api import image_points
-from radar.imaging.plan import TreePlan, fresh_plans
+from handbench.radar.data.arrays import PlanarScan, qar50
+from handbench.radar.imaging.api import image_points
+from handbench.radar.imaging.plan import TreePlan, fresh_plans
 from tests.radar.direct_sums import direct_sum
 from tests.radar.samples import noise, relative_error
 
@@ -16,7 +16,7 @@ FEW_HZ = np.linspace(72e9, 82e9, 16)
 def test_a_plan_that_costs_more_than_the_exact_sum_is_not_made(tones_hz, size_m, monkeypatch):
     """Tones over 500 GHz, and a box across the array: thousands of limbs for a thousand points."""
     points = np.random.default_rng(0).uniform(-size_m, size_m, (1000, 3))
-    monkeypatch.setattr("radar.imaging.plan.TreePlan.limb", lambda *_: pytest.fail("a limb was planned"))
+    monkeypatch.setattr("handbench.radar.imaging.plan.TreePlan.limb", lambda *_: pytest.fail("a limb was planned"))
     samples = noise((len(tones_hz), 94, 94))
     image = image_points(samples, tones_hz, qar50(), points, 1e-3)
     assert relative_error(image[:20], direct_sum(samples, tones_hz, qar50(), points[:20])) < 1e-5
@@ -41,7 +41,9 @@ def test_a_scan_s_exact_sum_is_no_matrix_product_and_planned_earlier(monkeypatch
     positions_m = np.c_[np.random.default_rng(3).uniform(-0.1, 0.1, (60, 2)), np.zeros(60)]
     points_m = np.random.default_rng(1).uniform(-0.01, 0.01, (4000, 3)) + [0, 0, 0.3]
     limbs = []
-    monkeypatch.setattr("radar.imaging.plan.TreePlan.limb", lambda *a, of=TreePlan.limb: limbs.append(a) or of(*a))
+    monkeypatch.setattr(
+        "handbench.radar.imaging.plan.TreePlan.limb", lambda *a, of=TreePlan.limb: limbs.append(a) or of(*a)
+    )
     scan, tones_hz, samples = PlanarScan(positions_m), np.linspace(72e9, 82e9, 32), noise((32, 60))
     with fresh_plans():
         image = image_points(samples, tones_hz, scan, points_m, 1e-3)

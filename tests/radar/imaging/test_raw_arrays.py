@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from radar.data.arrays import AntennaArray, PlanarScan
-from radar.data.capture import RadarCapture
-from radar.data.echoes_file import save_capture
-from radar.data.grid import VoxelGrid
-from radar.imaging.api import image_points, image_volume, project_volume
-from radar.imaging.cpu.exact import path_lengths
-from radar.support.errors import HandbenchError
+from handbench.radar.data.arrays import AntennaArray, PlanarScan
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.echoes_file import save_capture
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging.api import image_points, image_volume, project_volume
+from handbench.radar.imaging.cpu.exact import path_lengths
+from handbench.radar.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
 from tests.radar.exact import backproject
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from radar.imaging.skeleton import resampler
+from handbench.radar.imaging.skeleton import resampler
 from tests.strategies import examples
 
 

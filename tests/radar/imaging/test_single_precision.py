@@ -14,23 +14,32 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from bench.studies.stability.cases import U_SINGLE as U
-from bench.studies.stability.cases import U as U_DOUBLE
-from bench.studies.stability.meshes_cases import on_plane, plane_error_m
-from bench.studies.stability.scenes import LADDER_HZ, POINT_M, C, capture, depth_map, echoes, small_array, white_noise
-from bench.studies.study import relative_error
-from groundtruth.mesh.depth import depth_on_grid
-from groundtruth.mesh.mesh_files import mesh, read_triangles, write_mesh
-from radar.data.arrays import AntennaArray, Aperture, PlanarScan, qar50
-from radar.data.grid import VoxelGrid
-from radar.imaging.api import image_points, image_volume, project_volume
-from radar.imaging.cpu.exact import path_lengths
-from radar.imaging.cpu.steering import cis_turns
-from radar.imaging.skeleton import AMPLIFICATION, resampler
-from radar.methods.fsk import depth_step_m
-from radar.methods.smoothing import masked_mean
-from radar.simulation.forward import Scatterers, simulate
-from radar.support.rays import Rays
+from handbench.bench.studies.stability.cases import U_SINGLE as U
+from handbench.bench.studies.stability.cases import U as U_DOUBLE
+from handbench.bench.studies.stability.meshes_cases import on_plane, plane_error_m
+from handbench.bench.studies.stability.scenes import (
+    LADDER_HZ,
+    POINT_M,
+    C,
+    capture,
+    depth_map,
+    echoes,
+    small_array,
+    white_noise,
+)
+from handbench.bench.studies.study import relative_error
+from handbench.groundtruth.mesh.depth import depth_on_grid
+from handbench.groundtruth.mesh.mesh_files import mesh, read_triangles, write_mesh
+from handbench.radar.data.arrays import AntennaArray, Aperture, PlanarScan, qar50
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging.api import image_points, image_volume, project_volume
+from handbench.radar.imaging.cpu.exact import path_lengths
+from handbench.radar.imaging.cpu.steering import cis_turns
+from handbench.radar.imaging.skeleton import AMPLIFICATION, resampler
+from handbench.radar.methods.fsk import depth_step_m
+from handbench.radar.methods.smoothing import masked_mean
+from handbench.radar.simulation.forward import Scatterers, simulate
+from handbench.radar.support.rays import Rays
 from tests.radar.exact import backproject, tone_images
 
 pytestmark = pytest.mark.usefixtures("planned")

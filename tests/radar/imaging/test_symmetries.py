@@ -14,12 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import ortho_group
 
-from radar.data.arrays import AntennaArray, PlanarScan, qar50
-from radar.data.capture import RadarCapture
-from radar.data.grid import VoxelGrid
-from radar.imaging.api import image_points, image_volume, project_volume
-from radar.imaging.plan import fresh_plans
-from radar.simulation.forward import Scatterers, simulate
+from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging.api import image_points, image_volume, project_volume
+from handbench.radar.imaging.plan import fresh_plans
+from handbench.radar.simulation.forward import Scatterers, simulate
 from tests.radar.exact import tone_images
 from tests.radar.samples import noise, relative_error
 from tests.strategies import examples

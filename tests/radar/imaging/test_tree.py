@@ -4,11 +4,11 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from radar.data.arrays import qar50
-from radar.imaging.cpu.ascent import ascend
-from radar.imaging.cpu.descent import descend, planes
-from radar.imaging.skeleton import band_kernel, skeleton
-from radar.imaging.tree import Box, Family, branch, clusters, split, trunk
+from handbench.radar.data.arrays import qar50
+from handbench.radar.imaging.cpu.ascent import ascend
+from handbench.radar.imaging.cpu.descent import descend, planes
+from handbench.radar.imaging.skeleton import band_kernel, skeleton
+from handbench.radar.imaging.tree import Box, Family, branch, clusters, split, trunk
 from tests.radar.samples import noise
 from tests.strategies import examples
 

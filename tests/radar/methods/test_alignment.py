@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
-from radar.data.capture import RadarCapture
-from radar.imaging.cpu.steering import phasor
-from radar.methods.alignment import align
-from radar.methods.registry import method
-from radar.support.errors import HandbenchError
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.imaging.cpu.steering import phasor
+from handbench.radar.methods.alignment import align
+from handbench.radar.methods.registry import method
+from handbench.radar.support.errors import HandbenchError
 
 TONES_HZ = np.linspace(72e9, 82e9, 8)
 

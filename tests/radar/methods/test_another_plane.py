@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from bench.studies.exact.cases import ALONG, SCENES, Case, exact_echoes
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
-from radar.data.capture import RadarCapture
-from radar.methods.fsk import two_tone
-from radar.methods.fsk_config import TwoToneConfig
+from handbench.bench.studies.exact.cases import ALONG, SCENES, Case, exact_echoes
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.methods.fsk import two_tone
+from handbench.radar.methods.fsk_config import TwoToneConfig
 
 TONES_HZ = np.array([82.0e9, 81.8e9])
 

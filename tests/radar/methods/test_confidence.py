@@ -6,12 +6,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm, spearmanr
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.data.depthmap import DepthMap, load_depthmap
-from radar.methods.confidence import NOISE_PASSES, least_coherence, quadrature_step_m, spread_m, wrap_probability
-from radar.methods.fsk import depth_step_m, three_tone, two_tone
-from radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
-from radar.support.errors import HandbenchError
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.data.depthmap import DepthMap, load_depthmap
+from handbench.radar.methods.confidence import (
+    NOISE_PASSES,
+    least_coherence,
+    quadrature_step_m,
+    spread_m,
+    wrap_probability,
+)
+from handbench.radar.methods.fsk import depth_step_m, three_tone, two_tone
+from handbench.radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
+from handbench.radar.support.errors import HandbenchError
 from tests.radar.simulated_points import around, bumpy, error_m, points_capture, surface_points
 from tests.strategies import examples
 

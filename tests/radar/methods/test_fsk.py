@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
-from radar.data.capture import RadarCapture
-from radar.methods.fsk import depth_step_m, three_tone, two_tone
-from radar.methods.fsk_config import SETTLING, ThreeToneConfig, TwoToneConfig
-from radar.methods.smoothing import masked_mean
-from radar.simulation.effects.receiver import strongest_amplitude, thermal_noise
-from radar.simulation.forward import direct_echoes
-from radar.support.errors import HandbenchError
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.methods.fsk import depth_step_m, three_tone, two_tone
+from handbench.radar.methods.fsk_config import SETTLING, ThreeToneConfig, TwoToneConfig
+from handbench.radar.methods.smoothing import masked_mean
+from handbench.radar.simulation.effects.receiver import strongest_amplitude, thermal_noise
+from handbench.radar.simulation.forward import direct_echoes
+from handbench.radar.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
 from tests.radar.simulated_points import (
     TONES_HZ,

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
-from radar.data.capture import RadarCapture
-from radar.imaging.cpu.steering import phasor
-from radar.methods.alignment import align
-from radar.methods.confidence import beside_nearer
-from radar.methods.registry import method
-from radar.support.errors import HandbenchError
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.imaging.cpu.steering import phasor
+from handbench.radar.methods.alignment import align
+from handbench.radar.methods.confidence import beside_nearer
+from handbench.radar.methods.registry import method
+from handbench.radar.support.errors import HandbenchError
 
 TONES_HZ = np.array([82.0e9, 81.8e9, 80.5e9, 77.0e9, 72.0e9])
 

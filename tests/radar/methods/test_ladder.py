@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.methods.fsk import n_tone, three_tone
-from radar.methods.fsk_config import SIGMAS, LadderConfig, ThreeToneConfig, check_ladder, reach_hz
-from radar.support.config import parse
-from radar.support.errors import HandbenchError
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.methods.fsk import n_tone, three_tone
+from handbench.radar.methods.fsk_config import SIGMAS, LadderConfig, ThreeToneConfig, check_ladder, reach_hz
+from handbench.radar.support.config import parse
+from handbench.radar.support.errors import HandbenchError
 from tests.radar.simulated_points import (
     TONES_HZ,
     around,

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from radar.data.arrays import AntennaArray, qar50
-from radar.data.capture import RadarCapture
-from radar.methods.registry import method
+from handbench.radar.data.arrays import AntennaArray, qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.methods.registry import method
 
 C = 299_792_458.0
 F1_HZ, F2_HZ = 82.0e9, 81.8e9

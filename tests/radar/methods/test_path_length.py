@@ -6,13 +6,11 @@ from types import CodeType
 
 from numba.core.registry import CPUDispatcher
 
-import radar
-import radar.methods.projection  # whose classes are made while it is imported, which is no call
-from radar.imaging.plan import fresh_plans
-from radar.methods.registry import method
+from handbench.radar.imaging.plan import fresh_plans
+from handbench.radar.methods.registry import method
 from tests.radar.simulated_points import around, bumpy, points_capture, surface_points
 
-ROOT = Path(radar.__file__).parents[1]
+ROOT = Path(__file__).parents[3]
 PACKAGES = ("radar", "calibration", "groundtruth", "bench", "reports")
 MOST = 20
 

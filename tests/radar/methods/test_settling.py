@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from radar.data.arrays import qar50
-from radar.data.capture import RadarCapture
-from radar.data.grid import Axis
-from radar.imaging.peaks import Peaks, strongest_voxels
-from radar.methods.projection import project
-from radar.methods.projection_config import BroadbandConfig, NarrowbandConfig
-from radar.methods.settling import settled
-from radar.simulation.forward import Scatterers, simulate
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.grid import Axis
+from handbench.radar.imaging.peaks import Peaks, strongest_voxels
+from handbench.radar.methods.projection import project
+from handbench.radar.methods.projection_config import BroadbandConfig, NarrowbandConfig
+from handbench.radar.methods.settling import settled
+from handbench.radar.simulation.forward import Scatterers, simulate
 
 AXES = {"x": Axis(start_m=-0.02, stop_m=0.02, step_m=0.002), "y": Axis(start_m=-0.02, stop_m=0.02, step_m=0.002)}
 

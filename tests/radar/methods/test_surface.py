@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from radar.data.arrays import qar50
-from radar.data.capture import RadarCapture
-from radar.data.grid import Axis
-from radar.imaging.api import project_volume
-from radar.imaging.peaks import strongest_voxels
-from radar.methods.projection import Peaks, maximum_projection, peak_offset, peaks_kept, project, volume
-from radar.methods.projection_config import AlignedConfig, BroadbandConfig, NarrowbandConfig
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.grid import Axis
+from handbench.radar.imaging.api import project_volume
+from handbench.radar.imaging.peaks import strongest_voxels
+from handbench.radar.methods.projection import Peaks, maximum_projection, peak_offset, peaks_kept, project, volume
+from handbench.radar.methods.projection_config import AlignedConfig, BroadbandConfig, NarrowbandConfig
 from tests.radar.simulated_points import around, bumpy, point_capture, points_capture, strongest_z_m, surface_points
 from tests.strategies import examples
 
@@ -47,7 +47,7 @@ def test_kept_peaks_are_those_of_the_same_echoes_and_voxels(monkeypatch):
         imaged.append(given)
         return project_volume(*given)
 
-    monkeypatch.setattr("radar.methods.projection.project_volume", counted)
+    monkeypatch.setattr("handbench.radar.methods.projection.project_volume", counted)
     config = AlignedConfig(**around((0, 0), half_m=0.003), fine_filter_px=1)
     others = [
         (config.model_copy(update={"fine_filter_px": 5, "threshold_db": -20.0}), 0, 0),

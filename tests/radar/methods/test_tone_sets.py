@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bench.cli.main import main
-from radar.methods.tone_sets import best_sets, bound_m, drawn_wraps, mistaken, wrap_probability_of
+from handbench.bench.cli.main import main
+from handbench.radar.methods.tone_sets import best_sets, bound_m, drawn_wraps, mistaken, wrap_probability_of
 
 LADDER_HZ = np.array([82.0e9, 81.8e9, 81.3e9, 79.5e9, 72.0e9])
 

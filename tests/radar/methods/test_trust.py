@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
-from radar.data.capture import RadarCapture
-from radar.data.depthmap import DepthMap, load_depthmap
-from radar.methods.fsk import three_tone
-from radar.methods.fsk_config import ThreeToneConfig
-from radar.methods.registry import methods
-from radar.methods.trust import FEATURES, features, known_weights, probability, weights_of, with_trust
-from radar.support.errors import HandbenchError
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import DepthMap, load_depthmap
+from handbench.radar.methods.fsk import three_tone
+from handbench.radar.methods.fsk_config import ThreeToneConfig
+from handbench.radar.methods.registry import methods
+from handbench.radar.methods.trust import FEATURES, features, known_weights, probability, weights_of, with_trust
+from handbench.radar.support.errors import HandbenchError
 from tests.radar.simulated_points import TONES_HZ, around, point_capture, points_capture, surface_points
 
 POINT_M = np.array([0.0, 0.0, 0.28])

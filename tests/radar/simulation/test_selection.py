@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from radar.simulation import selection, triage
-from radar.simulation.causes import Causes
-from radar.simulation.effects.base import Effect, Glance
-from radar.simulation.known_effects import DECLARED, IDS
-from radar.simulation.scene import Material
-from radar.simulation.selection import EFFECTS
-from radar.support.errors import HandbenchError
+from handbench.radar.simulation import selection, triage
+from handbench.radar.simulation.causes import Causes
+from handbench.radar.simulation.effects.base import Effect, Glance
+from handbench.radar.simulation.known_effects import DECLARED, IDS
+from handbench.radar.simulation.scene import Material
+from handbench.radar.simulation.selection import EFFECTS
+from handbench.radar.support.errors import HandbenchError
 from tests.radar.simulation.effects.small_scenes import bead_scene
 
 

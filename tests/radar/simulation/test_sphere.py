@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from radar.data.arrays import AntennaArray
-from radar.simulation.forward import Scatterers, simulate
-from radar.simulation.physics.spheres import _spreading_m, half_angle_cosine, mie_amplitudes, sphere_echo
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.simulation.forward import Scatterers, simulate
+from handbench.radar.simulation.physics.spheres import _spreading_m, half_angle_cosine, mie_amplitudes, sphere_echo
 from tests.radar.simulation.effects.closed_forms import mie_backscatter
 
 

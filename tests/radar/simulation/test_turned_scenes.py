@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from scipy.stats import ortho_group
 
-from radar.data.arrays import AntennaArray
-from radar.imaging.api import image_points
-from radar.imaging.plan import fresh_plans
-from radar.simulation.forward import Scatterers, simulate
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.imaging.api import image_points
+from handbench.radar.imaging.plan import fresh_plans
+from handbench.radar.simulation.forward import Scatterers, simulate
 from tests.radar.samples import noise, relative_error
 
 pytestmark = pytest.mark.usefixtures("planned")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numba.core.codegen import get_host_cpu_features
 
-from radar.support.compiled import FAST, njit
+from handbench.radar.support.compiled import FAST, njit
 
 ROOT = Path(__file__).parents[3]
 

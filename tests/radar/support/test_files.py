@@ -8,13 +8,13 @@ import h5py
 import numpy as np
 import pytest
 
-from radar.data.arrays import AntennaArray, PlanarScan, load_positions, qar50
-from radar.data.capture import RadarCapture
-from radar.data.depthmap import DepthMap, load_depthmap
-from radar.data.echoes_file import load_capture, save_capture
-from radar.data.grid import Axis
-from radar.support.errors import HandbenchError
-from radar.support.files import inside
+from handbench.radar.data.arrays import AntennaArray, PlanarScan, load_positions, qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import DepthMap, load_depthmap
+from handbench.radar.data.echoes_file import load_capture, save_capture
+from handbench.radar.data.grid import Axis
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import inside
 
 SHARED = Path(__file__).parents[3].parent / "shared" / "data" / "qar50"
 
@@ -178,8 +178,8 @@ MUTATED = """
 import sys
 import numpy as np
 from pathlib import Path
-from radar.data.echoes_file import load_capture
-from radar.support.errors import HandbenchError
+from handbench.radar.data.echoes_file import load_capture
+from handbench.radar.support.errors import HandbenchError
 
 path = Path(sys.argv[1])
 good, generator, refused = path.read_bytes(), np.random.default_rng(3), 0

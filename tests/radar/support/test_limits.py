@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from radar.data.arrays import AntennaArray, load_positions
-from radar.data.capture import RadarCapture
-from radar.data.echoes_file import load_capture, save_capture
-from radar.support import limits
-from radar.support.config import Config, parse, read_toml
-from radar.support.errors import HandbenchError
-from radar.support.files import inside, read_bytes, read_json, read_npz, require_file, write_npz
-from radar.support.hdf5 import opened
-from radar.support.pictures import opened_picture
+from handbench.radar.data.arrays import AntennaArray, load_positions
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.echoes_file import load_capture, save_capture
+from handbench.radar.support import limits
+from handbench.radar.support.config import Config, parse, read_toml
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import inside, read_bytes, read_json, read_npz, require_file, write_npz
+from handbench.radar.support.hdf5 import opened
+from handbench.radar.support.pictures import opened_picture
 
 HANG_S = 60  # of the processor: what is read in a second here takes no minute anywhere
 

@@ -10,7 +10,7 @@ import sys
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
-from radar.support.parallel import script_left_out
+from handbench.radar.support.parallel import script_left_out
 
 print("here", flush=True)
 with script_left_out(), ProcessPoolExecutor(2, get_context("spawn")) as processes:

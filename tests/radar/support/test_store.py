@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from radar.support import store
-from radar.support.errors import HandbenchError
-from radar.support.store import MANIFEST, STAMP, kept, stage
+from handbench.radar.support import store
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.store import MANIFEST, STAMP, kept, stage
 
 made: list[str] = []
 

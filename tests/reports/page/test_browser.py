@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from reports.page import html
+from handbench.reports.page import html
 from tests.reports.page.devtools import CHROMIUM, Browser
 from tests.reports.synthetic_result import METHODS, write_synthetic, write_synthetic_tradeoff
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 
-from bench import results
-from bench.evaluation.error_causes import Scored
-from bench.results.tables import each
-from radar.data.depthmap import DepthMap
-from reports.figures.charts import CAUSES, explained
-from reports.page import cause_section, html
-from reports.tables.blocks import number
+from handbench.bench import results
+from handbench.bench.evaluation.error_causes import Scored
+from handbench.bench.results.tables import each
+from handbench.radar.data.depthmap import DepthMap
+from handbench.reports.figures.charts import CAUSES, explained
+from handbench.reports.page import cause_section, html
+from handbench.reports.tables.blocks import number
 from tests.bench.evaluation.explained import explain
 from tests.reports.synthetic_result import METHODS, write_synthetic
 

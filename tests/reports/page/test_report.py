@@ -19,19 +19,19 @@ from matplotlib.colors import to_rgb
 from matplotlib.text import Text
 from PIL import Image
 
-from bench import results
-from bench.evaluation.statistics.paired import compare
-from bench.results.stability import StabilityFacts, Table, write_stability
-from bench.results.tables import CASES, COMPARISONS, frame
-from radar.support.errors import HandbenchError
-from radar.support.files import read_json, write_json
-from reports.figures import depth_maps
-from reports.figures.charts import added, counted, overview
-from reports.figures.dark import darken
-from reports.figures.depth_maps import panels
-from reports.figures.style import COLOURS, COLUMN, MARKERS, STYLE, looks, methods
-from reports.page import html, rendering, scene3d, sections, sheet_svg
-from reports.page.rendering import render
+from handbench.bench import results
+from handbench.bench.evaluation.statistics.paired import compare
+from handbench.bench.results.stability import StabilityFacts, Table, write_stability
+from handbench.bench.results.tables import CASES, COMPARISONS, frame
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import read_json, write_json
+from handbench.reports.figures import depth_maps
+from handbench.reports.figures.charts import added, counted, overview
+from handbench.reports.figures.dark import darken
+from handbench.reports.figures.depth_maps import panels
+from handbench.reports.figures.style import COLOURS, COLUMN, MARKERS, STYLE, looks, methods
+from handbench.reports.page import html, rendering, scene3d, sections, sheet_svg
+from handbench.reports.page.rendering import render
 from tests.reports.synthetic_result import METHODS, write_synthetic
 
 SVG = "{http://www.w3.org/2000/svg}"

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench import results
-from bench.cli import compare as compare_command
-from bench.cli.main import parser
-from bench.evaluation.statistics.compare_results import compare_results
-from bench.results.tables import CHANGES, DIFFERENCES, TIMES, frame
-from radar.support.errors import HandbenchError
-from reports.tables import comparison
+from handbench.bench import results
+from handbench.bench.cli import compare as compare_command
+from handbench.bench.cli.main import parser
+from handbench.bench.evaluation.statistics.compare_results import compare_results
+from handbench.bench.results.tables import CHANGES, DIFFERENCES, TIMES, frame
+from handbench.radar.support.errors import HandbenchError
+from handbench.reports.tables import comparison
 
 EVIL = "<b>50%_of$x & {y} \\ |[z]</b>"
 

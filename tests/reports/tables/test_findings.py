@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from bench import results
-from bench.results.tables import COMPARISONS, frame
-from reports.figures.charts import risk_coverage
-from reports.tables.blocks import blocks, busy_note
-from reports.tables.result_tables import findings, markdown
+from handbench.bench import results
+from handbench.bench.results.tables import COMPARISONS, frame
+from handbench.reports.figures.charts import risk_coverage
+from handbench.reports.tables.blocks import blocks, busy_note
+from handbench.reports.tables.result_tables import findings, markdown
 from tests.reports.synthetic_result import write_synthetic
 
 

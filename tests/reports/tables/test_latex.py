@@ -13,11 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench import results
-from bench.results import Claim, Section, Setting, Tradeoff, TradeoffFacts
-from bench.results.compared import Compared, Side
-from bench.results.tables import CHANGES, COMPARISONS, DIFFERENCES, TIMES, frame
-from reports.tables import comparison, latex
+from handbench.bench import results
+from handbench.bench.results import Claim, Section, Setting, Tradeoff, TradeoffFacts
+from handbench.bench.results.compared import Compared, Side
+from handbench.bench.results.tables import CHANGES, COMPARISONS, DIFFERENCES, TIMES, frame
+from handbench.reports.tables import comparison, latex
 
 HOSTILE = (
     "\\input{/etc/passwd}",

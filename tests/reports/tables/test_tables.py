@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench import results
-from bench.results import Section, Setting, Tradeoff, TradeoffFacts
-from bench.results.tables import COMPARISONS, TASKS, frame
-from reports.tables import blocks as parts
-from reports.tables import latex
-from reports.tables import result_tables as tables
+from handbench.bench import results
+from handbench.bench.results import Section, Setting, Tradeoff, TradeoffFacts
+from handbench.bench.results.tables import COMPARISONS, TASKS, frame
+from handbench.reports.tables import blocks as parts
+from handbench.reports.tables import latex
+from handbench.reports.tables import result_tables as tables
 from tests.reports.synthetic_result import METHODS, write_synthetic
 
 EVIL = '<b>50%_of$x & {y} \\ #^~|[z]"</b>'

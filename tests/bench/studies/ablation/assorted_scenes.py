@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from bench.scenes.build import Scene, build
-from bench.scenes.hand_pose import POSES
-from bench.scenes.scene_file import SceneFile
-from bench.scenes.shapes import cylinder_mesh, sphere_mesh
-from groundtruth.mesh.mesh_files import mesh, write_mesh
-from radar.support.config import parse
-from radar.support.rays import TriangleMesh
+from handbench.bench.scenes.build import Scene, build
+from handbench.bench.scenes.hand_pose import POSES
+from handbench.bench.scenes.scene_file import SceneFile
+from handbench.bench.scenes.shapes import cylinder_mesh, sphere_mesh
+from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
+from handbench.radar.support.config import parse
+from handbench.radar.support.rays import TriangleMesh
 
 EDGE_M, WIRE_M = 2e-3, 0.08
 TONES = {"sweep": [], "tones_hz": [82e9, 81.8e9, 81.3e9, 79.5e9, 72e9]}

@@ -16,21 +16,21 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.evaluation.depth_errors import error_map
-from bench.evaluation.metrics import HEADLINE, METRICS, pool, precision
-from bench.results.tables import Column, declared
-from bench.run.repeat_stage import strongest_z_m
-from bench.scenes.build import Scene, build
-from bench.scenes.echoes import choices, echo_scene
-from bench.studies.columns import Record, Table
-from bench.studies.study import BLUE, GREY, VERMILION, Study
-from groundtruth.mesh.depth import depth_on_grid
-from radar.data.capture import RadarCapture
-from radar.data.depthmap import DepthMap
-from radar.methods.registry import method
-from radar.simulation.rehearsal import Rehearsal
-from radar.simulation.selection import CONTAINED, EFFECTS
-from radar.simulation.simulate import simulate_scene
+from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.evaluation.metrics import HEADLINE, METRICS, pool, precision
+from handbench.bench.results.tables import Column, declared
+from handbench.bench.run.repeat_stage import strongest_z_m
+from handbench.bench.scenes.build import Scene, build
+from handbench.bench.scenes.echoes import choices, echo_scene
+from handbench.bench.studies.columns import Record, Table
+from handbench.bench.studies.study import BLUE, GREY, VERMILION, Study
+from handbench.groundtruth.mesh.depth import depth_on_grid
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.methods.registry import method
+from handbench.radar.simulation.rehearsal import Rehearsal
+from handbench.radar.simulation.selection import CONTAINED, EFFECTS
+from handbench.radar.simulation.simulate import simulate_scene
 from tests.bench.studies.ablation.ablation_cases import Case, cases, scene_file
 from tests.bench.studies.script import measured
 

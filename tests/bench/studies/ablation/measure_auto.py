@@ -17,22 +17,22 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.results.tables import declared
-from bench.scenes.build import Scene, load_scene
-from bench.scenes.echoes import choices, echo_scene
-from bench.scenes.scene_file import SceneFile
-from bench.studies.columns import Record, Table
-from bench.studies.study import Study
-from radar.data.capture import RadarCapture
-from radar.methods.registry import method
-from radar.simulation.known_effects import Choice
-from radar.simulation.rehearsal import FINE, Change
-from radar.simulation.rehearsal import METHODS as REHEARSED
-from radar.simulation.scene import EchoScene
-from radar.simulation.selection import CONTAINED, EFFECTS, choose
-from radar.simulation.simulate import simulate_scene
-from radar.simulation.triage import LOST_MM
-from radar.support.errors import HandbenchError
+from handbench.bench.results.tables import declared
+from handbench.bench.scenes.build import Scene, load_scene
+from handbench.bench.scenes.echoes import choices, echo_scene
+from handbench.bench.scenes.scene_file import SceneFile
+from handbench.bench.studies.columns import Record, Table
+from handbench.bench.studies.study import Study
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.methods.registry import method
+from handbench.radar.simulation.known_effects import Choice
+from handbench.radar.simulation.rehearsal import FINE, Change
+from handbench.radar.simulation.rehearsal import METHODS as REHEARSED
+from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.selection import CONTAINED, EFFECTS, choose
+from handbench.radar.simulation.simulate import simulate_scene
+from handbench.radar.simulation.triage import LOST_MM
+from handbench.radar.support.errors import HandbenchError
 from tests.bench.studies.ablation.assorted_scenes import assorted_scene
 from tests.bench.studies.script import measured
 

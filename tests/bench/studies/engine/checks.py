@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.studies.columns import Record
-from radar.data.arrays import AntennaArray
-from radar.data.grid import VoxelGrid
-from radar.imaging.api import image_volume
+from handbench.bench.studies.columns import Record
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging.api import image_volume
 from tests.bench.studies.engine.scope import Inputs, white_noise
 from tests.bench.studies.engine.turns import Case, Work, interleaved
 
@@ -90,8 +90,8 @@ def resampled(array: AntennaArray, count: int) -> AntennaArray:
 BARS = tomllib.loads(Path(__file__).with_name("bars.toml").read_text("utf-8"))["bar"]
 COMPILE = """
 import time
-import radar.imaging.api
-from radar.warmup import compile_kernels
+import handbench.radar.imaging.api
+from handbench.radar.warmup import compile_kernels
 start = time.perf_counter()
 compile_kernels()
 print(time.perf_counter() - start)

@@ -11,9 +11,9 @@ from itertools import product
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from radar.imaging.api import image_volume
-from radar.imaging.cpu.steering import phasor
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from handbench.radar.imaging.api import image_volume
+from handbench.radar.imaging.cpu.steering import phasor
 from tests.bench.studies.engine.scope import Inputs
 from tests.bench.studies.engine.textbook import numba_sum, range_compressed
 from tests.bench.studies.engine.turns import Work

@@ -12,9 +12,9 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bench.results.tables import declared, each
-from bench.studies.columns import Record, Table
-from bench.studies.study import BLUE, GREEN, GREY, VERMILION, Study
+from handbench.bench.results.tables import declared, each
+from handbench.bench.studies.columns import Record, Table
+from handbench.bench.studies.study import BLUE, GREEN, GREY, VERMILION, Study
 from tests.bench.studies import script
 from tests.bench.studies.engine.checks import bars, compilation, growth
 from tests.bench.studies.engine.roofline import roofline_rows

@@ -10,15 +10,15 @@ from functools import partial
 
 import numpy as np
 
-from bench.studies.columns import Record
-from radar.imaging.api import GridImager
-from radar.imaging.cpu.descent import gather
-from radar.imaging.cpu.descent import planes as real_planes
-from radar.imaging.cpu.executor import _down
-from radar.imaging.plan import GridPlan
-from radar.imaging.tree import Family, Node
-from radar.support.cost import gemm
-from radar.support.parallel import one_blas_thread
+from handbench.bench.studies.columns import Record
+from handbench.radar.imaging.api import GridImager
+from handbench.radar.imaging.cpu.descent import gather
+from handbench.radar.imaging.cpu.descent import planes as real_planes
+from handbench.radar.imaging.cpu.executor import _down
+from handbench.radar.imaging.plan import GridPlan
+from handbench.radar.imaging.tree import Family, Node
+from handbench.radar.support.cost import gemm
+from handbench.radar.support.parallel import one_blas_thread
 from tests.bench.studies.engine.scope import Inputs
 
 TOLERANCE = 1e-3

@@ -6,15 +6,15 @@ from functools import cached_property
 
 import numpy as np
 
-from bench.scenes.build import build
-from bench.scenes.echoes import visible_surface
-from bench.scenes.scene_file import SceneFile
-from radar.data.arrays import AntennaArray, qar50
-from radar.data.capture import RadarCapture
-from radar.data.grid import Axis, VoxelGrid
-from radar.methods.fsk_config import PAPER_LATERAL, ThreeToneConfig
-from radar.methods.projection_config import BroadbandConfig
-from radar.simulation.forward import Scatterers, simulate
+from handbench.bench.scenes.build import build
+from handbench.bench.scenes.echoes import visible_surface
+from handbench.bench.scenes.scene_file import SceneFile
+from handbench.radar.data.arrays import AntennaArray, qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.grid import Axis, VoxelGrid
+from handbench.radar.methods.fsk_config import PAPER_LATERAL, ThreeToneConfig
+from handbench.radar.methods.projection_config import BroadbandConfig
+from handbench.radar.simulation.forward import Scatterers, simulate
 
 PAPER_DEPTH = Axis(start_m=0.245, stop_m=0.325, step_m=0.001)
 

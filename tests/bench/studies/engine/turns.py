@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.studies.columns import Record
-from radar.support.progress import say
-from radar.warmup import compile_kernels
+from handbench.bench.studies.columns import Record
+from handbench.radar.support.progress import say
+from handbench.radar.warmup import compile_kernels
 
 Work = Callable[[], Any]
 

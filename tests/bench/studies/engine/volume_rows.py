@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from bench.studies.columns import Record
-from bench.studies.study import relative_error
-from radar.data.depthmap import DepthMap
-from radar.data.grid import VoxelGrid
-from radar.imaging.api import image_volume, project_volume
-from radar.imaging.peaks import Peaks, strongest_voxels
-from radar.methods.fsk import three_tone
-from radar.simulation.forward import simulate
-from radar.support.cost import gemm
+from handbench.bench.studies.columns import Record
+from handbench.bench.studies.study import relative_error
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging.api import image_volume, project_volume
+from handbench.radar.imaging.peaks import Peaks, strongest_voxels
+from handbench.radar.methods.fsk import three_tone
+from handbench.radar.simulation.forward import simulate
+from handbench.radar.support.cost import gemm
 from tests.bench.studies.engine import textbook
 from tests.bench.studies.engine.reference import Reference, column_peaks, column_points_m, reference
 from tests.bench.studies.engine.scope import Inputs

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 
 K = 2 * np.pi * 30e9 / SPEED_OF_LIGHT_M_S
 

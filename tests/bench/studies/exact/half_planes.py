@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import hankel2e
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 
 NODES = 120  # of Gauss and Legendre
 DECAY = 40.0  # of the integrand's exponent, where the integral ends

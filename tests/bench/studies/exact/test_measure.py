@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.studies.exact.cases import MATERIALS, Case, ball, body, tube
-from bench.studies.exact.cylinders import ALONG, Cylinder, cylinder_echoes
-from bench.studies.exact.mie_series import Sphere
-from radar.data.arrays import AntennaArray, qar50
-from radar.simulation.physics.reflection import dielectric_permittivity, skin_permittivity
-from radar.simulation.scene import EchoScene
-from radar.simulation.selection import choose
-from radar.simulation.simulate import simulate_scene
+from handbench.bench.studies.exact.cases import MATERIALS, Case, ball, body, tube
+from handbench.bench.studies.exact.cylinders import ALONG, Cylinder, cylinder_echoes
+from handbench.bench.studies.exact.mie_series import Sphere
+from handbench.radar.data.arrays import AntennaArray, qar50
+from handbench.radar.simulation.physics.reflection import dielectric_permittivity, skin_permittivity
+from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.selection import choose
+from handbench.radar.simulation.simulate import simulate_scene
 
 FINGER = Cylinder(0.0, 0.29, 8e-3)
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.studies.exact.mie_series import Sphere, mie, scattered_by_sphere, sphere_echoes
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from handbench.bench.studies.exact.mie_series import Sphere, mie, scattered_by_sphere, sphere_echoes
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from tests.bench.studies.exact.dipole_fields import K, dipole_field
 
 SKIN = 7.0 - 8.0j

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.studies.exact.cases import Case, body
-from bench.studies.exact.cylinders import ALONG
-from bench.studies.exact.mie_series import Sphere, sphere_echoes
-from bench.studies.study import relative_error
-from radar.data.arrays import AntennaArray, qar50
-from radar.simulation.scene import EchoScene
-from radar.simulation.selection import choose
-from radar.simulation.simulate import simulate_scene
+from handbench.bench.studies.exact.cases import Case, body
+from handbench.bench.studies.exact.cylinders import ALONG
+from handbench.bench.studies.exact.mie_series import Sphere, sphere_echoes
+from handbench.bench.studies.study import relative_error
+from handbench.radar.data.arrays import AntennaArray, qar50
+from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.selection import choose
+from handbench.radar.simulation.simulate import simulate_scene
 from tests.bench.studies.exact.half_planes import HalfPlane, half_plane_echoes
 from tests.bench.studies.exact.kept_echoes import against_exact
 from tests.bench.studies.exact.sphere_clusters import COAT, SCENES, SKIN

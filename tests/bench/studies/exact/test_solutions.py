@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.studies.exact import cases as scenes
-from bench.studies.exact import measure
-from bench.studies.exact.cases import SCENES, Case, cases, front_m
-from bench.studies.exact.measure import draw
-from radar.data.arrays import AntennaArray
-from radar.support.errors import HandbenchError
+from handbench.bench.studies.exact import cases as scenes
+from handbench.bench.studies.exact import measure
+from handbench.bench.studies.exact.cases import SCENES, Case, cases, front_m
+from handbench.bench.studies.exact.measure import draw
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.support.errors import HandbenchError
 
 SMALL = Case("sphere of 2 mm", SCENES["sphere of 2 mm"], "skin", "along")
 

@@ -15,16 +15,16 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.datasets.simulated import write_photos
-from bench.results.tables import declared
-from bench.scenes.build import Scene, build
-from bench.studies.columns import Record, Table
-from bench.studies.study import BLUE, GREEN, ORANGE, Study
-from groundtruth.options import Options
-from groundtruth.pipeline import reconstruct
-from radar.support.cost import measured as costs
-from radar.support.files import content_hash
-from radar.support.store import keep
+from handbench.bench.datasets.simulated import write_photos
+from handbench.bench.results.tables import declared
+from handbench.bench.scenes.build import Scene, build
+from handbench.bench.studies.columns import Record, Table
+from handbench.bench.studies.study import BLUE, GREEN, ORANGE, Study
+from handbench.groundtruth.options import Options
+from handbench.groundtruth.pipeline import reconstruct
+from handbench.radar.support.cost import measured as costs
+from handbench.radar.support.files import content_hash
+from handbench.radar.support.store import keep
 from tests.bench.studies.photogrammetry.photogrammetry_cases import Case, bars, sweep
 from tests.bench.studies.photogrammetry.photogrammetry_score import score
 from tests.bench.studies.script import measured

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bench.scenes.rig import rig
-from calibration.transforms import identity
+from handbench.bench.scenes.rig import rig
+from handbench.calibration.transforms import identity
 from tests.bench.studies.photogrammetry.measure_photogrammetry import draw, record, tables
 from tests.bench.studies.photogrammetry.photogrammetry_cases import bars, sweep
 from tests.bench.studies.photogrammetry.photogrammetry_score import completeness, scale_error

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.studies.tradeoff.target_placements import Placement, placement
-from calibration.target.description import Target
+from handbench.bench.studies.tradeoff.target_placements import Placement, placement
+from handbench.calibration.target.description import Target
 
 
 @dataclass(frozen=True)

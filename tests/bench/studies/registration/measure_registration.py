@@ -20,22 +20,22 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
-from bench.datasets.native import TARGET
-from bench.datasets.simulated import simulate_capture
-from bench.results.tables import declared
-from bench.run.photogrammetry import calibrate_captures
-from bench.scenes.build import Scene
-from bench.scenes.echoes import choices, echo_scene
-from bench.studies.columns import Record, Table
-from bench.studies.study import BLUE, Study
-from bench.studies.tradeoff.target_placements import seen_cloud
-from calibration.registration.register import calibrate
-from calibration.target.description import save_target
-from calibration.transforms import Transform
-from radar.data.capture import RadarCapture
-from radar.simulation.scene import Ball, EchoScene
-from radar.simulation.simulate import simulate_scene
-from radar.support.errors import HandbenchError
+from handbench.bench.datasets.native import TARGET
+from handbench.bench.datasets.simulated import simulate_capture
+from handbench.bench.results.tables import declared
+from handbench.bench.run.photogrammetry import calibrate_captures
+from handbench.bench.scenes.build import Scene
+from handbench.bench.scenes.echoes import choices, echo_scene
+from handbench.bench.studies.columns import Record, Table
+from handbench.bench.studies.study import BLUE, Study
+from handbench.bench.studies.tradeoff.target_placements import seen_cloud
+from handbench.calibration.registration.register import calibrate
+from handbench.calibration.target.description import save_target
+from handbench.calibration.transforms import Transform
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.simulation.scene import Ball, EchoScene
+from handbench.radar.simulation.simulate import simulate_scene
+from handbench.radar.support.errors import HandbenchError
 from tests.bench.studies.registration.faulty_placements import Case, case
 from tests.bench.studies.registration.registration_score import Score, score
 from tests.bench.studies.script import measured

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.studies.tradeoff.registration_stage import VOLUME_M, errors_m
-from calibration.registration.register import HAND_M
-from calibration.transforms import Transform, adjoint
+from handbench.bench.studies.tradeoff.registration_stage import VOLUME_M, errors_m
+from handbench.calibration.registration.register import HAND_M
+from handbench.calibration.transforms import Transform, adjoint
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.studies.tradeoff.target_placements import made, seen_cloud
-from calibration.target.description import default_target
-from calibration.target.matching import match
-from calibration.target.optical_detection import find_spheres
-from calibration.transforms import Transform
-from radar.support.errors import HandbenchError
+from handbench.bench.studies.tradeoff.target_placements import made, seen_cloud
+from handbench.calibration.target.description import default_target
+from handbench.calibration.target.matching import match
+from handbench.calibration.target.optical_detection import find_spheres
+from handbench.calibration.transforms import Transform
+from handbench.radar.support.errors import HandbenchError
 from tests.bench.studies.registration import measure_registration
 from tests.bench.studies.registration.faulty_placements import case, wrong
 from tests.bench.studies.registration.measure_registration import FAULTS, draw, summary, tables, tried
@@ -113,7 +113,9 @@ def test_the_page_names_every_refusal(placement):
 
 def test_the_script_runs(tmp_path, monkeypatch, capsys):
     """With the echoes' first, coarse centres: fitting them to the samples takes most of the time."""
-    monkeypatch.setattr("calibration.registration.register.fit_balls", lambda capture, target, found, balls: found)
+    monkeypatch.setattr(
+        "handbench.calibration.registration.register.fit_balls", lambda capture, target, found, balls: found
+    )
     monkeypatch.setattr("sys.argv", ["measure", "faults", "--trials", "1", "-o", str(tmp_path)])
     measure_registration.main()
     assert "| none" in capsys.readouterr().out

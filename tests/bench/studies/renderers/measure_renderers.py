@@ -16,15 +16,15 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.datasets.simulated import write_photographs
-from bench.scenes.build import Scene, build
-from bench.scenes.photographs import Studio
-from bench.studies.columns import Record
-from bench.studies.study import Study
-from groundtruth.cameras.cameras import Camera
-from groundtruth.options import Options
-from radar.support.files import content_hash
-from radar.support.store import keep
+from handbench.bench.datasets.simulated import write_photographs
+from handbench.bench.scenes.build import Scene, build
+from handbench.bench.scenes.photographs import Studio
+from handbench.bench.studies.columns import Record
+from handbench.bench.studies.study import Study
+from handbench.groundtruth.cameras.cameras import Camera
+from handbench.groundtruth.options import Options
+from handbench.radar.support.files import content_hash
+from handbench.radar.support.store import keep
 from tests.bench.studies.photogrammetry.measure_photogrammetry import reconstructed, tables
 from tests.bench.studies.photogrammetry.photogrammetry_cases import Case
 from tests.bench.studies.renderers.atlas import Atlas

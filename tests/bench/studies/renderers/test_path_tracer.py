@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from bench.scenes.build import build
-from bench.scenes.photographs import Studio
-from bench.scenes.rig import rig
-from bench.scenes.scene_file import SceneFile
-from bench.scenes.shapes import sphere_mesh
-from calibration.transforms import identity
-from radar.support.config import parse
-from radar.support.errors import HandbenchError
+from handbench.bench.scenes.build import build
+from handbench.bench.scenes.photographs import Studio
+from handbench.bench.scenes.rig import rig
+from handbench.bench.scenes.scene_file import SceneFile
+from handbench.bench.scenes.shapes import sphere_mesh
+from handbench.calibration.transforms import identity
+from handbench.radar.support.config import parse
+from handbench.radar.support.errors import HandbenchError
 from tests.bench.studies.renderers.atlas import TEXEL_M, Atlas
 from tests.bench.studies.renderers.measure_renderers import floating, pinhole, renderers
 from tests.bench.studies.renderers.path_tracer import PathTracer, load_mitsuba, sensor

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.evaluation.metrics import HEADLINE, METRICS
-from bench.run.benchmark_file import BenchFile, MethodEntry
-from radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
-from radar.methods.projection_config import BroadbandConfig, NarrowbandConfig
-from radar.methods.registry import method
-from radar.support.config import Config
-from radar.support.errors import HandbenchError
+from handbench.bench.evaluation.metrics import HEADLINE, METRICS
+from handbench.bench.run.benchmark_file import BenchFile, MethodEntry
+from handbench.radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
+from handbench.radar.methods.projection_config import BroadbandConfig, NarrowbandConfig
+from handbench.radar.methods.registry import method
+from handbench.radar.support.config import Config
+from handbench.radar.support.errors import HandbenchError
 from tests.bench.studies.sensitivity.sensitivity_cases import Case
 from tests.bench.studies.sensitivity.sensitivity_factors import FactorsFile
 

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.evaluation.metrics import METRICS, TITLES
-from bench.results.tables import Column, declared
-from bench.run.benchmark_file import load_benchmark
-from bench.studies.columns import Record, Table
-from bench.studies.study import Study
+from handbench.bench.evaluation.metrics import METRICS, TITLES
+from handbench.bench.results.tables import Column, declared
+from handbench.bench.run.benchmark_file import load_benchmark
+from handbench.bench.studies.columns import Record, Table
+from handbench.bench.studies.study import Study
 from tests.bench.studies.script import measured
 from tests.bench.studies.sensitivity.measurement import Measurement
 from tests.bench.studies.sensitivity.nearness import KEYS, PAPER, answer, factor_records

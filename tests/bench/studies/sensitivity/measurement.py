@@ -18,25 +18,25 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.evaluation.depth_errors import error_map
-from bench.evaluation.metrics import averaged, deviation, mean_deviation, of_captures
-from bench.results.error_map import ErrorMap
-from bench.run.benchmark_file import BenchFile
-from bench.run.repeat_stage import strongest_z_m
-from bench.scenes.scene_file import SceneFile, Sensor
-from bench.studies.columns import Record
-from groundtruth.mesh.depth import depth_on_grid
-from radar.data.capture import RadarCapture, thinned
-from radar.data.depthmap import DepthMap
-from radar.methods.fsk_config import ThreeToneConfig
-from radar.methods.registry import Method, method
-from radar.methods.smoothing import masked_mean
-from radar.simulation.effects.receiver import ThermalNoise, thermal_noise
-from radar.support.config import Config, load
-from radar.support.errors import HandbenchError
-from radar.support.files import content_hash, inside
-from radar.support.parallel import for_each
-from radar.support.progress import say
+from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.evaluation.metrics import averaged, deviation, mean_deviation, of_captures
+from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.run.benchmark_file import BenchFile
+from handbench.bench.run.repeat_stage import strongest_z_m
+from handbench.bench.scenes.scene_file import SceneFile, Sensor
+from handbench.bench.studies.columns import Record
+from handbench.groundtruth.mesh.depth import depth_on_grid
+from handbench.radar.data.capture import RadarCapture, thinned
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.methods.fsk_config import ThreeToneConfig
+from handbench.radar.methods.registry import Method, method
+from handbench.radar.methods.smoothing import masked_mean
+from handbench.radar.simulation.effects.receiver import ThermalNoise, thermal_noise
+from handbench.radar.support.config import Config, load
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import content_hash, inside
+from handbench.radar.support.parallel import for_each
+from handbench.radar.support.progress import say
 from tests.bench.studies.sensitivity.configured import configured, grid_of, paper_methods, tones_of
 from tests.bench.studies.sensitivity.nearness import BROADBAND, FSK, KEYS, PAPER, agreeing, distance
 from tests.bench.studies.sensitivity.placement import Clean, Hand, smooth_field

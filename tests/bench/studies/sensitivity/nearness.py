@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 from scipy.stats import kruskal
 
-from bench.evaluation.metrics import HEADLINE, METRICS
-from bench.studies.columns import Record
+from handbench.bench.evaluation.metrics import HEADLINE, METRICS
+from handbench.bench.studies.columns import Record
 from tests.bench.studies.sensitivity.sensitivity_cases import Value, ranged, shown, titled
 from tests.bench.studies.sensitivity.sensitivity_factors import SIMULATED, FactorsFile
 

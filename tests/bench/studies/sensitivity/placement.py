@@ -9,23 +9,23 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.scenes.build import Scene, build
-from bench.scenes.echoes import choices, echo_scene
-from bench.scenes.scene_file import CalibrationTarget, MeshTarget, SceneFile
-from groundtruth.mesh.mesh_files import mesh
-from radar.data.arrays import AntennaArray
-from radar.simulation.causes import Noise
-from radar.simulation.effects.receiver import PEAK_POINTS, strongest_amplitude
-from radar.simulation.physics.facets import unit
-from radar.simulation.scene import EchoScene, Material
-from radar.simulation.selection import EFFECTS
-from radar.simulation.state import EchoState, require_facets
-from radar.support.closure import key_of
-from radar.support.config import load
-from radar.support.errors import HandbenchError
-from radar.support.files import content_hash, read_npz, write_npz
-from radar.support.rays import TriangleMesh
-from radar.support.store import keep
+from handbench.bench.scenes.build import Scene, build
+from handbench.bench.scenes.echoes import choices, echo_scene
+from handbench.bench.scenes.scene_file import CalibrationTarget, MeshTarget, SceneFile
+from handbench.groundtruth.mesh.mesh_files import mesh
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.simulation.causes import Noise
+from handbench.radar.simulation.effects.receiver import PEAK_POINTS, strongest_amplitude
+from handbench.radar.simulation.physics.facets import unit
+from handbench.radar.simulation.scene import EchoScene, Material
+from handbench.radar.simulation.selection import EFFECTS
+from handbench.radar.simulation.state import EchoState, require_facets
+from handbench.radar.support.closure import key_of
+from handbench.radar.support.config import load
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import content_hash, read_npz, write_npz
+from handbench.radar.support.rays import TriangleMesh
+from handbench.radar.support.store import keep
 from tests.bench.studies.sensitivity.sensitivity_cases import Value
 from tests.bench.studies.sensitivity.sensitivity_factors import SIMULATED
 

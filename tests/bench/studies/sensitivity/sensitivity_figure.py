@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from bench.evaluation.metrics import METRICS, TITLES
-from bench.studies.study import BLUE, GREY, ORANGE, VERMILION
+from handbench.bench.evaluation.metrics import METRICS, TITLES
+from handbench.bench.studies.study import BLUE, GREY, ORANGE, VERMILION
 from tests.bench.studies.sensitivity.nearness import KEYS, PAPER
 from tests.bench.studies.sensitivity.sensitivity_cases import BASE, Value, ranged, shown, titled, unit_of
 

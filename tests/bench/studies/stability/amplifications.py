@@ -11,23 +11,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.evaluation.metrics import pool, precision
-from bench.results.error_map import ErrorMap
-from bench.studies.stability.registration_cases import PLACE_M, RADIUS_M, outward
-from bench.studies.stability.statistics_cases import told
-from calibration.target.ball_fit import fit_balls
-from calibration.target.description import default_target
-from calibration.target.optical_detection import Cloud, fit_sphere
-from calibration.target.radar_detection import Ball
-from calibration.transforms import condition_number, umeyama
-from groundtruth.cameras.cameras import load_pycolmap
-from groundtruth.mesh.depth import depth_on_grid
-from groundtruth.mesh.mesh_files import mesh
-from groundtruth.sparse.frame import triangulate
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.data.capture import RadarCapture
-from radar.methods.projection import peak_offset
-from radar.simulation.physics.spheres import sphere_echo
+from handbench.bench.evaluation.metrics import pool, precision
+from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.studies.stability.registration_cases import PLACE_M, RADIUS_M, outward
+from handbench.bench.studies.stability.statistics_cases import told
+from handbench.calibration.target.ball_fit import fit_balls
+from handbench.calibration.target.description import default_target
+from handbench.calibration.target.optical_detection import Cloud, fit_sphere
+from handbench.calibration.target.radar_detection import Ball
+from handbench.calibration.transforms import condition_number, umeyama
+from handbench.groundtruth.cameras.cameras import load_pycolmap
+from handbench.groundtruth.mesh.depth import depth_on_grid
+from handbench.groundtruth.mesh.mesh_files import mesh
+from handbench.groundtruth.sparse.frame import triangulate
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.methods.projection import peak_offset
+from handbench.radar.simulation.physics.spheres import sphere_echo
 from tests.bench.studies.stability.amplifications_of_fsk import ARRAY, METHODS, amplification, expected
 
 

@@ -17,20 +17,20 @@ from unittest.mock import patch
 import numpy as np
 from scipy.stats import chi2, norm
 
-from bench.evaluation.depth_errors import error_map
-from bench.evaluation.metrics import HEADLINE, METRICS, pool, precision, strongest_scatterer_z_m
-from bench.results.stability import Table
-from bench.studies.stability.scenes import ALL_HZ, POINT_M, imaged
-from radar.data.arrays import qar50
-from radar.data.capture import RadarCapture
-from radar.data.grid import Axis
-from radar.imaging.api import image_volume
-from radar.imaging.peaks import Peaks, root_mean_square, strongest_voxels
-from radar.methods import fsk, joint, projection
-from radar.methods.fsk_config import JointConfig
-from radar.simulation.effects.receiver import strongest_amplitude, thermal_noise
-from radar.simulation.forward import Scatterers, simulate
-from radar.support.progress import track
+from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.evaluation.metrics import HEADLINE, METRICS, pool, precision, strongest_scatterer_z_m
+from handbench.bench.results.stability import Table
+from handbench.bench.studies.stability.scenes import ALL_HZ, POINT_M, imaged
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.grid import Axis
+from handbench.radar.imaging.api import image_volume
+from handbench.radar.imaging.peaks import Peaks, root_mean_square, strongest_voxels
+from handbench.radar.methods import fsk, joint, projection
+from handbench.radar.methods.fsk_config import JointConfig
+from handbench.radar.simulation.effects.receiver import strongest_amplitude, thermal_noise
+from handbench.radar.simulation.forward import Scatterers, simulate
+from handbench.radar.support.progress import track
 from tests.bench.studies.stability.random_scenes import fingers
 
 STAGES = ("samples", "images", "power")  # complex64, complex64 sums, and float32 magnitudes and decibels

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from radar.support.store import MANIFEST, STAMP
+from handbench.radar.support.store import MANIFEST, STAMP
 
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 TIMES = {  # what differs from run to run, by the file's name
@@ -69,8 +69,8 @@ def instant(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
             shutil.copyfile(file, target)
 
     for stage in ("run.simulate_stage.simulate", "validation.doubts.make", "run.reconstruct_stage.reconstruct"):
-        monkeypatch.setattr(f"bench.{stage}", make)
-    monkeypatch.setattr("bench.run.repeat_stage.repeat", make)
+        monkeypatch.setattr(f"handbench.bench.{stage}", make)
+    monkeypatch.setattr("handbench.bench.run.repeat_stage.repeat", make)
 
 
 def content(folder: Path) -> dict[str, bytes]:

@@ -10,8 +10,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from bench.results.stability import Table, load_stability, write_stability
-from bench.studies.stability.measure import markdown
+from handbench.bench.results.stability import Table, load_stability, write_stability
+from handbench.bench.studies.stability.measure import markdown
 from tests.bench.studies.stability import digits, silent_errors
 
 

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.results.stability import Table
-from bench.studies.stability.scenes import imaged
-from radar.data.depthmap import DepthMap
-from radar.support.errors import HandbenchError
-from radar.support.parallel import workers
-from radar.support.progress import track
+from handbench.bench.results.stability import Table
+from handbench.bench.studies.stability.scenes import imaged
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.parallel import workers
+from handbench.radar.support.progress import track
 from tests.bench.studies.stability.random_scenes import AXIS, KINDS, TROUBLES, WITHIN_M, Surface, recorded
 
 SIGMAS = 5.0

@@ -9,8 +9,8 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from bench.studies.stability import balls as b
-from bench.studies.stability.scenes import TONES_HZ, cloud, plate
+from handbench.bench.studies.stability import balls as b
+from handbench.bench.studies.stability.scenes import TONES_HZ, cloud, plate
 
 
 def test_floats_become_balls_without_a_rounding():
@@ -30,7 +30,7 @@ def test_a_difference_is_never_told_too_small():
 
 def test_one_channel_s_image_is_a_phase_of_the_path():
     """3 + 5 m at a wavelength of 1 m: a whole number of turns; a quarter of a wavelength more is j."""
-    from radar.data.arrays import AntennaArray
+    from handbench.radar.data.arrays import AntennaArray
 
     one = AntennaArray(np.array([[3.0, 0, 0]]), np.array([[0, 4.0, 3.0]]))
     tone_hz = np.array([float(b.LIGHT_M_S)])

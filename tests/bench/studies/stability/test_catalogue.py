@@ -10,9 +10,9 @@ import warnings
 import numpy as np
 import pytest
 
-from bench.results.stability import StabilityFacts, Table, load_stability, write_stability
-from bench.studies.stability import balls, measure
-from bench.studies.stability.cases import (
+from handbench.bench.results.stability import StabilityFacts, Table, load_stability, write_stability
+from handbench.bench.studies.stability import balls, measure
+from handbench.bench.studies.stability.cases import (
     CATALOGUE,
     GROUPS,
     Case,
@@ -25,8 +25,8 @@ from bench.studies.stability.cases import (
     refused,
     worst,
 )
-from bench.studies.stability.measure import run_stability
-from radar.support.errors import HandbenchError
+from handbench.bench.studies.stability.measure import run_stability
+from handbench.radar.support.errors import HandbenchError
 
 
 @pytest.mark.parametrize("chosen", cases(), ids=lambda chosen: f"{chosen.group}: {chosen.name}")
@@ -60,7 +60,7 @@ def test_a_bound_is_typed_only_where_it_is_0_or_1_or_measured():
 def test_no_measuring_function_is_forgotten():
     """Functions of the groups' modules that take nothing and give what a case sees, or has to refuse."""
     given = {id(getattr(case.measure, "args", (case.measure,))[0]) for case in cases()}
-    modules = [module for name, module in sys.modules.items() if name.startswith("bench.studies.stability.")]
+    modules = [module for name, module in sys.modules.items() if name.startswith("handbench.bench.studies.stability.")]
     functions = {f for module in modules for f in vars(module).values() if inspect.isfunction(f)}
     measuring = {
         f for f in functions if f.__annotations__.get("return") in (Seen, Works) and not f.__code__.co_argcount

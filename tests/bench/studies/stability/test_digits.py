@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.evaluation.depth_errors import error_map
-from bench.evaluation.metrics import pool
-from bench.studies.stability.scenes import imaged
-from radar.imaging.api import image_points, image_volume
-from radar.methods import fsk, projection
+from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.evaluation.metrics import pool
+from handbench.bench.studies.stability.scenes import imaged
+from handbench.radar.imaging.api import image_points, image_volume
+from handbench.radar.methods import fsk, projection
 from tests.bench.studies.stability import digits as d
 from tests.bench.studies.stability.digits import Shake, digits, rounded
 from tests.radar.imaging.test_single_precision import direct

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from bench.results.stability import Table, load_stability
-from bench.studies.stability.measure import run_stability
+from handbench.bench.results.stability import Table, load_stability
+from handbench.bench.studies.stability.measure import run_stability
 from tests.bench.studies.stability import measure_tables, silent_errors
 
 

@@ -19,16 +19,25 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.results.tables import declared
-from bench.studies.columns import Record, Table
-from bench.studies.study import Study
-from radar.data.depthmap import DepthMap
-from radar.methods import trust
-from radar.methods.registry import method, method_key
-from radar.methods.trust import FEATURES, FLAGGED, GROSS_M, WEIGHTS, features, known_weights, probability, weights_of
-from radar.support.closure import key_of
-from radar.support.errors import HandbenchError
-from radar.support.files import content_hash, read_npz, write_npz, write_text
+from handbench.bench.results.tables import declared
+from handbench.bench.studies.columns import Record, Table
+from handbench.bench.studies.study import Study
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.methods import trust
+from handbench.radar.methods.registry import method, method_key
+from handbench.radar.methods.trust import (
+    FEATURES,
+    FLAGGED,
+    GROSS_M,
+    WEIGHTS,
+    features,
+    known_weights,
+    probability,
+    weights_of,
+)
+from handbench.radar.support.closure import key_of
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.files import content_hash, read_npz, write_npz, write_text
 from tests.bench.studies import script
 from tests.bench.studies.trust.trust_cases import SWEPT, Case, cases, known
 from tests.bench.studies.trust.worth import DROPPED_PERCENT, draw, fitted, reliability, silent_percent

@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.scenes.shapes import plate_mesh
-from radar.data.depthmap import DepthMap
-from radar.methods.trust import FEATURES, probability
+from handbench.bench.scenes.shapes import plate_mesh
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.methods.trust import FEATURES, probability
 from tests.bench.studies.trust import measure_trust
 from tests.bench.studies.trust.measure_trust import as_toml, figures
 from tests.bench.studies.trust.trust_cases import BESIDE_M, off_mesh

@@ -12,20 +12,20 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from bench.datasets.native import NativeCapture
-from bench.scenes.build import Scene, build
-from bench.scenes.echoes import echo_scene, echoes
-from bench.scenes.hand_pose import POSES
-from bench.scenes.people import MOST_PEOPLE
-from bench.scenes.scene_file import SceneFile
-from groundtruth.mesh.depth import depth_on_grid
-from groundtruth.mesh.mesh_files import mesh, read_mesh
-from radar.data.capture import RadarCapture
-from radar.data.depthmap import DepthMap
-from radar.methods.fsk_config import JointConfig, LadderConfig
-from radar.support.config import parse
-from radar.support.errors import HandbenchError
-from radar.support.rays import TriangleMesh
+from handbench.bench.datasets.native import NativeCapture
+from handbench.bench.scenes.build import Scene, build
+from handbench.bench.scenes.echoes import echo_scene, echoes
+from handbench.bench.scenes.hand_pose import POSES
+from handbench.bench.scenes.people import MOST_PEOPLE
+from handbench.bench.scenes.scene_file import SceneFile
+from handbench.groundtruth.mesh.depth import depth_on_grid
+from handbench.groundtruth.mesh.mesh_files import mesh, read_mesh
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.methods.fsk_config import JointConfig, LadderConfig
+from handbench.radar.support.config import parse
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.rays import TriangleMesh
 from tests.bench.studies.ablation.assorted_scenes import BEHIND_M, SKIN, assorted_scene
 from tests.bench.studies.stability.random_scenes import AXIS, KINDS, TROUBLES, WITHIN_M, recorded
 

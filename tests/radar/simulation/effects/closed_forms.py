@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
-from radar.simulation.forward import Scatterers, simulate
-from radar.simulation.physics.facets import facets_of
-from radar.simulation.physics.spheres import mie_amplitudes, sphere_echo
-from radar.simulation.scene import Body
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
+from handbench.radar.simulation.forward import Scatterers, simulate
+from handbench.radar.simulation.physics.facets import facets_of
+from handbench.radar.simulation.physics.spheres import mie_amplitudes, sphere_echo
+from handbench.radar.simulation.scene import Body
 
 FAR_M = 1e4
 TONE_HZ = 77e9

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from radar.simulation.scene import Body
+from handbench.radar.simulation.scene import Body
 
 
 def plate(corner_m, along_m, across_m, count) -> Body:

@@ -2,16 +2,16 @@
 
 import numpy as np
 
-from radar.data.arrays import qar50
-from radar.data.grid import Axis
-from radar.methods.fsk import n_tone
-from radar.methods.fsk_config import ThreeToneConfig
-from radar.simulation.causes import Causes
-from radar.simulation.known_effects import IDS
-from radar.simulation.rehearsal import Change, Rehearsal
-from radar.simulation.scene import Body, EchoScene
-from radar.simulation.selection import CONTAINED, EFFECTS, choose
-from radar.simulation.simulate import SimulatedCapture, simulate_scene
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.grid import Axis
+from handbench.radar.methods.fsk import n_tone
+from handbench.radar.methods.fsk_config import ThreeToneConfig
+from handbench.radar.simulation.causes import Causes
+from handbench.radar.simulation.known_effects import IDS
+from handbench.radar.simulation.rehearsal import Change, Rehearsal
+from handbench.radar.simulation.scene import Body, EchoScene
+from handbench.radar.simulation.selection import CONTAINED, EFFECTS, choose
+from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
 
 TONES_HZ = np.array([79.5e9, 81.8e9, 82e9])
 

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
-from radar.simulation.effects.dielectric import Dielectric, far_wall_db, inside_m, lost
-from radar.simulation.effects.scattering import Obliquity, ShadowCentre
-from radar.simulation.physics.reflection import body_reflection, fresnel, layered
-from radar.simulation.physics.spheres import foam_delays_m, foam_echoes
-from radar.simulation.scene import Ball, Body, EchoScene, Material
-from radar.simulation.state import EchoState
-from radar.support.config import parse
-from radar.support.errors import HandbenchError
-from radar.support.rays import Rays
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
+from handbench.radar.simulation.effects.dielectric import Dielectric, far_wall_db, inside_m, lost
+from handbench.radar.simulation.effects.scattering import Obliquity, ShadowCentre
+from handbench.radar.simulation.physics.reflection import body_reflection, fresnel, layered
+from handbench.radar.simulation.physics.spheres import foam_delays_m, foam_echoes
+from handbench.radar.simulation.scene import Ball, Body, EchoScene, Material
+from handbench.radar.simulation.state import EchoState
+from handbench.radar.support.config import parse
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.rays import Rays
 from tests.radar.simulation.effects.closed_forms import sphere_body
 from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, rehearsed, simulated, simulated_change
 

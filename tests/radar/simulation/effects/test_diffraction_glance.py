@@ -6,13 +6,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from radar.data.arrays import AntennaArray, qar50
-from radar.simulation.effects.base import CLEAR
-from radar.simulation.effects.scattering import Obliquity, ShadowAntennas, ShadowDiffraction
-from radar.simulation.rehearsal import Rehearsal
-from radar.simulation.scene import EchoScene
-from radar.simulation.selection import CONTAINED, choose
-from radar.simulation.triage import worst_mm
+from handbench.radar.data.arrays import AntennaArray, qar50
+from handbench.radar.simulation.effects.base import CLEAR
+from handbench.radar.simulation.effects.scattering import Obliquity, ShadowAntennas, ShadowDiffraction
+from handbench.radar.simulation.rehearsal import Rehearsal
+from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.selection import CONTAINED, choose
+from handbench.radar.simulation.triage import worst_mm
 from tests.radar.simulation.effects.closed_forms import sphere_body
 from tests.radar.simulation.effects.plates import cylinder, dihedral, joined, plate
 

@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
-from radar.simulation.effects.further import _seen_behind
-from radar.simulation.effects.scattering import Obliquity, ShadowAntennas, ShadowDiffraction
-from radar.simulation.forward import simulate
-from radar.simulation.physics.creeping import DEEP, LIT, pekeris
-from radar.simulation.physics.diffraction import FARTHEST, WIDEST
-from radar.simulation.rehearsal import Rehearsal
-from radar.simulation.scene import EchoScene
-from radar.simulation.selection import CONTAINED
-from radar.simulation.state import EchoState
-from radar.support.rays import Rays
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
+from handbench.radar.simulation.effects.further import _seen_behind
+from handbench.radar.simulation.effects.scattering import Obliquity, ShadowAntennas, ShadowDiffraction
+from handbench.radar.simulation.forward import simulate
+from handbench.radar.simulation.physics.creeping import DEEP, LIT, pekeris
+from handbench.radar.simulation.physics.diffraction import FARTHEST, WIDEST
+from handbench.radar.simulation.rehearsal import Rehearsal
+from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.selection import CONTAINED
+from handbench.radar.simulation.state import EchoState
+from handbench.radar.support.rays import Rays
 from tests.radar.simulation.effects.plates import cylinder, joined, plate
 
 FULL = qar50()

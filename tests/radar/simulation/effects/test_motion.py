@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S
-from radar.imaging.api import image_points
-from radar.simulation.causes import Causes, Motion
-from radar.simulation.effects.motion import TargetMotion, displacement_m, echoes_of_moving, mean_change_m
-from radar.simulation.state import EchoState
-from radar.support.errors import HandbenchError
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.imaging.api import image_points
+from handbench.radar.simulation.causes import Causes, Motion
+from handbench.radar.simulation.effects.motion import TargetMotion, displacement_m, echoes_of_moving, mean_change_m
+from handbench.radar.simulation.state import EchoState
+from handbench.radar.support.errors import HandbenchError
 from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, rehearsed, simulated, sphere_body
 
 NEAR_SIDE_M = np.array([[0.01, -0.005, 0.296]])

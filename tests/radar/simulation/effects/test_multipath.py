@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
-from radar.simulation.effects import further
-from radar.simulation.effects.base import Glance
-from radar.simulation.effects.further import Multipath
-from radar.simulation.effects.motion import echoes_of_moving
-from radar.simulation.physics.bundles import Bundles, traced_nodes
-from radar.simulation.physics.ray_tubes import Hits, landed, mirrored_on, mirrors_of, patches_of, trace
-from radar.simulation.physics.reflection import oblique_ratios
-from radar.simulation.scene import Body, EchoScene, Material
-from radar.simulation.state import EchoState
-from radar.support.rays import Rays
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
+from handbench.radar.simulation.effects import further
+from handbench.radar.simulation.effects.base import Glance
+from handbench.radar.simulation.effects.further import Multipath
+from handbench.radar.simulation.effects.motion import echoes_of_moving
+from handbench.radar.simulation.physics.bundles import Bundles, traced_nodes
+from handbench.radar.simulation.physics.ray_tubes import Hits, landed, mirrored_on, mirrors_of, patches_of, trace
+from handbench.radar.simulation.physics.reflection import oblique_ratios
+from handbench.radar.simulation.scene import Body, EchoScene, Material
+from handbench.radar.simulation.state import EchoState
+from handbench.radar.support.rays import Rays
 from tests.radar.samples import relative_error
 from tests.radar.simulation.effects.plates import cylinder, dihedral, joined, plate
 from tests.radar.simulation.effects.small_scenes import sphere_body

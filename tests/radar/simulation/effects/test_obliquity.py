@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from radar.simulation.effects.scattering import Obliquity
-from radar.simulation.forward import Scatterers, simulate
-from radar.simulation.scene import Ball
-from radar.simulation.state import EchoState
+from handbench.radar.simulation.effects.scattering import Obliquity
+from handbench.radar.simulation.forward import Scatterers, simulate
+from handbench.radar.simulation.scene import Ball
+from handbench.radar.simulation.state import EchoState
 from tests.radar.simulation.effects.small_scenes import bead_scene, rehearsed, simulated, simulated_change
 
 

@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from radar.simulation.causes import Pattern
-from radar.simulation.effects.antennas import AntennaPattern
-from radar.simulation.scene import Ball
+from handbench.radar.simulation.causes import Pattern
+from handbench.radar.simulation.effects.antennas import AntennaPattern
+from handbench.radar.simulation.scene import Ball
 from tests.radar.simulation.effects.small_scenes import bead_scene, rehearsed, simulated
 
 

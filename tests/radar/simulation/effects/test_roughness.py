@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.special import j0
 
-from radar.simulation.causes import Roughness
-from radar.simulation.effects.roughness import roughened, waves_of
-from radar.simulation.physics.facets import facets_of
-from radar.simulation.scene import Body
-from radar.simulation.state import EchoState
-from radar.support.config import parse
-from radar.support.errors import HandbenchError
+from handbench.radar.simulation.causes import Roughness
+from handbench.radar.simulation.effects.roughness import roughened, waves_of
+from handbench.radar.simulation.physics.facets import facets_of
+from handbench.radar.simulation.scene import Body
+from handbench.radar.simulation.state import EchoState
+from handbench.radar.support.config import parse
+from handbench.radar.support.errors import HandbenchError
 from tests.radar.simulation.effects.plates import plate
 from tests.radar.simulation.effects.small_scenes import bead_scene, rehearsed, simulated
 

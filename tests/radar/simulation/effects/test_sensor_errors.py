@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from radar.simulation.causes import Converter, Oscillator
-from radar.simulation.effects.antennas import direct_wave
-from radar.simulation.effects.receiver import phase_rad, quantised
-from radar.simulation.pilot import rms
-from radar.simulation.scene import Body
-from radar.support.errors import HandbenchError
+from handbench.radar.simulation.causes import Converter, Oscillator
+from handbench.radar.simulation.effects.antennas import direct_wave
+from handbench.radar.simulation.effects.receiver import phase_rad, quantised
+from handbench.radar.simulation.pilot import rms
+from handbench.radar.simulation.scene import Body
+from handbench.radar.support.errors import HandbenchError
 from tests.radar.exact import tone_images
 from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, simulated
 

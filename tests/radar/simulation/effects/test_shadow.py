@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from radar.data.arrays import AntennaArray, qar50
-from radar.simulation.effects.scattering import ShadowAntennas, ShadowCentre
-from radar.simulation.physics.coarse import visible_from
-from radar.simulation.physics.facets import face_vectors
-from radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
-from radar.simulation.scene import Body, EchoScene
-from radar.simulation.state import EchoState, facing
-from radar.support.errors import HandbenchError
-from radar.support.rays import Rays
+from handbench.radar.data.arrays import AntennaArray, qar50
+from handbench.radar.simulation.effects.scattering import ShadowAntennas, ShadowCentre
+from handbench.radar.simulation.physics.coarse import visible_from
+from handbench.radar.simulation.physics.facets import face_vectors
+from handbench.radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
+from handbench.radar.simulation.scene import Body, EchoScene
+from handbench.radar.simulation.state import EchoState, facing
+from handbench.radar.support.errors import HandbenchError
+from handbench.radar.support.rays import Rays
 from tests.radar.simulation.effects.plates import cylinder, joined, plate
 from tests.radar.simulation.effects.small_scenes import TONES_HZ, sphere_body
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radar.imaging.api import image_points
-from radar.simulation.effects.scattering import Skin
-from radar.simulation.physics.reflection import fresnel, layered, skin_permittivity, skin_reflection
-from radar.simulation.scene import Material
-from radar.simulation.state import EchoState
+from handbench.radar.imaging.api import image_points
+from handbench.radar.simulation.effects.scattering import Skin
+from handbench.radar.simulation.physics.reflection import fresnel, layered, skin_permittivity, skin_reflection
+from handbench.radar.simulation.scene import Material
+from handbench.radar.simulation.state import EchoState
 from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, rehearsed, simulated, sphere_body
 
 SKIN = Material(kind="skin")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from radar.data.arrays import AntennaArray, qar50
-from radar.simulation.forward import Scatterers, simulate
+from handbench.radar.data.arrays import AntennaArray, qar50
+from handbench.radar.simulation.forward import Scatterers, simulate
 from tests.radar.simulation.effects.closed_forms import (
     FAR_M,
     TONE_HZ,

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy.special import ai_zeros, airy
 
-from bench.studies.exact.cases import MATERIALS, tube
-from bench.studies.exact.cylinders import ACROSS, ALONG, Cylinder, scattered
-from radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
-from radar.simulation.physics.creeping import pekeris, roundness_of
-from radar.simulation.physics.diffraction import cells_of, edge_waves, edges_of, outline, seen_outline
-from radar.simulation.physics.reflection import dielectric_permittivity
-from radar.simulation.scene import Body, EchoScene
-from radar.support.rays import Rays, load_open3d
+from handbench.bench.studies.exact.cases import MATERIALS, tube
+from handbench.bench.studies.exact.cylinders import ACROSS, ALONG, Cylinder, scattered
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
+from handbench.radar.simulation.physics.creeping import pekeris, roundness_of
+from handbench.radar.simulation.physics.diffraction import cells_of, edge_waves, edges_of, outline, seen_outline
+from handbench.radar.simulation.physics.reflection import dielectric_permittivity
+from handbench.radar.simulation.scene import Body, EchoScene
+from handbench.radar.support.rays import Rays, load_open3d
 
 TONE_HZ = 80e9
 K = 2 * np.pi * TONE_HZ / SPEED_OF_LIGHT_M_S

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from radar.simulation.physics.bounces import Tubes
-from radar.simulation.physics.polarisation import tube_factors
-from radar.simulation.physics.reflection import interface, layered, oblique_layered, oblique_ratios
-from radar.simulation.scene import Material
+from handbench.radar.simulation.physics.bounces import Tubes
+from handbench.radar.simulation.physics.polarisation import tube_factors
+from handbench.radar.simulation.physics.reflection import interface, layered, oblique_layered, oblique_ratios
+from handbench.radar.simulation.scene import Material
 
 METAL = oblique_ratios(Material(), 80e9)
 SKIN = Material(kind="plastic", permittivity=6.4, loss_tangent=1.35)

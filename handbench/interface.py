@@ -1,24 +1,9 @@
-"""handbench in Python: captures, depth maps, meshes and results, imaged, held against each other and drawn.
-
-    import handbench as hb
-
-    hand = hb.simulate("scene.toml", "capture")        # or hb.load("capture"), of any data set that handbench reads
-    depth = hand.reconstruct("3fsk")
-    score = depth.evaluate()                           # against the capture's own surface, or evaluate("mesh.ply")
-    print(score["mae_mm"])
-    score.plot("errors.png")
-
-Every function does what the command of its name does (`handbench reconstruct`, …), raises `HandbenchError` for a known
-mistake, and takes and gives SI units in the radar's frame (docs/conventions.md). Importing this file loads nothing but
-the standard library; what a call needs is imported by the call.
-"""
+"""The functions and objects of `import handbench`: captures, depth maps and scores, and the commands as functions."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Sequence
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,35 +13,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from open3d.geometry import PointCloud
 
-    from bench.results import Result
-    from bench.results.error_map import ErrorMap
-    from calibration.transforms import Transform
-    from groundtruth.mesh.surface import Surface
-    from radar.data.capture import RadarCapture
-    from radar.data.depthmap import DepthMap
-    from radar.support.errors import HandbenchError as HandbenchError
+    from handbench.bench.results import Result
+    from handbench.bench.results.error_map import ErrorMap
+    from handbench.calibration.transforms import Transform
+    from handbench.groundtruth.mesh.surface import Surface
+    from handbench.radar.data.capture import RadarCapture
+    from handbench.radar.data.depthmap import DepthMap
 
-LAZY = {  # what this module gives of others, imported when it is asked for
-    "HandbenchError": "radar.support.errors",
-    "RadarCapture": "radar.data.capture",
-    "DepthMap": "radar.data.depthmap",
-    "Surface": "groundtruth.mesh.surface",
-    "Transform": "calibration.transforms",
-    "Result": "bench.results",
-}
 MESHES = (".ply", ".obj", ".stl")
-__all__ = ["Capture", "Depth", "Score", "calibrate", "groundtruth", "load", "methods", "run", "simulate", *LAZY]
 File = str | Path
-
-
-def __getattr__(name: str) -> Any:
-    if name not in LAZY:
-        raise AttributeError(f"module 'handbench' has no attribute '{name}'")
-    return getattr(import_module(LAZY[name]), name)
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
 
 
 def load(path: File) -> Capture | Depth | Surface | Transform | Result:
@@ -74,19 +39,19 @@ def load(path: File) -> Capture | Depth | Surface | Transform | Result:
     """
     path = Path(path)
     if path.suffix == ".npz":
-        from radar.data.depthmap import load_depthmap
+        from handbench.radar.data.depthmap import load_depthmap
 
         return Depth(load_depthmap(path))
     if path.suffix == ".json":
-        from bench.datasets.maroon_alignment import load_any_transform
+        from handbench.bench.datasets.maroon_alignment import load_any_transform
 
         return load_any_transform(path)
     if path.suffix.lower() in MESHES:
-        from groundtruth.mesh.surface import read_surface
+        from handbench.groundtruth.mesh.surface import read_surface
 
         return read_surface(path)
     if (path / "result.json").is_file():
-        from bench.results import load as load_result
+        from handbench.bench.results import load as load_result
 
         return load_result(path)
     return Capture(path)
@@ -104,7 +69,7 @@ class Capture:
     """
 
     def __init__(self, path: File) -> None:
-        from bench.datasets.dataset import open_capture
+        from handbench.bench.datasets.dataset import open_capture
 
         self._recorded = open_capture(path)
         self.name: str = self._recorded.about.name
@@ -158,12 +123,12 @@ class Capture:
         Raises:
             HandbenchError: an unknown method or parameter, a frame or a tone that the capture does not have.
         """
-        from bench.run.reconstruct_stage import configuration
-        from radar.methods import registry
-        from radar.methods.advice import require_tones
-        from radar.methods.trust import with_trust
-        from radar.support.errors import HandbenchError
-        from radar.warmup import compile_kernels
+        from handbench.bench.run.reconstruct_stage import configuration
+        from handbench.radar.methods import registry
+        from handbench.radar.methods.advice import require_tones
+        from handbench.radar.methods.trust import with_trust
+        from handbench.radar.support.errors import HandbenchError
+        from handbench.radar.warmup import compile_kernels
 
         if not 0 <= frame < len(self.echoes.samples):
             raise HandbenchError(f"frame: is {frame}; the capture has frames 0 to {len(self.echoes.samples) - 1}")
@@ -191,7 +156,7 @@ class Drawn:
         Returns:
             Matplotlib's figure.
         """
-        from reports.figures.single import save
+        from handbench.reports.figures.single import save
 
         figure = self._figure()
         if file is not None:
@@ -202,7 +167,7 @@ class Drawn:
         raise NotImplementedError
 
     def _repr_png_(self) -> bytes:
-        from reports.figures.single import png
+        from handbench.reports.figures.single import png
 
         return png(self._figure())
 
@@ -238,8 +203,8 @@ class Depth(Drawn):
         self.map.save(file)
 
     def _figure(self) -> Figure:
-        from bench.results import Surface
-        from reports.figures.layers import depth_layers, layers_figure
+        from handbench.bench.results import Surface
+        from handbench.reports.figures.layers import depth_layers, layers_figure
 
         return layers_figure(depth_layers(Surface(self.x_m, self.y_m, self.z_m), {}), self.method)
 
@@ -252,7 +217,7 @@ class Depth(Drawn):
 
     def to_pointcloud(self) -> PointCloud:
         """The pixels on target as Open3D's point cloud, metres, radar frame."""
-        from radar.support.rays import load_open3d
+        from handbench.radar.support.rays import load_open3d
 
         o3d = load_open3d()
         return o3d.geometry.PointCloud(o3d.utility.Vector3dVector(self.points_m()))
@@ -262,7 +227,7 @@ class Depth(Drawn):
         try:
             import xarray as xr
         except ImportError as error:
-            from radar.support.errors import HandbenchError
+            from handbench.radar.support.errors import HandbenchError
 
             raise HandbenchError(f"to_xarray: needs xarray ({error}); pip install xarray") from error
         maps = {name: value for name, value in vars(self.map).items() if getattr(value, "shape", ()) == self.z_m.shape}
@@ -282,10 +247,10 @@ class Depth(Drawn):
         Raises:
             HandbenchError: no mesh, or nothing that carries the capture's own to the radar.
         """
-        from bench.datasets.maroon_alignment import load_any_transform
-        from bench.run.scoring import score_map
-        from groundtruth.mesh.surface import read_surface
-        from radar.support.errors import HandbenchError
+        from handbench.bench.datasets.maroon_alignment import load_any_transform
+        from handbench.bench.run.scoring import score_map
+        from handbench.groundtruth.mesh.surface import read_surface
+        from handbench.radar.support.errors import HandbenchError
 
         if mesh is None and self.capture is not None:
             mesh = self.capture.truth if transform is None else None  # which lies in the radar's frame already
@@ -323,14 +288,14 @@ class Score(Drawn):
         return f"<handbench.Score {', '.join(told)}>"
 
     def _figure(self) -> Figure:
-        from reports.figures.layers import error_layer, layers_figure
+        from handbench.reports.figures.layers import error_layer, layers_figure
 
         return layers_figure([error_layer(self.errors)], self.method)
 
 
 def methods() -> dict[str, str]:
     """Every method's id with a line on what it does."""
-    from radar.methods.registry import methods as registered
+    from handbench.radar.methods.registry import methods as registered
 
     return {method.id: method.summary for method in registered()}
 
@@ -347,30 +312,30 @@ def simulate(scene: File, folder: File, frames: int = 1, overwrite: bool = False
     Returns:
         The capture.
     """
-    from bench.cli.options import free_folder
-    from bench.datasets.simulated import simulate_capture
-    from bench.scenes.build import load_scene
+    from handbench.bench.cli.options import free_folder
+    from handbench.bench.datasets.simulated import simulate_capture
+    from handbench.bench.scenes.build import load_scene
 
     free_folder(Path(folder), overwrite, "capture.toml")
     simulate_capture(load_scene(scene), folder, frames)
     return Capture(folder)
 
 
-def groundtruth(photos: File, mesh: File | None = None, workdir: File | None = None, **options: Any) -> Surface:
-    """Reconstruct photographs as a metric surface.
+def reconstruct_mesh(photos: File, mesh: File | None = None, workdir: File | None = None, **options: Any) -> Surface:
+    """Reconstruct a metric surface from photographs.
 
     Args:
         photos: the folder of photographs.
         mesh: where the surface is written too (.ply), if it is named.
         workdir: where the stages' files are kept, cameras and sparse points among them.
-        options: those of `groundtruth.options.Options`, as board="board.toml", quality="draft".
+        options: those of `handbench.groundtruth.options.Options`, as board="board.toml", quality="draft".
 
     Returns:
         `vertices_m` [n, 3], `faces` [m, 3], `sigma_m` [n] and `observed` [n] in the photographs' frame.
     """
-    from groundtruth.options import Options
-    from groundtruth.pipeline import reconstruct
-    from radar.support.config import parse
+    from handbench.groundtruth.options import Options
+    from handbench.groundtruth.pipeline import reconstruct
+    from handbench.radar.support.config import parse
 
     found = reconstruct(Path(photos), parse(Options, options, "groundtruth"), Path(workdir) if workdir else None)
     if mesh is not None:
@@ -389,7 +354,7 @@ def calibrate(captures: File | Sequence[File], quality: str = "draft", seed: int
     Returns:
         radar_from_photo, with its covariance (of [translation in metres, rotation vector in radians]).
     """
-    from bench.run.photogrammetry import calibrate_captures
+    from handbench.bench.run.photogrammetry import calibrate_captures
 
     named = [captures] if isinstance(captures, str | Path) else captures
     return calibrate_captures([Path(capture) for capture in named], quality, seed)
@@ -406,15 +371,9 @@ def run(bench: File, folder: File, overwrite: bool = False) -> Result:
     Returns:
         The result, whose tables are DataFrames: `.table`, `.tasks`, `.comparisons`, …
     """
-    from bench.results import load as load_result
-    from bench.run import runner
-    from bench.run.benchmark_file import load_benchmark
+    from handbench.bench.results import load as load_result
+    from handbench.bench.run import runner
+    from handbench.bench.run.benchmark_file import load_benchmark
 
     runner.run(*load_benchmark(str(bench)), Path(folder), overwrite)
     return load_result(folder)
-
-
-if __name__ == "__main__":  # python -m handbench
-    from bench.cli.main import main
-
-    sys.exit(main())

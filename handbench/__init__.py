@@ -1,0 +1,64 @@
+"""handbench in Python: captures, depth maps, meshes and results, imaged, held against each other and drawn.
+
+    import handbench as hb
+
+    hand = hb.simulate("scene.toml", "capture")        # or hb.load("capture"), of any data set that handbench reads
+    depth = hand.reconstruct("3fsk")
+    score = depth.evaluate()                           # against the capture's own surface, or evaluate("mesh.ply")
+    print(score["mae_mm"])
+    score.plot("errors.png")
+
+Every function does what the command of its name does (`handbench reconstruct`, …), raises `HandbenchError` for a known
+mistake, and takes and gives SI units in the radar's frame (docs/conventions.md). Importing this package loads
+nothing but the standard library; what a call needs is imported by the call.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from handbench.bench.results import Result
+    from handbench.calibration.transforms import Transform
+    from handbench.groundtruth.mesh.surface import Surface
+    from handbench.interface import Capture, Depth, Score, calibrate, load, methods, reconstruct_mesh, run, simulate
+    from handbench.radar.data.capture import RadarCapture
+    from handbench.radar.data.depthmap import DepthMap
+    from handbench.radar.support.errors import HandbenchError
+
+__all__ = [
+    "Capture",
+    "Depth",
+    "DepthMap",
+    "HandbenchError",
+    "RadarCapture",
+    "Result",
+    "Score",
+    "Surface",
+    "Transform",
+    "calibrate",
+    "load",
+    "methods",
+    "reconstruct_mesh",
+    "run",
+    "simulate",
+]
+DEFINED_IN = {  # the modules of the names that handbench/interface.py does not define
+    "DepthMap": "handbench.radar.data.depthmap",
+    "HandbenchError": "handbench.radar.support.errors",
+    "RadarCapture": "handbench.radar.data.capture",
+    "Result": "handbench.bench.results",
+    "Surface": "handbench.groundtruth.mesh.surface",
+    "Transform": "handbench.calibration.transforms",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "groundtruth":  # the package, which can be called as the function of this name could
+        return import_module(f"{__name__}.{name}")
+    if name not in __all__:
+        raise AttributeError(f"module 'handbench' has no attribute '{name}'")
+    return getattr(import_module(DEFINED_IN.get(name, "handbench.interface")), name)
+
+
+def __dir__() -> list[str]:
+    return __all__
