@@ -55,7 +55,7 @@ faults: setup
 
 # Random mutants of four packages against their tests, SAMPLE of each, in a copy of what git knows; an hour at most.
 MUTATION := runs/mutation
-MAPPED   := tests/calibration tests/groundtruth tests/radar tests/bench/evaluation tests/bench/cli/test_calibrate_command.py \
+MAPPED   := tests/calibration tests/groundtruth tests/radar tests/bench/evaluation tests/cli/test_calibrate_command.py \
             $(addprefix tests/bench/run/test_,runner.py treatments.py outcome.py methods.py)
 mutation: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r tests/mutation/requirements.txt

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import read_json, write_json
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_json, write_json
 
 TRIPLES = comb(12, 3)  # at most; beyond 12 pairs they are drawn
 MAJORITY = 0.6  # share of pairs that must agree before another is called wrong

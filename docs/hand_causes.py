@@ -23,7 +23,7 @@ from handbench.calibration.transforms import identity
 from handbench.radar.data.grid import PixelGrid
 from handbench.radar.methods.registry import method
 from handbench.radar.simulation.causes import Noise
-from handbench.radar.support.config import load
+from handbench.support.config import load
 
 PLACEMENT = ("distance_m", "offset_m", "rotation_deg")
 

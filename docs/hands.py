@@ -15,7 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 from handbench.bench.run.benchmark_file import Source, load_benchmark
 from handbench.bench.scenes.build import build
 from handbench.bench.scenes.scene_file import SceneFile
-from handbench.radar.support.config import load
+from handbench.support.config import load
 
 WIDTH_TO_HEIGHT, HEIGHT_M = 0.62, 0.275
 

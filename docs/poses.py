@@ -15,7 +15,7 @@ from handbench.bench.run.benchmark_file import EMBEDDED
 from handbench.bench.scenes.build import load_scene
 from handbench.bench.scenes.photographs import Studio
 from handbench.groundtruth.cameras.cameras import Camera
-from handbench.radar.support.files import atomic_path
+from handbench.support.files import atomic_path
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 440, 500, 560
 CAMERA_FROM_RADAR = np.diag([-1.0, -1.0, 1.0])  # x grows to the left, as for whoever looks along +z

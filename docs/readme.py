@@ -23,10 +23,10 @@ from handbench.bench.results import HEADLINE, Result, load
 from handbench.bench.results.about import SHARES, TREATMENTS, on_common_pixels
 from handbench.bench.results.tables import EQUAL as EQUAL_TABLE
 from handbench.bench.results.tables import TABLE, each, frame, records
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import atomic_path, write_text
 from handbench.reports.tables.blocks import NONE, busy_note, decimals, interval, known, number, outstanding, paper
 from handbench.reports.tables.result_tables import bold, escaped, findings, table
+from handbench.support.errors import HandbenchError
+from handbench.support.files import atomic_path, write_text
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = "photogrammetry"

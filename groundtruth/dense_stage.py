@@ -15,9 +15,9 @@ from handbench.groundtruth.options import DenseOptions, Effort
 from handbench.groundtruth.photos.masks import Masks, find_masks
 from handbench.groundtruth.photos.photos import Photo, find_photos
 from handbench.groundtruth.sparse.sparse import Sparse
-from handbench.radar.support.config import parse
-from handbench.radar.support.files import write_json
-from handbench.radar.support.progress import say
+from handbench.support.config import parse
+from handbench.support.files import write_json
+from handbench.support.progress import say
 
 CLOUD, VOLUME = "cloud.npz", "volume.json"
 COARSER = 4  # pixels of the depth maps that tell where the target is

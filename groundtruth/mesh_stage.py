@@ -18,8 +18,8 @@ from handbench.groundtruth.mesh.uncertainty import surface_sigma, window_sigma
 from handbench.groundtruth.options import MeshOptions
 from handbench.groundtruth.photos.photos import find_photos
 from handbench.groundtruth.sparse.sparse import Sparse
-from handbench.radar.support.config import parse
-from handbench.radar.support.files import read_json, write_json
+from handbench.support.config import parse
+from handbench.support.files import read_json, write_json
 
 MESH, TARGET, VIEW = "mesh.ply", "target.json", "view.jpg"
 

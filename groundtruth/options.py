@@ -6,8 +6,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from handbench.radar.support.config import Config
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import Config
+from handbench.support.errors import HandbenchError
 
 Quality = Literal["draft", "normal", "high", "thorough"]
 

@@ -1,4 +1,4 @@
-"""Photographs to a metric mesh: three stages, each kept in a store (`radar.support.store`)."""
+"""Photographs to a metric mesh: three stages, each kept in a store (`support.store`)."""
 
 import tempfile
 from collections.abc import Iterator
@@ -23,10 +23,10 @@ from handbench.groundtruth.sparse.frame import Scale
 from handbench.groundtruth.sparse.inputs import content, resolve
 from handbench.groundtruth.sparse.sparse import Sparse
 from handbench.groundtruth.sparse_stage import PHOTOGRAPHS
-from handbench.radar.support.config import Config
-from handbench.radar.support.files import atomic_folder, content_hash, read_json, write_json
-from handbench.radar.support.progress import say
-from handbench.radar.support.store import Stage, kept, stage
+from handbench.support.config import Config
+from handbench.support.files import atomic_folder, content_hash, read_json, write_json
+from handbench.support.progress import say
+from handbench.support.store import Stage, kept, stage
 
 SUMMARY_VERSION = 1
 

@@ -6,8 +6,8 @@ from typing import Any
 from handbench.groundtruth.options import SparseOptions
 from handbench.groundtruth.sparse.inputs import gather
 from handbench.groundtruth.sparse.sparse import register
-from handbench.radar.support.config import parse
-from handbench.radar.support.files import write_json
+from handbench.support.config import parse
+from handbench.support.files import write_json
 
 PHOTOGRAPHS = "photographs.json"  # the names of those that were used
 

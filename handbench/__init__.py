@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from handbench.interface import Capture, Depth, Score, calibrate, load, methods, reconstruct_mesh, run, simulate
     from handbench.radar.data.capture import RadarCapture
     from handbench.radar.data.depthmap import DepthMap
-    from handbench.radar.support.errors import HandbenchError
+    from handbench.support.errors import HandbenchError
 
 __all__ = [
     "Capture",
@@ -44,7 +44,7 @@ __all__ = [
 ]
 DEFINED_IN = {  # the modules of the names that handbench/interface.py does not define
     "DepthMap": "handbench.radar.data.depthmap",
-    "HandbenchError": "handbench.radar.support.errors",
+    "HandbenchError": "handbench.support.errors",
     "RadarCapture": "handbench.radar.data.capture",
     "Result": "handbench.bench.results",
     "Surface": "handbench.groundtruth.mesh.surface",

@@ -2,6 +2,6 @@
 
 import sys
 
-from handbench.bench.cli.main import main
+from handbench.cli.main import main
 
 sys.exit(main())

@@ -127,8 +127,8 @@ class Capture:
         from handbench.radar.methods import registry
         from handbench.radar.methods.advice import require_tones
         from handbench.radar.methods.trust import with_trust
-        from handbench.radar.support.errors import HandbenchError
         from handbench.radar.warmup import compile_kernels
+        from handbench.support.errors import HandbenchError
 
         if not 0 <= frame < len(self.echoes.samples):
             raise HandbenchError(f"frame: is {frame}; the capture has frames 0 to {len(self.echoes.samples) - 1}")
@@ -217,7 +217,7 @@ class Depth(Drawn):
 
     def to_pointcloud(self) -> PointCloud:
         """The pixels on target as Open3D's point cloud, metres, radar frame."""
-        from handbench.radar.support.rays import load_open3d
+        from handbench.support.rays import load_open3d
 
         o3d = load_open3d()
         return o3d.geometry.PointCloud(o3d.utility.Vector3dVector(self.points_m()))
@@ -227,7 +227,7 @@ class Depth(Drawn):
         try:
             import xarray as xr
         except ImportError as error:
-            from handbench.radar.support.errors import HandbenchError
+            from handbench.support.errors import HandbenchError
 
             raise HandbenchError(f"to_xarray: needs xarray ({error}); pip install xarray") from error
         maps = {name: value for name, value in vars(self.map).items() if getattr(value, "shape", ()) == self.z_m.shape}
@@ -250,7 +250,7 @@ class Depth(Drawn):
         from handbench.bench.datasets.maroon_alignment import load_any_transform
         from handbench.bench.run.scoring import score_map
         from handbench.groundtruth.mesh.surface import read_surface
-        from handbench.radar.support.errors import HandbenchError
+        from handbench.support.errors import HandbenchError
 
         if mesh is None and self.capture is not None:
             mesh = self.capture.truth if transform is None else None  # which lies in the radar's frame already
@@ -312,9 +312,9 @@ def simulate(scene: File, folder: File, frames: int = 1, overwrite: bool = False
     Returns:
         The capture.
     """
-    from handbench.bench.cli.options import free_folder
     from handbench.bench.datasets.simulated import simulate_capture
     from handbench.bench.scenes.build import load_scene
+    from handbench.cli.options import free_folder
 
     free_folder(Path(folder), overwrite, "capture.toml")
     simulate_capture(load_scene(scene), folder, frames)
@@ -335,7 +335,7 @@ def reconstruct_mesh(photos: File, mesh: File | None = None, workdir: File | Non
     """
     from handbench.groundtruth.options import Options
     from handbench.groundtruth.pipeline import reconstruct
-    from handbench.radar.support.config import parse
+    from handbench.support.config import parse
 
     found = reconstruct(Path(photos), parse(Options, options, "groundtruth"), Path(workdir) if workdir else None)
     if mesh is not None:

@@ -4,7 +4,7 @@ import numpy as np
 
 from handbench.radar.imaging.cpu.ascent import scatter
 from handbench.radar.imaging.cpu.descent import gather
-from handbench.radar.support.compiled import compile_once
+from handbench.support.compiled import compile_once
 
 
 def compile_kernels(load: bool = True) -> None:

@@ -8,7 +8,10 @@ import os
 
 from hypothesis import settings
 
+from tests.small_benchmark import small_bench, small_result
 from tests.strategies import EXAMPLES
+
+__all__ = ["small_bench", "small_result"]  # fixtures of all tests
 
 settings.register_profile("fixed", max_examples=EXAMPLES, derandomize=True, deadline=None, database=None)
 settings.register_profile(

@@ -19,13 +19,13 @@ import h5py
 import numpy as np
 import pytest
 
-from handbench.bench.cli import main
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.mapping import Mapping
 from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.run.benchmark_file import BenchFile
 from handbench.bench.scenes.scene_file import HandTarget, Mount, SceneFile
 from handbench.calibration.transforms import load_transform
+from handbench.cli import main
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
 from handbench.radar.data.arrays import qar50
@@ -324,14 +324,3 @@ def test_images_are_stored_rows_upwards():
 
 def test_decibels_are_of_power():
     assert amplitude_db(np.array([0.1, 1.0, 10.0])).tolist() == [-40, -20, 0]
-
-
-# Architecture
-
-
-def test_the_figure_of_the_architecture_is_todays():
-    from docs.architecture import drawing
-
-    assert (DOCS / "architecture.svg").read_text("utf-8") == drawing(ROOT), (
-        "python docs/architecture.py docs/architecture.svg"
-    )

@@ -18,7 +18,7 @@ import tomlkit
 
 import handbench as hb
 from handbench.bench.run.reconstruct_stage import configuration
-from handbench.calibration.target.description import default_target
+from handbench.calibration.spheres.description import default_target
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
 from handbench.radar.data.arrays import AntennaArray, qar50
 from handbench.radar.data.capture import RadarCapture
@@ -26,7 +26,7 @@ from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.methods.advice import notes
 from handbench.radar.methods.registry import METHODS, method
 from handbench.radar.simulation.physics.spheres import sphere_echo
-from handbench.radar.support.config import Config
+from handbench.support.config import Config
 from tests.radar.simulated_points import point_capture
 from tests.test_docs import DOCS, PAGES, ROOT, blocks, toml_of
 

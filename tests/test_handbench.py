@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 import handbench as hb
-from handbench.bench.cli.main import main
+from handbench.cli.main import main
 from handbench.radar.data.depthmap import DepthMap
-from tests.bench.conftest import write_bench
 from tests.installed_copy import ROOMS
 from tests.reports.synthetic_result import write_synthetic
+from tests.small_benchmark import write_bench
 
 ROOT = Path(__file__).parents[1]
 PIXELS = {axis: {"start_m": -0.01, "stop_m": 0.01} for axis in "xy"}
@@ -43,7 +43,7 @@ score.plot("errors.png")
 """
     done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env=_env(), capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert float(done.stdout) < 1.0  # as `handbench evaluate` on the same ball, in tests/bench/cli
+    assert float(done.stdout) < 1.0  # as `handbench evaluate` on the same ball, in tests/cli
     assert (tmp_path / "errors.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -58,7 +58,7 @@ def test_a_script_works_beside_files_and_folders_named_as_ours_were(ball, tmp_pa
             (tmp_path / name / "__init__.py").write_text("raise RuntimeError('the user's own package')")
     write_synthetic(tmp_path / "result", step_m=6e-3)
     (tmp_path / "script.py").write_text(f"""import handbench as hb
-from handbench.bench.cli.main import main
+from handbench.cli.main import main
 depth = hb.load({str(ball.folder)!r}).reconstruct("3fsk", x={PIXELS["x"]}, y={PIXELS["y"]})
 print(depth.evaluate()["mae_mm"])
 assert main(["report", "result", "-o", "report"]) == 0

@@ -22,7 +22,7 @@ def meaning(file: Path) -> str:
     match file.parts:
         case [*_, "__init__.py" | "__main__.py"]:
             return file.as_posix()
-        case ["bench", "cli", _]:
+        case ["handbench", "cli", _]:
             return f"the command's own file {file}"
         case ["bench", "studies", _, name] if name in STUDY_PARTS:
             return "a part of a study"
@@ -35,7 +35,7 @@ def clashes(files: Iterable[Path]) -> list[list[str]]:
     """The files whose name stands for two ideas. A file named after its command stands beside what the command does."""
     named = defaultdict(list)
     for file in files:
-        if file.name not in ("__init__.py", "__main__.py") and file.parts[:2] != ("bench", "cli"):
+        if file.name not in ("__init__.py", "__main__.py") and file.parts[:2] != ("handbench", "cli"):
             named[file.name].append(file)
     return [[f.as_posix() for f in same] for same in named.values() if len({meaning(f) for f in same}) > 1]
 
@@ -51,10 +51,10 @@ def test_no_file_name_stands_twice_with_two_meanings():
             ["radar/__init__.py", "bench/__init__.py", "bench/studies/a/__main__.py", "bench/studies/b/__main__.py"],
             False,
         ),
-        (["bench/cli/stability.py", "bench/results/stability.py"], False),
+        (["handbench/cli/stability.py", "bench/results/stability.py"], False),
         (["bench/studies/a/cases.py", "bench/studies/b/cases.py"], False),
         (["radar/imaging/cpu/leaf.py", "radar/imaging/gpu/leaf.py"], False),
-        (["radar/support/errors.py", "bench/evaluation/errors.py"], True),
+        (["handbench/support/errors.py", "bench/evaluation/errors.py"], True),
         (["bench/studies/a/page.py", "reports/page/page.py"], True),
         (["bench/studies/a/other.py", "bench/studies/b/other.py"], True),
         (["radar/imaging/cpu/leaf.py", "groundtruth/dense/gpu/leaf.py"], True),

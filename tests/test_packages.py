@@ -6,7 +6,6 @@ import subprocess
 import sys
 import tomllib
 import zipfile
-from importlib.util import find_spec
 from pathlib import Path
 
 from tests.installed_copy import ROOMS
@@ -61,10 +60,3 @@ def test_citation_and_changelog_are_of_this_version():
     assert cited is not None and cited[1] == version
     newest = re.search(r"^## (\S+)$", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
     assert newest is not None and newest[1] == version
-
-
-def test_the_moved_modules_of_the_changelog_are_there():
-    rows = re.findall(r"^\| `.*` \| (`.*`) \|$", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
-    modules = [name for row in rows for name in re.findall(r"`([\w.]+)`", row)]
-    assert len(modules) > 20
-    assert [name for name in modules if find_spec(f"handbench.{name}") is None] == []

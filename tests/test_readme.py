@@ -12,7 +12,7 @@ from docs import readme
 from handbench.bench.evaluation.metrics import METRICS, PAPER
 from handbench.bench.evaluation.scoring_protocols import protocol
 from handbench.bench.run.benchmark_file import BenchFile, load_benchmark
-from handbench.radar.support.store import versions
+from handbench.support.store import versions
 
 ROOT = Path(__file__).parents[1]
 MEND = "run `make table`, then `python -m docs.readme runs/table --write`"

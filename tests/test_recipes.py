@@ -7,7 +7,7 @@ import shlex
 import numpy as np
 import pytest
 
-from handbench.bench.cli.main import main
+from handbench.cli.main import main
 from tests.test_docs import DOCS, blocks
 
 PAGE = DOCS / "recipes.md"

@@ -19,9 +19,9 @@ from handbench.bench.datasets.native import (
 )
 from handbench.groundtruth.mesh.mesh_files import read_mesh, write_mesh
 from handbench.radar.data.echoes_file import save_capture
-from handbench.radar.support.config import suggest
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import atomic_folder, require_folder
+from handbench.support.config import suggest
+from handbench.support.errors import HandbenchError
+from handbench.support.files import atomic_folder, require_folder
 
 ADAPTERS = (NativeCapture, MappedCapture, MaroonCapture)
 FOREIGN = {"maroon": MaroonCapture, "mapping": MappedCapture}  # what can be imported, by the name of its data set

@@ -14,9 +14,9 @@ from handbench.bench.datasets.native import ECHOES, CaptureFile, save_capture_fi
 from handbench.radar.data.arrays import PlanarScan
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import atomic_folder, read_array, read_text, require_file, require_folder
-from handbench.radar.support.limits import CSV_BYTES
+from handbench.support.errors import HandbenchError
+from handbench.support.files import atomic_folder, read_array, read_text, require_file, require_folder
+from handbench.support.limits import CSV_BYTES
 
 MOST_TONES, LARGEST = 100_000, 1e13
 

@@ -13,11 +13,11 @@ from handbench.bench.datasets.mapping import MAPPING, RE_IM, Array, Gains, Mappi
 from handbench.bench.datasets.native import CaptureFile, NativeCapture
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.recording import Recording, joined
-from handbench.radar.support.config import load
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import inside, require_file
-from handbench.radar.support.hdf5 import of_its_own, opened, read
-from handbench.radar.support.matlab import read_matlab
+from handbench.support.config import load
+from handbench.support.errors import HandbenchError
+from handbench.support.files import inside, require_file
+from handbench.support.hdf5 import of_its_own, opened, read
+from handbench.support.matlab import read_matlab
 
 UNITS = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9, "m": 1.0, "cm": 1e-2, "mm": 1e-3}
 PARTS = (("real", "imag"), ("r", "i"))  # names of a complex number's parts: MATLAB's, h5py's

@@ -6,7 +6,7 @@ from pydantic import Field, model_validator
 
 from handbench.bench.datasets.native import CaptureFile
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.support.config import Config
+from handbench.support.config import Config
 
 MAPPING = "mapping.toml"
 RE_IM = "re_im"  # an axis of two: real and imaginary part

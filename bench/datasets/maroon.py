@@ -36,10 +36,10 @@ from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.support.config import Config, parse, suggest
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import content_hash, inside, require_file
-from handbench.radar.support.progress import say
+from handbench.support.config import Config, parse, suggest
+from handbench.support.errors import HandbenchError
+from handbench.support.files import content_hash, inside, require_file
+from handbench.support.progress import say
 
 FRAMES, METADATA, VOLUMES = "calibrated_data", "metadata.json", "calibration.json"
 REGISTRATIONS = "00_registration"  # beside the objects: captures of their calibration target

@@ -20,11 +20,11 @@ from handbench.groundtruth.mesh.depth import depth_on_grid
 from handbench.groundtruth.mesh.mesh_files import mesh
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.registry import method
-from handbench.radar.support.config import suggest
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import read_json, write_json
-from handbench.radar.support.limits import RAW_JSON_BYTES, RAW_VALUES
-from handbench.radar.support.progress import say
+from handbench.support.config import suggest
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_json, write_json
+from handbench.support.limits import RAW_JSON_BYTES, RAW_VALUES
+from handbench.support.progress import say
 
 ALIGNMENT = "alignment.json"
 ROUNDING, TOO_CROOKED = 1e-6, 1e-3  # largest element by which a matrix may miss its rotation: unsaid, and at all

@@ -22,9 +22,9 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture
 from handbench.radar.methods.registry import method
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import atomic_folder, atomic_path, write_json, write_text
-from handbench.radar.support.rays import Rays
+from handbench.support.errors import HandbenchError
+from handbench.support.files import atomic_folder, atomic_path, write_json, write_text
+from handbench.support.rays import Rays
 
 SAME_M = 1e-7  # positions that agree to this are the same
 CAMS, KINECT = (Path(__file__).with_name(name) for name in ("maroon_cams.xml", "maroon_kinect.json"))

@@ -13,7 +13,7 @@ import numpy as np
 
 from handbench.bench.datasets.maroon_pickle import read_dictionary, write_dictionary
 from handbench.radar.data.capture import single
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 ANTENNAS, USED = 96, slice(1, 95)
 RADAR_HZ = (1e9, 1e12)  # what a list of frequencies in hertz lies between

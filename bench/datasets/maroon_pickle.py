@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import atomic_path, read_bytes
-from handbench.radar.support.limits import MOST_STEPS, PICKLE_BYTES
+from handbench.support.errors import HandbenchError
+from handbench.support.files import atomic_path, read_bytes
+from handbench.support.limits import MOST_STEPS, PICKLE_BYTES
 
 NUMBERS = re.compile(r"b1|[iu][1248]|f[248]|c(8|16)")  # what an array may hold
 PLAIN = (np.generic, bool, int, float, str, type(None))

@@ -18,8 +18,8 @@ from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.mesh.depth import depth_on_grid
 from handbench.groundtruth.mesh.mesh_files import mesh
 from handbench.radar.data.grid import PixelGrid
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.pictures import opened_picture
+from handbench.support.errors import HandbenchError
+from handbench.support.pictures import opened_picture
 
 LENSES = {"kinect": "", "realsense": "rgb", "zed": "left"}  # sensor → its lens in calibration.json (Kinect: own form)
 SIDES = {"zed": "left"}  # sensor → folder that its pictures lie deeper

@@ -16,10 +16,10 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.echoes_file import load_capture
 from handbench.radar.simulation.known_effects import Choice
-from handbench.radar.support.config import Config, Name, load
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import content_hash, inside, require_folder, write_text
-from handbench.radar.support.progress import say
+from handbench.support.config import Config, Name, load
+from handbench.support.errors import HandbenchError
+from handbench.support.files import content_hash, inside, require_folder, write_text
+from handbench.support.progress import say
 
 WHAT = "a capture (capture.toml, echoes.h5, …)"
 DESCRIPTION = "capture.toml"

@@ -19,10 +19,10 @@ from handbench.groundtruth.mesh.mesh_files import write_mesh
 from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.simulation.effects.dielectric import lost
 from handbench.radar.simulation.known_effects import Choice
-from handbench.radar.support.files import atomic_folder, atomic_path, write_text
-from handbench.radar.support.parallel import for_each
-from handbench.radar.support.progress import say
 from handbench.radar.warmup import compile_kernels
+from handbench.support.files import atomic_folder, atomic_path, write_text
+from handbench.support.parallel import for_each
+from handbench.support.progress import say
 
 JPEG_QUALITY = 96
 

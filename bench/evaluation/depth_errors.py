@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 
 from handbench.bench.results.error_map import ErrorMap
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 
 def error_map(

@@ -26,7 +26,7 @@ from handbench.calibration.transforms import Transform, adjoint, identity, pertu
 from handbench.groundtruth.mesh.depth import reference_on_grid
 from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.radar.data.depthmap import DepthMap, load_depthmap
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 REASON = "aligned to the radar's own depth map: its bias cannot show"
 STEEPEST = 0.5  # cosine to z (60°) below which a pixel is left out: its radar cell holds many depths

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from handbench.bench.evaluation.metrics import METRICS
-from handbench.radar.support.config import suggest
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import suggest
+from handbench.support.errors import HandbenchError
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from handbench.radar.support.config import Config, ConfigT, Name, parse
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import read_json
-from handbench.radar.support.limits import RESULT_BYTES, RESULT_VALUES
+from handbench.support.config import Config, ConfigT, Name, parse
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_json
+from handbench.support.limits import RESULT_BYTES, RESULT_VALUES
 
 HEADLINE = "mae_mm"  # the metric that titles, pictures and fronts speak of
 SHARES = ("observed_percent", "complete_2mm_percent")  # of the surface: what is seen, and what is seen and right

@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 from handbench.bench.results.tables import DIFFERENCES, records, write
-from handbench.radar.support.files import write_json
+from handbench.support.files import write_json
 
 COMPARED_VERSION = 1
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from handbench.bench.results.error_map import ErrorMap
-from handbench.radar.support.config import checked_name
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import atomic_path, read_npz, write_npz
-from handbench.radar.support.pictures import opened_picture
+from handbench.support.config import checked_name
+from handbench.support.errors import HandbenchError
+from handbench.support.files import atomic_path, read_npz, write_npz
+from handbench.support.pictures import opened_picture
 
 PHOTO_PX = 600
 ORIENTATION = 0x0112  # EXIF's tag

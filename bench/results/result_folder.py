@@ -12,9 +12,9 @@ from handbench.bench.results.about import About, CaptureFacts, read_facts
 from handbench.bench.results.error_map import ErrorMap
 from handbench.bench.results.maps import Surface, depth_path, errors_path, photo_path, read_map
 from handbench.bench.results.tables import LEVEL, SCHEMAS, each, frame, read, write
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import atomic_path, read_bytes, require_folder, write_text
-from handbench.radar.support.limits import TOML_BYTES
+from handbench.support.errors import HandbenchError
+from handbench.support.files import atomic_path, read_bytes, require_folder, write_text
+from handbench.support.limits import TOML_BYTES
 
 if TYPE_CHECKING:
     import pandas as pd

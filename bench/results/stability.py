@@ -12,8 +12,8 @@ import pandas as pd
 from pydantic import Field
 
 from handbench.bench.results.tables import CASES, read, write
-from handbench.radar.support.config import Config, parse
-from handbench.radar.support.files import read_json, write_json
+from handbench.support.config import Config, parse
+from handbench.support.files import read_json, write_json
 
 VERDICTS = ("holds", "refused", "flagged", "fails")
 KINDS = {

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import atomic_path, read_text
-from handbench.radar.support.limits import MOST_CELLS, MOST_COLUMNS, RESULT_BYTES
+from handbench.support.errors import HandbenchError
+from handbench.support.files import atomic_path, read_text
+from handbench.support.limits import MOST_CELLS, MOST_COLUMNS, RESULT_BYTES
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -17,8 +17,8 @@ from pydantic import Field
 
 from handbench.bench.results.about import read_facts
 from handbench.bench.results.tables import SETTINGS, frame, read, records, write
-from handbench.radar.support.config import Config, Name
-from handbench.radar.support.files import require_folder, write_json
+from handbench.support.config import Config, Name
+from handbench.support.files import require_folder, write_json
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ from handbench.bench.scenes.people import MOST_PEOPLE
 from handbench.bench.submissions.submission import load_submission
 from handbench.groundtruth.options import Quality
 from handbench.radar.methods.registry import method, methods
-from handbench.radar.support.config import Config, Name, load, suggest
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import inside
-from handbench.radar.support.limits import MOST_TABLES
+from handbench.support.config import Config, Name, load, suggest
+from handbench.support.errors import HandbenchError
+from handbench.support.files import inside
+from handbench.support.limits import MOST_TABLES
 
 EMBEDDED = Path(__file__).parent / "benchmarks"
 

@@ -9,10 +9,10 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import TARGET
 from handbench.calibration.array.array_file import ArrayCalibration
 from handbench.calibration.registration.register import combine, measure
-from handbench.calibration.target.description import Target, load_target
+from handbench.calibration.spheres.description import Target, load_target
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.dense.fusion import Cloud
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 REGISTRATION = "radar_from_photo.json"
 

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Protocol
 
 from handbench.bench.run.processes import WORTH_S, Processes
 from handbench.bench.run.tasks import Done, perform
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.store import Stage
+from handbench.support.errors import HandbenchError
+from handbench.support.store import Stage
 
 if TYPE_CHECKING:  # an extra
     from distributed import Client, Future

@@ -23,10 +23,10 @@ from handbench.groundtruth.dense_stage import CLOUD
 from handbench.radar.imaging.device import chosen
 from handbench.radar.methods.registry import method_key
 from handbench.radar.simulation.causes import Noise
-from handbench.radar.support.config import load
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import inside
-from handbench.radar.support.store import Stage, stage
+from handbench.support.config import load
+from handbench.support.errors import HandbenchError
+from handbench.support.files import inside
+from handbench.support.store import Stage, stage
 
 Clouds = tuple[Stage, Stage, Stage]  # sparse, dense and mesh of one capture's photographs
 

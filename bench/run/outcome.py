@@ -18,8 +18,8 @@ from handbench.bench.run.repeat_stage import read_repeats
 from handbench.bench.run.scoring import Files, read_errors, read_reference
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.depth import Reference
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.progress import say
+from handbench.support.errors import HandbenchError
+from handbench.support.progress import say
 
 Line = tuple[Any, ...]  # of a table, in the order of its columns
 

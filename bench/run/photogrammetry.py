@@ -8,12 +8,12 @@ from handbench.bench.datasets.native import TARGET
 from handbench.bench.run.calibrate_stage import common_target, register_captures
 from handbench.calibration.array.array_file import ArrayCalibration
 from handbench.calibration.array.estimate import estimate_array
-from handbench.calibration.target.description import load_target
+from handbench.calibration.spheres.description import load_target
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.options import Options
 from handbench.groundtruth.pipeline import reconstruct_cloud
-from handbench.radar.support.config import parse
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import parse
+from handbench.support.errors import HandbenchError
 
 
 def photographs(capture: Path, quality: str, seed: int) -> tuple[Path, Options]:

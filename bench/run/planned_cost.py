@@ -17,11 +17,11 @@ from handbench.bench.scenes.scene_file import SceneFile
 from handbench.groundtruth.options import BASE_BYTES, predicted
 from handbench.radar.methods.advice import asked_hz
 from handbench.radar.methods.registry import method
-from handbench.radar.support.config import Config, load
-from handbench.radar.support.cost import TERMS_PER_S
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import inside
-from handbench.radar.support.pictures import opened_picture
+from handbench.support.config import Config, load
+from handbench.support.cost import TERMS_PER_S
+from handbench.support.errors import HandbenchError
+from handbench.support.files import inside
+from handbench.support.pictures import opened_picture
 
 CHANNELS, TONES = 94 * 94, 128  # the paper's radar, for what is not known before it is read
 STAGE_S, SCORED_S = 0.1, 2.7e-6  # a stage that has nothing to do; a pixel that is scored

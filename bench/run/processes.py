@@ -18,9 +18,9 @@ from typing import Any
 import psutil
 
 from handbench.bench.run.tasks import HASH, Done, perform
-from handbench.radar.support import cost, progress
-from handbench.radar.support.parallel import script_left_out, workers
-from handbench.radar.support.store import Stage
+from handbench.support import cost, progress
+from handbench.support.parallel import script_left_out, workers
+from handbench.support.store import Stage
 
 PR_SET_PDEATHSIG = 1  # of Linux's prctl: the signal that a process gets when its parent ends
 WORTH_S = 60.0  # processor time of a run, several times what the processes take to import the libraries

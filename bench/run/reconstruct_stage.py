@@ -16,10 +16,10 @@ from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.imaging.device import use_device
 from handbench.radar.methods.advice import require_tones
 from handbench.radar.methods.registry import Reconstruction, method
-from handbench.radar.support.config import Config
-from handbench.radar.support.cost import others, setting
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import read_npz, write_json, write_npz
+from handbench.support.config import Config
+from handbench.support.cost import others, setting
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_npz, write_json, write_npz
 
 DEPTH, FRAMES, TIMING = "depth.npz", "frames.npz", "timing.json"
 PLANNED_S = 20.0  # what takes longer than any plan is not imaged twice

@@ -11,8 +11,8 @@ from handbench.bench.results.error_map import ErrorMap
 from handbench.bench.run.reconstruct_stage import TIMING, Imager
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.imaging.device import use_device
-from handbench.radar.support.cost import others
-from handbench.radar.support.files import read_npz, write_json, write_npz
+from handbench.support.cost import others
+from handbench.support.files import read_npz, write_json, write_npz
 
 REPEATS = "repeats.npz"
 

@@ -30,12 +30,12 @@ from handbench.bench.run.tasks import HASH, Done
 from handbench.calibration.registration.register import HAND_M
 from handbench.calibration.transforms import Transform, identity, load_transform
 from handbench.groundtruth.mesh_stage import MESH, VIEW
-from handbench.radar.support.cost import require_time
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import read_json
-from handbench.radar.support.folder import claimed
-from handbench.radar.support.progress import say
-from handbench.radar.support.store import Stage, Stamp
+from handbench.support.cost import require_time
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_json
+from handbench.support.folder import claimed
+from handbench.support.progress import say
+from handbench.support.store import Stage, Stamp
 
 
 def run(

@@ -33,8 +33,8 @@ from handbench.groundtruth.mesh.depth import Reference, reference_on_grid
 from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.radar.data.depthmap import DepthMap, load_depthmap
 from handbench.radar.data.grid import PixelGrid
-from handbench.radar.support.files import read_json, read_npz, write_json, write_npz
-from handbench.radar.support.limits import KEPT_BYTES
+from handbench.support.files import read_json, read_npz, write_json, write_npz
+from handbench.support.limits import KEPT_BYTES
 
 GRIDS, EACH_FRAME, TREATED, REFERENCES = "grids.json", "frames.json", "alike.json", "references"
 FIGURES, CAUSES = "figures.json", "causes.json"

@@ -6,7 +6,7 @@ from typing import Any
 from handbench.bench.datasets.simulated import simulate_capture
 from handbench.bench.scenes.build import build
 from handbench.bench.scenes.scene_file import SceneFile
-from handbench.radar.support.config import parse
+from handbench.support.config import parse
 
 CAPTURE = "capture"
 

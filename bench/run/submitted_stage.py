@@ -11,7 +11,7 @@ from handbench.bench.submissions.submission import depth_map, load_submission
 from handbench.radar.data.grid import PixelGrid, VoxelGrid
 from handbench.radar.methods.fsk_config import PixelsConfig
 from handbench.radar.methods.registry import method
-from handbench.radar.support.files import write_json
+from handbench.support.files import write_json
 
 
 def take(folder: Path, submission: str, capture: str, x_m: np.ndarray, y_m: np.ndarray, config: Any) -> None:

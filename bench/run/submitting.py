@@ -17,9 +17,9 @@ from handbench.bench.submissions.submission import (
     sha256,
 )
 from handbench.radar.data.grid import PixelGrid
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import inside
-from handbench.radar.support.progress import say, track
+from handbench.support.errors import HandbenchError
+from handbench.support.files import inside
+from handbench.support.progress import say, track
 
 
 def require_complete(submission: Path, bench: BenchFile, base: Path) -> None:

@@ -24,8 +24,8 @@ from pydantic import Field, field_validator
 
 from handbench.bench.evaluation.metrics import TITLES
 from handbench.radar.methods.registry import method
-from handbench.radar.support.config import Config, checked_name, load
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import Config, checked_name, load
+from handbench.support.errors import HandbenchError
 
 SectionName = Literal["imaging", "groundtruth", "simulation", "registration"]
 SECTIONS: tuple[SectionName, ...] = ("imaging", "groundtruth", "simulation", "registration")

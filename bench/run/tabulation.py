@@ -19,7 +19,7 @@ from handbench.bench.results.about import SHARES
 from handbench.bench.results.tables import CAPTURES, COMPARISONS, CURVES, EQUAL, TABLE, frame
 from handbench.bench.run.outcome import Basis, Line, Outcome, deviations, errors, repeated, surfaces
 from handbench.bench.run.scoring import EACH_FRAME, FIGURES, TREATED
-from handbench.radar.support.files import read_json
+from handbench.support.files import read_json
 
 ALIKE_COMPARED = (HEADLINE, "aurc_mm")  # the figures by which equally treated methods are compared
 EACH = (HEADLINE, "max_mm", *SHARES)  # the figures that are told for each capture

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.radar.methods.registry import method_key
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.store import Stage, Stamp, code_hash, kept
+from handbench.support.errors import HandbenchError
+from handbench.support.store import Stage, Stamp, code_hash, kept
 
 HASH = "hash"  # no stage that is kept: a capture's folder has to be read to know what it holds
 _ALONE = threading.Lock()  # a cost is measured of the whole process, which therefore does one stage at a time

@@ -21,11 +21,11 @@ from handbench.bench.run import scoring
 from handbench.bench.run.outcome import Basis, Outcome, basis, errors, repeated, surfaces
 from handbench.bench.run.tabulation import kept, tables
 from handbench.radar.imaging.device import describe
-from handbench.radar.support.cost import calibrated_machine
-from handbench.radar.support.files import atomic_path
-from handbench.radar.support.folder import drop
-from handbench.radar.support.progress import say
-from handbench.radar.support.store import versions
+from handbench.support.cost import calibrated_machine
+from handbench.support.files import atomic_path
+from handbench.support.folder import drop
+from handbench.support.progress import say
+from handbench.support.store import versions
 
 FILES = ("result.json", "config.toml", "errors", "depth", "photos", *(f"{name}.csv" for name in results.TABLES))
 

@@ -20,15 +20,15 @@ from handbench.bench.scenes.scene_file import (
 )
 from handbench.bench.scenes.shapes import dihedral_mesh, plate_mesh, sphere_mesh
 from handbench.bench.scenes.stand import stand_board
-from handbench.calibration.target.description import Target, default_target, load_target
+from handbench.calibration.spheres.description import Target, default_target, load_target
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.board.board import Board
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.mesh.mesh_files import mesh, read_mesh
-from handbench.radar.support.config import load
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import inside
-from handbench.radar.support.rays import TriangleMesh
+from handbench.support.config import load
+from handbench.support.errors import HandbenchError
+from handbench.support.files import inside
+from handbench.support.rays import TriangleMesh
 
 CROP_MARGIN_M = 0.004
 BLOCK_GAP_M = 0.003  # the crop box ends this far above the block

@@ -15,8 +15,8 @@ from handbench.radar.simulation.scene import Ball, Body, EchoScene
 from handbench.radar.simulation.selection import EFFECTS, choose
 from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
 from handbench.radar.simulation.state import EchoState
-from handbench.radar.support.cost import require_time
-from handbench.radar.support.files import inside
+from handbench.support.cost import require_time
+from handbench.support.files import inside
 
 ROOM_STEP_M = 5e-3
 

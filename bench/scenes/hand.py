@@ -21,7 +21,7 @@ from handbench.bench.scenes.hand_pose import Pose, WristPose
 from handbench.bench.scenes.implicit import Field, round_cone, smooth_minimum, smooth_union, zero_set
 from handbench.bench.scenes.people import MEAN, Person
 from handbench.groundtruth.mesh.mesh_files import mesh
-from handbench.radar.support.rays import TriangleMesh
+from handbench.support.rays import TriangleMesh
 
 TIP_TISSUE_MM = 3.8  # soft tissue beyond the last bone
 FOREARM_END_MM = -88.0

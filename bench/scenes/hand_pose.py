@@ -10,7 +10,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from handbench.radar.support.config import Config
+from handbench.support.config import Config
 
 Turn = Annotated[float, Field(ge=-180, le=180)]
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from handbench.radar.support.compiled import njit
-from handbench.radar.support.parallel import for_each
+from handbench.support.compiled import njit
+from handbench.support.parallel import for_each
 
 SKIN_REFLECTANCE = 0.028  # at normal incidence: ((n - 1) / (n + 1))² with skin's refractive index n = 1.4
 GRAZING = 1e-3  # smallest cosine towards the eye: interpolated normals may turn a little beyond 90°

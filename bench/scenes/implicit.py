@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from handbench.radar.support.compiled import njit
-from handbench.radar.support.parallel import for_each
+from handbench.support.compiled import njit
+from handbench.support.parallel import for_each
 
 Field = Callable[[np.ndarray], np.ndarray]  # points [n, 3] to signed distances [n], metres, negative inside
 

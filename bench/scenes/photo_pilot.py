@@ -21,8 +21,8 @@ from handbench.groundtruth.dense.fusion import AGREEMENT_PX
 from handbench.groundtruth.dense.patchmatch import RADIUS, SIGMA_GRAY, SIGMA_PX
 from handbench.groundtruth.options import EFFORT
 from handbench.radar.simulation.known_effects import Choice
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.rays import load_open3d
+from handbench.support.errors import HandbenchError
+from handbench.support.rays import load_open3d
 
 POINTS, TRIED, WINDOWS = 60, 600, 250  # points of the target, at most; candidates; pairs of point and camera, at most
 FEWEST_CAMERAS, SOURCES, CONFIRMED = 3, 2, 2  # that see a point; that a window is looked for in; that must agree

@@ -14,7 +14,7 @@ from handbench.bench.scenes.lamps import LAMPS, Light, Projector, bake, sunflowe
 from handbench.bench.scenes.lens import ThinLens, blur_by_discs, line_kernel, near_edges
 from handbench.bench.scenes.scene_file import Photos
 from handbench.groundtruth.cameras.cameras import Camera
-from handbench.radar.support.rays import load_open3d
+from handbench.support.rays import load_open3d
 
 ROOM = 0.03  # radiance of the dark room behind the stand
 EDGE_STEP_M = 1.5e-3  # neighbouring pixels whose distance differs by more see an edge between them

@@ -12,8 +12,8 @@ from handbench.calibration.transforms import Transform
 from handbench.radar.simulation.causes import Causes, Motion, Noise, Roughness, SensorFaults
 from handbench.radar.simulation.known_effects import check_names
 from handbench.radar.simulation.scene import DEPTH_STEP_HZ, Material
-from handbench.radar.support.config import Config, Name, suggest
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import Config, Name, suggest
+from handbench.support.errors import HandbenchError
 
 BUILT_IN_ARRAY = "qar50"
 PHOTO_AXES = np.diag([-1.0, 1.0, -1.0])  # the board faces the radar: its z is the radar's -z

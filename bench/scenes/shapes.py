@@ -5,8 +5,8 @@ import numpy as np
 from handbench.bench.scenes.stand import cuboid
 from handbench.groundtruth.mesh.mesh_files import mesh
 from handbench.radar.simulation.physics.facets import MOST_FACETS
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.rays import TriangleMesh, load_open3d
+from handbench.support.errors import HandbenchError
+from handbench.support.rays import TriangleMesh, load_open3d
 
 BACK_M = 5e-3  # thickness of a dihedral behind its fold
 

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from handbench.radar.support.compiled import njit
-from handbench.radar.support.parallel import for_each
+from handbench.support.compiled import njit
+from handbench.support.parallel import for_each
 
 SKIN_RGB = (0.62, 0.36, 0.25)  # linear reflectances
 FOAM_RGB = (0.78, 0.78, 0.76)

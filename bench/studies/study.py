@@ -23,13 +23,13 @@ from matplotlib.figure import Figure
 
 from handbench.bench.studies.columns import Record, Table
 from handbench.radar.imaging.device import describe
-from handbench.radar.support.cost import calibrated_machine, require_time
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import atomic_path, write_json, write_text
-from handbench.radar.support.parallel import workers
-from handbench.radar.support.progress import say, track
-from handbench.radar.support.store import versions
 from handbench.radar.warmup import compile_kernels
+from handbench.support.cost import calibrated_machine, require_time
+from handbench.support.errors import HandbenchError
+from handbench.support.files import atomic_path, write_json, write_text
+from handbench.support.parallel import workers
+from handbench.support.progress import say, track
+from handbench.support.store import versions
 
 Key = TypeVar("Key", bound=Hashable)
 T = TypeVar("T")

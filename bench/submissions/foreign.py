@@ -19,8 +19,8 @@ from handbench.bench.submissions.submission import Submission, read_map
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.data.grid import PixelGrid
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import read_npz
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_npz
 
 PLACES = ("{capture}", "{depth}")  # in a command: the folder to read, the file to write
 KEPT = ("PATH", "HOME", "LANG", "USER", "TMPDIR", "LD_LIBRARY_PATH", "CUDA_VISIBLE_DEVICES", "OMP_NUM_THREADS")

@@ -33,9 +33,10 @@ from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.radar.methods.registry import method
 from handbench.radar.simulation.causes import Noise
 from handbench.radar.simulation.scene import Material
-from handbench.radar.support.config import Config, Name, load, read_toml, suggest
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import (
+from handbench.radar.warmup import compile_kernels
+from handbench.support.config import Config, Name, load, read_toml, suggest
+from handbench.support.errors import HandbenchError
+from handbench.support.files import (
     atomic_folder,
     inside,
     read_bytes,
@@ -45,8 +46,7 @@ from handbench.radar.support.files import (
     write_json,
     write_text,
 )
-from handbench.radar.support.progress import track
-from handbench.radar.warmup import compile_kernels
+from handbench.support.progress import track
 
 SETS = Path(__file__).parent / "sets"
 SCENES = Path(__file__).parents[1] / "run" / "benchmarks"

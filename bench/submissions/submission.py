@@ -21,18 +21,10 @@ from pydantic import Field
 from handbench.bench.datasets.native import FAR_M
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import PixelGrid
-from handbench.radar.support.config import Config, Name, load, suggest
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import (
-    inside,
-    read_bytes,
-    read_npz,
-    read_text,
-    require_file,
-    require_folder,
-    write_text,
-)
-from handbench.radar.support.limits import ARRAY_BYTES, CSV_BYTES
+from handbench.support.config import Config, Name, load, suggest
+from handbench.support.errors import HandbenchError
+from handbench.support.files import inside, read_bytes, read_npz, read_text, require_file, require_folder, write_text
+from handbench.support.limits import ARRAY_BYTES, CSV_BYTES
 
 DESCRIPTION, DEPTHS, MAPS = "submission.toml", "depths.csv", "maps"
 COLUMNS = ("capture", "file", "sha256", "seconds")

@@ -24,7 +24,7 @@ from handbench.bench.validation.array_doubts import array_doubts, lacking
 from handbench.bench.validation.photo_problems import photo_problems
 from handbench.bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed
 from handbench.calibration.array.array_file import with_calibration
-from handbench.calibration.target.description import Target
+from handbench.calibration.spheres.description import Target
 from handbench.calibration.transforms import load_transform
 from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.radar.data.arrays import PlanarScan
@@ -32,9 +32,9 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture
 from handbench.radar.methods.advice import require_tones
 from handbench.radar.methods.registry import Method, method
-from handbench.radar.support.config import Config
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import inside
+from handbench.support.config import Config
+from handbench.support.errors import HandbenchError
+from handbench.support.files import inside
 
 SMALL_M = 5e-3  # a surface that small is likelier to be told in another unit
 

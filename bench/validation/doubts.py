@@ -20,11 +20,11 @@ from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.imaging.plan import fresh_plans
 from handbench.radar.methods.registry import method
 from handbench.radar.methods.trust import with_trust
-from handbench.radar.support.config import Config
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import write_json
-from handbench.radar.support.progress import say
 from handbench.radar.warmup import compile_kernels
+from handbench.support.config import Config
+from handbench.support.errors import HandbenchError
+from handbench.support.files import write_json
+from handbench.support.progress import say
 
 EXPLAINED = 0.9  # share of pixels on the surface with which a mistake explains an image; and of the best other share
 FIRST, NEAR_M = "first_depth_m", (0.05, FAR_M)  # where some methods begin to look, and where that may be

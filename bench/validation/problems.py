@@ -9,9 +9,9 @@ from typing import Any, TypeVar
 
 import pydantic
 
-from handbench.radar.support.config import Config, complaint, read_toml
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import read_json
+from handbench.support.config import Config, complaint, read_toml
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_json
 
 Location = tuple[str | int, ...]
 TOKEN = re.compile(

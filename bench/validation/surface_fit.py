@@ -12,7 +12,7 @@ import numpy as np
 from handbench.groundtruth.mesh.depth import depth_on_grid
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 NEAR_M = 3e-3  # a pixel that close lies on the surface
 STRONGEST = 1500  # pixels that are looked at, at most: those that shine most

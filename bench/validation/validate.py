@@ -13,18 +13,18 @@ from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, SceneFile, name_of
 from handbench.bench.validation.capture_problems import Seen, capture_problems, method_problems, surface_problems
 from handbench.bench.validation.photo_problems import is_of_photographs, photo_problems
 from handbench.bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed, sheet
-from handbench.calibration.target.description import Target, load_target
+from handbench.calibration.spheres.description import Target, load_target
 from handbench.calibration.transforms import load_transform
 from handbench.groundtruth.board.board import Board
 from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.radar.data.arrays import load_positions
 from handbench.radar.data.echoes_file import load_capture
 from handbench.radar.methods.registry import method
-from handbench.radar.support.config import Config, load
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import inside
-from handbench.radar.support.limits import MOST_TABLES
-from handbench.radar.support.progress import track
+from handbench.support.config import Config, load
+from handbench.support.errors import HandbenchError
+from handbench.support.files import inside
+from handbench.support.limits import MOST_TABLES
+from handbench.support.progress import track
 
 # A key that tells what a TOML file is, if it is neither benchmark nor scene.
 DESCRIPTIONS: dict[str, type[Config]] = {"element": Target, "marker": Board, "charuco": Board}

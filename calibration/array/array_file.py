@@ -9,9 +9,9 @@ from pydantic import Field, model_validator
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.support.config import Config, parse
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import read_json, write_json
+from handbench.support.config import Config, parse
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_json, write_json
 
 SAME_M = 1e-7  # positions that agree to this are the same; offsets are larger
 Gain = Annotated[float, Field(ge=-100, le=100)]

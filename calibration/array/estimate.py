@@ -13,11 +13,11 @@ import numpy as np
 from handbench.calibration.array import prior
 from handbench.calibration.array.array_file import ArrayCalibration, Side
 from handbench.calibration.array.model import EACH, Antennas, Echoes, State, directions, normal_equations
-from handbench.calibration.target.description import Target
+from handbench.calibration.spheres.description import Target
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.imaging.cpu.exact import path_lengths
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 MAX_STEPS = 20
 ENOUGH = 0.1  # a step that lowers χ² by less is no more than a small part of one standard deviation

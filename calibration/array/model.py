@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handbench.calibration.target.description import Target
+from handbench.calibration.spheres.description import Target
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.simulation.physics.spheres import sphere_echo
 

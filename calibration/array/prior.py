@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from handbench.calibration.array.model import BALL, DELAY, EACH, LEVEL, PHASE, PLACE, Antennas, Echoes, State, split
-from handbench.calibration.target.description import Target
-from handbench.calibration.target.matching import match
-from handbench.calibration.target.radar_detection import EchoSearch, find_balls
+from handbench.calibration.spheres.description import Target
+from handbench.calibration.spheres.matching import match
+from handbench.calibration.spheres.radar_detection import EchoSearch, find_balls
 from handbench.calibration.transforms import perturbation_jacobian, umeyama
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 SWEEPS = 30  # of alternation; it starts Gauss–Newton, which ends it
 POSITION_SIGMA_M, DELAY_SIGMA_M = 5e-5, 1e-4  # what manufacture leaves: of an antenna's place, per axis; of a cable

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 from handbench.calibration.registration.rigid_fit import Fit, Pairs, fit
 from handbench.calibration.transforms import MAJORITY, triples, umeyama
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 GROSS = 10.0  # standard deviations beyond which a pair is wrong; below, its covariance may be: Huber and χ² see to it
 LEAST = 4  # pairs that must agree before another is called wrong

@@ -19,15 +19,15 @@ from scipy.stats import chi2
 
 from handbench.calibration.registration.ransac import majority
 from handbench.calibration.registration.rigid_fit import Pairs
-from handbench.calibration.target.ball_fit import fit_balls
-from handbench.calibration.target.description import Candidate, Target
-from handbench.calibration.target.matching import match
-from handbench.calibration.target.optical_detection import TOWARDS_CAMERAS_PX, find_spheres
-from handbench.calibration.target.radar_detection import find_balls
+from handbench.calibration.spheres.ball_fit import fit_balls
+from handbench.calibration.spheres.description import Candidate, Target
+from handbench.calibration.spheres.matching import match
+from handbench.calibration.spheres.optical_detection import TOWARDS_CAMERAS_PX, find_spheres
+from handbench.calibration.spheres.radar_detection import find_balls
 from handbench.calibration.transforms import Transform, adjoint, perturbation_jacobian, umeyama
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.progress import say
+from handbench.support.errors import HandbenchError
+from handbench.support.progress import say
 
 HAND_M = np.array([0.0, 0.0, 0.3])  # the hand's centre, radar frame
 FALSE_ALARM = 0.01  # probability that a rig at rest is said to have moved

@@ -11,9 +11,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from handbench.calibration.target.description import Candidate
+from handbench.calibration.spheres.description import Candidate
 from handbench.calibration.transforms import adjoint, condition_number, perturbation_jacobian, umeyama
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 HUBER = float(np.sqrt(chi2.ppf(0.99, 3)))  # residuals beyond this many standard deviations lose weight
 MAX_STEPS = 50

@@ -7,9 +7,9 @@ import numpy as np
 import tomlkit
 from pydantic import Field, field_validator, model_validator
 
-from handbench.radar.support.config import Config, load
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import write_text
+from handbench.support.config import Config, load
+from handbench.support.errors import HandbenchError
+from handbench.support.files import write_text
 
 CHESSBOARD = -1  # stands for the ChArUco board where the others stand by their markers' ids
 

@@ -7,7 +7,7 @@ from handbench.groundtruth.board.board import CHESSBOARD, Board
 from handbench.groundtruth.board.corners import refined, to_light
 from handbench.groundtruth.photos.exif import is_plausible
 from handbench.groundtruth.photos.photos import Photo
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 FEWEST_CORNERS = 16  # for a focal length
 

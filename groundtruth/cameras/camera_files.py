@@ -10,9 +10,9 @@ from handbench.groundtruth.cameras.cameras import Camera, camera_in, load_camera
 from handbench.groundtruth.cameras.metashape import read_metashape
 from handbench.groundtruth.cameras.model_files import check_model
 from handbench.groundtruth.photos.photos import FEWEST, QUARTER_TURNS, Photo, sides_swapped
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import require_folder
-from handbench.radar.support.progress import say
+from handbench.support.errors import HandbenchError
+from handbench.support.files import require_folder
+from handbench.support.progress import say
 
 FEWEST_POINTS = 20  # that a photograph of a model must see
 TURNABLE = {"f", "fx", "fy", "cx", "cy", "k", "k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"}  # what a lens may have

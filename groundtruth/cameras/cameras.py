@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import Field, field_validator
 
-from handbench.radar.support.config import Config, parse
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import read_json, write_json
+from handbench.support.config import Config, parse
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_json, write_json
 
 
 def load_pycolmap() -> ModuleType:

@@ -20,9 +20,9 @@ from xml.etree import ElementTree
 import numpy as np
 
 from handbench.groundtruth.cameras.cameras import Camera
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import read_bytes
-from handbench.radar.support.limits import MOST_ELEMENTS, XML_BYTES
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_bytes
+from handbench.support.limits import MOST_ELEMENTS, XML_BYTES
 
 MOST_PARTS = 100  # of a sensor, and of its calibration
 LARGEST = 1e12  # metres or pixels; nothing overflows

@@ -5,9 +5,9 @@ from functools import cache
 from pathlib import Path
 
 from handbench.groundtruth.cameras.cameras import pycolmap
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import read_bytes, require_size
-from handbench.radar.support.limits import MODEL_BYTES
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_bytes, require_size
+from handbench.support.limits import MODEL_BYTES
 
 KINDS = ("cameras", "images", "points3D", "rigs", "frames")
 

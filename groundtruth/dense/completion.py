@@ -11,7 +11,7 @@ from handbench.groundtruth.dense.dense import ITERATIONS, LOOKS, THOROUGH, Depth
 from handbench.groundtruth.dense.first_guess import planes_through
 from handbench.groundtruth.dense.fusion import Cloud, fuse
 from handbench.groundtruth.dense.views import Stereo, View
-from handbench.radar.support.progress import track
+from handbench.support.progress import track
 
 CONFIRMATIONS = 1  # other views that a point needs: what is wrong does not match again
 STEEPEST = 8.0  # disparities per pixel

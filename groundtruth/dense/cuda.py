@@ -29,8 +29,8 @@ from handbench.groundtruth.dense.first_guess import planes_through
 from handbench.groundtruth.dense.fusion import CONFIRMATIONS
 from handbench.groundtruth.dense.patchmatch import RADIUS
 from handbench.groundtruth.dense.views import Stereo, View
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.progress import say, track
+from handbench.support.errors import HandbenchError
+from handbench.support.progress import say, track
 
 # Iterations of four sweeps each, and whether a second run asks the sources' depth maps to agree: COLMAP's lowest, its
 # default.

@@ -16,8 +16,8 @@ from handbench.groundtruth.dense.prediction import predicted
 from handbench.groundtruth.dense.views import Stereo, View, open_view
 from handbench.groundtruth.photos.masks import Masks
 from handbench.groundtruth.photos.photos import Photo
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.progress import say, track
+from handbench.support.errors import HandbenchError
+from handbench.support.progress import say, track
 
 
 class Limits(NamedTuple):

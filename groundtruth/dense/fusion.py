@@ -10,10 +10,10 @@ import numpy as np
 from handbench.groundtruth.dense.dense import DepthMap
 from handbench.groundtruth.dense.planesweep import LESS
 from handbench.groundtruth.dense.prediction import FUSED_ALONE, FUSED_BYTES
-from handbench.radar.support.compiled import njit, prange
-from handbench.radar.support.cost import require_free
-from handbench.radar.support.files import read_npz, write_npz
-from handbench.radar.support.limits import KEPT_BYTES
+from handbench.support.compiled import njit, prange
+from handbench.support.cost import require_free
+from handbench.support.files import read_npz, write_npz
+from handbench.support.limits import KEPT_BYTES
 
 CONFIRMATIONS, FEW_VIEWS = 2, 5  # other views that must agree; 1 where there are no more than a few views
 AGREEMENT_PX = 1.7  # how far, in pixels times depth over focal length, two depths may be apart

@@ -5,7 +5,7 @@ import numpy as np
 from handbench.groundtruth.dense import fusion, patchmatch, planesweep
 from handbench.groundtruth.dense.dense import depth_maps
 from handbench.groundtruth.dense.views import View
-from handbench.radar.support.compiled import compile_once
+from handbench.support.compiled import compile_once
 
 
 def compile_kernels() -> None:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from handbench.groundtruth.dense.views import Stereo
-from handbench.radar.support.compiled import njit, prange
+from handbench.support.compiled import njit, prange
 
 RADIUS = 3  # a window of 7 × 7 pixels; larger ones flatten what is curved, and put a finger too far away
 SIGMA_GRAY, SIGMA_PX = 0.08, 3.0  # bilateral weights

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 
 from handbench.groundtruth.dense.views import Stereo
-from handbench.radar.support.compiled import njit
-from handbench.radar.support.cost import require_free
-from handbench.radar.support.parallel import for_each
+from handbench.support.compiled import njit
+from handbench.support.cost import require_free
+from handbench.support.parallel import for_each
 
 LESS = "choose a lower --quality, or fewer or smaller photographs"
 WINDOW_RADIUS = 4

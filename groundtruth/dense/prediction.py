@@ -8,7 +8,7 @@ import numpy as np
 
 from handbench.groundtruth.dense import patchmatch, planesweep
 from handbench.groundtruth.dense.views import Stereo, View
-from handbench.radar.support.compiled import get_num_threads, set_num_threads
+from handbench.support.compiled import get_num_threads, set_num_threads
 
 TRIAL_PX, TRIAL_PLANES, TRIALS = 96, 64, 4
 HYPOTHESES = len(patchmatch.DIRECTIONS) + patchmatch.PERTURBATIONS  # that an iteration tries at a pixel

@@ -13,7 +13,7 @@ from handbench.groundtruth.board.board import load_board
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.sparse.sparse import Sparse
-from handbench.radar.support.progress import say
+from handbench.support.progress import say
 
 FLATTEST = 0.02  # of a board's extent: one whose corners lie farther from their plane has several planes
 FINEST_M = 1e-3  # no board is flatter, and known better

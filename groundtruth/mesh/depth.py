@@ -6,8 +6,8 @@ import numpy as np
 
 from handbench.calibration.transforms import Transform, perturbation_jacobian
 from handbench.groundtruth.mesh.surface import Surface
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.rays import TriangleMesh, embree
+from handbench.support.errors import HandbenchError
+from handbench.support.rays import TriangleMesh, embree
 
 CLEARANCE_M = 1e-3
 LARGEST_M = np.array([50.0, 50.0, 250.0])  # beside a radar, and in depth, which single precision tells to 0.06 mm

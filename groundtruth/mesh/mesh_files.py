@@ -12,11 +12,11 @@ import numpy as np
 
 from handbench.calibration.transforms import LARGEST_M
 from handbench.groundtruth.mesh.ply import MOST, MOST_CORNERS, read_ply
-from handbench.radar.support.cost import require_free
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import atomic_path, require_file, require_size
-from handbench.radar.support.limits import MESH_BYTES
-from handbench.radar.support.rays import PointCloud, RaycastingScene, TriangleMesh, embree, load_open3d
+from handbench.support.cost import require_free
+from handbench.support.errors import HandbenchError
+from handbench.support.files import atomic_path, require_file, require_size
+from handbench.support.limits import MESH_BYTES
+from handbench.support.rays import PointCloud, RaycastingScene, TriangleMesh, embree, load_open3d
 
 SMALLEST_M, LONGEST_M = 5e-3, 50.0  # of what anybody puts before a radar
 

@@ -11,9 +11,9 @@ from scipy.spatial import KDTree
 
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.mesh.mesh_files import point_cloud, repair
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.progress import say
-from handbench.radar.support.rays import TriangleMesh, load_open3d
+from handbench.support.errors import HandbenchError
+from handbench.support.progress import say
+from handbench.support.rays import TriangleMesh, load_open3d
 
 VOXEL_PX = 1.0
 NEIGHBOURS, OUTLIER_SIGMA = 20, 2.0

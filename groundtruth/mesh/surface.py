@@ -7,8 +7,8 @@ import numpy as np
 
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.mesh_files import mesh, read_triangles
-from handbench.radar.support.files import atomic_path
-from handbench.radar.support.rays import TriangleMesh
+from handbench.support.files import atomic_path
+from handbench.support.rays import TriangleMesh
 
 VERTEX = np.dtype([("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("sigma_m", "<f4"), ("observed", "u1")])
 FACE = np.dtype([("count", "u1"), ("vertices", "<i4", (3,))])

@@ -7,9 +7,9 @@ import numpy as np
 
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.dense.volume import Plane
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.progress import say
-from handbench.radar.support.rays import TriangleMesh
+from handbench.support.errors import HandbenchError
+from handbench.support.progress import say
+from handbench.support.rays import TriangleMesh
 
 OFF_PX = 6.0  # a point nearer to the board's plane may be the board's
 RISES = 2.0  # times as high: a part that stays lower is noise of the board

@@ -5,8 +5,8 @@ import struct
 from pathlib import Path
 from typing import Any
 
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.pictures import opened_picture
+from handbench.support.errors import HandbenchError
+from handbench.support.pictures import opened_picture
 
 IFD = 0x8769
 MAKE, MODEL, ORIENTATION = 0x010F, 0x0110, 0x0112

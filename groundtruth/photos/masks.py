@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 
 from handbench.groundtruth.photos.photos import Photo, read_gray, sides_swapped, stored_picture
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import require_folder
-from handbench.radar.support.progress import say
+from handbench.support.errors import HandbenchError
+from handbench.support.files import require_folder
+from handbench.support.progress import say
 
 if TYPE_CHECKING:
     import pycolmap

@@ -13,10 +13,10 @@ import numpy as np
 from PIL import Image
 
 from handbench.groundtruth.photos.exif import body_of, focal_length_px, orientation_of, read_exif
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import content_hash, require_folder
-from handbench.radar.support.pictures import is_deep, opened_picture
-from handbench.radar.support.progress import say, track
+from handbench.support.errors import HandbenchError
+from handbench.support.files import content_hash, require_folder
+from handbench.support.pictures import is_deep, opened_picture
+from handbench.support.progress import say, track
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 FEWEST = 3

@@ -9,7 +9,7 @@ import numpy as np
 from handbench.groundtruth.board.markers import Corners
 from handbench.groundtruth.cameras.cameras import pycolmap, registered
 from handbench.groundtruth.sparse.bundle import Bundle
-from handbench.radar.support.parallel import one_blas_thread
+from handbench.support.parallel import one_blas_thread
 
 STEPS, CONVERGED = 50, 1e-5  # steps at most; relative fall of the cost at which they end
 SETTLED = 1e-6  # relative fall of the cost at which points have been triangulated

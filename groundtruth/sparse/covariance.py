@@ -9,8 +9,8 @@ from handbench.groundtruth.cameras.cameras import pycolmap
 from handbench.groundtruth.sparse.bundle import Bundle, pseudo_inverse
 from handbench.groundtruth.sparse.frame import Scale
 from handbench.groundtruth.sparse.jacobians import pixel_jacobians
-from handbench.radar.support.files import read_npz, write_npz
-from handbench.radar.support.limits import KEPT_BYTES
+from handbench.support.files import read_npz, write_npz
+from handbench.support.limits import KEPT_BYTES
 
 NOT_SEEN = 1e-12  # of the information on a point: where nothing tells a direction, nothing moves along it
 

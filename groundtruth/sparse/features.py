@@ -8,7 +8,7 @@ import numpy as np
 
 from handbench.groundtruth.cameras.cameras import Camera, pycolmap
 from handbench.groundtruth.photos.photos import Photo
-from handbench.radar.support.progress import say
+from handbench.support.progress import say
 
 DATABASE = "database.db"
 LONGEST_SIDE_PX = 3200  # features are found on photographs no larger than this

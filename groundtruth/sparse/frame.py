@@ -11,7 +11,7 @@ from handbench.groundtruth.board.board import Board
 from handbench.groundtruth.board.markers import Corners
 from handbench.groundtruth.cameras.cameras import Camera, camera_in, pycolmap, registered
 from handbench.groundtruth.options import Distance
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 TRIM = 4.0  # times the median residual: what lies beyond is no part of the fit
 FAR_BETTER = 2.0  # times smaller is the median residual of a majority that others have bent away from

@@ -13,10 +13,10 @@ from handbench.groundtruth.cameras.cameras import Camera, cuda_devices
 from handbench.groundtruth.options import Options, SparseOptions
 from handbench.groundtruth.photos.masks import find_masks
 from handbench.groundtruth.photos.photos import Photo, find_photos, usable
-from handbench.radar.support.config import suggest
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import content_hash
-from handbench.radar.support.progress import track
+from handbench.support.config import suggest
+from handbench.support.errors import HandbenchError
+from handbench.support.files import content_hash
+from handbench.support.progress import track
 
 Chosen = TypeVar("Chosen", bound=SparseOptions)
 

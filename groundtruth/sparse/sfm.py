@@ -12,8 +12,8 @@ from handbench.groundtruth.cameras.camera_files import FEWEST_POINTS
 from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered, set_pose
 from handbench.groundtruth.photos.photos import FEWEST, Photo
 from handbench.groundtruth.sparse.features import DATABASE, Lenses, agreement, find_features, match, pipeline_options
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.progress import say
+from handbench.support.errors import HandbenchError
+from handbench.support.progress import say
 
 ATTEMPTS = 4  # with another seed each, while less than half of the photographs register
 CONVERGED = 1e-6  # relative fall of an adjustment's cost at which it ends; another one follows

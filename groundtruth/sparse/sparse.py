@@ -20,9 +20,9 @@ from handbench.groundtruth.sparse.features import DATABASE, Lenses, scales_px
 from handbench.groundtruth.sparse.frame import Scale, apply, board_from_model, distances_from_model, poses_from_model
 from handbench.groundtruth.sparse.inputs import Inputs
 from handbench.groundtruth.sparse.sfm import changes, refinement, structure_from_motion, triangulated
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import read_json, write_json
-from handbench.radar.support.progress import say
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_json, write_json
+from handbench.support.progress import say
 
 SCALE, COVARIANCE = "scale.json", "covariance.npz"
 SMALLEST_BASELINE = 0.03  # distance between cameras over distance to the scene

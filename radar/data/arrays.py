@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import read_bytes
-from handbench.radar.support.limits import CSV_BYTES
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_bytes
+from handbench.support.limits import CSV_BYTES
 
 SPEED_OF_LIGHT_M_S = 299_792_458.0
 HIGHEST_HZ = 1e13

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, tones
 from handbench.radar.data.grid import PixelGrid
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 SLOWEST = 100  # times slower than in vacuum a wave may be: in water it is 9
 QUIETEST, LOUDEST = 1e-30, 3e38  # largest part of samples that complex64 keeps with their digits

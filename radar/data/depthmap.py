@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import read_npz, write_npz
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_npz, write_npz
 
 OPTIONAL = {"sigma_m": "f", "wrapped": "b", "p_gross": "f"}  # not known to every method; kinds of number
 

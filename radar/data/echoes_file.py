@@ -11,11 +11,11 @@ import numpy as np
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, BistaticScan
 from handbench.radar.data.capture import RadarCapture, single
 from handbench.radar.data.recording import Recording
-from handbench.radar.support.config import suggest
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import atomic_path, plain_json, require_file
-from handbench.radar.support.hdf5 import attribute, opened, read
-from handbench.radar.support.limits import JSON_BYTES
+from handbench.support.config import suggest
+from handbench.support.errors import HandbenchError
+from handbench.support.files import atomic_path, plain_json, require_file
+from handbench.support.hdf5 import attribute, opened, read
+from handbench.support.limits import JSON_BYTES
 
 if TYPE_CHECKING:
     import h5py

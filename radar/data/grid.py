@@ -6,8 +6,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from handbench.radar.data.arrays import positions
-from handbench.radar.support.config import Config
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import Config
+from handbench.support.errors import HandbenchError
 
 
 class Axis(Config):

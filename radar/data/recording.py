@@ -8,8 +8,8 @@ import numpy as np
 
 from handbench.radar.data.arrays import AntennaArray, Aperture, BistaticScan, PlanarScan, positions, tones
 from handbench.radar.data.capture import RadarCapture, single
-from handbench.radar.support.cost import require_free
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.cost import require_free
+from handbench.support.errors import HandbenchError
 
 SWEEPS = ("mean", "frames")  # what repeated sweeps of a frame become
 SPARSE = 8  # times as many pairs as were measured: more are not filled in with zeros but summed pair by pair

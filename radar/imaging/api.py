@@ -28,9 +28,9 @@ from handbench.radar.imaging.gpu import executor as gpu
 from handbench.radar.imaging.peaks import Peaks, strongest_voxels
 from handbench.radar.imaging.plan import GridPlan, TreePlan, exact_terms, kept, node_cost, roomy
 from handbench.radar.imaging.tree import Family, clusters, crowded
-from handbench.radar.support.cost import TERMS_PER_S, require_memory, require_time
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.progress import track
+from handbench.support.cost import TERMS_PER_S, require_memory, require_time
+from handbench.support.errors import HandbenchError
+from handbench.support.progress import track
 
 TOLERANCES = (1e-6, 0.1)  # float32 ends before the one, the bounds' derivation before the other
 CHUNK = 1 << 18  # voxels that the exact path images at once
@@ -165,7 +165,7 @@ def image_volume(
     """Images of all voxels: complex64 [nz, ny, nx], or [f, nz, ny, nx] with the tones apart; one plane where nz = 1.
 
     carrier=False allows a phase to be left out that all tones share: enough for magnitudes and for phases between
-    tones, and faster. Refuses a volume that does not fit the memory limit (see `radar.support.cost`).
+    tones, and faster. Refuses a volume that does not fit the memory limit (see `support.cost`).
     """
     check(tolerance)
     count = len(samples) if apart else 1

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 SETTING = "HANDBENCH_DEVICE"
 DEVICES = ("cpu", "cuda", "numpy")

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from handbench.radar.support.compiled import FAST, njit
+from handbench.support.compiled import FAST, njit
 
 
 def _none() -> np.ndarray:

@@ -20,8 +20,8 @@ from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.device import Array, cis, distances
 from handbench.radar.imaging.skeleton import Resampler, regaining
 from handbench.radar.imaging.tree import DIRECT, Box, Family, Node, branch, crowded, split, trunk
-from handbench.radar.support.cost import TERMS_PER_S, require_memory, require_time
-from handbench.radar.support.parallel import one_blas_thread
+from handbench.support.cost import TERMS_PER_S, require_memory, require_time
+from handbench.support.parallel import one_blas_thread
 
 LEAF = 7.0  # Nyquist intervals along each axis of a leaf, at most ...
 LIMB = 3  # ... and leaves along each axis of a limb: the balance of compressing against evaluating

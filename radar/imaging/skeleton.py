@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg.lapack import dtrtrs
 from scipy.special import j0
 
-from handbench.radar.support.compiled import njit
+from handbench.support.compiled import njit
 
 TIE = 1e-6  # relative difference below which two members are as good
 CROWDING, REACH = 0.6, 4.0  # nodes lie closer by this share at either end, and by 1/e of it so many nodes inside

@@ -11,8 +11,8 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import Axis, PixelGrid
-from handbench.radar.support.config import Config
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import Config
+from handbench.support.errors import HandbenchError
 
 CLIMB = 12.5  # times as far as the rung before it: 200 MHz to 2.5 GHz in the paper
 CLOSER, CLOSEST = 3, 16  # times as close as a method's pair: tones that reach further, and still tell the period

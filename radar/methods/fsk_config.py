@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from handbench.radar.data.grid import Axis, PixelGrid
-from handbench.radar.support.config import Config
+from handbench.support.config import Config
 
 PAPER_LATERAL = Axis(start_m=-0.15, stop_m=0.15, step_m=0.001)
 SETTLING = 5  # corrections of z_e within which it settles, where it settles at all

@@ -22,7 +22,7 @@ from handbench.radar.methods.confidence import quadrature_m, spread_m, wrap_prob
 from handbench.radar.methods.fsk import Look, Tones, first_look
 from handbench.radar.methods.fsk_config import PixelsConfig, PriorConfig
 from handbench.radar.methods.smoothing import masked_mean
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 MOST_OFF = 2 / 3  # of half a period: so far off a prior may be on the whole, and its pixels still have room for theirs
 WITNESS_PX = 15  # window of the close pair's mean: some ten resolution cells

@@ -21,7 +21,7 @@ from handbench.radar.methods.fsk_config import (
 )
 from handbench.radar.methods.projection_config import AlignedConfig, BroadbandConfig, NarrowbandConfig, ProjectionConfig
 from handbench.radar.methods.registry import PAPER, Reconstruction, register
-from handbench.radar.support.config import Config
+from handbench.support.config import Config
 
 OURS = f"docs/methods.md, after {PAPER}"
 ALONG_Z = "radar/methods/along_z.py, after Capon 1969 and Mallart & Fink 1994"

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from handbench.radar.data.grid import Axis, VoxelGrid
 from handbench.radar.methods.fsk_config import PAPER_LATERAL, AgreementConfig
-from handbench.radar.support.config import Config
+from handbench.support.config import Config
 
 FEWEST = 3  # tones that can be aligned and still tell how well they are
 

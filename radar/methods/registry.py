@@ -20,12 +20,12 @@ import numpy as np
 
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.support import closure
-from handbench.radar.support.closure import with_version
-from handbench.radar.support.config import Config, checked_name, parse, suggest
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import content_hash
-from handbench.radar.support.progress import say
+from handbench.support import closure
+from handbench.support.closure import with_version
+from handbench.support.config import Config, checked_name, parse, suggest
+from handbench.support.errors import HandbenchError
+from handbench.support.files import content_hash
+from handbench.support.progress import say
 
 GROUP = "handbench.methods"
 OWN = "handbench"  # the distribution whose methods are the built-in ones

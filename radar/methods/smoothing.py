@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handbench.radar.support.compiled import FAST, njit
+from handbench.support.compiled import FAST, njit
 
 
 def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = None) -> np.ndarray:

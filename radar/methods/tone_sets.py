@@ -28,7 +28,7 @@ from scipy.stats import ncx2
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.methods.alignment import align
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 TRIED = 20_000  # sets, at most; where there are more, they are drawn
 DRAWN, MOST_DRAWS = 60, 20_000  # sets that are drawn, and depths for each, at most

@@ -21,7 +21,7 @@ from handbench.radar.data.capture import RadarCapture, evenly, near_one
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import PixelGrid, bounding_box
 from handbench.radar.methods.advice import asked_hz
-from handbench.radar.support.config import Config
+from handbench.support.config import Config
 
 GROSS_M = 5e-3
 BESIDE_M = 5e-3  # half a window of neighbours, two resolution cells wide

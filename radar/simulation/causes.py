@@ -5,7 +5,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from handbench.radar.support.config import Config
+from handbench.support.config import Config
 
 
 class Noise(Config):

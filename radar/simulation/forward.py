@@ -21,8 +21,8 @@ from handbench.radar.imaging.cpu.exact import path_lengths
 from handbench.radar.imaging.cpu.executor import Executor
 from handbench.radar.imaging.cpu.steering import GRAZING, least_cosine, steering
 from handbench.radar.imaging.tree import Box, Family, clusters
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.parallel import for_each
+from handbench.support.errors import HandbenchError
+from handbench.support.parallel import for_each
 
 CHUNK = 2048  # scatterers per matrix product
 NEAR = 5.0  # wavelengths from the array within which 1/R changes by a fifth and more from one antenna to the next

@@ -4,8 +4,8 @@ capture shows: what is read without their code."""
 import tomllib
 from pathlib import Path
 
-from handbench.radar.support.config import Config, suggest
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import Config, suggest
+from handbench.support.errors import HandbenchError
 
 DECLARED: dict[str, dict[str, str]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 IDS = tuple(DECLARED)  # in the order in which they are applied

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.simulation.causes import Causes
-from handbench.radar.support.config import Config
+from handbench.support.config import Config
 
 DEPTH_STEP_HZ = 2.5e9  # f1 − f3 of the paper's 3-FSK: the step that its depths come from
 COARSE = 0.08  # of the depth step, as 200 MHz of 2.5 GHz: the step that finds where the fine one looks

@@ -16,7 +16,7 @@ from handbench.radar.simulation.known_effects import Choice, check_names
 from handbench.radar.simulation.rehearsal import FINE, Rehearsal
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.triage import Triage, triage
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 # In the order in which they are applied, which is that of known_effects.toml.
 EFFECTS: tuple[Effect, ...] = (

@@ -13,7 +13,7 @@ from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.radar.simulation.physics.facets import Facets, face_vectors, facets_of
 from handbench.radar.simulation.physics.spheres import ball_echoes
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 SIGHT_TOLERANCE = 1e-3  # of echoes that diffract: a fifth of what interpolating their sight leaves
 

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
-from handbench.radar.support.errors import HandbenchError
 from handbench.reports.drawings.sheets import Drawing, sheets
+from handbench.support.errors import HandbenchError
 
 if TYPE_CHECKING:
     from handbench.groundtruth.board.board import Board

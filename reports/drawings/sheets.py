@@ -19,8 +19,8 @@ from matplotlib.lines import Line2D
 from matplotlib.typing import RcKeyType
 from numpy.typing import ArrayLike
 
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import atomic_path
+from handbench.support.errors import HandbenchError
+from handbench.support.files import atomic_path
 
 INCH_MM = 25.4
 PAPERS_MM = {"A4": (297.0, 210.0), "A3": (420.0, 297.0), "letter": (279.4, 215.9)}

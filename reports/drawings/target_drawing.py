@@ -16,7 +16,7 @@ from matplotlib.patches import Circle
 from handbench.reports.drawings.sheets import GREY, Drawing, line, sheets, usable_mm
 
 if TYPE_CHECKING:
-    from handbench.calibration.target.description import Target
+    from handbench.calibration.spheres.description import Target
 
 MILLIMETRES = 1e3
 EDGE_MM = 0.5  # outlines have a width

@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from handbench.bench.results import ErrorMap, Surface
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import atomic_path
 from handbench.reports.figures.depth_maps import Panel, box_of, depth_strip, error_panel, error_strip, sheet
 from handbench.reports.figures.style import STYLE
+from handbench.support.errors import HandbenchError
+from handbench.support.files import atomic_path
 
 FORMATS = (".png", ".pdf", ".svg")
 

@@ -8,11 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from handbench.bench.results import CaptureFacts, Result, load, load_tradeoff
-from handbench.radar.support.cost import require_time
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import write_text
-from handbench.radar.support.parallel import script_left_out, workers
-from handbench.radar.support.progress import track
 from handbench.reports.figures import charts
 from handbench.reports.figures.depth_maps import maps_of, panels
 from handbench.reports.figures.style import methods
@@ -21,6 +16,11 @@ from handbench.reports.page.rendering import Image, render
 from handbench.reports.tables import latex, result_tables
 from handbench.reports.tables.blocks import caption
 from handbench.reports.tables.result_tables import findings
+from handbench.support.cost import require_time
+from handbench.support.errors import HandbenchError
+from handbench.support.files import write_text
+from handbench.support.parallel import script_left_out, workers
+from handbench.support.progress import track
 
 ABREAST = 12  # captures on a page
 SECTIONS = ("verdicts", "effects", "uncertainty", "provenance", "command", "settings", "captures")

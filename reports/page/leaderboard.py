@@ -16,12 +16,12 @@ from handbench.bench.results import HEADLINE, Result, Setting, Tradeoff, load, l
 from handbench.bench.results.about import TREATMENTS, MethodFacts
 from handbench.bench.results.result_folder import shown
 from handbench.bench.results.tables import each
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import write_text
 from handbench.reports.page import html, rendering
 from handbench.reports.page.sections import Grid
 from handbench.reports.tables.blocks import NONE, figure, number, three_digits
 from handbench.reports.tables.result_tables import bold, escaped, table
+from handbench.support.errors import HandbenchError
+from handbench.support.files import write_text
 
 BY, ALIKE = "aurc_mm", "window"  # ranked by this figure, all averaged alike: who has smoothed already gains nothing
 SEEN = "complete_2mm_percent"

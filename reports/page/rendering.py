@@ -17,9 +17,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image as Pixels
 
-from handbench.radar.support.files import atomic_path, write_text
 from handbench.reports.figures.dark import darken
 from handbench.reports.figures.style import COLUMN, STYLE, Picture
+from handbench.support.files import atomic_path, write_text
 
 TEMPLATES = Path(__file__).parent / "templates"
 WIDTH_PX = 1900  # of a picture inside a page at most; the files beside it have every pixel

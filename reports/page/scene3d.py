@@ -9,11 +9,11 @@ from matplotlib import colormaps
 from PIL import Image
 
 from handbench.bench.results import CaptureFacts, Result, Surface
-from handbench.radar.support.errors import HandbenchError
 from handbench.reports.figures import layers
 from handbench.reports.figures.depth_maps import DEPTH_COLOURS, ERROR_COLOURS, depth_scale, error_scale, mean_text
 from handbench.reports.figures.style import methods
 from handbench.reports.tables.blocks import AGAINST, DRAWN
+from handbench.support.errors import HandbenchError
 
 PIXELS = 60_000  # of one surface at most: of a finer one every second, third, … row and column is shown
 LEVELS = 65_535  # a depth is one of so many steps between the capture's nearest and farthest

@@ -12,10 +12,10 @@ from markupsafe import Markup
 from matplotlib.colors import to_hex
 from PIL import Image as Pixels
 
-from handbench.radar.support.files import write_text
 from handbench.reports.figures.depth_maps import EMPTY, X_LABEL, Box, Maps, Panel, Strip, edges_mm, layout, ticks_mm
 from handbench.reports.figures.style import Layout
 from handbench.reports.page.rendering import QUALITY, Image, render
+from handbench.support.files import write_text
 
 PX = 84  # CSS pixels for an inch of the layout
 COLOURS = 255  # of a scale; one more index stands for what was not observed

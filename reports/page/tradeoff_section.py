@@ -4,13 +4,13 @@ from pathlib import Path
 from typing import Any
 
 from handbench.bench.results import Section, Setting, Tradeoff, load_tradeoff
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import write_text
 from handbench.reports.figures.fronts import error_text, metric_words, pictures, plotted, seconds_text
 from handbench.reports.page import rendering
 from handbench.reports.page.sections import Grid
 from handbench.reports.tables import latex, result_tables
 from handbench.reports.tables.blocks import NONE, known, number, three_digits
+from handbench.support.errors import HandbenchError
+from handbench.support.files import write_text
 
 
 def build(folder: str | Path, out: str | Path) -> Path:

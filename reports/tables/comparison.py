@@ -5,10 +5,10 @@ from typing import Any
 
 from handbench.bench.results.compared import Compared
 from handbench.bench.results.tables import each
-from handbench.radar.support.files import write_text
 from handbench.reports.tables import latex
 from handbench.reports.tables.blocks import NONE, figure, number, p_text
 from handbench.reports.tables.result_tables import bold, escaped, table, terminal_table, wide_console
+from handbench.support.files import write_text
 
 CHANGES = 12  # of one kind are shown; compare.json has all
 HEAD = ("A", "B", "B − A", "p")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handbench.calibration.target.description import Target, default_target
+from handbench.calibration.spheres.description import Target, default_target
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from handbench.calibration.registration.register import calibrate, common_covariance
-from tests.calibration.target.test_balls import capture, centres
-from tests.calibration.target.test_spheres import scene
+from tests.calibration.spheres.test_balls import capture, centres
+from tests.calibration.spheres.test_spheres import scene
 
 
 def test_a_cloud_and_echoes_give_the_transform(rng, target):

@@ -14,8 +14,8 @@ from handbench.calibration.array.estimate import estimate_array
 from handbench.calibration.array.prior import without
 from handbench.calibration.registration.register import Motion
 from handbench.calibration.registration.rigid_fit import Pairs, fit
-from handbench.calibration.target.description import Element, Target
-from handbench.calibration.target.radar_detection import EchoSearch
+from handbench.calibration.spheres.description import Element, Target
+from handbench.calibration.spheres.radar_detection import EchoSearch
 from handbench.calibration.transforms import TRIPLES, triples, umeyama
 from handbench.reports.drawings.sheets import INCH_MM
 from handbench.reports.drawings.target_drawing import target_sheets

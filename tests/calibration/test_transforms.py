@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from handbench.calibration.transforms import Transform, identity, load_transform, perturbation_jacobian, umeyama
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.bench.conftest import write_bench
 from tests.bench.run.photographed import with_photographs
 from tests.bench.run.test_schedule import several
 from tests.faults import disk, processes, surroundings, together
 from tests.faults.commands import COMMANDS, Command, write_inputs
 from tests.faults.disk import Try
+from tests.small_benchmark import write_bench
 
 QUICK = ("simulate", "groundtruth", "calibrate", "reconstruct", "import", "export", "design")  # in well under a second
 EVERY = {"run": 5, "report": 9, "tradeoff": 7, "study": 2}  # of the writes of what takes seconds

@@ -17,15 +17,15 @@ from unittest.mock import patch
 import numpy as np
 import tomlkit
 
-from handbench.bench.cli.main import main
 from handbench.bench.run import photogrammetry
 from handbench.calibration.transforms import Transform
+from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import load_open3d, write_mesh
-from handbench.radar.support.folder import MARKER
-from tests.bench.conftest import BENCH, SCENE
+from handbench.support.folder import MARKER
 from tests.bench.datasets import test_mapping as foreign
 from tests.bench.studies.stability.faults import content
 from tests.reports.synthetic_result import write_synthetic
+from tests.small_benchmark import BENCH, SCENE
 
 ONE = BENCH.rpartition("[[method]]")[0]
 AXIS = "{ start_m = -0.02, stop_m = 0.02, step_m = 0.002 }"

@@ -60,7 +60,7 @@ def full_outputs(inputs: Path) -> Iterator[Try]:
     """The table or figures that a command prints go to a full disk."""
     for name, words in PRINTING.items():
         with open("/dev/full", "w") as full:
-            command = [sys.executable, "-m", "handbench.bench.cli.main", *words.format(i=inputs).split()]
+            command = [sys.executable, "-m", "handbench.cli.main", *words.format(i=inputs).split()]
             done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=300)
         loss = Ended(done.returncode, done.stderr).loss or (None if done.returncode else "nothing was said")
         yield Try("disk full at the output", name, loss)

@@ -13,14 +13,14 @@ import sys
 import traceback
 from importlib import import_module
 
-from handbench.bench.cli.main import main
 from handbench.bench.run import reconstruct_stage
-from handbench.radar.support.closure import key_of
-from handbench.radar.support.rays import load_open3d
+from handbench.cli.main import main
+from handbench.support.closure import key_of
+from handbench.support.rays import load_open3d
 from tests.bench.run.photographed import RUN
 
 NEEDED = (
-    "handbench.bench.cli.run",
+    "handbench.cli.run",
     "handbench.bench.run.runner",
     "handbench.bench.run.simulate_stage",
     "handbench.bench.run.reconstruct_stage",

@@ -27,11 +27,11 @@ SIGNALS = {"kill -9": signal.SIGKILL, "SIGTERM": signal.SIGTERM, "SIGINT": signa
 DIED = {signal.SIGKILL: {-9}, signal.SIGTERM: {-15}, signal.SIGINT: {130, -2}}
 LIMITED = (
     "import resource, sys; resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[1]),) * 2); del sys.argv[1]; "
-    "from handbench.bench.cli.main import main; sys.exit(main())"
+    "from handbench.cli.main import main; sys.exit(main())"
 )
 WITHOUT_RIGHTS = (
     "from tests.bench.studies.stability.faults import nobody_s_rights\n"
-    "import sys\nwith nobody_s_rights():\n from handbench.bench.cli.main import main; sys.exit(main())"
+    "import sys\nwith nobody_s_rights():\n from handbench.cli.main import main; sys.exit(main())"
 )
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import pytest
 
-from handbench.bench.cli import design
-from handbench.bench.cli.main import main
+from handbench.cli import design
+from handbench.cli.main import main
 from tests.faults.campaign import KINDS, Ground
 
 SLOW = {"signal kill -9", "signal SIGTERM", "signal SIGINT", "at once", "cluster", "memory", "unwritable", "outputs"}

@@ -43,7 +43,7 @@ def scheduler_lost(bench: Path, scratch: Path, generator: np.random.Generator) -
     scratch.mkdir()
     started, out = cluster.Workers(scratch), scratch / "out"
     try:
-        command = [sys.executable, "-m", "handbench.bench.cli.main", "run", str(bench), "-o", str(out)]
+        command = [sys.executable, "-m", "handbench.cli.main", "run", str(bench), "-o", str(out)]
         process = subprocess.Popen([*command, "--scheduler", started.address], stdout=-3, stderr=subprocess.PIPE,
                                    text=True, cwd=ROOT)  # fmt: skip
         wanted = int(generator.integers(1, 5))

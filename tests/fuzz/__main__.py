@@ -8,8 +8,8 @@ from collections import defaultdict
 from dataclasses import asdict
 from pathlib import Path
 
-from handbench.radar.support.files import write_json
-from handbench.radar.support.progress import say
+from handbench.support.files import write_json
+from handbench.support.progress import say
 from tests.fuzz.campaign import FINDINGS, Tally, fuzz, line_of, planned
 from tests.fuzz.readers import READERS
 

@@ -22,7 +22,7 @@ AXIS_M = np.linspace(-0.02, 0.02, 5)
 
 def target(folder: Path) -> None:
     """The calibration target."""
-    from handbench.calibration.target.description import default_target, save_target
+    from handbench.calibration.spheres.description import default_target, save_target
 
     save_target(folder / "target.toml", default_target())
 

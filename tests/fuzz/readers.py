@@ -63,7 +63,7 @@ def _maroon_sensors(folder: Path) -> None:
 
 def _scene(folder: Path) -> None:
     from handbench.bench.scenes.scene_file import SceneFile
-    from handbench.radar.support.config import load
+    from handbench.support.config import load
 
     file = load(SceneFile, folder / "scene.toml", "a scene description")
     _ = file.causes, file.target.radar_from_target(), file.mount.radar_from_photo()
@@ -83,7 +83,7 @@ def _validate(folder: Path) -> None:
 
 
 def _target(folder: Path) -> None:
-    from handbench.calibration.target.description import load_target
+    from handbench.calibration.spheres.description import load_target
 
     target = load_target(folder / "target.toml")
     _ = target.centres_m, target.foam_delay_m
@@ -215,7 +215,7 @@ def _map(folder: Path) -> None:
 
 def _stage(folder: Path) -> None:
     """A stage whose files were changed is found out and made again."""
-    from handbench.radar.support.store import kept_stage
+    from handbench.support.store import kept_stage
 
     kept_stage(folder / "stage", "stage", result_seeds.stage)
     if (folder / "stage" / "depth.npz").read_bytes() != (folder / "fresh.npz").read_bytes():

@@ -172,7 +172,7 @@ def stage(folder: Path) -> None:
 
 def kept(folder: Path) -> None:
     """A kept stage, and what it made once more beside it."""
-    from handbench.radar.support.store import kept_stage
+    from handbench.support.store import kept_stage
 
     kept_stage(folder / "stage", "stage", stage)
     (folder / "fresh.npz").write_bytes((folder / "stage" / "depth.npz").read_bytes())

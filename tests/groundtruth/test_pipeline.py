@@ -15,7 +15,7 @@ from handbench.groundtruth.photos.photos import find_photos
 from handbench.groundtruth.pipeline import reconstruct
 from handbench.groundtruth.sparse.features import Lenses
 from handbench.groundtruth.sparse.sfm import structure_from_motion
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 FOUNTAIN = Path(__file__).parents[2].parent / "shared" / "data" / "fountain-P11"
 

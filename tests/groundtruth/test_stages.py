@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from handbench.bench.cli.main import main
+from handbench.cli.main import main
 from handbench.groundtruth import dense_stage, mesh_stage, pipeline, sparse_stage
 from handbench.groundtruth.cameras.cameras import load_pycolmap
 from handbench.groundtruth.dense.fusion import Cloud
@@ -22,7 +22,7 @@ from handbench.groundtruth.sparse.covariance import camera_covariance
 from handbench.groundtruth.sparse.frame import Scale
 from handbench.groundtruth.sparse.inputs import Inputs
 from handbench.groundtruth.sparse.sparse import INTRINSICS, Sparse
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.groundtruth.noisy_model import noisy_model, poses_of
 from tests.groundtruth.room import photograph
 
@@ -140,8 +140,8 @@ def test_the_sparse_stage_comes_back(tmp_path, free):
 
 KILLED = """
 import os, sys
-from handbench.bench.cli.main import main
-from handbench.radar.support import store
+from handbench.cli.main import main
+from handbench.support import store
 keep = store.keep
 
 def killed(folder, make):

@@ -13,8 +13,8 @@ import pytest
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.runner import run
 from handbench.groundtruth.mesh.mesh_files import load_open3d, write_mesh
-from tests.bench.conftest import BENCH, SCENE
 from tests.independent import table_by_hand
+from tests.small_benchmark import BENCH, SCENE
 
 AXIS = "{ start_m = -0.02, stop_m = 0.02, step_m = 0.002 }"
 DEPTHS = "{ start_m = 0.27, stop_m = 0.3, step_m = 0.002 }"

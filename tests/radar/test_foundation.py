@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from pydantic import Field
 
-from handbench.radar.support import progress
-from handbench.radar.support.config import Config, load, parse, read_toml, suggest
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import (
+from handbench.support import progress
+from handbench.support.config import Config, load, parse, read_toml, suggest
+from handbench.support.errors import HandbenchError
+from handbench.support.files import (
     atomic_folder,
     atomic_path,
     content_hash,
@@ -141,9 +141,7 @@ def test_an_exception_leaves_the_old_file_and_nothing_else(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize(
-    "where", ["handbench.radar.support.files.os.replace", "handbench.radar.support.files.tempfile.mkstemp"]
-)
+@pytest.mark.parametrize("where", ["handbench.support.files.os.replace", "handbench.support.files.tempfile.mkstemp"])
 def test_a_full_disk_leaves_the_old_file_and_says_so(tmp_path, monkeypatch, where):
     path = tmp_path / "result.json"
     path.write_text("old")
@@ -209,7 +207,7 @@ def test_a_failed_folder_leaves_the_old_one(tmp_path, monkeypatch):
             pass
 
     with monkeypatch.context() as patch:
-        patch.setattr("handbench.radar.support.files.os.replace", second_rename_fails)
+        patch.setattr("handbench.support.files.os.replace", second_rename_fails)
         assert "No space left" in message(write)
     assert (path / "old").read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]

@@ -24,8 +24,8 @@ from handbench.radar.simulation.physics.reflection import skin_permittivity
 from handbench.radar.simulation.pilot import CENTRE_M
 from handbench.radar.simulation.scene import Body, EchoScene, Material
 from handbench.radar.simulation.state import EchoState, facing
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.progress import track
+from handbench.support.errors import HandbenchError
+from handbench.support.progress import track
 from tests.radar.direct_sums import direct_sum
 from tests.radar.exact import tone_images
 from tests.radar.samples import noise, relative_error

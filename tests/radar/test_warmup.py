@@ -9,7 +9,7 @@ import pytest
 
 from handbench.groundtruth.dense import kernels
 from handbench.radar import warmup
-from handbench.radar.support import compiled
+from handbench.support import compiled
 
 BOTH = [
     (warmup.compile_kernels, "handbench.radar.warmup"),

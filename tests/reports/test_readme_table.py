@@ -11,7 +11,7 @@ import pytest
 from docs import readme
 from handbench.bench import results
 from handbench.bench.results.tables import COMPARISONS, frame
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.reports.synthetic_result import METHODS, write_synthetic
 
 CONFIG = 'name = "x"\n[[capture]]\nscene = "hand.toml"\n[[capture]]\npath = "elsewhere"\n'

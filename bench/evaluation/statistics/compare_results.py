@@ -31,7 +31,7 @@ from handbench.bench.results.error_map import ErrorMap
 from handbench.bench.results.maps import errors_path, read_map
 from handbench.bench.results.result_folder import Result
 from handbench.bench.results.tables import DIFFERENCES, LEVEL, TIMES, conform, frame
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 SAME_SHARE = 0.9  # of the pixels that either reference has, both must have, to be one hand in one place
 SAME_M = 5e-4  # and in the median lie so near

@@ -12,7 +12,7 @@ from handbench.bench.evaluation.metrics import HEADLINE, METRICS, deviation, mea
 from handbench.bench.evaluation.statistics.intervals import FEWEST, TAILS, TOO_FEW, mean_interval
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.tables import COMPARISONS, LEVEL, conform
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 
 class Tested(NamedTuple):

@@ -7,7 +7,7 @@ import pandas as pd
 
 from handbench.bench.results.result_folder import Result
 from handbench.bench.results.tables import CHANGES, frame
-from handbench.radar.support.config import plain_toml
+from handbench.support.config import plain_toml
 
 HASH_CHARACTERS = 12  # tell two hashes apart
 

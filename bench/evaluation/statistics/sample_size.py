@@ -17,7 +17,7 @@ from scipy import optimize, stats
 from handbench.bench.evaluation.metrics import deviation
 from handbench.bench.evaluation.statistics.intervals import FEWEST, TAILS, Interval
 from handbench.bench.results.tables import DESIGN, LEVEL, frame
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 LEAST = 3  # captures whose variance is worth an answer at all
 MOST = 100_000  # captures: more are told as none

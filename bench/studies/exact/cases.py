@@ -12,9 +12,9 @@ from handbench.bench.studies.exact.mie_series import Sphere, sphere_echoes
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.simulation.physics.reflection import HORNY, dielectric_permittivity, skin_permittivity
 from handbench.radar.simulation.scene import Body, Material
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import content_hash, read_npz, write_npz
-from handbench.radar.support.rays import TriangleMesh, load_open3d
+from handbench.support.errors import HandbenchError
+from handbench.support.files import content_hash, read_npz, write_npz
+from handbench.support.rays import TriangleMesh, load_open3d
 
 HALF_LENGTH_M = 0.16  # of the meshes; no specular point of the array lies beyond a third of it
 AROUND_M, ALONG_M = 0.5e-3, 2e-3  # edges of the meshes: 4 µm inside the cylinder

@@ -21,8 +21,8 @@ from handbench.radar.methods.registry import method
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import read_npz, write_npz
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_npz, write_npz
 
 LONG_M = 0.03  # depths are compared as far along the cylinders, where their ends do not count
 TONES = 26  # of broadband: its depths repeat every 375 mm

@@ -19,7 +19,7 @@ from typing import Any, SupportsFloat
 
 import numpy as np
 
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 GROUPS = ("phase", "data", "geometry", "smoothing", "registration", "meshes", "statistics")
 CATALOGUE = Path(__file__).with_name("catalogue.toml")

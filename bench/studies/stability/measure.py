@@ -14,10 +14,10 @@ from handbench.bench.results.tables import CASES, frame
 from handbench.bench.studies.columns import markdown_table
 from handbench.bench.studies.stability.cases import GROUPS, cases, measured
 from handbench.bench.studies.study import carried_out, stand
-from handbench.radar.support.config import suggest
-from handbench.radar.support.cost import require_time
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.progress import say
+from handbench.support.config import suggest
+from handbench.support.cost import require_time
+from handbench.support.errors import HandbenchError
+from handbench.support.progress import say
 
 CASE_S = 0.25  # of processor time, on average
 SHOWN = ["group", "case", "quantity", "bound", "kind", "measured", "unit", "verdict"]

@@ -17,7 +17,7 @@ from handbench.bench.studies.stability.cases import U_SINGLE, Seen, U, Works
 from handbench.groundtruth.mesh.depth import EDGE_ON, LARGEST_M, reference_on_grid
 from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.groundtruth.mesh.surface import Surface
-from handbench.radar.support.rays import Rays
+from handbench.support.rays import Rays
 
 SLOPES, DEPTH_M = np.array([0.5, -0.3]), 0.3
 

@@ -19,15 +19,15 @@ from handbench.bench.studies.stability.scenes import capture, small_array
 from handbench.calibration.registration import ransac
 from handbench.calibration.registration.register import solve
 from handbench.calibration.registration.rigid_fit import HUBER, Pairs
-from handbench.calibration.target.ball_fit import fit_balls
-from handbench.calibration.target.description import Candidate, Element, Target, default_target
-from handbench.calibration.target.matching import match
-from handbench.calibration.target.optical_detection import Cloud, Sphere, find_spheres, fit_sphere
-from handbench.calibration.target.radar_detection import Ball
+from handbench.calibration.spheres.ball_fit import fit_balls
+from handbench.calibration.spheres.description import Candidate, Element, Target, default_target
+from handbench.calibration.spheres.matching import match
+from handbench.calibration.spheres.optical_detection import Cloud, Sphere, find_spheres, fit_sphere
+from handbench.calibration.spheres.radar_detection import Ball
 from handbench.calibration.transforms import Transform, condition_number
 from handbench.groundtruth.sparse.frame import TRIM, trimmed_similarity
 from handbench.radar.simulation.physics.spheres import sphere_echo
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 EPS = np.finfo(float).eps
 SIGMA_M = 1e-4  # of a centre, per axis

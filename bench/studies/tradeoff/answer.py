@@ -16,7 +16,7 @@ from handbench.bench.evaluation.metrics import METRICS
 from handbench.bench.results import HEADLINE, Section, Setting, Tradeoff
 from handbench.bench.studies.columns import Record, Table, columns
 from handbench.bench.studies.tradeoff.settings import setting_path
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 LENGTHS = {"mm": 1.0, "um": 1e-3, "µm": 1e-3, "cm": 10.0, "m": 1e3}  # in millimetres
 HEADROOM = 1.1  # of a later run over the slowest round: the rounds are few

@@ -30,7 +30,7 @@ from handbench.radar.imaging.api import image_volume
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig, NarrowbandConfig
 from handbench.radar.methods.registry import method
-from handbench.radar.support.config import Config
+from handbench.support.config import Config
 
 PAPER = 1000.0
 PASSES = 2  # of z_e in the paper

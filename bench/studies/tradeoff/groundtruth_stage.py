@@ -27,11 +27,11 @@ from handbench.groundtruth.mesh.mesh_files import raycasting_scene, read_mesh
 from handbench.groundtruth.options import Options, Quality
 from handbench.groundtruth.photos.photos import FEWEST, Photo, find_photos
 from handbench.groundtruth.pipeline import Result, reconstruct
-from handbench.radar.support.config import Config
-from handbench.radar.support.cost import Cost, measured
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.progress import say, track
-from handbench.radar.support.rays import RaycastingScene, TriangleMesh
+from handbench.support.config import Config
+from handbench.support.cost import Cost, measured
+from handbench.support.errors import HandbenchError
+from handbench.support.progress import say, track
+from handbench.support.rays import RaycastingScene, TriangleMesh
 
 CAMERAS, BOARD = "cameras.json", "board.toml"
 GRID_M = 5e-4  # of the rays from the radar's side that sample the true surface

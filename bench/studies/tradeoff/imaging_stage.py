@@ -33,9 +33,9 @@ from handbench.radar.data.grid import PixelGrid
 from handbench.radar.imaging.api import Laps, watch
 from handbench.radar.imaging.plan import fresh_plans
 from handbench.radar.methods.registry import Reconstruction, method
-from handbench.radar.support.cost import measured
-from handbench.radar.support.progress import track
 from handbench.radar.warmup import compile_kernels
+from handbench.support.cost import measured
+from handbench.support.progress import track
 
 OPEN = 4  # captures whose echoes are kept in memory
 

@@ -18,7 +18,7 @@ from handbench.bench.run.executors import InPlace
 from handbench.bench.run.outcome import Capture, Outcome, failing
 from handbench.bench.run.runner import Run, references
 from handbench.bench.run.sweep import SectionName
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,10 @@ from handbench.calibration.registration import register as registration
 from handbench.calibration.registration.register import combine
 from handbench.calibration.registration.rigid_fit import Pairs
 from handbench.calibration.transforms import Transform
-from handbench.radar.support.config import Config
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.progress import say, track
 from handbench.radar.warmup import compile_kernels
+from handbench.support.config import Config
+from handbench.support.errors import HandbenchError
+from handbench.support.progress import say, track
 
 Made = TypeVar("Made")
 MOST = 100  # captures of a rig, and rigs: numbers that are drawn from do not meet

@@ -24,12 +24,12 @@ from handbench.bench.studies.tradeoff import imaging_stage
 from handbench.bench.studies.tradeoff.answer import front, rank, with_acquisition
 from handbench.bench.studies.tradeoff.opening import Context, Opened, opened
 from handbench.bench.studies.tradeoff.settings import FOLDER, write_settings
-from handbench.radar.support.config import parse
-from handbench.radar.support.cost import require_time
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.folder import claimed, drop
-from handbench.radar.support.progress import say
-from handbench.radar.support.store import versions
+from handbench.support.config import parse
+from handbench.support.cost import require_time
+from handbench.support.errors import HandbenchError
+from handbench.support.folder import claimed, drop
+from handbench.support.progress import say
+from handbench.support.store import versions
 
 KNOBS = {"groundtruth": "GroundTruthKnobs", "simulation": "SimulationKnobs", "registration": "RegistrationKnobs"}
 PAPER_METHODS = ("2fsk", "3fsk", "broadband", "narrowband")

@@ -11,7 +11,7 @@ from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED
 from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, Source
 from handbench.bench.run.outcome import Capture
 from handbench.bench.run.sweep import ImagingSetting
-from handbench.radar.support.files import write_text
+from handbench.support.files import write_text
 
 FOLDER, CAPTURES = "settings", "captures"
 

@@ -20,8 +20,8 @@ from handbench.radar.simulation.known_effects import Choice
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.selection import CONTAINED, EFFECTS, choose
 from handbench.radar.simulation.simulate import simulate_scene
-from handbench.radar.support.config import Config, suggest
 from handbench.radar.warmup import compile_kernels
+from handbench.support.config import Config, suggest
 
 ORDINARY = 4.0  # facets, and mirrors of two bounces, to a wavelength in every simulation
 METHOD = "3fsk"

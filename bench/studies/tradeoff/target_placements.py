@@ -11,8 +11,8 @@ import numpy as np
 from handbench.bench.scenes.build import Scene, build
 from handbench.bench.scenes.rig import rig
 from handbench.bench.scenes.scene_file import SceneFile
-from handbench.calibration.target.description import Element, Target, default_target, save_target
-from handbench.radar.support.config import parse
+from handbench.calibration.spheres.description import Element, Target, default_target, save_target
+from handbench.support.config import parse
 
 TURN_DEG = 30.0  # of the target, about each axis, at most
 PHASE_NOISE_RAD = 0.0281  # of the paper's table

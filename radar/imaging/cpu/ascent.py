@@ -7,7 +7,7 @@ import numpy as np
 
 from handbench.radar.imaging.cpu.descent import BLOCK, SECOND_LEVEL, apply, differences, leaf_of, mix, steer, turn
 from handbench.radar.imaging.cpu.steering import cis_turns
-from handbench.radar.support.compiled import FAST, njit
+from handbench.support.compiled import FAST, njit
 
 
 class Sight(NamedTuple):

@@ -12,7 +12,7 @@ import numpy as np
 
 from handbench.radar.imaging.cpu.steering import cis_small, cis_turns
 from handbench.radar.imaging.tree import Node
-from handbench.radar.support.compiled import FAST, njit
+from handbench.support.compiled import FAST, njit
 
 BLOCK = 320  # points per matrix product, fewer where that would push the factors out of the second-level cache:
 SECOND_LEVEL = 65536  # antennas × points

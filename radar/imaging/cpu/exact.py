@@ -13,9 +13,9 @@ import numpy as np
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, as_of_an_array, tones
 from handbench.radar.data.capture import largest_part
 from handbench.radar.imaging.cpu.steering import cis_turns, distances_m, phasor, steering
-from handbench.radar.support.compiled import FAST, njit
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.parallel import for_each
+from handbench.support.compiled import FAST, njit
+from handbench.support.errors import HandbenchError
+from handbench.support.parallel import for_each
 
 BLOCK = 256  # points per matrix product: both factors stay in the second-level cache
 TONES, WAVES = 32, 1 << 21  # most of one piece of work in float64: tones, and complex numbers of steering

@@ -15,7 +15,7 @@ from handbench.radar.imaging.cpu.steering import restore_carrier, take_carrier_o
 from handbench.radar.imaging.peaks import Peaks, root_mean_square, strongest
 from handbench.radar.imaging.plan import GridPlan, Sorted, TreePlan
 from handbench.radar.imaging.tree import Box, Family, Node, branch, trunk
-from handbench.radar.support.parallel import for_each, one_blas_thread
+from handbench.support.parallel import for_each, one_blas_thread
 
 VOXELS = 1 << 16  # upsampled along z at once: they stay in the second-level cache
 ROWS = 16  # pixels along y of one piece of work

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.support.compiled import FAST, njit
+from handbench.support.compiled import FAST, njit
 
 # Gains that bend too sharply across the array to be carried by few antennas:
 GRAZING = 0.05  # √(n·û) where the cosine falls below this,

@@ -20,7 +20,7 @@ from handbench.radar.imaging.peaks import Peaks, root_mean_square
 from handbench.radar.imaging.plan import GridPlan, Sorted, TreePlan
 from handbench.radar.imaging.skeleton import Resampler
 from handbench.radar.imaging.tree import Node
-from handbench.radar.support.parallel import for_each
+from handbench.support.parallel import for_each
 
 PIECE = 512  # points of one leaf that share a product
 WAVE_BYTES = 24  # per point, tone and antenna: turns, phases and products

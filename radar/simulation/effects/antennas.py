@@ -11,7 +11,7 @@ from handbench.radar.simulation.effects.base import Effect
 from handbench.radar.simulation.pilot import rms
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.state import EchoState
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 
 class PositionErrors(Effect):

@@ -17,7 +17,7 @@ from handbench.radar.simulation.physics.spheres import foam_delays_m, foam_echoe
 from handbench.radar.simulation.pilot import CENTRE_M
 from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.radar.simulation.state import EchoState, Surface, facing
-from handbench.radar.support.rays import Rays
+from handbench.support.rays import Rays
 
 MOST_CROSSINGS = 16  # surfaces that a ray may cross on its way to a facet
 FAINT_DB = -20.0  # echo of the far wall over the front's that may be left out: 3-FSK then moves by 0.2 mm

@@ -20,8 +20,8 @@ from handbench.radar.simulation.physics.reflection import body_reflection, echo_
 from handbench.radar.simulation.pilot import CENTRE_M, LONGEST, body_echoes, visible_surface
 from handbench.radar.simulation.scene import Body, EchoScene, Material
 from handbench.radar.simulation.state import EchoState, facing
-from handbench.radar.support.parallel import for_each
-from handbench.radar.support.rays import Rays
+from handbench.support.parallel import for_each
+from handbench.support.rays import Rays
 
 BOUNCES = 4  # at most: places that a wave meets
 PATCH = 0.25  # longest edge of a mirror, wavelengths

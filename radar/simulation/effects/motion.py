@@ -16,7 +16,7 @@ from handbench.radar.simulation.causes import Motion
 from handbench.radar.simulation.effects.base import CLOSED, Effect, Glance, echo_s
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.state import EchoState
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 MOST_NODES = 30  # displacements, each a simulation of its own
 RESIDUAL_RAD = 0.06  # between two displacements: linear interpolation then errs by (0.06)²/8 = 5e-4 at the target's rim

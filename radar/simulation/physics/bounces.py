@@ -21,7 +21,7 @@ import numpy as np
 from handbench.radar.imaging.cpu.steering import cis_small
 from handbench.radar.simulation.physics.creeping import RADII
 from handbench.radar.simulation.physics.vectors import ahead, cross, direction, dot, minus, mirrored, norm, vec
-from handbench.radar.support.compiled import FAST, njit
+from handbench.support.compiled import FAST, njit
 
 LEAST, MOST = float(RADII[0]), float(RADII[-1])  # m of the edges around which waves creep
 WIDEST = 100.0  # footprint over patch, at most: what is wider leaves a caustic or grazes, and D silences it

@@ -22,8 +22,8 @@ from handbench.radar.simulation.physics.line_of_sight import nodes
 from handbench.radar.simulation.physics.polarisation import tube_factors
 from handbench.radar.simulation.physics.ray_tubes import Traced
 from handbench.radar.simulation.physics.vectors import minus, norm, vec
-from handbench.radar.support.compiled import FAST, njit
-from handbench.radar.support.parallel import for_each
+from handbench.support.compiled import FAST, njit
+from handbench.support.parallel import for_each
 
 TOLERANCE = 3e-3  # of the bounces' echoes: for the tones that stand for the others
 # Between the antennas that stand for the others: a cell's waves oscillate over 25 mm, 0.3 m away. Those whose rays are

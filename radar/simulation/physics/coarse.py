@@ -7,7 +7,7 @@ import numpy as np
 
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.simulation.physics.facets import Facets
-from handbench.radar.support.compiled import njit
+from handbench.support.compiled import njit
 
 BUFFER_CELLS = 1 << 22  # at most
 STEEPEST = 6.0  # tangent of incidence up to which a cell's own surface is told from what stands before it

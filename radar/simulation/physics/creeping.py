@@ -26,7 +26,7 @@ from handbench.radar.simulation.physics.facets import unit, vertex_normals
 from handbench.radar.simulation.physics.reflection import body_reflection
 from handbench.radar.simulation.physics.vectors import cross, direction, minus, vec
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.support.compiled import njit
+from handbench.support.compiled import njit
 
 LIT, DEEP = -1.0, 3.0  # ξ between which p* is fitted; it fades between the first and half of it
 TERMS = 6  # of the polynomials in ξ: within 0.006 of m·p*

@@ -20,8 +20,8 @@ from handbench.radar.simulation.physics.diffraction import Outline, cells_of, ed
 from handbench.radar.simulation.physics.facets import Facets, quarters
 from handbench.radar.simulation.physics.line_of_sight import lines, spaced
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.support.parallel import for_each
-from handbench.radar.support.rays import Rays
+from handbench.support.parallel import for_each
+from handbench.support.rays import Rays
 
 NODES_M = 0.02  # between the antennas of a line for which the field is computed
 SAMPLES_M = 2e-3  # longest edges of the triangles at whose corners it is

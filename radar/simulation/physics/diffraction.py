@@ -23,8 +23,8 @@ from handbench.radar.imaging.cpu.steering import cis_small
 from handbench.radar.simulation.physics.creeping import DEEP, LIT, SHARP, TERMS, Roundness
 from handbench.radar.simulation.physics.facets import face_vectors, unit
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.support.compiled import FAST, njit
-from handbench.radar.support.rays import Rays
+from handbench.support.compiled import FAST, njit
+from handbench.support.rays import Rays
 
 FARTHEST = 20.0  # kδ beyond which an edge is left out
 WIDEST = 1.0  # and tangent of the angle by which it bends a ray: the formula is of small angles

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from handbench.radar.simulation.forward import Scatterers
 from handbench.radar.simulation.scene import Body
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 MOST_FACETS = 4_000_000
 HULL = 1000  # vertices, at most, of a hull that is found quickly

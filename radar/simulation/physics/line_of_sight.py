@@ -13,8 +13,8 @@ import numpy as np
 
 from handbench.radar.simulation.physics.facets import Facets, face_vectors
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.support.compiled import njit
-from handbench.radar.support.rays import Rays
+from handbench.support.compiled import njit
+from handbench.support.rays import Rays
 
 STRIDE_M = 0.02  # between the first antennas: the shadow of what is 2 mm thin and a tenth of the range before the skin
 COARSE = 16  # facets of a face above which its corners say too little

@@ -12,7 +12,7 @@ import numpy as np
 
 from handbench.radar.simulation.physics.bounces import Tubes
 from handbench.radar.simulation.physics.vectors import ahead, cross, direction, dot, minus, vec
-from handbench.radar.support.compiled import FAST, njit
+from handbench.support.compiled import FAST, njit
 
 LEAST_SINE = 1e-6  # of the angle of incidence, below which every plane is one of incidence
 

@@ -13,7 +13,7 @@ from handbench.radar.simulation.physics.creeping import LIT
 from handbench.radar.simulation.physics.facets import face_vectors, quarters, unit, vertex_normals
 from handbench.radar.simulation.physics.line_of_sight import nodes, points_in_sight
 from handbench.radar.simulation.scene import Body
-from handbench.radar.support.rays import OWN_SURFACE_M, Rays
+from handbench.support.rays import OWN_SURFACE_M, Rays
 
 CREASE = 0.85  # cosine between a face and its corner's normal below which the corner lies on an edge of the body
 LEAST = 0.05  # of the amplitudes of tubes of as many bounces as has most: fewer make up 0.5 % of the echoes of a hand

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handbench.radar.support.compiled import njit
+from handbench.support.compiled import njit
 
 
 @njit(inline="always")

@@ -12,8 +12,8 @@ from handbench.bench.datasets.mapping import Mapping, Pairs
 from handbench.bench.datasets.maroon_export import export_maroon
 from handbench.bench.datasets.native import CaptureFile
 from handbench.bench.run.benchmark_file import BenchFile, Source, load_benchmark
-from handbench.radar.support.config import load
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import load
+from handbench.support.errors import HandbenchError
 from tests.bench.datasets.foreign_captures import echoes, write_native
 
 BENCH = """

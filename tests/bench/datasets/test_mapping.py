@@ -9,7 +9,7 @@ from scipy.io import savemat
 from handbench.bench.datasets.dataset import import_capture, open_capture
 from handbench.bench.datasets.mapping import MAPPING
 from handbench.radar.data.arrays import AntennaArray
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 RNG = np.random.default_rng(4)
 TX_M, RX_M = RNG.uniform(-0.1, 0.1, (3, 3)), RNG.uniform(-0.1, 0.1, (4, 3))
@@ -137,7 +137,7 @@ def test_a_file_of_matlab_before_7_3_is_read_by_the_same_mapping(folder):
 
 
 def test_what_unpacks_to_more_than_is_read_is_refused(folder, monkeypatch):
-    monkeypatch.setattr("handbench.radar.support.matlab.ARRAY_BYTES", 2**16)
+    monkeypatch.setattr("handbench.support.matlab.ARRAY_BYTES", 2**16)
     savemat(folder / "hand.mat", {"xr": np.zeros(2**14)}, do_compression=True)
     assert (folder / "hand.mat").stat().st_size < 2**10
     with pytest.raises(HandbenchError, match=r"more than 65536 bytes unpacked, .* save -v7\.3"):

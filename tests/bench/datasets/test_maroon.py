@@ -21,7 +21,7 @@ from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.data.grid import Axis, PixelGrid
 from handbench.radar.methods.registry import method
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.bench.datasets.foreign_captures import AXES, METHODS, PLACE_M, TONES_HZ, echoes, write_native
 from tests.radar.exact import backproject
 

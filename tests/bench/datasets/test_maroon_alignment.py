@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from handbench.bench.datasets.maroon_alignment import load_alignment, save_alignment
 from handbench.calibration.transforms import Transform
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.strategies import examples
 
 

@@ -9,17 +9,17 @@ import shutil
 import numpy as np
 import pytest
 
-from handbench.bench.cli.main import main
 from handbench.bench.datasets.dataset import import_capture, open_capture
 from handbench.bench.datasets.maroon_alignment import handedness_of
 from handbench.bench.datasets.maroon_export import export_maroon
 from handbench.bench.run.scoring import reference_depth
+from handbench.cli.main import main
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import PixelGrid
 from handbench.radar.simulation.forward import Scatterers, simulate
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.bench.datasets.foreign_captures import AXES, PLACE_M, TONES_HZ, echoes, patch_m, write_native
 
 BENCH = """version = 1

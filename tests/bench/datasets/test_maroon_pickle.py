@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handbench.bench.datasets.maroon_pickle import read_dictionary, write_dictionary
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.limits import PICKLE_BYTES
+from handbench.support.errors import HandbenchError
+from handbench.support.limits import PICKLE_BYTES
 from tests.strategies import examples
 
 HEADER = io.BytesIO()

@@ -11,16 +11,16 @@ import cv2
 import numpy as np
 import pytest
 
-from handbench.bench.cli.main import main
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.maroon_alignment import save_alignment
 from handbench.bench.datasets.maroon_export import export_maroon
 from handbench.bench.datasets.maroon_sensors import kinect_camera
 from handbench.bench.run.reconstruct_stage import Imager
 from handbench.calibration.transforms import Transform
+from handbench.cli.main import main
 from handbench.radar.data.grid import PixelGrid
 from handbench.radar.methods.registry import method
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.bench.datasets.foreign_captures import PIXELS, PLACE_M, echoes, write_native
 
 GRID = PixelGrid(np.linspace(-0.038, -0.022, 9), np.linspace(0.012, 0.028, 9))

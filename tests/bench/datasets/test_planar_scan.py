@@ -8,7 +8,7 @@ import pytest
 from handbench.bench.datasets.foam_panel import import_planar_scan
 from handbench.bench.datasets.native import NativeCapture
 from handbench.radar.methods.registry import method
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.radar.exact import backproject
 
 SCAN = Path(__file__).parents[3].parent / "shared" / "data" / "planar-scan-24ghz"

@@ -18,7 +18,7 @@ from handbench.bench.evaluation.statistics.paired import f_test
 from handbench.bench.results.compared import Compared, write_compared
 from handbench.bench.results.error_map import ErrorMap
 from handbench.bench.results.tables import DIFFERENCES, REPEATS, TABLE, TASKS, frame
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 AXIS_M = 2.5e-3 * np.arange(36)
 REFERENCE_M = np.full((36, 36), 0.3)

@@ -17,7 +17,7 @@ from handbench.bench.evaluation.statistics.paired import (
 )
 from handbench.bench.results.result_folder import best, shown
 from handbench.bench.results.tables import COMPARISONS, frame, write
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 TITLES = {"2fsk": "2-FSK", "3fsk": "3-FSK"}
 

@@ -28,7 +28,7 @@ from handbench.bench.evaluation.metrics import (
     usable_repeats,
 )
 from handbench.bench.results.error_map import ErrorMap
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 NAN = float("nan")
 

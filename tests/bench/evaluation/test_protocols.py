@@ -13,7 +13,7 @@ from handbench.bench.evaluation.metrics import AVERAGED, METRICS, figures_of_fra
 from handbench.bench.evaluation.metrics import PAPER as PAPER_FIGURES
 from handbench.bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
 from handbench.bench.evaluation.scoring_protocols import PAPER, PROTOCOLS, protocol
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 AXIS_M = 2.5e-3 * np.arange(24)
 PLATE_M = np.full((24, 24), 0.3)

@@ -7,7 +7,6 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from handbench.bench.cli.main import main
 from handbench.bench.datasets.maroon_alignment import load_any_transform, save_alignment
 from handbench.bench.evaluation import refine as refine_module
 from handbench.bench.evaluation.floor import BLOCK_M
@@ -27,10 +26,11 @@ from handbench.bench.evaluation.refine import (
     refine_files,
 )
 from handbench.calibration.transforms import Transform, identity, load_transform
+from handbench.cli.main import main
 from handbench.groundtruth.mesh.depth import reference_on_grid
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.bench.evaluation.measure_refine import misfit
 
 AXIS_M = np.arange(-0.06, 0.0601, 0.002)

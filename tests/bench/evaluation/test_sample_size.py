@@ -21,7 +21,7 @@ from handbench.bench.evaluation.statistics.sample_size import (
     variance_facts,
     welch_power,
 )
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 DRAWS = 20_000
 # Shrout & Fleiss (1979), Psychol. Bull. 86, table 2: six targets rated by four judges; their table 3: mean squares of

@@ -13,8 +13,8 @@ from handbench.bench import results
 from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.evaluation.rows import accuracy_rows, metric_facts, precision_rows, time_rows
 from handbench.bench.results.tables import REPEATS, TASKS, frame
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import read_json, write_json, write_npz
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_json, write_json, write_npz
 
 AXIS = np.arange(-0.01, 0.0101, 0.002)
 Z = np.where(np.hypot(*np.meshgrid(AXIS, AXIS)) < 0.01, 0.3, np.nan)

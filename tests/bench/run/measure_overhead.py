@@ -43,8 +43,8 @@ from handbench.groundtruth.mesh.depth import Reference
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
-from handbench.radar.support.files import write_json
-from handbench.radar.support.store import Stage
+from handbench.support.files import write_json
+from handbench.support.store import Stage
 
 METHODS = ("2fsk", "3fsk", "narrowband", "broadband")
 BAR_MS = 5.0

@@ -34,9 +34,9 @@ from handbench.bench.run.outcome import Capture
 from handbench.bench.run.simulate_stage import CAPTURE
 from handbench.bench.run.tasks import Done
 from handbench.bench.studies.columns import Record, Table
-from handbench.radar.support.folder import MARKER, WORK
-from handbench.radar.support.progress import say
-from handbench.radar.support.store import MANIFEST, STAMP, Stage
+from handbench.support.folder import MARKER, WORK
+from handbench.support.progress import say
+from handbench.support.store import MANIFEST, STAMP, Stage
 
 SAMPLE_S = 0.2
 MODULE = "tests.bench.run.measure_scale"
@@ -186,7 +186,7 @@ def measured(bench: Path, captures: int, alone: bool) -> Iterable[Record]:
     one = "-m", "distributed.cli.dask_worker", *dask, "--nthreads", "1", "--no-nanny"
     helpers += [Watched(f"worker {k}", list(one), folder / f"worker{k}.log") for k in "ab"]
     try:
-        command = ["handbench.bench.cli.main", "run", str(bench), "-o", str(out), "--scheduler", address(scheduler)]
+        command = ["handbench.cli.main", "run", str(bench), "-o", str(out), "--scheduler", address(scheduler)]
         if alone:
             main_of = f"from {MODULE} import client; client({str(bench)!r}, {str(out)!r}, {command[-1]!r})"
         ran = Watched("run", ["-c", main_of] if alone else ["-m", *command], folder / "run.log")
@@ -197,7 +197,7 @@ def measured(bench: Path, captures: int, alone: bool) -> Iterable[Record]:
     yield from (process.record(captures) for process in (ran, *helpers))
     if alone:
         return
-    written = ["-m", "handbench.bench.cli.main", "report", str(out), "-o", str(folder / "report")]
+    written = ["-m", "handbench.cli.main", "report", str(out), "-o", str(folder / "report")]
     report = Watched("report", written, folder / "report.log")
     report.ended()
     yield report.record(captures)

@@ -15,11 +15,11 @@ RUN = """
 import os, shutil, sys
 from pathlib import Path
 import numpy as np
-from handbench.bench.cli.main import main
+from handbench.cli.main import main
 from handbench.bench.run import calibrate_stage
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth import dense_stage, mesh_stage, sparse_stage
-from handbench.radar.support import store
+from handbench.support import store
 
 bench, out, last = Path(sys.argv[1]), sys.argv[2], sys.argv[3]
 exact = np.diag([1e-5] * 6) ** 2

@@ -21,7 +21,7 @@ from handbench.bench.run import executors
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.runner import Run
 from handbench.bench.run.tasks import HASH, Done
-from handbench.radar.support.store import Stage, Stamp
+from handbench.support.store import Stage, Stamp
 from tests.bench.evaluation.test_floor import level
 
 FEW, MANY, JOBS = 4, 16, 60

@@ -33,10 +33,10 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_volume
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import write_json
-from handbench.radar.support.folder import claimed
-from handbench.radar.support.store import MANIFEST, keep, kept_stage
+from handbench.support.errors import HandbenchError
+from handbench.support.files import write_json
+from handbench.support.folder import claimed
+from handbench.support.store import MANIFEST, keep, kept_stage
 from tests.bench.studies.stability.faults import DISK, content, instant, nobody_s_rights
 from tests.faults.disk import files_of_at_most
 from tests.fuzz.geometry_seeds import colmap_model
@@ -91,7 +91,7 @@ def test_a_disk_full_at_any_write_leaves_nothing_half_made(small_bench, clean, t
 def test_a_file_size_limit_of_the_system_is_a_full_disk_too(small_bench, tmp_path):
     """Here the libraries that write by themselves meet it: HDF5, meshes, pictures."""
     limited = (
-        "import resource, sys; from handbench.bench.cli.main import main; "
+        "import resource, sys; from handbench.cli.main import main; "
         "resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000)); "
         "sys.exit(main())"
     )
@@ -183,7 +183,7 @@ WALL_CLOCKS = {("time", "time"), ("time", "time_ns"), ("datetime", "now"), ("dat
 def test_no_duration_and_no_decision_comes_from_the_wall_clock():
     """It jumps; monotonic clocks do not. Nor does anything ask when a file was changed."""
     found = []
-    for package in ("radar", "calibration", "groundtruth", "bench", "reports"):
+    for package in ("handbench", "radar", "calibration", "groundtruth", "bench", "reports"):
         for file in (ROOT / package).rglob("*.py"):
             for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
                 if isinstance(node, ast.Attribute):
@@ -196,7 +196,7 @@ def test_no_duration_and_no_decision_comes_from_the_wall_clock():
 def test_two_runs_at_once_exclude_each_other_as_processes(tmp_path):
     """The lock is the system's: it holds between processes, and falls with the one that holds it."""
     hold = (
-        "import sys; from pathlib import Path; from handbench.radar.support.folder import claimed\n"
+        "import sys; from pathlib import Path; from handbench.support.folder import claimed\n"
         "with claimed(Path(sys.argv[1])):\n    print('held', flush=True)\n    sys.stdin.read()"
     )
     holder = subprocess.Popen([sys.executable, "-c", hold, str(tmp_path / "out")], stdin=-1, stdout=-1, cwd=ROOT)

@@ -10,10 +10,10 @@ import pytest
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.runner import run
 from handbench.bench.studies.tradeoff.run import run as tradeoff
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import atomic_folder, content_hash
-from handbench.radar.support.folder import MARKER, claimed, drop
-from handbench.radar.support.store import MANIFEST, kept, stage
+from handbench.support.errors import HandbenchError
+from handbench.support.files import atomic_folder, content_hash
+from handbench.support.folder import MARKER, claimed, drop
+from handbench.support.store import MANIFEST, kept, stage
 from tests.bench.studies.stability.faults import content, instant
 
 NAMES = (
@@ -108,7 +108,7 @@ def test_files_of_a_kept_stage_that_became_links_are_made_again(small_bench, hom
 
 
 def test_a_stage_s_folder_that_became_a_link_is_refused(tmp_path, home, unharmed, monkeypatch):
-    monkeypatch.setattr("handbench.radar.support.closure.key_of", lambda module: module)
+    monkeypatch.setattr("handbench.support.closure.key_of", lambda module: module)
     one = stage("dense", "nowhere:make", [], {})
     (tmp_path / "stages").mkdir()
     one.folder(tmp_path / "stages").symlink_to(home)

@@ -19,7 +19,7 @@ from handbench.bench.scenes.scene_file import HandTarget, SceneFile
 from handbench.bench.studies.tradeoff.opening import opened
 from handbench.bench.validation.validate import problems_of
 from handbench.radar.data.echoes_file import load_capture
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.bench.studies import measure_noise_fit
 
 BOTH = ("accuracy", "precision")

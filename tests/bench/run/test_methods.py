@@ -11,7 +11,7 @@ from handbench.radar.methods.fsk_config import SETTLING, LadderConfig, ThreeTone
 from handbench.radar.methods.projection_config import BroadbandConfig
 from handbench.radar.methods.registry import PAPER, method, methods
 from handbench.radar.simulation.forward import Scatterers, simulate
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 PAPERS = ["2fsk", "3fsk", "broadband", "narrowband"]
 PRESETS = {  # improved method: the one it starts from, and what it changes

@@ -25,7 +25,7 @@ from handbench.groundtruth.mesh.depth import Reference
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.radar.data.depthmap import DepthMap, load_depthmap
 from handbench.radar.data.grid import PixelGrid
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 AXIS_M = np.linspace(-0.03, 0.03, 31)
 SIGMA_M, ALONG_Z_M = 4e-5, 3e-4

@@ -11,8 +11,8 @@ from handbench.bench.run.benchmark_file import BenchFile, embedded, load_benchma
 from handbench.bench.scenes.hand_pose import POSES
 from handbench.bench.scenes.scene_file import HandTarget, SceneFile
 from handbench.bench.validation.validate import problems_of
-from handbench.radar.support.config import load
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import load
+from handbench.support.errors import HandbenchError
 
 SCENE = 'version = 1\nname = "B"\nseed = 7\n[target]\nkind = "hand"\npose = "B"\n'
 BALL = 'version = 1\nname = "ball"\n[target]\nkind = "sphere"\n'

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handbench.bench.cli.main import main
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import ECHOES, TRUTH, save_capture_file
 from handbench.bench.run import planned_cost
@@ -15,13 +14,14 @@ from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.reconstruct_stage import require_near
 from handbench.bench.run.runner import run
 from handbench.bench.studies.study import carried_out
+from handbench.cli.main import main
 from handbench.groundtruth.options import BASE_BYTES, DEPTHS_S, FEATURES_S, PAIR_S
 from handbench.groundtruth.options import predicted as predicted_of_photographs
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.radar.methods.registry import method
-from handbench.radar.support.cost import TERMS_PER_S
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.cost import TERMS_PER_S
+from handbench.support.errors import HandbenchError
 
 
 def predicted(bench_file: Path) -> planned_cost.Work:

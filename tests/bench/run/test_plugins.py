@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handbench.bench.cli.main import main
+from handbench.cli.main import main
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods import registry
 from handbench.radar.methods.registry import METHODS, method, methods, register, source_key
 from handbench.radar.simulation.forward import Scatterers, simulate
-from handbench.radar.support.config import Config
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import content_hash
+from handbench.support.config import Config
+from handbench.support.errors import HandbenchError
+from handbench.support.files import content_hash
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs" / "methods.md").read_text("utf-8")

@@ -18,8 +18,8 @@ from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.processes import Processes
 from handbench.bench.run.runner import run
 from handbench.bench.run.tasks import Done
-from handbench.radar.support.parallel import workers
-from handbench.radar.support.store import Stage
+from handbench.support.parallel import workers
+from handbench.support.store import Stage
 
 SPAN_S = 0.2
 

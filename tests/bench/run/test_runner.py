@@ -21,8 +21,8 @@ from handbench.bench.run.runner import run
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.mesh_files import read_mesh, write_mesh
 from handbench.radar.data.echoes_file import load_capture, save_capture
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.folder import claimed
+from handbench.support.errors import HandbenchError
+from handbench.support.folder import claimed
 from tests.faults.processes import Runs
 
 

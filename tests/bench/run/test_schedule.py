@@ -18,8 +18,8 @@ from handbench.bench.run import executors
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.runner import run
 from handbench.bench.run.tasks import HASH, Done, perform
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.store import Stage, stage
+from handbench.support.errors import HandbenchError
+from handbench.support.store import Stage, stage
 
 CAPTURES = 2
 ENVIRONMENT = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "3"}

@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from handbench.bench.cli.main import main
 from handbench.bench.datasets.simulated import write_photos
 from handbench.bench.run.photogrammetry import photographs
 from handbench.bench.scenes.build import build
+from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import raycasting_scene
 from handbench.groundtruth.mesh.surface import read_surface
 from tests.bench.studies.photogrammetry.photogrammetry_cases import Case

@@ -13,7 +13,7 @@ from handbench.bench.scenes.lamps import Light, bake
 from handbench.bench.scenes.photographs import Studio
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.bench.scenes.stand import plate_print
-from handbench.radar.support.config import parse
+from handbench.support.config import parse
 
 
 def ball_scene(**photos: object) -> Scene:

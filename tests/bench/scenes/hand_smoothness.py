@@ -15,7 +15,7 @@ from handbench.bench.scenes.implicit import project
 from handbench.groundtruth.mesh.mesh_files import mesh, raycasting_scene
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.simulation.forward import Scatterers, simulate
-from handbench.radar.support.rays import TriangleMesh, load_open3d
+from handbench.support.rays import TriangleMesh, load_open3d
 from tests.bench.scenes.hand_field import hand_field
 from tests.radar.exact import tone_images
 

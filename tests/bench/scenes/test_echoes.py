@@ -9,8 +9,8 @@ from handbench.bench.scenes.build import build
 from handbench.bench.scenes.echoes import echo_scene, echoes, visible_surface
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.groundtruth.mesh.mesh_files import load_open3d, write_mesh
-from handbench.radar.support.config import parse
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import parse
+from handbench.support.errors import HandbenchError
 
 TONES = {"sweep": [], "tones_hz": [82e9, 81.8e9]}
 

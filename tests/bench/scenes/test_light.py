@@ -11,7 +11,7 @@ from handbench.bench.scenes.highlights import SKIN_REFLECTANCE, ggx, mirrored
 from handbench.bench.scenes.lamps import Projector
 from handbench.bench.scenes.photographs import Studio
 from handbench.bench.scenes.stand import MARKER_CENTRES_M
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 Ball = Callable[..., Studio]
 

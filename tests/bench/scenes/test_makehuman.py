@@ -7,7 +7,7 @@ import pytest
 
 from handbench.bench.scenes.makehuman import _base, _capped, _largest_above, _target, hand_of
 from handbench.bench.scenes.shapes import sphere_mesh
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 
 def test_a_cut_ball_is_closed_by_a_flat_lid():

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handbench.bench.cli import simulate
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.datasets.simulated import write_photos
 from handbench.bench.scenes.photo_pilot import WITHOUT, Change, Pilot, choose, without
 from handbench.bench.scenes.photographs import Studio
+from handbench.cli import simulate
 from handbench.radar.simulation.known_effects import Choice
 
 SIZE = {"cameras": 4, "width": 900, "height": 600}

@@ -22,7 +22,7 @@ from handbench.bench.scenes.photographs import (
 from handbench.bench.scenes.scene_file import Photos, SceneFile
 from handbench.bench.scenes.skin_texture import Skin
 from handbench.bench.scenes.textures import cells, foam, skin, solid_noise
-from handbench.radar.support.config import parse
+from handbench.support.config import parse
 
 QUIET = {"full_well_e": 1e12, "read_noise_e": 0.0}
 

@@ -16,7 +16,7 @@ from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.selection import EFFECTS, choose
 from handbench.radar.simulation.simulate import simulate_scene
-from handbench.radar.support.config import parse
+from handbench.support.config import parse
 from tests.radar.samples import relative_error
 
 SHARE = 1e-14  # of each coordinate: 4e-15 m on a hand

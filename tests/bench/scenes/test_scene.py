@@ -12,13 +12,13 @@ from handbench.bench.datasets.simulated import description, write_photos
 from handbench.bench.scenes.build import build, load_scene, spheres
 from handbench.bench.scenes.scene_file import Photos, SceneFile, Sensor, Sweep
 from handbench.bench.scenes.stand import PLATE_M, cuboid, plate_print, stand_board
-from handbench.calibration.target.description import default_target, load_target
+from handbench.calibration.spheres.description import default_target, load_target
 from handbench.calibration.transforms import load_transform
 from handbench.groundtruth.board.board import load_board
 from handbench.groundtruth.cameras.cameras import load_cameras
 from handbench.groundtruth.mesh.mesh_files import read_mesh, write_mesh
-from handbench.radar.support.config import parse
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import parse
+from handbench.support.errors import HandbenchError
 
 HAND = {"version": 1, "name": "b", "target": {"kind": "hand", "pose": "B", "edge_m": 4e-3}, "photos": {}}
 TARGET = {"version": 1, "name": "t", "target": {"kind": "calibration_target"}}

@@ -28,9 +28,9 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.methods.fsk import two_tone
 from handbench.radar.methods.fsk_config import TwoToneConfig
 from handbench.radar.simulation.causes import Noise
-from handbench.radar.support.config import load
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.progress import track
+from handbench.support.config import load
+from handbench.support.errors import HandbenchError
+from handbench.support.progress import track
 from tests.bench.studies.script import measured
 
 STEPS = 3  # of the fixed-point iteration: precision is nearly proportional to the noise

@@ -28,9 +28,9 @@ from handbench.groundtruth.cameras.cameras import pycolmap, registered
 from handbench.groundtruth.options import SparseOptions
 from handbench.groundtruth.sparse.inputs import gather
 from handbench.groundtruth.sparse.sparse import register
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import require_folder
-from handbench.radar.support.store import keep
+from handbench.support.errors import HandbenchError
+from handbench.support.files import require_folder
+from handbench.support.store import keep
 from tests.bench.studies.script import measured
 
 SCHEMAS = declared(__file__)

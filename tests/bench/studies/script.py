@@ -12,7 +12,7 @@ import pandas as pd
 
 from handbench.bench.studies.study import Study, run
 from handbench.radar.imaging.device import use_device
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 
 def measured(

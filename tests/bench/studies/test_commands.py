@@ -7,12 +7,12 @@ import json
 import pandas as pd
 import pytest
 
-from handbench.bench.cli.main import main
-from handbench.bench.cli.options import declared
-from handbench.bench.cli.study import STUDIES
 from handbench.bench.results.stability import load_stability
 from handbench.bench.studies.stability import measure
 from handbench.bench.studies.stability.cases import cases
+from handbench.cli.main import main
+from handbench.cli.options import declared
+from handbench.cli.study import STUDIES
 from tests.bench.studies.engine import measure_engine
 
 SMALLEST = {"exact": ["--tones", "few", "--only", "sphere of 2 mm, metal"]}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import AntennaArray, qar50
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.bench.studies.engine.foreign_engines import ENGINE, LEVELS, equal, measured, of_volume, seconds_at
 from tests.bench.studies.engine.foreign_paths import Contender, fastsar_sum, finufft_sum
 from tests.bench.studies.engine.scope import white_noise

@@ -24,8 +24,8 @@ from handbench.bench.studies.tradeoff.answer import (
 from handbench.bench.studies.tradeoff.claims import counted_factor, three_tone_images, volume_images
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
-from handbench.radar.support.config import parse
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import parse
+from handbench.support.errors import HandbenchError
 
 
 def line(name: str, error: float | None, seconds: float | None, method: str = "2fsk", **known: float) -> Setting:

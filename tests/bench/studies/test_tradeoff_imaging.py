@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handbench.bench.cli.main import main
 from handbench.bench.results import Tradeoff
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.runner import run as run_benchmark
 from handbench.bench.studies.tradeoff.run import run
 from handbench.bench.studies.tradeoff.settings import setting_path
+from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray, PlanarScan
 from handbench.radar.data.capture import RadarCapture, thinned
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume, project_volume, watch
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 AXES = "x = AXIS, y = AXIS".replace("AXIS", "{ start_m = -0.02, stop_m = 0.02, step_m = 0.002 }")
 DEPTHS = "z = { start_m = 0.27, stop_m = 0.29, step_m = 0.002 }"

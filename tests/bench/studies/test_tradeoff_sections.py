@@ -23,14 +23,14 @@ from handbench.bench.studies.tradeoff.opening import Context
 from handbench.bench.studies.tradeoff.registration_stage import RegistrationKnobs
 from handbench.bench.studies.tradeoff.simulation_stage import SimulationKnobs, Way
 from handbench.calibration.registration.rigid_fit import Pairs
-from handbench.calibration.target.description import Candidate
+from handbench.calibration.spheres.description import Candidate
 from handbench.calibration.transforms import load_transform
 from handbench.groundtruth.cameras.cameras import load_cameras
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.groundtruth.photos.photos import find_photos
 from handbench.radar.simulation.state import EchoState
-from handbench.radar.support.config import parse
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import parse
+from handbench.support.errors import HandbenchError
 
 ANY = tuple(range(5))
 POSES_S = 1e4  # that a stand-in for photogrammetry says of the cameras' poses: far more than any machine takes

@@ -7,11 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from handbench.bench.cli.main import main
 from handbench.bench.results import load
 from handbench.bench.submissions.submission import DEPTHS, load_submission
+from handbench.cli.main import main
 from handbench.radar.data.depthmap import load_depthmap
-from tests.bench.conftest import write_bench
+from tests.small_benchmark import write_bench
 from tests.test_docs import DOCS, blocks
 
 FLAT_M = 0.2825  # of the foreign method's answer, whatever it sees

@@ -18,7 +18,7 @@ from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.data.grid import PixelGrid
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 GRID = PixelGrid(np.linspace(-0.02, 0.02, 5), np.linspace(-0.01, 0.01, 3))
 ABOUT = Submission(method="mine", benchmark="small", timing="command")

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handbench.bench.cli.main import main
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.scenes.build import build
 from handbench.bench.submissions import sets
+from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import read_mesh
 
 SCENE = """

@@ -15,7 +15,7 @@ from handbench.bench.submissions.submission import (
     sha256,
 )
 from handbench.radar.data.grid import PixelGrid
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 GRID = PixelGrid(np.linspace(-0.02, 0.02, 5), np.linspace(-0.01, 0.01, 3))
 GRIDS = {"A": GRID, "B, left": GRID}  # a name with a comma is a name

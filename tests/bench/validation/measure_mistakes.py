@@ -23,8 +23,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from handbench.bench.cli.main import main
 from handbench.bench.scenes.echoes import echo_scene
+from handbench.cli.main import main
 from handbench.groundtruth.mesh.depth import depth_on_grid
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
 from handbench.groundtruth.mesh.surface import Surface, read_surface

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handbench.bench.cli.main import main
 from handbench.bench.validation import doubts, focus
+from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, PlanarScan, qar50
 from handbench.radar.data.capture import RadarCapture

@@ -12,13 +12,13 @@ import pytest
 from handbench.bench.datasets.native import CaptureFile, save_capture_file
 from handbench.bench.validation.problems import line_of, lines_of
 from handbench.bench.validation.validate import problems_of, show
-from handbench.calibration.target.description import default_target, save_target
+from handbench.calibration.spheres.description import default_target, save_target
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 VERTICES_M = np.array([(0, 0, 0.3), (0.1, 0, 0.4), (0, 0.1, 0.3)])
 TONES_HZ = np.array([82e9, 81.8e9, 79.5e9])

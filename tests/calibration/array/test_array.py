@@ -12,13 +12,13 @@ from handbench.calibration.array.array_file import ArrayCalibration, load_array,
 from handbench.calibration.array.estimate import estimate_array, fitted, left_over
 from handbench.calibration.array.model import Antennas, Echoes, State, normal_equations
 from handbench.calibration.array.prior import DELAY_SIGMA_M, POSITION_SIGMA_M, gauges
-from handbench.calibration.target.description import Target
+from handbench.calibration.spheres.description import Target
 from handbench.calibration.transforms import perturbation_jacobian
 from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.fsk import depth_step_m
 from handbench.radar.simulation.physics.spheres import sphere_echo
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.radar.exact import backproject, tone_images
 
 C = 299_792_458.0

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from handbench.calibration.registration.rigid_fit import Pairs
-from handbench.calibration.target.description import Candidate, Element, Target, default_target
-from handbench.calibration.target.matching import match
+from handbench.calibration.spheres.description import Candidate, Element, Target, default_target
+from handbench.calibration.spheres.matching import match
 from handbench.calibration.transforms import Transform, umeyama
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.calibration.seen_target import ANY, align, candidates, pose, register
 from tests.strategies import examples
 

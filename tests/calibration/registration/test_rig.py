@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from handbench.calibration.registration.register import HAND_M, combine, motion, require_rest, solve
 from handbench.calibration.registration.rigid_fit import Pairs
-from handbench.calibration.target.description import default_target
+from handbench.calibration.spheres.description import default_target
 from handbench.calibration.transforms import Transform, identity
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.calibration.seen_target import align, candidates, pose
 from tests.strategies import examples
 

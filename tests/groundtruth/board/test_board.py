@@ -9,7 +9,7 @@ from handbench.groundtruth.board.board import CHESSBOARD, Board, Charuco, Marker
 from handbench.groundtruth.board.markers import detect_corners, focal_length_px, require_board
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.photos.photos import Photo
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 CORNERS = ((0.0, 0.03, 0.0), (0.03, 0.03, 0.0), (0.03, 0.0, 0.0), (0.0, 0.0, 0.0))
 CHARUCO = {"columns": 7, "rows": 6, "square_m": 0.03, "marker_m": 0.022, "dictionary": "DICT_5X5_50"}

@@ -7,7 +7,7 @@ from test_metashape import export
 from handbench.groundtruth.cameras.camera_files import cameras_in, cameras_of, load_model, read_model
 from handbench.groundtruth.cameras.cameras import save_cameras
 from handbench.groundtruth.photos.photos import Photo
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.groundtruth.synthetic_model import photos_of, synthetic_model
 
 CENTRES = [(1.0, 0.1 * i, 0.2) for i in range(4)]

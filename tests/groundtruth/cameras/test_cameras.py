@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from handbench.groundtruth.cameras.cameras import Camera, load_cameras, save_cameras
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 FX, FY, CX, CY, K1, K2, P1, P2 = PARAMS = (300.0, 310.0, 161.0, 119.0, -0.05, 0.03, 1e-3, -2e-3)
 

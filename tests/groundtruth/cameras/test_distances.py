@@ -6,7 +6,7 @@ import pytest
 from handbench.groundtruth.cameras.cameras import registered
 from handbench.groundtruth.options import Distance
 from handbench.groundtruth.sparse.frame import apply, distances_from_model
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.groundtruth.synthetic_model import synthetic_model
 
 CENTRES = np.array([(1.0, 0.0, 0.2), (1.0, 0.3, 0.2), (1.0, 0.3, 0.6), (0.9, -0.2, 0.1)])  # 0.3, 0.4 and 0.5 apart

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from handbench.groundtruth.cameras.metashape import read_metashape
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 WIDTH, HEIGHT = 640, 480
 LENS = {"f": 700.0, "cx": 5.5, "cy": -3.25, "b1": 1.5, "k1": -0.08, "k2": 0.05, "k3": -0.02, "p1": 8e-4, "p2": -5e-4}

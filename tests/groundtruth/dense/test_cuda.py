@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from handbench.bench.cli.main import main
+from handbench.cli.main import main
 from handbench.groundtruth import dense_stage, pipeline
 from handbench.groundtruth.cameras.cameras import cuda_devices, load_pycolmap
 from handbench.groundtruth.dense import cuda, dense
@@ -17,7 +17,7 @@ from handbench.groundtruth.dense.fusion import fuse
 from handbench.groundtruth.options import Options
 from handbench.groundtruth.photos.photos import read_gray
 from handbench.groundtruth.sparse import inputs
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.groundtruth.ball import ANGLES, DISPARITY_M, RADIUS_M, surface, view
 
 SIZES = [(112, 112), (104, 112), (112, 96), (96, 104), (112, 112)]  # boxes cut every picture to a size of its own

@@ -8,7 +8,7 @@ import pytest
 from handbench.groundtruth.dense.dense import DepthMap
 from handbench.groundtruth.dense.fusion import AGREEMENT_PX, FEW_VIEWS, Cloud, _agree, fuse
 from handbench.groundtruth.dense.views import View
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 FOCAL_PX, WALL_M = 100.0, 1.0
 PIXEL_M = WALL_M / FOCAL_PX

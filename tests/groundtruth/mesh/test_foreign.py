@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from handbench.bench.cli.main import main
+from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import mesh, metric_mesh, read_mesh, write_mesh
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 VERTICES_MM = np.array([(10, 20, 300), (90, 20, 310), (10, 180, 290), (90, 180, 305)], dtype=float)
 FACES = np.array([(0, 1, 2), (2, 1, 3)])

@@ -8,8 +8,8 @@ import pytest
 
 from handbench.groundtruth.mesh.mesh_files import mesh, read_mesh, read_triangles, write_mesh
 from handbench.groundtruth.mesh.ply import MOST, read_ply
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.rays import load_open3d
+from handbench.support.errors import HandbenchError
+from handbench.support.rays import load_open3d
 
 VERTICES_M = np.array([(0, 0, 0.3), (0.1, 0, 0.4), (0, 0.1, 0.3), (0.1, 0.1, 0.35)], np.float32).astype(np.float64)
 FACES = np.array([(0, 2, 1), (1, 2, 3)])

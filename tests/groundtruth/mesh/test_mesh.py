@@ -7,7 +7,7 @@ import pytest
 
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.mesh.poisson import _one_per_voxel, clean, surface
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 RADIUS_M = 0.05
 PIXEL_M = 1e-3

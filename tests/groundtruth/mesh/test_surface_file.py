@@ -5,7 +5,7 @@ import pytest
 
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
 from handbench.groundtruth.mesh.surface import FACE, VERTEX, Surface, read_surface
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 VERTICES_M = np.array([(0, 0, 0.3), (0.1, 0, 1 / 3), (0, 0.1, 0.3), (0.1, 0.1, 0.3 + 1e-15)])
 FACES = np.array([(0, 2, 1), (1, 2, 3)])

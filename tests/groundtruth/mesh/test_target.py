@@ -11,9 +11,9 @@ from handbench.groundtruth.dense.volume import plane_through
 from handbench.groundtruth.mesh.poisson import clean, surface
 from handbench.groundtruth.mesh.target import Target, keep_target, margin_m, off_board
 from handbench.groundtruth.mesh_stage import TARGET
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import read_json, write_json
-from handbench.radar.support.rays import load_open3d
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_json, write_json
+from handbench.support.rays import load_open3d
 from tests.groundtruth.mesh.test_mesh import PIXEL_M, RADIUS_M, cap, cloud_of
 
 CORNERS_M = np.array([(x, y, 0.0) for x in (-0.15, 0.15) for y in (-0.1, 0.1)])

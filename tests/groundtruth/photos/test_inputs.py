@@ -5,17 +5,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from handbench.bench.cli.groundtruth import _values
-from handbench.bench.cli.main import parser
+from handbench.cli.groundtruth import _values
+from handbench.cli.main import parser
 from handbench.groundtruth.cameras.cameras import Camera, save_cameras
 from handbench.groundtruth.options import Distance, Options
 from handbench.groundtruth.photos.photos import find_photos
 from handbench.groundtruth.sparse.inputs import content, gather, resolve
 from handbench.groundtruth.sparse.sfm import structure_from_motion
 from handbench.groundtruth.sparse.sparse import check_geometry, unregistered
-from handbench.radar.support.config import parse
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import content_hash
+from handbench.support.config import parse
+from handbench.support.errors import HandbenchError
+from handbench.support.files import content_hash
 from tests.groundtruth.room import around, camera_rotation, look, photograph
 from tests.groundtruth.synthetic_model import synthetic_model
 

@@ -10,7 +10,7 @@ from handbench.groundtruth.options import Options
 from handbench.groundtruth.photos.masks import Masks, cut_out, find_masks, read_mask
 from handbench.groundtruth.photos.photos import Photo
 from handbench.groundtruth.pipeline import stages
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 WIDTH, HEIGHT = 240, 160
 DISC = np.hypot(*np.meshgrid(np.arange(WIDTH) - 130, np.arange(HEIGHT) - 80)) < 45

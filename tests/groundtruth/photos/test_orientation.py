@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from handbench.groundtruth.cameras.camera_files import stored_camera
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.photos.photos import Photo, sides_swapped, stored_picture
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 WIDTH, HEIGHT = 32, 24  # as stored
 

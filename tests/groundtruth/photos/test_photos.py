@@ -7,7 +7,7 @@ from PIL import Image
 
 from handbench.groundtruth.cameras.cameras import load_pycolmap
 from handbench.groundtruth.photos.photos import find_photos, look_at, read_gray, usable
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.groundtruth.room import around, look, photograph
 
 

@@ -19,7 +19,7 @@ from handbench.groundtruth.sparse.adjust import adjust
 from handbench.groundtruth.sparse.bundle import Bundle
 from handbench.groundtruth.sparse.covariance import camera_covariance
 from handbench.groundtruth.sparse.frame import Scale, board_from_model
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 SIZE_PX = (400, 300)
 PARAMS = (440.0, 440.2, 201.0, 149.0, -0.05, 0.01, 3e-4, -3e-4)  # of COLMAP's camera OPENCV

@@ -9,7 +9,7 @@ from handbench.groundtruth.board.markers import detect_corners, focal_length_px,
 from handbench.groundtruth.cameras.cameras import load_pycolmap, registered
 from handbench.groundtruth.photos.photos import Photo
 from handbench.groundtruth.sparse.frame import _nearest_majority, apply, board_from_model, check_fit, trimmed_similarity
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 SIDE_M = 0.03
 MARKERS = {7: (0.0, 0.0), 3: (0.10, 0.0), 11: (0.10, 0.08), 5: (0.0, 0.08), 9: (0.04, 0.05)}

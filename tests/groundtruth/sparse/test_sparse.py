@@ -3,7 +3,7 @@
 import pytest
 
 from handbench.groundtruth.sparse.sparse import check_geometry, unregistered
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.groundtruth.synthetic_model import photos_of, synthetic_model
 
 

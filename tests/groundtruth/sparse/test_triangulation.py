@@ -12,7 +12,7 @@ from handbench.groundtruth.cameras.cameras import load_cameras, load_pycolmap, r
 from handbench.groundtruth.options import SparseOptions
 from handbench.groundtruth.sparse.inputs import gather
 from handbench.groundtruth.sparse.sparse import register
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.groundtruth import room, temple
 from tests.groundtruth.room import around, camera_rotation
 

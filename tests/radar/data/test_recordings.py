@@ -11,7 +11,7 @@ from handbench.radar.data.arrays import AntennaArray, BistaticScan, PlanarScan
 from handbench.radar.data.capture import RadarCapture, thinned
 from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.radar.data.recording import SPARSE, joined
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.fuzz.capture_seeds import array_calibration
 
 RNG = np.random.default_rng(7)

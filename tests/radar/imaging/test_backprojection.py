@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
 from handbench.radar.simulation.forward import Scatterers, simulate
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
 from tests.radar.exact import backproject, tone_images
 from tests.radar.samples import noise, relative_error

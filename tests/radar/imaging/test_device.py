@@ -7,9 +7,9 @@ import sys
 import numpy as np
 import pytest
 
-from handbench.bench.cli import reconstruct
-from handbench.bench.cli.main import main
 from handbench.bench.studies import study
+from handbench.cli import reconstruct
+from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray, BistaticScan, PlanarScan, qar50
 from handbench.radar.data.grid import Axis, VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume, project_volume
@@ -20,7 +20,7 @@ from handbench.radar.imaging.tree import Box, Family
 from handbench.radar.methods.fsk import three_tone
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
 from tests.radar.imaging import measure_gpu
 from tests.radar.imaging.cupy_stand_in import DeviceArray, cupy_stand_in

@@ -14,8 +14,8 @@ from handbench.radar.imaging.certificate import imaging_error
 from handbench.radar.imaging.cpu.executor import Executor
 from handbench.radar.imaging.peaks import strongest_voxels
 from handbench.radar.imaging.tree import Family
-from handbench.radar.support.cost import require_time
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.cost import require_time
+from handbench.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
 from tests.radar.samples import noise, relative_error
 from tests.strategies import examples

@@ -9,7 +9,7 @@ from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume, project_volume
 from handbench.radar.imaging.cpu.exact import path_lengths
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
 from tests.radar.exact import backproject
 

@@ -39,7 +39,7 @@ from handbench.radar.imaging.skeleton import AMPLIFICATION, resampler
 from handbench.radar.methods.fsk import depth_step_m
 from handbench.radar.methods.smoothing import masked_mean
 from handbench.radar.simulation.forward import Scatterers, simulate
-from handbench.radar.support.rays import Rays
+from handbench.support.rays import Rays
 from tests.radar.exact import backproject, tone_images
 
 pytestmark = pytest.mark.usefixtures("planned")

@@ -10,7 +10,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.imaging.cpu.steering import phasor
 from handbench.radar.methods.alignment import align
 from handbench.radar.methods.registry import method
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 TONES_HZ = np.linspace(72e9, 82e9, 8)
 

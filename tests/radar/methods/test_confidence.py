@@ -17,7 +17,7 @@ from handbench.radar.methods.confidence import (
 )
 from handbench.radar.methods.fsk import depth_step_m, three_tone, two_tone
 from handbench.radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.radar.simulated_points import around, bumpy, error_m, points_capture, surface_points
 from tests.strategies import examples
 

@@ -12,7 +12,7 @@ from handbench.radar.methods.fsk_config import SETTLING, ThreeToneConfig, TwoTon
 from handbench.radar.methods.smoothing import masked_mean
 from handbench.radar.simulation.effects.receiver import strongest_amplitude, thermal_noise
 from handbench.radar.simulation.forward import direct_echoes
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
 from tests.radar.simulated_points import (
     TONES_HZ,

@@ -9,7 +9,7 @@ from handbench.radar.imaging.cpu.steering import phasor
 from handbench.radar.methods.alignment import align
 from handbench.radar.methods.confidence import beside_nearer
 from handbench.radar.methods.registry import method
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 TONES_HZ = np.array([82.0e9, 81.8e9, 80.5e9, 77.0e9, 72.0e9])
 

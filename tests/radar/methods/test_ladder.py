@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.methods.fsk import n_tone, three_tone
 from handbench.radar.methods.fsk_config import SIGMAS, LadderConfig, ThreeToneConfig, check_ladder, reach_hz
-from handbench.radar.support.config import parse
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import parse
+from handbench.support.errors import HandbenchError
 from tests.radar.simulated_points import (
     TONES_HZ,
     around,

@@ -5,7 +5,7 @@ import pytest
 
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.methods.registry import method
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.radar.methods.test_joint import around, point_capture
 
 AT_M = (0.02, -0.01, 0.28)

@@ -11,7 +11,7 @@ from handbench.radar.methods.registry import method
 from tests.radar.simulated_points import around, bumpy, points_capture, surface_points
 
 ROOT = Path(__file__).parents[3]
-PACKAGES = ("radar", "calibration", "groundtruth", "bench", "reports")
+PACKAGES = ("handbench", "radar", "calibration", "groundtruth", "bench", "reports")
 MOST = 20
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from handbench.bench.cli.main import main
+from handbench.cli.main import main
 from handbench.radar.methods.tone_sets import best_sets, bound_m, drawn_wraps, mistaken, wrap_probability_of
 
 LADDER_HZ = np.array([82.0e9, 81.8e9, 81.3e9, 79.5e9, 72.0e9])

@@ -12,7 +12,7 @@ from handbench.radar.methods.fsk import three_tone
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.registry import methods
 from handbench.radar.methods.trust import FEATURES, features, known_weights, probability, weights_of, with_trust
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.radar.simulated_points import TONES_HZ, around, point_capture, points_capture, surface_points
 
 POINT_M = np.array([0.0, 0.0, 0.28])

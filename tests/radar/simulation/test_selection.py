@@ -11,7 +11,7 @@ from handbench.radar.simulation.effects.base import Effect, Glance
 from handbench.radar.simulation.known_effects import DECLARED, IDS
 from handbench.radar.simulation.scene import Material
 from handbench.radar.simulation.selection import EFFECTS
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.radar.simulation.effects.small_scenes import bead_scene
 
 

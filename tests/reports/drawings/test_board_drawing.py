@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from handbench.bench.cli import draw as drawing_command
-from handbench.bench.cli.main import parser
 from handbench.bench.scenes.stand import stand_board
-from handbench.calibration.target.description import default_target, load_target
+from handbench.calibration.spheres.description import default_target, load_target
+from handbench.cli import draw as drawing_command
+from handbench.cli.main import parser
 from handbench.groundtruth.board.board import Board, Charuco, Marker, load_board
-from handbench.radar.support.errors import HandbenchError
 from handbench.reports.drawings.board_drawing import board_drawing, board_sheets
 from handbench.reports.drawings.sheets import INCH_MM, sheets, tiles
+from handbench.support.errors import HandbenchError
 
 PIXELS_PER_MM = 8
 BAR_M = 5e-5  # half a pixel is 0.06 mm; sharp edges are found to a fraction of it

@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.text import Text
 
-from handbench.calibration.target.description import Element, Target, default_target, load_target, save_target
-from handbench.radar.support.errors import HandbenchError
+from handbench.calibration.spheres.description import Element, Target, default_target, load_target, save_target
 from handbench.reports.drawings.sheets import BAR_MM, INCH_MM, OVERLAP_MM, PAPERS_MM, Drawing, save, sheets, tiles
 from handbench.reports.drawings.target_drawing import target_sheets
+from handbench.support.errors import HandbenchError
 
 HOSTILE = 'a<script>alert("1")</script>&--> $\\frac{1}$ \u4e2d \x1b.toml'
 POINTS_PER_MM = 72 / INCH_MM

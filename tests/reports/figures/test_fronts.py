@@ -11,10 +11,10 @@ import pytest
 from matplotlib.text import Text
 
 from handbench.bench import results
-from handbench.radar.support.errors import HandbenchError
 from handbench.reports.figures import fronts
 from handbench.reports.figures.style import COLUMN, STYLE, looks
 from handbench.reports.page import html, rendering, tradeoff_section
+from handbench.support.errors import HandbenchError
 from tests.reports.synthetic_result import METHODS, write_synthetic, write_synthetic_tradeoff
 
 EVIL = r"<b>$\frac{x</b>"

@@ -23,8 +23,6 @@ from handbench.bench import results
 from handbench.bench.evaluation.statistics.paired import compare
 from handbench.bench.results.stability import StabilityFacts, Table, write_stability
 from handbench.bench.results.tables import CASES, COMPARISONS, frame
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import read_json, write_json
 from handbench.reports.figures import depth_maps
 from handbench.reports.figures.charts import added, counted, overview
 from handbench.reports.figures.dark import darken
@@ -32,6 +30,8 @@ from handbench.reports.figures.depth_maps import panels
 from handbench.reports.figures.style import COLOURS, COLUMN, MARKERS, STYLE, looks, methods
 from handbench.reports.page import html, rendering, scene3d, sections, sheet_svg
 from handbench.reports.page.rendering import render
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_json, write_json
 from tests.reports.synthetic_result import METHODS, write_synthetic
 
 SVG = "{http://www.w3.org/2000/svg}"

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from handbench.bench import results
-from handbench.bench.cli import compare as compare_command
-from handbench.bench.cli.main import parser
 from handbench.bench.evaluation.statistics.compare_results import compare_results
 from handbench.bench.results.tables import CHANGES, DIFFERENCES, TIMES, frame
-from handbench.radar.support.errors import HandbenchError
+from handbench.cli import compare as compare_command
+from handbench.cli.main import parser
 from handbench.reports.tables import comparison
+from handbench.support.errors import HandbenchError
 
 EVIL = "<b>50%_of$x & {y} \\ |[z]</b>"
 

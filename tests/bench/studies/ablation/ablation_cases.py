@@ -9,7 +9,7 @@ from typing import Any
 
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.radar.simulation.known_effects import IDS
-from handbench.radar.support.config import parse
+from handbench.support.config import parse
 
 CAUSES: dict[str, Any] = tomllib.loads(Path(__file__).with_name("causes.toml").read_text("utf-8"))
 ROUGH = {"rms_m": 3e-5, "correlation_m": 1e-3}

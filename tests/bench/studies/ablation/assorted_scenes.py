@@ -15,8 +15,8 @@ from handbench.bench.scenes.hand_pose import POSES
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.bench.scenes.shapes import cylinder_mesh, sphere_mesh
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
-from handbench.radar.support.config import parse
-from handbench.radar.support.rays import TriangleMesh
+from handbench.support.config import parse
+from handbench.support.rays import TriangleMesh
 
 EDGE_M, WIRE_M = 2e-3, 0.08
 TONES = {"sweep": [], "tones_hz": [82e9, 81.8e9, 81.3e9, 79.5e9, 72e9]}

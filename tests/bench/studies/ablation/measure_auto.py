@@ -32,7 +32,7 @@ from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.selection import CONTAINED, EFFECTS, choose
 from handbench.radar.simulation.simulate import simulate_scene
 from handbench.radar.simulation.triage import LOST_MM
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.bench.studies.ablation.assorted_scenes import assorted_scene
 from tests.bench.studies.script import measured
 

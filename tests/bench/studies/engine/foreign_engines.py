@@ -21,8 +21,8 @@ from handbench.bench.studies.columns import Record, Table
 from handbench.bench.studies.study import BLUE, GREEN, GREY, ORANGE, VERMILION, Study, relative_error
 from handbench.radar.data.grid import Axis
 from handbench.radar.imaging.cpu.exact import exact_sums
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.progress import track
+from handbench.support.errors import HandbenchError
+from handbench.support.progress import track
 from tests.bench.studies import script
 from tests.bench.studies.engine.foreign_paths import ENGINE, Contender, contenders, engines, power
 from tests.bench.studies.engine.scope import Inputs, Scope

@@ -17,8 +17,8 @@ from handbench.radar.imaging.cpu.descent import planes as real_planes
 from handbench.radar.imaging.cpu.executor import _down
 from handbench.radar.imaging.plan import GridPlan
 from handbench.radar.imaging.tree import Family, Node
-from handbench.radar.support.cost import gemm
-from handbench.radar.support.parallel import one_blas_thread
+from handbench.support.cost import gemm
+from handbench.support.parallel import one_blas_thread
 from tests.bench.studies.engine.scope import Inputs
 
 TOLERANCE = 1e-3

@@ -7,7 +7,7 @@ import numba
 import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.support.progress import track
+from handbench.support.progress import track
 
 BINS = 4096  # of the zero-padded range profiles: 32 times as many as there are tones
 BLOCK = 512  # voxels that share a profile while it is in the cache

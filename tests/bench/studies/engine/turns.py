@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from handbench.bench.studies.columns import Record
-from handbench.radar.support.progress import say
 from handbench.radar.warmup import compile_kernels
+from handbench.support.progress import say
 
 Work = Callable[[], Any]
 

@@ -16,7 +16,7 @@ from handbench.radar.imaging.api import image_volume, project_volume
 from handbench.radar.imaging.peaks import Peaks, strongest_voxels
 from handbench.radar.methods.fsk import three_tone
 from handbench.radar.simulation.forward import simulate
-from handbench.radar.support.cost import gemm
+from handbench.support.cost import gemm
 from tests.bench.studies.engine import textbook
 from tests.bench.studies.engine.reference import Reference, column_peaks, column_points_m, reference
 from tests.bench.studies.engine.scope import Inputs

@@ -10,7 +10,7 @@ from handbench.bench.studies.exact import measure
 from handbench.bench.studies.exact.cases import SCENES, Case, cases, front_m
 from handbench.bench.studies.exact.measure import draw
 from handbench.radar.data.arrays import AntennaArray
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 SMALL = Case("sphere of 2 mm", SCENES["sphere of 2 mm"], "skin", "along")
 

@@ -22,9 +22,9 @@ from handbench.bench.studies.columns import Record, Table
 from handbench.bench.studies.study import BLUE, GREEN, ORANGE, Study
 from handbench.groundtruth.options import Options
 from handbench.groundtruth.pipeline import reconstruct
-from handbench.radar.support.cost import measured as costs
-from handbench.radar.support.files import content_hash
-from handbench.radar.support.store import keep
+from handbench.support.cost import measured as costs
+from handbench.support.files import content_hash
+from handbench.support.store import keep
 from tests.bench.studies.photogrammetry.photogrammetry_cases import Case, bars, sweep
 from tests.bench.studies.photogrammetry.photogrammetry_score import score
 from tests.bench.studies.script import measured

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from handbench.bench.scenes.scene_file import SceneFile
-from handbench.radar.support.config import parse
+from handbench.support.config import parse
 
 SPECKLE = {"speckle": 0.7, "texture_contrast": 1.0}
 # Several millimetres of depth of field, an f-number of a hand-held camera, skin that shines.

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from handbench.bench.studies.tradeoff.target_placements import Placement, placement
-from handbench.calibration.target.description import Target
+from handbench.calibration.spheres.description import Target
 
 
 @dataclass(frozen=True)

@@ -30,12 +30,12 @@ from handbench.bench.studies.columns import Record, Table
 from handbench.bench.studies.study import BLUE, Study
 from handbench.bench.studies.tradeoff.target_placements import seen_cloud
 from handbench.calibration.registration.register import calibrate
-from handbench.calibration.target.description import save_target
+from handbench.calibration.spheres.description import save_target
 from handbench.calibration.transforms import Transform
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.simulation.scene import Ball, EchoScene
 from handbench.radar.simulation.simulate import simulate_scene
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.bench.studies.registration.faulty_placements import Case, case
 from tests.bench.studies.registration.registration_score import Score, score
 from tests.bench.studies.script import measured

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from handbench.bench.studies.tradeoff.target_placements import made, seen_cloud
-from handbench.calibration.target.description import default_target
-from handbench.calibration.target.matching import match
-from handbench.calibration.target.optical_detection import find_spheres
+from handbench.calibration.spheres.description import default_target
+from handbench.calibration.spheres.matching import match
+from handbench.calibration.spheres.optical_detection import find_spheres
 from handbench.calibration.transforms import Transform
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.bench.studies.registration import measure_registration
 from tests.bench.studies.registration.faulty_placements import case, wrong
 from tests.bench.studies.registration.measure_registration import FAULTS, draw, summary, tables, tried

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from handbench.groundtruth.mesh.mesh_files import mesh, raycasting_scene
-from handbench.radar.support.rays import load_open3d
+from handbench.support.rays import load_open3d
 
 TEXEL_M = 1e-4
 MOST_ROWS = 1 << 14  # cv2.remap refuses maps longer than 2^15

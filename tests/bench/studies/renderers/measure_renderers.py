@@ -23,8 +23,8 @@ from handbench.bench.studies.columns import Record
 from handbench.bench.studies.study import Study
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.options import Options
-from handbench.radar.support.files import content_hash
-from handbench.radar.support.store import keep
+from handbench.support.files import content_hash
+from handbench.support.store import keep
 from tests.bench.studies.photogrammetry.measure_photogrammetry import reconstructed, tables
 from tests.bench.studies.photogrammetry.photogrammetry_cases import Case
 from tests.bench.studies.renderers.atlas import Atlas

@@ -8,7 +8,7 @@ import numpy as np
 from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.stand import PLATE_M, plate_print
 from handbench.groundtruth.cameras.cameras import Camera
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.bench.studies.renderers.atlas import Atlas
 
 SAMPLES = 16  # paths per pixel, whose noise is that of the photographs

@@ -14,8 +14,8 @@ from handbench.bench.scenes.rig import rig
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.bench.scenes.shapes import sphere_mesh
 from handbench.calibration.transforms import identity
-from handbench.radar.support.config import parse
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import parse
+from handbench.support.errors import HandbenchError
 from tests.bench.studies.renderers.atlas import TEXEL_M, Atlas
 from tests.bench.studies.renderers.measure_renderers import floating, pinhole, renderers
 from tests.bench.studies.renderers.path_tracer import PathTracer, load_mitsuba, sensor

@@ -9,8 +9,8 @@ from handbench.bench.run.benchmark_file import BenchFile, MethodEntry
 from handbench.radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig, NarrowbandConfig
 from handbench.radar.methods.registry import method
-from handbench.radar.support.config import Config
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import Config
+from handbench.support.errors import HandbenchError
 from tests.bench.studies.sensitivity.sensitivity_cases import Case
 from tests.bench.studies.sensitivity.sensitivity_factors import FactorsFile
 

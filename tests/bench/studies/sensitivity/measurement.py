@@ -32,11 +32,11 @@ from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.registry import Method, method
 from handbench.radar.methods.smoothing import masked_mean
 from handbench.radar.simulation.effects.receiver import ThermalNoise, thermal_noise
-from handbench.radar.support.config import Config, load
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import content_hash, inside
-from handbench.radar.support.parallel import for_each
-from handbench.radar.support.progress import say
+from handbench.support.config import Config, load
+from handbench.support.errors import HandbenchError
+from handbench.support.files import content_hash, inside
+from handbench.support.parallel import for_each
+from handbench.support.progress import say
 from tests.bench.studies.sensitivity.configured import configured, grid_of, paper_methods, tones_of
 from tests.bench.studies.sensitivity.nearness import BROADBAND, FSK, KEYS, PAPER, agreeing, distance
 from tests.bench.studies.sensitivity.placement import Clean, Hand, smooth_field

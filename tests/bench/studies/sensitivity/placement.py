@@ -20,12 +20,12 @@ from handbench.radar.simulation.physics.facets import unit
 from handbench.radar.simulation.scene import EchoScene, Material
 from handbench.radar.simulation.selection import EFFECTS
 from handbench.radar.simulation.state import EchoState, require_facets
-from handbench.radar.support.closure import key_of
-from handbench.radar.support.config import load
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import content_hash, read_npz, write_npz
-from handbench.radar.support.rays import TriangleMesh
-from handbench.radar.support.store import keep
+from handbench.support.closure import key_of
+from handbench.support.config import load
+from handbench.support.errors import HandbenchError
+from handbench.support.files import content_hash, read_npz, write_npz
+from handbench.support.rays import TriangleMesh
+from handbench.support.store import keep
 from tests.bench.studies.sensitivity.sensitivity_cases import Value
 from tests.bench.studies.sensitivity.sensitivity_factors import SIMULATED
 

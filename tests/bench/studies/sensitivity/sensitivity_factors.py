@@ -19,7 +19,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, field_validator
 
 from handbench.radar.methods.fsk_config import OddPixels
-from handbench.radar.support.config import Config, load, suggest
+from handbench.support.config import Config, load, suggest
 
 DEFAULT = Path(__file__).with_name("sensitivity.toml")
 

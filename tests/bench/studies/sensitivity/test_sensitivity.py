@@ -15,8 +15,8 @@ from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.groundtruth.mesh.mesh_files import load_open3d
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.methods.fsk_config import ThreeToneConfig
-from handbench.radar.support.config import parse
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import parse
+from handbench.support.errors import HandbenchError
 from tests.bench.studies.sensitivity import measure_sensitivity, placement
 from tests.bench.studies.sensitivity.measurement import Measurement
 from tests.bench.studies.sensitivity.placement import relief_m, smooth_field

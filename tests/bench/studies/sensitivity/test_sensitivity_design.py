@@ -12,8 +12,8 @@ import pytest
 
 from handbench.bench.run.benchmark_file import EMBEDDED, load_benchmark
 from handbench.radar.methods.projection_config import BroadbandConfig
-from handbench.radar.support.config import parse
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import parse
+from handbench.support.errors import HandbenchError
 from tests.bench.studies.sensitivity.configured import paper_methods, sparser
 from tests.bench.studies.sensitivity.nearness import PAPER, agreeing, answer, distance, factor_records
 from tests.bench.studies.sensitivity.sensitivity_cases import filled, joint, one_at_a_time, told

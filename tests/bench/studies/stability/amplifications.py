@@ -15,10 +15,10 @@ from handbench.bench.evaluation.metrics import pool, precision
 from handbench.bench.results.error_map import ErrorMap
 from handbench.bench.studies.stability.registration_cases import PLACE_M, RADIUS_M, outward
 from handbench.bench.studies.stability.statistics_cases import told
-from handbench.calibration.target.ball_fit import fit_balls
-from handbench.calibration.target.description import default_target
-from handbench.calibration.target.optical_detection import Cloud, fit_sphere
-from handbench.calibration.target.radar_detection import Ball
+from handbench.calibration.spheres.ball_fit import fit_balls
+from handbench.calibration.spheres.description import default_target
+from handbench.calibration.spheres.optical_detection import Cloud, fit_sphere
+from handbench.calibration.spheres.radar_detection import Ball
 from handbench.calibration.transforms import condition_number, umeyama
 from handbench.groundtruth.cameras.cameras import load_pycolmap
 from handbench.groundtruth.mesh.depth import depth_on_grid

@@ -30,7 +30,7 @@ from handbench.radar.methods import fsk, joint, projection
 from handbench.radar.methods.fsk_config import JointConfig
 from handbench.radar.simulation.effects.receiver import strongest_amplitude, thermal_noise
 from handbench.radar.simulation.forward import Scatterers, simulate
-from handbench.radar.support.progress import track
+from handbench.support.progress import track
 from tests.bench.studies.stability.random_scenes import fingers
 
 STAGES = ("samples", "images", "power")  # complex64, complex64 sums, and float32 magnitudes and decibels

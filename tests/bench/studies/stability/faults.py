@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from handbench.radar.support.store import MANIFEST, STAMP
+from handbench.support.store import MANIFEST, STAMP
 
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 TIMES = {  # what differs from run to run, by the file's name

@@ -17,9 +17,9 @@ import pandas as pd
 from handbench.bench.results.stability import Table
 from handbench.bench.studies.stability.scenes import imaged
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.parallel import workers
-from handbench.radar.support.progress import track
+from handbench.support.errors import HandbenchError
+from handbench.support.parallel import workers
+from handbench.support.progress import track
 from tests.bench.studies.stability.random_scenes import AXIS, KINDS, TROUBLES, WITHIN_M, Surface, recorded
 
 SIGMAS = 5.0

@@ -26,7 +26,7 @@ from handbench.bench.studies.stability.cases import (
     worst,
 )
 from handbench.bench.studies.stability.measure import run_stability
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 
 
 @pytest.mark.parametrize("chosen", cases(), ids=lambda chosen: f"{chosen.group}: {chosen.name}")

@@ -35,9 +35,9 @@ from handbench.radar.methods.trust import (
     probability,
     weights_of,
 )
-from handbench.radar.support.closure import key_of
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.files import content_hash, read_npz, write_npz, write_text
+from handbench.support.closure import key_of
+from handbench.support.errors import HandbenchError
+from handbench.support.files import content_hash, read_npz, write_npz, write_text
 from tests.bench.studies import script
 from tests.bench.studies.trust.trust_cases import SWEPT, Case, cases, known
 from tests.bench.studies.trust.worth import DROPPED_PERCENT, draw, fitted, reliability, silent_percent

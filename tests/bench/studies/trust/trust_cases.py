@@ -23,9 +23,9 @@ from handbench.groundtruth.mesh.mesh_files import mesh, read_mesh
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.methods.fsk_config import JointConfig, LadderConfig
-from handbench.radar.support.config import parse
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.rays import TriangleMesh
+from handbench.support.config import parse
+from handbench.support.errors import HandbenchError
+from handbench.support.rays import TriangleMesh
 from tests.bench.studies.ablation.assorted_scenes import BEHIND_M, SKIN, assorted_scene
 from tests.bench.studies.stability.random_scenes import AXIS, KINDS, TROUBLES, WITHIN_M, recorded
 

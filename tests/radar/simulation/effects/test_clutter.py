@@ -9,7 +9,7 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.simulation.effects.further import Clutter
 from handbench.radar.simulation.scene import EchoScene, Material
 from handbench.radar.simulation.state import EchoState
-from handbench.radar.support.rays import Rays
+from handbench.support.rays import Rays
 from tests.radar.simulation.effects.closed_forms import sheet_body
 from tests.radar.simulation.effects.small_scenes import bead_scene, rehearsed, simulated, simulated_change, sphere_body
 

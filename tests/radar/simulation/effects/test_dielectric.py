@@ -12,9 +12,9 @@ from handbench.radar.simulation.physics.reflection import body_reflection, fresn
 from handbench.radar.simulation.physics.spheres import foam_delays_m, foam_echoes
 from handbench.radar.simulation.scene import Ball, Body, EchoScene, Material
 from handbench.radar.simulation.state import EchoState
-from handbench.radar.support.config import parse
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.rays import Rays
+from handbench.support.config import parse
+from handbench.support.errors import HandbenchError
+from handbench.support.rays import Rays
 from tests.radar.simulation.effects.closed_forms import sphere_body
 from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, rehearsed, simulated, simulated_change
 

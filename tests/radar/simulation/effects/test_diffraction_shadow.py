@@ -17,7 +17,7 @@ from handbench.radar.simulation.rehearsal import Rehearsal
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.selection import CONTAINED
 from handbench.radar.simulation.state import EchoState
-from handbench.radar.support.rays import Rays
+from handbench.support.rays import Rays
 from tests.radar.simulation.effects.plates import cylinder, joined, plate
 
 FULL = qar50()

@@ -8,7 +8,7 @@ from handbench.radar.imaging.api import image_points
 from handbench.radar.simulation.causes import Causes, Motion
 from handbench.radar.simulation.effects.motion import TargetMotion, displacement_m, echoes_of_moving, mean_change_m
 from handbench.radar.simulation.state import EchoState
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, rehearsed, simulated, sphere_body
 
 NEAR_SIDE_M = np.array([[0.01, -0.005, 0.296]])

@@ -13,7 +13,7 @@ from handbench.radar.simulation.physics.ray_tubes import Hits, landed, mirrored_
 from handbench.radar.simulation.physics.reflection import oblique_ratios
 from handbench.radar.simulation.scene import Body, EchoScene, Material
 from handbench.radar.simulation.state import EchoState
-from handbench.radar.support.rays import Rays
+from handbench.support.rays import Rays
 from tests.radar.samples import relative_error
 from tests.radar.simulation.effects.plates import cylinder, dihedral, joined, plate
 from tests.radar.simulation.effects.small_scenes import sphere_body

@@ -9,8 +9,8 @@ from handbench.radar.simulation.effects.roughness import roughened, waves_of
 from handbench.radar.simulation.physics.facets import facets_of
 from handbench.radar.simulation.scene import Body
 from handbench.radar.simulation.state import EchoState
-from handbench.radar.support.config import parse
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.config import parse
+from handbench.support.errors import HandbenchError
 from tests.radar.simulation.effects.plates import plate
 from tests.radar.simulation.effects.small_scenes import bead_scene, rehearsed, simulated
 

@@ -11,7 +11,7 @@ from handbench.radar.simulation.effects.antennas import direct_wave
 from handbench.radar.simulation.effects.receiver import phase_rad, quantised
 from handbench.radar.simulation.pilot import rms
 from handbench.radar.simulation.scene import Body
-from handbench.radar.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError
 from tests.radar.exact import tone_images
 from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, simulated
 

@@ -10,8 +10,8 @@ from handbench.radar.simulation.physics.facets import face_vectors
 from handbench.radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
 from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.radar.simulation.state import EchoState, facing
-from handbench.radar.support.errors import HandbenchError
-from handbench.radar.support.rays import Rays
+from handbench.support.errors import HandbenchError
+from handbench.support.rays import Rays
 from tests.radar.simulation.effects.plates import cylinder, joined, plate
 from tests.radar.simulation.effects.small_scenes import TONES_HZ, sphere_body
 

@@ -6,7 +6,7 @@ import pytest
 from handbench.radar.simulation import simulate
 from handbench.radar.simulation.selection import EFFECTS, choose
 from handbench.radar.simulation.simulate import Stopwatch, simulate_scene
-from handbench.radar.support.rays import Rays
+from handbench.support.rays import Rays
 from tests.radar.simulation.effects.small_scenes import bead_scene, simulated
 
 EVERYTHING = {

@@ -14,7 +14,7 @@ from handbench.radar.simulation.physics.creeping import pekeris, roundness_of
 from handbench.radar.simulation.physics.diffraction import cells_of, edge_waves, edges_of, outline, seen_outline
 from handbench.radar.simulation.physics.reflection import dielectric_permittivity
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.support.rays import Rays, load_open3d
+from handbench.support.rays import Rays, load_open3d
 
 TONE_HZ = 80e9
 K = 2 * np.pi * TONE_HZ / SPEED_OF_LIGHT_M_S

@@ -8,7 +8,7 @@ from scipy.special import erfc
 
 from handbench.radar.simulation.physics.diffraction import cells_of, edge_waves, edges_of, outline, seen_outline
 from handbench.radar.simulation.scene import Body
-from handbench.radar.support.rays import Rays, load_open3d
+from handbench.support.rays import Rays, load_open3d
 
 K = np.array([1500.0, 1718.0])
 ANTENNA_M = np.zeros(3)

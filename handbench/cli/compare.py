@@ -1,0 +1,24 @@
+"""`handbench compare`: what differs between two results."""
+
+import argparse
+
+from handbench.cli.options import free
+from handbench.support.errors import HandbenchError
+
+
+def run(options: argparse.Namespace) -> None:
+    """Two result folders → their differences, shown; and written where -o asks for it."""
+    from handbench.bench.evaluation.statistics.compare_results import compare_results
+    from handbench.bench.results import load
+    from handbench.bench.results.compared import write_compared
+    from handbench.reports.tables.comparison import show, write
+
+    if options.out is not None:
+        if (options.out / "result.json").exists():
+            raise HandbenchError(f"{options.out}: is a result folder; choose another -o")
+        free(options.out / "compare.json", options.overwrite)
+    compared = compare_results(load(options.a), load(options.b))
+    if options.out is not None:
+        write_compared(options.out, compared)
+        write(compared, options.out)
+    show(compared)

@@ -1,0 +1,82 @@
+"""`handbench demo`: a simulated hand, the paper's four methods on it, their errors, and one picture."""
+
+import argparse
+from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import version
+from pathlib import Path
+from statistics import median
+
+from handbench.support.errors import HandbenchError
+from handbench.support.files import write_text
+from handbench.support.progress import say
+
+METHODS = ("2fsk", "3fsk", "narrowband", "broadband")
+SCENE, CAPTURE, PICTURE = "hand.toml", "capture", "demo.png"
+TOLERANCE = 1e-3  # of the images: a hundredth of what the methods' errors are
+
+
+def run(options: argparse.Namespace) -> None:
+    """Simulate, image, score and draw, all in one folder, where an earlier demo of this version goes on."""
+    from handbench.bench.datasets.native import TRUTH
+    from handbench.bench.evaluation.metrics import METRICS as DEFINED
+    from handbench.bench.evaluation.metrics import TITLES
+    from handbench.bench.results.about import HEADLINE, SHARES
+    from handbench.bench.run.benchmark_file import EMBEDDED
+    from handbench.bench.run.reconstruct_stage import Imager
+    from handbench.bench.run.scoring import score_map
+    from handbench.calibration.transforms import identity
+    from handbench.groundtruth.mesh.surface import read_surface
+    from handbench.reports.figures.single import methods_figure, save
+    from handbench.reports.tables.result_tables import terminal_table, wide_console
+    from handbench.support.cost import machine
+
+    folder: Path = options.out
+    figures = HEADLINE, SHARES[-1]
+    capture, truth = folder / CAPTURE, folder / CAPTURE / TRUTH
+    _claim(folder, (EMBEDDED / "demo_hand.toml").read_text("utf-8"))
+    _simulate(folder / SCENE, capture)
+    surface, facts, lines, shown = read_surface(truth), machine(), [], []
+    for id in METHODS:
+        images = Imager(capture, id, {"tolerance": TOLERANCE}).images()
+        depth = images.results[0].depth
+        depth.save(folder / f"{id}.npz")
+        errors, values = score_map(depth, surface, identity("radar"))
+        lines.append((TITLES[id], *(f"{values[name]:.2f}" for name in figures), f"{median(images.seconds):.2f}"))
+        shown.append((f"{TITLES[id]}\n{DEFINED[HEADLINE].title} {values[HEADLINE]:.2f} mm", depth.z_m, errors))
+        say(f"{folder / id}.npz: imaged and scored")
+    save(methods_figure(shown), folder / PICTURE)
+    columns = ("", *(f"{DEFINED[name].title}, {DEFINED[name].unit}" for name in figures), "seconds a frame")
+    wide_console().print(terminal_table("", columns, lines))
+    print(f"against the true surface; images to {TOLERANCE:g}; {facts['cores']} cores of {facts['processor']}")
+    print(f"picture: {folder / PICTURE}\nnext:")
+    better = folder / "aligned.npz"
+    print(f"  handbench reconstruct {capture} --method broadband-aligned -o {better}")
+    print(f"  handbench evaluate {better} --mesh {truth}")
+    print(f"  handbench simulate {folder / SCENE} --explain")
+    print("  handbench list")
+
+
+def _claim(folder: Path, scene: str) -> None:
+    """Write the scene file into a folder that is new or empty; go on in one where it lies unchanged."""
+    marked = f"# The scene of `handbench demo`, handbench {version('handbench')}.\n{scene}"
+    mark = folder / SCENE
+    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+        write_text(mark, marked)
+    elif not mark.is_file() or mark.read_text("utf-8", "replace") != marked:
+        raise HandbenchError(f"{folder}: exists, and is no demo of this version; choose another -o, or remove it")
+
+
+def _simulate(scene: Path, capture: Path) -> None:
+    """The scene's capture, if it is not there yet; the kernels are compiled while the hand is shaped."""
+    from handbench.bench.datasets.simulated import simulate_capture
+    from handbench.bench.scenes.build import load_scene
+    from handbench.radar.warmup import compile_kernels
+
+    if capture.exists():  # which appears whole or not at all
+        say(f"{capture}: is there already")
+        return
+    with ThreadPoolExecutor() as pool:
+        compiled = pool.submit(compile_kernels, load=False)
+        built = load_scene(scene)
+        compiled.result()
+    simulate_capture(built, capture)

@@ -1,0 +1,74 @@
+"""`handbench evaluate`: how far a depth map is from a mesh."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+from handbench.cli.options import free
+
+if TYPE_CHECKING:
+    from handbench.bench.evaluation.metrics import Values
+    from handbench.bench.evaluation.statistics.intervals import Interval
+
+
+def run(options: argparse.Namespace) -> None:
+    """Depth map × mesh → metrics on stdout: a table on a terminal, else JSON; doubts come first."""
+    from handbench.bench.datasets.maroon_alignment import load_any_transform
+    from handbench.bench.evaluation.floor import floor_interval
+    from handbench.bench.evaluation.metrics import definitions
+    from handbench.bench.run.scoring import score_map
+    from handbench.bench.validation import figure_doubts, map_doubts, surface_fit
+    from handbench.groundtruth.mesh.depth import reference_on_grid
+    from handbench.groundtruth.mesh.surface import read_surface
+    from handbench.radar.data.depthmap import load_depthmap
+    from handbench.support.progress import say
+
+    if options.plot is not None:
+        free(options.plot, options.overwrite)
+    depth = load_depthmap(options.depth)
+    if options.most_p_gross is not None:
+        depth = depth.trusted(options.most_p_gross)
+    transform, surface = load_any_transform(options.transform), read_surface(options.mesh)
+    errors, values = score_map(depth, surface, transform)
+    doubts = surface_fit.findings(depth, surface.moved(transform))  # which tell a cure
+    doubts += [*map_doubts.of_map(depth), *figure_doubts.of_figures(depth, values)]
+    about: dict[str, Any] = {"method": depth.method, "definitions": definitions(list(values))}
+    if transform.refined:
+        about["refined"] = f"{options.transform}: {transform.refined['reason']}"
+    for doubt in doubts:
+        say(f"{options.depth}: {doubt}")
+    if options.plot is not None:
+        from handbench.reports.figures.single import methods_figure, save
+
+        save(methods_figure([(f"{depth.method}\n", depth.z_m, errors)]), options.plot)
+    if options.json or not sys.stdout.isatty():
+        print(json.dumps(({"doubts": doubts} if doubts else {}) | values | about, indent=2))
+    else:
+        floor = None
+        if values["floor_mm"]:
+            reference = reference_on_grid(surface.moved(transform), depth.x_m, depth.y_m, transform)
+            floor = floor_interval([errors], [reference])
+        _table(f"{options.depth}: {depth.method}", values, floor, about.get("refined"))
+
+
+def _table(title: str, values: Values, floor: Interval | None, caption: str | None) -> None:
+    """The figures as a person reads them. An interval speaks of captures, of which one map is one: it has none but that
+    of the ground-truth floor, where the surface and its registration know their errors."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from handbench.bench.evaluation.metrics import METRICS
+    from handbench.bench.evaluation.statistics.intervals import note
+
+    notes = "\n".join(filter(None, (caption, note(1))))
+    table = Table("metric", "value", "unit", "better", title=title, caption=notes)
+    table.columns[1].justify = "right"
+    for key, value in values.items():
+        known = METRICS[key]
+        text = "–" if value is None else f"{value:d}" if isinstance(value, int) else f"{value:.4g}"
+        text += f" ({floor.low:.3g} to {floor.high:.3g})" if floor and key == "floor_mm" else ""
+        table.add_row(known.title, text, known.unit, known.better)
+    Console().print(table)

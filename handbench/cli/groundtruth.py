@@ -1,0 +1,72 @@
+"""`handbench groundtruth`: photographs, or a foreign mesh, as a metric mesh."""
+
+import argparse
+import json
+from typing import Any
+
+from handbench.cli.options import free, numbers
+from handbench.support.errors import HandbenchError
+
+MESH_SUFFIXES = (".ply", ".obj", ".stl")
+MILLIMETRE_M = 1e-3
+
+
+def run(options: argparse.Namespace) -> None:
+    """Photographs → mesh; or a mesh in any unit → a mesh in metres."""
+    free(options.out, options.overwrite)
+    if options.photos.suffix.lower() in MESH_SUFFIXES and not options.photos.is_dir():
+        _take_over(options)
+        return
+    if options.unit is not None:
+        raise HandbenchError(f"--unit: is for a mesh file, {options.photos} is none; leave it out")
+    from handbench.bench.validation.photo_problems import board_doubts
+    from handbench.groundtruth.board.board import load_board
+    from handbench.groundtruth.options import Options, predicted
+    from handbench.groundtruth.photos.photos import find_photos
+    from handbench.groundtruth.pipeline import reconstruct
+    from handbench.support.config import parse
+    from handbench.support.cost import require_time
+    from handbench.support.progress import say
+
+    for kept in ("sparse", "dense.ply", "summary.json") if options.workdir else ():
+        free(options.workdir / kept, options.overwrite)
+    chosen, photos = parse(Options, _values(options), "groundtruth"), find_photos(options.photos)
+    described = options.board or options.photos / "board.toml"
+    for doubt in board_doubts(photos, load_board(described)) if described.is_file() else ():
+        say(f"{described}: {doubt}")
+    megapixels = 1e-6 * sum(photo.width * photo.height for photo in photos)
+    core_s, bytes_ = predicted(len(photos), megapixels, chosen.quality)
+    require_time(core_s, f"{len(photos)} photographs, {megapixels:.0f} megapixels, {chosen.quality}", bytes_)
+    result = reconstruct(options.photos, chosen, options.workdir)
+    result.surface.save(options.out)
+    print(json.dumps(result.summary(), indent=2))
+
+
+def _take_over(options: argparse.Namespace) -> None:
+    from handbench.groundtruth.mesh.mesh_files import metric_mesh, write_mesh
+
+    if options.unit is None:
+        raise HandbenchError(f"--unit: is missing; {options.photos} does not tell its own: say m or mm")
+    mesh = metric_mesh(options.photos, MILLIMETRE_M if options.unit == "mm" else 1.0)
+    write_mesh(options.out, mesh)
+    print(json.dumps({"vertices": len(mesh.vertices), "triangles": len(mesh.triangles)}, indent=2))
+
+
+def _values(options: argparse.Namespace) -> dict[str, Any]:
+    """The options' values by the names of the configuration."""
+    from handbench.groundtruth.options import Options
+
+    return {name: value for name, value in vars(options).items() if name in Options.model_fields} | {
+        "intrinsics": numbers(options.intrinsics, 4, "--intrinsics"),
+        "box_m": numbers(options.box, 6, "--box"),
+        "distances": tuple(_distance(text) for text in options.distances),
+    }
+
+
+def _distance(text: str) -> dict[str, Any]:
+    parts = text.split(",")
+    try:
+        first, second, metres = (part.strip() for part in parts)
+        return {"first": first, "second": second, "distance_m": float(metres)}
+    except ValueError:
+        raise HandbenchError(f"--distance: is '{text}'; expected A.jpg,B.jpg,0.350, names and metres") from None

@@ -1,0 +1,25 @@
+"""`handbench import`: foreign data as a capture folder, a foreign hand as a scene."""
+
+import argparse
+
+from handbench.cli.options import free_folder
+from handbench.support.progress import say
+
+
+def run(options: argparse.Namespace) -> None:
+    """Foreign data → capture folder; a foreign hand → scene."""
+    from handbench.bench.datasets.dataset import import_capture
+    from handbench.bench.datasets.foam_panel import import_planar_scan
+    from handbench.bench.scenes.makehuman import SCENE, import_makehuman
+
+    if options.dataset == "makehuman":
+        free_folder(options.out, options.overwrite, SCENE)
+        import_makehuman(options.source, options.out)
+        say(f"scene: {options.out / SCENE}")
+        return
+    free_folder(options.out, options.overwrite, "capture.toml")
+    if options.dataset == "planar_scan":
+        import_planar_scan(options.source, options.out)
+    else:
+        import_capture(options.dataset, options.source, options.out)
+    say(f"capture: {options.out}")

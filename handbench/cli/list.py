@@ -1,0 +1,63 @@
+"""`handbench list`: methods with their defaults and sources, metrics, benchmarks, effects, data sets, poses."""
+
+import argparse
+import json
+from collections.abc import Iterator
+
+from handbench.cli.options import COMMANDS, declared
+from handbench.support.errors import HandbenchError
+
+SECTIONS = {  # as commands.toml names them → title
+    "methods": "methods",
+    "plugins": "plug-ins that could not be loaded",
+    "metrics": "metrics",
+    "benchmarks": "embedded benchmarks",
+    "effects": "effects of simulated echoes",
+    "datasets": "data sets",
+    "poses": "poses",
+}
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print everything that has a name: of one section, with a text in the name or the line about it, if asked for."""
+    wanted = (options.filter or "").casefold()
+    told = False
+    for section in [options.section] if options.section else SECTIONS:
+        found = [entry for entry in _entries(section) if wanted in entry[0].casefold()]
+        told = told or bool(found)
+        if found:
+            print(SECTIONS[section], *(f"  {line}" for entry in found for line in entry), sep="\n")
+    if wanted and not told:
+        raise HandbenchError(f"list: nothing has '{options.filter}' in its name or in the line about it")
+
+
+def _entries(section: str) -> Iterator[list[str]]:
+    """The lines of each entry."""
+    from handbench.bench.datasets.dataset import KNOWN
+    from handbench.bench.evaluation.metrics import definitions
+    from handbench.bench.run.benchmark_file import embedded
+    from handbench.bench.scenes.hand_pose import POSES
+    from handbench.radar.methods.registry import BROKEN, methods
+    from handbench.radar.simulation.known_effects import DECLARED
+    from handbench.support.closure import with_version
+
+    known = methods()  # which loads the plug-ins, too
+    if section == "methods":
+        for method in known:
+            about = [f"source: {method.source}"]
+            about += [f"plug-in: {with_version(method.distribution)}"] if method.distribution is not None else []
+            about += [f"{k} = {json.dumps(v)}" for k, v in method.config().model_dump(mode="json").items()]
+            yield [f"{method.id:<18} {method.summary}", *(f"{'':<18} {line}" for line in about)]
+    elif section == "effects":
+        for name, facts in DECLARED.items():
+            yield [f"{name:<18} {facts['does']}", f"{'':<18} source: {facts['source']}"]
+    else:
+        imported = ", ".join(declared(COMMANDS)["import"]["options"]["dataset"]["choices"])
+        lines = {
+            "plugins": [f"{name}: {reason}" for name, reason in BROKEN.items()],
+            "metrics": [f"{key:<28} {definition}" for key, definition in definitions().items()],
+            "benchmarks": embedded(),
+            "datasets": [f"read where they lie: {KNOWN}", f"by `handbench import`: {imported}"],
+            "poses": [", ".join(POSES)],
+        }
+        yield from ([line] for line in lines[section])

@@ -1,0 +1,102 @@
+# PYTHON_ARGCOMPLETE_OK
+"""The command line: handbench COMMAND. Nothing heavy is imported before a command is chosen."""
+
+import argparse
+import errno
+import os
+import resource
+import sys
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
+from importlib import import_module
+from importlib.metadata import version
+
+from handbench.cli.options import COMMANDS, add_options, declared
+from handbench.cli.study import add_studies
+from handbench.support.errors import HandbenchError
+
+LIBRARIES_BYTES, THREAD_BYTES = 2**31, 2**28  # of addresses, without which libraries hang or crash as they are loaded
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES}
+GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO}  # while a command works
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; a known error is one line on stderr and exit code 2, an unknown one keeps its traceback."""
+    known = parser()
+    if "_ARGCOMPLETE" in os.environ:  # a shell asks what could come next
+        import argcomplete
+
+        argcomplete.autocomplete(known)
+    options = known.parse_args(arguments)
+    try:
+        _require_addresses()
+        with _device(options):
+            import_module(f"handbench.cli.{options.module}").run(options)
+        sys.stdout.flush()
+    except HandbenchError as error:
+        print(f"handbench: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("handbench: interrupted; nothing was left half-written, and `run` resumes", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        _drain()  # the reader went away; so do we
+        return 141
+    except MemoryError as error:
+        print(f"handbench: out of memory ({error}); end other programs, or ask for less at once", file=sys.stderr)
+        return 2
+    except OSError as error:
+        if error.errno not in (FULL | GONE if error.filename else FULL):
+            raise
+        _drain()
+        where = error.filename or f"the output or {os.environ.get('TMPDIR', '/tmp')}"
+        advice = (
+            "free the space or choose another place" if error.errno in FULL else "it was there before: is the disk?"
+        )
+        print(f"handbench: {where}: {error.strerror}; {advice}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _drain() -> None:
+    """Give up what stdout cannot take, so that Python does not try again as it ends."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _require_addresses() -> None:
+    """HandbenchError where `ulimit -v` leaves the libraries and their threads too little."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    needed = LIBRARIES_BYTES + THREAD_BYTES * len(os.sched_getaffinity(0))
+    if 0 <= limit < needed:
+        raise HandbenchError(f"ulimit -v: is {limit // 1024} kB; expected {needed // 1024} or more, or unlimited")
+
+
+def _device(options: argparse.Namespace) -> AbstractContextManager[None]:
+    """The device that the command images on, if it images."""
+    if "device" not in options:
+        return nullcontext()
+    from handbench.radar.imaging.device import use_device
+
+    return use_device(options.device)
+
+
+def parser() -> argparse.ArgumentParser:
+    """All commands and their options."""
+    purpose = "How well near-field radar sees a human hand, and what that accuracy costs in time."
+    top = argparse.ArgumentParser(prog="handbench", description=purpose)
+    top.add_argument("--version", action="version", version=f"%(prog)s {version('handbench')}")
+    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name, entry in declared(COMMANDS).items():
+        command = commands.add_parser(name, help=entry["help"], description=entry["help"])
+        add_options(command, entry["options"])
+        if name == "study":
+            add_studies(command)
+        command.set_defaults(module=entry.get("module", name))
+    return top
+
+
+if __name__ == "__main__":
+    sys.exit(main())

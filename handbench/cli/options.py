@@ -1,0 +1,86 @@
+"""Options as commands.toml and studies.toml declare them, and refusals to overwrite."""
+
+import argparse
+import tomllib
+from collections.abc import Mapping, Sequence
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+from handbench.support.errors import HandbenchError
+
+COMMANDS = Path(__file__).with_name("commands.toml")
+
+
+def positive(text: str) -> int:
+    """A whole number from 1 on, as an argument's type."""
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number ≥ 1")
+    return int(text)
+
+
+def _ending(ends: Sequence[str], text: str) -> Path:
+    """A path with one of these suffixes, as an argument's type."""
+    if Path(text).suffix.lower() not in ends:
+        raise argparse.ArgumentTypeError(f"{text} does not end in {' or '.join(ends)}")
+    return Path(text)
+
+
+def method_ids(**_: object) -> list[str]:
+    """The ids with which a shell completes --method."""
+    from handbench.radar.methods.registry import methods
+
+    return [method.id for method in methods()]
+
+
+TYPES = {"int": int, "float": float, "path": Path, "str": str, "positive": positive}
+
+
+@cache
+def declared(file: Path) -> dict[str, dict[str, Any]]:
+    """Each command's entry in commands.toml, or study's in studies.toml."""
+    return tomllib.loads(file.read_text("utf-8"))
+
+
+def add_options(command: argparse.ArgumentParser, options: Mapping[str, Mapping[str, Any]]) -> None:
+    """Add declared options: names, separated by commas, to what argparse takes; type: of TYPES; group: the heading that
+    it stands under; either: of those that share a word, one at most; ends: the suffixes that a path may have."""
+    groups: dict[str, argparse._ActionsContainer] = {}
+    for names, told in options.items():
+        facts: dict[str, Any] = {key: TYPES[value] if key == "type" else value for key, value in told.items()}
+        if ends := facts.pop("ends", None):
+            facts["type"] = partial(_ending, ends)
+        place: argparse._ActionsContainer = command
+        if group := facts.pop("group", None):
+            place = groups.get(group) or groups.setdefault(group, command.add_argument_group(group))
+        if either := facts.pop("either", None):
+            place = groups.get(either) or groups.setdefault(either, command.add_mutually_exclusive_group())
+        argument = place.add_argument(*names.split(", "), **facts)
+        if names == "--method":
+            vars(argument)["completer"] = method_ids
+
+
+def numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | None:
+    """The numbers of an option's text; None without one."""
+    if text is None:
+        return None
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != count:
+        raise HandbenchError(f"{option}: is '{text}'; expected {count} numbers separated by commas")
+    return values
+
+
+def free(path: Path, overwrite: bool) -> None:
+    """Refuse to overwrite unless asked to."""
+    if path.exists() and not overwrite:
+        raise HandbenchError(f"{path}: exists already; choose another -o, or --overwrite to replace it")
+
+
+def free_folder(path: Path, overwrite: bool, mark: str) -> None:
+    """As `free`, and even then replace only a folder that holds `mark`, which handbench writes."""
+    free(path, overwrite)
+    if path.exists() and not (path / mark).is_file():
+        raise HandbenchError(f"{path}: holds no {mark}, so handbench did not write it; choose another -o")

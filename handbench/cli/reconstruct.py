@@ -1,0 +1,119 @@
+"""`handbench reconstruct`: one capture imaged by one method."""
+
+import argparse
+import tomllib
+from typing import Any
+
+import numpy as np
+
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.run.reconstruct_stage import configuration, require_near
+from handbench.bench.validation.array_doubts import array_doubts, lacking
+from handbench.bench.validation.doubts import of_image
+from handbench.bench.validation.map_doubts import flagged
+from handbench.cli.options import free
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.imaging import api
+from handbench.radar.imaging.certificate import Certificate, certified, imaging_error
+from handbench.radar.imaging.device import describe
+from handbench.radar.methods.advice import notes, require_tones
+from handbench.radar.methods.registry import Method, Reconstruction, method
+from handbench.radar.methods.trust import FLAGGED, with_trust
+from handbench.radar.warmup import compile_kernels
+from handbench.support.errors import HandbenchError
+from handbench.support.files import write_npz
+from handbench.support.progress import say
+
+EXACT = 1e-5  # what the exact sum is good to, in single precision
+FINER = 10.0  # times, when a certificate does not keep the tolerance
+
+
+def run(options: argparse.Namespace) -> None:
+    """Capture × method → depth map."""
+    for file in filter(None, (options.out, options.volume)):
+        free(file, options.overwrite)
+    if options.volume == options.out:
+        raise HandbenchError(f"--volume: is the same file as -o, {options.out}; name two")
+    chosen = method(options.method)
+    defaults = configuration(options.capture, chosen.id, {})
+    settings = chosen.configure(_settings(options, defaults.model_dump(mode="json")), "--set or --tolerance")
+    echoes = require_near(open_capture(options.capture).echoes(max(options.frame, 0) + 1))
+    if not 0 <= options.frame < len(echoes.samples):
+        raise HandbenchError(f"--frame: is {options.frame}; the capture has frames 0 to {len(echoes.samples) - 1}")
+    if (options.volume is not None or options.check) and "z" not in chosen.config.model_fields:
+        raise HandbenchError(f"--volume, --check: '{chosen.id}' makes no volume; choose broadband or narrowband")
+    for doubt in (*array_doubts(echoes), *lacking(echoes)):
+        say(f"{options.capture}: {doubt}")
+    require_tones(echoes, settings)
+    compile_kernels(load=False)
+    asked = getattr(settings, "tolerance", None)
+    result, settings, certificate = _imaged(chosen, echoes, settings, options)
+    depth = with_trust(result.depth, echoes, settings, options.frame)
+    depth.save(options.out)
+    for doubt in of_image(depth, echoes):
+        say(f"{options.out}: {doubt}")
+    if result.volume is not None and (options.volume is not None or options.check):
+        volume = result.volume()
+        if options.volume is not None:
+            write_npz(options.volume, volume=volume, x_m=depth.x_m, y_m=depth.y_m, z_m=result.volume_z_m)
+        if options.check:
+            _check(volume, echoes, settings, asked or EXACT, options)
+    for note in notes(result.depth, echoes, settings, options.frame):
+        say(f"{options.out}: {note}")
+    on_target = int((result.depth.z_m == result.depth.z_m).sum())
+    bound = f"; images' relative error at most {certificate.bound:.1e}" if certificate.images else ""
+    share = flagged(depth)
+    doubted = "" if share is None else f", {100 * share:.1f} % of them flagged (p_gross > {FLAGGED:g})"
+    say(f"{options.out}: {on_target} pixels on target{doubted}, imaged on {describe()}{bound}")
+
+
+def _imaged(
+    chosen: Method, echoes: RadarCapture, settings: Any, options: argparse.Namespace
+) -> tuple[Reconstruction, Any, Certificate]:
+    """The method's result with the settings that it took, and its images' certificate, which keeps the tolerance where
+    that is relative to the image: by a tolerance ten times finer, or by the exact sum."""
+    asked = getattr(settings, "tolerance", None)
+    while True:
+        with certified() as certificate:
+            result = chosen.run(echoes, settings, options.frame)
+        now = getattr(settings, "tolerance", None)
+        if options.relative_to == "samples" or asked is None or certificate.bound <= asked:
+            return result, settings, certificate
+        if now is None:
+            say(f"the exact sum, in single precision, is off by up to {certificate.bound:.1e}; {asked:g} was asked for")
+            return result, settings, certificate
+        finer = now / FINER if now / FINER >= api.TOLERANCES[0] else None
+        anew = "exactly" if finer is None else f"to {finer:g}"
+        say(f"images' relative error is at most {certificate.bound:.1e}: imaging anew, {anew}")
+        settings = settings.model_copy(update={"tolerance": finer})
+
+
+def _check(volume: np.ndarray, echoes: RadarCapture, settings: Any, most: float, options: argparse.Namespace) -> None:
+    """Say how far the volume is from the exact sum, and refuse one that is further than `most`."""
+    samples, frequencies_hz = echoes.tones(settings.tones_hz(), options.frame)
+    error = imaging_error(volume, samples, frequencies_hz, echoes.aperture, settings.grid(), options.check)
+    say(f"checked at {options.check} random voxels against the exact sum: relative error {error:.1e}")
+    if error > most:
+        raise HandbenchError(
+            f"--check: the volume's relative error is {error:.1e}; expected at most {most:g}; "
+            "please report the capture, and use --exact meanwhile"
+        )
+
+
+def _settings(options: argparse.Namespace, values: dict[str, Any]) -> dict[str, Any]:
+    """`values` with --set, --tolerance and --exact put in; methods that always image exactly have no tolerance."""
+    for setting in options.settings:
+        key, separator, text = setting.partition("=")
+        *parents, leaf = key.split(".")
+        place: Any = values
+        for parent in parents:
+            place = place.setdefault(parent, {}) if isinstance(place, dict) else None
+        if not separator or not isinstance(place, dict):
+            raise HandbenchError(f"--set: is '{setting}'; expected KEY=VALUE, as z.step_m=0.002")
+        try:
+            place[leaf] = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            place[leaf] = text
+    if "tolerance" in values and (options.exact or options.tolerance is not None):
+        values["tolerance"] = options.tolerance
+    return values

@@ -1,0 +1,183 @@
+"""`handbench show`: a picture of any file or folder that handbench reads or writes."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from handbench.bench.results import ErrorMap, Surface, load, load_tradeoff
+from handbench.cli.options import free
+from handbench.radar.data.capture import evenly
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_json, read_npz, write_text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from matplotlib.figure import Figure
+
+    from handbench.reports.figures.style import Picture
+
+KNOWN = "a capture, result or trade-off folder, .h5, .npz, .ply, .obj, .stl or .json"
+MESHES = (".ply", ".obj", ".stl")
+VIEWED_PX = 320  # of a mesh, along its longest side
+RANGES, MOST_CHANNELS, FEWEST_TONES, FARTHEST_M = 2000, 256, 8, 1.5  # of a range profile
+MAPS = ("z_m", "amplitude_db", "sigma_m", "p_gross", "error_m", "reference_z_m")
+TURNS = {  # of a mesh: axes to the left, up and away from the eye, the last one's sign, the names of the first two
+    "from the array": ([0, 1, 2], 1, ("x in mm", "y in mm")),
+    "from above": ([0, 2, 1], -1, ("x in mm", "z in mm")),
+    "from the left": ([2, 1, 0], -1, ("z in mm", "y in mm")),
+}
+
+
+def run(options: argparse.Namespace) -> None:
+    """File → picture, or a page that turns; the path of what was written on stdout."""
+    from handbench.reports.figures.single import save
+    from handbench.reports.page.single_scene import page
+
+    path: Path = options.path
+    out = options.out or Path(path.resolve().name).with_suffix(".html" if options.turned else ".png")
+    free(out, options.overwrite)
+    if options.turned != (out.suffix == ".html"):
+        raise HandbenchError(f"-o: is {out}; expected a picture, or with --3d a page, .html")
+    if options.turned:
+        write_text(out, page(path.name, *_surface(path)))
+    else:
+        drawn = {".npz": _maps, ".json": _frames, ".h5": _recording} | dict.fromkeys(MESHES, _mesh)
+        save(drawn.get(path.suffix.lower(), _folder)(path), out)
+    print(out)
+
+
+def _folder(path: Path) -> Figure:
+    import matplotlib
+
+    from handbench.reports.figures import charts, depth_maps, fronts
+    from handbench.reports.figures.style import STYLE
+
+    pictures: Iterator[Picture] = iter(())
+    if (path / "tradeoff.json").is_file():
+        pictures = fronts.pictures(load_tradeoff(path))
+    elif (path / "result.json").is_file():
+        result = load(path)
+        pictures = chain(charts.overview(result), *(depth_maps.panels(result, c) for c in result.scored()))
+    elif path.is_dir():
+        return _recording(path)
+    with matplotlib.rc_context(STYLE):
+        for picture in pictures:
+            return picture.figure
+    raise HandbenchError(f"{path}: is nothing that can be shown; expected {KNOWN}")
+
+
+def _arrays(path: Path) -> dict[str, Any]:
+    """The arrays of an .npz of ours, of a depth map, errors, a reference's depth or a volume, whose shapes fit."""
+    found = read_npz(path, ("x_m", "y_m"), (*MAPS, "volume", "method"))
+    shape = found["y_m"].size, found["x_m"].size
+    shapes: dict[str, tuple[int, ...]] = {"x_m": shape[1:], "y_m": shape[:1], "method": ()} | dict.fromkeys(MAPS, shape)
+    if "volume" in found:
+        shapes |= {"z_m": found["volume"].shape[:1], "volume": (*found["volume"].shape[:1], *shape)}
+    wrong = [name for name, values in found.items() if values.shape != shapes[name]]
+    if wrong or not ("z_m" in found or {"error_m", "reference_z_m"} <= found.keys()):
+        raise HandbenchError(f"{path}: {', '.join(wrong) or 'z_m'} is missing, or does not fit x_m and y_m")
+    return found
+
+
+def _maps(path: Path) -> Figure:
+    from handbench.reports.figures.layers import depth_layers, error_layer, layers_figure, volume_layers
+
+    found = _arrays(path)
+    axes, title = (found["x_m"], found["y_m"]), f"{path.name}: {found['method']}" if "method" in found else path.name
+    if "error_m" in found:
+        return layers_figure([error_layer(ErrorMap(*axes, found["error_m"], found["reference_z_m"]))], title)
+    volume, z_m = found.get("volume"), found["z_m"]
+    layers = depth_layers(Surface(*axes, z_m), found) if volume is None else volume_layers(volume, *axes, z_m)
+    return layers_figure(layers, title)
+
+
+def _mesh(path: Path) -> Figure:
+    from handbench.groundtruth.mesh.depth import reference_on_grid
+    from handbench.groundtruth.mesh.surface import read_surface
+    from handbench.reports.figures.layers import SIGMAS, Layer, layers_figure, shaded
+
+    layers: list[Layer] = []
+    told: list[Layer] = []
+    mesh = read_surface(path)
+    for title, (axes, away, names) in TURNS.items():
+        turned = replace(mesh, vertices_m=mesh.vertices_m[:, axes] * [1, 1, away])
+        x_m, y_m = _pixels(turned.vertices_m)
+        seen = reference_on_grid(turned, x_m, y_m)
+        whole = reference_on_grid(replace(turned, observed=np.ones(len(mesh.observed), bool)), x_m, y_m)
+        picture = shaded(Surface(x_m, y_m, whole.z_m), np.isfinite(seen.z_m))
+        layers.append(Layer(title, 1e3 * x_m, 1e3 * y_m, picture, axes=names))
+        if np.isfinite(seen.mesh_sigma_m).any() and not told:  # as seen from the array
+            sigmas: dict[str, Any] = {"values": 1e3 * seen.mesh_sigma_m, "label": "σ along z in mm"} | SIGMAS
+            told = [replace(layers[0], title="its own uncertainty", **sigmas)]
+    invented = f", {100 * (1 - mesh.observed.mean()):.0f} % of its vertices invented" if not mesh.observed.all() else ""
+    return layers_figure(layers + told, f"{path.name}: {len(mesh.faces)} triangles{invented}")
+
+
+def _pixels(vertices_m: np.ndarray) -> list[np.ndarray]:
+    """Even pixel centres in x and y that hold a mesh."""
+    low_m, high_m = vertices_m[:, :2].min(axis=0), vertices_m[:, :2].max(axis=0)
+    step_m = max(float((high_m - low_m).max()) / VIEWED_PX, 1e-6)
+    return [np.arange(low_m[i] - 4 * step_m, high_m[i] + 4 * step_m, step_m) for i in (0, 1)]
+
+
+def _frames(path: Path) -> Figure:
+    from handbench.bench.datasets.maroon_alignment import load_any_transform
+    from handbench.groundtruth.cameras.cameras import load_cameras
+    from handbench.reports.figures.surroundings import frames_figure
+
+    if "cameras" not in read_json(path, "a transform, or cameras"):
+        t = load_any_transform(path)
+        frames = {t.target: np.eye(4), t.source: t.matrix}
+        return frames_figure(f"{path.name}: {t.target} from {t.source}", frames, 1e3 * t.residuals_m)
+    placed = {c.name: np.column_stack([c.R, c.t]) for c in load_cameras(path) if c.R is not None and c.t is not None}
+    if not placed:
+        raise HandbenchError(f"{path}: its cameras have no poses (R, t), so that there is nothing to draw")
+    frames = {name: np.linalg.inv(np.vstack([pose, [0, 0, 0, 1]])) for name, pose in placed.items()}
+    return frames_figure(f"{path.name}: {len(frames)} cameras", frames, np.empty(0))
+
+
+def _recording(path: Path) -> Figure:
+    from handbench.bench.datasets.dataset import open_capture
+    from handbench.radar.data.echoes_file import load_capture
+    from handbench.reports.figures.surroundings import SHARES, echoes_figure
+
+    capture = open_capture(path).echoes(1) if path.is_dir() else load_capture(path)
+    f_hz, legs = capture.frequencies_hz, capture.aperture.legs
+    samples = capture.samples[0].reshape(len(f_hz), -1) / max(float(np.abs(capture.samples[0]).max()), 1e-38)
+    levels_db = 20 * np.log10(np.maximum(np.percentile(np.abs(samples), SHARES, axis=1), 1e-10))
+    names = ("transmitters", "receivers") if legs[1].passes else ("positions",)
+    places_m = {name: leg.position_m for name, leg in zip(names, legs, strict=False)}
+    profile = None
+    if len(f_hz) >= FEWEST_TONES:  # of fewer it repeats too soon
+        f_per_m = f_hz / capture.wave_speed_m_s
+        range_m = np.linspace(0, min(0.5 / float(np.median(np.diff(np.sort(f_per_m)))), FARTHEST_M), RANGES)
+        some = samples[:, evenly(samples.shape[1], MOST_CHANNELS)] * np.hanning(len(f_hz) + 2)[1:-1, None]
+        power = np.mean(np.abs(np.exp(4j * np.pi * np.outer(range_m, f_per_m)) @ some) ** 2, axis=1)
+        profile = range_m, 10 * np.log10(np.maximum(power / max(power.max(), 1e-38), 1e-6))
+    title = f"{path.name}: {len(f_hz)} tones, {' × '.join(map(str, capture.aperture.channels))} channels"
+    return echoes_figure(title, f_hz, levels_db, places_m, profile)
+
+
+def _surface(path: Path) -> tuple[str, Surface]:
+    """The height field that turns on a page, with its title."""
+    from handbench.bench.datasets.dataset import open_capture
+    from handbench.bench.validation.doubts import surface_of
+    from handbench.groundtruth.mesh.depth import reference_on_grid
+    from handbench.groundtruth.mesh.surface import read_surface
+
+    found = _arrays(path) if path.suffix == ".npz" else {}
+    if {"z_m", "volume"} & found.keys() == {"z_m"}:
+        return str(found.get("method", "depth")), Surface(found["x_m"], found["y_m"], found["z_m"])
+    mesh = read_surface(path) if path.suffix.lower() in MESHES else None
+    mesh = surface_of(open_capture(path)) if path.is_dir() else mesh
+    if mesh is None:
+        raise HandbenchError(f"{path}: has no surface to turn; --3d is for depth maps, meshes, captures with one")
+    x_m, y_m = _pixels(mesh.vertices_m)
+    return "surface", Surface(x_m, y_m, reference_on_grid(mesh, x_m, y_m).z_m)

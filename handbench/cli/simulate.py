@@ -1,0 +1,55 @@
+"""`handbench simulate`: a scene's capture, and the table of its effects."""
+
+import argparse
+
+from handbench.bench.datasets.simulated import simulate_capture
+from handbench.bench.scenes.build import load_scene
+from handbench.bench.scenes.echoes import choices
+from handbench.bench.scenes.photo_pilot import choose
+from handbench.bench.scenes.photographs import Studio
+from handbench.cli.options import free_folder
+from handbench.radar.simulation.known_effects import Choice
+from handbench.support.errors import HandbenchError
+from handbench.support.progress import say
+
+
+def run(options: argparse.Namespace) -> None:
+    """Scene → capture folder; or what its echoes and photographs would show, and why."""
+    if options.explain:
+        scene = load_scene(options.scene)
+        photographs = choose(Studio(scene), explain=True)[1] if scene.cameras else ()
+        show(choices(scene, explain=True) + photographs)
+        return
+    if options.out is None:
+        raise HandbenchError("-o: is missing; name a capture folder, or ask for --explain alone")
+    free_folder(options.out, options.overwrite, "capture.toml")
+    show(simulate_capture(load_scene(options.scene), options.out, options.frames))
+    say(f"capture: {options.out}")
+
+
+def show(rows: tuple[Choice, ...]) -> None:
+    """Print the effects on stdout, as wide as the table needs: estimate, on or off, why, and what each took; pixels %:
+    lost and gained, of a depth map's pixels or of photographs' matches."""
+    from handbench.reports.tables.result_tables import terminal_table, wide_console
+
+    lines = []
+    for row in rows:
+        seconds = row.cost_s if row.seconds is None else row.seconds
+        mark = "~" if row.seconds is None and seconds else ""
+        cells = (
+            row.effect,
+            _number(row.depth_mm, 3),
+            _number(row.worst_mm, 3),
+            _number(row.pixels_percent, 1),
+            _number(row.level_db, 1),
+            "on" if row.on else "–",
+            mark + _number(seconds, 2),
+            row.why,
+        )
+        lines.append(cells)
+    headings = ("effect", "depth mm", "worst mm", "pixels %", "level dB", "on", "seconds", "why")
+    wide_console().print(terminal_table("", headings, lines, texts=("effect", "on", "why")))
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"

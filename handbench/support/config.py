@@ -1,0 +1,119 @@
+"""Strict configuration: every key known, every value checked, the nearest key suggested for a typo."""
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
+
+import pydantic
+
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_text
+from handbench.support.limits import LONG_KEY, MOST_PROBLEMS, TOML_BYTES, require_shallow
+
+ConfigT = TypeVar("ConfigT", bound="Config")
+
+
+class Config(pydantic.BaseModel):
+    """Base of every configuration: immutable, no unknown key at any level, no NaN, defaults checked too."""
+
+    model_config = pydantic.ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True, protected_namespaces=()
+    )
+
+
+def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
+    """Build `model` from plain `values`; `where` (a file or an option) opens the one-line error."""
+    try:
+        return model.model_validate(values)
+    except pydantic.ValidationError as error:
+        if error.error_count() > MOST_PROBLEMS:  # telling them apart takes a thousand times what finding them does
+            message = f"{where}: {error.error_count()} of its values are wrong; is it the right file?"
+            raise HandbenchError(message) from None
+        problems = error.errors()
+        first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
+        also = [p for p in problems if p["type"] == "missing" and p is not first]  # all of them: they are added at once
+        more = f" (and {others} more)" if (others := len(problems) - 1 - len(also)) else ""
+        told = "; ".join(complaint(model, problem) for problem in (first, *also))
+        raise HandbenchError(f"{where}: {told}{more}") from None
+
+
+def read_toml(path: str | Path, what: str) -> dict[str, Any]:
+    """Parse a TOML file into plain values; a missing or broken file is a HandbenchError."""
+    try:
+        return plain_toml(read_text(path, what, TOML_BYTES))
+    except (ValueError, RecursionError) as error:  # whole numbers of 5000 digits are no TOMLDecodeError
+        raise HandbenchError(f"{path}: is not readable as TOML ({error}); expected {what}") from error
+
+
+def plain_toml(text: str) -> dict[str, Any]:
+    """TOML's plain values; ValueError or RecursionError for what is none, or too deep."""
+    if LONG_KEY.search(text):
+        raise ValueError("a key has too many parts")
+    return require_shallow(tomllib.loads(text))
+
+
+def load(model: type[ConfigT], path: str | Path, what: str) -> ConfigT:
+    """`read_toml` and `parse` in one."""
+    return parse(model, read_toml(path, what), str(path))
+
+
+def suggest(name: str, known: list[str]) -> str:
+    """ "did you mean 'x'?" for the nearest known name, or the list of all when nothing is near."""
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
+
+
+def complaint(model: type[Config], problem: Any, prefix: tuple[int | str, ...] = ()) -> str:
+    """One of the problems that pydantic found with a `model`, in words; prefix: the keys that its values lie under."""
+    models, keys = _follow(model, problem["loc"])
+    location = ".".join(map(str, (*prefix, *keys))) or "the file"
+    if problem["type"] == "extra_forbidden":
+        known = [name for m in models for name in m.model_fields]
+        return f"unknown key '{location}'; {suggest(str(problem['loc'][-1]), known)}"
+    if problem["type"] == "missing":
+        return f"key '{location}' is missing; add it"
+    try:
+        got = repr(problem["input"])
+    except RecursionError:
+        got = "nested without end"
+    got = got if len(got) < 80 else got[:77] + "..."
+    message = problem["msg"].removeprefix("Value error, ")
+    return f"'{location}' is {got}; {message[0].lower()}{message[1:]}"
+
+
+def _follow(model: type[Config], location: tuple[int | str, ...]) -> tuple[list[type[Config]], list[str]]:
+    """The models that an error's location leads to, and its keys as the file has them: pydantic adds the tag of a
+    union's member, which is no key."""
+    models, keys = [model], []
+    for part in location:
+        tagged = [m for m in models if len(models) > 1 and _is_tagged(m, part)]
+        if tagged:
+            models = tagged
+            continue
+        keys.append(str(part))
+        fields = [m.model_fields[part] for m in models if part in m.model_fields]
+        models = [inner for field in fields for inner in _models_in(field.annotation)] or models
+    return models, keys
+
+
+def _is_tagged(model: type[Config], part: int | str) -> bool:
+    literals = (f.annotation for f in model.model_fields.values() if get_origin(f.annotation) is Literal)
+    return part == model.__name__ or any(part in get_args(literal) for literal in literals)
+
+
+def _models_in(annotation: Any) -> list[type[Config]]:
+    if isinstance(annotation, type) and issubclass(annotation, Config):
+        return [annotation]
+    return [m for argument in get_args(annotation) for m in _models_in(argument)]
+
+
+def checked_name(name: str) -> str:
+    """`name` if it can be part of a file name: it neither leaves its folder, nor hides, nor holds our '__'."""
+    unfit = not name.isprintable() or name.startswith(".") or any(part in name for part in ("/", "\\", "__"))
+    if unfit or not 1 <= len(name) <= 80:
+        raise ValueError(f"{name[:80]!r} cannot name a file; use 1 to 80 letters, digits, '-' and single '_'")
+    return name
+
+
+Name = Annotated[str, pydantic.AfterValidator(checked_name)]  # of a capture, a benchmark, …

@@ -1,0 +1,82 @@
+"""Threads over independent blocks; results never depend on how many there are. Processes beside a caller's script."""
+
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import AbstractContextManager, contextmanager
+from functools import cache
+from threading import Event, RLock, local
+from typing import TypeVar
+
+from threadpoolctl import ThreadpoolController
+
+from handbench.support.errors import HandbenchError
+
+Item = TypeVar("Item")
+
+
+def workers() -> int:
+    """Threads to use: HANDBENCH_WORKERS if set, else the cores this process may run on."""
+    wanted = os.environ.get("HANDBENCH_WORKERS", "")
+    if wanted and not (wanted.isdigit() and int(wanted)):
+        raise HandbenchError(f"HANDBENCH_WORKERS: is '{wanted}'; expected a whole number of threads, or nothing")
+    return int(wanted) if wanted else len(os.sched_getaffinity(0))
+
+
+def for_each(function: Callable[[Item], None], items: Iterable[Item]) -> None:
+    """Call function(item) for all items on all cores. BLAS keeps to one thread inside, since nested threads would
+    cost 2.5–3 times the CPU time. The first exception stops the work that has not begun and is raised. A single item
+    or a single worker works in place, without the threads' overhead."""
+    items = list(items)
+    with one_blas_thread():
+        if len(items) == 1 or workers() == 1 or getattr(_inside, "worker", False):
+            for item in items:
+                function(item)
+            return
+        remaining = iter(items)  # a list's iterator hands every item to one thread only
+        stop = Event()
+
+        def drain() -> None:  # cheaper than a task per item
+            _inside.worker = True
+            for item in remaining:
+                if stop.is_set():
+                    return
+                function(item)
+
+        futures = [_pool(workers()).submit(drain) for _ in range(min(workers(), len(items)))]
+        try:
+            for future in futures:
+                future.result()
+        except BaseException:
+            stop.set()
+            wait(futures)
+            raise
+
+
+def one_blas_thread() -> AbstractContextManager[None]:
+    """A context in which BLAS keeps to one thread, for small products outside `for_each`."""
+    return _blas().limit(limits=1, user_api="blas")
+
+
+@contextmanager
+def script_left_out() -> Iterator[None]:
+    """A context in which processes that start do not run the caller's script once more, which multiprocessing's
+    "spawn" does for what is pickled from it: a script without `if __name__ == "__main__"` would start again there."""
+    script = sys.modules["__main__"]
+    with _hiding:  # of two threads the second would take what the first has hidden for what the script has
+        names: list[str] = [name for name in ("__file__", "__spec__") if name in vars(script)]
+        hidden = {name: vars(script)[name] for name in names}
+        vars(script).update(dict.fromkeys(names))
+        try:
+            yield
+        finally:
+            vars(script).update(hidden)
+
+
+_hiding = RLock()
+_inside = local()  # work within a worker stays there: waiting for the pool's other threads could wait for ever
+
+
+_pool = cache(ThreadPoolExecutor)  # kept: starting threads takes longer than imaging a plane's leaf
+_blas = cache(ThreadpoolController)  # the process's, found once: looking for it takes milliseconds

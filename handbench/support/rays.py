@@ -1,0 +1,92 @@
+"""Rays against triangles and nearest points: open3d's Embree and trees, and the one place that imports open3d."""
+
+import ctypes
+import os
+import sys
+from functools import cache
+from types import ModuleType
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from handbench.support.errors import HandbenchError
+
+TriangleMesh: TypeAlias = Any  # open3d's classes: they have no types, and their import takes a second
+PointCloud: TypeAlias = Any
+RaycastingScene: TypeAlias = Any
+FARTHEST_M = 500.0  # single precision tells places to 3e-5 m there, well below the next:
+OWN_SURFACE_M = 2e-4  # what is hit closer than this to a ray's end is the surface that the end lies on
+WINDOWS = "open3d.visualization"  # which imports a web server
+
+
+def _windows(name: str) -> ModuleType:
+    """Of open3d what `load_open3d` left out."""
+    if f"open3d.{name}" != WINDOWS:
+        raise AttributeError(f"module 'open3d' has no attribute '{name}'")
+    import open3d.visualization
+
+    found: ModuleType = open3d.visualization
+    return found
+
+
+@cache
+def load_open3d() -> ModuleType:
+    """Import open3d, giving it the libusb that its wheel needs and a bare machine lacks, and keeping numba away from
+    the TBB that it brings (too old: numba would warn). Its windows and web pages, which take as long to import as all
+    that is used of it, are imported when somebody asks for them."""
+    import libusb_package
+
+    ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+    os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp workqueue tbb")
+    if numba := sys.modules.get("numba"):
+        numba.config.reload_config()
+    asked = {WINDOWS, "ipykernel"} & sys.modules.keys()  # in a notebook open3d asks for them itself
+    left_out = None if asked else sys.modules.setdefault(WINDOWS, ModuleType(WINDOWS))
+    import open3d
+
+    if left_out:
+        del sys.modules[WINDOWS]
+        vars(open3d)["__getattr__"] = _windows
+    open3d.utility.set_verbosity_level(open3d.utility.VerbosityLevel.Error)
+    return open3d
+
+
+def embree(vertices_m: np.ndarray, faces: np.ndarray) -> RaycastingScene:
+    """An Embree scene of triangles: vertices [n, 3], faces [m, 3]."""
+    core = load_open3d()
+    scene = core.t.geometry.RaycastingScene()
+    vertices, triangles = np.ascontiguousarray(vertices_m, np.float32), np.ascontiguousarray(faces, np.uint32)
+    scene.add_triangles(core.core.Tensor(vertices), core.core.Tensor(triangles))
+    return scene
+
+
+class Rays:
+    """Rays against the triangles vertices_m [n, 3], faces [m, 3]; `cast` counts every ray of the process."""
+
+    cast = 0
+
+    def __init__(self, vertices_m: np.ndarray, faces: np.ndarray) -> None:
+        far_m = float(np.abs(vertices_m).max(initial=0))
+        if not far_m <= FARTHEST_M:
+            raise HandbenchError(
+                f"mesh: a vertex lies {far_m:.3g} m from the origin; expected metres in the radar's frame, at most "
+                f"{FARTHEST_M:g}: beyond, single precision cannot tell a surface from what hides it"
+            )
+        self._scene = embree(vertices_m, faces)
+
+    def first_hits(self, origins_m: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance [n] in units of the directions' lengths (inf: none) and face [n] of each ray's first hit."""
+        found = self._scene.cast_rays(self._tensor(origins_m, directions))
+        return found["t_hit"].numpy(), found["primitive_ids"].numpy()
+
+    def in_sight(self, points_m: np.ndarray, origins_m: np.ndarray) -> np.ndarray:
+        """True where each point [n, 3] on the surface is seen from its origin, [n, 3] or [3]: bool [n]."""
+        towards = origins_m - points_m
+        start = points_m + towards * (OWN_SURFACE_M / np.sqrt(np.einsum("ni,ni->n", towards, towards))[:, None])
+        return ~self._scene.test_occlusions(self._tensor(start, origins_m - start), 0.0, 1.0).numpy()
+
+    def _tensor(self, origins_m: np.ndarray, directions: np.ndarray) -> Any:
+        Rays.cast += len(origins_m)
+        rays = np.empty((len(origins_m), 6), np.float32)
+        rays[:, :3], rays[:, 3:] = origins_m, directions
+        return load_open3d().core.Tensor(rays)

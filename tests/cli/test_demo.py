@@ -1,0 +1,71 @@
+"""`handbench demo`, on a coarser hand with fewer tones: what it writes, prints, goes on with and refuses."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from handbench.bench.run import benchmark_file
+from handbench.bench.scenes.scene_file import SceneFile
+from handbench.cli import demo
+from handbench.cli.main import main, parser
+from handbench.radar.methods.advice import asked_hz
+from handbench.radar.methods.registry import methods
+
+NEXT = ["reconstruct", "evaluate", "simulate", "list"]
+SCENE = benchmark_file.EMBEDDED / "demo_hand.toml"
+
+
+@pytest.fixture
+def small(tmp_path, monkeypatch):
+    """The demo's scene with an edge of 4 mm and without the sweep, two of its methods, and an empty current folder."""
+    text = SCENE.read_text("utf-8").replace("edge_m = 1.5e-3", "edge_m = 4e-3")
+    text = re.sub("sweep = .*\ntones_hz = .*", "sweep = []\ntones_hz = [82e9, 81.8e9, 79.5e9]", text)
+    (tmp_path / "embedded").mkdir()
+    (tmp_path / "embedded" / SCENE.name).write_text(text, "utf-8")
+    (tmp_path / "here").mkdir()
+    monkeypatch.setattr(benchmark_file, "EMBEDDED", tmp_path / "embedded")
+    monkeypatch.setattr(demo, "METHODS", ("2fsk", "3fsk"))
+    monkeypatch.chdir(tmp_path / "here")
+    return tmp_path / "here" / "handbench-demo"
+
+
+def test_the_demo_tells_draws_and_goes_on(small, capsys):
+    assert main(["demo"]) == 0
+    said = capsys.readouterr().out
+    mae_mm = [float(re.search(rf"^ ?{title} +([\d.]+)", said, re.MULTILINE)[1]) for title in ("2-FSK", "3-FSK")]
+    assert mae_mm[1] < mae_mm[0] < 20  # in the paper 1.7 and 6.6 mm
+    assert f"picture: {small.name}/demo.png" in said
+    picture = np.asarray(Image.open(small / "demo.png").convert("RGB"))
+    assert picture.shape[1] > 1000 and len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
+    commands = [line.split() for line in said.splitlines() if line.startswith("  handbench ")]
+    assert [parser().parse_args(command[1:]).command for command in commands] == NEXT
+    echoes = small / "capture" / "echoes.h5"
+    before = echoes.stat().st_mtime_ns
+    assert main(["demo"]) == 0
+    assert echoes.stat().st_mtime_ns == before and "is there already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("content", ["notes.txt", "hand.toml", "a file"])
+def test_what_it_did_not_write_is_refused(small, content, capsys):
+    if content == "a file":
+        small.write_text("mine", "utf-8")
+    else:
+        small.mkdir()
+        (small / content).write_text("mine", "utf-8")
+    assert main(["demo"]) == 2
+    assert "is no demo of this version; choose another -o" in capsys.readouterr().err
+    kept = small if content == "a file" else small / content
+    assert kept.read_text("utf-8") == "mine"
+
+
+def test_every_method_finds_its_tones_in_the_demo():
+    there_hz = SceneFile.model_validate(tomllib.loads(SCENE.read_text("utf-8"))).sensor.frequencies_hz
+    for method in methods():
+        asked = asked_hz(method.configure({}, "test"))
+        if asked is not None:
+            assert np.abs(there_hz[:, None] - asked).min(axis=0).max() < 1e6, method.id

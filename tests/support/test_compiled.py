@@ -1,0 +1,42 @@
+"""Compiled loops: the vectors they fill, read off the machine code, and the one place that they come from."""
+
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numba.core.codegen import get_host_cpu_features
+
+from handbench.support.compiled import FAST, njit
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_loops_fill_whole_vectors():
+    if "+avx512f" not in get_host_cpu_features():
+        pytest.skip("this processor has no AVX-512")
+    if "NUMBA_CPU_FEATURES" in os.environ:
+        pytest.skip("NUMBA_CPU_FEATURES decides")
+
+    @njit(**{**FAST, "cache": False})
+    def scaled(values, out):
+        for i in range(len(values)):
+            out[i] = np.float32(2) * values[i] + np.float32(1)
+
+    scaled(np.ones(4, np.float32), np.empty(4, np.float32))
+    [code] = scaled.inspect_asm().values()
+    assert "zmm" in code
+
+
+def test_all_loops_come_from_here():
+    """A loop that is compiled by numba itself before this module is imported would decide the vectors of all others."""
+    asked = re.compile(r"^(import numba$|from numba import)", re.MULTILINE)
+    rooms = ("handbench", "radar", "calibration", "groundtruth", "bench", "reports")
+    importing = {
+        str(file.relative_to(ROOT))
+        for room in rooms
+        for file in (ROOT / room).rglob("*.py")
+        if asked.search(file.read_text("utf-8"))
+    }
+    assert importing == {"handbench/support/compiled.py"}
