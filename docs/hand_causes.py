@@ -15,8 +15,8 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.simulated import simulate_capture
 from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.evaluation.metrics import METRICS, of_captures
+from handbench.bench.pipeline.score import reference_of_file
 from handbench.bench.run.benchmark_file import BenchFile, load_benchmark
-from handbench.bench.run.scoring import reference_depth
 from handbench.bench.scenes.build import build
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.calibration.transforms import identity
@@ -38,7 +38,7 @@ def figures(bench: BenchFile, scene: SceneFile, folder: Path, frames: int = 1) -
         for frame in range(frames):
             depth = chosen.run(echoes, chosen.configure(entry.config, entry.id), frame).depth
             grid = PixelGrid(depth.x_m, depth.y_m)
-            truth = reference_depth(capture / "truth.ply", identity("radar"), grid, exact=True)
+            truth = reference_of_file(capture / "truth.ply", identity("radar"), grid, exact=True)
             maps = [error_map(depth.x_m, depth.y_m, depth.z_m, truth.z_m)]
             found[number, frame] = of_captures(maps)[metric].iloc[0]
     return found

@@ -123,25 +123,19 @@ class Capture:
         Raises:
             HandbenchError: an unknown method or parameter, a frame or a tone that the capture does not have.
         """
-        from handbench.bench.run.reconstruct_stage import configuration
+        from handbench.bench.pipeline.image import configuration, image
+        from handbench.bench.validation.array_doubts import array_doubts, lacking
         from handbench.radar.methods import registry
-        from handbench.radar.methods.advice import require_tones
-        from handbench.radar.methods.trust import with_trust
-        from handbench.radar.warmup import compile_kernels
-        from handbench.support.errors import HandbenchError
+        from handbench.support.progress import say
 
-        if not 0 <= frame < len(self.echoes.samples):
-            raise HandbenchError(f"frame: is {frame}; the capture has frames 0 to {len(self.echoes.samples) - 1}")
         chosen = registry.method(method)
         usual = configuration(self.folder, method, {}).model_dump()
         for key, value in settings.items():  # of an axis, what is not asked for stays
             within = isinstance(value, dict) and isinstance(usual.get(key), dict)
             settings[key] = {**usual[key], **value} if within else value
-        config = configuration(self.folder, method, settings)
-        require_tones(self.echoes, config)
-        compile_kernels()
-        found = chosen.run(self.echoes, config, frame).depth
-        return Depth(with_trust(found, self.echoes, config, frame), self)
+        for doubt in (*array_doubts(self.echoes), *lacking(self.echoes)):
+            say(f"{self.folder}: {doubt}")
+        return Depth(image(self.echoes, chosen, configuration(self.folder, method, settings), frame), self)
 
 
 class Drawn:
@@ -234,12 +228,15 @@ class Depth(Drawn):
         variables = {name: (("y_m", "x_m"), value) for name, value in maps.items()}
         return xr.Dataset(variables, {"y_m": self.y_m, "x_m": self.x_m}, {"method": self.method})
 
-    def evaluate(self, mesh: File | None = None, transform: Transform | File | None = None) -> Score:
+    def evaluate(
+        self, mesh: File | None = None, transform: Transform | File | None = None, protocol: str = "paper"
+    ) -> Score:
         """Hold the map against a surface: by default that of its capture, the true one or else the measured.
 
         Args:
             mesh: a mesh file (.ply, .obj, .stl; metres).
             transform: what carries the mesh into the radar's frame, or its .json; without one it lies there already.
+            protocol: the scoring protocol, as "maroon", which scores the pixels of the capture's own mask.
 
         Returns:
             The figures, by name, and the map of signed errors.
@@ -248,8 +245,10 @@ class Depth(Drawn):
             HandbenchError: no mesh, or nothing that carries the capture's own to the radar.
         """
         from handbench.bench.datasets.maroon_alignment import load_any_transform
-        from handbench.bench.run.scoring import score_map
+        from handbench.bench.evaluation import scoring_protocols
+        from handbench.bench.pipeline.score import reference_of_surface, score
         from handbench.groundtruth.mesh.surface import read_surface
+        from handbench.radar.data.grid import PixelGrid
         from handbench.support.errors import HandbenchError
 
         if mesh is None and self.capture is not None:
@@ -262,7 +261,10 @@ class Depth(Drawn):
             raise HandbenchError("mesh: is missing, and no capture gives one; name a mesh file")
         if transform is None or isinstance(transform, str | Path):
             transform = load_any_transform(None if transform is None else Path(transform))
-        return Score(*score_map(self.map, read_surface(mesh), transform), self.method)
+        reference = reference_of_surface(read_surface(mesh), transform, PixelGrid(self.map.x_m, self.map.y_m))
+        recorded = None if self.capture is None else self.capture._recorded
+        found = score(self.map, reference, scoring_protocols.protocol(protocol), recorded)
+        return Score(found.errors, found.figures, self.method)
 
 
 class Score(Drawn):

@@ -17,7 +17,7 @@ import pytest
 import tomlkit
 
 import handbench as hb
-from handbench.bench.run.reconstruct_stage import configuration
+from handbench.bench.pipeline.image import configuration
 from handbench.calibration.spheres.description import default_target
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
 from handbench.radar.data.arrays import AntennaArray, qar50

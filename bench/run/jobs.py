@@ -8,10 +8,10 @@ each other; last `scoring`, of the captures that have a reference.
 from pathlib import Path
 
 from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.pipeline.image import configured
 from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, Origin, Source
 from handbench.bench.run.outcome import Capture
 from handbench.bench.run.photogrammetry import photographs
-from handbench.bench.run.reconstruct_stage import configured
 from handbench.bench.run.submitted_stage import grid_of
 from handbench.bench.run.tasks import HASH
 from handbench.bench.scenes.build import named_files

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.pipeline.image import configured
 from handbench.bench.run.benchmark_file import BenchFile, Origin, Source
-from handbench.bench.run.reconstruct_stage import configured
 from handbench.bench.run.sweep import ImagingSetting
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.groundtruth.options import BASE_BYTES, predicted

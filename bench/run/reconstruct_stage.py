@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
@@ -9,16 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.native import FAR_M, CaptureFile
 from handbench.bench.evaluation.alike import OPEN_DB, SMOOTHING, Alike
-from handbench.radar.data.capture import RadarCapture, thinned
+from handbench.bench.pipeline.image import configuration, prepare
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.imaging.device import use_device
-from handbench.radar.methods.advice import require_tones
 from handbench.radar.methods.registry import Reconstruction, method
 from handbench.support.config import Config
-from handbench.support.cost import others, setting
-from handbench.support.errors import HandbenchError
+from handbench.support.cost import others
 from handbench.support.files import read_npz, write_json, write_npz
 
 DEPTH, FRAMES, TIMING = "depth.npz", "frames.npz", "timing.json"
@@ -32,7 +30,6 @@ def reconstruct(
     """Image frame 0 → DEPTH, and for equal treatment again → ALIKE; the depths of all frames → FRAMES; what each took →
     TIMING. All on the client's device."""
     from handbench.radar.methods.projection import peaks_kept
-    from handbench.radar.methods.trust import with_trust
 
     kept: dict[Any, Any] = {}
     with use_device(device), others() as busy:
@@ -42,10 +39,10 @@ def reconstruct(
         seconds = imager.until_settled(found.seconds)
         depths = [result.depth for result in found.results]
         if seconds[0] < PLANNED_S:
-            image: Callable[[Config], DepthMap] = lambda of: imager.method.run(imager.echoes, of, 0).depth  # noqa: E731
+            image: Callable[[Config], DepthMap] = lambda of: replace(imager.task, settings=of).image().depth  # noqa: E731
             with peaks_kept(kept, reuse=True):
-                write_treated(folder, image, imager.settings, depths[0])
-    with_trust(depths[0], imager.echoes, imager.settings).save(folder / DEPTH)  # whose time is none of the method's
+                write_treated(folder, image, imager.task.settings, depths[0])
+    imager.task.with_uncertainty(depths[0]).save(folder / DEPTH)  # whose time is none of the method's
     if frames > 1:
         write_npz(folder / FRAMES, z_m=np.stack([depth.z_m for depth in depths]).astype(np.float32))
     times = {"seconds": seconds, "plan_seconds": found.plan_s, "others_cores": busy[0]}
@@ -64,18 +61,17 @@ class Images(NamedTuple):
 
 
 class Imager:
-    """The first frames of a capture before one method. A capture with fewer frames is a HandbenchError."""
+    """The first frames of a capture imaged by one method, and how long that takes."""
 
     def __init__(
         self, capture: Path, method_id: str, config: dict[str, Any], frames: int = 1, every_nth_antenna: int = 1
     ) -> None:
         from handbench.radar.warmup import compile_kernels
 
-        self.method, self.settings, self.frames = method(method_id), configuration(capture, method_id, config), frames
-        self.echoes = thinned(require_near(open_capture(capture).echoes(frames)), every_nth_antenna)
-        if len(self.echoes.samples) < frames:
-            raise HandbenchError(f"{capture}: has {len(self.echoes.samples)} frames; expected {frames}")
-        require_tones(self.echoes, self.settings)
+        settings = configuration(capture, method_id, config)
+        echoes = open_capture(capture).echoes(frames)
+        self.task = prepare(echoes, method(method_id), settings, frames - 1, every_nth_antenna)
+        self.frames = frames
         compile_kernels()
 
     def images(self) -> Images:
@@ -102,7 +98,7 @@ class Imager:
 
     def _timed(self, frame: int) -> tuple[Reconstruction, float]:
         start = time.perf_counter()
-        return self.method.run(self.echoes, self.settings, frame), time.perf_counter() - start
+        return self.task.image(frame), time.perf_counter() - start
 
 
 def settled(seconds: list[float]) -> bool:
@@ -114,34 +110,6 @@ def settled(seconds: list[float]) -> bool:
     if outer < 1:
         return False
     return ordered[-outer] - ordered[outer - 1] <= 2 * SETTLED * median(seconds)
-
-
-def require_near(echoes: RadarCapture) -> RadarCapture:
-    """The capture itself; HandbenchError where an antenna is further away than HANDBENCH_FARTHEST_M."""
-    farthest_m = setting("HANDBENCH_FARTHEST_M", FAR_M, "metres")
-    far_m = max(float(np.abs(leg.position_m).max()) for leg in echoes.aperture.legs)
-    if far_m > farthest_m:
-        raise HandbenchError(
-            f"echoes: an antenna lies {far_m:g} m from the origin; expected {farthest_m:g} m at most: are its "
-            "positions millimetres? multiply them by 1e-3; if they are not, raise HANDBENCH_FARTHEST_M"
-        )
-    return echoes
-
-
-def configuration(capture: Path, method_id: str, config: dict[str, Any]) -> Config:
-    """The method's configuration for the capture in a folder, see `configured`."""
-    return configured(open_capture(capture).about, method_id, config)
-
-
-def configured(about: CaptureFile, method_id: str, config: dict[str, Any]) -> Config:
-    """The method's configuration for a capture: defaults, then what its sensor asks for, of the method that it is a
-    variant of or of itself, then what the user does."""
-    of_sensor = about.methods
-    for known in of_sensor:
-        method(known)  # a typing error in capture.toml is not passed over
-    chosen = method(method_id)
-    asked = {**of_sensor.get(chosen.base, {}), **of_sensor.get(method_id, {})}
-    return chosen.configure({**asked, **config}, f"method '{method_id}'")
 
 
 ALIKE = "alike.npz"

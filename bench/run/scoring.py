@@ -20,17 +20,15 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.evaluation import scoring_protocols
 from handbench.bench.evaluation.alike import SMOOTHING, Alike
-from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.evaluation.equal_treatment import treat
-from handbench.bench.evaluation.floor import floor_mm
-from handbench.bench.evaluation.metrics import Values, figures_of_frame, pool
+from handbench.bench.evaluation.metrics import Values, figures_of_frame
 from handbench.bench.evaluation.scoring_protocols import Protocol
+from handbench.bench.pipeline.score import reference_of_file, score, scored_z_m
 from handbench.bench.results import errors_path, write_errors
 from handbench.bench.results.error_map import ErrorMap
 from handbench.bench.run.reconstruct_stage import FRAMES, read_treated
 from handbench.calibration.transforms import Transform
-from handbench.groundtruth.mesh.depth import Reference, reference_on_grid
-from handbench.groundtruth.mesh.surface import Surface, read_surface
+from handbench.groundtruth.mesh.depth import Reference
 from handbench.radar.data.depthmap import DepthMap, load_depthmap
 from handbench.radar.data.grid import PixelGrid
 from handbench.support.files import read_json, read_npz, write_json, write_npz
@@ -93,10 +91,10 @@ def make(
                 write_reference(folder, name, number, reference)
         scored_m = list(_frames(depth, file.parent, chosen, data))
         for name, reference in found[number].items():
-            errors = compare(depth, reference, chosen, data, sigmas_m[number][name])
-            write_errors(folder, data.about.name, method, name, errors)
-            figures[name][method] = pool([errors]) | {"floor_mm": floor_mm([errors], [reference])}
-            for table, of in lines_of(Scored(method, name, depth, errors), surfaces[number][name]).items():
+            scores = score(depth, reference, chosen, data, sigmas_m[number][name])
+            write_errors(folder, data.about.name, method, name, scores.errors)
+            figures[name][method] = scores.figures
+            for table, of in lines_of(Scored(method, name, depth, scores.errors), surfaces[number][name]).items():
                 lines[name][table] += of
             frames[name][method] = [figures_of_frame(z_m - reference.z_m) for z_m in scored_m]
     write_json(folder / GRIDS, grids)
@@ -110,7 +108,7 @@ def make(
 def _on_grid(references: Mapping[str, tuple[Path, Transform]], grid: PixelGrid) -> dict[str, Reference]:
     """Every reference's depth on a grid, in their order."""
     found = {
-        name: reference_depth(*files, grid, exact=name == "truth")
+        name: reference_of_file(*files, grid, exact=name == "truth")
         for name, files in references.items()
         if name != "completed"
     }
@@ -133,10 +131,10 @@ def completed_by(reference: Reference, truth: Reference) -> Reference:
 
 def _frames(depth: DepthMap, folder: Path, chosen: Protocol, data: NativeCapture) -> Iterator[np.ndarray]:
     """The depths [ny, nx] of every frame that the protocol scores; `depth` is the first frame's map."""
-    yield _scored_z_m(depth, chosen, data)
+    yield scored_z_m(depth, chosen, data)
     if (folder / FRAMES).exists():
         for z_m in read_npz(folder / FRAMES, ("z_m",), most=KEPT_BYTES)["z_m"][1:]:
-            yield _scored_z_m(replace(depth, z_m=z_m), chosen, data)
+            yield scored_z_m(replace(depth, z_m=z_m), chosen, data)
 
 
 def _treated(alike: Mapping[str, dict[str, Alike]], reference_z_m: np.ndarray) -> dict[str, dict[str, dict[str, Any]]]:
@@ -149,38 +147,6 @@ def _treated(alike: Mapping[str, dict[str, Alike]], reference_z_m: np.ndarray) -
         }
         for treatment, methods in found.items()
     }
-
-
-def compare(
-    depth: DepthMap, reference: Reference, chosen: Protocol, data: NativeCapture, sigma_m: np.ndarray | None = None
-) -> ErrorMap:
-    """The errors of a depth map of `data` against a reference on its grid: of the pixels that the protocol scores.
-    sigma_m: the reference's, where it is at hand."""
-    z_m, sigma_m = _scored_z_m(depth, chosen, data), reference.sigma_m if sigma_m is None else sigma_m
-    return error_map(depth.x_m, depth.y_m, z_m, reference.z_m, sigma_m, reference.met)
-
-
-def _scored_z_m(depth: DepthMap, chosen: Protocol, data: NativeCapture) -> np.ndarray:
-    return np.where(data.mask(depth, chosen.erodes), depth.z_m, np.nan) if chosen.masks else depth.z_m
-
-
-def reference_depth(mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid, exact: bool = False) -> Reference:
-    """Depth of a mesh file on a pixel grid of the radar, after carrying it into the radar frame; exact: the surface is
-    known without error, as a simulator's own is."""
-    radar_from_mesh.require(radar_from_mesh.source, "radar", "transform")
-    surface = read_surface(mesh_file)
-    if exact:
-        surface = replace(surface, sigma_m=np.zeros(len(surface.vertices_m)))
-        radar_from_mesh = replace(radar_from_mesh, covariance=np.zeros((6, 6)))
-    return reference_on_grid(surface.moved(radar_from_mesh), grid.x_m, grid.y_m, radar_from_mesh)
-
-
-def score_map(depth: DepthMap, surface: Surface, radar_from_mesh: Transform) -> tuple[ErrorMap, Values]:
-    """One depth map's errors against a surface, and its figures: with `floor_mm`, all that metrics.toml defines."""
-    radar_from_mesh.require(radar_from_mesh.source, "radar", "transform")
-    reference = reference_on_grid(surface.moved(radar_from_mesh), depth.x_m, depth.y_m, radar_from_mesh)
-    errors = error_map(depth.x_m, depth.y_m, depth.z_m, reference.z_m, reference.sigma_m, reference.met)
-    return errors, pool([errors]) | {"floor_mm": floor_mm([errors], [reference])}
 
 
 def read_errors(folder: Path, capture: str, method: str, reference: str) -> ErrorMap:

@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from handbench.bench.pipeline.image import configuration
 from handbench.bench.run.benchmark_file import BenchFile
-from handbench.bench.run.reconstruct_stage import DEPTH, TIMING, configuration, write_treated
+from handbench.bench.run.reconstruct_stage import DEPTH, TIMING, write_treated
 from handbench.bench.submissions.submission import depth_map, load_submission
 from handbench.radar.data.grid import PixelGrid, VoxelGrid
 from handbench.radar.methods.fsk_config import PixelsConfig

@@ -9,7 +9,7 @@ import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import DOUBTS, FAR_M, NativeCapture
-from handbench.bench.run.reconstruct_stage import configuration
+from handbench.bench.pipeline.image import configuration
 from handbench.bench.validation import focus, surface_fit
 from handbench.bench.validation.array_doubts import array_doubts
 from handbench.bench.validation.map_doubts import of_map as of_map

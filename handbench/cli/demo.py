@@ -20,12 +20,13 @@ def run(options: argparse.Namespace) -> None:
     from handbench.bench.datasets.native import TRUTH
     from handbench.bench.evaluation.metrics import METRICS as DEFINED
     from handbench.bench.evaluation.metrics import TITLES
+    from handbench.bench.pipeline.score import reference_of_surface, score
     from handbench.bench.results.about import HEADLINE, SHARES
     from handbench.bench.run.benchmark_file import EMBEDDED
     from handbench.bench.run.reconstruct_stage import Imager
-    from handbench.bench.run.scoring import score_map
     from handbench.calibration.transforms import identity
     from handbench.groundtruth.mesh.surface import read_surface
+    from handbench.radar.data.grid import PixelGrid
     from handbench.reports.figures.single import methods_figure, save
     from handbench.reports.tables.result_tables import terminal_table, wide_console
     from handbench.support.cost import machine
@@ -40,9 +41,10 @@ def run(options: argparse.Namespace) -> None:
         images = Imager(capture, id, {"tolerance": TOLERANCE}).images()
         depth = images.results[0].depth
         depth.save(folder / f"{id}.npz")
-        errors, values = score_map(depth, surface, identity("radar"))
+        scores = score(depth, reference_of_surface(surface, identity("radar"), PixelGrid(depth.x_m, depth.y_m)))
+        values = scores.figures
         lines.append((TITLES[id], *(f"{values[name]:.2f}" for name in figures), f"{median(images.seconds):.2f}"))
-        shown.append((f"{TITLES[id]}\n{DEFINED[HEADLINE].title} {values[HEADLINE]:.2f} mm", depth.z_m, errors))
+        shown.append((f"{TITLES[id]}\n{DEFINED[HEADLINE].title} {values[HEADLINE]:.2f} mm", depth.z_m, scores.errors))
         say(f"{folder / id}.npz: imaged and scored")
     save(methods_figure(shown), folder / PICTURE)
     columns = ("", *(f"{DEFINED[name].title}, {DEFINED[name].unit}" for name in figures), "seconds a frame")

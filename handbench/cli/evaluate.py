@@ -16,14 +16,16 @@ if TYPE_CHECKING:
 
 def run(options: argparse.Namespace) -> None:
     """Depth map × mesh → metrics on stdout: a table on a terminal, else JSON; doubts come first."""
+    from handbench.bench.datasets.dataset import open_capture
     from handbench.bench.datasets.maroon_alignment import load_any_transform
     from handbench.bench.evaluation.floor import floor_interval
     from handbench.bench.evaluation.metrics import definitions
-    from handbench.bench.run.scoring import score_map
+    from handbench.bench.evaluation.scoring_protocols import protocol
+    from handbench.bench.pipeline.score import reference_of_surface, score
     from handbench.bench.validation import figure_doubts, map_doubts, surface_fit
-    from handbench.groundtruth.mesh.depth import reference_on_grid
     from handbench.groundtruth.mesh.surface import read_surface
     from handbench.radar.data.depthmap import load_depthmap
+    from handbench.radar.data.grid import PixelGrid
     from handbench.support.progress import say
 
     if options.plot is not None:
@@ -32,7 +34,10 @@ def run(options: argparse.Namespace) -> None:
     if options.most_p_gross is not None:
         depth = depth.trusted(options.most_p_gross)
     transform, surface = load_any_transform(options.transform), read_surface(options.mesh)
-    errors, values = score_map(depth, surface, transform)
+    recorded = None if options.capture is None else open_capture(options.capture)
+    reference = reference_of_surface(surface, transform, PixelGrid(depth.x_m, depth.y_m))
+    scores = score(depth, reference, protocol(options.protocol), recorded)
+    errors, values = scores.errors, scores.figures
     doubts = surface_fit.findings(depth, surface.moved(transform))  # which tell a cure
     doubts += [*map_doubts.of_map(depth), *figure_doubts.of_figures(depth, values)]
     about: dict[str, Any] = {"method": depth.method, "definitions": definitions(list(values))}
@@ -49,7 +54,6 @@ def run(options: argparse.Namespace) -> None:
     else:
         floor = None
         if values["floor_mm"]:
-            reference = reference_on_grid(surface.moved(transform), depth.x_m, depth.y_m, transform)
             floor = floor_interval([errors], [reference])
         _table(f"{options.depth}: {depth.method}", values, floor, about.get("refined"))
 

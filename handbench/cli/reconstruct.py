@@ -2,12 +2,13 @@
 
 import argparse
 import tomllib
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.run.reconstruct_stage import configuration, require_near
+from handbench.bench.pipeline.image import ImagingTask, configuration, prepare
 from handbench.bench.validation.array_doubts import array_doubts, lacking
 from handbench.bench.validation.doubts import of_image
 from handbench.bench.validation.map_doubts import flagged
@@ -16,9 +17,9 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.imaging import api
 from handbench.radar.imaging.certificate import Certificate, certified, imaging_error
 from handbench.radar.imaging.device import describe
-from handbench.radar.methods.advice import notes, require_tones
-from handbench.radar.methods.registry import Method, Reconstruction, method
-from handbench.radar.methods.trust import FLAGGED, with_trust
+from handbench.radar.methods.advice import notes
+from handbench.radar.methods.registry import Reconstruction, method
+from handbench.radar.methods.trust import FLAGGED
 from handbench.radar.warmup import compile_kernels
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_npz
@@ -37,18 +38,16 @@ def run(options: argparse.Namespace) -> None:
     chosen = method(options.method)
     defaults = configuration(options.capture, chosen.id, {})
     settings = chosen.configure(_settings(options, defaults.model_dump(mode="json")), "--set or --tolerance")
-    echoes = require_near(open_capture(options.capture).echoes(max(options.frame, 0) + 1))
-    if not 0 <= options.frame < len(echoes.samples):
-        raise HandbenchError(f"--frame: is {options.frame}; the capture has frames 0 to {len(echoes.samples) - 1}")
+    echoes = open_capture(options.capture).echoes(max(options.frame, 0) + 1)
+    task = prepare(echoes, chosen, settings, options.frame)
     if (options.volume is not None or options.check) and "z" not in chosen.config.model_fields:
         raise HandbenchError(f"--volume, --check: '{chosen.id}' makes no volume; choose broadband or narrowband")
     for doubt in (*array_doubts(echoes), *lacking(echoes)):
         say(f"{options.capture}: {doubt}")
-    require_tones(echoes, settings)
     compile_kernels(load=False)
     asked = getattr(settings, "tolerance", None)
-    result, settings, certificate = _imaged(chosen, echoes, settings, options)
-    depth = with_trust(result.depth, echoes, settings, options.frame)
+    result, task, certificate = _imaged(task, options)
+    depth, settings = task.with_uncertainty(result.depth, options.frame), task.settings
     depth.save(options.out)
     for doubt in of_image(depth, echoes):
         say(f"{options.out}: {doubt}")
@@ -67,25 +66,23 @@ def run(options: argparse.Namespace) -> None:
     say(f"{options.out}: {on_target} pixels on target{doubted}, imaged on {describe()}{bound}")
 
 
-def _imaged(
-    chosen: Method, echoes: RadarCapture, settings: Any, options: argparse.Namespace
-) -> tuple[Reconstruction, Any, Certificate]:
+def _imaged(task: ImagingTask, options: argparse.Namespace) -> tuple[Reconstruction, ImagingTask, Certificate]:
     """The method's result with the settings that it took, and its images' certificate, which keeps the tolerance where
     that is relative to the image: by a tolerance ten times finer, or by the exact sum."""
-    asked = getattr(settings, "tolerance", None)
+    asked = getattr(task.settings, "tolerance", None)
     while True:
         with certified() as certificate:
-            result = chosen.run(echoes, settings, options.frame)
-        now = getattr(settings, "tolerance", None)
+            result = task.image(options.frame)
+        now = getattr(task.settings, "tolerance", None)
         if options.relative_to == "samples" or asked is None or certificate.bound <= asked:
-            return result, settings, certificate
+            return result, task, certificate
         if now is None:
             say(f"the exact sum, in single precision, is off by up to {certificate.bound:.1e}; {asked:g} was asked for")
-            return result, settings, certificate
+            return result, task, certificate
         finer = now / FINER if now / FINER >= api.TOLERANCES[0] else None
         anew = "exactly" if finer is None else f"to {finer:g}"
         say(f"images' relative error is at most {certificate.bound:.1e}: imaging anew, {anew}")
-        settings = settings.model_copy(update={"tolerance": finer})
+        task = replace(task, settings=task.settings.model_copy(update={"tolerance": finer}))
 
 
 def _check(volume: np.ndarray, echoes: RadarCapture, settings: Any, most: float, options: argparse.Namespace) -> None:

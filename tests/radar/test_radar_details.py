@@ -40,6 +40,7 @@ SPARSE = AntennaArray(qar50().tx_m[::12], qar50().rx_m[::12])
 
 def test_a_bar_on_a_terminal_leaves_stdout_to_results(capsys, monkeypatch):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")  # a dumb terminal has no bar
     assert list(track(range(3), "exact volume")) == [0, 1, 2]
     shown = capsys.readouterr()
     assert shown.out == "" and "exact volume" in shown.err

@@ -19,9 +19,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.pipeline.image import configuration
 from handbench.bench.results import Claim, Setting
 from handbench.bench.run.outcome import Capture
-from handbench.bench.run.reconstruct_stage import configuration
 from handbench.bench.run.sweep import ImagingSetting
 from handbench.bench.studies.study import in_turns
 from handbench.radar.data.capture import RadarCapture

@@ -18,17 +18,18 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.evaluation.metrics import HEADLINE, METRICS, averaged, of_captures
 from handbench.bench.evaluation.scoring_protocols import protocol
 from handbench.bench.evaluation.statistics.intervals import figure_interval
+from handbench.bench.pipeline.image import configuration, prepare
+from handbench.bench.pipeline.score import reference_of_file, score
 from handbench.bench.results import Claim, Failure, Section, Setting, write_errors
 from handbench.bench.results.error_map import ErrorMap
 from handbench.bench.run.benchmark_file import MethodEntry
 from handbench.bench.run.outcome import Capture, Outcome, basis, failing
-from handbench.bench.run.reconstruct_stage import configuration
-from handbench.bench.run.scoring import Files, compare, read_errors, reference_depth
+from handbench.bench.run.scoring import Files, read_errors
 from handbench.bench.run.sweep import ImagingSetting, Sweep, imaging_settings, known_configs
 from handbench.bench.studies.tradeoff.claims import claims
 from handbench.bench.studies.tradeoff.opening import Context, Opened, line, section
 from handbench.groundtruth.mesh.depth import Reference
-from handbench.radar.data.capture import RadarCapture, thinned
+from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import PixelGrid
 from handbench.radar.imaging.api import Laps, watch
 from handbench.radar.imaging.plan import fresh_plans
@@ -70,14 +71,14 @@ def _timed(capture: Capture, setting: ImagingSetting) -> tuple[dict[str, float],
     """As the runner times a frame: imaged once for the plan, then again. seconds and the imaging among them, when its
     plan was there; plan_s: what the frame before it took longer; memory_mb: by how much that one raised the resident
     memory at most; terms and tones that were imaged."""
-    chosen = method(setting.method)
     config = configuration(capture.folder, setting.method, setting.config)
-    echoes = thinned(_echoes(capture.folder, capture.key), setting.every_nth_antenna)
+    echoes = _echoes(capture.folder, capture.key)
+    task = prepare(echoes, method(setting.method), config, every_nth_antenna=setting.every_nth_antenna)
 
     def once() -> tuple[Reconstruction, float, Laps]:
         with watch() as laps:
             start = time.perf_counter()
-            result = chosen.run(echoes, config, 0)
+            result = task.image()
             return result, time.perf_counter() - start, laps
 
     with suppress(OSError, AttributeError):  # glibc alone gives memory back that a frame would take without growing
@@ -121,9 +122,9 @@ def measure(sweep: Sweep, context: Context, ready: Opened) -> Imaging:
         mesh, transform = ready.found.references[capture.name][name]
         grid = capture.name, depth.x_m.tobytes(), depth.y_m.tobytes()
         if grid not in cast:
-            cast[grid] = reference_depth(mesh, transform, PixelGrid(depth.x_m, depth.y_m), exact=name == "truth")
-        errors = compare(depth, cast[grid], scored, open_capture(capture.folder))
-        write_errors(scores, capture.name, setting.name, name, errors)
+            cast[grid] = reference_of_file(mesh, transform, PixelGrid(depth.x_m, depth.y_m), exact=name == "truth")
+        found = score(depth, cast[grid], scored, open_capture(capture.folder))
+        write_errors(scores, capture.name, setting.name, name, found.errors)
 
     def errors(setting: str) -> Sequence[ErrorMap]:
         """A setting's error maps, read one at a time."""

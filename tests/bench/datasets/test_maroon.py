@@ -12,8 +12,9 @@ from handbench.bench.datasets.maroon_alignment import save_alignment
 from handbench.bench.datasets.maroon_export import export_maroon
 from handbench.bench.datasets.maroon_mask import eroded, radar_kernel_px
 from handbench.bench.datasets.native import NativeCapture
-from handbench.bench.run.reconstruct_stage import Imager, configuration
-from handbench.bench.run.scoring import reference_depth
+from handbench.bench.pipeline.image import configuration
+from handbench.bench.pipeline.score import reference_of_file
+from handbench.bench.run.reconstruct_stage import Imager
 from handbench.calibration.transforms import Transform, identity
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
 from handbench.radar.data.capture import RadarCapture
@@ -72,9 +73,9 @@ def test_frames_transform_and_mesh_come_back(written):
     np.testing.assert_array_equal(maroon.echoes().samples, native.echoes().samples)
     np.testing.assert_array_equal(maroon.echoes(1).samples, native.echoes(1).samples)
     grid = PixelGrid(Axis(**AXES["x"]).values_m(), Axis(**AXES["y"]).values_m())
-    true = reference_depth(native.truth, identity("radar"), grid)
+    true = reference_of_file(native.truth, identity("radar"), grid)
     for kind in (None, "whole", "synthetic"):
-        read = reference_depth(maroon.mesh(kind), maroon.transform(), grid)
+        read = reference_of_file(maroon.mesh(kind), maroon.transform(), grid)
         np.testing.assert_allclose(read.z_m, true.z_m, atol=1e-8)  # the mesh is written to a nanometre
 
 
@@ -258,7 +259,7 @@ def test_an_object_becomes_a_capture_folder(written, tmp_path):
     np.testing.assert_array_equal(native.echoes().samples, maroon.echoes().samples)
     np.testing.assert_allclose(native.transform().matrix, maroon.transform().matrix, atol=1e-15)
     grid = PixelGrid(np.linspace(-0.039, -0.021, 5), np.linspace(0.011, 0.029, 5))
-    depths = [reference_depth(c.mesh(), c.transform(), grid).z_m for c in (native, maroon)]
+    depths = [reference_of_file(c.mesh(), c.transform(), grid).z_m for c in (native, maroon)]
     np.testing.assert_allclose(*depths, atol=1e-7)  # the mesh is written in float32
     with pytest.raises(HandbenchError, match="is no capture of 'mapping' but of MaroonCapture"):
         import_capture("mapping", written[1], tmp_path / "other")

@@ -12,7 +12,7 @@ import pytest
 from handbench.bench.datasets.dataset import import_capture, open_capture
 from handbench.bench.datasets.maroon_alignment import handedness_of
 from handbench.bench.datasets.maroon_export import export_maroon
-from handbench.bench.run.scoring import reference_depth
+from handbench.bench.pipeline.score import reference_of_file
 from handbench.cli.main import main
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
@@ -67,7 +67,7 @@ def mirror(file, folder) -> None:
 
 def depth_of(capture):
     grid = PixelGrid(np.linspace(-0.039, -0.021, 9), np.linspace(0.011, 0.029, 9))
-    return reference_depth(capture.mesh(), capture.transform(), grid).z_m
+    return reference_of_file(capture.mesh(), capture.transform(), grid).z_m
 
 
 def expected():

@@ -17,8 +17,8 @@ import pytest
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.maroon_export import export_maroon
 from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.pipeline.score import reference_of_file
 from handbench.bench.run.reconstruct_stage import Imager
-from handbench.bench.run.scoring import reference_depth
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import PixelGrid
@@ -182,7 +182,7 @@ def test_errors_agree_after_their_erosion(written):
     projective_m = np.where(mask & inside, (z_mm.astype(np.float32) - surface_mm.astype(np.float32)) / 1000, np.nan)
 
     grid = PixelGrid(depth.x_m - half, depth.y_m - half)
-    reference = reference_depth(data.mesh(), data.transform(), grid)
+    reference = reference_of_file(data.mesh(), data.transform(), grid)
     scored = np.where(data.mask(depth, erode=True), depth.z_m, np.nan)
     found = error_map(depth.x_m, depth.y_m, scored, reference.z_m, met=reference.met)
     both = np.isfinite(projective_m[::-1, ::-1]) & np.isfinite(found.error_m)

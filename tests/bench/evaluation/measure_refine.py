@@ -22,7 +22,7 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import TRUTH
 from handbench.bench.datasets.simulated import simulate_capture
 from handbench.bench.evaluation.refine import refine_files
-from handbench.bench.run.reconstruct_stage import configuration
+from handbench.bench.pipeline.image import configuration
 from handbench.bench.scenes.build import build
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.calibration.transforms import Transform

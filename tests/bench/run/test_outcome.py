@@ -15,11 +15,11 @@ from handbench.bench import results
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import CaptureFile, save_capture_file
 from handbench.bench.evaluation.scoring_protocols import protocol
+from handbench.bench.pipeline.score import reference_of_file, score
 from handbench.bench.results.about import MEASURES
 from handbench.bench.run import outcome, scoring, write_result
 from handbench.bench.run.benchmark_file import BenchFile, load_benchmark
 from handbench.bench.run.outcome import Basis, Capture, Outcome
-from handbench.bench.run.scoring import reference_depth
 from handbench.calibration.transforms import Transform, identity
 from handbench.groundtruth.mesh.depth import Reference
 from handbench.groundtruth.mesh.surface import Surface
@@ -209,8 +209,8 @@ def test_the_data_sets_own_mask_counts_under_its_protocol(chosen, scored):
     half = np.broadcast_to(axis_m >= -1e-12, (21, 21))
     data = SimpleNamespace(mask=lambda depth, erode: binary_erosion(half) if erode else half)
     depth = DepthMap(axis_m, axis_m, z_m, np.zeros_like(z_m), "2fsk")
-    found = scoring.compare(depth, Reference(z_m, np.zeros_like(z_m), None, None, z_m > 0), protocol(chosen), data)
-    assert np.isfinite(found.error_m).sum() == scored
+    found = score(depth, Reference(z_m, np.zeros_like(z_m), None, None, z_m > 0), protocol(chosen), data)
+    assert np.isfinite(found.errors.error_m).sum() == scored
 
 
 def test_what_was_scored_is_read_back_as_it_was(written, tmp_path):
@@ -221,11 +221,11 @@ def test_what_was_scored_is_read_back_as_it_was(written, tmp_path):
     depth = load_depthmap(tmp_path / "2fsk.npz")
     for name, given in (("photogrammetry", transform), ("truth", identity("radar"))):
         grid = PixelGrid(depth.x_m, depth.y_m)
-        reference = reference_depth(tmp_path / "plate.ply", given, grid, exact=name == "truth")
+        reference = reference_of_file(tmp_path / "plate.ply", given, grid, exact=name == "truth")
         kept = scoring.read_reference(folder, "2fsk", name, given)
         np.testing.assert_array_equal(kept.registration.covariance, reference.registration.covariance)
         for field in ("z_m", "mesh_sigma_m", "leverage", "met"):
             np.testing.assert_array_equal(getattr(kept, field), getattr(reference, field))
-        errors = scoring.compare(depth, reference, protocol("paper"), open_capture(tmp_path / "plate"))
+        errors = score(depth, reference, protocol("paper"), open_capture(tmp_path / "plate")).errors
         for field, values in vars(scoring.read_errors(folder, "plate", "2fsk", name)).items():
             np.testing.assert_array_equal(values, getattr(errors, field))

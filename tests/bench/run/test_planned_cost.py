@@ -9,9 +9,9 @@ import pytest
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import ECHOES, TRUTH, save_capture_file
+from handbench.bench.pipeline.image import require_near
 from handbench.bench.run import planned_cost
 from handbench.bench.run.benchmark_file import load_benchmark
-from handbench.bench.run.reconstruct_stage import require_near
 from handbench.bench.run.runner import run
 from handbench.bench.studies.study import carried_out
 from handbench.cli.main import main

@@ -86,7 +86,7 @@ def test_an_edit_shows_in_the_next_run_and_makes_no_more_than_it_must(small_benc
     doubled = {key for key in before if after[key] == pytest.approx(2 * before[key], rel=1e-9) and before[key]}
     assert doubled == {"pixel_precision_mm 2fsk"}
     assert found["repeat"] == [False] and found["simulate"] == [True] and found["reconstruct"] == [True, True]
-    for name in ("handbench/cli/main.py", "handbench/support/store.py", "reports/page/html.py"):
+    for name in ("cli/main.py", "support/store.py", "reports/page/html.py"):
         (copied / name).write_text((copied / name).read_text() + "# edited\n")
     assert run_copy() == after
     assert all(all(cached) for cached in tasks(out).values())

@@ -1,0 +1,79 @@
+"""The step from a depth map and a reference to figures: the only scorer."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from handbench.bench.datasets.native import NativeCapture
+from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.evaluation.floor import floor_mm
+from handbench.bench.evaluation.metrics import Values, pool
+from handbench.bench.evaluation.scoring_protocols import PAPER, Protocol
+from handbench.bench.results.error_map import ErrorMap
+from handbench.calibration.transforms import Transform
+from handbench.groundtruth.mesh.depth import Reference, reference_on_grid
+from handbench.groundtruth.mesh.surface import Surface, read_surface
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.data.grid import PixelGrid
+from handbench.support.errors import HandbenchError
+
+
+@dataclass(frozen=True)
+class Scores:
+    """The signed errors of a depth map's pixels, and its figures: metric → value in the metric's unit; None where it
+    is not defined."""
+
+    errors: ErrorMap
+    figures: Values
+
+
+def score(
+    depth: DepthMap,
+    reference: Reference,
+    protocol: Protocol = PAPER,
+    recorded: NativeCapture | None = None,
+    sigma_m: np.ndarray | None = None,
+) -> Scores:
+    """Compare a depth map with a reference on its grid.
+
+    Args:
+        depth: the map.
+        reference: the surface's depths [ny, nx] on the map's pixels.
+        protocol: says whether the data set's own mask is applied.
+        recorded: the capture that was imaged, whose mask that is.
+        sigma_m: the reference's standard deviation [ny, nx], where it is known already.
+
+    Raises:
+        HandbenchError: the protocol masks, and there is no capture.
+    """
+    sigma_m = reference.sigma_m if sigma_m is None else sigma_m
+    z_m = scored_z_m(depth, protocol, recorded)
+    errors = error_map(depth.x_m, depth.y_m, z_m, reference.z_m, sigma_m, reference.met)
+    return Scores(errors, pool([errors]) | {"floor_mm": floor_mm([errors], [reference])})
+
+
+def scored_z_m(depth: DepthMap, protocol: Protocol, recorded: NativeCapture | None) -> np.ndarray:
+    """Depths [ny, nx] of the pixels that a protocol scores; NaN elsewhere."""
+    if not protocol.masks:
+        return depth.z_m
+    if recorded is None:
+        raise HandbenchError(
+            f"protocol: '{protocol.id}' scores the pixels of the capture's own mask, and no capture is named; name it"
+        )
+    return np.where(recorded.mask(depth, protocol.erodes), depth.z_m, np.nan)
+
+
+def reference_of_surface(surface: Surface, radar_from_mesh: Transform, grid: PixelGrid) -> Reference:
+    """Depth of a surface on a pixel grid of the radar, after carrying it into the radar frame."""
+    radar_from_mesh.require(radar_from_mesh.source, "radar", "transform")
+    return reference_on_grid(surface.moved(radar_from_mesh), grid.x_m, grid.y_m, radar_from_mesh)
+
+
+def reference_of_file(mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid, exact: bool = False) -> Reference:
+    """As `reference_of_surface`, of a mesh file; exact: the surface is known without error, as a simulator's own is."""
+    surface = read_surface(mesh_file)
+    if exact:
+        surface = replace(surface, sigma_m=np.zeros(len(surface.vertices_m)))
+        radar_from_mesh = replace(radar_from_mesh, covariance=np.zeros((6, 6)))
+    return reference_of_surface(surface, radar_from_mesh, grid)
